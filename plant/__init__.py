@@ -1,0 +1,33 @@
+"""The plant: a geared arm, its drives and encoders, control laws, and the simulator that joins them.
+
+Reading order: `links` (geometry) -> `dynamics` (one torque, D, h, C and Y read off it) with `lumping` (what f means)
+-> `arm` (dynamics + f) -> `drive`, `friction`, `encoder`, `rig` -> `reference`, `law`, `laws` -> `loop` (the symbolic
+closed loop) -> `translate`, `kernel`, `compile` (the same loop as machine code) -> `tables`, `simulator`, `record`;
+`linear` (the loop linearised) and `puma560` (the paper's example).
+"""
+
+from plant import puma560
+from plant.arm import Arm
+from plant.drive import Drive
+from plant.dynamics import Dynamics
+from plant.encoder import Encoder
+from plant.law import Block, Law, Setpoint
+from plant.laws import P
+from plant.linear import linearise
+from plant.links import Body, Chain, Link
+from plant.lumping import Lumping
+from plant.record import Record
+from plant.reference import Harmonics, Motion, PointToPoint, Reference, Spline, Table
+from plant.rig import Rig
+from plant.siblings import check_siblings
+from plant.simulator import simulate
+
+check_siblings()
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Arm", "Block", "Body", "Chain", "Drive", "Dynamics", "Encoder", "Harmonics", "Law", "Link", "Lumping", "Motion",
+    "P", "PointToPoint", "Record", "Reference", "Rig", "Setpoint", "Spline", "Table", "linearise", "puma560",
+    "simulate",
+]  # fmt: skip

@@ -1,0 +1,100 @@
+"""Checks of what a user hands in: every message says what was expected, what came, and what to do."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import inspect
+
+import numpy as np
+
+__all__ = ["array", "choice", "known_options"]
+
+
+def array(name, value, shape, *, advice, finite=True):
+    """Turn `value` into a float64 array of exactly `shape`, or refuse it in one line.
+
+    Parameters
+    ----------
+    name : str
+        What the value is, as the user knows it.
+    value : array_like
+    shape : tuple of (int, str or None)
+        Expected lengths; a string or None stands for any length.
+    advice : str
+        What to do instead, the last part of the message.
+    finite : bool
+        Whether NaN and infinity are refused.
+
+    Returns
+    -------
+    numpy.ndarray, a copy
+
+    Raises
+    ------
+    ValueError
+        Wrong shape, not numeric, or not finite; with the index where it happened.
+    """
+    expected = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
+    try:
+        result = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"{name} must be numbers of shape {expected}; got {type(value).__name__} {value!r:.80}. {advice}"
+        ) from None
+    matches = result.ndim == len(shape) and all(
+        not isinstance(s, int) or s == got for s, got in zip(shape, result.shape, strict=True)
+    )
+    if not matches:
+        raise ValueError(f"{name} must have shape {expected}; got shape {result.shape}. {advice}")
+    if finite and not np.isfinite(result).all():
+        index = tuple(int(i) for i in np.argwhere(~np.isfinite(result))[0])
+        where = index[0] if len(index) == 1 else index
+        raise ValueError(f"{name} must be finite; got {result[index]} at index {where}. {advice}")
+    return result
+
+
+def choice(name, value, allowed):
+    """Return `value` if it is one of `allowed`, or refuse it and offer the nearest.
+
+    Raises
+    ------
+    ValueError
+    """
+    if value in allowed:
+        return value
+    near = difflib.get_close_matches(str(value), [str(a) for a in allowed], n=1, cutoff=0.4)
+    hint = f"Did you mean {near[0]!r}?" if near else f"Use {next(iter(allowed))!r}."
+    raise ValueError(f"{name} must be one of {', '.join(repr(a) for a in allowed)}; got {value!r}. {hint}")
+
+
+def known_options(callable_):
+    """Decorate a function or class so that a misspelt keyword is a ValueError that offers the nearest name."""
+    signature = inspect.signature(callable_)
+    if any(p.kind is p.VAR_KEYWORD for p in signature.parameters.values()):
+        raise ValueError(f"{callable_} takes any keyword; known_options needs named ones. Name them.")
+
+    def verify(kwargs):
+        for key in kwargs:
+            if key not in signature.parameters:
+                keywords = [k for k, p in signature.parameters.items() if p.kind is not p.POSITIONAL_ONLY]
+                choice(f"an option of {callable_.__name__}", key, keywords)
+
+    if inspect.isclass(callable_):
+        initialise = callable_.__init__
+
+        @functools.wraps(initialise)
+        def __init__(self, *args, **kwargs):
+            verify(kwargs)
+            initialise(self, *args, **kwargs)
+
+        callable_.__init__ = __init__
+        callable_.__signature__ = signature
+        return callable_
+
+    @functools.wraps(callable_)
+    def wrapper(*args, **kwargs):
+        verify(kwargs)
+        return callable_(*args, **kwargs)
+
+    return wrapper

@@ -1,0 +1,167 @@
+"""Generated source -> compiled module, cached on disk across processes.
+
+One file per kernel, named by the hash of its content; the hash stands in the module's name and in every function's
+name, because numba's cache would silently hand out another kernel with the same names. The text that runs is always
+the one just generated: the file is there for numba's cache only, and what numba cached is used only if its checksum
+is the one noted when it was made. The folder belongs to the user alone (mode 0700); any other folder is not trusted.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.abc
+import importlib.util
+import json
+import os
+import platform
+import stat
+import tempfile
+import threading
+from pathlib import Path
+
+import numba
+
+__all__ = ["CACHE_VARIABLE", "Kernel", "cache_folder"]
+
+CACHE_VARIABLE = "ONEPULSE_CACHE"
+"""Environment variable that names another folder for compiled kernels."""
+
+_LOCK = threading.RLock()
+_MODULES: dict[str, object] = {}
+
+
+def cache_folder():
+    """Folder of compiled kernels; a private temporary one where the usual one cannot be trusted or written."""
+    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    folder = Path(os.environ.get(CACHE_VARIABLE) or os.path.join(base, "onepulse"))
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        status = folder.stat()
+        if hasattr(os, "getuid") and (status.st_uid != os.getuid() or stat.S_IMODE(status.st_mode) & 0o077):
+            raise PermissionError
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError:
+        return _private_folder()
+
+
+def _private_folder(kept=[]):  # noqa: B006 - one folder per process, made when first needed
+    if not kept:
+        kept.append(tempfile.TemporaryDirectory(prefix="onepulse"))
+    return Path(kept[0].name)
+
+
+class Kernel:
+    """Compiled functions of one generated file.
+
+    Parameters
+    ----------
+    template : str
+        Source in which ``{h}`` stands for the hash.
+    functions : list of str
+        Names, without the hash, of the functions that will be called.
+    """
+
+    def __init__(self, template, functions):
+        key = "\n".join([template, numba.__version__, platform.python_version()])
+        self.hash = hashlib.sha256(key.encode()).hexdigest()[:24]
+        self.source = template.replace("{h}", self.hash)
+        self._fresh = set(functions)
+
+    @property
+    def path(self):
+        """File that holds the source."""
+        return cache_folder() / f"kernel_{self.hash}.py"
+
+    def call(self, name, *arguments):
+        """Call one of the functions, compiling it or taking it from the cache first."""
+        if name not in self._fresh:
+            return self._function(name)(*arguments)
+        with _LOCK:
+            try:
+                result = self._function(name)(*arguments)
+            except Exception:
+                # Whatever the cache did, a new compilation decides: an error of the kernel itself comes again.
+                _MODULES.pop(self.hash, None)
+                self._drop(lambda file: True)
+                result = self._function(name)(*arguments)
+            self._note()
+            self._fresh.discard(name)
+        return result
+
+    def _function(self, name):
+        if self.hash not in _MODULES:
+            with _LOCK:
+                if self.hash not in _MODULES:
+                    _MODULES[self.hash] = self._module()
+        return getattr(_MODULES[self.hash], f"{name}_{self.hash}")
+
+    def _module(self):
+        path = self.path
+        if not (path.is_file() and path.read_bytes() == self.source.encode()):
+            _replace(path, self.source)
+        noted = self._noted()
+        self._drop(lambda file: noted.get(file.name) != _checksum(file))
+        spec = importlib.util.spec_from_loader(f"kernel_{self.hash}", _Loader(self.source, str(path)))
+        module = importlib.util.module_from_spec(spec)
+        elsewhere, numba.config.CACHE_DIR = numba.config.CACHE_DIR, ""  # numba's cache stays beside the file
+        try:
+            spec.loader.exec_module(module)
+        finally:
+            numba.config.CACHE_DIR = elsewhere
+        return module
+
+    # -- what numba cached, and whether it is still what it was -----------------------------------------------------
+    def _cached(self):
+        return list((self.path.parent / "__pycache__").glob(f"kernel_{self.hash}.*.nb*"))
+
+    def _sums(self):
+        return self.path.with_suffix(".sums")
+
+    def _noted(self):
+        try:
+            noted = json.loads(self._sums().read_text())
+            return noted if isinstance(noted, dict) else {}
+        except (OSError, ValueError):
+            return {}
+
+    def _note(self):
+        try:
+            _replace(self._sums(), json.dumps({file.name: _checksum(file) for file in self._cached()}))
+        except OSError:
+            return  # not noted, so not trusted: the next process compiles again
+
+    def _drop(self, condemned):
+        for file in self._cached():
+            if condemned(file):
+                file.unlink(missing_ok=True)
+
+
+class _Loader(importlib.abc.InspectLoader):
+    """Runs the text it was given, under the name of the file beside which numba caches."""
+
+    def __init__(self, source, path):
+        self.source, self.path = source, path
+
+    def get_source(self, fullname):
+        return self.source
+
+    def get_code(self, fullname):
+        return self.source_to_code(self.source, self.path)
+
+
+def _checksum(file):
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError:
+        return None
+
+
+def _replace(path, text):
+    """Write a file so that others see the old one or the new one, never half of it."""
+    handle, name = tempfile.mkstemp(dir=path.parent)
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+        file.write(text)
+    if path.is_dir():
+        raise OSError(f"{path} is a folder")
+    os.replace(name, path)

@@ -1,0 +1,114 @@
+"""The drive of each joint: motor, gear, friction and amplifier. The only file that crosses the gear.
+
+Source: paper Fig. 4 and appendix. Conventions: q_m = k q, tau = k tau_m, with k signed; friction is given motor side,
+as the paper measured it, and becomes b k^2 and c abs(k) on the joint. The current loop is neglected (paper 3.3, 4.2:
+its time constant is far below the mechanical one), so the motor torque is what the position controller asks for.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from plant.part import Part, number, part
+
+__all__ = ["Drive"]
+
+
+@part
+class Drive(Part):
+    """Motors and gears of all joints; every field has one number per joint and is *motor side*.
+
+    Parameters
+    ----------
+    gear : (n,) array_like
+        k, motor turns per turn of the joint, signed: negative where the motor turns against the joint.
+    motor_inertia : (n,) array_like
+        Jm [kg m^2]. Already inside f (f1 and f7 of the paper hold Jm k^2): never added to D a second time.
+    viscous : (n,) array_like
+        Kfr-visc [N m s/rad].
+    coulomb : (n,) array_like
+        Kfr-stat, static and sliding friction alike [N m].
+    motor_gain : (n,) array_like
+        K_i, motor torque per current [N m/A].
+    current_limit : (n,) array_like
+        Largest current of the amplifier [A]; may be infinite.
+    """
+
+    gear: np.ndarray = number(("n",))
+    motor_inertia: np.ndarray = number(("n",))
+    viscous: np.ndarray = number(("n",))
+    coulomb: np.ndarray = number(("n",))
+    motor_gain: np.ndarray = number(("n",))
+    current_limit: np.ndarray = number(("n",), finite=False)
+
+    def __post_init__(self):
+        super().__post_init__()
+        for name, wrong, rule in (
+            ("gear", self.gear == 0, "not be zero"),
+            ("motor_inertia", self.motor_inertia < 0, "not be negative"),
+            ("viscous", self.viscous < 0, "not be negative"),
+            ("coulomb", self.coulomb < 0, "not be negative"),
+            ("motor_gain", self.motor_gain <= 0, "be positive"),
+            ("current_limit", self.current_limit <= 0, "be positive"),
+        ):
+            if wrong.any():
+                joint = int(np.flatnonzero(wrong)[0])
+                value = getattr(self, name)[joint]
+                raise ValueError(
+                    f"{name} must {rule}; got {value} at joint {joint}. Friction and gains are magnitudes."
+                )
+
+    @property
+    def n(self):
+        """Number of joints."""
+        return len(self.gear)
+
+    def motor_angle(self, q):
+        """Motor angle q_m = k q [rad]."""
+        return self.gear * q
+
+    def joint_angle(self, q_m):
+        """Joint angle q = q_m / k [rad]."""
+        return q_m / self.gear
+
+    def joint_torque(self, tau_m):
+        """Joint torque tau = k tau_m [N m]."""
+        return self.gear * tau_m
+
+    def motor_torque(self, tau):
+        """Motor torque tau_m = tau / k [N m]."""
+        return tau / self.gear
+
+    def current(self, tau):
+        """Motor current [A] behind a joint torque [N m]."""
+        return self.motor_torque(tau) / self.motor_gain
+
+    def torque_limit(self):
+        """Largest joint torque that the amplifier can drive [N m]."""
+        return self.motor_gain * self.current_limit * _magnitude(self.gear)
+
+    def limited(self, tau):
+        """Joint torque after the amplifier's limit [N m]."""
+        limit = self.torque_limit()
+        return ca.fmin(ca.fmax(tau, -limit), limit)
+
+    def joint_viscous(self):
+        """Viscous friction b k^2 [N m s/rad], joint side."""
+        return self.viscous * self.gear * self.gear
+
+    def joint_coulomb(self):
+        """Coulomb friction c abs(k) [N m], joint side."""
+        return self.coulomb * _magnitude(self.gear)
+
+    def friction(self, qd):
+        """Friction torque [N m] of a joint that slides at qd, joint side; zero Coulomb part at rest (feed-forward)."""
+        return self.joint_viscous() * qd + self.joint_coulomb() * ca.sign(qd)
+
+    def reflected_inertia(self, motor_inertia=None):
+        """Motor inertia as the joint feels it, Jm k^2 [kg m^2]; of this drive, or of another Jm in the same place."""
+        return (self.motor_inertia if motor_inertia is None else motor_inertia) * self.gear * self.gear
+
+
+def _magnitude(x):
+    return ca.fabs(x) if isinstance(x, ca.SX) else np.abs(x)

@@ -1,0 +1,251 @@
+"""Equations of motion D(q; f) qdd + h(q, qd; f) = tau of a serial chain, from one symbolic torque.
+
+Source: paper eq. (1), (2); recursive Newton-Euler over modified Denavit-Hartenberg frames (Craig, Introduction to
+Robotics, ch. 6). The recursion is written once, in `torque`; D, h, C and Y are read off it.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from plant.arm import Arm
+from plant.check import array
+from plant.links import Chain
+from plant.lumping import STANDARD, Lumping, standard_parameters
+from plant.part import Part, part, structure
+
+__all__ = ["Dynamics", "torque"]
+
+
+def torque(chain, q, qd, qdd, pi, gravity):
+    """Joint torques of a chain with given standard parameters.
+
+    Parameters
+    ----------
+    chain : Chain
+    q, qd, qdd : casadi SX (n, 1)
+        Joint side [rad, rad/s, rad/s^2].
+    pi : casadi SX or DM (11 n, 1)
+        Standard parameters in the order of `plant.lumping.STANDARD`.
+    gravity : sequence of 3
+        [m/s^2] in the base frame.
+
+    Returns
+    -------
+    casadi SX (n, 1)
+        tau [N m], joint side, without friction; positive turns the joint in the positive sense of z.
+
+    Source: paper eq. (1), left side.
+    """
+    axis = ca.vertcat(0, 0, 1)
+    w, wd, acceleration = ca.SX(3, 1), ca.SX(3, 1), -ca.DM(list(gravity))
+    frames, forces, moments = [], [], []
+    for i, link in enumerate(chain.links):
+        rotation, origin = link.rotation(q[i])
+        frames.append((rotation, origin))
+        m, mc, inertia, _ = _standard(pi, i)
+        acceleration = rotation.T @ (ca.cross(wd, origin) + ca.cross(w, ca.cross(w, origin)) + acceleration)
+        carried = rotation.T @ w
+        wd = rotation.T @ wd + ca.cross(carried, axis * qd[i]) + axis * qdd[i]
+        w = carried + axis * qd[i]
+        forces.append(m * acceleration + ca.cross(wd, mc) + ca.cross(w, ca.cross(w, mc)))
+        moments.append(inertia @ wd + ca.cross(w, inertia @ w) + ca.cross(mc, acceleration))
+    tau = ca.SX(chain.n, 1)
+    force, moment = ca.SX(3, 1), ca.SX(3, 1)
+    for i in reversed(range(chain.n)):
+        force, moment = force + forces[i], moment + moments[i]
+        *_, rotor = _standard(pi, i)
+        tau[i] = moment[2] + rotor * qdd[i]
+        rotation, origin = frames[i]
+        force, moment = rotation @ force, rotation @ moment + ca.cross(origin, rotation @ force)
+    return tau
+
+
+def _standard(pi, i):
+    """Mass, first moment (3,), inertia (3, 3) about the origin and reflected motor inertia of link i."""
+    m, mx, my, mz, ixx, ixy, ixz, iyy, iyz, izz, rotor = ca.vertsplit(pi[len(STANDARD) * i : len(STANDARD) * (i + 1)])
+    inertia = ca.vertcat(ca.horzcat(ixx, ixy, ixz), ca.horzcat(ixy, iyy, iyz), ca.horzcat(ixz, iyz, izz))
+    return m, ca.vertcat(mx, my, mz), inertia, rotor
+
+
+@part
+class Dynamics(Part):
+    """The equations of an arm with f open.
+
+    Parameters
+    ----------
+    chain : Chain
+    lumping : Lumping
+        What f means.
+    ranges : (p, 2) nested tuple, optional
+        Where each f is searched for when nothing else is said.
+
+    Raises
+    ------
+    ValueError
+        The lumping does not describe the motion of this chain.
+
+    Notes
+    -----
+    `D(q, f)` (n, n), `h(q, qd, f)` (n, 1), `C(q, qd, f)` (n, n) with h = C qd + gravity and Ddot - 2 C skew, and
+    `Y(q, qd, qdd)` (n, p) with tau = Y f, or `Y(q, qd, qd_r, qdd_r)` with D qdd_r + C qd_r + gravity = Y f. All can be
+    called with numpy arrays (giving casadi DM) or with casadi symbols.
+    """
+
+    chain: Chain = structure()
+    lumping: Lumping = structure()
+    ranges: tuple = structure(default=None)
+
+    def __post_init__(self):
+        width = len(STANDARD) * self.chain.n
+        if len(self.lumping.matrix[0]) != width:
+            raise ValueError(f"lumping must have {width} columns; got {len(self.lumping.matrix[0])}. Match the chain.")
+        if self.ranges is not None:
+            ranges = array("ranges", self.ranges, (self.p, 2), advice="Give a low and a high end for each f.")
+            object.__setattr__(self, "ranges", tuple(tuple(row) for row in ranges.tolist()))
+        self._prove()
+
+    @property
+    def n(self):
+        """Number of joints."""
+        return self.chain.n
+
+    @property
+    def p(self):
+        """Number of parameters f."""
+        return len(self.lumping.names)
+
+    @property
+    def names(self):
+        """Names of f."""
+        return self.lumping.names
+
+    def f(self, bodies):
+        """Parameters f (p,) of an arm whose links are these bodies."""
+        return np.array(self.lumping.matrix) @ standard_parameters(bodies)
+
+    def arm(self, f):
+        """The arm with these f (p,)."""
+        return Arm(dynamics=self, f=f)
+
+    # -- everything below is read off one torque ----------------------------------------------------------------
+    @cached_property
+    def _symbols(self):
+        q, qd, qdd = (ca.SX.sym(name, self.n) for name in ("q", "qd", "qdd"))
+        return q, qd, qdd, ca.SX.sym("f", self.p)
+
+    @cached_property
+    def _equations(self):
+        """D, Coriolis and gravity torque, each collected in f: sum of (d/df) f, so that what cancels is gone."""
+        q, qd, qdd, f = self._symbols
+        lumping, rest = self.lumping, ca.SX.zeros(self.n)
+        moving = torque(self.chain, q, qd, qdd, ca.SX(lumping.inertial_section()) @ f, (0, 0, 0))
+        gravity = torque(self.chain, q, rest, rest, ca.SX(lumping.gravity_section()) @ f, self.chain.gravity)
+
+        def collected(expression):
+            return ca.reshape(ca.jacobian(ca.vec(expression), f) @ f, expression.shape)
+
+        coriolis = collected(ca.substitute(moving, qdd, rest))
+        return collected(ca.jacobian(moving, qdd)), coriolis, collected(gravity)
+
+    @cached_property
+    def D(self):
+        """Inertia matrix D(q, f) (n, n) [kg m^2], motor inertias included. Source: paper eq. (1), (2)."""
+        q, _, _, f = self._symbols
+        return CheckedFunction(ca.Function("D", [q, f], [self._equations[0]], ["q", "f"], ["D"]))
+
+    @cached_property
+    def h(self):
+        """Coriolis, centrifugal and gravity torque h(q, qd, f) (n, 1) [N m]. Source: paper eq. (1), (2)."""
+        q, qd, _, f = self._symbols
+        _, coriolis, gravity = self._equations
+        return CheckedFunction(ca.Function("h", [q, qd, f], [coriolis + gravity], ["q", "qd", "f"], ["h"]))
+
+    @cached_property
+    def gravity(self):
+        """Torque of gravity (q, f) -> (n, 1) [N m], the part of h at rest. Source: paper eq. (2), last term."""
+        q, _, _, f = self._symbols
+        return CheckedFunction(ca.Function("gravity", [q, f], [self._equations[2]], ["q", "f"], ["gravity"]))
+
+    @cached_property
+    def C(self):
+        """Coriolis matrix C(q, qd, f) (n, n) from the Christoffel symbols of D: Ddot - 2 C is skew."""
+        q, qd, _, f = self._symbols
+        D = self._equations[0]
+        dD = [ca.jacobian(D[:, k], q) for k in range(self.n)]  # dD[k][i, j] = dD_ik / dq_j
+        rate = ca.reshape(ca.jacobian(ca.vec(D), q) @ qd, self.n, self.n)
+        skewed = ca.SX(self.n, self.n)
+        for i in range(self.n):
+            for j in range(self.n):
+                skewed[i, j] = sum(((dD[k][i, j] - dD[k][j, i]) * qd[k] for k in range(self.n)), ca.SX(0))
+        return CheckedFunction(ca.Function("C", [q, qd, f], [(rate + skewed) / 2], ["q", "qd", "f"], ["C"]))
+
+    @cached_property
+    def _regressor(self):
+        q, qd, qdd, f = self._symbols
+        D, coriolis, gravity = self._equations
+        Y = ca.jacobian(D @ qdd + coriolis + gravity, f)
+        return CheckedFunction(ca.Function("Y", [q, qd, qdd], [ca.densify(Y)], ["q", "qd", "qdd"], ["Y"]))
+
+    @cached_property
+    def _passive_regressor(self):
+        q, qd, _, f = self._symbols
+        qd_r, qdd_r = ca.SX.sym("qd_r", self.n), ca.SX.sym("qdd_r", self.n)
+        D, _, gravity = self._equations
+        Y = ca.jacobian(D @ qdd_r + self.C(q, qd, f) @ qd_r + gravity, f)
+        names = ["q", "qd", "qd_r", "qdd_r"]
+        return CheckedFunction(ca.Function("Y", [q, qd, qd_r, qdd_r], [ca.densify(Y)], names, ["Y"]))
+
+    def Y(self, q, qd, *accelerations):
+        """Regressor (n, p): tau = Y(q, qd, qdd) f, or D qdd_r + C qd_r + gravity = Y(q, qd, qd_r, qdd_r) f."""
+        return (self._passive_regressor if len(accelerations) == 2 else self._regressor)(q, qd, *accelerations)
+
+    def _prove(self):
+        """Refuse a lumping that says something else than the chain: compare both at random points."""
+        random = np.random.default_rng(0)
+        q, qd, qdd, f = self._symbols
+        pi = ca.SX.sym("pi", len(STANDARD) * self.n)
+        chain_torque = ca.Function("tau", [q, qd, qdd, pi], [torque(self.chain, q, qd, qdd, pi, self.chain.gravity)])
+        for _ in range(3):
+            point = [random.normal(size=self.n) for _ in range(3)]
+            links = random.uniform(0.5, 1.5, len(STANDARD) * self.n)
+            expected = chain_torque(*point, links).full().ravel()
+            got = self.Y(*point).full() @ (np.array(self.lumping.matrix) @ links)
+            if not np.allclose(got, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max()):
+                raise ValueError(
+                    f"lumping must describe the motion of the chain; its torque is {got}, the chain's {expected}. "
+                    "Correct the equation for f or the table of links."
+                )
+
+
+class CheckedFunction:
+    """A casadi Function that refuses wrong shapes, where casadi would broadcast or transpose without a word."""
+
+    def __init__(self, function):
+        self.function = function
+
+    def __call__(self, *arguments):
+        names = self.function.name_in()
+        if len(arguments) != len(names):
+            given = f"{self.function.name()} takes ({', '.join(names)}); got {len(arguments)} arguments"
+            raise ValueError(f"{given}. Give all of them, in this order.")
+        checked = []
+        for i, (name, value) in enumerate(zip(names, arguments, strict=True)):
+            shape = self.function.size_in(i)
+            if isinstance(value, (ca.SX, ca.MX, ca.DM)):
+                if value.shape != shape:
+                    raise ValueError(f"{name} must have shape {shape}; got {value.shape}. Give a column.")
+                checked.append(value)
+            else:
+                advice = "Pass found.arm.f, or Dynamics.f(bodies)." if name == "f" else "One value per joint [SI]."
+                checked.append(array(name, value, (shape[0],), advice=advice))
+        return self.function(*checked)
+
+    def __getattr__(self, name):
+        return getattr(self.function, name)
+
+    def __repr__(self):
+        return repr(self.function)

@@ -1,0 +1,51 @@
+"""The incremental encoder on the motor shaft: the only file that crosses to pulses. Source: paper Fig. 4."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from plant.part import Part, number, part, structure
+
+__all__ = ["Encoder", "fix"]
+
+
+def fix(x):
+    """Round towards zero, so the cell around zero is two pulses wide. Source: paper 3.3."""
+    return ca.copysign(ca.floor(ca.fabs(x)), x) if isinstance(x, ca.SX) else np.trunc(x)
+
+
+@part
+class Encoder(Part):
+    """Encoders of all joints.
+
+    Parameters
+    ----------
+    resolution : (n,) array_like
+        N_enc, pulses per turn of the *motor*.
+    smooth : bool
+        True leaves out `fix`, for derivatives (through a quantiser they are zero).
+    """
+
+    resolution: np.ndarray = number(("n",))
+    smooth: bool = structure(default=False)
+
+    def __post_init__(self):
+        super().__post_init__()
+        if (self.resolution <= 0).any():
+            raise ValueError(f"resolution must be positive; got {self.resolution}. Give pulses per motor turn.")
+
+    def position(self, q_m):
+        """Motor angle [rad] in pulses, before rounding."""
+        return q_m * self.resolution / (2 * np.pi)
+
+    def pulses(self, q_m):
+        """Pulses counted at a motor angle [rad], whole numbers. Source: paper Fig. 4."""
+        return self.position(q_m) if self.smooth else fix(self.position(q_m))
+
+    def angle(self, pulses):
+        """Motor angle [rad] in the middle of the cell that these counts stand for."""
+        if self.smooth:
+            return pulses * (2 * np.pi) / self.resolution
+        half = 0.5 * (ca.sign(pulses) if isinstance(pulses, ca.SX) else np.sign(pulses))
+        return (pulses + half) * (2 * np.pi) / self.resolution

@@ -1,0 +1,99 @@
+"""Control laws: from pulses and a reference to a joint torque, written once as a symbolic step.
+
+A law says `period` (None: fast hardware, evaluated at every sub-step; otherwise seconds, a whole multiple of the
+sub-step), how much state it carries, and its `equations`. From them come the kernel that simulates it, the casadi
+referee, and the running controller of a control script.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from plant.part import Part
+
+__all__ = ["Block", "Law", "Setpoint"]
+
+
+class Setpoint(NamedTuple):
+    """What a law is asked to do now: q, qd, qdd (n,) joint side [SI], and the same position in pulses (n,)."""
+
+    q: ca.SX
+    qd: ca.SX
+    qdd: ca.SX
+    pulses: ca.SX
+
+
+@dataclasses.dataclass(frozen=True)
+class Block:
+    """A law made symbolic for one rig.
+
+    Parameters
+    ----------
+    step : casadi Function
+        (state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers) -> (asked, following). Torque in is the joint
+        torque applied last, after the amplifier's limit; `asked` is the torque that the law wants now [N m].
+    initial : (s,) numpy.ndarray
+        State at the start.
+    names : list of str
+        Names of `numbers`: the law's own (``law.``), then the rig's.
+    values : (k,) numpy.ndarray
+    period : float or None
+        [s]
+    """
+
+    step: ca.Function
+    initial: np.ndarray
+    names: list
+    values: np.ndarray
+    period: float | None
+
+
+class Law(Part):
+    """Base of all laws. A new law is a `@part` class with three things:
+
+    ``period`` (a property), ``initial_state(n)`` -> (s,), and ``equations(rig, state, setpoint, pulses, torque, dt)``
+    -> (torque, state) in casadi, where the fields of the law and of the rig are symbols.
+    """
+
+    period = None
+
+    def initial_state(self, n):
+        """State at the start, (s,); none by default."""
+        return np.empty(0)
+
+    def block(self, rig):
+        """This law as a symbolic step for a rig.
+
+        Returns
+        -------
+        Block
+        """
+        n = rig.n
+        initial = np.asarray(self.initial_state(n), float)
+        own, rigs = self.number_names("law."), rig.number_names()
+        numbers = ca.SX.sym("numbers", len(own) + len(rigs))
+        law, symbolic_rig = self.with_numbers(numbers[: len(own)]), rig.with_numbers(numbers[len(own) :])
+        state, dt = ca.SX.sym("state", len(initial)), ca.SX.sym("dt")
+        q, qd, qdd, reference_pulses, pulses, torque = (
+            ca.SX.sym(name, n) for name in ("q", "qd", "qdd", "reference_pulses", "pulses", "torque")
+        )
+        setpoint = Setpoint(q, qd, qdd, reference_pulses)
+        asked, following = law.equations(symbolic_rig, state, setpoint, pulses, torque, dt)
+        if asked.shape != (n, 1) or following.shape != (len(initial), 1):
+            raise ValueError(
+                f"{type(self).__name__} must give torque ({n}, 1) and state ({len(initial)}, 1); got {asked.shape} and "
+                f"{following.shape}. One number per joint of the rig."
+            )
+        step = ca.Function(
+            "law",
+            [state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers],
+            [asked, following],
+            ["state", "q", "qd", "qdd", "reference_pulses", "pulses", "torque", "dt", "numbers"],
+            ["asked", "following"],
+        )
+        values = np.concatenate([self.number_values(), rig.number_values()])
+        return Block(step=step, initial=initial, names=own + rigs, values=values, period=self.period)

@@ -1,0 +1,214 @@
+"""The closed loop: arm, drives, encoders and law joined into symbolic steps.
+
+Everything that simulates, verifies or differentiates the loop is generated from the functions made here. Time runs in
+*sub-steps* of length h; every `steps_per_sample` of them the log takes a *sample*. Order at one instant: the law (if
+it has a period and its time has come), then the log, then the sub-step.
+
+The sub-step is a midpoint (leapfrog) step: everything is evaluated at q + h/2 qd. It adds no damping of its own, which
+matters: the P loop has a mode with a damping ratio near 0.005. The Coriolis torque is taken at the mid-step velocity,
+by one predictor pass, so that energy is kept to order h^2.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from plant.dynamics import Dynamics
+from plant.factor import factorise, solve
+from plant.friction import friction_impulse, smooth_impulse
+from plant.law import Law
+from plant.rig import Rig
+
+__all__ = ["ClosedLoop"]
+
+FAR = 1e6
+"""A joint position [rad], velocity [rad/s] or torque beyond this has diverged; so has NaN."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ClosedLoop:
+    """Symbolic closed loop of an arm with a rig under a law.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+    rig : Rig
+    law : Law
+    steps_per_sample : int
+        Sub-steps per sample of the log.
+    sweeps : int
+        Gauss-Seidel sweeps of the friction law per sub-step.
+    smooth : bool
+        Encoder as identity and friction regularised, for derivatives.
+    score : casadi Function, optional
+        (log, data) -> number, added up over the samples in the state ``score``; `data` is measured, one row a sample.
+
+    Attributes
+    ----------
+    law_step, sample, substep : casadi Function
+        Inputs (state, time, numbers), for `sample` also (data); `time` is a row of `time_names`. Outputs (following),
+        (following, log), (following, log).
+    state_names, time_names, number_names : list of str
+    """
+
+    dynamics: Dynamics
+    rig: Rig
+    law: Law
+    steps_per_sample: int
+    sweeps: int = 3
+    smooth: bool = False
+    score: ca.Function | None = None
+
+    def __post_init__(self):
+        for name in ("steps_per_sample", "sweeps"):
+            value = getattr(self, name)
+            if not isinstance(value, (int, np.integer)) or value < 1:
+                raise ValueError(
+                    f"{name} must be a whole number of at least 1; got {value!r}. The defaults are 4 and 3."
+                )
+        if self.rig.n != self.dynamics.n:
+            raise ValueError(
+                f"rig must have {self.dynamics.n} joints like the arm; got {self.rig.n}. Use a matching rig."
+            )
+        if self.smooth and not self.rig.encoder.smooth:
+            encoder = dataclasses.replace(self.rig.encoder, smooth=True)
+            object.__setattr__(self, "rig", dataclasses.replace(self.rig, encoder=encoder))
+        self.steps_per_law  # noqa: B018 - refuses a period that does not fit
+
+    @property
+    def n(self):
+        """Number of joints."""
+        return self.dynamics.n
+
+    @property
+    def h(self):
+        """Length of a sub-step [s]."""
+        return self.rig.period / self.steps_per_sample
+
+    @cached_property
+    def steps_per_law(self):
+        """Sub-steps per step of the law; 0 for a law that is evaluated in every sub-step."""
+        if self._block.period is None:
+            return 0
+        steps = round(self._block.period / self.h)
+        if steps < 1 or abs(steps * self.h - self._block.period) > 1e-9 * self._block.period:
+            raise ValueError(
+                f"the law's period must be a whole multiple of the sub-step {self.h:.6g} s; got "
+                f"{self._block.period:.6g} s. Change steps_per_sample or the period."
+            )
+        return steps
+
+    @cached_property
+    def _block(self):
+        return self.law.block(self.rig)
+
+    # -- layout of the vectors ---------------------------------------------------------------------------------
+    @property
+    def state_names(self):
+        """Joint state, friction impulse, torque applied, the law's state, the score, and whether all is well (1 or 0)."""
+        per_joint = [f"{name}[{i}]" for name in ("q", "qd", "impulse", "torque") for i in range(self.n)]
+        return [*per_joint, *(f"law[{i}]" for i in range(len(self._block.initial))), "score", "ok"]
+
+    @property
+    def time_names(self):
+        """What changes with time and is known beforehand: the reference, and the length of the coming sub-step."""
+        return [f"{name}[{i}]" for name in ("q_r", "qd_r", "qdd_r", "pulses_r") for i in range(self.n)] + ["h"]
+
+    @property
+    def n_data(self):
+        """Measured numbers per sample that the score needs."""
+        return 0 if self.score is None else self.score.nnz_in(1)
+
+    @property
+    def number_names(self):
+        """f, then the law's numbers, then the rig's."""
+        return [*self.dynamics.names, *self._block.names]
+
+    def number_values(self, f):
+        """Values (k,) of `number_names` with these f (p,)."""
+        return np.concatenate([f, self._block.values])
+
+    def initial_state(self, q, qd):
+        """State (s,) of an arm at q, qd (n,) with nothing applied yet."""
+        return np.concatenate([q, qd, np.zeros(2 * self.n), self._block.initial, [0.0, 1.0]])
+
+    @cached_property
+    def _symbols(self):
+        state = ca.SX.sym("state", len(self.state_names))
+        time = ca.SX.sym("time", len(self.time_names))
+        return state, time, ca.SX.sym("numbers", len(self.number_names))
+
+    @cached_property
+    def _parts(self):
+        """Symbols by what they are."""
+        state, time, numbers = self._symbols
+        n, p = self.n, self.dynamics.p
+        q, qd, impulse, torque = (state[i * n : (i + 1) * n] for i in range(4))
+        motion = [time[i * n : (i + 1) * n] for i in range(4)]
+        rig = self.rig.with_numbers(numbers[len(self.number_names) - len(self.rig.number_values()) :])
+        return q, qd, impulse, torque, state[4 * n : -2], state[-2:], motion, time[-1], numbers[:p], numbers[p:], rig
+
+    # -- the three steps -----------------------------------------------------------------------------------------
+    def _asked(self, q, dt):
+        """Torque that the law asks for at position q, after the amplifier's limit, and the law's next state."""
+        *_, torque, law_state, _, motion, _, _, block_numbers, rig = self._parts
+        asked, law_state = self._block.step(law_state, *motion, rig.pulses(q), torque, dt, block_numbers)
+        return rig.drive.limited(asked), law_state
+
+    def _function(self, name, following, log=None, data=None):
+        outputs = [ca.densify(ca.vertcat(*following))] + ([] if log is None else [ca.densify(log)])
+        inputs = [*self._symbols] + ([] if data is None else [data])
+        names = ["state", "time", "numbers", "data"], ["following", "log"]
+        return ca.Function(name, inputs, outputs, names[0][: len(inputs)], names[1][: len(outputs)])
+
+    @cached_property
+    def law_step(self):
+        """One step of a law with a period; the torque is held until the next. None for a law without one."""
+        if not self.steps_per_law:
+            return None
+        q, qd, impulse, _, _, status, *_ = self._parts
+        torque, law_state = self._asked(q, ca.SX(self._block.period))
+        return self._function("law_step", [q, qd, impulse, torque, law_state, status])
+
+    @cached_property
+    def sample(self):
+        """The log at a sample: error [pulses], joint torque [N m], true q and qd, each (n,), joined."""
+        q, qd, impulse, torque, law_state, status, motion, *_, rig = self._parts
+        at_sample = torque if self.steps_per_law else self._asked(q, ca.SX(self.h))[0]
+        log, data = ca.vertcat(motion[3] - rig.pulses(q), at_sample, q, qd), ca.SX.sym("data", self.n_data)
+        score = status[0] if self.score is None else status[0] + self.score(log, data)
+        return self._function("sample", [q, qd, impulse, torque, law_state, score, status[1]], log, data)
+
+    @cached_property
+    def substep(self):
+        """One midpoint step of length h; its log is the joint's true error [pulses] at the middle of the step."""
+        q, qd, impulse, torque, law_state, status, motion, h, f, _, rig = self._parts
+        middle = q + h / 2 * qd
+        if not self.steps_per_law:
+            torque, law_state = self._asked(middle, h)
+        viscous = ca.diag(rig.drive.joint_viscous())
+        factors = factorise(self.dynamics.D(middle, f) + h / 2 * viscous)
+
+        def velocity(step, at):
+            return qd + step * solve(factors, torque - self.dynamics.h(middle, at, f) - viscous @ qd)
+
+        predicted = velocity(h / 2, qd)
+        free = velocity(h, predicted)
+        inverse, bound = solve(factors, ca.SX.eye(self.n)), h * rig.drive.joint_coulomb()
+        if self.smooth:
+            impulse, following = smooth_impulse(inverse, free, bound)
+        else:
+            impulse, following = friction_impulse(inverse, free, impulse, bound, self.sweeps)
+        ok = status[1]
+        for value in ca.vertsplit(ca.vertcat(middle, following)):
+            ok = ok * (ca.fabs(value) < FAR)
+        for pivot in ca.vertsplit(factors[1]):
+            ok = ok * (pivot > 0)
+        error = rig.position(motion[0]) - rig.position(middle)
+        return self._function(
+            "substep", [middle + h / 2 * following, following, impulse, torque, law_state, status[0], ok], error
+        )

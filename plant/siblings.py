@@ -1,0 +1,27 @@
+"""The three packages must come from one place: other distributions called `plant` and `ctc` exist."""
+
+from __future__ import annotations
+
+from importlib.machinery import PathFinder
+from pathlib import Path
+
+__all__ = ["check_siblings"]
+
+
+def check_siblings():
+    """Refuse to work when `identification` or `ctc` would be imported from elsewhere than beside this package.
+
+    Raises
+    ------
+    ImportError
+        Names both paths.
+    """
+    home = Path(__file__).resolve().parent.parent
+    for name in ("identification", "ctc"):
+        spec = PathFinder.find_spec(name)
+        found = Path(spec.origin).resolve().parent.parent if spec and spec.origin else None
+        if found != home:
+            raise ImportError(
+                f"package {name!r} must be beside {home / 'plant'}; it would be imported from "
+                f"{found / name if found else 'nowhere'}. Uninstall the other distribution, or put {home} first."
+            )

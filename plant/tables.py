@@ -1,0 +1,69 @@
+"""What the loop is asked to follow, worked out beforehand for every step of the law, the log and the plant.
+
+Samples are at t_k = k period, from 0. The sub-steps read the reference at their middle. The reference counts are
+rounded by `fix` to whole pulses, also between samples, as the control card does. A record that comes without a
+reference is replayed from its logged counts: straight lines between two samples, rounded by `fix`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plant.encoder import fix
+from plant.reference import Motion
+
+__all__ = ["Logged", "Path", "time_tables"]
+
+
+class Path:
+    """A reference as a rig sees it: motion and pulses."""
+
+    def __init__(self, reference, rig):
+        if reference.n != rig.n:
+            raise ValueError(f"reference must have {rig.n} joints like the rig; got {reference.n}. Use a matching one.")
+        self.reference, self.rig = reference, rig
+
+    def __call__(self, t):
+        motion = self.reference(t)
+        return motion, self.rig.pulses(motion.q)
+
+
+class Logged:
+    """The reference of a record that has none but its logged pulses (N, n), one row per `period` [s]."""
+
+    def __init__(self, reference_pulses, rig):
+        self.pulses, self.rig = reference_pulses, rig
+        self.turn = rig.drive.joint_angle(2 * np.pi / rig.encoder.resolution)  # joint angle per pulse [rad]
+
+    def __call__(self, t):
+        place = np.asarray(t) / self.rig.period
+        row = np.clip(np.floor(place + 1e-9).astype(int), 0, len(self.pulses) - 1)
+        following = np.minimum(row + 1, len(self.pulses) - 1)
+        step = self.pulses[following] - self.pulses[row]
+        pulses = self.pulses[row] + step * np.maximum(place - row, 0)[:, None]
+        motion = Motion(pulses * self.turn, step / self.rig.period * self.turn, np.zeros_like(pulses))
+        return motion, pulses if self.rig.encoder.smooth else fix(pulses)
+
+
+def time_tables(loop, path, samples):
+    """Rows of `loop.time_names` for every step of the law, the log and the plant.
+
+    Parameters
+    ----------
+    loop : ClosedLoop
+    path : Path or Logged
+    samples : int
+
+    Returns
+    -------
+    law_time, sample_time, step_time : numpy.ndarray
+    """
+    h, steps = loop.h, samples * loop.steps_per_sample
+    period = h * loop.steps_per_law
+    law = np.arange(-(-steps // loop.steps_per_law)) * period if loop.steps_per_law else np.empty(0)
+    times = (law, np.arange(samples) * loop.rig.period, (np.arange(steps) + 0.5) * h)
+    tables = []
+    for t in times:
+        motion, pulses = path(t)
+        tables.append(np.ascontiguousarray(np.column_stack([*motion, pulses, np.full(len(t), h)])))
+    return tuple(tables)
