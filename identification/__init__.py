@@ -1,0 +1,26 @@
+"""Identification: from records of pulses to the arm's parameters f.
+
+Reading order: `objective` (equation (4) of a whole population) -> `ranges` (where to search, 3.6) -> `genetic` (the
+genetic algorithm, 3.7) -> `identify` (the procedure of 3.2) -> `spread` (how much the result varies, 4.2).
+"""
+
+from importlib.machinery import PathFinder
+from pathlib import Path
+
+_home, _found = Path(__file__).resolve().parent.parent, PathFinder.find_spec("plant")
+if _found is None or Path(_found.origin).resolve().parent.parent != _home:
+    raise ImportError(
+        f"package 'plant' must be beside {_home / 'identification'}; it would be imported from "
+        f"{_found.origin if _found else 'nowhere'}. Uninstall the other distribution, or put {_home} first."
+    )
+
+from identification.genetic import GeneticResult, GeneticSettings, minimize_genetic  # noqa: E402
+from identification.identify import Identification, identify  # noqa: E402
+from identification.objective import Objective  # noqa: E402
+from identification.ranges import Interval, LinkSize, puma560_ranges, ranges  # noqa: E402
+from identification.spread import Spread, spread  # noqa: E402
+
+__all__ = [
+    "GeneticResult", "GeneticSettings", "Identification", "Interval", "LinkSize", "Objective", "Spread", "identify",
+    "minimize_genetic", "puma560_ranges", "ranges", "spread",
+]  # fmt: skip

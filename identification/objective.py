@@ -1,0 +1,167 @@
+"""Objective (4): how far a candidate arm's tracking errors are from the measured ones, a whole population at once."""
+
+from __future__ import annotations
+
+import functools
+import os
+from concurrent.futures import ThreadPoolExecutor
+
+import casadi as ca
+import numpy as np
+
+from plant.check import array
+from plant.inertia import least_inertia_margin
+from plant.kernel import LANES
+from plant.loop import ClosedLoop
+from plant.record import Record
+from plant.simulator import loop_kernel, path_of, replay_start
+from plant.tables import time_tables
+
+__all__ = ["Objective", "squared_error"]
+
+
+@functools.lru_cache
+def squared_error(n):
+    """The term that one sample adds, (log, measured error) -> sum over joints of (e^r - e^m)^2.
+
+    Source: paper eq. (4).
+    """
+    log, measured = ca.SX.sym("log", 4 * n), ca.SX.sym("measured", n)
+    return ca.Function("squared_error", [log, measured], [ca.sumsqr(measured - log[:n])])
+
+
+class Objective:
+    """Sum of squared differences of tracking errors [pulses^2], for a population of candidates.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+    records : Record or sequence of Record
+        Each with its law; they may differ in rig, law and reference.
+    unknown : sequence of str, optional
+        Names of what a candidate gives, in its order; by default f. Any number of rig and law can be named too, as
+        ``drive.viscous[0]`` or ``law.gain[1]``.
+    steps_per_sample : int
+        Sub-steps of the simulation.
+    threads : int, optional
+        By default one per core. The result is the same bits for any number.
+
+    Notes
+    -----
+    A candidate costs inf when it holds a NaN, when its run diverges, or when D(q) - diag(Jm_min k^2) is not positive
+    semidefinite for all q: no controller could be built on such an arm.
+
+    Source: paper eq. (4).
+    """
+
+    def __init__(self, dynamics, records, unknown=None, *, steps_per_sample=4, threads=None):
+        records = (records,) if isinstance(records, Record) else tuple(records)
+        if not records:
+            raise ValueError("records must be at least one Record; got none. Pass what simulate or from_csv gave.")
+        if threads is not None and (not isinstance(threads, (int, np.integer)) or threads < 1):
+            raise ValueError(f"threads must be a whole number of at least 1; got {threads!r}. Leave it out for all.")
+        self.dynamics, self.records = dynamics, records
+        self.unknown = tuple(dynamics.names if unknown is None else unknown)
+        self.threads = int(threads or os.cpu_count() or 1)
+        self._experiments = [_Experiment(dynamics, record, self.unknown, steps_per_sample) for record in records]
+
+    @property
+    def p(self):
+        """Length of a candidate."""
+        return len(self.unknown)
+
+    @property
+    def scale(self):
+        """Number of squared differences in the sum: samples times joints, over all records."""
+        return sum(record.error_pulses.size for record in self.records)
+
+    def __call__(self, population):
+        """Costs (P,) [pulses^2] of candidates (P, p).
+
+        Raises
+        ------
+        ValueError
+            Not a (P, p) array of numbers.
+        """
+        population = array("population", population, ("P", self.p), finite=False, advice="Give one candidate per row.")
+        costs = np.zeros(len(population))
+        for experiment in self._experiments:
+            costs += experiment.costs(population, self.threads)
+        return costs
+
+
+class _Experiment:
+    """One record, ready to be replayed with any number of candidates."""
+
+    def __init__(self, dynamics, record, unknown, steps_per_sample):
+        if record.law is None:
+            raise ValueError("the record must name the law that made it; got None. Pass law= to Record.from_csv.")
+        if record.n != dynamics.n:
+            raise ValueError(
+                f"the record must have {dynamics.n} joints; it has {record.n}. Use the record of this arm."
+            )
+        _uniform(record)
+        loop = ClosedLoop(
+            dynamics=dynamics,
+            rig=record.rig,
+            law=record.law,
+            steps_per_sample=steps_per_sample,
+            score=squared_error(dynamics.n),
+        )
+        names = loop.number_names
+        for name in unknown:
+            if name not in names:
+                raise ValueError(
+                    f"unknown must name numbers of this experiment; got {name!r}. Known: {', '.join(names)}."
+                )
+        self._lanes = [names.index(name) for name in unknown]
+        self._kernel = loop_kernel(loop, self._lanes)
+        path = path_of(record)
+        samples = len(record)
+        self._tables = (*time_tables(loop, path, samples), np.ascontiguousarray(record.error_pulses))
+        self._numbers = loop.number_values(np.full(dynamics.p, np.nan))
+        self._state = loop.initial_state(*replay_start(path, record.initial))
+        self._steps = samples * steps_per_sample
+        self._dynamics, self._rig = dynamics, record.rig
+        open_f = [name for name in dynamics.names if name not in unknown]
+        if open_f:
+            raise ValueError(f"unknown must include all of f; {', '.join(open_f)} are missing. Add them to unknown.")
+
+    def costs(self, population, threads):
+        """Costs (P,), inf for what cannot be."""
+        numbers = np.repeat(self._numbers[None], len(population), axis=0)
+        numbers[:, self._lanes] = population
+        f = numbers[:, : self._dynamics.p]
+        costs = np.full(len(population), np.inf)
+        sound = np.isfinite(population).all(axis=1)
+        sound[sound] = least_inertia_margin(self._dynamics, self._rig, f[sound]) >= 0
+        rows = np.flatnonzero(sound)
+        blocks = [rows[i : i + LANES] for i in range(0, len(rows), LANES)]
+        if not blocks:
+            return costs
+        with ThreadPoolExecutor(min(threads, len(blocks))) as pool:
+            for block, result in zip(blocks, pool.map(self._block, [population[b] for b in blocks]), strict=True):
+                costs[block] = result
+        return costs
+
+    def _block(self, candidates):
+        """Costs of at most `LANES` candidates; empty lanes repeat the last."""
+        lanes = np.empty((len(self._lanes), LANES))
+        lanes[:, : len(candidates)] = candidates.T
+        lanes[:, len(candidates) :] = candidates[-1][:, None]
+        state = np.repeat(self._state[:, None], LANES, axis=1)
+        final, steps = self._kernel.run(self._tables, state, lanes, self._numbers[list(self._kernel.uniform)])
+        score, ok = final[-2], final[-1]
+        complete = (ok > 0) & np.isfinite(score) & (steps == self._steps)
+        return np.where(complete, score, np.inf)[: len(candidates)]
+
+
+def _uniform(record):
+    """Refuse time stamps that are not t_0 + k period: the model's samples would drift from the robot's."""
+    late = record.t - record.t[0] - np.arange(len(record)) * record.rig.period
+    worst = int(np.argmax(np.abs(late)))
+    if abs(late[worst]) > 0.01 * record.rig.period:
+        raise ValueError(
+            f"t must advance by the rig's period {record.rig.period:.6g} s; sample {worst} is {late[worst]:+.3g} s off. "
+            "Resample the log or correct the period."
+        )

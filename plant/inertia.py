@@ -1,0 +1,91 @@
+"""Whether an arm can be an arm: D(q) must leave room for the motors' own inertia everywhere in the work space.
+
+A candidate for f may track well and still have a D that is nearly singular somewhere off the path; no computed torque
+built on it is stable. So D(q) - diag(Jm_min k^2) has to be positive semidefinite for all q, with Jm_min the smallest
+inertia that such a motor can have.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import casadi as ca
+import numpy as np
+from scipy.stats import qmc
+
+from plant.factor import factorise
+from plant.kernel import MapKernel
+
+__all__ = ["LEAST_MOTOR_INERTIA", "least_inertia_margin", "require_inertia"]
+
+LEAST_MOTOR_INERTIA = 1e-4
+"""Jm_min [kg m^2]. Source: paper 3.6."""
+
+_GRID = 360
+"""Poses of a joint when D depends on it alone; between two of them D changes by less than 4e-5 of its range."""
+
+_SCATTERED = 4096
+"""Poses (a Sobol sequence) when D depends on several joints."""
+
+
+def least_inertia_margin(dynamics, rig, f):
+    """Smallest pivot of D(q) - diag(Jm_min k^2) over all poses q, for each candidate.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+    rig : Rig
+    f : (P, p) numpy.ndarray
+
+    Returns
+    -------
+    (P,) numpy.ndarray
+        Negative where the matrix is indefinite somewhere [kg m^2].
+    """
+    f = np.ascontiguousarray(f, dtype=float)
+    if not len(f):
+        return np.empty(0)
+    kernel, poses = _pivots(dynamics)
+    least = rig.drive.reflected_inertia(LEAST_MOTOR_INERTIA)
+    x = np.empty((dynamics.n + len(least) + dynamics.p, len(poses) * len(f)))
+    x[: dynamics.n] = np.tile(poses, (len(f), 1)).T
+    x[dynamics.n : -dynamics.p] = least[:, None]
+    x[-dynamics.p :] = np.repeat(f, len(poses), axis=0).T
+    return kernel(x)[0].reshape(len(f), len(poses)).min(axis=1)
+
+
+def require_inertia(arm, rig):
+    """Refuse an arm on which no controller can be built.
+
+    Raises
+    ------
+    ValueError
+    """
+    margin = least_inertia_margin(arm.dynamics, rig, arm.f[None])[0]
+    if not margin >= 0:
+        raise ValueError(
+            f"D(q) must exceed the motors' own inertia diag(Jm_min k^2), Jm_min = {LEAST_MOTOR_INERTIA:g} kg m^2, at "
+            f"every q; f = {np.array2string(arm.f, precision=3)} falls short by {-margin:.3g} kg m^2. "
+            "Identify again, or check f and the gear ratios."
+        )
+
+
+@functools.lru_cache(maxsize=32)
+def _pivots(dynamics):
+    """Compiled (q, least, f) -> smallest pivot, and the poses to look at."""
+    n = dynamics.n
+    q, least, f = ca.SX.sym("q", n), ca.SX.sym("least", n), ca.SX.sym("f", dynamics.p)
+    _, pivots = factorise(dynamics.D(q, f) - ca.diag(least))
+    # A pivot after one that is not positive means nothing, so the first bad one decides.
+    smallest = pivots[n - 1]
+    for i in reversed(range(n - 1)):
+        smallest = ca.if_else(pivots[i] > 0, ca.fmin(pivots[i], smallest), ca.fmin(pivots[i], -1e-300))
+    joints = np.flatnonzero(ca.which_depends(ca.vec(dynamics.D(q, f)), q, 1, False))
+    angles = np.zeros((1, n))
+    if len(joints) == 1:
+        angles = np.zeros((_GRID, n))
+        angles[:, joints[0]] = np.arange(_GRID) * (2 * np.pi / _GRID)
+    elif len(joints):
+        angles = np.zeros((_SCATTERED, n))
+        angles[:, joints] = 2 * np.pi * qmc.Sobol(len(joints), seed=0).random(_SCATTERED)
+    return MapKernel(ca.Function("pivots", [q, least, f], [ca.densify(smallest)])), angles
