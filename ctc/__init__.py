@@ -1,0 +1,22 @@
+"""Computed torque: from an identified arm to a controller, and to a verdict in encoder pulses.
+
+Reading order: `observer` (what the encoder tells of the tracking error) -> `computed_torque` (the law, Fig. 2) ->
+`evaluation` (the verdict) -> `plots` (figures). ``python -m ctc`` runs the paper from end to end.
+"""
+
+from importlib.machinery import PathFinder
+from pathlib import Path
+
+_home = Path(__file__).resolve().parent.parent
+for _name in ("plant", "identification"):
+    _found = PathFinder.find_spec(_name)
+    if _found is None or Path(_found.origin).resolve().parent.parent != _home:
+        raise ImportError(
+            f"package {_name!r} must be beside {_home / 'ctc'}; it would be imported from "
+            f"{_found.origin if _found else 'nowhere'}. Uninstall the other distribution, or put {_home} first."
+        )
+
+from ctc.computed_torque import ComputedTorque  # noqa: E402
+from ctc.evaluation import Evaluation, evaluate  # noqa: E402
+
+__all__ = ["ComputedTorque", "Evaluation", "evaluate"]

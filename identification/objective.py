@@ -162,6 +162,6 @@ def _uniform(record):
     worst = int(np.argmax(np.abs(late)))
     if abs(late[worst]) > 0.01 * record.rig.period:
         raise ValueError(
-            f"t must advance by the rig's period {record.rig.period:.6g} s; sample {worst} is {late[worst]:+.3g} s off. "
-            "Resample the log or correct the period."
+            f"t must advance by the rig's period {record.rig.period:.6g} s; sample {worst} is {late[worst]:+.3g} s "
+            "off. Resample the log or correct the period."
         )

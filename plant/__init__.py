@@ -1,9 +1,10 @@
 """The plant: a geared arm, its drives and encoders, control laws, and the simulator that joins them.
 
 Reading order: `links` (geometry) -> `dynamics` (one torque, D, h, C and Y read off it) with `lumping` (what f means)
--> `arm` (dynamics + f) -> `drive`, `friction`, `encoder`, `rig` -> `reference`, `law`, `laws` -> `loop` (the symbolic
-closed loop) -> `translate`, `kernel`, `compile` (the same loop as machine code) -> `tables`, `simulator`, `record`;
-`linear` (the loop linearised) and `puma560` (the paper's example).
+-> `arm` (dynamics + f) -> `drive`, `friction`, `encoder`, `rig` -> `reference`, `law`, `laws`, `running` (a law in a
+control script) -> `loop` (the symbolic closed loop) -> `translate`, `kernel`, `compile` (the same loop as machine
+code) -> `tables`, `simulator`, `record`; `linear` (the loop linearised), `inertia` (can this be an arm?) and
+`puma560` (the paper's example).
 """
 
 from plant import puma560

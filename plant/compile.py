@@ -15,6 +15,7 @@ import json
 import os
 import platform
 import stat
+import sys
 import tempfile
 import threading
 from pathlib import Path
@@ -103,7 +104,7 @@ class Kernel:
         noted = self._noted()
         self._drop(lambda file: noted.get(file.name) != _checksum(file))
         spec = importlib.util.spec_from_loader(f"kernel_{self.hash}", _Loader(self.source, str(path)))
-        module = importlib.util.module_from_spec(spec)
+        module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)  # numba's cache looks it up by name
         elsewhere, numba.config.CACHE_DIR = numba.config.CACHE_DIR, ""  # numba's cache stays beside the file
         try:
             spec.loader.exec_module(module)

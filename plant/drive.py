@@ -62,7 +62,7 @@ class Drive(Part):
     @property
     def n(self):
         """Number of joints."""
-        return len(self.gear)
+        return self.gear.shape[0]
 
     def motor_angle(self, q):
         """Motor angle q_m = k q [rad]."""

@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from plant.part import Part
+from plant.running import Running
 
 __all__ = ["Block", "Law", "Setpoint"]
 
@@ -64,6 +65,22 @@ class Law(Part):
     def initial_state(self, n):
         """State at the start, (s,); none by default."""
         return np.empty(0)
+
+    def start(self, rig, pulses):
+        """This law as a running controller for a control script.
+
+        Parameters
+        ----------
+        rig : Rig
+        pulses : (n,) array_like
+            Encoder counts now.
+
+        Returns
+        -------
+        Running
+            ``.step(pulses, q_r, qd_r, qdd_r)`` -> joint torque (n,) [N m], once per period.
+        """
+        return Running(self, rig, pulses)
 
     def block(self, rig):
         """This law as a symbolic step for a rig.

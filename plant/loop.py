@@ -109,7 +109,7 @@ class ClosedLoop:
     # -- layout of the vectors ---------------------------------------------------------------------------------
     @property
     def state_names(self):
-        """Joint state, friction impulse, torque applied, the law's state, the score, and whether all is well (1 or 0)."""
+        """Joint state, friction impulse, torque applied, the law's state, the score, and if all is well (1 or 0)."""
         per_joint = [f"{name}[{i}]" for name in ("q", "qd", "impulse", "torque") for i in range(self.n)]
         return [*per_joint, *(f"law[{i}]" for i in range(len(self._block.initial))), "score", "ok"]
 

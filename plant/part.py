@@ -24,9 +24,9 @@ def number(shape, *, default=dataclasses.MISSING, finite=True):
     return dataclasses.field(default=default, metadata={"number": shape, "finite": finite})
 
 
-def structure(*, default=dataclasses.MISSING):
+def structure(*, default=dataclasses.MISSING, positional=False):
     """Declare a field that is structure: it decides the equations, so it cannot be unknown."""
-    return dataclasses.field(default=default, metadata={"structure": True})
+    return dataclasses.field(default=default, kw_only=not positional, metadata={"structure": True})
 
 
 class Part:

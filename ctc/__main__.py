@@ -1,0 +1,71 @@
+"""The paper from end to end: measure, identify, control, and say how many pulses it was off. ``python -m ctc``."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+from ctc import ComputedTorque, evaluate
+from identification import identify
+from plant import puma560, simulate
+
+
+def main(arguments=None):
+    """Run the main job and print its table."""
+    parser = argparse.ArgumentParser(prog="python -m ctc", description=__doc__.split(" ``")[0])
+    parser.add_argument("--seed", type=int, default=1, help="of the genetic algorithm (default 1)")
+    parser.add_argument(
+        "--figures", type=Path, default=Path("figures"), help="folder for the figures (default figures)"
+    )
+    options = parser.parse_args(arguments)
+    started = time.perf_counter()
+    robot, rig, path, p = puma560.arm(), puma560.rig(), puma560.reference(), puma560.p_law()
+
+    print("1. measure: P control on trajectory (6), encoder pulses logged every 0.7 ms")
+    measured = simulate(robot, rig, p, path, steps_per_sample=16)
+    print(f"   {measured}")
+
+    print("2. identify: f1..f9 from those pulses alone, by the genetic algorithm of the paper")
+    found = identify(puma560.dynamics(), measured, seed=options.seed)
+    print(f"   objective (4): {found.initial_objective:.0f} -> {found.objective:.0f} pulses^2 in {found.seconds:.1f} s")
+    print("   " + "".join(f"{name:>8}" for name in found.arm.dynamics.names))
+    print("   " + "".join(f"{value:8.2f}" for value in puma560.PUBLISHED) + "   of the robot")
+    print("   " + "".join(f"{value:8.2f}" for value in found.f) + "   found")
+
+    print("3. control: the same arm under P and under computed torque from the f that were found")
+    laws = {"P": p, "computed torque": ComputedTorque(found.arm, found.rig)}
+    verdicts = {name: evaluate(robot, rig, law, path) for name, law in laws.items()}
+    for verdict in verdicts.values():
+        print("\n   " + str(verdict).replace("\n", "\n   "))
+
+    print(f"\n4. figures in {options.figures}")
+    _save_figures(options.figures, robot, rig, path, measured, found, verdicts)
+    print(f"   done after {time.perf_counter() - started:.1f} s")
+    return 0 if verdicts["computed torque"].within(1) else 1
+
+
+def _save_figures(folder, robot, rig, path, measured, found, verdicts):
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from ctc.plots import plot_comparison, plot_evaluation, plot_identification, plot_record
+    from identification import Objective
+
+    folder.mkdir(parents=True, exist_ok=True)
+    dynamics, p = robot.dynamics, measured.law
+    costs = Objective(dynamics, measured)(found.initial_population)
+    models = [simulate(dynamics.arm(found.initial_population[i]), rig, p, path) for i in costs.argsort()[:4]]
+    best = simulate(found.arm, rig, p, path)
+    figures = {
+        "1_experiment": plot_record(measured),
+        "2_identification": plot_identification(measured, models[0], best, models[1:]),
+        "3_p_against_computed_torque": plot_comparison(verdicts),
+        "4_computed_torque": plot_evaluation(verdicts["computed torque"]),
+    }
+    for name, figure in figures.items():
+        figure.savefig(folder / f"{name}.png", dpi=130)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,45 @@
+"""Extended-state observer of one joint's tracking error: the error, its rate, and a disturbance acceleration.
+
+The model is edd = x3 - v, with v the feedback acceleration that really acted (after the amplifier's limit) and x3 all
+that the model does not know. It is sampled exactly for a constant v and x3, and corrected by the measured error with
+gains that put all three poles at z = exp(-omega dt).
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+__all__ = ["correct", "predict"]
+
+
+def predict(error, rate, disturbance, v, dt):
+    """Error, rate and disturbance one sample later, under a constant feedback acceleration v."""
+    acceleration = disturbance - v
+    return error + dt * rate + dt * dt / 2 * acceleration, rate + dt * acceleration, disturbance
+
+
+def correct(error, rate, disturbance, measured, omega, dt):
+    """Take a measured error into account.
+
+    Parameters
+    ----------
+    error, rate, disturbance : casadi SX
+        As predicted [rad, rad/s, rad/s^2].
+    measured : casadi SX
+        Measured error [rad].
+    omega : casadi SX
+        Triple pole of the observer [rad/s].
+    dt : casadi SX
+        Sample period [s].
+
+    Returns
+    -------
+    error, rate, disturbance : casadi SX
+    """
+    z = ca.exp(-omega * dt)
+    surprise = measured - error
+    return (
+        error + (1 - z**3) * surprise,
+        rate + 1.5 * (1 - z) ** 2 * (1 + z) / dt * surprise,
+        disturbance + (1 - z) ** 3 / (dt * dt) * surprise,
+    )

@@ -1,0 +1,150 @@
+"""Figures: the verdict, P against computed torque, and the paper's Figs. 6-9 and 12-15 redrawn.
+
+matplotlib is imported only when a figure is drawn. Every function returns the figure and leaves saving to the caller.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+__all__ = ["plot_comparison", "plot_evaluation", "plot_identification", "plot_record"]
+
+_COLOURS = ("#1f6f8b", "#c8553d", "#5a7d2a", "#7b4b94", "#b8860b", "#444444", "#d87ca8")
+_BAND = "#e9e4d4"
+
+
+def _figure(rows, columns, width=9.0, height=2.3):
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(width, height * rows), sharex=True, squeeze=False, layout="constrained"
+    )
+    for axis in axes.flat:
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.grid(alpha=0.25, linewidth=0.5)
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    return figure, axes
+
+
+def _name(record, joint):
+    return f"joint {joint + 1}" if record.n != 2 else f"joint {joint + 2}"
+
+
+def _band(axis, pulses):
+    axis.axhspan(-pulses, pulses, color=_BAND, zorder=0, label=f"±{pulses} pulse")
+
+
+def plot_evaluation(evaluation, axes=None):
+    """Encoder error with the +-1 pulse band (left) and torque (right), one row per joint.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+    axes : (n, 2) array of matplotlib axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    record = evaluation.record
+    figure, axes = _figure(record.n, 2, width=11) if axes is None else (np.asarray(axes).flat[0].figure, axes)
+    for joint, (left, right) in enumerate(axes):
+        colour = _COLOURS[joint % len(_COLOURS)]
+        _band(left, 1)
+        left.plot(record.t, record.error_pulses[:, joint], drawstyle="steps-post", color=colour, linewidth=0.7)
+        left.set_ylabel(f"{_name(record, joint)}\nerror [pulses]")
+        right.plot(record.t, record.torque[:, joint], color=colour, linewidth=0.7)
+        right.set_ylabel("torque [N m]")
+    axes[0][0].set_title(f"{evaluation.fraction_within(1):.2%} of the samples within ±1 pulse", fontsize=10)
+    axes[0][1].set_title("joint torque", fontsize=10)
+    return figure
+
+
+def plot_comparison(evaluations):
+    """Tracking errors of several laws on the same arm, one column per law, equal scales.
+
+    Parameters
+    ----------
+    evaluations : dict of str -> Evaluation
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    first = next(iter(evaluations.values())).record
+    figure, axes = _figure(first.n, len(evaluations), width=5.2 * len(evaluations))
+    for column, (name, evaluation) in enumerate(evaluations.items()):
+        record = evaluation.record
+        for joint in range(record.n):
+            axis = axes[joint, column]
+            _band(axis, 1)
+            colour = _COLOURS[joint % len(_COLOURS)]
+            axis.plot(record.t, record.error_pulses[:, joint], drawstyle="steps-post", color=colour, linewidth=0.7)
+            if column == 0:
+                axis.set_ylabel(f"{_name(record, joint)}\nerror [pulses]")
+        axes[0, column].set_title(f"{name}: {evaluation.fraction_within(1):.1%} within ±1 pulse", fontsize=10)
+    for row in axes:
+        largest = max(abs(limit) for axis in row for limit in axis.get_ylim())
+        for axis in row:
+            axis.set_ylim(-largest, largest)
+    return figure
+
+
+def plot_record(record):
+    """Tracking error and motor current of every joint. Source: paper Figs. 6-9.
+
+    Parameters
+    ----------
+    record : Record
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    columns = 1 if record.current is None else 2
+    figure, axes = _figure(record.n, columns, width=5.5 * columns)
+    for joint in range(record.n):
+        colour = _COLOURS[joint % len(_COLOURS)]
+        axes[joint, 0].plot(record.t, record.error_pulses[:, joint], color=colour, linewidth=0.7)
+        axes[joint, 0].set_ylabel(f"{_name(record, joint)}\nerror [pulses]")
+        if columns == 2:
+            axes[joint, 1].plot(record.t, record.current[:, joint], color=colour, linewidth=0.7)
+            axes[joint, 1].set_ylabel("current [A]")
+    axes[0, 0].set_title("tracking error (paper: Figs. 6, 7)", fontsize=10)
+    if columns == 2:
+        axes[0, 1].set_title("motor current (paper: Figs. 8, 9)", fontsize=10)
+    return figure
+
+
+def plot_identification(measured, first, best, others=()):
+    """Measured tracking errors beside those of models. Source: paper Figs. 12-15.
+
+    Parameters
+    ----------
+    measured : Record
+        The robot.
+    first, best : Record
+        The best model of the initial population, and of the last one.
+    others : sequence of Record
+        More models of the initial population, drawn thin.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    figure, axes = _figure(measured.n, 2, width=11)
+    titles = ("initial population (paper: Figs. 12, 13)", "after identification (paper: Figs. 14, 15)")
+    for column, (model, title) in enumerate(zip((first, best), titles, strict=True)):
+        for joint in range(measured.n):
+            axis = axes[joint, column]
+            for other in others if column == 0 else ():
+                axis.plot(other.t, other.error_pulses[:, joint], color="0.8", linewidth=0.5)
+            axis.plot(measured.t, measured.error_pulses[:, joint], color="0.35", linewidth=0.7, label="robot")
+            colour = _COLOURS[joint % len(_COLOURS)]
+            axis.plot(model.t, model.error_pulses[:, joint], color=colour, linewidth=0.7, label="best model")
+            axis.set_ylabel(f"{_name(measured, joint)}\nerror [pulses]" if column == 0 else "")
+        axes[0, column].set_title(title, fontsize=10)
+        axes[0, column].legend(loc="upper right", fontsize=8, frameon=False)
+    return figure
