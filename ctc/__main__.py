@@ -53,13 +53,13 @@ def _save_figures(folder, robot, rig, path, measured, found, verdicts):
     from identification import Objective
 
     folder.mkdir(parents=True, exist_ok=True)
-    dynamics, p = robot.dynamics, measured.law
+    dynamics, p, joints = robot.dynamics, measured.law, verdicts["P"].joints
     costs = Objective(dynamics, measured)(found.initial_population)
     models = [simulate(dynamics.arm(found.initial_population[i]), rig, p, path) for i in costs.argsort()[:4]]
     best = simulate(found.arm, rig, p, path)
     figures = {
-        "1_experiment": plot_record(measured),
-        "2_identification": plot_identification(measured, models[0], best, models[1:]),
+        "1_experiment": plot_record(measured, joints),
+        "2_identification": plot_identification(measured, models[0], best, models[1:], joints),
         "3_p_against_computed_torque": plot_comparison(verdicts),
         "4_computed_torque": plot_evaluation(verdicts["computed torque"]),
     }

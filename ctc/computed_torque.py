@@ -56,8 +56,8 @@ class ComputedTorque(Law):
 
     arm: Arm = structure(positional=True)
     rig: Rig = structure(positional=True)
-    bandwidth: float = number((), default=220.0)
-    observer_ratio: float = number((), default=1.8)
+    bandwidth: float = number((), default=250.0)
+    observer_ratio: float = number((), default=1.5)
     start_boost: float = number((), default=3.0)
     start_time: float = number((), default=0.02)
     friction: bool = structure(default=True)

@@ -19,6 +19,8 @@ class Evaluation:
 
     Attributes
     ----------
+    joints : tuple of str
+        Names of the joints, those of the links that they move.
     record : Record
         The run, sample by sample.
     true_error_pulses : (N steps_per_sample, n) numpy.ndarray
@@ -37,6 +39,7 @@ class Evaluation:
         Share of the samples at the amplifier's limit.
     """
 
+    joints: tuple
     record: Record
     true_error_pulses: np.ndarray
 
@@ -85,11 +88,10 @@ class Evaluation:
         def row(name, values, form):
             return f"{name:<34}" + "".join(f"{value:>12{form}}" for value in values)
 
-        n = self.record.n
         lines = [
             f"{type(self.record.law).__name__}: {self.fraction_within(1):.2%} of {len(self.record)} samples "
             "within +-1 pulse",
-            row("", [f"joint {i + 1}" for i in range(n)], ""),
+            row("", [f"joint {name}" for name in self.joints], ""),
             row("encoder error, peak [pulses]", self.max_error_pulses, ".0f"),
             row("encoder error, RMS [pulses]", self.rms_error_pulses, ".2f"),
             row("true joint error, peak [pulses]", self.max_true_error_pulses, ".2f"),
@@ -132,4 +134,5 @@ def evaluate(arm, rig, law, reference, *, backend="casadi", duration=None, steps
     """
     choice("backend", backend, ("casadi", "numba"))
     trace = run(arm, rig, law, reference, duration, steps_per_sample, initial, backend)
-    return Evaluation(record=trace.record, true_error_pulses=trace.true_error_pulses)
+    joints = tuple(link.name for link in arm.dynamics.chain.links)
+    return Evaluation(joints=joints, record=trace.record, true_error_pulses=trace.true_error_pulses)

@@ -27,8 +27,8 @@ def _figure(rows, columns, width=9.0, height=2.3):
     return figure, axes
 
 
-def _name(record, joint):
-    return f"joint {joint + 1}" if record.n != 2 else f"joint {joint + 2}"
+def _name(names, joint):
+    return f"joint {names[joint] if names else joint + 1}"
 
 
 def _band(axis, pulses):
@@ -54,7 +54,7 @@ def plot_evaluation(evaluation, axes=None):
         colour = _COLOURS[joint % len(_COLOURS)]
         _band(left, 1)
         left.plot(record.t, record.error_pulses[:, joint], drawstyle="steps-post", color=colour, linewidth=0.7)
-        left.set_ylabel(f"{_name(record, joint)}\nerror [pulses]")
+        left.set_ylabel(f"{_name(evaluation.joints, joint)}\nerror [pulses]")
         right.plot(record.t, record.torque[:, joint], color=colour, linewidth=0.7)
         right.set_ylabel("torque [N m]")
     axes[0][0].set_title(f"{evaluation.fraction_within(1):.2%} of the samples within ±1 pulse", fontsize=10)
@@ -83,7 +83,7 @@ def plot_comparison(evaluations):
             colour = _COLOURS[joint % len(_COLOURS)]
             axis.plot(record.t, record.error_pulses[:, joint], drawstyle="steps-post", color=colour, linewidth=0.7)
             if column == 0:
-                axis.set_ylabel(f"{_name(record, joint)}\nerror [pulses]")
+                axis.set_ylabel(f"{_name(evaluation.joints, joint)}\nerror [pulses]")
         axes[0, column].set_title(f"{name}: {evaluation.fraction_within(1):.1%} within ±1 pulse", fontsize=10)
     for row in axes:
         largest = max(abs(limit) for axis in row for limit in axis.get_ylim())
@@ -92,12 +92,14 @@ def plot_comparison(evaluations):
     return figure
 
 
-def plot_record(record):
+def plot_record(record, joints=()):
     """Tracking error and motor current of every joint. Source: paper Figs. 6-9.
 
     Parameters
     ----------
     record : Record
+    joints : sequence of str, optional
+        What to call the joints; by default 1, 2, ...
 
     Returns
     -------
@@ -108,7 +110,7 @@ def plot_record(record):
     for joint in range(record.n):
         colour = _COLOURS[joint % len(_COLOURS)]
         axes[joint, 0].plot(record.t, record.error_pulses[:, joint], color=colour, linewidth=0.7)
-        axes[joint, 0].set_ylabel(f"{_name(record, joint)}\nerror [pulses]")
+        axes[joint, 0].set_ylabel(f"{_name(joints, joint)}\nerror [pulses]")
         if columns == 2:
             axes[joint, 1].plot(record.t, record.current[:, joint], color=colour, linewidth=0.7)
             axes[joint, 1].set_ylabel("current [A]")
@@ -118,7 +120,7 @@ def plot_record(record):
     return figure
 
 
-def plot_identification(measured, first, best, others=()):
+def plot_identification(measured, first, best, others=(), joints=()):
     """Measured tracking errors beside those of models. Source: paper Figs. 12-15.
 
     Parameters
@@ -129,6 +131,8 @@ def plot_identification(measured, first, best, others=()):
         The best model of the initial population, and of the last one.
     others : sequence of Record
         More models of the initial population, drawn thin.
+    joints : sequence of str, optional
+        What to call the joints.
 
     Returns
     -------
@@ -144,7 +148,7 @@ def plot_identification(measured, first, best, others=()):
             axis.plot(measured.t, measured.error_pulses[:, joint], color="0.35", linewidth=0.7, label="robot")
             colour = _COLOURS[joint % len(_COLOURS)]
             axis.plot(model.t, model.error_pulses[:, joint], color=colour, linewidth=0.7, label="best model")
-            axis.set_ylabel(f"{_name(measured, joint)}\nerror [pulses]" if column == 0 else "")
+            axis.set_ylabel(f"{_name(joints, joint)}\nerror [pulses]" if column == 0 else "")
         axes[0, column].set_title(title, fontsize=10)
         axes[0, column].legend(loc="upper right", fontsize=8, frameon=False)
     return figure

@@ -123,7 +123,7 @@ class Kernel:
         try:
             noted = json.loads(self._sums().read_text())
             return noted if isinstance(noted, dict) else {}
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
             return {}
 
     def _note(self):
