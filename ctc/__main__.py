@@ -50,12 +50,11 @@ def _save_figures(folder, robot, rig, path, measured, found, verdicts):
 
     matplotlib.use("Agg")
     from ctc.plots import plot_comparison, plot_evaluation, plot_identification, plot_record
-    from identification import Objective
 
     folder.mkdir(parents=True, exist_ok=True)
     dynamics, p, joints = robot.dynamics, measured.law, verdicts["P"].joints
-    costs = Objective(dynamics, measured)(found.initial_population)
-    models = [simulate(dynamics.arm(found.initial_population[i]), rig, p, path) for i in costs.argsort()[:4]]
+    leading = found.initial_population[found.initial_costs.argsort()[:4]]
+    models = [simulate(dynamics.arm(f), rig, p, path) for f in leading]
     best = simulate(found.arm, rig, p, path)
     figures = {
         "1_experiment": plot_record(measured, joints),

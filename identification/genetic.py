@@ -322,7 +322,7 @@ def _by_rank(costs, fitness):
 
 
 def select(fitness, number, rng):
-    """Return shuffled row numbers (number,) by stochastic universal sampling: floor or ceil of each expected copies.
+    """Return shuffled row numbers (number,) by stochastic universal sampling: copies floor or ceil of expected.
 
     Equally spaced pointers with one random offset over the cumulated fitness (N,). Source: paper section 3.7.
     """

@@ -33,6 +33,8 @@ class Identification:
     objective, initial_objective : float
         Objective (4) of the best candidate, at the end and in the first generation [pulses^2].
     initial_population : (P, k) numpy.ndarray
+    initial_costs : (P,) numpy.ndarray
+        Objective (4) of each of them, inf where it cannot be an arm or diverges.
     history : (generations + 1, 3) numpy.ndarray
         Best, mean and worst finite objective of each generation.
     evaluations : int
@@ -54,6 +56,7 @@ class Identification:
     objective: float
     initial_objective: float
     initial_population: np.ndarray
+    initial_costs: np.ndarray
     history: np.ndarray
     evaluations: int
     seconds: float
@@ -135,7 +138,10 @@ def identify(
             )
         ranges = dynamics.ranges
     ranges = array("ranges", ranges, (objective.p, 2), advice="Give (low, high) for each unknown.")
-    settings = settings or GeneticSettings.paper()
+    settings = GeneticSettings.paper() if settings is None else settings
+    if not isinstance(settings, GeneticSettings):
+        given = type(settings).__name__
+        raise ValueError(f"settings must be GeneticSettings; got {given}. Leave it out for those of the paper.")
     with tqdm(total=settings.generations, desc="identify", unit="generation", disable=not progress, leave=False) as bar:
 
         def show(state):
@@ -161,6 +167,7 @@ def identify(
         objective=result.cost,
         initial_objective=result.initial_cost,
         initial_population=result.initial_population,
+        initial_costs=result.initial_costs,
         history=result.history,
         evaluations=result.evaluations,
         seconds=time.perf_counter() - started,

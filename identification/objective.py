@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import casadi as ca
 import numpy as np
 
-from plant.check import array
+from plant.check import array, known_options
 from plant.inertia import least_inertia_margin
 from plant.kernel import LANES
 from plant.loop import ClosedLoop
@@ -30,6 +30,7 @@ def squared_error(n):
     return ca.Function("squared_error", [log, measured], [ca.sumsqr(measured - log[:n])])
 
 
+@known_options
 class Objective:
     """Sum of squared differences of tracking errors [pulses^2], for a population of candidates.
 
@@ -55,13 +56,17 @@ class Objective:
     """
 
     def __init__(self, dynamics, records, unknown=None, *, steps_per_sample=4, threads=None):
-        records = (records,) if isinstance(records, Record) else tuple(records)
-        if not records:
-            raise ValueError("records must be at least one Record; got none. Pass what simulate or from_csv gave.")
+        records = tuple(records) if np.iterable(records) else (records,)
+        if not records or not all(isinstance(record, Record) for record in records):
+            given = type(next(r for r in records if not isinstance(r, Record))).__name__ if records else "none"
+            raise ValueError(f"records must be at least one Record; got {given}. Pass what simulate or from_csv gave.")
         if threads is not None and (not isinstance(threads, (int, np.integer)) or threads < 1):
             raise ValueError(f"threads must be a whole number of at least 1; got {threads!r}. Leave it out for all.")
         self.dynamics, self.records = dynamics, records
         self.unknown = tuple(dynamics.names if unknown is None else unknown)
+        twice = [name for i, name in enumerate(self.unknown) if name in self.unknown[:i]]
+        if twice:
+            raise ValueError(f"unknown must name each number once; {twice[0]} comes twice. Leave one out.")
         self.threads = int(threads or os.cpu_count() or 1)
         self._experiments = [_Experiment(dynamics, record, self.unknown, steps_per_sample) for record in records]
 

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from plant import puma560
-from plant.check import array
+from plant.check import array, known_options
 
 __all__ = ["Interval", "LinkSize", "centre_range", "greatest_inertia", "puma560_ranges", "ranges"]
 
@@ -34,7 +34,7 @@ class Interval:
         """Interval of a number, a pair or an interval."""
         if isinstance(value, Interval):
             return value
-        low, high = (value, value) if np.ndim(value) == 0 else value
+        low, high = (value, value) if np.ndim(value) == 0 else array("interval", value, (2,), advice="Give low and high.")
         return Interval(float(low), float(high))
 
     def __add__(self, other):
@@ -47,6 +47,8 @@ class Interval:
         return Interval(min(products), max(products))
 
     def __pow__(self, exponent):
+        if not isinstance(exponent, int) or exponent < 1:
+            raise ValueError(f"exponent must be a whole number of at least 1; got {exponent!r}. Multiply otherwise.")
         ends = [self.low**exponent, self.high**exponent]
         inside = [0.0] if exponent % 2 == 0 and self.low < 0 < self.high else []
         return Interval(min(ends + inside), max(ends))
@@ -68,6 +70,7 @@ def greatest_inertia(mass, radius):
     return mass * radius**2
 
 
+@known_options
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LinkSize:
     """What can be seen and weighed of one link.
@@ -119,12 +122,19 @@ def ranges(equation, sizes, drive, **lengths):
     (p, 2) numpy.ndarray
         Every f that the intervals allow: each end is the least or greatest value that a combination of terms can give.
 
+    Raises
+    ------
+    ValueError
+        Not one size per joint, or an interval whose ends are not low <= high.
+
     Source: paper 3.6.
     """
 
     def reflect(joint, motor_inertia):
         return float(drive.reflected_inertia(motor_inertia)[joint])
 
+    if len(sizes) != drive.n:
+        raise ValueError(f"sizes must be {drive.n}, one per joint of the drive; got {len(sizes)}. Give each link's.")
     links = [size.intervals(functools.partial(reflect, joint)) for joint, size in enumerate(sizes)]
     f = equation(*links, **{name: Interval.of(length) for name, length in lengths.items()})
     return np.array([(value.low, value.high) for value in f.values()])

@@ -154,10 +154,13 @@ class ClosedLoop:
 
     # -- the three steps -----------------------------------------------------------------------------------------
     def _asked(self, q, dt):
-        """Torque that the law asks for at position q, after the amplifier's limit, and the law's next state."""
+        """Torque that the law asks for at q, after the amplifier's limit (which swallows NaN), its state, if finite."""
         *_, torque, law_state, _, motion, _, _, block_numbers, rig = self._parts
         asked, law_state = self._block.step(law_state, *motion, rig.pulses(q), torque, dt, block_numbers)
-        return rig.drive.limited(asked), law_state
+        finite = ca.SX(1)
+        for value in ca.vertsplit(asked):
+            finite = finite * (ca.fabs(value) < ca.inf)
+        return rig.drive.limited(asked), law_state, finite
 
     def _function(self, name, following, log=None, data=None):
         outputs = [ca.densify(ca.vertcat(*following))] + ([] if log is None else [ca.densify(log)])
@@ -171,8 +174,8 @@ class ClosedLoop:
         if not self.steps_per_law:
             return None
         q, qd, impulse, _, _, status, *_ = self._parts
-        torque, law_state = self._asked(q, ca.SX(self._block.period))
-        return self._function("law_step", [q, qd, impulse, torque, law_state, status])
+        torque, law_state, finite = self._asked(q, ca.SX(self._block.period))
+        return self._function("law_step", [q, qd, impulse, torque, law_state, status[0], status[1] * finite])
 
     @cached_property
     def sample(self):
@@ -187,9 +190,10 @@ class ClosedLoop:
     def substep(self):
         """One midpoint step of length h; its log is the joint's true error [pulses] at the middle of the step."""
         q, qd, impulse, torque, law_state, status, motion, h, f, _, rig = self._parts
-        middle = q + h / 2 * qd
+        middle, ok = q + h / 2 * qd, status[1]
         if not self.steps_per_law:
-            torque, law_state = self._asked(middle, h)
+            torque, law_state, finite = self._asked(middle, h)
+            ok = ok * finite
         viscous = ca.diag(rig.drive.joint_viscous())
         factors = factorise(self.dynamics.D(middle, f) + h / 2 * viscous)
 
@@ -203,7 +207,6 @@ class ClosedLoop:
             impulse, following = smooth_impulse(inverse, free, bound)
         else:
             impulse, following = friction_impulse(inverse, free, impulse, bound, self.sweeps)
-        ok = status[1]
         for value in ca.vertsplit(ca.vertcat(middle, following)):
             ok = ok * (ca.fabs(value) < FAR)
         for pivot in ca.vertsplit(factors[1]):

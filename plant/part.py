@@ -142,7 +142,7 @@ def restore(description):
     if not isinstance(description, dict):
         return description
     kind = description.get("kind")
-    if kind not in _KINDS:
+    if not isinstance(kind, str) or kind not in _KINDS:
         package = str(kind).split(".")[0]
         hint = f"import {package} first" if package in ("plant", "identification", "ctc") else "check the file"
         raise ValueError(f"kind must be one of {', '.join(sorted(_KINDS))}; got {kind!r}. Please {hint}.")

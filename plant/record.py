@@ -167,9 +167,11 @@ class Record:
                     raise ValueError(f"{path} line {count} must have {expected} cells; got {len(cells)}. Complete it.")
         if not rows:
             raise ValueError(f"{path} must hold samples; got no row of numbers. Check that it was written to the end.")
-        rig = rig or restore(header.get("rig"))
+        rig = rig or _part(path, header, "rig")
         if rig is None:
             raise ValueError(f"{path} does not name its rig; a plain file needs one. Pass rig= and law=.")
+        if not isinstance(rig, Rig):
+            raise ValueError(f"rig of a record must be a Rig; got {rig!r:.60}. Pass rig=.")
         table, n = np.array(rows), rig.n
         fields = {"t": table[:, 0]}
         if names is None or not any("[" in name for name in names):
@@ -187,8 +189,8 @@ class Record:
         return cls(
             **fields,
             rig=rig,
-            law=law or restore(header.get("law")),
-            reference=reference or restore(header.get("reference")),
+            law=law or _part(path, header, "law"),
+            reference=reference or _part(path, header, "reference"),
             initial=header.get("initial"),
         )
 
@@ -196,8 +198,17 @@ class Record:
 def _header(path, count, line):
     try:
         header = json.loads(line[1:])
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}  # a comment
     if isinstance(header, dict) and header.get("onepulse", 1) != 1:
         raise ValueError(f"{path} line {count} must be version 1; got {header['onepulse']!r}. Use a newer library.")
     return header if isinstance(header, dict) else {}
+
+
+def _part(path, header, name):
+    try:
+        return restore(header.get(name))
+    except RecursionError:
+        raise ValueError(
+            f"{path} must describe its {name} as to_csv does; it is nested too deep. Correct it."
+        ) from None

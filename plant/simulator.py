@@ -221,12 +221,12 @@ def _refuse(loop, arm, log, final, steps):
     n = loop.n
     q = log[:, 2 * n : 3 * n]
     values = np.abs(np.where(np.isfinite(final[: 2 * n]), final[: 2 * n], np.inf)).reshape(2, n)
-    joint = int(np.argmax(values.max(axis=0)))
+    name = arm.dynamics.chain.links[int(np.argmax(values.max(axis=0)))].name
     finite = np.flatnonzero(np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1) < 1e3))
     time = (finite[-1] if len(finite) else 0) * loop.rig.period
     start = q[0] if len(finite) else final[:n]
     arm.require_positive(start)
     raise ValueError(
-        f"the closed loop must stay bounded; it diverges after t = {time:.4f} s, joint {joint} first. "
+        f"the closed loop must stay bounded; it diverges after t = {time:.4f} s, joint {name} first. "
         "Lower the gains, shorten the law's period, or check that f belongs to this arm."
     )
