@@ -51,7 +51,7 @@ class ComputedTorque(Law):
         An arm whose D(q) does not exceed the motors' own inertia everywhere (no feedback would be stable), joints that
         do not match, poles that are not positive.
 
-    Source: paper Fig. 2, eq. (1).
+    Source: paper Fig. 2.
     """
 
     arm: Arm = structure(positional=True)
@@ -85,6 +85,8 @@ class ComputedTorque(Law):
 
     def initial_state(self, n):
         """Observer at rest on the reference, nothing asked for yet, and the boost of the observer at its full."""
+        if n != self.arm.n:
+            raise ValueError(f"rig must have {self.arm.n} joints like the law's arm; got {n}. Use the rig of this arm.")
         return np.append(np.zeros((5 + 2 * self.delay) * n), 1.0)
 
     def equations(self, rig, state, setpoint, pulses, torque, dt):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from numbers import Real
 
 import numpy as np
 
@@ -70,7 +71,7 @@ class Evaluation:
 
     def fraction_within(self, k):
         """Share of the samples at which every joint's encoder error is within +-k pulses."""
-        if not np.isscalar(k) or not k >= 0:
+        if not isinstance(k, Real) or not k >= 0:
             raise ValueError(f"k must be a number of pulses, 0 or more; got {k!r}. The promise is 1.")
         return float((np.abs(self.record.error_pulses) <= k).all(axis=1).mean())
 

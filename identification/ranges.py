@@ -34,7 +34,8 @@ class Interval:
         """Interval of a number, a pair or an interval."""
         if isinstance(value, Interval):
             return value
-        low, high = (value, value) if np.ndim(value) == 0 else array("interval", value, (2,), advice="Give low and high.")
+        ends = [value, value] if np.ndim(value) == 0 else value
+        low, high = array("interval", ends, (2,), advice="Give a number, or low and high.")
         return Interval(float(low), float(high))
 
     def __add__(self, other):

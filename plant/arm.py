@@ -43,11 +43,11 @@ class Arm(Part):
         return self.dynamics.n
 
     def D(self, q):
-        """Inertia matrix (n, n) [kg m^2]. Source: paper eq. (1)."""
+        """Inertia matrix (n, n) [kg m^2], the D of `Dynamics` with this f."""
         return self.dynamics.D(q, self.f).full()
 
     def h(self, q, qd):
-        """Coriolis, centrifugal and gravity torque (n,) [N m]. Source: paper eq. (1)."""
+        """Coriolis, centrifugal and gravity torque (n,) [N m], the h of `Dynamics` with this f."""
         return self.dynamics.h(q, qd, self.f).full().ravel()
 
     def inverse(self, q, qd, qdd):

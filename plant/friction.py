@@ -40,9 +40,10 @@ def friction_impulse(inverse_inertia, qd, impulse, bound, sweeps):
     n = qd.shape[0]
     impulse = [ca.fmin(ca.fmax(impulse[i], -bound[i]), bound[i]) for i in range(n)]
     qd = qd + inverse_inertia @ ca.vertcat(*impulse)
+    felt = [1 / inverse_inertia[i, i] for i in range(n)]  # inertia that an impulse on joint i alone has to move
     for _ in range(sweeps):
         for i in range(n):
-            stopping = impulse[i] - qd[i] / inverse_inertia[i, i]
+            stopping = impulse[i] - qd[i] * felt[i]
             given = ca.fmin(ca.fmax(stopping, -bound[i]), bound[i])
             qd = qd + inverse_inertia[:, i] * (given - impulse[i])
             impulse[i] = given

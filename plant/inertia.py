@@ -75,7 +75,7 @@ def _pivots(dynamics):
     """Compiled (q, least, f) -> smallest pivot, and the poses to look at."""
     n = dynamics.n
     q, least, f = ca.SX.sym("q", n), ca.SX.sym("least", n), ca.SX.sym("f", dynamics.p)
-    _, pivots = factorise(dynamics.D(q, f) - ca.diag(least))
+    _, pivots, _ = factorise(dynamics.D(q, f) - ca.diag(least))
     # A pivot after one that is not positive means nothing, so the first bad one decides.
     smallest = pivots[n - 1]
     for i in reversed(range(n - 1)):

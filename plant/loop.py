@@ -166,6 +166,7 @@ class ClosedLoop:
         outputs = [ca.densify(ca.vertcat(*following))] + ([] if log is None else [ca.densify(log)])
         inputs = [*self._symbols] + ([] if data is None else [data])
         names = ["state", "time", "numbers", "data"], ["following", "log"]
+        outputs = ca.cse(outputs)
         return ca.Function(name, inputs, outputs, names[0][: len(inputs)], names[1][: len(outputs)])
 
     @cached_property

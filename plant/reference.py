@@ -1,6 +1,6 @@
 """Motions to be followed: position, velocity and acceleration of every joint as functions of time.
 
-A reference called with times (N,) gives `Motion(q, qd, qdd)`, each (N, n), joint side, SI. Source: paper 3.5, (6).
+A reference called with times (N,) gives `Motion(q, qd, qdd)`, each (N, n), joint side, SI. Source: paper 3.5.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def _nested(value):
 
 
 def _positive(name, value):
-    if not np.isscalar(value) or not np.isfinite(value) or value <= 0:
+    if not isinstance(value, (int, float, np.number)) or not np.isfinite(value) or value <= 0:
         raise ValueError(f"{name} must be a positive time [s]; got {value!r}. Give it in seconds.")
 
 
@@ -65,7 +65,7 @@ class Harmonics(Reference):
     cosine, sine : (n, H) array_like
         Amplitudes of the harmonics 1..H [rad].
 
-    Source: paper 3.5; eq. (6) is ``puma560.reference()``.
+    The trajectory of eq. (6) is ``puma560.reference()``. Source: paper 3.5.
     """
 
     period: float = structure()

@@ -71,7 +71,7 @@ def run(arm, rig, law, reference, duration, steps_per_sample, initial, backend):
     """`simulate`, with the sub-steps kept."""
     loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample)
     duration = reference.duration if duration is None else duration
-    if not np.isscalar(duration) or not np.isfinite(duration) or duration <= 0:
+    if not isinstance(duration, (int, float, np.number)) or not np.isfinite(duration) or duration <= 0:
         raise ValueError(f"duration must be a positive time [s]; got {duration!r}. Leave it out for one period.")
     samples = math.ceil(duration / rig.period - 1e-9)
     path = Path(reference, rig)

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import Counter
 
 import casadi as ca
 
@@ -68,96 +69,98 @@ _OPERATIONS = {
 _BY_CODE = {getattr(ca, f"OP_{name}"): text for name, text in _OPERATIONS.items()}
 _CODE_NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
 
-# Sine and cosine: subtract a multiple of pi in three parts (Cody and Waite; the first two have 33 and 33 significant
-# bits, so that their products with whole numbers below 2^20 are exact), then an odd polynomial on [-pi/2, pi/2] that
-# interpolates sin(r)/r at Chebyshev nodes in r^2. Absolute error below 3e-15 for abs(x) < 1e5 (tests/plant/
-# test_translate.py measures it and works the coefficients out again). No branch, no table, no call.
-POLYNOMIAL = (
-    -0.16666666666666666, 0.008333333333333316, -0.00019841269841254966, 2.7557319219160833e-06,
-    -2.505210761669045e-08, 1.6058977292642743e-10, -7.643969663988074e-13, 2.7314368769379893e-15,
+# Sine and cosine together: subtract a multiple k of pi/2 in three parts (Cody and Waite; the first two have 33
+# significant bits, so that their products with k are exact for abs(k) < 2^20), then polynomials on [-pi/4, pi/4] that
+# interpolate at Chebyshev nodes in r^2, exchanged and negated by the quadrant. No branch, no table, no call. Absolute
+# error below 3e-15 for abs(x) < 1e5; tests/plant/test_translate.py measures it and works the coefficients out again.
+SINE = (
+    -0.16666666666666666, 0.008333333333330948, -0.00019841269836756774,
+    2.7557316101617874e-06, -2.505113165023518e-08, 1.5918115263265974e-10,
 )  # fmt: skip
-PI_PARTS = (3.1415926534682512, 1.2154201012607932e-10, 4.044532497591901e-21)
+COSINE = (
+    0.041666666666666664, -0.0013888888888887398, 2.480158729876456e-05,
+    -2.7557317271145144e-07, 2.087614614655861e-09, -1.1382623647474604e-11,
+)  # fmt: skip
+HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 
-HELPERS = """
+
+def _horner(coefficients):
+    text = repr(coefficients[-1])
+    for value in reversed(coefficients[:-1]):
+        text = f"({text} * z + {value!r})"
+    return text
+
+
+HELPERS = f"""
 @inline
-def polynomial_{h}(r):
-    s = r * r
-    p = POLYNOMIAL_8
-    p = p * s + POLYNOMIAL_7
-    p = p * s + POLYNOMIAL_6
-    p = p * s + POLYNOMIAL_5
-    p = p * s + POLYNOMIAL_4
-    p = p * s + POLYNOMIAL_3
-    p = p * s + POLYNOMIAL_2
-    p = p * s + POLYNOMIAL_1
-    return r + r * s * p
-
-
-@inline
-def sin_{h}(x):
-    k = np.floor(x * INVERSE_PI + 0.5)
-    odd = k - 2.0 * np.floor(0.5 * k)
-    r = ((x - k * PI_1) - k * PI_2) - k * PI_3
-    return (1.0 - 2.0 * odd) * polynomial_{h}(r)
-
-
-@inline
-def cos_{h}(x):
-    k = np.floor(x * INVERSE_PI) + 0.5
-    odd = np.floor(k) - 2.0 * np.floor(0.5 * np.floor(k))
-    r = ((x - k * PI_1) - k * PI_2) - k * PI_3
-    return (2.0 * odd - 1.0) * polynomial_{h}(r)
+def sincos_{{h}}(x):
+    k = np.floor(x * {2 / math.pi!r} + 0.5)
+    r = ((x - k * {HALF_PI[0]!r}) - k * {HALF_PI[1]!r}) - k * {HALF_PI[2]!r}
+    z = r * r
+    s = r + r * z * {_horner(SINE)}
+    c = (1.0 - 0.5 * z) + z * z * {_horner(COSINE)}
+    half = np.floor(0.5 * k)
+    after = np.floor(0.5 * k + 0.5)
+    swap = k != 2.0 * half
+    s_sign = 1.0 - 2.0 * (half - 2.0 * np.floor(0.5 * half))
+    c_sign = 1.0 - 2.0 * (after - 2.0 * np.floor(0.5 * after))
+    return s_sign * (c if swap else s), c_sign * (s if swap else c)
 
 
 @inline
-def sign_{h}(x):
+def sin_{{h}}(x):
+    return sincos_{{h}}(x)[0]
+
+
+@inline
+def cos_{{h}}(x):
+    return sincos_{{h}}(x)[1]
+
+
+@inline
+def sign_{{h}}(x):
     return 1.0 if x > 0.0 else (-1.0 if x < 0.0 else x)
 
 
 @inline
-def min_{h}(x, y):
+def min_{{h}}(x, y):
     return x if x < y else y
 
 
 @inline
-def max_{h}(x, y):
+def max_{{h}}(x, y):
     return x if x > y else y
 
 
 @inline
-def less_{h}(x, y):
+def less_{{h}}(x, y):
     return 1.0 if x < y else 0.0
 
 
 @inline
-def atmost_{h}(x, y):
+def atmost_{{h}}(x, y):
     return 1.0 if x <= y else 0.0
 
 
 @inline
-def equal_{h}(x, y):
+def equal_{{h}}(x, y):
     return 1.0 if x == y else 0.0
 
 
 @inline
-def both_{h}(x, y):
+def both_{{h}}(x, y):
     return 1.0 if (x != 0.0) & (y != 0.0) else 0.0
 
 
 @inline
-def either_{h}(x, y):
+def either_{{h}}(x, y):
     return 1.0 if (x != 0.0) | (y != 0.0) else 0.0
 
 
 @inline
-def where_{h}(condition, x):
+def where_{{h}}(condition, x):
     return x if condition != 0.0 else 0.0
 """
-for _i, _value in enumerate(POLYNOMIAL, 1):
-    HELPERS = HELPERS.replace(f"POLYNOMIAL_{_i}", repr(_value))
-for _i, _value in enumerate(PI_PARTS, 1):
-    HELPERS = HELPERS.replace(f"PI_{_i}", repr(_value))
-HELPERS = HELPERS.replace("INVERSE_PI", repr(1 / math.pi))
 
 
 class Names:
@@ -229,32 +232,50 @@ def translate(function, inputs, names, rows):
             crossing.setdefault(text, rows())
         return text
 
-    for k in range(function.n_instructions()):
-        code, to, of = function.instruction_id(k), function.instruction_output(k), function.instruction_input(k)
+    def emit(level, text):
+        name = names()
+        lines[level].append(f"{name} = {text}")
+        if level == LANE:
+            made.add(name)
+        return name
+
+    instructions = _single_assignment(function)
+    shared = Counter(of[1] for code, _, of in instructions if code == ca.OP_DIV)
+    angles = {code: {of[0] for c, _, of in instructions if c == code} for code in (ca.OP_SIN, ca.OP_COS)}
+    pairs = dict.fromkeys(angles[ca.OP_SIN] & angles[ca.OP_COS])
+    for code, to, of in instructions:
         if code == ca.OP_CONST:
-            work[to[0]] = (_literal(function.instruction_constant(k)), 0)
+            work[to] = (_literal(of), 0)
         elif code == ca.OP_INPUT:
-            work[to[0]] = inputs[of[0]][of[1]]
-            used.add(work[to[0]][0])
+            work[to] = inputs[of[0]][of[1]]
+            used.add(work[to][0])
         elif code == ca.OP_OUTPUT:
-            results[starts[to[0]] + to[1]] = use(of[0], STATE)
-        elif code in _BY_CODE:
-            kinds = 0
-            for index in of:
-                kinds |= work[index][1]
-            level = _level(kinds)
-            name, text = names(), _BY_CODE[code]
-            for i, index in enumerate(of):
-                text = text.replace(f"{{{i}}}", use(index, level))
-            lines[level].append(f"{name} = {text}")
-            if level == LANE:
-                made.add(name)
-            work[to[0]] = (name, level)
-        else:
+            results[starts[to[0]] + to[1]] = use(of, STATE)
+        elif code not in _BY_CODE:
             raise ValueError(
                 f"operation must be one of {', '.join(_OPERATIONS)}; got {_CODE_NAMES.get(code, code)} in "
                 f"{function.name()}. Express it by those, or add it to plant/translate.py."
             )
+        else:
+            level = _level(work[index][1] for index in of)
+            if code in angles and of[0] in pairs:  # sine and cosine of one angle share their work
+                if pairs[of[0]] is None:
+                    pair = emit(level, f"sincos_{{h}}({use(of[0], level)})")
+                    pairs[of[0]] = {ca.OP_SIN: emit(level, f"{pair}[0]"), ca.OP_COS: emit(level, f"{pair}[1]")}
+                    made.discard(pair)
+                work[to] = (pairs[of[0]][code], level)
+                continue
+            if code == ca.OP_DIV:  # divisions by one number share its reciprocal, worked out when the number is known
+                known = _level([work[of[1]][1]])
+                if shared[of[1]] > 1 or known != level:
+                    inverse = ("inverse", of[1])
+                    if inverse not in work:
+                        work[inverse] = (emit(known, f"1.0 / {use(of[1], known)}"), known)
+                    code, of = ca.OP_MUL, (of[0], inverse)
+            text = _BY_CODE[code]
+            for i, index in enumerate(of):
+                text = text.replace(f"{{{i}}}", use(index, level))
+            work[to] = (emit(level, text), level)
     return Program(lines, results, crossing, used)
 
 
@@ -262,9 +283,31 @@ def _literal(value):
     return f"({value!r})" if math.isfinite(value) else f"np.{value!r}" if value > 0 else f"(-np.{-value!r})"
 
 
+def _single_assignment(function):
+    """Instructions as (code, result, arguments), with results numbered instead of work places that are used again."""
+    latest, found = {}, []
+    for k in range(function.n_instructions()):
+        code, to, of = function.instruction_id(k), function.instruction_output(k), function.instruction_input(k)
+        if code == ca.OP_OUTPUT:
+            found.append((code, (to[0], to[1]), latest[of[0]]))
+            continue
+        if code == ca.OP_CONST:
+            found.append((code, k, function.instruction_constant(k)))
+        elif code == ca.OP_INPUT:
+            found.append((code, k, (of[0], of[1])))
+        else:
+            found.append((code, k, tuple(latest[index] for index in of)))
+        latest[to[0]] = k
+    return found
+
+
 def _level(kinds):
-    if kinds & STATE or (kinds & TIME and kinds & LANE):
+    """When something made of these kinds has to run."""
+    needs = 0
+    for kind in kinds:
+        needs |= kind
+    if needs & STATE or (needs & TIME and needs & LANE):
         return STATE
-    if kinds & TIME:
+    if needs & TIME:
         return TIME
-    return LANE if kinds & LANE else UNIFORM
+    return LANE if needs & LANE else UNIFORM
