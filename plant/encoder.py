@@ -37,7 +37,7 @@ class Encoder(Part):
 
     def position(self, q_m):
         """Motor angle [rad] in pulses, before rounding."""
-        return q_m * self.resolution / (2 * np.pi)
+        return q_m * (self.resolution * (1 / (2 * np.pi)))
 
     def pulses(self, q_m):
         """Pulses counted at a motor angle [rad], whole numbers. Source: paper Fig. 4."""
@@ -46,6 +46,6 @@ class Encoder(Part):
     def angle(self, pulses):
         """Motor angle [rad] in the middle of the cell that these counts stand for."""
         if self.smooth:
-            return pulses * (2 * np.pi) / self.resolution
+            return pulses * (2 * np.pi / self.resolution)
         half = 0.5 * (ca.sign(pulses) if isinstance(pulses, ca.SX) else np.sign(pulses))
-        return (pulses + half) * (2 * np.pi) / self.resolution
+        return (pulses + half) * (2 * np.pi / self.resolution)

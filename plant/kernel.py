@@ -22,9 +22,8 @@ import math
 import numba
 import numpy as np
 
-# "contract" allows fused multiply-add and nothing else: NaN stays NaN, and sums keep their order.
-inline = numba.njit(forceinline=True, error_model="numpy", fastmath={"contract"})
-compiled = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+inline = numba.njit(forceinline=True, error_model="numpy")
+compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
 '''
 
 

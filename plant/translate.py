@@ -240,7 +240,7 @@ def translate(function, inputs, names, rows):
         return name
 
     instructions = _single_assignment(function)
-    shared = Counter(of[1] for code, _, of in instructions if code == ca.OP_DIV)
+    divisors = Counter(of[1] for code, _, of in instructions if code == ca.OP_DIV)
     angles = {code: {of[0] for c, _, of in instructions if c == code} for code in (ca.OP_SIN, ca.OP_COS)}
     pairs = dict.fromkeys(angles[ca.OP_SIN] & angles[ca.OP_COS])
     for code, to, of in instructions:
@@ -265,13 +265,13 @@ def translate(function, inputs, names, rows):
                     made.discard(pair)
                 work[to] = (pairs[of[0]][code], level)
                 continue
-            if code == ca.OP_DIV:  # divisions by one number share its reciprocal, worked out when the number is known
-                known = _level([work[of[1]][1]])
-                if shared[of[1]] > 1 or known != level:
-                    inverse = ("inverse", of[1])
-                    if inverse not in work:
-                        work[inverse] = (emit(known, f"1.0 / {use(of[1], known)}"), known)
-                    code, of = ca.OP_MUL, (of[0], inverse)
+            if code == ca.OP_DIV and divisors[of[1]] > 1 and work[of[1]][1] == STATE:
+                # Many divisions by one number that changes all the time share its reciprocal. (Others stay as they
+                # are: a rounding in what the encoder reads is amplified by an observer's gains.)
+                inverse = ("inverse", of[1])
+                if inverse not in work:
+                    work[inverse] = (emit(STATE, f"1.0 / {use(of[1], STATE)}"), STATE)
+                code, of = ca.OP_MUL, (of[0], inverse)
             text = _BY_CODE[code]
             for i, index in enumerate(of):
                 text = text.replace(f"{{{i}}}", use(index, level))
