@@ -1,0 +1,193 @@
+"""Records: through a file and back without loss, plain files, and every refusal in one line."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from plant import P, Record, puma560
+
+RIG, LAW, PATH = puma560.rig(), puma560.p_law(), puma560.reference()
+FIELDS = ("t", "reference_pulses", "error_pulses", "torque", "current", "initial", "true_q", "true_qd")
+finite = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@st.composite
+def records(draw):
+    """Any record: with and without each optional field; every finite double in every column."""
+    N = draw(st.integers(1, 5))
+    t = np.sort(draw(arrays(float, N, elements=finite, unique=True)))
+    values = {"t": t}
+    for name in FIELDS[1:]:
+        needed = name in ("reference_pulses", "error_pulses")
+        if needed or draw(st.booleans()):
+            values[name] = draw(arrays(float, (2, 2) if name == "initial" else (N, 2), elements=finite))
+    law = draw(st.sampled_from([None, LAW, P(gain=(1 / 3, 1e-300))]))
+    return Record(**values, rig=RIG, law=law, reference=draw(st.sampled_from([None, PATH])))
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    return tmp_path_factory.mktemp("records") / "record.csv"
+
+
+def same(a, b):
+    assert (a.rig, a.law, a.reference) == (b.rig, b.law, b.reference)
+    for name in FIELDS:
+        x, y = getattr(a, name), getattr(b, name)
+        assert (x is None) == (y is None), name
+        if x is not None:
+            assert x.shape == y.shape
+            assert x.tobytes() == y.tobytes(), name  # every bit, the sign of zero included
+
+
+@settings(derandomize=True, max_examples=60, deadline=None)
+@given(record=records())
+def test_file_gives_back_every_bit(file, record):
+    record.to_csv(file)
+    same(Record.from_csv(file), record)
+
+
+def test_law_rig_and_reference_handed_in_take_the_place_of_those_in_the_file(file):
+    Record(t=[0.0], reference_pulses=[[0, 0]], error_pulses=[[0, 0]], rig=RIG, law=LAW).to_csv(file)
+    law = P(gain=(1.0, 2.0))
+    record = Record.from_csv(file, law=law, reference=PATH)
+    assert (record.law, record.reference, record.rig) == (law, PATH, RIG)
+
+
+def test_header_is_one_comment_line_and_names_carry_units(file):
+    some_record().to_csv(file)
+    lines = file.read_text().splitlines()
+    assert lines[0].startswith('# {"onepulse": 1')
+    pulses = "reference_1 [pulses],reference_2 [pulses],error_1 [pulses],error_2 [pulses]"
+    assert lines[1] == f"t [s],{pulses},torque_1 [N m],torque_2 [N m]"
+    assert len(lines) == 2 + 3
+
+
+def some_record(**changes):
+    values = {"t": [0.0, 1.0, 2.0], "reference_pulses": np.ones((3, 2)), "error_pulses": np.arange(6).reshape(3, 2),
+              "torque": np.ones((3, 2)), "rig": RIG, "law": LAW}  # fmt: skip
+    return Record(**values | changes)
+
+
+@pytest.mark.parametrize(
+    "heading", ["", "t,r1,r2,e1,e2\n", "# from my robot\nt;a,b,c,d,e\n", "# {not json\n", "# [1]\n\n"]
+)
+def test_plain_file_needs_a_rig_and_takes_any_heading(file, heading):
+    file.write_text(heading + "0,1,2,3,4\n0.1, 5,6,7,8\n")
+    record = Record.from_csv(file, rig=RIG, law=LAW)
+    np.testing.assert_array_equal(record.reference_pulses, [[1, 2], [5, 6]])
+    np.testing.assert_array_equal(record.error_pulses, [[3, 4], [7, 8]])
+    assert record.reference is None
+    assert (record.law, len(record), record.n) == (LAW, 2, 2)
+
+
+def test_record_is_frozen_and_says_what_it_is():
+    record = some_record()
+    with pytest.raises(ValueError, match="read-only"):
+        record.error_pulses[0] = 1
+    with pytest.raises(AttributeError):
+        record.t = 1
+    assert repr(record) == "Record(3 samples of 2 joints, 2.000 s, under P)"
+    assert "an unknown law" in repr(some_record(law=None))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"t": [0.0, 1.0, 1.0]}, r"t must increase; got 1.0 after 1.0 at index 2"),
+        ({"t": [0.0, 2.0, 1.0]}, r"t must increase; got 1.0 after 2.0 at index 2"),
+        ({"t": [0.0, np.nan, 1.0]}, r"t must be finite; got nan at index 1"),
+        ({"t": [[0.0, 1.0, 2.0]]}, r"t must have shape \(N,\); got shape \(1, 3\)"),
+        ({"error_pulses": [[0, 0], [0, np.nan], [0, 0]]}, r"error_pulses must be finite; got nan at index \(1, 1\)"),
+        ({"error_pulses": np.zeros((2, 3))}, r"error_pulses must have shape \(3, 2\); got shape \(2, 3\)"),
+        ({"reference_pulses": None}, r"reference_pulses must have shape \(3, 2\); got None"),
+        ({"torque": np.zeros((3, 1))}, r"torque must have shape \(3, 2\); got shape \(3, 1\)"),
+        ({"true_q": np.full((3, 2), np.inf)}, r"true_q must be finite; got inf at index \(0, 0\)"),
+        ({"initial": np.zeros((2, 3))}, r"initial must have shape \(2, 2\); got shape \(2, 3\)"),
+        ({"rig": RIG.drive}, r"rig of a record must be a Rig; got Drive"),
+        ({"law": "P"}, r"law of a record must be a Law; got 'P'"),
+        ({"reference": np.zeros(3)}, r"reference of a record must be a Reference"),
+    ],
+)
+def test_bad_record_is_refused_with_its_place(changes, message):
+    with pytest.raises(ValueError, match=message) as error:
+        some_record(**changes)
+    assert "\n" not in str(error.value)
+
+
+GOOD = "0,1,2,3,4\n0.1,5,6,7,8\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"must hold samples; got no row of numbers"),
+        ("t,a,b,c,d\n", r"must hold samples"),
+        (GOOD + "0.2,1,2,3\n", r"line 3 must have 5 cells; got 4"),
+        (GOOD + "0.2,1,2,3,4,5\n", r"line 3 must have 5 cells; got 6"),
+        ("t,a,b,c,d\n0,1,2,3\n", r"line 2 must have 5 cells; got 4"),
+        (GOOD + "0.2,1,2,x,4\n", r"line 3 must be numbers; got '0.2,1,2,x,4'"),
+        (GOOD + "0.2,1,2,,4\n", r"line 3 must be numbers"),
+        (GOOD + "0.2,1,2,nan,4\n", r"error_pulses must be finite; got nan at index \(2, 0\)"),
+        (GOOD + "0.05,1,2,3,4\n", r"t must increase; got 0.05 after 0.1 at index 2"),
+        ("0,1,2\n", r"must hold t, 2 reference and 2 error columns; got 3 columns"),
+        ("0,0.1,0.2\n1,2,3\n1,2,3\n4,5,6\n4,5,6\n", r"must hold t, 2 reference and 2 error columns; got 3 columns"),
+        ("t [s],reference_1 [pulses],speed_1 [rad/s],a [b],c [d]\n" + GOOD, r"unknown column 'speed_1 \[rad/s\]'"),
+        ("t [s],reference_1 [pulses],reference_2 [pulses],error_1 [pulses],error_1 [pulses]\n" + GOOD, r"error_"),
+        ('# {"onepulse": 2}\n' + GOOD, r"line 1 must be version 1; got 2\. Use a newer library"),
+    ],
+)
+def test_bad_file_is_refused_in_one_line(file, text, message):
+    file.write_text(text)
+    with pytest.raises(ValueError, match=message) as error:
+        Record.from_csv(file, rig=RIG)
+    assert "\n" not in str(error.value)
+    assert len(str(error.value)) < 500
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda line: "", "does not name its rig; a plain file needs one"),
+        (lambda line: line[: len(line) // 2], "does not name its rig|header"),
+        (lambda line: "# " + "[" * 100_000, "does not name its rig|header"),
+        (lambda line: '# {"rig": ' + "[" * 900 + "]" * 900 + "}", "rig"),
+        (lambda line: line.replace("plant.P", "ctc.Magic"), r"got 'ctc\.Magic'\. Please import ctc first"),
+        (lambda line: line.replace("plant.Rig", "plant.Wig"), r"got 'plant\.Wig'"),
+        (lambda line: line.replace('"period": 0.0007', '"period": -1'), "period must be a positive time"),
+        (lambda line: line.replace('"period"', '"perid"'), "Did you mean 'period'"),
+        (lambda line: line.replace('"gear": [107.8, -53.7]', '"gear": [107.8]'), "must have shape"),
+        (lambda line: '# {"rig": {"kind": "plant.P", "gain": [1, 2]}}', "rig of a record must be a Rig"),
+        (lambda line: '# {"rig": {"kind": {}}}', r"got \{\}\. Please check the file"),
+        (lambda line: '# {"rig": 7}', "rig of a record must be a Rig"),
+    ],
+    ids=[
+        "missing",
+        "truncated",
+        "huge",
+        "nested",
+        "ctc",
+        "kind",
+        "period",
+        "field",
+        "shape",
+        "not a rig",
+        "no kind",
+        "number",
+    ],
+)
+def test_bad_header_is_refused_in_one_line(file, spoil, message):
+    some_record().to_csv(file)
+    first, rest = file.read_text().split("\n", 1)
+    file.write_text(spoil(first) + "\n" + rest)
+    with pytest.raises(ValueError, match=message) as error:
+        Record.from_csv(file)
+    assert "\n" not in str(error.value)
+
+
+def test_binary_file_is_a_value_error(file):
+    file.write_bytes(b"\xff\xfe\x00\x80" * 20)
+    with pytest.raises(ValueError):  # noqa: PT011 - UnicodeDecodeError, Python's own words
+        Record.from_csv(file, rig=RIG)

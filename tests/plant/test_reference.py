@@ -1,0 +1,170 @@
+"""References: derivatives by complex steps and differences, the paper's equation (6), rest at the ends, bad input."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from plant import Harmonics, PointToPoint, Spline, Table, puma560
+
+HARMONICS = Harmonics(period=2.0, offset=(0.1, -0.2, 0.3), cosine=((0.3, 0.1), (0.0, -0.2), (0.05, 0.0)),
+                      sine=((0.0, 0.2), (0.4, 0.0), (0.1, 0.1)))  # fmt: skip
+MOVE = PointToPoint(start=(0.1, -1.0), goal=(1.3, 0.5), duration=0.8)
+SPLINE = Spline(times=(0, 0.4, 0.5, 1.1), points=((0.0, 1.0), (0.5, 0.2), (0.6, -0.3), (0.1, 0.4)))
+TABLE = Table(times=(0.0, 0.5, 0.6, 1.0), points=((0.0, 1.0), (1.0, 0.0), (1.1, 0.5), (0.7, 0.5)))
+ALL = [HARMONICS, MOVE, SPLINE, TABLE]
+
+
+def test_equation_6():
+    """Source: paper eq. (6), q_r2 = -pi/4 + pi/4 cos(2 pi t / T), q_r3 = pi/4 - pi/4 cos(4 pi t / T); T = 3.65 s."""
+    reference = puma560.reference()
+    t = np.linspace(0, 3.65, 41)
+    w = 2 * np.pi / 3.65
+    motion = reference(t)
+    quarter = np.pi / 4
+    # The amplitude is below 4 w^2 pi/4 = 9.3: a few roundings.
+    np.testing.assert_allclose(
+        motion.q, np.c_[-quarter + quarter * np.cos(w * t), quarter - quarter * np.cos(2 * w * t)], atol=1e-14
+    )
+    np.testing.assert_allclose(
+        motion.qd, np.c_[-quarter * w * np.sin(w * t), 2 * quarter * w * np.sin(2 * w * t)], atol=1e-14
+    )
+    np.testing.assert_allclose(
+        motion.qdd, np.c_[-quarter * w**2 * np.cos(w * t), 4 * quarter * w**2 * np.cos(2 * w * t)], atol=1e-13
+    )
+    np.testing.assert_allclose(motion.q[0], 0, atol=1e-15)
+    assert reference.duration == 3.65
+    assert puma560.reference(2.0).duration == 2.0
+
+
+def test_harmonics_have_the_derivatives_of_their_complex_extension():
+    t, step = np.linspace(-1, 5, 61), 1e-20
+    w = 2 * np.pi / 2.0
+
+    def q(time):
+        total = np.asarray(HARMONICS.offset) + 0 * time[:, None]
+        for j in range(2):
+            c, s = np.cos((j + 1) * w * time), np.sin((j + 1) * w * time)
+            total = total + np.outer(c, np.asarray(HARMONICS.cosine)[:, j])
+            total = total + np.outer(s, np.asarray(HARMONICS.sine)[:, j])
+        return total
+
+    motion = HARMONICS(t)
+    np.testing.assert_allclose(motion.q, q(t), atol=1e-14)
+    np.testing.assert_allclose(motion.qd, q(t + 1j * step).imag / step, atol=1e-13)  # exact: no subtraction
+    np.testing.assert_allclose(HARMONICS(t + 2.0).q, motion.q, atol=1e-13)  # goes on after its period
+
+
+# Central differences with steps of 1e-4 of a motion of size 1 and time scale 0.1: 1e-8 / 6 * third derivative (1e3).
+@pytest.mark.parametrize("reference", ALL, ids=lambda r: type(r).__name__)
+def test_velocity_and_acceleration_are_derivatives(reference):
+    random = np.random.default_rng(0)
+    t, step = random.uniform(0.01, reference.duration - 0.01, 50), 1e-4
+    t = t[[np.abs(np.asarray(getattr(reference, "times", (9.0,))) - x).min() > 2 * step for x in t]]  # no corners
+    before, now, after = (reference(t + k * step) for k in (-1, 0, 1))
+    np.testing.assert_allclose((after.q - before.q) / (2 * step), now.qd, rtol=0, atol=2e-5)
+    if reference is TABLE:
+        np.testing.assert_array_equal(now.qdd, 0)  # by definition: straight lines
+    else:
+        np.testing.assert_allclose((after.qd - before.qd) / (2 * step), now.qdd, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("reference", [MOVE, SPLINE], ids=lambda r: type(r).__name__)
+def test_motion_begins_and_ends_at_rest_and_stays(reference):
+    end = reference.duration
+    first, last = np.asarray(getattr(reference, "start", None) or reference.points[0]), np.asarray(
+        getattr(reference, "goal", None) or reference.points[-1])  # fmt: skip
+    motion = reference(np.array([0.0, end, end + 1, 100.0, -1.0]))
+    np.testing.assert_allclose(motion.q, [first, last, last, last, first], atol=1e-13)
+    np.testing.assert_allclose(motion.qd, 0, atol=1e-11)  # a quintic's derivatives at its last knot: cancelling terms
+    np.testing.assert_allclose(motion.qdd, 0, atol=1e-9)
+
+
+def test_point_to_point_is_half_way_at_half_time_and_fastest_there():
+    motion = MOVE(np.array([0.4]))
+    np.testing.assert_allclose(motion.q[0], [0.7, -0.25], rtol=1e-14)
+    np.testing.assert_allclose(motion.qd[0], 15 / 8 * np.array([1.2, 1.5]) / 0.8, rtol=1e-14)  # 15/8 of the mean speed
+    np.testing.assert_allclose(motion.qdd[0], 0, atol=1e-12)
+
+
+def test_spline_goes_through_its_points():
+    np.testing.assert_allclose(SPLINE(np.asarray(SPLINE.times)).q, SPLINE.points, atol=1e-13)
+
+
+def test_table_is_straight_between_its_points_and_rests_outside():
+    motion = TABLE(np.array([0.25, 0.5, 0.55, 1.0, 3.0, -1.0]))
+    np.testing.assert_allclose(motion.q, [[0.5, 0.5], [1, 0], [1.05, 0.25], [0.7, 0.5], [0.7, 0.5], [0, 1]], atol=1e-15)
+    np.testing.assert_allclose(motion.qd, [[2, -2], [1, 5], [1, 5], [0, 0], [0, 0], [0, 0]], atol=1e-13)
+
+
+@settings(derandomize=True, max_examples=30)
+@given(st.lists(st.floats(-1, 5), min_size=1, max_size=5), st.sampled_from(range(4)))
+def test_shapes_and_independence_of_the_other_times(times, which):
+    reference = ALL[which]
+    motion = reference(times)
+    for value in motion:
+        assert value.shape == (len(times), reference.n)
+        assert value.flags.c_contiguous
+    for i, t in enumerate(times):
+        for value, alone in zip(motion, reference([t]), strict=True):
+            np.testing.assert_allclose(value[i], alone[0], atol=1e-14)
+
+
+# -- files and bad input ---------------------------------------------------------------------------------------------
+def test_table_from_csv(tmp_path):
+    path = tmp_path / "path.csv"
+    path.write_text("# a comment\nt [s],q_1,q_2\n\n0,0.0,1e0\n0.5, 1.0 ,0\n0.6,1.1,0.5\n1.0,0.7,0.5\n")
+    assert Table.from_csv(path) == TABLE
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("0,1\n1,two\n", r"line 2 must be numbers; got '1,two'"),
+        ("0,1\n1\n", r"line 2 must have t and angles; got 1 cells"),
+        ("0\n1\n", r"line 1 must have t and angles; got 1 cells"),
+        ("t,q\n", r"must hold rows of t, q_1\.\.q_n; got none"),
+        ("0,1\n0,2\n", r"times must increase; got 0.0 after 0.0 at index 1"),
+        ("0,1\n1,nan\n", r"points must be finite; got nan at index \(1, 0\)"),
+        ("0,1\n", r"times must be two or more; got 1"),
+    ],
+)
+def test_bad_table_file_is_refused_in_one_line(tmp_path, text, message):
+    path = tmp_path / "path.csv"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=message) as error:
+        Table.from_csv(path)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Harmonics(period=0, offset=(0,), cosine=((1,),), sine=((0,),)), "period must be a positive time"),
+        (
+            lambda: Harmonics(period=1, offset=(0, 0), cosine=((1,),), sine=((0,),)),
+            r"cosine must have shape \(2, H\)",
+        ),
+        (lambda: Harmonics(period=1, offset=(0,), cosine=((1,),), sine=((0, 1),)), r"sine must have shape \(1, 1\)"),
+        (lambda: Harmonics(period=1, offset=(np.nan,), cosine=((1,),), sine=((0,),)), "offset must be finite"),
+        (lambda: PointToPoint(start=(0, 0), goal=(1,), duration=1), r"goal must have shape \(2,\)"),
+        (lambda: PointToPoint(start=(0,), goal=(1,), duration="1"), "duration must be a positive time"),
+        (lambda: PointToPoint(start=(0,), goal=(1,), duration=-1), "duration must be a positive time"),
+        (
+            lambda: Spline(times=(0, 2, 1), points=((0,), (1,), (2,))),
+            "times must increase; got 1.0 after 2.0 at index 2",
+        ),
+        (lambda: Spline(times=(1, 2), points=((0,), (1,))), r"times must be two or more, from 0"),
+        (
+            lambda: Spline(times=(0, 1), points=((0,),)),
+            r"points must have shape \(2, n\)",
+        ),
+        (lambda: Table(times=(0, 1), points=(0, 1)), "points must have shape"),
+        (lambda: HARMONICS([0.0, np.inf]), "t must be finite; got inf at index 1"),
+        (lambda: HARMONICS(0.0), r"t must have shape \(N,\)"),
+    ],
+)
+def test_bad_reference_is_refused(make, message):
+    with pytest.raises(ValueError, match=message) as error:
+        make()
+    assert "\n" not in str(error.value)

@@ -1,0 +1,180 @@
+"""The translator against mpmath (sine, cosine, their polynomials) and against casadi (every operation)."""
+
+import math
+
+import casadi as ca
+import mpmath
+import numpy as np
+import pytest
+
+from plant.kernel import MapKernel
+from plant.translate import _OPERATIONS, COSINE, HALF_PI, LANE, SINE, STATE, TIME, UNIFORM, Names, translate
+
+EPS = np.finfo(float).eps
+
+
+def compiled(expression, *symbols):
+    return MapKernel(ca.Function("f", list(symbols), [ca.densify(expression)]))
+
+
+@pytest.fixture(scope="module")
+def sine_and_cosine():
+    x = ca.SX.sym("x")
+    return compiled(ca.vertcat(ca.sin(x), ca.cos(x)), x)
+
+
+def worst_error(kernel, x):
+    got = kernel(x[None])
+    with mpmath.workdps(40):
+        exact = [[float(f(mpmath.mpf(v)) - mpmath.mpf(g)) for v, g in zip(x.tolist(), row.tolist(), strict=True)]
+                 for f, row in zip((mpmath.sin, mpmath.cos), got, strict=True)]  # fmt: skip
+    return np.abs(exact).max()
+
+
+# 3e-15 is what plant/translate.py promises: the polynomials' error and the roundings of reduction and sum.
+def test_sine_and_cosine_agree_with_mpmath_at_random_angles(sine_and_cosine):
+    random = np.random.default_rng(0)
+    angles = [random.uniform(-scale, scale, 700) for scale in (1e-6, 1.0, np.pi, 10.0, 1e3, 1e5)]
+    assert worst_error(sine_and_cosine, np.concatenate([*angles, [0.0, -0.0, 1e5, -1e5]])) < 3e-15
+
+
+def test_sine_and_cosine_agree_with_mpmath_beside_multiples_of_a_right_angle(sine_and_cosine):
+    random = np.random.default_rng(1)
+    turns = np.concatenate([np.arange(-40, 41), random.integers(-63661, 63661, 300)])  # 63661 pi / 2 < 1e5
+    nearest = turns * np.float64(np.pi / 2)
+    beside = [nearest, np.nextafter(nearest, np.inf), np.nextafter(nearest, -np.inf), nearest + 1e-9, nearest - 1e-6]
+    assert worst_error(sine_and_cosine, np.concatenate(beside)) < 3e-15
+
+
+def interpolated(function, count):
+    """Coefficients of the polynomial through `count` Chebyshev nodes on [0, (pi/4)^2 1.0001], in 60 digits."""
+    with mpmath.workdps(60):
+        end = (mpmath.pi / 4) ** 2 * mpmath.mpf("1.0001")
+        nodes = [end / 2 * (1 + mpmath.cos(mpmath.pi * (2 * k + 1) / (2 * count))) for k in range(count)]
+        powers = mpmath.matrix(count, count)
+        for i in range(count):
+            for j in range(count):
+                powers[i, j] = nodes[i] ** j
+        return [float(c) for c in mpmath.lu_solve(powers, mpmath.matrix([function(z) for z in nodes]))]
+
+
+def test_polynomials_interpolate_the_rest_of_sine_and_cosine_at_chebyshev_nodes():
+    sine = interpolated(lambda z: (mpmath.sin(mpmath.sqrt(z)) / mpmath.sqrt(z) - 1) / z, len(SINE))
+    cosine = interpolated(lambda z: (mpmath.cos(mpmath.sqrt(z)) - 1 + z / 2) / z**2, len(COSINE))
+    # 60 digits leave no doubt about the last bit of a double; 1e-13 allows for constants worked out in fewer digits,
+    # and an error of 1e-13 in any coefficient moves sine and cosine by less than 1e-14 of their small last terms.
+    np.testing.assert_allclose(SINE, sine, rtol=1e-13)
+    np.testing.assert_allclose(COSINE, cosine, rtol=1e-13)
+
+
+def test_parts_of_half_pi_add_up_and_their_products_with_whole_numbers_are_exact():
+    with mpmath.workdps(60):
+        assert abs(sum(mpmath.mpf(part) for part in HALF_PI) - mpmath.pi / 2) < mpmath.mpf(2) ** -118
+    for part in HALF_PI[:2]:
+        mantissa = math.frexp(part)[0]
+        assert mantissa * 2**33 == int(mantissa * 2**33)  # 33 bits, and 53 - 33 = 20 for the whole number
+
+
+def every_operation(x, y):
+    """One expression per operation that the translator knows; x and y are any numbers, u lies in [-1, 1]."""
+    u = ca.SX.sym("u")
+    return u, [
+        x + y, x - y, x * y, x / y, -x, x * x, 2 * x, 1 / y, ca.sqrt(x), ca.exp(x), ca.log(x), x**y, x**2.5,
+        ca.sin(x), ca.cos(x), ca.tan(x), ca.asin(u), ca.acos(u), ca.atan(x), ca.atan2(x, y), ca.sinh(x), ca.cosh(x),
+        ca.tanh(x), ca.floor(x), ca.ceil(x), ca.fabs(x), ca.copysign(x, y), ca.sign(x), ca.fmin(x, y), ca.fmax(x, y),
+        x < y, x <= y, ca.eq(x, y), ca.ne(x, y), ca.logic_not(x), ca.logic_and(x, y), ca.logic_or(x, y),
+        ca.if_else(x, y, 0), ca.if_else(x > y, ca.sin(y), x),
+    ]  # fmt: skip
+
+
+def test_every_operation_gives_what_casadi_gives():
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    u, expressions = every_operation(x, y)
+    function = ca.Function("f", [x, y, u], [ca.densify(ca.vertcat(*expressions))])
+    met = {function.instruction_id(k) for k in range(function.n_instructions())}
+    missing = {name for name in _OPERATIONS if getattr(ca, f"OP_{name}") not in met}
+    assert missing <= {"ASSIGN"}  # casadi makes none of it in an SX function; copying is harmless to know
+
+    random = np.random.default_rng(2)
+    special = np.array([0.0, -0.0, 1.0, -1.0, 2.0, -2.0, 0.5, -0.5, 3.0, 1e-300, 1e6])
+    pairs = np.array(np.meshgrid(special[:10], special[:10])).reshape(2, -1)
+    points = np.hstack([random.uniform(-20, 20, (2, 400)), pairs])
+    points = np.vstack([points, random.uniform(-1, 1, points.shape[1])])
+    points[2, :5] = (0.0, -0.0, 1.0, -1.0, 0.5)
+    got = MapKernel(function)(points)
+    expected = function.map(points.shape[1])(points[:1], points[1:2], points[2:]).full()
+    assert np.isnan(expected).any()  # roots of negative numbers: where casadi gives NaN, so does the kernel
+    np.testing.assert_array_equal(np.isnan(got), np.isnan(expected))
+    # Two mathematical libraries may differ by an ulp or two each; sine and cosine by 3e-15 absolute (above).
+    np.testing.assert_allclose(got, expected, rtol=4 * EPS, atol=3e-15)
+    exact = slice(23, 37)  # floor to logic_or: rounding, signs and comparisons
+    np.testing.assert_array_equal(got[exact], expected[exact])
+
+
+def test_nan_travels_and_infinity_is_a_number():
+    x = ca.SX.sym("x", 2)
+    expressions = [ca.sin(x[0]), ca.cos(x[0]), x[0] + x[1], x[0] * x[1], ca.floor(x[0]), ca.sign(x[0]), ca.sqrt(x[0])]
+    kernel = compiled(ca.vertcat(*expressions, ca.fmin(x[1], ca.inf), ca.fmax(x[1], -ca.inf), x[1] + ca.inf), x)
+    got = kernel(np.array([[np.nan, np.inf, 1.0], [1.0, 1.0, 3.0]]))
+    assert np.isnan(got[:7, 0]).all()
+    assert np.isnan(got[:2, 1]).all()  # no sine of infinity
+    np.testing.assert_array_equal(got[7:, 2], [3.0, 3.0, np.inf])
+    constants = compiled(ca.vertcat(x[0] - ca.inf, ca.SX.nan() + x[1], x[0] * 1e-310), x)
+    np.testing.assert_array_equal(constants(np.ones((2, 1)))[:, 0], [-np.inf, np.nan, 1e-310])
+
+
+def test_outputs_may_be_inputs_constants_and_each_other():
+    x, y = ca.SX.sym("x", 2), ca.SX.sym("y")
+    function = ca.Function("f", [x, y], [ca.vertcat(x[1], x[0]), ca.SX([7.0]), y * x[0], y * x[0]])
+    got = MapKernel(function)(np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]))
+    np.testing.assert_array_equal(got, [[3, 4], [1, 2], [7, 7], [5, 12], [5, 12]])
+
+
+@pytest.mark.parametrize(("name", "make"), [("OP_ERF", ca.erf), ("OP_LOG1P", ca.log1p), ("OP_FMOD", ca.fmod)])
+def test_operation_without_translation_is_refused_by_name(name, make):
+    x = ca.SX.sym("x")
+    made = make(x, 2.0) if name == "OP_FMOD" else make(x)
+    with pytest.raises(ValueError, match=rf"must be one of .*; got {name} in f\. .*translate\.py") as error:
+        compiled(made, x)
+    assert "\n" not in str(error.value)
+
+
+def test_function_of_mx_is_refused():
+    x = ca.MX.sym("x")
+    with pytest.raises(ValueError, match=r"must be built from SX; got MXFunction f\. Use expand"):
+        MapKernel(ca.Function("f", [x], [2 * x]))
+
+
+def test_each_instruction_runs_as_seldom_as_its_arguments_allow():
+    symbols = [ca.SX.sym(name) for name in ("uniform", "lane", "time", "state")]
+    u, lane, t, s = symbols
+    expressions = [u * u + 1, u * lane, u * t, lane * t, ca.sin(s), ca.SX(3) + u]
+    function = ca.Function("f", symbols, [ca.vertcat(*expressions)])
+    inputs = [[("u", UNIFORM)], [("l", LANE)], [("t", TIME)], [("s", STATE)]]
+    rows = iter(range(5, 100))
+    program = translate(function, inputs, Names(), lambda: next(rows))
+    texts = {kind: "; ".join(line.split(" = ")[1] for line in lines) for kind, lines in program.lines.items()}
+    assert texts[UNIFORM].count(";") == 2
+    assert texts[LANE] == "u * l"
+    assert texts[TIME] in ("u * t", "t * u")
+    assert "l * t" in texts[STATE]
+    assert "sin_{h}(s)" in texts[STATE]
+    assert list(program.crossing.values()) == [5]  # u l is an output: carried from the lane loop to the steps
+    assert program.used == {"u", "l", "t", "s"}
+
+
+def test_sine_and_cosine_of_one_angle_and_divisions_by_one_number_share_their_work():
+    symbols = lane, s = [ca.SX.sym(name) for name in ("lane", "state")]
+    expressions = [ca.sin(lane) * s, ca.cos(lane) * s, lane / s, lane * lane / s, s / lane]
+    function = ca.Function("f", symbols, [ca.vertcat(*expressions)])
+    rows = iter(range(5, 100))
+    program = translate(function, [[("l", LANE)], [("s", STATE)]], Names(), lambda: next(rows))
+    lanes, states = "; ".join(program.lines[LANE]), "; ".join(program.lines[STATE])
+    assert lanes.count("sincos_{h}(l)") == 1
+    assert "sin" not in states
+    assert states.count("1.0 / s") == 1
+    assert states.count("/") == 2  # the reciprocal of s, and s / l, which nothing shares
+    assert len(program.crossing) == 3  # sine, cosine and the square of l, each worked out once per individual
+    x = np.random.default_rng(3).uniform(-3, 3, (2, 50))
+    expected = function.map(50)(x[:1], x[1:]).full()
+    np.testing.assert_allclose(MapKernel(function)(x), expected, rtol=4 * EPS, atol=1e-14)

@@ -1,0 +1,228 @@
+"""The shape of the project: who imports whom, one home per equation, and what no source may contain."""
+
+import ast
+import importlib
+import inspect
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = ("plant", "identification", "ctc")
+SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+MODULES = sorted(
+    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+    for path in SOURCES
+    if path.name != "__main__.py"
+)
+
+
+def run(*command, path=(ROOT,), cwd=ROOT):
+    """Run a command with these folders first on Python's path, and hand back what it said."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(str(p) for p in path)}
+    return subprocess.run(  # noqa: S603 - the commands are those below
+        [str(part) for part in command], env=environment, cwd=cwd, capture_output=True, text=True, check=False
+    )
+
+
+def python(code, **options):
+    return run(sys.executable, "-c", code, **options)
+
+
+def tool(name):
+    """A command line tool of this environment."""
+    path = Path(sys.executable).with_name(name)
+    if not path.exists():
+        pytest.skip(f"{name} is not installed")
+    return path
+
+
+# -- imports --------------------------------------------------------------------------------------------------------
+def test_imports_go_one_way():
+    said = run(tool("lint-imports"), "--no-cache")
+    assert said.returncode == 0, said.stdout
+    assert "2 kept, 0 broken" in said.stdout
+
+
+def test_import_linter_sees_a_breach(tmp_path):
+    """The contract is no ornament: plant importing ctc, or genetic importing plant, breaks it."""
+    for package in PACKAGES:
+        (tmp_path / package).mkdir()
+        (tmp_path / package / "__init__.py").write_text("")
+    (tmp_path / "plant" / "arm.py").write_text("import ctc\n")
+    (tmp_path / "identification" / "genetic.py").write_text("import plant\n")
+    (tmp_path / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text())
+    said = run(tool("lint-imports"), "--no-cache", path=(tmp_path,), cwd=tmp_path)
+    assert said.returncode != 0
+    assert "0 kept, 2 broken" in said.stdout
+
+
+def test_importing_loads_neither_matplotlib_nor_control():
+    """Both are slow to import (0.4 s, and 1.1-2.9 s) and needed only for figures and for linear analysis."""
+    said = python(
+        "import sys, plant, identification, ctc\n"
+        "print(sorted({'matplotlib', 'control'} & {name.split('.')[0] for name in sys.modules}))"
+    )
+    assert said.stdout.strip() == "[]", said.stderr
+
+
+@pytest.mark.parametrize(
+    ("wanted", "foreign"),
+    [
+        ("plant", "ctc"),
+        ("plant", "identification"),
+        ("identification", "plant"),
+        ("identification", "ctc"),
+        ("ctc", "plant"),
+        ("ctc", "identification"),
+    ],
+)
+def test_a_foreign_sibling_is_refused_in_one_line(tmp_path, wanted, foreign):
+    """Other distributions called `ctc` and `plant` exist; one earlier on the path would be imported instead."""
+    (tmp_path / foreign).mkdir()
+    (tmp_path / foreign / "__init__.py").write_text("")
+    said = python(f"import {wanted}", path=(tmp_path, ROOT), cwd=tmp_path)
+    assert said.returncode != 0
+    last = said.stderr.strip().splitlines()[-1]
+    assert last.startswith("ImportError: ")
+    assert str(tmp_path / foreign) in last
+    assert str(ROOT) in last
+    assert f"'{foreign}'" in last
+
+
+def test_siblings_in_place_are_accepted_from_any_folder(tmp_path):
+    said = python("import ctc, identification, plant; print(plant.__file__)", cwd=tmp_path)
+    assert said.stdout.strip() == str(ROOT / "plant" / "__init__.py"), said.stderr
+
+
+# -- what no source may contain ------------------------------------------------------------------------------------
+def breaches(tree):
+    """What a syntax tree has that it should not: (line, what)."""
+    banned = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assert):
+            yield node.lineno, "assert"
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("eval", "exec"):
+            yield node.lineno, node.func.id
+        elif isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names if alias.name.split(".")[0] in banned)
+        elif isinstance(node, ast.ImportFrom):
+            if (node.module or "").split(".")[0] in banned:
+                yield node.lineno, node.module
+            yield from ((node.lineno, "import *") for alias in node.names if alias.name == "*")
+        elif isinstance(node, ast.keyword) and node.arg == "allow_pickle":
+            yield node.value.lineno, "allow_pickle"
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_no_assert_pickle_eval_or_star_import(path):
+    assert list(breaches(ast.parse(path.read_text(encoding="utf-8")))) == []
+
+
+def test_the_scan_finds_what_it_looks_for():
+    code = (
+        "import pickle\nfrom joblib import dump\nassert 1\neval('1')\nexec('1')\n"
+        "np.load('x', allow_pickle=True)\nfrom plant import *\n"
+    )
+    found = [what for _, what in sorted(breaches(ast.parse(code)))]
+    assert found == ["pickle", "joblib", "assert", "eval", "exec", "allow_pickle", "import *"]
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_files_stay_short_or_say_why(path):
+    """STYLE: 60-150 lines, past 250 split or say why."""
+    if len(path.read_text(encoding="utf-8").splitlines()) > 250:
+        assert path.relative_to(ROOT).as_posix() in LONG
+
+
+LONG = {
+    "identification/genetic.py": "every operator of the toolbox in one file that knows nothing of robots",
+    "plant/dynamics.py": "one torque and all that is read off it",
+    "plant/reference.py": "five small motions with one interface",
+    "plant/translate.py": "one table of operations and its walk",
+    "plant/simulator.py": "two backends of one loop side by side",
+}
+
+
+# -- documentation --------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("package", PACKAGES)
+def test_public_names_are_listed_and_documented(package):
+    module = importlib.import_module(package)
+    assert module.__doc__
+    assert sorted(module.__all__) == sorted(set(module.__all__))
+    for name in module.__all__:
+        thing = getattr(module, name)
+        assert inspect.getdoc(thing), f"{package}.{name} has no docstring"
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_every_file_says_what_is_public_and_documents_it(name):
+    module = importlib.import_module(name)
+    assert module.__doc__, name
+    for public in module.__all__:
+        thing = getattr(module, public)
+        if inspect.isclass(thing) or inspect.isfunction(thing):
+            # A dataclass without a docstring gets its signature; that does not count.
+            assert thing.__doc__, f"{name}.{public}"
+            assert not thing.__doc__.startswith(f"{public}("), f"{name}.{public}"
+
+
+HOME = re.compile(r"Source: paper(?:\s[^\n\"]*?)?\seq\.\s((?:\(\d+\)(?:,\s)?)+)")
+
+
+def homes():
+    """Equation number -> files whose docstrings say that it comes from there."""
+    found = {}
+    for path in SOURCES:
+        for match in HOME.finditer(path.read_text(encoding="utf-8")):
+            for number in re.findall(r"\((\d+)\)", match[1]):
+                found.setdefault(int(number), set()).add(path.relative_to(ROOT).as_posix())
+    return found
+
+
+def listed():
+    """Equation number -> names of what holds it, from docs/equations.md."""
+    rows = {}
+    for line in (ROOT / "docs" / "equations.md").read_text(encoding="utf-8").splitlines():
+        cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
+        if re.fullmatch(r"\(\d+\)", cells[0]):
+            rows[int(cells[0][1:-1])] = re.findall(r"`([\w.]+)`", cells[2])
+    return rows
+
+
+def resolve(name):
+    """File and object of a dotted name."""
+    module = name
+    while not (ROOT / f"{module.replace('.', '/')}.py").is_file():
+        module = module.rpartition(".")[0]
+        assert module, f"{name} is in no file"
+    thing = importlib.import_module(module)
+    for attribute in name[len(module) + 1 :].split("."):
+        thing = inspect.getattr_static(thing, attribute)
+    return f"{module.replace('.', '/')}.py", thing
+
+
+def test_every_equation_has_one_home_and_the_list_says_which():
+    assert set(listed()) == set(homes()) == {1, 2, 3, 4, 5, 6}
+    for number, names in listed().items():
+        assert names, f"({number}) has no place"
+        assert {resolve(name)[0] for name in names} == homes()[number]
+        for name in names:
+            said = [int(k) for m in HOME.finditer(resolve(name)[1].__doc__) for k in re.findall(r"\((\d+)\)", m[1])]
+            assert number in said, f"the docstring of {name} does not say that it is eq. ({number})"
+
+
+# -- style ----------------------------------------------------------------------------------------------------------
+def test_ruff_passes():
+    said = run(tool("ruff"), "check", ".", "--no-cache")
+    assert said.returncode == 0, said.stdout
+
+
+def test_the_code_is_formatted():
+    folders = [name for name in (*PACKAGES, "tests", "examples") if (ROOT / name).is_dir()]
+    said = run(tool("ruff"), "format", "--check", "--no-cache", *folders)
+    assert said.returncode == 0, said.stdout
