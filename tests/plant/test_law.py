@@ -1,0 +1,60 @@
+"""Laws: the symbolic block, and the running controller of a control script against the simulated loop."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from closed_loops import Filtered, NoTorque
+
+from plant import puma560, simulate
+
+ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
+LAW = Filtered(gain=(8.0, 6.0), rate=40.0, period=RIG.period)
+
+
+def test_block_holds_the_law_s_numbers_then_the_rig_s():
+    block = LAW.block(RIG)
+    assert block.names[:3] == ["law.gain[0]", "law.gain[1]", "law.rate"]
+    assert block.names[3:] == RIG.number_names()
+    np.testing.assert_array_equal(block.values, [8.0, 6.0, 40.0, *RIG.number_values()])
+    np.testing.assert_array_equal(block.initial, LAW.initial_state(2))
+    assert block.period == RIG.period
+
+
+def test_running_controller_asks_for_the_torque_of_the_simulated_one():
+    """Fed with the counts of a simulation, one sample at a time."""
+    record = simulate(ARM, RIG, LAW, PATH, duration=0.2)
+    motion = PATH(record.t)
+    counts = record.reference_pulses - record.error_pulses
+    controller = LAW.start(RIG, counts[0])
+    torque = [controller.step(*row) for row in zip(counts, *motion, strict=True)]
+    # The same equations in two kernels: rounding, carried on by a filter that forgets in 25 ms.
+    np.testing.assert_allclose(torque, record.torque, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(controller.pulses, counts[-1])
+
+
+def test_refused_reading_changes_nothing():
+    controller = LAW.start(RIG, (0, 0))
+    controller.step((1, 2), (0, 0), (0, 0), (0, 0))
+    before = controller.state.copy(), controller.torque.copy(), controller.pulses.copy()
+    for pulses, q, message in (((1.5, 0), (0, 0), "pulses must be whole encoder counts"),
+                               ((np.nan, 0), (0, 0), "pulses must be finite; got nan at index 0"),
+                               ((1,), (0, 0), r"pulses must have shape \(2,\)"),
+                               ((1, 2), (0, np.inf), "q_r must be finite; got inf at index 1")):  # fmt: skip
+        with pytest.raises(ValueError, match=message):
+            controller.step(pulses, q, (0, 0), (0, 0))
+    for was, now in zip(before, (controller.state, controller.torque, controller.pulses), strict=True):
+        np.testing.assert_array_equal(was, now)
+
+
+def test_running_controller_stays_within_the_amplifier():
+    torque = LAW.start(RIG, (0, 0)).step((0, 0), (1.0, -1.0), (0, 0), (0, 0))
+    np.testing.assert_allclose(np.abs(torque), RIG.drive.torque_limit(), rtol=1e-15)
+
+
+def test_law_of_the_wrong_size_is_refused():
+    class Short(NoTorque):
+        def equations(self, rig, state, setpoint, pulses, torque, dt):
+            return ca.SX.zeros(1), state
+
+    with pytest.raises(ValueError, match=r"Short must give torque \(2, 1\) and state \(0, 1\); got \(1, 1\)"):
+        Short().block(RIG)
