@@ -18,6 +18,7 @@ import stat
 import sys
 import tempfile
 import threading
+import warnings
 from pathlib import Path
 
 import numba
@@ -43,6 +44,12 @@ def cache_folder():
         with tempfile.TemporaryFile(dir=folder):
             return folder
     except OSError:
+        if CACHE_VARIABLE in os.environ:
+            warnings.warn(
+                f"{CACHE_VARIABLE} must name a folder of yours that nobody else can enter (chmod 700); {folder} is not "
+                "used, and kernels are compiled anew in every process. Change its mode or name another.",
+                stacklevel=2,
+            )
         return _private_folder()
 
 
@@ -68,11 +75,12 @@ class Kernel:
         self.hash = hashlib.sha256(key.encode()).hexdigest()[:24]
         self.source = template.replace("{h}", self.hash)
         self._fresh = set(functions)
+        self._path = None
 
     @property
     def path(self):
         """File that holds the source."""
-        return cache_folder() / f"kernel_{self.hash}.py"
+        return self._path or cache_folder() / f"kernel_{self.hash}.py"
 
     def call(self, name, *arguments):
         """Call one of the functions, compiling it or taking it from the cache first."""
@@ -98,8 +106,12 @@ class Kernel:
         return getattr(_MODULES[self.hash], f"{name}_{self.hash}")
 
     def _module(self):
-        path = self.path
-        if not (path.is_file() and path.read_bytes() == self.source.encode()):
+        path = self._path = cache_folder() / f"kernel_{self.hash}.py"
+        try:
+            if not (path.is_file() and path.read_bytes() == self.source.encode()):
+                _replace(path, self.source)
+        except OSError:  # something else stands there
+            path = self._path = _private_folder() / path.name
             _replace(path, self.source)
         noted = self._noted()
         self._drop(lambda file: noted.get(file.name) != _checksum(file))
@@ -161,8 +173,10 @@ def _checksum(file):
 def _replace(path, text):
     """Write a file so that others see the old one or the new one, never half of it."""
     handle, name = tempfile.mkstemp(dir=path.parent)
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        file.write(text)
-    if path.is_dir():
-        raise OSError(f"{path} is a folder")
-    os.replace(name, path)
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        os.replace(name, path)
+    except OSError:
+        os.unlink(name)
+        raise

@@ -26,7 +26,7 @@ from plant.rig import Rig
 __all__ = ["ClosedLoop"]
 
 FAR = 1e6
-"""A joint position [rad], velocity [rad/s] or torque beyond this has diverged; so has NaN."""
+"""A joint position [rad] or velocity [rad/s] beyond this has diverged; so has NaN."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -184,6 +184,8 @@ class Record:
             for column, name in enumerate(names[1:], 1):
                 if name not in known:
                     raise ValueError(f"{path} has an unknown column {name!r}; known are {', '.join(known)}. Rename it.")
+                if name in names[1:column]:
+                    raise ValueError(f"{path} has column {name!r} twice; each may come once. Drop one.")
                 field, joint = known[name]
                 fields.setdefault(field, np.full((len(table), n), np.nan))[:, joint] = table[:, column]
         return cls(

@@ -148,10 +148,9 @@ def test_the_true_f_tracks_within_one_pulse(period):
 
 
 @pytest.mark.parametrize("period", PERIODS)
-@pytest.mark.parametrize("seed", [0, pytest.param(range(1, 10), marks=pytest.mark.slow)])
-def test_f_off_by_five_per_cent_tracks_within_one_pulse(period, seed):
-    for each in np.atleast_1d(seed):
-        promised(arm(), noisy(int(each)), period, backend="numba")
+def test_f_off_by_five_per_cent_tracks_within_one_pulse(period):
+    for seed in range(10):
+        promised(arm(), noisy(seed), period, backend="numba")
 
 
 @pytest.mark.parametrize("period", PERIODS)

@@ -186,18 +186,22 @@ def test_environment_variable_comes_before_the_usual_places(tmp_path, monkeypatc
 def test_folder_open_to_others_is_not_used(folder, mode):
     folder.mkdir()
     folder.chmod(mode)
-    fallback = cache_folder()
+    with pytest.warns(UserWarning, match="chmod 700"):
+        fallback = cache_folder()
     assert fallback != folder
     assert stat.S_IMODE(fallback.stat().st_mode) == 0o700
-    assert fallback == cache_folder()  # one per process
+    with pytest.warns(UserWarning, match="chmod 700"):
+        assert fallback == cache_folder()  # one per process
 
 
+@pytest.mark.filterwarnings("ignore:ONEPULSE_CACHE")
 def test_folder_of_another_user_is_not_used(folder, monkeypatch):
     folder.mkdir(mode=0o700)
     monkeypatch.setattr(os, "getuid", lambda: folder.stat().st_uid + 1)
     assert cache_folder() != folder
 
 
+@pytest.mark.filterwarnings("ignore:ONEPULSE_CACHE")
 def test_unusable_folder_is_not_fatal(folder, monkeypatch):
     folder.write_text("a file where the folder should be")
     assert kernel_of("3.0").call("times", 2.0) == 6.0
@@ -206,6 +210,16 @@ def test_unusable_folder_is_not_fatal(folder, monkeypatch):
     assert kernel_of("3.0").call("times", 2.0) == 6.0
 
 
+def test_folder_in_place_of_the_source_is_not_fatal(folder, monkeypatch):
+    folder.mkdir(mode=0o700)
+    kernel = kernel_of("3.5")
+    (folder / f"kernel_{kernel.hash}.py").mkdir()
+    assert kernel.call("times", 2.0) == 7.0
+    assert kernel.path.parent != folder
+    assert [file for file in folder.iterdir() if file.is_file()] == []  # nothing half-written is left
+
+
+@pytest.mark.filterwarnings("ignore:ONEPULSE_CACHE")
 def test_read_only_folder_is_not_fatal(folder):
     folder.mkdir(mode=0o700)
     folder.chmod(0o500)
