@@ -4,13 +4,13 @@ Reading order: `observer` (what the encoder tells of the tracking error) -> `com
 `evaluation` (the verdict) -> `plots` (figures). ``python -m ctc`` runs the paper from end to end.
 """
 
-from importlib.machinery import PathFinder
+from importlib.util import find_spec
 from pathlib import Path
 
 _home = Path(__file__).resolve().parent.parent
 for _name in ("plant", "identification"):
-    _found = PathFinder.find_spec(_name)
-    if _found is None or Path(_found.origin).resolve().parent.parent != _home:
+    _found = find_spec(_name)
+    if _found is None or _found.origin is None or Path(_found.origin).resolve().parent.parent != _home:
         raise ImportError(
             f"package {_name!r} must be beside {_home / 'ctc'}; it would be imported from "
             f"{_found.origin if _found else 'nowhere'}. Uninstall the other distribution, or put {_home} first."

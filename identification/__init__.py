@@ -4,11 +4,11 @@ Reading order: `objective` (equation (4) of a whole population) -> `ranges` (whe
 genetic algorithm, 3.7) -> `identify` (the procedure of 3.2) -> `spread` (how much the result varies, 4.2).
 """
 
-from importlib.machinery import PathFinder
+from importlib.util import find_spec
 from pathlib import Path
 
-_home, _found = Path(__file__).resolve().parent.parent, PathFinder.find_spec("plant")
-if _found is None or Path(_found.origin).resolve().parent.parent != _home:
+_home, _found = Path(__file__).resolve().parent.parent, find_spec("plant")
+if _found is None or _found.origin is None or Path(_found.origin).resolve().parent.parent != _home:
     raise ImportError(
         f"package 'plant' must be beside {_home / 'identification'}; it would be imported from "
         f"{_found.origin if _found else 'nowhere'}. Uninstall the other distribution, or put {_home} first."
@@ -19,6 +19,10 @@ from identification.identify import Identification, identify  # noqa: E402
 from identification.objective import Objective  # noqa: E402
 from identification.ranges import Interval, LinkSize, puma560_ranges, ranges  # noqa: E402
 from identification.spread import Spread, spread  # noqa: E402
+from plant.check import known_options  # noqa: E402
+
+# The genetic algorithm imports nothing of this project, so a misspelt setting is caught from here.
+known_options(GeneticSettings)
 
 __all__ = [
     "GeneticResult", "GeneticSettings", "Identification", "Interval", "LinkSize", "Objective", "Spread", "identify",

@@ -11,7 +11,7 @@ import json
 
 import numpy as np
 
-from plant.check import array
+from plant.check import array, known_options
 from plant.law import Law
 from plant.part import restore
 from plant.reference import Reference
@@ -29,6 +29,7 @@ _COLUMNS = (
 )
 
 
+@known_options
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Record:
     """Samples of one experiment.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from importlib.machinery import PathFinder
+from importlib.util import find_spec
 from pathlib import Path
 
 __all__ = ["check_siblings"]
@@ -18,7 +18,7 @@ def check_siblings():
     """
     home = Path(__file__).resolve().parent.parent
     for name in ("identification", "ctc"):
-        spec = PathFinder.find_spec(name)
+        spec = find_spec(name)
         found = Path(spec.origin).resolve().parent.parent if spec and spec.origin else None
         if found != home:
             raise ImportError(
