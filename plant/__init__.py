@@ -2,9 +2,9 @@
 
 Reading order: `links` (geometry) -> `dynamics` (one torque, D, h, C and Y read off it) with `lumping` (what f means)
 -> `arm` (dynamics + f) -> `drive`, `friction`, `encoder`, `rig` -> `reference`, `law`, `laws`, `running` (a law in a
-control script) -> `loop` (the symbolic closed loop) -> `translate`, `kernel`, `compile` (the same loop as machine
-code) -> `tables`, `simulator`, `record`; `linear` (the loop linearised), `inertia` (can this be an arm?) and
-`puma560` (the paper's example).
+control script) -> `loop` (the symbolic closed loop) -> `translate`, `elementary`, `kernel`, `compile` (the same loop as
+machine code) -> `tables`, `simulator`, `referee` (the loop by casadi), `record`; `linear` (the loop linearised),
+`inertia` (can this be an arm?) and `puma560` (the paper's example).
 """
 
 from plant import puma560

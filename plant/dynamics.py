@@ -13,6 +13,7 @@ import numpy as np
 
 from plant.arm import Arm
 from plant.check import array
+from plant.checked import CheckedFunction
 from plant.links import Chain
 from plant.lumping import STANDARD, Lumping, standard_parameters
 from plant.part import Part, part, structure
@@ -219,33 +220,3 @@ class Dynamics(Part):
                     f"lumping must describe the motion of the chain; its torque is {got}, the chain's {expected}. "
                     "Correct the equation for f or the table of links."
                 )
-
-
-class CheckedFunction:
-    """A casadi Function that refuses wrong shapes, where casadi would broadcast or transpose without a word."""
-
-    def __init__(self, function):
-        self.function = function
-
-    def __call__(self, *arguments):
-        names = self.function.name_in()
-        if len(arguments) != len(names):
-            given = f"{self.function.name()} takes ({', '.join(names)}); got {len(arguments)} arguments"
-            raise ValueError(f"{given}. Give all of them, in this order.")
-        checked = []
-        for i, (name, value) in enumerate(zip(names, arguments, strict=True)):
-            shape = self.function.size_in(i)
-            if isinstance(value, (ca.SX, ca.MX, ca.DM)):
-                if value.shape != shape:
-                    raise ValueError(f"{name} must have shape {shape}; got {value.shape}. Give a column.")
-                checked.append(value)
-            else:
-                advice = "Pass found.arm.f, or Dynamics.f(bodies)." if name == "f" else "One value per joint [SI]."
-                checked.append(array(name, value, (shape[0],), advice=advice))
-        return self.function(*checked)
-
-    def __getattr__(self, name):
-        return getattr(self.function, name)
-
-    def __repr__(self):
-        return repr(self.function)

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from plant.compile import Kernel
-from plant.translate import HELPERS, LANE, STATE, TIME, UNIFORM, Names, translate
+from plant.elementary import HELPERS
+from plant.translate import LANE, STATE, TIME, UNIFORM, Names, translate
 
 __all__ = ["LANES", "LoopKernel", "MapKernel"]
 

@@ -23,7 +23,7 @@ from plant.friction import friction_impulse, smooth_impulse
 from plant.law import Law
 from plant.rig import Rig
 
-__all__ = ["ClosedLoop"]
+__all__ = ["ClosedLoop", "Structure"]
 
 FAR = 1e6
 """A joint position [rad] or velocity [rad/s] beyond this has diverged; so has NaN."""
@@ -216,3 +216,18 @@ class ClosedLoop:
         return self._function(
             "substep", [middle + h / 2 * following, following, impulse, torque, law_state, status[0], ok], error
         )
+
+
+class Structure:
+    """A loop compared by its structure alone: loops with other numbers share one kernel."""
+
+    def __init__(self, loop):
+        self.loop = loop
+        functions = (loop.law_step, loop.sample, loop.substep)
+        self.key = tuple(None if f is None else f.serialize() for f in functions), loop.steps_per_law
+
+    def __eq__(self, other):
+        return self.key == other.key and self.loop.steps_per_sample == other.loop.steps_per_sample
+
+    def __hash__(self):
+        return hash(self.key)
