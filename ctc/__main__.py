@@ -14,7 +14,7 @@ from plant import puma560, simulate
 def main(arguments=None):
     """Run the main job and print its table."""
     parser = argparse.ArgumentParser(prog="python -m ctc", description=__doc__.split(" ``")[0])
-    parser.add_argument("--seed", type=int, default=1, help="of the genetic algorithm (default 1)")
+    parser.add_argument("--seed", type=_seed, default=1, help="of the genetic algorithm (default 1)")
     parser.add_argument(
         "--figures", type=Path, default=Path("figures"), help="folder for the figures (default figures)"
     )
@@ -39,10 +39,16 @@ def main(arguments=None):
     for verdict in verdicts.values():
         print("\n   " + str(verdict).replace("\n", "\n   "))
 
-    print(f"\n4. figures in {options.figures}")
+    print(f"\n4. figures, saved in the folder {options.figures}")
     _save_figures(options.figures, robot, rig, path, measured, found, verdicts)
     print(f"   done after {time.perf_counter() - started:.1f} s")
     return 0 if verdicts["computed torque"].within(1) else 1
+
+
+def _seed(text):
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"a seed is a whole number from 0; got {text!r}")
+    return int(text)
 
 
 def _save_figures(folder, robot, rig, path, measured, found, verdicts):

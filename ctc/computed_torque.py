@@ -54,22 +54,21 @@ class ComputedTorque(Law):
     Source: paper Fig. 2.
     """
 
-    arm: Arm = structure(positional=True)
-    rig: Rig = structure(positional=True)
+    arm: Arm = structure(Arm, positional=True)
+    rig: Rig = structure(Rig, positional=True)
     bandwidth: float = number((), default=250.0)
     observer_ratio: float = number((), default=1.5)
     start_boost: float = number((), default=3.0)
     start_time: float = number((), default=0.02)
-    friction: bool = structure(default=True)
-    measured: bool = structure(default=False)
+    friction: bool = structure(bool, default=True)
+    measured: bool = structure(bool, default=False)
     delay: int = structure(default=0)
 
     def __post_init__(self):
         super().__post_init__()
-        if not isinstance(self.arm, Arm) or not isinstance(self.rig, Rig) or self.arm.n != self.rig.n:
+        if self.arm.n != self.rig.n:
             raise ValueError(
-                f"arm and rig must be an Arm and a Rig with equal joints; got {self.arm!r:.40} and {self.rig!r:.40}. "
-                "Pass found.arm and found.rig."
+                f"arm and rig must have equal joints; got {self.arm.n} and {self.rig.n}. Pass found.arm and found.rig."
             )
         for name in ("bandwidth", "observer_ratio", "start_boost", "start_time"):
             if not getattr(self, name) > 0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from numbers import Real
 
 import numpy as np
@@ -75,6 +76,10 @@ class Evaluation:
             raise ValueError(f"k must be a number of pulses, 0 or more; got {k!r}. The promise is 1.")
         return float((np.abs(self.record.error_pulses) <= k).all(axis=1).mean())
 
+    def share_within(self, k):
+        """`fraction_within` as text, rounded down, so that 100.00% means all samples."""
+        return f"{math.floor(self.fraction_within(k) * 1e4 + 1e-9) / 100:.2f}%"
+
     def within(self, k):
         """Whether every joint's encoder error is within +-k pulses at every sample."""
         return self.fraction_within(k) == 1.0
@@ -90,8 +95,7 @@ class Evaluation:
             return f"{name:<34}" + "".join(f"{value:>12{form}}" for value in values)
 
         lines = [
-            f"{type(self.record.law).__name__}: {self.fraction_within(1):.2%} of {len(self.record)} samples "
-            "within +-1 pulse",
+            f"{type(self.record.law).__name__}: {self.share_within(1)} of {len(self.record)} samples within +-1 pulse",
             row("", [f"joint {name}" for name in self.joints], ""),
             row("encoder error, peak [pulses]", self.max_error_pulses, ".0f"),
             row("encoder error, RMS [pulses]", self.rms_error_pulses, ".2f"),

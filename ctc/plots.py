@@ -31,8 +31,28 @@ def _name(names, joint):
     return f"joint {names[joint] if names else joint + 1}"
 
 
-def _band(axis, pulses):
-    axis.axhspan(-pulses, pulses, color=_BAND, zorder=0, label=f"±{pulses} pulse")
+def _pulses(axis, t, error, colour, **options):
+    axis.plot(t, error, drawstyle="steps-post", color=colour, linewidth=0.7, **options)
+
+
+def _band(axis, pulses=1):
+    """The promised band, and whole pulses on the axis, which never ends at the band."""
+    from matplotlib.ticker import MaxNLocator
+
+    axis.axhspan(-pulses, pulses, color=_BAND, zorder=0)
+    axis.yaxis.set_major_locator(MaxNLocator(integer=True))
+    low, high = axis.get_ylim()
+    axis.set_ylim(min(low, -2.0 * pulses), max(high, 2.0 * pulses))
+    axis.text(0.995, 0.0, f"±{pulses} pulse", transform=axis.get_yaxis_transform(), ha="right", va="center",
+              fontsize=7, color="0.3", bbox={"facecolor": _BAND, "edgecolor": "none", "pad": 1})  # fmt: skip
+
+
+def _equal_rows(axes):
+    """One scale per row, so that columns can be compared."""
+    for row in axes:
+        largest = max(abs(limit) for axis in row for limit in axis.get_ylim())
+        for axis in row:
+            axis.set_ylim(-largest, largest)
 
 
 def plot_evaluation(evaluation, axes=None):
@@ -52,12 +72,12 @@ def plot_evaluation(evaluation, axes=None):
     figure, axes = _figure(record.n, 2, width=11) if axes is None else (np.asarray(axes).flat[0].figure, axes)
     for joint, (left, right) in enumerate(axes):
         colour = _COLOURS[joint % len(_COLOURS)]
-        _band(left, 1)
-        left.plot(record.t, record.error_pulses[:, joint], drawstyle="steps-post", color=colour, linewidth=0.7)
+        _pulses(left, record.t, record.error_pulses[:, joint], colour)
+        _band(left)
         left.set_ylabel(f"{_name(evaluation.joints, joint)}\nerror [pulses]")
         right.plot(record.t, record.torque[:, joint], color=colour, linewidth=0.7)
         right.set_ylabel("torque [N m]")
-    axes[0][0].set_title(f"{evaluation.fraction_within(1):.2%} of the samples within ±1 pulse", fontsize=10)
+    axes[0][0].set_title(f"{evaluation.share_within(1)} of the samples within ±1 pulse", fontsize=10)
     axes[0][1].set_title("joint torque", fontsize=10)
     return figure
 
@@ -73,22 +93,20 @@ def plot_comparison(evaluations):
     -------
     matplotlib.figure.Figure
     """
+    if not evaluations:
+        raise ValueError("evaluations must hold one per law; got none. Pass {name: evaluate(...)}.")
     first = next(iter(evaluations.values())).record
     figure, axes = _figure(first.n, len(evaluations), width=5.2 * len(evaluations))
     for column, (name, evaluation) in enumerate(evaluations.items()):
         record = evaluation.record
         for joint in range(record.n):
             axis = axes[joint, column]
-            _band(axis, 1)
-            colour = _COLOURS[joint % len(_COLOURS)]
-            axis.plot(record.t, record.error_pulses[:, joint], drawstyle="steps-post", color=colour, linewidth=0.7)
+            _pulses(axis, record.t, record.error_pulses[:, joint], _COLOURS[joint % len(_COLOURS)])
+            _band(axis)
             if column == 0:
                 axis.set_ylabel(f"{_name(evaluation.joints, joint)}\nerror [pulses]")
-        axes[0, column].set_title(f"{name}: {evaluation.fraction_within(1):.1%} within ±1 pulse", fontsize=10)
-    for row in axes:
-        largest = max(abs(limit) for axis in row for limit in axis.get_ylim())
-        for axis in row:
-            axis.set_ylim(-largest, largest)
+        axes[0, column].set_title(f"{name}: {evaluation.share_within(1)} within ±1 pulse", fontsize=10)
+    _equal_rows(axes)
     return figure
 
 
@@ -143,12 +161,14 @@ def plot_identification(measured, first, best, others=(), joints=()):
     for column, (model, title) in enumerate(zip((first, best), titles, strict=True)):
         for joint in range(measured.n):
             axis = axes[joint, column]
-            for other in others if column == 0 else ():
-                axis.plot(other.t, other.error_pulses[:, joint], color="0.8", linewidth=0.5)
+            for i, other in enumerate(others if column == 0 else ()):
+                label = f"next {len(others)} models" if i == 0 else None
+                axis.plot(other.t, other.error_pulses[:, joint], color="0.8", linewidth=0.5, label=label)
             axis.plot(measured.t, measured.error_pulses[:, joint], color="0.35", linewidth=0.7, label="robot")
             colour = _COLOURS[joint % len(_COLOURS)]
             axis.plot(model.t, model.error_pulses[:, joint], color=colour, linewidth=0.7, label="best model")
             axis.set_ylabel(f"{_name(joints, joint)}\nerror [pulses]" if column == 0 else "")
+            axis.legend(loc="upper right", fontsize=7, ncols=3, frameon=False)
         axes[0, column].set_title(title, fontsize=10)
-        axes[0, column].legend(loc="upper right", fontsize=8, frameon=False)
+    _equal_rows(axes)
     return figure

@@ -24,6 +24,8 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 html_theme = "furo"
 html_title = "onepulse"
+html_static_path = ["static"]
+html_css_files = ["formula.css"]
 exclude_patterns = ["_build", "jupyter_execute"]
 html_math_renderer = "mathml"
 
@@ -39,4 +41,14 @@ def setup(app):
         self.body.append(f'<div class="formula">{convert(node.astext(), display="block")}</div>')
         raise nodes.SkipNode
 
+    def source_first(app, what, name, obj, options, lines):
+        """Move a closing "Source: ..." above the sections, where it is a sentence and not a parameter."""
+        starts = [i for i, line in enumerate(lines) if line.startswith("Source:")]
+        sections = [i for i, line in enumerate(lines) if i and line and set(line) == {"-"}]
+        if starts and sections and starts[-1] > sections[0]:
+            source = lines[starts[-1] :]
+            del lines[starts[-1] :]
+            lines[sections[0] - 1 : sections[0] - 1] = [*source, ""]
+
+    app.connect("autodoc-process-docstring", source_first, priority=100)
     app.add_html_math_renderer("mathml", (inline, None), (display, None))

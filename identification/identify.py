@@ -134,7 +134,7 @@ def identify(
         if dynamics.ranges is None or objective.unknown != dynamics.names:
             raise ValueError(
                 f"ranges must be given for {', '.join(objective.unknown)}; got None. Pass (low, high) for each, "
-                "or derive those of f by identification.ranges."
+                "or give the Dynamics its ranges."
             )
         ranges = dynamics.ranges
     ranges = array("ranges", ranges, (objective.p, 2), advice="Give (low, high) for each unknown.")

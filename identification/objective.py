@@ -9,13 +9,14 @@ from concurrent.futures import ThreadPoolExecutor
 import casadi as ca
 import numpy as np
 
-from plant.check import array, known_options
+from plant.check import array, instance, known_options
+from plant.dynamics import Dynamics
 from plant.inertia import least_inertia_margin
 from plant.kernel import LANES
 from plant.loop import ClosedLoop
 from plant.record import Record
-from plant.simulator import loop_kernel, path_of, replay_start
-from plant.tables import time_tables
+from plant.simulator import loop_kernel
+from plant.tables import path_of, start_of, time_tables
 
 __all__ = ["Objective", "squared_error"]
 
@@ -62,6 +63,9 @@ class Objective:
             raise ValueError(f"records must be at least one Record; got {given}. Pass what simulate or from_csv gave.")
         if threads is not None and (not isinstance(threads, (int, np.integer)) or threads < 1):
             raise ValueError(f"threads must be a whole number of at least 1; got {threads!r}. Leave it out for all.")
+        instance("dynamics", dynamics, Dynamics, "Pass the equations with f open, such as puma560.dynamics().")
+        if isinstance(unknown, str):
+            raise ValueError(f"unknown must be a sequence of names; got the text {unknown!r}. Write ({unknown!r},).")
         self.dynamics, self.records = dynamics, records
         self.unknown = tuple(dynamics.names if unknown is None else unknown)
         twice = [name for i, name in enumerate(self.unknown) if name in self.unknown[:i]]
@@ -125,12 +129,15 @@ class _Experiment:
         samples = len(record)
         self._tables = (*time_tables(loop, path, samples), np.ascontiguousarray(record.error_pulses))
         self._numbers = loop.number_values(np.full(dynamics.p, np.nan))
-        self._state = loop.initial_state(*replay_start(path, record.initial))
+        self._state = loop.initial_state(*start_of(record, path))
         self._steps = samples * steps_per_sample
         self._dynamics, self._rig = dynamics, record.rig
         open_f = [name for name in dynamics.names if name not in unknown]
         if open_f:
-            raise ValueError(f"unknown must include all of f; {', '.join(open_f)} are missing. Add them to unknown.")
+            raise ValueError(
+                f"unknown must include all of f; {', '.join(open_f)} are missing. Add them to unknown, and fix what is "
+                "known by equal ends of its range."
+            )
 
     def costs(self, population, threads):
         """Costs (P,), inf for what cannot be."""
@@ -164,9 +171,9 @@ class _Experiment:
 def _uniform(record):
     """Refuse time stamps that are not t_0 + k period: the model's samples would drift from the robot's."""
     late = record.t - record.t[0] - np.arange(len(record)) * record.rig.period
-    worst = int(np.argmax(np.abs(late)))
-    if abs(late[worst]) > 0.01 * record.rig.period:
+    wrong = np.flatnonzero(np.abs(late) > 0.01 * record.rig.period)
+    if len(wrong):
         raise ValueError(
-            f"t must advance by the rig's period {record.rig.period:.6g} s; sample {worst} is {late[worst]:+.3g} s "
-            "off. Resample the log or correct the period."
+            f"t must advance by the rig's period {record.rig.period:.6g} s; sample {wrong[0]} is "
+            f"{late[wrong[0]]:+.3g} s off. Resample the log or correct the period."
         )

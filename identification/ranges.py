@@ -54,6 +54,15 @@ class Interval:
         inside = [0.0] if exponent % 2 == 0 and self.low < 0 < self.high else []
         return Interval(min(ends + inside), max(ends))
 
+    def __neg__(self):
+        return Interval(-self.high, -self.low)
+
+    def __sub__(self, other):
+        return self + -Interval.of(other)
+
+    def __rsub__(self, other):
+        return -self + other
+
     __radd__, __rmul__ = __add__, __mul__
 
 

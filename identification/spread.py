@@ -77,7 +77,7 @@ def spread(dynamics, records, *, seeds=range(10), published=None, **options):
     ValueError
         Fewer than two seeds, or what `identify` refuses.
     """
-    seeds = tuple(seeds)
+    seeds = tuple(seeds) if np.iterable(seeds) else (seeds,)
     if len(seeds) < 2:
         raise ValueError(f"seeds must be two or more; got {len(seeds)}. A spread needs a series of runs.")
     if published is not None:

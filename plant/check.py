@@ -5,10 +5,11 @@ from __future__ import annotations
 import difflib
 import functools
 import inspect
+import numbers
 
 import numpy as np
 
-__all__ = ["array", "choice", "known_options"]
+__all__ = ["array", "choice", "instance", "known_options", "real"]
 
 
 def array(name, value, shape, *, advice, finite=True):
@@ -68,24 +69,55 @@ def choice(name, value, allowed):
     raise ValueError(f"{name} must be one of {', '.join(repr(a) for a in allowed)}; got {value!r}. {hint}")
 
 
+def instance(name, value, kind, advice):
+    """Return `value` if it is a `kind`, or refuse it.
+
+    Raises
+    ------
+    ValueError
+    """
+    if isinstance(value, kind):
+        return value
+    given = f"the class {value.__name__}" if inspect.isclass(value) else f"a value of type {type(value).__name__}"
+    raise ValueError(f"{name} must be of type {kind.__name__}; got {given}. {advice}")
+
+
+def real(name, value, advice, *, positive=False):
+    """Return `value` as a float if it is one finite number (above zero if `positive`), or refuse it.
+
+    Raises
+    ------
+    ValueError
+    """
+    sound = isinstance(value, numbers.Real) and not isinstance(value, bool) and np.isfinite(value)
+    if sound and (value > 0 or not positive):
+        return float(value)
+    raise ValueError(f"{name} must be a {'positive' if positive else 'finite'} number; got {value!r:.60}. {advice}")
+
+
 def known_options(callable_):
-    """Decorate a function or class so that a misspelt keyword is a ValueError that offers the nearest name."""
+    """Decorate a function or class so that a call that does not fit is a ValueError, with the nearest name offered."""
     signature = inspect.signature(callable_)
     if any(p.kind is p.VAR_KEYWORD for p in signature.parameters.values()):
         raise ValueError(f"{callable_} takes any keyword; known_options needs named ones. Name them.")
+    keywords = [k for k, p in signature.parameters.items() if p.kind is not p.POSITIONAL_ONLY]
 
-    def verify(kwargs):
+    def verify(args, kwargs):
         for key in kwargs:
             if key not in signature.parameters:
-                keywords = [k for k, p in signature.parameters.items() if p.kind is not p.POSITIONAL_ONLY]
                 choice(f"an option of {callable_.__name__}", key, keywords)
+        try:
+            signature.bind(*args, **kwargs)
+        except TypeError as error:
+            takes = f"{callable_.__name__} takes ({', '.join(keywords)})"
+            raise ValueError(f"{takes}; this call does not fit: {error}. Name the arguments.") from None
 
     if inspect.isclass(callable_):
         initialise = callable_.__init__
 
         @functools.wraps(initialise)
         def __init__(self, *args, **kwargs):
-            verify(kwargs)
+            verify(args, kwargs)
             initialise(self, *args, **kwargs)
 
         callable_.__init__ = __init__
@@ -94,7 +126,7 @@ def known_options(callable_):
 
     @functools.wraps(callable_)
     def wrapper(*args, **kwargs):
-        verify(kwargs)
+        verify(args, kwargs)
         return callable_(*args, **kwargs)
 
     return wrapper

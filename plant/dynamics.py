@@ -12,9 +12,9 @@ import casadi as ca
 import numpy as np
 
 from plant.arm import Arm
-from plant.check import array
+from plant.check import array, instance
 from plant.checked import CheckedFunction
-from plant.links import Chain
+from plant.links import Body, Chain
 from plant.lumping import STANDARD, Lumping, standard_parameters
 from plant.part import Part, part, structure
 
@@ -96,8 +96,8 @@ class Dynamics(Part):
     called with numpy arrays (giving casadi DM) or with casadi symbols.
     """
 
-    chain: Chain = structure()
-    lumping: Lumping = structure()
+    chain: Chain = structure(Chain)
+    lumping: Lumping = structure(Lumping)
     ranges: tuple = structure(default=None)
 
     def __post_init__(self):
@@ -125,7 +125,12 @@ class Dynamics(Part):
         return self.lumping.names
 
     def f(self, bodies):
-        """Parameters f (p,) of an arm whose links are these bodies."""
+        """Parameters f (p,) of an arm whose links are these bodies, one per link."""
+        bodies = tuple(bodies)
+        if len(bodies) != self.n:
+            raise ValueError(f"bodies must be {self.n}, one per link; got {len(bodies)}. Join a tool to its link.")
+        for body in bodies:
+            instance("each of the bodies", body, Body, "Give mass, com and inertia.")
         return np.array(self.lumping.matrix) @ standard_parameters(bodies)
 
     def arm(self, f):

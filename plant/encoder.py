@@ -28,7 +28,7 @@ class Encoder(Part):
     """
 
     resolution: np.ndarray = number(("n",))
-    smooth: bool = structure(default=False)
+    smooth: bool = structure(bool, default=False)
 
     def __post_init__(self):
         super().__post_init__()

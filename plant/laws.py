@@ -27,6 +27,11 @@ class P(Law):
 
     gain: np.ndarray = number(("n",))
 
+    def __post_init__(self):
+        super().__post_init__()
+        if (self.gain < 0).any():
+            raise ValueError(f"gain must not be negative; got {self.gain}. The sign of the gear is in the drive.")
+
     def equations(self, rig, state, setpoint, pulses, torque, dt):
         """Tau = k P (reference pulses - pulses)."""
         return rig.drive.joint_torque(self.gain * (setpoint.pulses - pulses)), state

@@ -28,17 +28,11 @@ class Link(Part):
         Joint angle at q = 0 [rad].
     """
 
-    name: str = structure()
-    alpha: float = structure()
-    a: float = structure()
-    d: float = structure()
-    theta: float = structure(default=0.0)
-
-    def __post_init__(self):
-        for field in ("alpha", "a", "d", "theta"):
-            value = getattr(self, field)
-            if not isinstance(value, (int, float)) or not np.isfinite(value):
-                raise ValueError(f"{field} of link {self.name} must be a finite number; got {value!r}. Give it in SI.")
+    name: str = structure(str)
+    alpha: float = structure(float)
+    a: float = structure(float)
+    d: float = structure(float)
+    theta: float = structure(float, default=0.0)
 
     def rotation(self, q):
         """Rotation (3, 3) from this link's frame to the previous one, and the origin's position (3,) there [m]."""
@@ -69,7 +63,7 @@ class Chain(Part):
     gravity: np.ndarray = structure(default=(0.0, 0.0, -9.81))
 
     def __post_init__(self):
-        links = tuple(self.links)
+        links = tuple(self.links) if np.iterable(self.links) else (self.links,)
         if not links or not all(isinstance(link, Link) for link in links):
             raise ValueError(f"links must be at least one Link; got {self.links!r:.80}. Give a tuple of Link(...).")
         gravity = np.asarray(self.gravity, float)
@@ -105,6 +99,12 @@ class Body(Part):
     com: np.ndarray = number((3,))
     inertia: np.ndarray = number((6,))
     rotor: float = number((), default=0.0)
+
+    def __post_init__(self):
+        super().__post_init__()
+        for name in ("mass", "rotor"):
+            if getattr(self, name) < 0:
+                raise ValueError(f"{name} of a body must not be negative; got {getattr(self, name)}. Check its sign.")
 
     def joined(self, other):
         """This body with another one (a tool, a load) fixed to it, both given in the same frame."""

@@ -8,11 +8,12 @@ flags) is fixed once a model has been built from it. A part can be written as ki
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 
 import numpy as np
 
-from plant.check import array, known_options
+from plant.check import array, instance, known_options, real
 
 __all__ = ["Part", "number", "part", "restore", "structure"]
 
@@ -24,9 +25,12 @@ def number(shape, *, default=dataclasses.MISSING, finite=True):
     return dataclasses.field(default=default, metadata={"number": shape, "finite": finite})
 
 
-def structure(*, default=dataclasses.MISSING, positional=False):
-    """Declare a field that is structure: it decides the equations, so it cannot be unknown."""
-    return dataclasses.field(default=default, kw_only=not positional, metadata={"structure": True})
+def structure(kind=None, *, default=dataclasses.MISSING, positional=False):
+    """Declare a field that is structure: it decides the equations, so it cannot be unknown.
+
+    With a `kind` (a type; float for one finite number) anything else is refused.
+    """
+    return dataclasses.field(default=default, kw_only=not positional, metadata={"structure": True, "kind": kind})
 
 
 class Part:
@@ -124,6 +128,19 @@ def _plain(value):
 
 def part(cls):
     """Class decorator: a frozen, keyword-only dataclass that can be described and restored, with checked options."""
+    complete = cls.__post_init__
+
+    @functools.wraps(complete)
+    def __post_init__(self):
+        for field in dataclasses.fields(self):
+            kind, name = field.metadata.get("kind"), f"{field.name} of {cls.__name__}"
+            if kind is float:
+                object.__setattr__(self, field.name, real(name, getattr(self, field.name), "Give it in SI units."))
+            elif kind is not None:
+                instance(name, getattr(self, field.name), kind, f"Give one {kind.__name__}.")
+        complete(self)
+
+    cls.__post_init__ = __post_init__
     cls = dataclasses.dataclass(frozen=True, kw_only=True, eq=False)(cls)
     _KINDS[_kind(cls)] = cls
     return known_options(cls)
@@ -146,9 +163,4 @@ def restore(description):
         package = str(kind).split(".")[0]
         hint = f"import {package} first" if package in ("plant", "identification", "ctc") else "check the file"
         raise ValueError(f"kind must be one of {', '.join(sorted(_KINDS))}; got {kind!r}. Please {hint}.")
-    try:
-        return _KINDS[kind](**{k: restore(v) for k, v in description.items() if k != "kind"})
-    except TypeError as error:
-        raise ValueError(
-            f"{kind} needs all of its fields; got {sorted(description)}. Complete them: {error}."
-        ) from None
+    return _KINDS[kind](**{k: restore(v) for k, v in description.items() if k != "kind"})

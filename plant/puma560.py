@@ -152,7 +152,7 @@ def p_law(gain=(0.20, 0.15)):
     """The P controller of the experiment: motor torque per pulse of error [N m].
 
     The paper prints neither P nor K_i. With (0.20, 0.15) the tracking errors stay within about +-10 pulses, as in
-    Figs. 6-7, and oscillate at 24-27 Hz, near the 27-32 Hz that the paper saw; with (0.1, 0.08) they reach 14-18.
+    Figs. 6-7, and oscillate at 23-27 Hz, near the 27-32 Hz that the paper saw; with (0.1, 0.08) they reach 14-18.
     """
     return P(gain=gain)
 

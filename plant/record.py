@@ -50,7 +50,8 @@ class Record:
     current : (N, n) array_like, optional
         Motor current [A].
     initial : (2, n) array_like, optional
-        Position [rad] and velocity [rad/s] at t = 0, where they are not those of the reference.
+        Position [rad] and velocity [rad/s] at t = 0. Left out, a replay starts with the reference, but a joint whose
+        first error is a pulse or more starts where its encoder says.
     true_q, true_qd : (N, n) array_like, optional
         What no encoder sees; only a simulation knows it, and identification never reads it.
 
@@ -77,6 +78,8 @@ class Record:
             if not isinstance(getattr(self, name), kind):
                 raise ValueError(f"{name} of a record must be a {name.capitalize()}; got {getattr(self, name)!r:.60}.")
         t = array("t", self.t, ("N",), advice="Give the time of each sample [s].")
+        if not len(t):
+            raise ValueError("t must hold samples; got none. Check that the log was written to the end.")
         stuck = np.flatnonzero(np.diff(t) <= 0)
         if len(stuck):
             i = int(stuck[0]) + 1
@@ -131,7 +134,8 @@ class Record:
                 file.write(",".join(f"{x:.17g}" for x in row) + "\n")
 
     @classmethod
-    def from_csv(cls, path, *, rig=None, law=None, reference=None):
+    @known_options
+    def from_csv(cls, path, *, rig=None, law=None, reference=None, initial=None):
         """Read what `to_csv` wrote, or a plain CSV of t [s], n reference and n error columns [pulses].
 
         Parameters
@@ -140,6 +144,8 @@ class Record:
         rig, law, reference : optional
             Needed for a plain file (the reference may be left out: the logged counts are replayed instead); in place
             of those named in the file otherwise.
+        initial : (2, n) array_like, optional
+            Position [rad] and velocity [rad/s] at t = 0.
 
         Raises
         ------
@@ -147,7 +153,7 @@ class Record:
             A cell that is no number, a short row, an unknown column, a header that cannot be read; with the line.
         """
         header, names, rows = {}, None, []
-        with open(path, encoding="utf-8") as file:
+        with open(path, encoding="utf-8-sig") as file:
             for count, line in enumerate(file, 1):
                 line = line.strip()
                 if not line:
@@ -180,6 +186,11 @@ class Record:
                 got = f"got {table.shape[1]} columns"
                 raise ValueError(f"{path} must hold t, {n} reference and {n} error columns; {got}. Leave out others.")
             fields |= {"reference_pulses": table[:, 1 : 1 + n], "error_pulses": table[:, 1 + n :]}
+            broken = np.argwhere(np.abs(table[:, 1:] - np.trunc(table[:, 1:])) > 0)
+            if len(broken):
+                row, column = broken[0] + (0, 1)
+                value = f"got {table[row, column]:g} in row {row}, column {column + 1}"
+                raise ValueError(f"{path} must hold whole pulses; {value}. Turn angles into counts with rig.pulses(q).")
         else:
             known = {f"{name}_{i + 1} [{unit}]": (field, i) for field, name, unit in _COLUMNS for i in range(n)}
             for column, name in enumerate(names[1:], 1):
@@ -194,7 +205,7 @@ class Record:
             rig=rig,
             law=law or _part(path, header, "law"),
             reference=reference or _part(path, header, "reference"),
-            initial=header.get("initial"),
+            initial=header.get("initial") if initial is None else initial,
         )
 
 

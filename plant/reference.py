@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from plant.check import array
+from plant.check import array, known_options, real
 from plant.part import Part, part, structure
 
 __all__ = ["Harmonics", "Motion", "PointToPoint", "Reference", "Spline", "Table"]
@@ -47,11 +47,6 @@ def _nested(value):
     return tuple(_nested(v) for v in value) if np.ndim(value) else float(value)
 
 
-def _positive(name, value):
-    if not isinstance(value, (int, float, np.number)) or not np.isfinite(value) or value <= 0:
-        raise ValueError(f"{name} must be a positive time [s]; got {value!r}. Give it in seconds.")
-
-
 @part
 class Harmonics(Reference):
     """Sum of harmonics: q = offset + sum over j of cosine[:, j] cos(j w t) + sine[:, j] sin(j w t), w = 2 pi / period.
@@ -68,13 +63,13 @@ class Harmonics(Reference):
     The trajectory of eq. (6) is ``puma560.reference()``. Source: paper 3.5.
     """
 
-    period: float = structure()
+    period: float = structure(float)
     offset: tuple = structure()
     cosine: tuple = structure()
     sine: tuple = structure()
 
     def __post_init__(self):
-        _positive("period", self.period)
+        real("period", self.period, "Give it in seconds.", positive=True)
         n = len(self._keep("offset", ("n",), "One angle per joint."))
         shape = self._keep("cosine", (n, "H"), "One row per joint, one column per harmonic.").shape
         self._keep("sine", shape, "The same shape as cosine.")
@@ -112,10 +107,10 @@ class PointToPoint(Reference):
 
     start: tuple = structure()
     goal: tuple = structure()
-    duration: float = structure()
+    duration: float = structure(float)
 
     def __post_init__(self):
-        _positive("duration", self.duration)
+        real("duration", self.duration, "Give it in seconds.", positive=True)
         n = len(self._keep("start", ("n",), "One angle per joint."))
         self._keep("goal", (n,), "One angle per joint, like start.")
 
@@ -203,6 +198,7 @@ class Table(Reference):
             raise ValueError(f"times must be two or more; got {len(times)}. Give the whole path.")
 
     @classmethod
+    @known_options
     def from_csv(cls, path):
         """Read columns t [s], q_1..q_n [rad]; lines that start with # or a letter are headings."""
         rows = []

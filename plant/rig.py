@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from plant.check import real
 from plant.drive import Drive
 from plant.encoder import Encoder
 from plant.part import Part, part, structure
@@ -23,13 +22,12 @@ class Rig(Part):
         Time between two samples of the log [s].
     """
 
-    drive: Drive = structure()
-    encoder: Encoder = structure()
-    period: float = structure()
+    drive: Drive = structure(Drive)
+    encoder: Encoder = structure(Encoder)
+    period: float = structure(float)
 
     def __post_init__(self):
-        if not isinstance(self.period, (int, float)) or not np.isfinite(self.period) or self.period <= 0:
-            raise ValueError(f"period must be a positive time [s]; got {self.period!r}. The paper logs every 0.7e-3 s.")
+        real("period", self.period, "Give seconds; the paper logs every 0.7e-3.", positive=True)
         if len(self.encoder.resolution) != self.drive.n:
             raise ValueError(
                 f"encoder must have {self.drive.n} joints like the drive; got {len(self.encoder.resolution)}. "

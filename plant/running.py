@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from plant.check import array
+from plant.check import array, instance
 from plant.kernel import MapKernel
+from plant.rig import Rig
 
 __all__ = ["Running"]
 
@@ -31,7 +32,7 @@ class Running:
     """
 
     def __init__(self, law, rig, pulses):
-        block = law.block(rig)
+        block = law.block(instance("rig", rig, Rig, "Pass found.rig."))
         self.n, self.rig, self.period = rig.n, rig, block.period or rig.period
         self.pulses = self._counts(pulses)
         self.torque, self.state = np.zeros(self.n), block.initial.copy()

@@ -8,14 +8,18 @@ import math
 
 import numpy as np
 
-from plant.check import array, choice, known_options
+from plant.arm import Arm
+from plant.check import array, choice, instance, known_options, real
 from plant.kernel import LoopKernel
+from plant.law import Law
 from plant.loop import ClosedLoop, Structure
 from plant.record import Record
 from plant.referee import by_casadi
-from plant.tables import Logged, Path, time_tables
+from plant.reference import Reference
+from plant.rig import Rig
+from plant.tables import Path, time_tables
 
-__all__ = ["Trace", "loop_kernel", "path_of", "replay_start", "run", "simulate"]
+__all__ = ["Trace", "loop_kernel", "run", "simulate"]
 
 
 @known_options
@@ -69,16 +73,23 @@ class Trace:
 
 def run(arm, rig, law, reference, duration, steps_per_sample, initial, backend):
     """`simulate`, with the sub-steps kept."""
+    order = "The order is arm, rig, law, reference."
+    for name, value, kind in (
+        ("arm", arm, Arm),
+        ("rig", rig, Rig),
+        ("law", law, Law),
+        ("reference", reference, Reference),
+    ):
+        instance(name, value, kind, order)
     loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample)
     duration = reference.duration if duration is None else duration
-    if not isinstance(duration, (int, float, np.number)) or not np.isfinite(duration) or duration <= 0:
-        raise ValueError(f"duration must be a positive time [s]; got {duration!r}. Leave it out for one period.")
+    duration = real("duration", duration, "Leave it out for one period of the reference.", positive=True)
     samples = math.ceil(duration / rig.period - 1e-9)
     path = Path(reference, rig)
     tables = (*time_tables(loop, path, samples), np.empty((samples, 0)))
     if initial is not None:
         initial = array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
-    state = loop.initial_state(*replay_start(path, initial))
+    state = loop.initial_state(*(path.start() if initial is None else initial))
     numbers = loop.number_values(arm.f)
     evaluate = _by_kernel if backend == "numba" else by_casadi
     final, steps, log, true_error = evaluate(loop, tables, state, numbers)
@@ -101,21 +112,6 @@ def run(arm, rig, law, reference, duration, steps_per_sample, initial, backend):
         true_qd=qd,
     )
     return Trace(record, true_error)
-
-
-def path_of(record):
-    """What a record's loop was asked to follow: its reference where it has one, its logged counts otherwise."""
-    if record.reference is not None:
-        return Path(record.reference, record.rig)
-    return Logged(record.reference_pulses, record.rig)
-
-
-def replay_start(path, initial):
-    """Position and velocity (n,) at t = 0: as given, or the reference's."""
-    if initial is not None:
-        return initial
-    motion, _ = path(np.zeros(1))
-    return motion.q[0], motion.qd[0]
 
 
 @functools.lru_cache(maxsize=64)

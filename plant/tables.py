@@ -12,7 +12,7 @@ import numpy as np
 from plant.encoder import fix
 from plant.reference import Motion
 
-__all__ = ["Logged", "Path", "time_tables"]
+__all__ = ["Logged", "Path", "path_of", "start_of", "time_tables"]
 
 
 class Path:
@@ -26,6 +26,11 @@ class Path:
     def __call__(self, t):
         motion = self.reference(t)
         return motion, self.rig.pulses(motion.q)
+
+    def start(self):
+        """Position and velocity (n,) of the reference at t = 0."""
+        motion = self.reference(np.zeros(1))
+        return motion.q[0], motion.qd[0]
 
 
 class Logged:
@@ -43,6 +48,44 @@ class Logged:
         pulses = self.pulses[row] + step * np.maximum(place - row, 0)[:, None]
         motion = Motion(pulses * self.turn, step / self.rig.period * self.turn, np.zeros_like(pulses))
         return motion, pulses if self.rig.encoder.smooth else fix(pulses)
+
+    def start(self):
+        """Position at t = 0, at rest: two counts say nothing of a velocity."""
+        return self.pulses[0] * self.turn, np.zeros(len(self.turn))
+
+
+def path_of(record):
+    """What a record's loop was asked to follow: its reference where it has one, its logged counts otherwise.
+
+    Raises
+    ------
+    ValueError
+        The logged counts are not those of the reference.
+    """
+    if record.reference is None:
+        return Logged(record.reference_pulses, record.rig)
+    path = Path(record.reference, record.rig)
+    off = np.abs(path(np.arange(len(record)) * record.rig.period)[1] - record.reference_pulses).max(axis=1)
+    wrong = np.flatnonzero(off > 1)
+    if len(wrong):
+        raise ValueError(
+            f"reference_pulses must be the reference's own, from t = 0; sample {wrong[0]} is {off[wrong[0]]:.0f} "
+            "pulses off. Correct the reference, or leave it out to replay the logged counts."
+        )
+    return path
+
+
+def start_of(record, path):
+    """Position and velocity (n,) from which a record is replayed.
+
+    As the record says; or the reference's, but a joint whose first error is a pulse or more (an arm that hangs in its
+    P loop before it starts) is where its encoder says, in the middle of that cell.
+    """
+    if record.initial is not None:
+        return record.initial
+    q, qd = path.start()
+    counted = record.rig.angle(record.reference_pulses[0] - record.error_pulses[0])
+    return np.where(np.abs(record.error_pulses[0]) >= 1, counted, q), qd
 
 
 def time_tables(loop, path, samples):

@@ -226,3 +226,27 @@ def test_the_code_is_formatted():
     folders = [name for name in (*PACKAGES, "tests", "examples") if (ROOT / name).is_dir()]
     said = run(tool("ruff"), "format", "--check", "--no-cache", *folders)
     assert said.returncode == 0, said.stdout
+
+
+def test_siblings_are_found_through_any_finder(tmp_path):
+    """An editable install puts a finder of its own on sys.meta_path, and no folder on sys.path."""
+    script = f"""
+import importlib.machinery, importlib.util, sys
+
+class Finder:
+    @staticmethod
+    def find_spec(name, path=None, target=None):
+        if name in ("plant", "identification", "ctc"):
+            return importlib.util.spec_from_file_location(name, {str(ROOT)!r} + "/" + name + "/__init__.py")
+
+sys.path = [entry for entry in sys.path if entry not in ("", {str(ROOT)!r})]
+sys.meta_path.append(Finder)
+import plant, identification, ctc
+print(plant.__file__)
+"""
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    found = subprocess.run(  # noqa: S603 - the script is this test's own
+        [sys.executable, "-c", script], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    assert found.returncode == 0, found.stderr
+    assert found.stdout.strip() == str(ROOT / "plant" / "__init__.py")

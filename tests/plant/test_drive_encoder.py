@@ -147,7 +147,7 @@ def test_bad_numbers_are_refused_with_their_place(field, value, message):
 
 def test_rig_needs_a_period_and_as_many_encoders_as_drives():
     for period in (0.0, -1.0, np.nan, np.inf, "fast", None):
-        with pytest.raises(ValueError, match="period must be a positive time"):
+        with pytest.raises(ValueError, match=r"period .*must be a (positive|finite) number"):
             Rig(drive=DRIVE, encoder=RIG.encoder, period=period)
     with pytest.raises(ValueError, match="encoder must have 2 joints like the drive; got 3"):
         Rig(drive=DRIVE, encoder=Encoder(resolution=(1, 2, 3)), period=1e-3)

@@ -154,7 +154,7 @@ def test_unknown_kind_says_which_package_to_import(package, hint):
 
 
 def test_description_with_missing_or_unknown_fields_is_refused():
-    with pytest.raises(ValueError, match=r"plant\.P needs all of its fields.*gain"):
+    with pytest.raises(ValueError, match="missing a required argument: 'gain'"):
         restore({"kind": "plant.P"})
     with pytest.raises(ValueError, match="Did you mean 'gain'"):
         restore({"kind": "plant.P", "gains": [1.0]})
@@ -189,7 +189,7 @@ def test_misspelt_option_of_simulate():
         (lambda: P(gain=1.0), r"gain of P must have shape \(n,\); got shape \(\)"),
         (lambda: Nested(rig=puma560.rig(), scale=(1, 2), table=(1,)), r"scale of Nested must have shape \(\)"),
         (lambda: Nested(rig=puma560.rig(), scale=1, table=(np.nan,)), "table of Nested must be numbers; got NaN"),
-        (lambda: Link(name="1", alpha="x", a=0, d=0), "alpha of link 1 must be a finite number"),
+        (lambda: Link(name="1", alpha="x", a=0, d=0), "alpha of Link must be a finite number"),
         (lambda: Chain(links=()), r"links must be at least one Link; got \(\)"),
         (lambda: Chain(links=(1, 2)), "links must be at least one Link"),
         (lambda: Chain(links=LINKS, gravity=(0, 0)), "gravity must be 3 finite numbers"),

@@ -156,7 +156,7 @@ def test_bad_file_is_refused_in_one_line(file, text, message):
         (lambda line: '# {"rig": ' + "[" * 900 + "]" * 900 + "}", "rig"),
         (lambda line: line.replace("plant.P", "ctc.Magic"), r"got 'ctc\.Magic'\. Please import ctc first"),
         (lambda line: line.replace("plant.Rig", "plant.Wig"), r"got 'plant\.Wig'"),
-        (lambda line: line.replace('"period": 0.0007', '"period": -1'), "period must be a positive time"),
+        (lambda line: line.replace('"period": 0.0007', '"period": -1'), "period must be a positive number"),
         (lambda line: line.replace('"period"', '"perid"'), "Did you mean 'period'"),
         (lambda line: line.replace('"gear": [107.8, -53.7]', '"gear": [107.8]'), "must have shape"),
         (lambda line: '# {"rig": {"kind": "plant.P", "gain": [1, 2]}}', "rig of a record must be a Rig"),

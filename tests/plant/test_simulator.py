@@ -15,7 +15,8 @@ from stick_slip import GearedJoint, simulate_events
 
 from plant import Harmonics, P, PointToPoint, Record, puma560, simulate
 from plant.encoder import fix
-from plant.simulator import path_of, replay_start, run
+from plant.simulator import run
+from plant.tables import path_of, start_of
 
 ARM, RIG, LAW, PATH = puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference()
 F = puma560.PUBLISHED
@@ -274,8 +275,26 @@ def test_path_of_a_record_is_its_reference_or_its_counts(paper):
     counts = path_of(dataclasses.replace(paper, reference=None))(t)
     assert np.abs(whole[1] - counts[1]).max() <= 1  # the same to a pulse between samples,
     np.testing.assert_array_equal(whole[1][0], counts[1][0])  # and the same at one
-    np.testing.assert_array_equal(replay_start(path_of(paper), None), [PATH([0.0]).q[0], PATH([0.0]).qd[0]])
-    np.testing.assert_array_equal(replay_start(path_of(paper), ((1, 2), (3, 4))), [[1, 2], [3, 4]])
+    np.testing.assert_array_equal(start_of(paper, path_of(paper)), [PATH([0.0]).q[0], PATH([0.0]).qd[0]])
+    given = dataclasses.replace(paper, initial=((1, 2), (3, 4)))
+    np.testing.assert_array_equal(start_of(given, path_of(given)), [[1, 2], [3, 4]])
+
+
+def test_a_log_that_starts_off_its_reference_is_replayed_from_its_first_count(paper):
+    """An arm that hangs in its P loop before it moves: first error -5 on joint 2, none on joint 3."""
+    error = paper.error_pulses.copy()
+    error[0] = (-5, 0)
+    hanging = dataclasses.replace(paper, error_pulses=error, reference=None)
+    q, qd = start_of(hanging, path_of(hanging))
+    assert RIG.pulses(q)[0] == 5  # reference 0 minus error -5
+    assert q[1] == 0
+    np.testing.assert_array_equal(qd, 0)
+
+
+def test_a_reference_that_is_not_the_one_of_the_log_is_refused(paper):
+    shifted = dataclasses.replace(paper, reference_pulses=paper.reference_pulses + 3 * (paper.t[:, None] > 1))
+    with pytest.raises(ValueError, match=r"sample 1429 is 3 pulses off.*leave it out"):
+        path_of(shifted)
 
 
 ONE = PointToPoint(start=(0.0,), goal=(1.0,), duration=1.0)
@@ -288,11 +307,11 @@ ONE = PointToPoint(start=(0.0,), goal=(1.0,), duration=1.0)
         ({"rig": direct_rig((0.0,), (0.0,))}, "rig must have 2 joints like the arm; got 1"),
         ({"law": P(gain=(1.0,))}, "gain of P must have 2 values"),
         ({"law": SampledP(gain=(0.1, 0.1), period=PERIOD / 3)}, "whole multiple of the sub-step"),
-        ({"duration": 0}, "duration must be a positive time"),
-        ({"duration": -1.0}, "duration must be a positive time"),
-        ({"duration": np.nan}, "duration must be a positive time"),
-        ({"duration": (1.0, 2.0)}, "duration must be a positive time"),
-        ({"duration": "long"}, "duration must be a positive time"),
+        ({"duration": 0}, "duration must be a positive number"),
+        ({"duration": -1.0}, "duration must be a positive number"),
+        ({"duration": np.nan}, "duration must be a positive number"),
+        ({"duration": (1.0, 2.0)}, "duration must be a positive number"),
+        ({"duration": "long"}, "duration must be a positive number"),
         ({"initial": ((0.0,), (0.0,))}, r"initial must have shape \(2, 2\); got shape \(2, 1\)"),
         ({"initial": ((0.0, np.nan), (0.0, 0.0))}, r"initial must be finite; got nan at index \(0, 1\)"),
         ({"steps_per_sample": 0}, "steps_per_sample must be a whole number of at least 1; got 0"),
