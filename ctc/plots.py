@@ -43,16 +43,16 @@ def _band(axis, pulses=1):
     axis.yaxis.set_major_locator(MaxNLocator(integer=True))
     low, high = axis.get_ylim()
     axis.set_ylim(min(low, -2.0 * pulses), max(high, 2.0 * pulses))
-    axis.text(0.995, 0.0, f"±{pulses} pulse", transform=axis.get_yaxis_transform(), ha="right", va="center",
-              fontsize=7, color="0.3", bbox={"facecolor": _BAND, "edgecolor": "none", "pad": 1})  # fmt: skip
+    axis.annotate(f"±{pulses} pulse", (1.0, pulses), (-2, 1), xycoords=axis.get_yaxis_transform(),
+                  textcoords="offset points", ha="right", va="bottom", fontsize=7, color="0.35")  # fmt: skip
 
 
-def _equal_rows(axes):
-    """One scale per row, so that columns can be compared."""
+def _equal_rows(axes, headroom=1.0):
+    """One scale per row, so that columns can be compared; `headroom` above one leaves place for a legend."""
     for row in axes:
         largest = max(abs(limit) for axis in row for limit in axis.get_ylim())
         for axis in row:
-            axis.set_ylim(-largest, largest)
+            axis.set_ylim(-largest, largest * headroom)
 
 
 def plot_evaluation(evaluation, axes=None):
@@ -170,5 +170,5 @@ def plot_identification(measured, first, best, others=(), joints=()):
             axis.set_ylabel(f"{_name(joints, joint)}\nerror [pulses]" if column == 0 else "")
             axis.legend(loc="upper right", fontsize=7, ncols=3, frameon=False)
         axes[0, column].set_title(title, fontsize=10)
-    _equal_rows(axes)
+    _equal_rows(axes, headroom=1.3)
     return figure
