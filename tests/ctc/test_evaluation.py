@@ -244,3 +244,14 @@ def test_a_loop_that_diverges_says_when_and_where():
     with pytest.raises(ValueError, match=r"diverges after t = 0\.\d* s, joint [23] first") as refusal:
         evaluate(arm(), limitless, puma560.p_law((1e5, 1e5)), puma560.reference(), duration=0.5)
     assert "\n" not in str(refusal.value)
+
+
+def test_from_a_sag_the_arm_is_within_one_pulse_after_17_ms():
+    """A joint that hangs 5 pulses below its reference, as a P loop leaves it; docs/design.md quotes the 24 samples."""
+    pulse = RIG.drive.joint_angle(2 * np.pi / RIG.encoder.resolution)
+    initial = (puma560.reference()([0.0]).q[0] + pulse * (5, 0), (0, 0))
+    path = puma560.reference()
+    got = evaluate(arm(), RIG, ComputedTorque(arm(), RIG), path, backend="numba", duration=1.0, initial=initial)
+    outside = np.flatnonzero((np.abs(got.record.error_pulses) > 1).any(axis=1))
+    assert outside[0] == 0
+    assert outside[-1] < 24
