@@ -79,11 +79,6 @@ class Objective:
         """Length of a candidate."""
         return len(self.unknown)
 
-    @property
-    def scale(self):
-        """Number of squared differences in the sum: samples times joints, over all records."""
-        return sum(record.error_pulses.size for record in self.records)
-
     def __call__(self, population):
         """Costs (P,) [pulses^2] of candidates (P, p).
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from plant.part import Part, number, part, structure
 
-__all__ = ["Body", "Chain", "Link"]
+__all__ = ["Body", "Chain", "Link", "parallel_axis"]
 
 
 @part
@@ -110,11 +110,11 @@ class Body(Part):
         """This body with another one (a tool, a load) fixed to it, both given in the same frame."""
         mass = self.mass + other.mass
         com = (self.mass * self.com + other.mass * other.com) / mass
-        inertia = sum(b.inertia + b.mass * _shift(b.com - com) for b in (self, other))
+        inertia = sum(b.inertia + b.mass * parallel_axis(b.com - com) for b in (self, other))
         return Body(mass=mass, com=com, inertia=inertia, rotor=self.rotor + other.rotor)
 
 
-def _shift(r):
+def parallel_axis(r):
     """Inertia (6,) about a point of a unit mass at r (3,): the parallel-axis theorem."""
     x, y, z = r
     return np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])

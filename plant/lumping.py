@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import qr
 
+from plant.links import parallel_axis
 from plant.part import Part, part, structure
 
 __all__ = ["STANDARD", "Lumping", "standard_parameters"]
@@ -30,9 +31,8 @@ def standard_parameters(bodies):
     """Standard parameters (11 n,) of bodies given by mass, centre of mass and inertia about it."""
     values = []
     for body in bodies:
-        x, y, z = body.com
-        origin = np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
-        values += [body.mass, *(body.mass * body.com), *(body.inertia + body.mass * origin), body.rotor]
+        about_origin = body.inertia + body.mass * parallel_axis(body.com)
+        values += [body.mass, *(body.mass * body.com), *about_origin, body.rotor]
     return np.array(values)
 
 
