@@ -53,7 +53,7 @@ def visited(loop, samples):
 @pytest.mark.parametrize("name", LAWS)
 def test_one_step_of_the_kernel_from_every_visited_state_is_casadi_s(name):
     loop = loop_of(LAWS[name])
-    states, rows, numbers = visited(loop, 250)
+    states, rows, numbers = visited(loop, 5215)  # all of trajectory (6)
     n, N = 2, len(states)
     # casadi: law, log and sub-step in this order, from each state.
     given = [states.T, *(rows[:, k].T for k in range(3))]
