@@ -87,10 +87,14 @@ class Kernel:
         if name not in self._fresh:
             return self._function(name)(*arguments)
         with _LOCK:
+            cached = self._cached()
             try:
                 result = self._function(name)(*arguments)
             except Exception:
-                # Whatever the cache did, a new compilation decides: an error of the kernel itself comes again.
+                # numba names no exception for a cache entry that it cannot load. Where there was one, a new compilation
+                # decides: an error of the kernel itself comes again.
+                if not cached:
+                    raise
                 _MODULES.pop(self.hash, None)
                 self._drop(lambda file: True)
                 result = self._function(name)(*arguments)
