@@ -7,7 +7,7 @@ import numpy as np
 
 from ctc.observer import correct, predict
 from plant import Arm, Law, Rig
-from plant.factor import factorise, solve
+from plant.factor import inverse
 from plant.inertia import require_inertia
 from plant.part import number, part, structure
 
@@ -96,7 +96,7 @@ class ComputedTorque(Law):
         fresh = state[-1]
 
         # v and the torque asked for acted since the last sample; what the amplifier cut off is missing from v.
-        v = v + solve(factorise(model.D(setpoint.q, f)), torque - asked)
+        v = v + inverse(model.D(setpoint.q, f))[0] @ (torque - asked)
         omega = self.bandwidth * self.observer_ratio * (1 + (self.start_boost - 1) * fresh)
         measured = setpoint.q - rig.angle(pulses)
         e, rate, disturbance = correct(*predict(e, rate, disturbance, v, dt), measured, omega, dt)

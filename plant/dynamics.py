@@ -6,6 +6,7 @@ Robotics, ch. 6). The recursion is written once, in `torque`; D, h, C and Y are 
 
 from __future__ import annotations
 
+import itertools
 from functools import cached_property
 
 import casadi as ca
@@ -70,6 +71,19 @@ def _standard(pi, i):
     m, mx, my, mz, ixx, ixy, ixz, iyy, iyz, izz, rotor = ca.vertsplit(pi[len(STANDARD) * i : len(STANDARD) * (i + 1)])
     inertia = ca.vertcat(ca.horzcat(ixx, ixy, ixz), ca.horzcat(ixy, iyy, iyz), ca.horzcat(ixz, iyz, izz))
     return m, ca.vertcat(mx, my, mz), inertia, rotor
+
+
+_FEW = 3
+"""Joints up to which the Coriolis torque is shorter as a quadratic form than as the recursion gives it."""
+
+
+def _by_speeds(coriolis, qd, collected):
+    """The same torque as sum over j <= k of c_jk(q, f) qd_j qd_k, so that speeds enter by their products alone."""
+    terms = []
+    for j, k in itertools.combinations_with_replacement(range(qd.shape[0]), 2):
+        half = collected(ca.jacobian(ca.jacobian(coriolis, qd[j]), qd[k]) / 2)
+        terms.append((half if j == k else 2 * half) * (qd[j] * qd[k]))
+    return sum(terms)
 
 
 @part
@@ -155,6 +169,8 @@ class Dynamics(Part):
             return ca.reshape(ca.jacobian(ca.vec(expression), f) @ f, expression.shape)
 
         coriolis = collected(ca.substitute(moving, qdd, rest))
+        if self.n <= _FEW:
+            coriolis = _by_speeds(coriolis, qd, collected)
         return collected(ca.jacobian(moving, qdd)), coriolis, collected(gravity)
 
     @cached_property
@@ -169,6 +185,14 @@ class Dynamics(Part):
         q, qd, _, f = self._symbols
         _, coriolis, gravity = self._equations
         return CheckedFunction(ca.Function("h", [q, qd, f], [coriolis + gravity], ["q", "qd", "f"], ["h"]))
+
+    @cached_property
+    def coriolis(self):
+        """Coriolis and centrifugal torque C(q, qd, f) qd (n, 1) [N m], the part of h that moving adds."""
+        q, qd, _, f = self._symbols
+        return CheckedFunction(
+            ca.Function("coriolis", [q, qd, f], [self._equations[1]], ["q", "qd", "f"], ["coriolis"])
+        )
 
     @cached_property
     def gravity(self):

@@ -41,7 +41,11 @@ class Encoder(Part):
 
     def pulses(self, q_m):
         """Pulses counted at a motor angle [rad], whole numbers. Source: paper Fig. 4."""
-        return self.position(q_m) if self.smooth else fix(self.position(q_m))
+        return self.count(self.position(q_m))
+
+    def count(self, position):
+        """Whole pulses of a position in pulses; the position itself if the encoder is smooth."""
+        return position if self.smooth else fix(position)
 
     def angle(self, pulses):
         """Motor angle [rad] in the middle of the cell that these counts stand for."""

@@ -1,42 +1,42 @@
-"""Symbolic L D L^T, so that forward dynamics needs no numeric solver inside a kernel."""
+"""Symbolic inverse and pivots of a symmetric matrix, so that forward dynamics needs no numeric solver in a kernel."""
 
 from __future__ import annotations
 
 import casadi as ca
 
-__all__ = ["factorise", "solve"]
+__all__ = ["inverse", "pivots"]
 
 
-def factorise(matrix):
-    """Symbolic L D L^T of a symmetric matrix (n, n): unit lower triangle and pivots; positive pivots mean > 0.
+def inverse(matrix):
+    """Symbolic inverse of a symmetric positive definite matrix (n, n), by blocks of two rows: n / 2 divisions.
 
     Returns
     -------
-    lower : casadi SX (n, n)
-    pivots, inverse_pivots : casadi SX (n, 1)
-        The second so that only n divisions are needed, however often the factors are used.
+    inverse : casadi SX (n, n)
+    minors : list of casadi SX
+        All positive if, and only if, the matrix is positive definite.
     """
     n = matrix.shape[0]
-    lower, pivots, inverse = ca.SX.eye(n), ca.SX(n, 1), ca.SX(n, 1)
-    for j in range(n):
-        pivots[j] = matrix[j, j] - sum((lower[j, k] ** 2 * pivots[k] for k in range(j)), ca.SX(0))
-        inverse[j] = 1 / pivots[j]
-        for i in range(j + 1, n):
-            rest = matrix[i, j] - sum((lower[i, k] * lower[j, k] * pivots[k] for k in range(j)), ca.SX(0))
-            lower[i, j] = rest * inverse[j]
-    return lower, pivots, inverse
+    if n == 0:
+        return ca.SX(0, 0), []
+    if n == 1:
+        return 1 / matrix, [matrix]
+    a, b, c = matrix[0, 0], matrix[0, 1], matrix[1, 1]
+    determinant = a * c - b * b
+    first = ca.vertcat(ca.horzcat(c, -b), ca.horzcat(-b, a)) / determinant
+    if n == 2:
+        return first, [a, determinant]
+    coupling = first @ matrix[:2, 2:]
+    last, minors = inverse(matrix[2:, 2:] - matrix[2:, :2] @ coupling)
+    corner = -coupling @ last
+    whole = ca.vertcat(ca.horzcat(first - corner @ coupling.T, corner), ca.horzcat(corner.T, last))
+    return whole, [a, determinant, *minors]
 
 
-def solve(factors, right):
-    """Symbolic solution (n, m) of L D L^T x = right (n, m)."""
-    lower, _, inverse = factors
-    n = lower.shape[0]
-    rows = [right[i, :] for i in range(n)]
-    for i in range(n):
-        for k in range(i):
-            rows[i] = rows[i] - lower[i, k] * rows[k]
-    rows = [rows[i] * inverse[i] for i in range(n)]
-    for i in reversed(range(n)):
-        for k in range(i + 1, n):
-            rows[i] = rows[i] - lower[k, i] * rows[k]
-    return ca.vertcat(*rows)
+def pivots(matrix):
+    """Pivots (n,) of Gaussian elimination in a symmetric matrix (n, n); up to the first that is not positive."""
+    found = []
+    while matrix.shape[0]:
+        found.append(matrix[0, 0])
+        matrix = matrix[1:, 1:] - matrix[1:, 0] @ matrix[0, 1:] / matrix[0, 0]
+    return found

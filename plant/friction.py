@@ -38,16 +38,16 @@ def friction_impulse(inverse_inertia, qd, impulse, bound, sweeps):
         The impulse and the velocity at the end of the step with it.
     """
     n = qd.shape[0]
-    impulse = [ca.fmin(ca.fmax(impulse[i], -bound[i]), bound[i]) for i in range(n)]
-    qd = qd + inverse_inertia @ ca.vertcat(*impulse)
     felt = [1 / inverse_inertia[i, i] for i in range(n)]  # inertia that an impulse on joint i alone has to move
+    alone = [-qd[i] * felt[i] for i in range(n)]  # impulse that would stop joint i if it were the only one
+    share = [[-inverse_inertia[i, j] * felt[i] for j in range(n)] for i in range(n)]
+    impulse = ca.vertsplit(impulse)
     for _ in range(sweeps):
         for i in range(n):
-            stopping = impulse[i] - qd[i] * felt[i]
-            given = ca.fmin(ca.fmax(stopping, -bound[i]), bound[i])
-            qd = qd + inverse_inertia[:, i] * (given - impulse[i])
-            impulse[i] = given
-    return ca.vertcat(*impulse), qd
+            stopping = sum((share[i][j] * impulse[j] for j in range(n) if j != i), alone[i])
+            impulse[i] = ca.fmin(ca.fmax(stopping, -bound[i]), bound[i])
+    impulse = ca.vertcat(*impulse)
+    return impulse, qd + inverse_inertia @ impulse
 
 
 def smooth_impulse(inverse_inertia, qd, bound):

@@ -11,9 +11,8 @@ import functools
 
 import casadi as ca
 import numpy as np
-from scipy.stats import qmc
 
-from plant.factor import factorise
+from plant.factor import pivots
 from plant.kernel import MapKernel
 
 __all__ = ["LEAST_MOTOR_INERTIA", "least_inertia_margin", "require_inertia"]
@@ -45,7 +44,7 @@ def least_inertia_margin(dynamics, rig, f):
     f = np.ascontiguousarray(f, dtype=float)
     if not len(f):
         return np.empty(0)
-    kernel, poses = _pivots(dynamics)
+    kernel, poses = _smallest_pivot(dynamics)
     least = rig.drive.reflected_inertia(LEAST_MOTOR_INERTIA)
     x = np.empty((dynamics.n + len(least) + dynamics.p, len(poses) * len(f)))
     x[: dynamics.n] = np.tile(poses, (len(f), 1)).T
@@ -71,21 +70,23 @@ def require_inertia(arm, rig):
 
 
 @functools.lru_cache(maxsize=32)
-def _pivots(dynamics):
+def _smallest_pivot(dynamics):
     """Compiled (q, least, f) -> smallest pivot, and the poses to look at."""
     n = dynamics.n
     q, least, f = ca.SX.sym("q", n), ca.SX.sym("least", n), ca.SX.sym("f", dynamics.p)
-    _, pivots, _ = factorise(dynamics.D(q, f) - ca.diag(least))
+    found = pivots(dynamics.D(q, f) - ca.diag(least))
     # A pivot after one that is not positive means nothing, so the first bad one decides.
-    smallest = pivots[n - 1]
+    smallest = found[n - 1]
     for i in reversed(range(n - 1)):
-        smallest = ca.if_else(pivots[i] > 0, ca.fmin(pivots[i], smallest), ca.fmin(pivots[i], -1e-300))
+        smallest = ca.if_else(found[i] > 0, ca.fmin(found[i], smallest), ca.fmin(found[i], -1e-300))
     joints = np.flatnonzero(ca.which_depends(ca.vec(dynamics.D(q, f)), q, 1, False))
     angles = np.zeros((1, n))
     if len(joints) == 1:
         angles = np.zeros((_GRID, n))
         angles[:, joints[0]] = np.arange(_GRID) * (2 * np.pi / _GRID)
     elif len(joints):
+        from scipy.stats import qmc  # a third of a second, which the paper's arm does not need
+
         angles = np.zeros((_SCATTERED, n))
         angles[:, joints] = 2 * np.pi * qmc.Sobol(len(joints), seed=0).random(_SCATTERED)
     return MapKernel(ca.Function("pivots", [q, least, f], [ca.densify(smallest)])), angles

@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from plant.dynamics import Dynamics
-from plant.factor import factorise, solve
+from plant.factor import inverse
 from plant.friction import friction_impulse, smooth_impulse
 from plant.law import Law
 from plant.rig import Rig
@@ -26,7 +26,7 @@ from plant.rig import Rig
 __all__ = ["ClosedLoop", "Structure"]
 
 FAR = 1e6
-"""A joint position [rad] or velocity [rad/s] beyond this has diverged; so has NaN."""
+"""Where the positions [rad] and velocities [rad/s] of all joints have a length beyond this, the loop has diverged."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -157,10 +157,7 @@ class ClosedLoop:
         """Torque that the law asks for at q, after the amplifier's limit (which swallows NaN), its state, if finite."""
         *_, torque, law_state, _, motion, _, _, block_numbers, rig = self._parts
         asked, law_state = self._block.step(law_state, *motion, rig.pulses(q), torque, dt, block_numbers)
-        finite = ca.SX(1)
-        for value in ca.vertsplit(asked):
-            finite = finite * (ca.fabs(value) < ca.inf)
-        return rig.drive.limited(asked), law_state, finite
+        return rig.drive.limited(asked), law_state, ca.sum1(ca.fabs(asked)) < ca.inf
 
     def _function(self, name, following, log=None, data=None):
         outputs = [ca.densify(ca.vertcat(*following))] + ([] if log is None else [ca.densify(log)])
@@ -176,7 +173,7 @@ class ClosedLoop:
             return None
         q, qd, impulse, _, _, status, *_ = self._parts
         torque, law_state, finite = self._asked(q, ca.SX(self._block.period))
-        return self._function("law_step", [q, qd, impulse, torque, law_state, status[0], status[1] * finite])
+        return self._function("law_step", [q, qd, impulse, torque, law_state, status[0], _if(finite, status[1])])
 
     @cached_property
     def sample(self):
@@ -194,28 +191,33 @@ class ClosedLoop:
         middle, ok = q + h / 2 * qd, status[1]
         if not self.steps_per_law:
             torque, law_state, finite = self._asked(middle, h)
-            ok = ok * finite
+            ok = _if(finite, ok)
         viscous = ca.diag(rig.drive.joint_viscous())
-        factors = factorise(self.dynamics.D(middle, f) + h / 2 * viscous)
+        mobility, minors = inverse(self.dynamics.D(middle, f) + h / 2 * viscous)
+        for minor in minors:
+            ok = _if(minor > 0, ok)
+
+        pushing = torque - self.dynamics.gravity(middle, f) - viscous @ qd
 
         def velocity(step, at):
-            return qd + step * solve(factors, torque - self.dynamics.h(middle, at, f) - viscous @ qd)
+            return qd + step * (mobility @ (pushing - self.dynamics.coriolis(middle, at, f)))
 
         predicted = velocity(h / 2, qd)
-        free = velocity(h, predicted)
-        inverse, bound = solve(factors, ca.SX.eye(self.n)), h * rig.drive.joint_coulomb()
+        free, bound = velocity(h, predicted), h * rig.drive.joint_coulomb()
         if self.smooth:
-            impulse, following = smooth_impulse(inverse, free, bound)
+            impulse, following = smooth_impulse(mobility, free, bound)
         else:
-            impulse, following = friction_impulse(inverse, free, impulse, bound, self.sweeps)
-        for value in ca.vertsplit(ca.vertcat(middle, following)):
-            ok = ok * (ca.fabs(value) < FAR)
-        for pivot in ca.vertsplit(factors[1]):
-            ok = ok * (pivot > 0)
+            impulse, following = friction_impulse(mobility, free, impulse, bound, self.sweeps)
+        ok = _if(ca.sumsqr(ca.vertcat(middle, following)) < FAR**2, ok)
         error = rig.position(motion[0]) - rig.position(middle)
         return self._function(
             "substep", [middle + h / 2 * following, following, impulse, torque, law_state, status[0], ok], error
         )
+
+
+def _if(condition, value):
+    """The value where the condition holds, 0 elsewhere; a NaN in the condition counts as not."""
+    return ca.if_else(condition, value, 0)
 
 
 class Structure:

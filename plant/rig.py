@@ -41,11 +41,11 @@ class Rig(Part):
 
     def pulses(self, q):
         """Encoder counts at a joint position [rad], whole numbers with the motor's sign."""
-        return self.encoder.pulses(self.drive.motor_angle(q))
+        return self.encoder.count(self.position(q))
 
     def position(self, q):
         """Joint position [rad] in pulses of the motor shaft, before rounding."""
-        return self.encoder.position(self.drive.motor_angle(q))
+        return self.encoder.position(self.drive.motor_angle(1.0)) * q  # pulses per radian of the joint, times q
 
     def angle(self, pulses):
         """Joint position [rad] in the middle of the cell that these counts stand for."""

@@ -174,7 +174,7 @@ def test_errors_are_reference_minus_the_counts_of_the_true_joint(paper):
 
 def test_torque_and_current_of_the_p_law_are_exactly_p_times_the_error(paper):
     limit = RIG.drive.torque_limit()
-    expected = np.clip(RIG.drive.gear * (LAW.gain * paper.error_pulses), -limit, limit)
+    expected = np.clip(RIG.drive.gear * LAW.gain * paper.error_pulses, -limit, limit)
     np.testing.assert_array_equal(paper.torque, expected)
     np.testing.assert_array_equal(paper.current, RIG.drive.current(paper.torque))
     assert np.abs(paper.current).max() <= 12 * (1 + 1e-15)
