@@ -22,6 +22,9 @@ import math
 
 import numba
 import numpy as np
+from llvmlite.ir import FunctionType, IntType
+from numba.core.types import float64, void
+from numba.extending import intrinsic
 
 inline = numba.njit(forceinline=True, error_model="numpy")
 compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -91,7 +94,13 @@ class LoopKernel:
         time = [(f"t{i}", TIME) for i in range(len(loop.time_names))]
         data = [(f"d{i}", TIME) for i in range(loop.n_data)]
         programs = {
-            name: translate(function, [state, time, numbers] + ([data] if name == "sample" else []), names, fresh)
+            name: translate(
+                function,
+                [state, time, numbers] + ([data] if name == "sample" else []),
+                names,
+                fresh,
+                fuse=name == "step",
+            )
             for name, function in (("law", loop.law_step), ("sample", loop.sample), ("step", loop.substep))
             if function is not None
         }
@@ -189,6 +198,7 @@ def _indent(lines, levels=3):
 _LOOP = """
 @compiled
 def {name}_{{h}}(initial, lanes, uniform, law_time, sample_time, step_time, data, sample_log, step_log, final):
+    widest_{{h}}()
     W, PER_LAW, PER_SAMPLE = {W}, {per_law}, {per_sample}
     work = np.empty({rows} * W)
     for r in range({states}):

@@ -1,28 +1,15 @@
-"""casadi Function -> straight-line Python for numba, sorted by when each instruction has to run.
-
-Every input component is declared as one of four kinds, and an instruction belongs to the latest kind that it needs:
-
-========== ========================================================= ==========================
-kind       what it is                                                runs
-========== ========================================================= ==========================
-uniform    a number, the same for all individuals                    once
-lane       a number that differs between individuals                 once per individual
-time       known beforehand, changes with time (the reference)       once per step
-state      the rest                                                  once per step and individual
-========== ========================================================= ==========================
-"""
+"""casadi Function -> straight-line Python for numba, sorted by when each instruction has to run (`plant.rewrite`)."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections import Counter
 
 import casadi as ca
 
-__all__ = ["LANE", "STATE", "TIME", "UNIFORM", "Names", "Program", "translate"]
+from plant.rewrite import LANE, STATE, TIME, UNIFORM, Node, kind_of, rewritten
 
-UNIFORM, LANE, TIME, STATE = 1, 2, 4, 8
+__all__ = ["LANE", "STATE", "TIME", "UNIFORM", "Names", "Program", "translate"]
 
 # casadi's operations by name -> text of the expression; {0}, {1} are the arguments, {h} the hash of the file.
 _OPERATIONS = {
@@ -65,8 +52,16 @@ _OPERATIONS = {
     "AND": "both_{h}({0}, {1})",
     "OR": "either_{h}({0}, {1})",
     "IF_ELSE_ZERO": "where_{h}({0}, {1})",
+    # what `plant.rewrite` makes of them
+    "TRUNC": "np.trunc({0})",
+    "FMA": "fma_{h}({0}, {1}, {2})",
+    "FMS": "fma_{h}({0}, {1}, -{2})",
+    "FNMA": "fma_{h}(-{0}, {1}, {2})",
+    "SINCOS": "sincos_{h}({0})",
+    "FIRST": "{0}[0]",
+    "SECOND": "{0}[1]",
 }
-_BY_CODE = {getattr(ca, f"OP_{name}"): text for name, text in _OPERATIONS.items()}
+_BY_CODE = {getattr(ca, f"OP_{name}"): name for name in _OPERATIONS if hasattr(ca, f"OP_{name}")}
 _CODE_NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
 
 
@@ -103,7 +98,7 @@ class Program:
     used: set
 
 
-def translate(function, inputs, names, rows):
+def translate(function, inputs, names, rows, *, fuse=False):
     """Translate an SX Function.
 
     Parameters
@@ -114,6 +109,9 @@ def translate(function, inputs, names, rows):
     names : Names
     rows : callable
         Gives a fresh row of the work array for what crosses from LANE to STATE.
+    fuse : bool
+        Round a product and the sum that it enters once (fused multiply-add) instead of twice. Which ones is decided
+        here, not by the compiler, so that every kernel of one function gives the same bits.
 
     Returns
     -------
@@ -128,93 +126,68 @@ def translate(function, inputs, names, rows):
         raise ValueError(
             f"function must be built from SX; got {function.class_name()} {function.name()}. Use expand()."
         )
+    nodes, outputs = rewritten(*_single_assignment(function, inputs), fuse=fuse)
     lines = {UNIFORM: [], LANE: [], TIME: [], STATE: []}
-    crossing, made, used, work = {}, set(), set(), {}
-    starts = [sum(function.nnz_out(i) for i in range(k)) for k in range(function.n_out())]
-    results = ["0.0"] * sum(function.nnz_out(i) for i in range(function.n_out()))
+    crossing, made, used, text = {}, set(), set(), {}
 
-    def use(index, level):
-        text, _ = work[index]
-        if level == STATE and text in made:
-            crossing.setdefault(text, rows())
-        return text
-
-    def emit(level, text):
-        name = names()
-        lines[level].append(f"{name} = {text}")
-        if level == LANE:
-            made.add(name)
+    def use(index, kind):
+        name = text[index]
+        if kind == STATE and name in made:
+            crossing.setdefault(name, rows())
         return name
 
-    instructions = _single_assignment(function)
-    divisors = Counter(of[1] for code, _, of in instructions if code == ca.OP_DIV)
-    angles = {code: {of[0] for c, _, of in instructions if c == code} for code in (ca.OP_SIN, ca.OP_COS)}
-    pairs = dict.fromkeys(angles[ca.OP_SIN] & angles[ca.OP_COS])
-    for code, to, of in instructions:
-        if code == ca.OP_CONST:
-            work[to] = (_literal(of), 0)
-        elif code == ca.OP_INPUT:
-            work[to] = inputs[of[0]][of[1]]
-            used.add(work[to][0])
-        elif code == ca.OP_OUTPUT:
-            results[starts[to[0]] + to[1]] = use(of, STATE)
-        elif code not in _BY_CODE:
-            raise ValueError(
-                f"operation must be one of {', '.join(_OPERATIONS)}; got {_CODE_NAMES.get(code, code)} in "
-                f"{function.name()}. Express it by those, or add it to plant/translate.py."
-            )
+    for index in _needed(nodes, outputs):
+        node = nodes[index]
+        if node.op == "CONST":
+            text[index] = _literal(node.of)
+        elif node.op == "INPUT":
+            text[index] = node.of
+            used.add(node.of)
         else:
-            level = _level(work[index][1] for index in of)
-            if code in angles and of[0] in pairs:  # sine and cosine of one angle share their work
-                if pairs[of[0]] is None:
-                    pair = emit(level, f"sincos_{{h}}({use(of[0], level)})")
-                    pairs[of[0]] = {ca.OP_SIN: emit(level, f"{pair}[0]"), ca.OP_COS: emit(level, f"{pair}[1]")}
-                    made.discard(pair)
-                work[to] = (pairs[of[0]][code], level)
-                continue
-            if code == ca.OP_DIV and divisors[of[1]] > 1 and work[of[1]][1] == STATE:
-                # Many divisions by one number that changes all the time share its reciprocal. (Others stay as they
-                # are: a rounding in what the encoder reads is amplified by an observer's gains.)
-                inverse = ("inverse", of[1])
-                if inverse not in work:
-                    work[inverse] = (emit(STATE, f"1.0 / {use(of[1], STATE)}"), STATE)
-                code, of = ca.OP_MUL, (of[0], inverse)
-            text = _BY_CODE[code]
-            for i, index in enumerate(of):
-                text = text.replace(f"{{{i}}}", use(index, level))
-            work[to] = (emit(level, text), level)
-    return Program(lines, results, crossing, used)
+            expression = _OPERATIONS[node.op]
+            for i, argument in enumerate(node.of):
+                expression = expression.replace(f"{{{i}}}", use(argument, node.kind))
+            name = text[index] = names()
+            lines[node.kind].append(f"{name} = {expression}")
+            if node.kind == LANE and node.op != "SINCOS":  # a pair never crosses, only its parts do
+                made.add(name)
+    return Program(lines, [use(index, STATE) for index in outputs], crossing, used)
 
 
 def _literal(value):
     return f"({value!r})" if math.isfinite(value) else f"np.{value!r}" if value > 0 else f"(-np.{-value!r})"
 
 
-def _single_assignment(function):
-    """Instructions as (code, result, arguments), with results numbered instead of work places that are used again."""
-    latest, found = {}, []
+def _single_assignment(function, inputs):
+    """Nodes of a function, each after those it needs, and the indices of the nodes that are its outputs, joined."""
+    starts = [sum(function.nnz_out(i) for i in range(k)) for k in range(function.n_out() + 1)]
+    nodes, outputs, latest = [Node("CONST", 0.0, 0)], [0] * starts[-1], {}
     for k in range(function.n_instructions()):
         code, to, of = function.instruction_id(k), function.instruction_output(k), function.instruction_input(k)
         if code == ca.OP_OUTPUT:
-            found.append((code, (to[0], to[1]), latest[of[0]]))
+            outputs[starts[to[0]] + to[1]] = latest[of[0]]
             continue
         if code == ca.OP_CONST:
-            found.append((code, k, function.instruction_constant(k)))
+            node = Node("CONST", function.instruction_constant(k), 0)
         elif code == ca.OP_INPUT:
-            found.append((code, k, (of[0], of[1])))
+            node = Node("INPUT", *inputs[of[0]][of[1]])
+        elif code in _BY_CODE:
+            arguments = tuple(latest[index] for index in of)
+            node = Node(_BY_CODE[code], arguments, kind_of(nodes[index].kind for index in arguments))
         else:
-            found.append((code, k, tuple(latest[index] for index in of)))
-        latest[to[0]] = k
-    return found
+            raise ValueError(
+                f"operation must be one of {', '.join(_OPERATIONS)}; got {_CODE_NAMES.get(code, code)} in "
+                f"{function.name()}. Express it by those, or add it to plant/translate.py."
+            )
+        latest[to[0]] = len(nodes)
+        nodes.append(node)
+    return nodes, outputs
 
 
-def _level(kinds):
-    """When something made of these kinds has to run."""
-    needs = 0
-    for kind in kinds:
-        needs |= kind
-    if needs & STATE or (needs & TIME and needs & LANE):
-        return STATE
-    if needs & TIME:
-        return TIME
-    return LANE if needs & LANE else UNIFORM
+def _needed(nodes, outputs):
+    """Indices of the nodes on which an output depends, in order."""
+    needed = set(outputs)
+    for index in reversed(range(len(nodes))):
+        if index in needed and nodes[index].op not in ("CONST", "INPUT"):
+            needed.update(nodes[index].of)
+    return sorted(needed)
