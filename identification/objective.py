@@ -140,15 +140,17 @@ class _Experiment:
         numbers[:, self._lanes] = population
         f = numbers[:, : self._dynamics.p]
         costs = np.full(len(population), np.inf)
-        sound = np.isfinite(population).all(axis=1)
-        sound[sound] = least_inertia_margin(self._dynamics, self._rig, f[sound]) >= 0
-        rows = np.flatnonzero(sound)
-        blocks = [rows[i : i + LANES] for i in range(0, len(rows), LANES)]
-        if not blocks:
-            return costs
-        with ThreadPoolExecutor(min(threads, len(blocks))) as pool:
-            for block, result in zip(blocks, pool.map(self._block, [population[b] for b in blocks]), strict=True):
-                costs[block] = result
+        with ThreadPoolExecutor(threads) as pool:
+
+            def of_blocks(function, rows):
+                """Results (len(rows),) of a function of candidates, worked out block by block."""
+                blocks = [rows[i : i + LANES] for i in range(0, len(rows), LANES)]
+                return np.concatenate([np.empty(0), *pool.map(function, blocks)])
+
+            sound = np.flatnonzero(np.isfinite(population).all(axis=1))
+            margins = of_blocks(lambda rows: least_inertia_margin(self._dynamics, self._rig, f[rows]), sound)
+            sound = sound[margins >= 0]
+            costs[sound] = of_blocks(lambda rows: self._block(population[rows]), sound)
         return costs
 
     def _block(self, candidates):

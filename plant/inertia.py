@@ -26,6 +26,9 @@ _GRID = 360
 _SCATTERED = 4096
 """Poses (a Sobol sequence) when D depends on several joints."""
 
+_COLUMNS = 16384
+"""Poses of candidates that are looked at in one go: they stay in the cache."""
+
 
 def least_inertia_margin(dynamics, rig, f):
     """Smallest pivot of D(q) - diag(Jm_min k^2) over all poses q, for each candidate.
@@ -41,16 +44,16 @@ def least_inertia_margin(dynamics, rig, f):
     (P,) numpy.ndarray
         Negative where the matrix is indefinite somewhere [kg m^2].
     """
-    f = np.ascontiguousarray(f, dtype=float)
-    if not len(f):
-        return np.empty(0)
+    f = np.asarray(f, dtype=float)
     kernel, poses = _smallest_pivot(dynamics)
     least = rig.drive.reflected_inertia(LEAST_MOTOR_INERTIA)
-    x = np.empty((dynamics.n + len(least) + dynamics.p, len(poses) * len(f)))
-    x[: dynamics.n] = np.tile(poses, (len(f), 1)).T
-    x[dynamics.n : -dynamics.p] = least[:, None]
-    x[-dynamics.p :] = np.repeat(f, len(poses), axis=0).T
-    return kernel(x)[0].reshape(len(f), len(poses)).min(axis=1)
+    margins, at_once = np.empty(len(f)), max(1, _COLUMNS // len(poses))
+    for start in range(0, len(f), at_once):
+        some = f[start : start + at_once]
+        pose = np.repeat(poses.T, len(some), axis=1)
+        x = np.vstack([pose, np.repeat(least[:, None], pose.shape[1], axis=1), np.tile(some.T, len(poses))])
+        margins[start : start + len(some)] = kernel(x)[0].reshape(len(poses), -1).min(axis=0)
+    return margins
 
 
 def require_inertia(arm, rig):

@@ -7,6 +7,7 @@ import math
 
 import casadi as ca
 
+from plant.pieces import Line
 from plant.rewrite import LANE, STATE, TIME, UNIFORM, Node, kind_of, rewritten
 
 __all__ = ["LANE", "STATE", "TIME", "UNIFORM", "Names", "Program", "translate"]
@@ -58,8 +59,6 @@ _OPERATIONS = {
     "FMS": "fma_{h}({0}, {1}, -{2})",
     "FNMA": "fma_{h}(-{0}, {1}, {2})",
     "SINCOS": "sincos_{h}({0})",
-    "FIRST": "{0}[0]",
-    "SECOND": "{0}[1]",
 }
 _BY_CODE = {getattr(ca, f"OP_{name}"): name for name in _OPERATIONS if hasattr(ca, f"OP_{name}")}
 _CODE_NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
@@ -83,7 +82,7 @@ class Program:
     Attributes
     ----------
     lines : dict
-        UNIFORM, LANE, TIME, STATE -> list of text lines, without indentation.
+        UNIFORM, LANE, TIME, STATE -> list of `plant.pieces.Line`.
     results : list of str
         Expressions of all output components, outputs joined.
     crossing : dict
@@ -143,14 +142,18 @@ def translate(function, inputs, names, rows, *, fuse=False):
         elif node.op == "INPUT":
             text[index] = node.of
             used.add(node.of)
+        elif node.op in ("FIRST", "SECOND"):
+            text[index] = text[node.of[0]][node.op == "SECOND"]
         else:
+            needs = tuple(use(argument, node.kind) for argument in node.of)
             expression = _OPERATIONS[node.op]
-            for i, argument in enumerate(node.of):
-                expression = expression.replace(f"{{{i}}}", use(argument, node.kind))
-            name = text[index] = names()
-            lines[node.kind].append(f"{name} = {expression}")
-            if node.kind == LANE and node.op != "SINCOS":  # a pair never crosses, only its parts do
-                made.add(name)
+            for i, argument in enumerate(needs):
+                expression = expression.replace(f"{{{i}}}", argument)
+            results = (names(), names()) if node.op == "SINCOS" else (names(),)
+            text[index] = results if node.op == "SINCOS" else results[0]
+            lines[node.kind].append(Line(results, expression, needs))
+            if node.kind == LANE:
+                made.update(results)
     return Program(lines, [use(index, STATE) for index in outputs], crossing, used)
 
 

@@ -1,0 +1,89 @@
+"""Straight-line code cut into pieces, each a loop over the individuals, joined by rows of the work array.
+
+A processor looks a few hundred instructions ahead. In one long loop these all belong to one individual (or a vector of
+them) and wait for each other; in short loops they belong to several individuals, and do not.
+"""
+
+from __future__ import annotations
+
+from itertools import accumulate, pairwise
+from typing import NamedTuple
+
+__all__ = ["Line", "cut"]
+
+
+class Line(NamedTuple):
+    """One assignment ``names = text``; `needs` are the names, literals among them, that stand in the text."""
+
+    names: tuple
+    text: str
+    needs: tuple
+
+    def __str__(self):
+        return f"{', '.join(self.names)} = {self.text}"
+
+
+def cut(lines, stores, rows, fresh, size):
+    """Pieces of about `size` lines, as texts in which ``{row}`` stands for that row of the work array.
+
+    Parameters
+    ----------
+    lines : list of Line
+    stores : dict
+        Row of the work array -> name, or literal, that it holds in the end.
+    rows : dict
+        Name -> row, for what the lines may read from the work array.
+    fresh : callable
+        Gives a fresh row.
+    size : int
+
+    Returns
+    -------
+    list of list of str
+    """
+    bounds = _bounds(lines, stores, max(1, round(len(lines) / size)))
+    rows, last = dict(rows), len(bounds) - 2
+    piece_of = {name: k for k, (a, b) in enumerate(pairwise(bounds)) for line in lines[a:b] for name in line.names}
+    read_in = {}  # name -> last piece that reads it
+    for k, (a, b) in enumerate(pairwise(bounds)):
+        read_in |= dict.fromkeys((name for line in lines[a:b] for name in line.needs), k)
+    read_in |= dict.fromkeys((name for name in stores.values() if name in rows), last)  # copied from row to row
+    kept = {row: name for name, row in rows.items()}
+    # A row is overwritten as soon as its new value is known and its old one has been read for the last time.
+    known_in = dict.fromkeys(rows, last) | piece_of
+    stored_in = {row: max(known_in.get(name, 0), read_in.get(kept.get(row), 0)) for row, name in stores.items()}
+    pieces = []
+    for k, (a, b) in enumerate(pairwise(bounds)):
+        ending = {row: name for row, name in stores.items() if stored_in[row] == k}
+        here = {name for line in lines[a:b] for name in line.names}
+        needed = dict.fromkeys([*(name for line in lines[a:b] for name in line.needs), *ending.values()])
+        text = [f"{name} = {{{rows[name]}}}" for name in needed if name in rows and name not in here]
+        text += [str(line) for line in lines[a:b]]
+        later = {name for line in lines[b:] for name in line.needs}
+        later |= {name for row, name in stores.items() if stored_in[row] > k}
+        for line in lines[a:b] if k < last else []:
+            for name in line.names:
+                if name in later:
+                    rows[name] = fresh()
+                    text.append(f"{{{rows[name]}}} = {name}")
+        text += [f"{{{row}}} = {name}" for row, name in ending.items()]
+        pieces.append(text)
+    return pieces
+
+
+def _bounds(lines, stores, count):
+    """Where to cut: near equal lengths, at the places that fewest values have to cross."""
+    made = {name: i for i, line in enumerate(lines) for name in line.names}
+    read = {name: i for i, line in enumerate(lines) for name in line.needs} | dict.fromkeys(stores.values(), len(lines))
+    change = [0] * (len(lines) + 2)
+    for name, i in made.items():
+        if name in read:
+            change[i + 1] += 1
+            change[read[name] + 1] -= 1
+    crossing = list(accumulate(change))  # values made before line k and read from there on
+    length = len(lines) / count
+    bounds = [0]
+    for k in range(1, count):
+        near = range(round((k - 1 / 3) * length), round((k + 1 / 3) * length) + 1)
+        bounds.append(min(near, key=lambda i: crossing[i]))
+    return [*bounds, len(lines)]
