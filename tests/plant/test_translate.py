@@ -1,14 +1,17 @@
 """The translator against mpmath (sine, cosine, their polynomials) and against casadi (every operation)."""
 
 import math
+import platform
 
 import casadi as ca
+import llvmlite.binding
 import mpmath
 import numpy as np
 import pytest
 
-from plant.elementary import COSINE, PI, SINE
-from plant.kernel import MapKernel
+from plant.compile import Kernel
+from plant.elementary import COSINE, HELPERS, PI, SINE
+from plant.kernel import _HEAD, MapKernel
 from plant.translate import _OPERATIONS, LANE, STATE, TIME, UNIFORM, Names, translate
 
 EPS = np.finfo(float).eps
@@ -155,7 +158,7 @@ def test_each_instruction_runs_as_seldom_as_its_arguments_allow():
     inputs = [[("u", UNIFORM)], [("l", LANE)], [("t", TIME)], [("s", STATE)]]
     rows = iter(range(5, 100))
     program = translate(function, inputs, Names(), lambda: next(rows))
-    texts = {kind: "; ".join(line.split(" = ")[1] for line in lines) for kind, lines in program.lines.items()}
+    texts = {kind: "; ".join(line.text for line in lines) for kind, lines in program.lines.items()}
     assert texts[UNIFORM].count(";") == 2
     assert texts[LANE] == "u * l"
     assert texts[TIME] in ("u * t", "t * u")
@@ -171,7 +174,7 @@ def test_sine_and_cosine_of_one_angle_and_divisions_by_one_number_share_their_wo
     function = ca.Function("f", symbols, [ca.vertcat(*expressions)])
     rows = iter(range(5, 100))
     program = translate(function, [[("l", LANE)], [("s", STATE)]], Names(), lambda: next(rows))
-    lanes, states = "; ".join(program.lines[LANE]), "; ".join(program.lines[STATE])
+    lanes, states = ("; ".join(map(str, program.lines[kind])) for kind in (LANE, STATE))
     assert lanes.count("sincos_{h}(l)") == 1
     assert "sin" not in states
     assert states.count("1.0 / s") == 1
@@ -180,3 +183,52 @@ def test_sine_and_cosine_of_one_angle_and_divisions_by_one_number_share_their_wo
     x = np.random.default_rng(3).uniform(-3, 3, (2, 50))
     expected = function.map(50)(x[:1], x[1:]).full()
     np.testing.assert_allclose(MapKernel(function)(x), expected, rtol=4 * EPS, atol=1e-14)
+
+
+def texts(expression, *symbols, fuse):
+    """What the instructions of an expression in these state symbols become."""
+    function = ca.Function("f", list(symbols), [expression])
+    inputs = [[(f"{symbol.name()}{i}", STATE) for i in range(symbol.numel())] for symbol in symbols]
+    return [line.text for line in translate(function, inputs, Names(), None, fuse=fuse).lines[STATE]]
+
+
+def test_products_are_fused_with_the_sum_that_alone_needs_them():
+    a, b, c = x = [ca.SX.sym(name) for name in "abc"]
+    assert texts(a * b + c, *x, fuse=False) == ["a0 * b0", "v1 + c0"]
+    assert texts(a * b + c, *x, fuse=True) == ["fma_{h}(a0, b0, c0)"]
+    assert texts(c + a * b, *x, fuse=True) == ["fma_{h}(a0, b0, c0)"]
+    assert texts(c - a * b, *x, fuse=True) == ["fma_{h}(-a0, b0, c0)"]
+    assert texts(a * b - c, *x, fuse=True) == ["fma_{h}(a0, b0, -c0)"]
+    assert texts(2 * a - c, *x, fuse=True) == ["fma_{h}(a0, (2.0), -c0)"]
+    assert texts(a * a + c, *x, fuse=True) == ["fma_{h}(a0, a0, c0)"]
+    product = a * b
+    twice = texts(ca.vertcat(product + c, product), *x, fuse=True)
+    assert twice == ["a0 * b0", "v1 + c0"]  # the product is needed for itself too
+
+
+def test_rounding_towards_zero_is_one_instruction_if_it_is_all_of_one_number():
+    x = a, b = [ca.SX.sym(name) for name in "ab"]
+    assert texts(ca.copysign(ca.floor(ca.fabs(a)), a), *x, fuse=False) == ["np.trunc(a0)"]
+    assert len(texts(ca.copysign(ca.floor(ca.fabs(a)), b), *x, fuse=False)) == 3
+
+
+def fused(x, y, z):
+    """x y + z, rounded once."""
+    with mpmath.workprec(400):
+        return float(mpmath.mpf(float(x)) * mpmath.mpf(float(y)) + mpmath.mpf(float(z)))
+
+
+@pytest.mark.skipif(
+    platform.machine() == "x86_64" and not llvmlite.binding.get_host_cpu_features().get("fma"),
+    reason="this processor has no fused multiply-add",
+)
+def test_fused_kernels_round_once():
+    """By a loop kernel's own helper, against exact arithmetic; the sum cancels, so that a second rounding shows."""
+    random = np.random.default_rng(5)
+    x, y = random.normal(size=(2, 200))
+    z = -x * y * (1 + 1e-15 * random.normal(size=200))
+    source = _HEAD + HELPERS + "\n\n@compiled\ndef f_{h}(x, y, z):\n    return fma_{h}(x, y, z)\n"
+    kernel = Kernel(source, ["f"])
+    got = [kernel.call("f", *point) for point in zip(x, y, z, strict=True)]
+    np.testing.assert_array_equal(got, [fused(*point) for point in zip(x, y, z, strict=True)])
+    assert not np.array_equal(got, x * y + z)
