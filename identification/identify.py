@@ -85,6 +85,7 @@ def identify(
     unknown=None,
     settings=None,
     steps_per_sample=4,
+    sweeps=3,
     threads=None,
 ):
     """Find the parameters with which the model repeats the tracking errors of the robot.
@@ -111,8 +112,8 @@ def identify(
         Names of what to find: all of f by default; numbers of rig or law may be added (``drive.viscous[0]``).
     settings : GeneticSettings, optional
         By default `GeneticSettings.paper()`.
-    steps_per_sample : int
-        Sub-steps of the model.
+    steps_per_sample, sweeps : int
+        Sub-steps of the model, and sweeps of its friction law.
     threads : int, optional
         By default one per core.
 
@@ -129,7 +130,7 @@ def identify(
     """
     choice("method", method, ("paper",))
     started = time.perf_counter()
-    objective = Objective(dynamics, records, unknown, steps_per_sample=steps_per_sample, threads=threads)
+    objective = Objective(dynamics, records, unknown, steps_per_sample=steps_per_sample, sweeps=sweeps, threads=threads)
     if ranges is None:
         if dynamics.ranges is None or objective.unknown != dynamics.names:
             raise ValueError(

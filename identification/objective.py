@@ -43,8 +43,8 @@ class Objective:
     unknown : sequence of str, optional
         Names of what a candidate gives, in its order; by default f. Any number of rig and law can be named too, as
         ``drive.viscous[0]`` or ``law.gain[1]``.
-    steps_per_sample : int
-        Sub-steps of the simulation.
+    steps_per_sample, sweeps : int
+        Sub-steps of the simulation, and sweeps of its friction law, as for `plant.simulate`.
     threads : int, optional
         By default one per core. The result is the same bits for any number.
 
@@ -56,7 +56,7 @@ class Objective:
     Source: paper eq. (4).
     """
 
-    def __init__(self, dynamics, records, unknown=None, *, steps_per_sample=4, threads=None):
+    def __init__(self, dynamics, records, unknown=None, *, steps_per_sample=4, sweeps=3, threads=None):
         records = tuple(records) if np.iterable(records) else (records,)
         if not records or not all(isinstance(record, Record) for record in records):
             given = type(next(r for r in records if not isinstance(r, Record))).__name__ if records else "none"
@@ -72,7 +72,8 @@ class Objective:
         if twice:
             raise ValueError(f"unknown must name each number once; {twice[0]} comes twice. Leave one out.")
         self.threads = int(threads or os.cpu_count() or 1)
-        self._experiments = [_Experiment(dynamics, record, self.unknown, steps_per_sample) for record in records]
+        settings = {"steps_per_sample": steps_per_sample, "sweeps": sweeps}
+        self._experiments = [_Experiment(dynamics, record, self.unknown, settings) for record in records]
 
     @property
     def p(self):
@@ -97,7 +98,7 @@ class Objective:
 class _Experiment:
     """One record, ready to be replayed with any number of candidates."""
 
-    def __init__(self, dynamics, record, unknown, steps_per_sample):
+    def __init__(self, dynamics, record, unknown, settings):
         if record.law is None:
             raise ValueError("the record must name the law that made it; got None. Pass law= to Record.from_csv.")
         if record.n != dynamics.n:
@@ -109,8 +110,8 @@ class _Experiment:
             dynamics=dynamics,
             rig=record.rig,
             law=record.law,
-            steps_per_sample=steps_per_sample,
             score=squared_error(dynamics.n),
+            **settings,
         )
         names = loop.number_names
         for name in unknown:
@@ -125,7 +126,7 @@ class _Experiment:
         self._tables = (*time_tables(loop, path, samples), np.ascontiguousarray(record.error_pulses))
         self._numbers = loop.number_values(np.full(dynamics.p, np.nan))
         self._state = loop.initial_state(*start_of(record, path))
-        self._steps = samples * steps_per_sample
+        self._steps = samples * loop.steps_per_sample
         self._dynamics, self._rig = dynamics, record.rig
         open_f = [name for name in dynamics.names if name not in unknown]
         if open_f:

@@ -23,7 +23,7 @@ __all__ = ["Trace", "loop_kernel", "run", "simulate"]
 
 
 @known_options
-def simulate(arm, rig, law, reference, *, duration=None, steps_per_sample=4, initial=None, backend="numba"):
+def simulate(arm, rig, law, reference, *, duration=None, steps_per_sample=4, sweeps=3, initial=None, backend="numba"):
     """Simulate the closed loop and log it as the experiment does.
 
     Parameters
@@ -36,6 +36,9 @@ def simulate(arm, rig, law, reference, *, duration=None, steps_per_sample=4, ini
         [s]; by default the reference's own. There are ceil(duration / period) samples, at t_k = k period from 0.
     steps_per_sample : int
         Integration steps between two samples; 4 is accurate to the noise of the encoder, 16 is nearly converged.
+    sweeps : int
+        Of the friction law over the joints, per integration step; what fewer or more of both change in pulses is a
+        table in docs/speed.md.
     initial : (2, n) array_like, optional
         Position [rad] and velocity [rad/s] at t = 0; by default those of the reference.
     backend : {"numba", "casadi"}
@@ -52,7 +55,7 @@ def simulate(arm, rig, law, reference, *, duration=None, steps_per_sample=4, ini
         Bad input, or a loop that diverges (with time and joint).
     """
     choice("backend", backend, ("numba", "casadi"))
-    trace = run(arm, rig, law, reference, duration, steps_per_sample, initial, backend)
+    trace = run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, sweeps)
     return trace.record
 
 
@@ -71,7 +74,7 @@ class Trace:
     true_error_pulses: np.ndarray
 
 
-def run(arm, rig, law, reference, duration, steps_per_sample, initial, backend):
+def run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, sweeps=3):
     """`simulate`, with the sub-steps kept."""
     order = "The order is arm, rig, law, reference."
     for name, value, kind in (
@@ -81,7 +84,7 @@ def run(arm, rig, law, reference, duration, steps_per_sample, initial, backend):
         ("reference", reference, Reference),
     ):
         instance(name, value, kind, order)
-    loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample)
+    loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, sweeps=sweeps)
     duration = reference.duration if duration is None else duration
     duration = real("duration", duration, "Leave it out for one period of the reference.", positive=True)
     samples = math.ceil(duration / rig.period - 1e-9)
