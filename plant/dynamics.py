@@ -74,7 +74,7 @@ def _standard(pi, i):
 
 
 _FEW = 3
-"""Joints up to which the Coriolis torque is shorter as a quadratic form than as the recursion gives it."""
+"""Joints up to which sums over f and over products of speeds are shorter than what the recursion gives."""
 
 
 def _by_speeds(coriolis, qd, collected):
@@ -159,19 +159,20 @@ class Dynamics(Part):
 
     @cached_property
     def _equations(self):
-        """D, Coriolis and gravity torque, each collected in f: sum of (d/df) f, so that what cancels is gone."""
+        """D, Coriolis and gravity torque; with few joints collected in f, as sums of (d/df) f: what cancels is gone."""
         q, qd, qdd, f = self._symbols
         lumping, rest = self.lumping, ca.SX.zeros(self.n)
         moving = torque(self.chain, q, qd, qdd, ca.SX(lumping.inertial_section()) @ f, (0, 0, 0))
         gravity = torque(self.chain, q, rest, rest, ca.SX(lumping.gravity_section()) @ f, self.chain.gravity)
 
+        D, coriolis = ca.jacobian(moving, qdd), ca.substitute(moving, qdd, rest)
+
         def collected(expression):
             return ca.reshape(ca.jacobian(ca.vec(expression), f) @ f, expression.shape)
 
-        coriolis = collected(ca.substitute(moving, qdd, rest))
         if self.n <= _FEW:
-            coriolis = _by_speeds(coriolis, qd, collected)
-        return collected(ca.jacobian(moving, qdd)), coriolis, collected(gravity)
+            D, coriolis, gravity = collected(D), _by_speeds(collected(coriolis), qd, collected), collected(gravity)
+        return ca.tril2symm(ca.tril(D)), coriolis, gravity
 
     @cached_property
     def D(self):

@@ -13,14 +13,21 @@ __all__ = ["Line", "cut"]
 
 
 class Line(NamedTuple):
-    """One assignment ``names = text``; `needs` are the names, literals among them, that stand in the text."""
+    """One assignment; in the template ``{0}``, ``{1}`` stand for what it `needs`: names or literals."""
 
     names: tuple
-    text: str
+    template: str
     needs: tuple
 
+    def text(self, renamed=None):
+        """The right side, with some names changed."""
+        text = self.template
+        for i, name in enumerate(self.needs):
+            text = text.replace(f"{{{i}}}", (renamed or {}).get(name, name))
+        return text
+
     def __str__(self):
-        return f"{', '.join(self.names)} = {self.text}"
+        return f"{', '.join(self.names)} = {self.text()}"
 
 
 def cut(lines, stores, rows, fresh, size):
@@ -30,7 +37,7 @@ def cut(lines, stores, rows, fresh, size):
     ----------
     lines : list of Line
     stores : dict
-        Row of the work array -> name, or literal, that it holds in the end.
+        Row of the work array, or text of another place -> name, or literal, that it holds in the end.
     rows : dict
         Name -> row, for what the lines may read from the work array.
     fresh : callable
@@ -57,8 +64,10 @@ def cut(lines, stores, rows, fresh, size):
         ending = {row: name for row, name in stores.items() if stored_in[row] == k}
         here = {name for line in lines[a:b] for name in line.names}
         needed = dict.fromkeys([*(name for line in lines[a:b] for name in line.needs), *ending.values()])
-        text = [f"{name} = {{{rows[name]}}}" for name in needed if name in rows and name not in here]
-        text += [str(line) for line in lines[a:b]]
+        # What is read has another name in every piece: variables that are assigned once compile much faster.
+        read = {name: f"{name}_{k}" for name in needed if name in rows and name not in here}
+        text = [f"{new} = {{{rows[name]}}}" for name, new in read.items()]
+        text += [f"{', '.join(line.names)} = {line.text(read)}" for line in lines[a:b]]
         later = {name for line in lines[b:] for name in line.needs}
         later |= {name for row, name in stores.items() if stored_in[row] > k}
         for line in lines[a:b] if k < last else []:
@@ -66,9 +75,13 @@ def cut(lines, stores, rows, fresh, size):
                 if name in later:
                     rows[name] = fresh()
                     text.append(f"{{{rows[name]}}} = {name}")
-        text += [f"{{{row}}} = {name}" for row, name in ending.items()]
+        text += [f"{_target(row)} = {read.get(name, name)}" for row, name in ending.items()]
         pieces.append(text)
     return pieces
+
+
+def _target(place):
+    return place if isinstance(place, str) else f"{{{place}}}"
 
 
 def _bounds(lines, stores, count):

@@ -1,4 +1,4 @@
-"""casadi Function -> straight-line Python for numba, sorted by when each instruction has to run (`plant.rewrite`)."""
+"""casadi Function -> calls of `plant.elementary.Emitter`, sorted by when each has to run (`plant.rewrite`)."""
 
 from __future__ import annotations
 
@@ -7,60 +7,14 @@ import math
 
 import casadi as ca
 
+from plant.elementary import OPERATIONS
 from plant.pieces import Line
 from plant.rewrite import LANE, STATE, TIME, UNIFORM, Node, kind_of, rewritten
 
 __all__ = ["LANE", "STATE", "TIME", "UNIFORM", "Names", "Program", "translate"]
 
-# casadi's operations by name -> text of the expression; {0}, {1} are the arguments, {h} the hash of the file.
-_OPERATIONS = {
-    "ASSIGN": "{0}",
-    "ADD": "{0} + {1}",
-    "SUB": "{0} - {1}",
-    "MUL": "{0} * {1}",
-    "DIV": "{0} / {1}",
-    "NEG": "-{0}",
-    "SQ": "{0} * {0}",
-    "TWICE": "{0} + {0}",
-    "INV": "1.0 / {0}",
-    "SQRT": "math.sqrt({0})",
-    "EXP": "math.exp({0})",
-    "LOG": "math.log({0})",
-    "POW": "math.pow({0}, {1})",
-    "CONSTPOW": "math.pow({0}, {1})",
-    "SIN": "sin_{h}({0})",
-    "COS": "cos_{h}({0})",
-    "TAN": "math.tan({0})",
-    "ASIN": "math.asin({0})",
-    "ACOS": "math.acos({0})",
-    "ATAN": "math.atan({0})",
-    "ATAN2": "math.atan2({0}, {1})",
-    "SINH": "math.sinh({0})",
-    "COSH": "math.cosh({0})",
-    "TANH": "math.tanh({0})",
-    "FLOOR": "np.floor({0})",
-    "CEIL": "np.ceil({0})",
-    "FABS": "abs({0})",
-    "COPYSIGN": "math.copysign({0}, {1})",
-    "SIGN": "sign_{h}({0})",
-    "FMIN": "min_{h}({0}, {1})",
-    "FMAX": "max_{h}({0}, {1})",
-    "LT": "less_{h}({0}, {1})",
-    "LE": "atmost_{h}({0}, {1})",
-    "EQ": "equal_{h}({0}, {1})",
-    "NE": "1.0 - equal_{h}({0}, {1})",
-    "NOT": "equal_{h}({0}, 0.0)",
-    "AND": "both_{h}({0}, {1})",
-    "OR": "either_{h}({0}, {1})",
-    "IF_ELSE_ZERO": "where_{h}({0}, {1})",
-    # what `plant.rewrite` makes of them
-    "TRUNC": "np.trunc({0})",
-    "FMA": "fma_{h}({0}, {1}, {2})",
-    "FMS": "fma_{h}({0}, {1}, -{2})",
-    "FNMA": "fma_{h}(-{0}, {1}, {2})",
-    "SINCOS": "sincos_{h}({0})",
-}
-_BY_CODE = {getattr(ca, f"OP_{name}"): name for name in _OPERATIONS if hasattr(ca, f"OP_{name}")}
+_BY_CODE = {getattr(ca, f"OP_{name}"): name for name in OPERATIONS if hasattr(ca, f"OP_{name}")}
+_CALL = [None, "{}({{0}})", "{}({{0}}, {{1}})", "{}({{0}}, {{1}}, {{2}})"]
 _CODE_NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
 
 
@@ -87,14 +41,14 @@ class Program:
         Expressions of all output components, outputs joined.
     crossing : dict
         Variable of a LANE line that a STATE line needs -> row of the work array that carries it.
-    used : set of str
-        Input expressions that occur.
+    used : dict
+        Input expressions that occur -> their kind.
     """
 
     lines: dict
     results: list
     crossing: dict
-    used: set
+    used: dict
 
 
 def translate(function, inputs, names, rows, *, fuse=False):
@@ -127,7 +81,7 @@ def translate(function, inputs, names, rows, *, fuse=False):
         )
     nodes, outputs = rewritten(*_single_assignment(function, inputs), fuse=fuse)
     lines = {UNIFORM: [], LANE: [], TIME: [], STATE: []}
-    crossing, made, used, text = {}, set(), set(), {}
+    crossing, made, used, text = {}, set(), {}, {}
 
     def use(index, kind):
         name = text[index]
@@ -141,24 +95,21 @@ def translate(function, inputs, names, rows, *, fuse=False):
             text[index] = _literal(node.of)
         elif node.op == "INPUT":
             text[index] = node.of
-            used.add(node.of)
+            used[node.of] = node.kind
         elif node.op in ("FIRST", "SECOND"):
             text[index] = text[node.of[0]][node.op == "SECOND"]
         else:
             needs = tuple(use(argument, node.kind) for argument in node.of)
-            expression = _OPERATIONS[node.op]
-            for i, argument in enumerate(needs):
-                expression = expression.replace(f"{{{i}}}", argument)
             results = (names(), names()) if node.op == "SINCOS" else (names(),)
             text[index] = results if node.op == "SINCOS" else results[0]
-            lines[node.kind].append(Line(results, expression, needs))
+            lines[node.kind].append(Line(results, _CALL[len(needs)].format(OPERATIONS[node.op]), needs))
             if node.kind == LANE:
                 made.update(results)
     return Program(lines, [use(index, STATE) for index in outputs], crossing, used)
 
 
 def _literal(value):
-    return f"({value!r})" if math.isfinite(value) else f"np.{value!r}" if value > 0 else f"(-np.{-value!r})"
+    return repr(value) if math.isfinite(value) else f'float("{value!r}")'
 
 
 def _single_assignment(function, inputs):
@@ -179,8 +130,8 @@ def _single_assignment(function, inputs):
             node = Node(_BY_CODE[code], arguments, kind_of(nodes[index].kind for index in arguments))
         else:
             raise ValueError(
-                f"operation must be one of {', '.join(_OPERATIONS)}; got {_CODE_NAMES.get(code, code)} in "
-                f"{function.name()}. Express it by those, or add it to plant/translate.py."
+                f"operation must be one of {', '.join(_BY_CODE.values())}; got {_CODE_NAMES.get(code, code)} in "
+                f"{function.name()}. Express it by those, or add it to plant/elementary.py."
             )
         latest[to[0]] = len(nodes)
         nodes.append(node)

@@ -1,0 +1,231 @@
+"""The text of kernels: a casadi Function mapped over columns, or a closed loop run for W individuals side by side.
+
+In the loop quantity r of individual j is ``work[r * W + j]``, with W a constant of the file; time is the outer loop,
+the individuals are the innermost, and the body has no branch, so that LLVM vectorises it. The loops are Python for
+numba; what they repeat are intrinsics, which emit their instructions themselves (`plant.elementary`).
+"""
+
+from __future__ import annotations
+
+import inspect
+import itertools
+import re
+
+from plant import elementary
+from plant.pieces import cut
+from plant.translate import LANE, STATE, TIME, UNIFORM, Names, translate
+
+__all__ = ["LANES", "head", "intrinsic", "loop_source", "map_source"]
+
+LANES = 40
+"""Individuals side by side in the population's loop."""
+
+PIECE, LONG_PIECE = 40, 1000
+"""Instructions in one loop over them; and in one for a single individual, where there is nothing to overlap."""
+
+
+def head():
+    """What every generated file begins with."""
+    return _HEAD.format(elementary=inspect.getsource(elementary))
+
+
+def intrinsic(name, parameters, lines, values=None):
+    """An intrinsic that does this to its arrays, or gives back these values as a tuple of numbers."""
+    if values is None:
+        result, last = "void", "return context.get_dummy_value()"
+    else:
+        values = values or ["0.0"]  # numba has no empty tuple of numbers
+        result, last = f"UniTuple(float64, {len(values)})", f"return e.pack({', '.join(values)})"
+    lines = "\n        ".join([*lines, last])
+    return _INTRINSIC.format(name=name, parameters=", ".join(parameters) + ",", lines=lines, result=result)
+
+
+def map_source(function):
+    """Text of ``map(x, y)``, and the number of rows of y."""
+    place = itertools.count()
+    inputs = [[(f"x[{next(place)}]", STATE) for _ in range(function.nnz_in(i))] for i in range(function.n_in())]
+    program = translate(function, inputs, Names(), None)
+    lines = ["x, y = (e.view(kinds[i], (x, y)[i], columns, j) for i in (0, 1))"]
+    lines += map(str, program.lines[UNIFORM] + program.lines[STATE])
+    lines += [f"y[{i}] = {result}" for i, result in enumerate(program.results)]
+    return head() + intrinsic("column", ["x", "y", "columns", "j"], lines) + _MAP, len(program.results)
+
+
+def loop_source(loop, lanes, uniform):
+    """Text of ``single`` and ``population``; `lanes` and `uniform` are positions in ``loop.number_names``."""
+    states, names = len(loop.state_names), Names()
+    rows = itertools.count(states + len(lanes))
+    kept = {f"s{i}": i for i in range(states)} | {f"l{i}": states + i for i in range(len(lanes))}
+    programs = _programs(loop, lanes, uniform, names, lambda: next(rows))
+    given = {name: kind for program in programs.values() for name, kind in program.used.items()}
+    text = [head()]
+
+    # Worked out once, and once per individual.
+    numbers = [name for name, kind in given.items() if kind == UNIFORM]
+    once = ["u = e.view(kinds[0], u, 1, e.index(0, 0))", *map(_read, numbers)]
+    of_lane = [f"{name} = work[{kept[name]}]" for name, kind in given.items() if kind == LANE]
+    for program in programs.values():
+        once += map(str, program.lines[UNIFORM])
+        numbers += _made(program.lines[UNIFORM])
+        of_lane += map(str, program.lines[LANE])
+        of_lane += [f"work[{row}] = {name}" for name, row in program.crossing.items()]
+    text.append(intrinsic("uniforms", ["u"], once, numbers))
+
+    # Worked out once per step.
+    times = {}
+    for which, program in programs.items():
+        read = [name for name, kind in program.used.items() if kind == TIME]
+        lines = [
+            f"t = e.view(kinds[0], t, 1, e.index(i, {len(loop.time_names)}))",
+            f"d = e.view(kinds[1], d, 1, e.index(i, {loop.n_data}))",
+            _unpacked(numbers, "uniform"),
+            *map(_read, read),
+            *map(str, program.lines[TIME]),
+        ]
+        times[which] = read + _made(program.lines[TIME])
+        text.append(intrinsic(f"{which}_times", ["t", "d", "i", "uniform"], lines, times[which]))
+
+    # Worked out once per step and individual: for one individual with its log, and for many.
+    settings = {"states": states, "lanes": len(lanes), "per_law": loop.steps_per_law or 1}
+    settings["per_sample"] = loop.steps_per_sample
+    for name, width, size in (("single", 1, LONG_PIECE), ("population", LANES, PIECE)):
+        view = [f"work = e.view(kinds[0], work, {width}, j)", _unpacked(numbers, "uniform")]
+        text.append(intrinsic(f"{name}_once", ["work", "j", "uniform"], view + of_lane))
+        blocks = dict.fromkeys(_BLOCKS, "pass")
+        for which, program in programs.items():
+            table, index, log = _BLOCKS[which]
+            results, logged = program.results, log is not None and width == 1
+            stores = {i: result for i, result in enumerate(results[:states]) if result != f"s{i}"}
+            start, parameters, last = [*view, _unpacked(times[which], "times")], ["work", "j", "uniform", "times"], ""
+            if logged:
+                stores |= {f"log[{i}]": result for i, result in enumerate(results[states:])}
+                start += [f"log = e.view(kinds[4], log, 1, e.index(i, {len(results) - states}))"]
+                parameters, last = [*parameters, "log", "i"], f", {log}, {index}"
+            block = [f"{which}_times = {which}_times_{{h}}({table}, data, {index}, numbers)"]
+            pieces = cut(program.lines[STATE], stores, kept | program.crossing, lambda: next(rows), size)
+            for k, piece in enumerate(pieces):
+                function, j = f"{name}_{which}_{k}", f"j_{which}_{k}"  # a name assigned once compiles faster
+                lines = [re.sub(r"{(\d+)}", r"work[\1]", line) for line in piece]
+                text.append(intrinsic(function, parameters, start + lines))
+                block.append(f"for {j} in range({width}):")
+                block.append(f"    {function}_{{h}}(work, {j}, numbers, {which}_times{last})")
+            blocks[which] = "\n            ".join(block)
+        text.append(_LOOP.format(name=name, W=width, rows=next(rows), **settings, **blocks))
+    return "".join(text)
+
+
+def _programs(loop, lanes, uniform, names, fresh):
+    """The translated law (if it has a period), log and sub-step."""
+    where = {number: (f"l{i}", LANE) for i, number in enumerate(lanes)}
+    where |= {number: (f"u{i}", UNIFORM) for i, number in enumerate(uniform)}
+    inputs = [
+        [(f"s{i}", STATE) for i in range(len(loop.state_names))],
+        [(f"t{i}", TIME) for i in range(len(loop.time_names))],
+        [where[i] for i in range(len(where))],
+        [(f"d{i}", TIME) for i in range(loop.n_data)],
+    ]
+    functions = {"law": loop.law_step, "sample": loop.sample, "step": loop.substep}
+    return {
+        which: translate(function, inputs[: function.n_in()], names, fresh, fuse=which == "step")
+        for which, function in functions.items()
+        if function is not None
+    }
+
+
+def _read(name):
+    """The line that reads a number from the array named by its first letter."""
+    return f"{name} = {name[0]}[{name[1:]}]"
+
+
+def _unpacked(names, values):
+    return f"{', '.join(names or ['_'])}, = e.unpack({values})"
+
+
+def _made(lines):
+    return [name for line in lines for name in line.names]
+
+
+_HEAD = '''"""Generated by plant.source; do not edit."""
+{elementary}
+
+import numba
+import numpy as np
+from numba.core.types import UniTuple, void
+from numba.extending import intrinsic
+
+compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
+
+
+@intrinsic
+def widest_{{h}}(typing):
+    def codegen(context, builder, signature, arguments):
+        Emitter(context, builder).widest()
+        return context.get_dummy_value()
+
+    return void(), codegen
+'''
+
+_INTRINSIC = """
+
+@intrinsic
+def {name}_{{h}}(typing, {parameters}):
+    def codegen(context, builder, signature, arguments):
+        e, kinds = Emitter(context, builder), signature.args
+        {parameters} = arguments
+        {lines}
+
+    return {result}({parameters}), codegen
+"""
+
+_MAP = """
+
+@compiled
+def map_{h}(x, y):
+    widest_{h}()
+    for j in range(x.shape[1]):
+        column_{h}(x, y, x.shape[1], j)
+"""
+
+_BLOCKS = {
+    "law": ("law_time", "i // PER_LAW", None),
+    "sample": ("sample_time", "i // PER_SAMPLE", "sample_log"),
+    "step": ("step_time", "i", "step_log"),
+}
+"""Of each block of the loop: its table, the row of it, and its log."""
+
+_LOOP = """
+
+@compiled
+def {name}_{{h}}(initial, lanes, uniform, law_time, sample_time, step_time, data, sample_log, step_log, final):
+    widest_{{h}}()
+    W, PER_LAW, PER_SAMPLE = {W}, {per_law}, {per_sample}
+    space = np.empty({rows} * W + 8)
+    work = space[(-(space.ctypes.data // 8)) % 8 :]  # rows begin where cache lines do
+    for r in range({states}):
+        for j in range(W):
+            work[r * W + j] = initial[r, j]
+    for r in range({lanes}):
+        for j in range(W):
+            work[({states} + r) * W + j] = lanes[r, j]
+    numbers = uniforms_{{h}}(uniform)
+    for j in range(W):
+        {name}_once_{{h}}(work, j, numbers)
+    done = 0
+    for i in range(step_time.shape[0]):
+        if i % PER_LAW == 0:
+            {law}
+        if i % PER_SAMPLE == 0:
+            alive = 0.0
+            for j in range(W):
+                alive += work[({states} - 1) * W + j]
+            if not alive > 0.0:
+                break
+            {sample}
+        if True:
+            {step}
+        done += 1
+    for r in range({states}):
+        for j in range(W):
+            final[r, j] = work[r * W + j]
+    return done
+"""
