@@ -141,17 +141,16 @@ class _Experiment:
         numbers[:, self._lanes] = population
         f = numbers[:, : self._dynamics.p]
         costs = np.full(len(population), np.inf)
-        with ThreadPoolExecutor(threads) as pool:
 
-            def of_blocks(function, rows):
-                """Results (len(rows),) of a function of candidates, worked out block by block."""
-                blocks = [rows[i : i + LANES] for i in range(0, len(rows), LANES)]
-                return np.concatenate([np.empty(0), *pool.map(function, blocks)])
+        def of_blocks(function, rows):
+            """Results (len(rows),) of a function of candidates, worked out block by block."""
+            blocks = [rows[i : i + LANES] for i in range(0, len(rows), LANES)]
+            return np.concatenate([np.empty(0), *_shared_out(function, blocks, threads)])
 
-            sound = np.flatnonzero(np.isfinite(population).all(axis=1))
-            margins = of_blocks(lambda rows: least_inertia_margin(self._dynamics, self._rig, f[rows]), sound)
-            sound = sound[margins >= 0]
-            costs[sound] = of_blocks(lambda rows: self._block(population[rows]), sound)
+        sound = np.flatnonzero(np.isfinite(population).all(axis=1))
+        margins = of_blocks(lambda rows: least_inertia_margin(self._dynamics, self._rig, f[rows]), sound)
+        sound = sound[margins >= 0]
+        costs[sound] = of_blocks(lambda rows: self._block(population[rows]), sound)
         return costs
 
     def _block(self, candidates):
@@ -164,6 +163,26 @@ class _Experiment:
         score, ok = final[-2], final[-1]
         complete = (ok > 0) & np.isfinite(score) & (steps == self._steps)
         return np.where(complete, score, np.inf)[: len(candidates)]
+
+
+def _shared_out(function, items, threads):
+    """[function(item) for item in items], by so many threads, of which this is one."""
+    results, places = [None] * len(items), iter(range(len(items)))
+
+    def work():
+        for i in places:
+            results[i] = function(items[i])
+
+    others = min(threads, len(items)) - 1
+    if others < 1:
+        work()
+        return results
+    with ThreadPoolExecutor(others) as pool:
+        running = [pool.submit(work) for _ in range(others)]
+        work()
+        for future in running:
+            future.result()
+    return results
 
 
 def _uniform(record):

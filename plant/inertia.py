@@ -47,12 +47,11 @@ def least_inertia_margin(dynamics, rig, f):
     f = np.asarray(f, dtype=float)
     kernel, poses = _smallest_pivot(dynamics)
     least = rig.drive.reflected_inertia(LEAST_MOTOR_INERTIA)
-    margins, at_once = np.empty(len(f)), max(1, _COLUMNS // len(poses))
+    candidates = np.vstack([np.repeat(least[:, None], len(f), axis=1), f.T])
+    margins, at_once = np.empty(len(f)), max(1, _COLUMNS // poses.shape[1])
     for start in range(0, len(f), at_once):
-        some = f[start : start + at_once]
-        pose = np.repeat(poses.T, len(some), axis=1)
-        x = np.vstack([pose, np.repeat(least[:, None], pose.shape[1], axis=1), np.tile(some.T, len(poses))])
-        margins[start : start + len(some)] = kernel(x)[0].reshape(len(poses), -1).min(axis=0)
+        some = slice(start, start + at_once)
+        margins[some] = kernel(poses, candidates[:, some])[0].min(axis=1)
     return margins
 
 
@@ -92,4 +91,4 @@ def _smallest_pivot(dynamics):
 
         angles = np.zeros((_SCATTERED, n))
         angles[:, joints] = 2 * np.pi * qmc.Sobol(len(joints), seed=0).random(_SCATTERED)
-    return MapKernel(ca.Function("pivots", [q, least, f], [ca.densify(smallest)])), angles
+    return MapKernel(ca.Function("pivots", [q, least, f], ca.cse([ca.densify(smallest)])), outer=2), angles.T

@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from plant.compile import Kernel
-from plant.source import LANES, loop_source, map_source
+from plant.source import loop_source, map_source
 
 __all__ = ["LANES", "LoopKernel", "MapKernel"]
+
+LANES = 40
+"""Individuals side by side in the loop of a population, chosen by tests/benchmarks/speed.py."""
 
 
 class MapKernel:
@@ -17,34 +20,39 @@ class MapKernel:
     ----------
     function : casadi Function
         Built from SX, with dense outputs.
+    outer : int
+        How many of the last inputs come from a second array, each column of which is joined with each of the first.
     """
 
-    def __init__(self, function):
-        source, self.n_out = map_source(function)
+    def __init__(self, function, outer=0):
+        source, self.n_out = map_source(function, outer)
         self._kernel = Kernel(source, ["map"])
 
-    def __call__(self, x):
-        """Outputs (n_out, N) for inputs x (n_in, N), components of all inputs and outputs joined."""
+    def __call__(self, x, z=None):
+        """Outputs (n_out, N) for inputs x (n_in, N); (n_out, M, N) with z (n_outer, M). Components are joined."""
         x = np.ascontiguousarray(x, dtype=float)
-        y = np.empty((self.n_out, x.shape[1]))
-        self._kernel.call("map", x, y)
-        return y
+        outer = np.empty((0, 1)) if z is None else np.ascontiguousarray(z, dtype=float)
+        y = np.empty((self.n_out, outer.shape[1], x.shape[1]))
+        self._kernel.call("map", x, outer, y)
+        return y[:, 0] if z is None else y
 
 
 class LoopKernel:
-    """A closed loop compiled: one individual with its log, or `LANES` individuals without.
+    """A closed loop compiled: one individual with its log, or `width` individuals without.
 
     Parameters
     ----------
     loop : ClosedLoop
     lanes : sequence of int
         Which numbers (positions in ``loop.number_names``) differ between individuals.
+    width : int
+        Individuals side by side.
     """
 
-    def __init__(self, loop, lanes):
+    def __init__(self, loop, lanes, width=LANES):
         self.loop, self.lanes = loop, tuple(lanes)
         self.uniform = tuple(i for i in range(len(loop.number_names)) if i not in set(self.lanes))
-        self._kernel = Kernel(loop_source(loop, self.lanes, self.uniform), ["single", "population"])
+        self._kernel = Kernel(loop_source(loop, self.lanes, self.uniform, width), ["single", "population"])
 
     def run(self, tables, initial, lanes, uniform, logs=None):
         """Run the loop.
@@ -60,7 +68,7 @@ class LoopKernel:
         uniform : (U,) numpy.ndarray
             The others.
         logs : tuple of numpy.ndarray, optional
-            sample_log and step_log to be filled; W must be 1 then, and `LANES` otherwise.
+            sample_log and step_log to be filled; W must be 1 then, and `width` otherwise.
 
         Returns
         -------

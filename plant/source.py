@@ -15,10 +15,7 @@ from plant import elementary
 from plant.pieces import cut
 from plant.translate import LANE, STATE, TIME, UNIFORM, Names, translate
 
-__all__ = ["LANES", "head", "intrinsic", "loop_source", "map_source"]
-
-LANES = 40
-"""Individuals side by side in the population's loop."""
+__all__ = ["head", "intrinsic", "loop_source", "map_source"]
 
 PIECE, LONG_PIECE = 40, 1000
 """Instructions in one loop over them; and in one for a single individual, where there is nothing to overlap."""
@@ -40,18 +37,21 @@ def intrinsic(name, parameters, lines, values=None):
     return _INTRINSIC.format(name=name, parameters=", ".join(parameters) + ",", lines=lines, result=result)
 
 
-def map_source(function):
-    """Text of ``map(x, y)``, and the number of rows of y."""
-    place = itertools.count()
-    inputs = [[(f"x[{next(place)}]", STATE) for _ in range(function.nnz_in(i))] for i in range(function.n_in())]
+def map_source(function, outer):
+    """Text of ``map(x, z, y)``, and the number of rows of y; the last `outer` inputs of the function are those in z."""
+    inputs, inner = [], function.n_in() - outer
+    for array, those in (("x", range(inner)), ("z", range(inner, function.n_in()))):
+        place = itertools.count()
+        inputs += [[(f"{array}[{next(place)}]", STATE) for _ in range(function.nnz_in(i))] for i in those]
     program = translate(function, inputs, Names(), None)
-    lines = ["x, y = (e.view(kinds[i], (x, y)[i], columns, j) for i in (0, 1))"]
+    lines = [f"{name} = e.view(kinds[{i}], {name}, n{name}, j{name})" for i, name in enumerate("xzy")]
     lines += map(str, program.lines[UNIFORM] + program.lines[STATE])
     lines += [f"y[{i}] = {result}" for i, result in enumerate(program.results)]
-    return head() + intrinsic("column", ["x", "y", "columns", "j"], lines) + _MAP, len(program.results)
+    text = intrinsic("column", ["x", "z", "y", "nx", "nz", "ny", "jx", "jz", "jy"], lines)
+    return head() + text + _MAP, len(program.results)
 
 
-def loop_source(loop, lanes, uniform):
+def loop_source(loop, lanes, uniform, width):
     """Text of ``single`` and ``population``; `lanes` and `uniform` are positions in ``loop.number_names``."""
     states, names = len(loop.state_names), Names()
     rows = itertools.count(states + len(lanes))
@@ -88,13 +88,13 @@ def loop_source(loop, lanes, uniform):
     # Worked out once per step and individual: for one individual with its log, and for many.
     settings = {"states": states, "lanes": len(lanes), "per_law": loop.steps_per_law or 1}
     settings["per_sample"] = loop.steps_per_sample
-    for name, width, size in (("single", 1, LONG_PIECE), ("population", LANES, PIECE)):
-        view = [f"work = e.view(kinds[0], work, {width}, j)", _unpacked(numbers, "uniform")]
+    for name, w, size in (("single", 1, LONG_PIECE), ("population", width, PIECE if width > 1 else LONG_PIECE)):
+        view = [f"work = e.view(kinds[0], work, {w}, j)", _unpacked(numbers, "uniform")]
         text.append(intrinsic(f"{name}_once", ["work", "j", "uniform"], view + of_lane))
         blocks = dict.fromkeys(_BLOCKS, "pass")
         for which, program in programs.items():
             table, index, log = _BLOCKS[which]
-            results, logged = program.results, log is not None and width == 1
+            results, logged = program.results, log is not None and name == "single"
             stores = {i: result for i, result in enumerate(results[:states]) if result != f"s{i}"}
             start, parameters, last = [*view, _unpacked(times[which], "times")], ["work", "j", "uniform", "times"], ""
             if logged:
@@ -107,10 +107,10 @@ def loop_source(loop, lanes, uniform):
                 function, j = f"{name}_{which}_{k}", f"j_{which}_{k}"  # a name assigned once compiles faster
                 lines = [re.sub(r"{(\d+)}", r"work[\1]", line) for line in piece]
                 text.append(intrinsic(function, parameters, start + lines))
-                block.append(f"for {j} in range({width}):")
+                block.append(f"for {j} in range({w}):")
                 block.append(f"    {function}_{{h}}(work, {j}, numbers, {which}_times{last})")
             blocks[which] = "\n            ".join(block)
-        text.append(_LOOP.format(name=name, W=width, rows=next(rows), **settings, **blocks))
+        text.append(_LOOP.format(name=name, W=w, rows=next(rows), **settings, **blocks))
     return "".join(text)
 
 
@@ -180,10 +180,12 @@ def {name}_{{h}}(typing, {parameters}):
 _MAP = """
 
 @compiled
-def map_{h}(x, y):
+def map_{h}(x, z, y):
     widest_{h}()
-    for j in range(x.shape[1]):
-        column_{h}(x, y, x.shape[1], j)
+    nx, nz = x.shape[1], z.shape[1]
+    for k in range(nz):
+        for j in range(nx):
+            column_{h}(x, z, y, nx, nz, nx * nz, j, k, k * nx + j)
 """
 
 _BLOCKS = {
