@@ -106,9 +106,13 @@ class Part:
         return {"kind": _kind(type(self)), **fields}
 
     def __eq__(self, other):
-        return type(self) is type(other) and self.describe() == other.describe()
+        return self is other or (type(self) is type(other) and self.describe() == other.describe())
 
     def __hash__(self):
+        return self._hash
+
+    @functools.cached_property
+    def _hash(self):
         return hash(json.dumps(self.describe()))
 
 

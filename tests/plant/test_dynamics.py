@@ -286,18 +286,10 @@ def test_power_of_the_torque_beyond_gravity_is_the_rate_of_kinetic_energy(motion
 # -- another engine ------------------------------------------------------------------------------------------------
 def test_six_joint_chain_agrees_with_pinocchio():
     pin = pytest.importorskip("pinocchio")
+    from pinocchio_arm import pinocchio_model
+
     chain, bodies, model = random_arm(6, 3)
-    other, parent = pin.Model(), 0
-    other.gravity.linear = np.array(chain.gravity)
-    for link, body in zip(chain.links, bodies, strict=True):
-        # Craig's row: RotX(alpha) TransX(a) RotZ(theta + q) TransZ(d); the last two commute with the joint's rotation.
-        twist = pin.SE3(pin.utils.rotate("x", link.alpha), np.array([link.a, 0.0, 0.0]))
-        offset = pin.SE3(pin.utils.rotate("z", link.theta), np.array([0.0, 0.0, link.d]))
-        parent = other.addJoint(parent, pin.JointModelRZ(), twist * offset, link.name)
-        inertia = np.zeros((3, 3))
-        inertia[np.triu_indices(3)] = body.inertia
-        inertia += np.triu(inertia, 1).T
-        other.appendBodyToJoint(parent, pin.Inertia(body.mass, np.array(body.com), inertia), pin.SE3.Identity())
+    other = pinocchio_model(chain, bodies)
     data, f, rotors = other.createData(), model.f(bodies), np.array([body.rotor for body in bodies])
     random = np.random.default_rng(0)
     # pinocchio works with rotations, not with sines and cosines of q: 1e-10 is generous for six joints.

@@ -1,0 +1,113 @@
+"""The closed loop of the paper's arm written out by hand in C, to see what a generated kernel costs beside it.
+
+    from c_loops import Experiment, scalar_costs, vector_costs
+
+Both give the sum of squared error differences of each candidate, as `identification.Objective` does, but simulate
+every candidate: arms that no motor could drive are not sorted out beforehand. One thread.
+"""
+
+import ctypes
+import dataclasses
+import functools
+import pathlib
+import shutil
+import subprocess
+import tempfile
+
+import numpy as np
+
+from plant.loop import ClosedLoop
+from plant.record import Record
+from plant.tables import path_of, start_of, time_tables
+
+SOURCES = pathlib.Path(__file__).with_name("c")
+
+FLAGS = {
+    "scalar": ("-O3", "-march=native"),
+    "vector": ("-O3", "-march=native", "-ffp-contract=fast"),
+}
+"""Options of gcc for each source file."""
+
+_PAIR = ctypes.c_double * 2
+_NUMBERS = ("gear", "viscous", "coulomb", "motor_gain", "current_limit", "resolution", "gain", "q", "qd")
+
+
+class _Numbers(ctypes.Structure):
+    """The C programs' struct experiment."""
+
+    _fields_ = (("h", ctypes.c_double), ("gravity", ctypes.c_double), *((name, _PAIR) for name in _NUMBERS))
+
+
+@dataclasses.dataclass
+class Experiment:
+    """A record under the P law, ready to be replayed by the C programs.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+        Of joints 2 and 3, with f1..f9 open.
+    record : Record
+    steps_per_sample : int
+    """
+
+    dynamics: object
+    record: Record
+    steps_per_sample: int = 4
+
+    def __post_init__(self):
+        rig, law, path = self.record.rig, self.record.law, path_of(self.record)
+        loop = ClosedLoop(dynamics=self.dynamics, rig=rig, law=law, steps_per_sample=self.steps_per_sample)
+        _, at_samples, at_steps = time_tables(loop, path, len(self.record))
+        pulses = [loop.time_names.index(f"pulses_r[{i}]") for i in range(2)]
+        self.tables = [np.ascontiguousarray(x) for x in (at_samples[:, pulses], at_steps[:, pulses])]
+        self.tables.append(np.ascontiguousarray(self.record.error_pulses))
+        q, qd = start_of(self.record, path)
+        values = {**vars(rig.drive), **vars(rig.encoder), **vars(law), "q": q, "qd": qd}
+        gravity = -self.dynamics.chain.gravity[2]
+        self.numbers = _Numbers(loop.h, gravity, *(_PAIR(*values[name]) for name in _NUMBERS))
+
+
+def available():
+    """Whether there is a gcc to compile with."""
+    return shutil.which("gcc") is not None
+
+
+def scalar_costs(experiment, population):
+    """Costs (P,) [pulses^2] of candidates (P, 9), one after the other; inf for one that diverges."""
+    return _costs("scalar", experiment, population)
+
+
+def vector_costs(experiment, population):
+    """Costs (P,) [pulses^2] of candidates (P, 9), several in the lanes of vectors; inf for one that diverges."""
+    return _costs("vector", experiment, population)
+
+
+def _costs(name, experiment, population):
+    population = np.ascontiguousarray(population, dtype=float)
+    costs, samples = np.empty(len(population)), len(experiment.record)
+    pointers = [table.ctypes.data_as(ctypes.c_void_p) for table in (*experiment.tables, costs)]
+    _function(name)(
+        len(population),
+        population.ctypes.data_as(ctypes.c_void_p),
+        ctypes.byref(experiment.numbers),
+        samples,
+        experiment.steps_per_sample,
+        *pointers,
+    )
+    return costs
+
+
+@functools.cache
+def _function(name):
+    """The C function `name`_costs, compiled now."""
+    with tempfile.TemporaryDirectory() as folder:
+        library = pathlib.Path(folder) / f"{name}.so"
+        command = [shutil.which("gcc"), *FLAGS[name], "-shared", "-fPIC", "-o", library, SOURCES / f"{name}.c", "-lm"]
+        subprocess.run(command, check=True)  # noqa: S603 - our own sources
+        function = getattr(ctypes.CDLL(library), f"{name}_costs")
+    function.argtypes = (
+        *(ctypes.c_long, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_long, ctypes.c_long),
+        *([ctypes.c_void_p] * 4),
+    )
+    function.restype = None
+    return function
