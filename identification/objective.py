@@ -13,7 +13,7 @@ from plant.check import array, instance, known_options
 from plant.dynamics import Dynamics
 from plant.inertia import least_inertia_margin
 from plant.kernel import LANES
-from plant.loop import ClosedLoop
+from plant.loop import ClosedLoop, bounded
 from plant.record import Record
 from plant.simulator import loop_kernel
 from plant.tables import path_of, start_of, time_tables
@@ -161,7 +161,7 @@ class _Experiment:
         state = np.repeat(self._state[:, None], LANES, axis=1)
         final, steps = self._kernel.run(self._tables, state, lanes, self._numbers[list(self._kernel.uniform)])
         score, ok = final[-2], final[-1]
-        complete = (ok > 0) & np.isfinite(score) & (steps == self._steps)
+        complete = (ok > 0) & bounded(final[: 2 * self._dynamics.n]) & np.isfinite(score) & (steps == self._steps)
         return np.where(complete, score, np.inf)[: len(candidates)]
 
 

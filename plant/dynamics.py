@@ -77,13 +77,42 @@ _FEW = 3
 """Joints up to which sums over f and over products of speeds are shorter than what the recursion gives."""
 
 
-def _by_speeds(coriolis, qd, collected):
+def _collected(expression, q, f):
+    """The same as sums over f: what cancels is gone, what is constant stands apart, and multiples are worked out once.
+
+    In eq. (2), for instance, D11 holds twice what D12 holds.
+    """
+    slopes = ca.densify(ca.jacobian(ca.vec(expression), f))
+    poses = np.random.default_rng(0).uniform(-1, 1, (4, q.shape[0]))
+    at = np.array([ca.Function("slopes", [q], [slopes])(pose).full() for pose in poses])
+    moves = np.abs(at - at[0]).max(axis=0) > 1e-12 * np.abs(at).max(initial=1e-300)
+    rows, sums = [None] * len(moves), []
+    for i in sorted(range(len(moves)), key=lambda i: np.linalg.norm(at[:, i, moves[i]])):
+        pattern = np.where(moves[i], at[:, i], 0.0)
+        total = _multiple(pattern, sums)
+        if total is None:
+            total = ca.dot(ca.SX(moves[i].astype(float)) * slopes[i, :].T, f)
+            sums.append((pattern, total))
+        rows[i] = total + ca.dot(ca.SX((~moves[i]).astype(float)) * slopes[i, :].T, f)
+    return ca.vertcat(*rows)
+
+
+def _multiple(pattern, sums):
+    """The one of these sums, times a number, that has this pattern; None if there is none."""
+    for other, total in sums:
+        largest = np.unravel_index(np.abs(other).argmax(), other.shape)
+        ratio = pattern[largest] / other[largest] if other[largest] else 0.0
+        if np.allclose(pattern, ratio * other, rtol=0, atol=1e-12 * np.abs(pattern).max(initial=1e-300)):
+            return (round(ratio) if abs(ratio - round(ratio)) < 1e-12 else ratio) * total
+    return None
+
+
+def _by_speeds(coriolis, q, qd, f):
     """The same torque as sum over j <= k of c_jk(q, f) qd_j qd_k, so that speeds enter by their products alone."""
-    terms = []
-    for j, k in itertools.combinations_with_replacement(range(qd.shape[0]), 2):
-        half = collected(ca.jacobian(ca.jacobian(coriolis, qd[j]), qd[k]) / 2)
-        terms.append((half if j == k else 2 * half) * (qd[j] * qd[k]))
-    return sum(terms)
+    pairs = list(itertools.combinations_with_replacement(range(qd.shape[0]), 2))
+    slopes = [ca.jacobian(ca.jacobian(coriolis, qd[j]), qd[k]) / (2 if j == k else 1) for j, k in pairs]
+    slopes = ca.reshape(_collected(ca.horzcat(*slopes), q, f), -1, len(pairs))
+    return sum((slopes[:, i] * (qd[j] * qd[k]) for i, (j, k) in enumerate(pairs)), ca.SX(0))
 
 
 @part
@@ -163,16 +192,16 @@ class Dynamics(Part):
         q, qd, qdd, f = self._symbols
         lumping, rest = self.lumping, ca.SX.zeros(self.n)
         moving = torque(self.chain, q, qd, qdd, ca.SX(lumping.inertial_section()) @ f, (0, 0, 0))
-        gravity = torque(self.chain, q, rest, rest, ca.SX(lumping.gravity_section()) @ f, self.chain.gravity)
-
+        strength = float(np.linalg.norm(self.chain.gravity))
+        down = np.array(self.chain.gravity) / strength if strength else np.zeros(3)
+        hanging = torque(self.chain, q, rest, rest, strength * (ca.SX(lumping.gravity_section()) @ f), down)
         D, coriolis = ca.jacobian(moving, qdd), ca.substitute(moving, qdd, rest)
-
-        def collected(expression):
-            return ca.reshape(ca.jacobian(ca.vec(expression), f) @ f, expression.shape)
-
         if self.n <= _FEW:
-            D, coriolis, gravity = collected(D), _by_speeds(collected(coriolis), qd, collected), collected(gravity)
-        return ca.tril2symm(ca.tril(D)), coriolis, gravity
+            D = ca.reshape(_collected(D, q, f), self.n, self.n)
+            coriolis = _by_speeds(coriolis, q, qd, f)
+            unit = ca.substitute(hanging, f, f / strength) if strength else hanging
+            hanging = ca.substitute(_collected(unit, q, f), f, strength * f)
+        return ca.tril2symm(ca.tril(D)), coriolis, hanging
 
     @cached_property
     def D(self):

@@ -18,8 +18,8 @@ from numba.core.types import float64
 
 __all__ = ["COSINE", "OPERATIONS", "PI", "SINE", "Emitter"]
 
-# Sine and cosine together: subtract a multiple k of pi in three parts (Cody and Waite; the first two have 33 bits, so
-# that their products with k are exact for abs(k) < 2^20), then polynomials on [-pi/2, pi/2] interpolated at Chebyshev
+# Sine and cosine together: subtract a multiple k of pi in two parts (Cody and Waite; the first has 33 bits, so that its
+# product with k is exact for abs(k) < 2^20), then polynomials on [-pi/2, pi/2] interpolated at Chebyshev
 # nodes in r^2; both change sign if k is odd. Adding 1.5 2^52 rounds to a whole number and leaves its parity in the last
 # bit. No branch, no table, no call. Absolute error below 3e-15 for abs(x) < 1e5; tests/plant/test_translate.py measures
 # it and works the coefficients out again.
@@ -31,22 +31,31 @@ COSINE = (
     0.04166666666666666, -0.0013888888888884765, 2.480158729891222e-05, -2.7557318573107296e-07,
     2.087668153639063e-09, -1.1466251369215444e-11, 4.6464228378080794e-14,
 )  # fmt: skip
-PI = (3.1415926534682512, 1.2154201012607932e-10, 4.044532497591901e-21)
+PI = (3.1415926534682512, 1.2154201013012384e-10)
 WHOLE = 1.5 * 2.0**52
 
 DOUBLE, LONG = ir.DoubleType(), ir.IntType(64)
 
 
 class Emitter:
-    """Emits instructions at a builder's place; arguments are values of that builder, or Python numbers."""
+    """Emits instructions at a builder's place, for so many individuals at once.
 
-    def __init__(self, context, builder):
-        self.context, self.builder = context, builder
+    Arguments are values of that builder, or Python numbers. With more than one individual a value is a vector; one
+    longer than the processor's becomes several instructions side by side, which do not wait for each other.
+    """
+
+    def __init__(self, context, builder, width=1):
+        self.context, self.builder, self.width = context, builder, width
+        self.double = DOUBLE if width == 1 else ir.VectorType(DOUBLE, width)
+        self.long = LONG if width == 1 else ir.VectorType(LONG, width)
 
     # -- values ------------------------------------------------------------------------------------------------------
     def value(self, x):
         """A number as a constant; a value as it is."""
-        return DOUBLE(float(x)) if isinstance(x, (int, float)) else x
+        return self._constant(self.double, DOUBLE(float(x))) if isinstance(x, (int, float)) else x
+
+    def _constant(self, kind, x):
+        return x if self.width == 1 else ir.Constant(kind, [x] * self.width)
 
     def view(self, kind, array, stride, offset):
         """Elements ``[r]`` = array[r stride + offset] of a contiguous numba array of this type."""
@@ -62,8 +71,14 @@ class Emitter:
         return cgutils.pack_array(self.builder, [self.value(x) for x in values])
 
     def unpack(self, values):
-        """The values of such a tuple."""
-        return cgutils.unpack_tuple(self.builder, values)
+        """The values of such a tuple, each for every individual."""
+        values = cgutils.unpack_tuple(self.builder, values)
+        return values if self.width == 1 else [self._splat(x) for x in values]
+
+    def _splat(self, x):
+        first = self.builder.insert_element(ir.Constant(self.double, ir.Undefined), x, ir.IntType(32)(0))
+        everywhere = ir.Constant(ir.VectorType(ir.IntType(32), self.width), [0] * self.width)
+        return self.builder.shuffle_vector(first, ir.Constant(self.double, ir.Undefined), everywhere)
 
     def widest(self):
         """Ask for vectors of 512 bits where there are such, which LLVM leaves half empty on many processors."""
@@ -112,10 +127,10 @@ class Emitter:
         """Sine and cosine, of an angle below 1e5."""
         whole = self.fma(x, 1 / math.pi, WHOLE)
         k = self.neg(self.sub(whole, WHOLE))
-        r = self.fma(k, PI[2], self.fma(k, PI[1], self.fma(k, PI[0], x)))
+        r = self.fma(k, PI[1], self.fma(k, PI[0], x))
         z = self.mul(r, r)
         s = self.fma(self.mul(r, z), self._polynomial(SINE, z), r)
-        c = self.fma(self.mul(z, z), self._polynomial(COSINE, z), self.fma(-0.5, z, 1.0))
+        c = self._polynomial((1.0, -0.5, *COSINE), z)
         return self._negative_if_odd(s, whole), self._negative_if_odd(c, whole)
 
     def sin(self, x):
@@ -131,17 +146,26 @@ class Emitter:
         return total
 
     def _negative_if_odd(self, x, whole):
-        bits, parity = (self.builder.bitcast(v, LONG) for v in (x, whole))
-        return self.builder.bitcast(self.builder.xor(bits, self.builder.shl(parity, LONG(63))), DOUBLE)
+        bits, parity = (self.builder.bitcast(v, self.long) for v in (x, whole))
+        sign = self.builder.shl(parity, self._constant(self.long, LONG(63)))
+        return self.builder.bitcast(self.builder.xor(bits, sign), self.double)
 
     def _intrinsic(self, name, *arguments):
-        kind = ir.FunctionType(DOUBLE, [DOUBLE] * len(arguments))
-        function = self.builder.module.declare_intrinsic(name, [DOUBLE], kind)
+        kind = ir.FunctionType(self.double, [self.double] * len(arguments))
+        suffix = "f64" if self.width == 1 else f"v{self.width}f64"
+        function = cgutils.get_or_insert_function(self.builder.module, kind, f"{name}.{suffix}")
         return self.builder.call(function, [self.value(x) for x in arguments])
 
     def _library(self, function, *arguments):
         call = self.context.get_function(function, float64(*[float64] * len(arguments)))
-        return call(self.builder, [self.value(x) for x in arguments])
+        arguments = [self.value(x) for x in arguments]
+        if self.width == 1:
+            return call(self.builder, arguments)
+        result = ir.Constant(self.double, ir.Undefined)
+        for lane in (ir.IntType(32)(i) for i in range(self.width)):
+            value = call(self.builder, [self.builder.extract_element(x, lane) for x in arguments])
+            result = self.builder.insert_element(result, value, lane)
+        return result
 
     sqrt = partialmethod(_intrinsic, "llvm.sqrt")
     floor = partialmethod(_intrinsic, "llvm.floor")
@@ -170,6 +194,25 @@ class Emitter:
 
     def _holds(self, x):
         return self.builder.fcmp_unordered("!=", self.value(x), self.value(0.0))
+
+    def limit(self, x, bound):
+        """Return x within +-bound: on AVX-512 in one instruction, of which 8 numbers are a vector."""
+        if self.width % 8 or "+avx512dq" not in self.context.codegen().magic_tuple()[2]:
+            return self.fmin(self.fmax(x, self.neg(bound)), bound)
+        builder, eight, index = self.builder, ir.VectorType(DOUBLE, 8), ir.IntType(32)
+        numbers = [eight, eight, index, eight, ir.IntType(8), index]
+        name = "llvm.x86.avx512.mask.range.pd.512"
+        function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(eight, numbers), name)
+        parts, x, bound = [], self.value(x), self.value(bound)
+        for start in range(0, self.width, 8):
+            those = ir.Constant(ir.VectorType(index, 8), [index(start + i) for i in range(8)])
+            a, b = (builder.shuffle_vector(v, v, those) for v in (x, bound))
+            parts.append(builder.call(function, [a, b, index(2), a, ir.IntType(8)(255), index(4)]))
+        while len(parts) > 1:
+            size = parts[0].type.count
+            both = ir.Constant(ir.VectorType(index, 2 * size), [index(i) for i in range(2 * size)])
+            parts = [builder.shuffle_vector(*parts[:2], both), *parts[2:]]
+        return parts[0]
 
     def fmin(self, x, y):
         return self._if(self._compare("<", x, y), x, y)
@@ -206,7 +249,7 @@ class Emitter:
 
 
 class View:
-    """Every `stride`-th number of an array from `offset` on, to be read and written."""
+    """Every `stride`-th number of an array from `offset` on, and those of the next individuals, to read and write."""
 
     def __init__(self, emitter, data, stride, offset):
         self.emitter, self.data, self.stride, self.offset = emitter, data, stride, offset
@@ -214,13 +257,14 @@ class View:
     def _place(self, r):
         builder = self.emitter.builder
         start = builder.mul(self.stride, LONG(r)) if isinstance(self.stride, ir.Value) else LONG(self.stride * r)
-        return builder.gep(self.data, [builder.add(start, self.offset)])
+        place = builder.gep(self.data, [builder.add(start, self.offset)])
+        return place if self.emitter.width == 1 else builder.bitcast(place, self.emitter.double.as_pointer())
 
     def __getitem__(self, r):
-        return self.emitter.builder.load(self._place(r))
+        return self.emitter.builder.load(self._place(r), align=8)
 
     def __setitem__(self, r, value):
-        self.emitter.builder.store(self.emitter.value(value), self._place(r))
+        self.emitter.builder.store(self.emitter.value(value), self._place(r), align=8)
 
 
 OPERATIONS = {

@@ -17,40 +17,31 @@ REGULARISATION = 1e-3
 """Joint speed [rad/s] at which the smooth law, used for derivatives only, reaches tanh(1) of the Coulomb level."""
 
 
-def friction_impulse(inverse_inertia, qd, impulse, bound, sweeps):
-    """Friction impulse of one step.
+def friction_impulse(inverse, stopping, impulse, bound, sweeps):
+    """Friction impulse (n, 1) of one step [N m s].
 
     Parameters
     ----------
-    inverse_inertia : casadi SX (n, n)
-        [1/(kg m^2)], joint side.
-    qd : casadi SX (n, 1)
-        Velocity at the end of the step without Coulomb friction [rad/s].
+    inverse : plant.factor.Inverse
+        Of the inertia matrix [kg m^2], joint side.
+    stopping : casadi SX (n, 1)
+        Impulse that would stop joint i if friction acted on it alone, -inverse.alone qd with the velocity at the end of
+        the step without Coulomb friction [N m s].
     impulse : casadi SX (n, 1)
         Impulse of the last step [N m s], where the sweeps start.
     bound : casadi SX (n, 1)
         Largest impulse, Coulomb level times step [N m s].
     sweeps : int
-
-    Returns
-    -------
-    impulse, qd : casadi SX (n, 1)
-        The impulse and the velocity at the end of the step with it.
     """
-    n = qd.shape[0]
-    felt = [1 / inverse_inertia[i, i] for i in range(n)]  # inertia that an impulse on joint i alone has to move
-    alone = [-qd[i] * felt[i] for i in range(n)]  # impulse that would stop joint i if it were the only one
-    share = [[-inverse_inertia[i, j] * felt[i] for j in range(n)] for i in range(n)]
-    impulse = ca.vertsplit(impulse)
+    n, impulse = stopping.shape[0], ca.vertsplit(impulse)
     for _ in range(sweeps):
         for i in range(n):
-            stopping = sum((share[i][j] * impulse[j] for j in range(n) if j != i), alone[i])
-            impulse[i] = ca.fmin(ca.fmax(stopping, -bound[i]), bound[i])
-    impulse = ca.vertcat(*impulse)
-    return impulse, qd + inverse_inertia @ impulse
+            wanted = sum((inverse.share[i, j] * impulse[j] for j in range(n) if j != i), stopping[i])
+            impulse[i] = ca.fmin(ca.fmax(wanted, -bound[i]), bound[i])
+    return ca.vertcat(*impulse)
 
 
-def smooth_impulse(inverse_inertia, qd, bound):
+def smooth_impulse(inverse, stopping, bound):
     """The same with a differentiable law: -bound tanh(qd / REGULARISATION)."""
-    impulse = -bound * ca.tanh(qd / REGULARISATION)
-    return impulse, qd + inverse_inertia @ impulse
+    qd = -ca.diag(inverse.matrix) * stopping
+    return -bound * ca.tanh(qd / REGULARISATION)

@@ -76,6 +76,10 @@ class LoopKernel:
         steps : int
             Sub-steps done: fewer than asked when every individual has diverged.
         """
+        lengths = np.concatenate([table[:, -1] for table in tables[:3]])
+        if len(lengths) and np.ptp(lengths) > 0:
+            raise ValueError(f"all steps must have one length; got {lengths.min()} to {lengths.max()} s. Resample.")
+        uniform = np.append(uniform, lengths[:1] if len(lengths) else 0.0)
         final = np.empty_like(initial)
         empty = np.empty((0, 0))
         steps = self._kernel.call(

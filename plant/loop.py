@@ -12,6 +12,7 @@ by one predictor pass, so that energy is kept to order h^2.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from functools import cached_property
 
 import casadi as ca
@@ -23,7 +24,7 @@ from plant.friction import friction_impulse, smooth_impulse
 from plant.law import Law
 from plant.rig import Rig
 
-__all__ = ["ClosedLoop", "Structure"]
+__all__ = ["ClosedLoop", "Structure", "bounded"]
 
 FAR = 1e6
 """Where the positions [rad] and velocities [rad/s] of all joints have a length beyond this, the loop has diverged."""
@@ -177,42 +178,53 @@ class ClosedLoop:
 
     @cached_property
     def sample(self):
-        """The log at a sample: error [pulses], joint torque [N m], true q and qd, each (n,), joined."""
+        """The log at a sample: error [pulses], joint torque [N m], true q and qd, each (n,), joined.
+
+        Here divergence is found: what is not finite stays so.
+        """
         q, qd, impulse, torque, law_state, status, motion, *_, rig = self._parts
-        at_sample = torque if self.steps_per_law else self._asked(q, ca.SX(self.h))[0]
+        at_sample, ok = torque, status[1]
+        if not self.steps_per_law:
+            at_sample, _, finite = self._asked(q, ca.SX(self.h))
+            ok = _if(finite, ok)
+        ok = _if(bounded(ca.vertsplit(ca.vertcat(q, qd))), ok)
         log, data = ca.vertcat(motion[3] - rig.pulses(q), at_sample, q, qd), ca.SX.sym("data", self.n_data)
         score = status[0] if self.score is None else status[0] + self.score(log, data)
-        return self._function("sample", [q, qd, impulse, torque, law_state, score, status[1]], log, data)
+        return self._function("sample", [q, qd, impulse, torque, law_state, score, ok], log, data)
 
     @cached_property
     def substep(self):
         """One midpoint step of length h; its log is the joint's true error [pulses] at the middle of the step."""
         q, qd, impulse, torque, law_state, status, motion, h, f, _, rig = self._parts
-        middle, ok = q + h / 2 * qd, status[1]
+        middle = q + h / 2 * qd
         if not self.steps_per_law:
-            torque, law_state, finite = self._asked(middle, h)
-            ok = _if(finite, ok)
-        viscous = ca.diag(rig.drive.joint_viscous())
-        mobility, minors = inverse(self.dynamics.D(middle, f) + h / 2 * viscous)
-        for minor in minors:
-            ok = _if(minor > 0, ok)
+            torque, law_state, _ = self._asked(middle, h)
+        viscous = rig.drive.joint_viscous()
+        mobility = inverse(self.dynamics.D(middle, f) + ca.diag(h / 2 * viscous))
+        pushing = torque - self.dynamics.gravity(middle, f) - viscous * qd
 
-        pushing = torque - self.dynamics.gravity(middle, f) - viscous @ qd
+        def left(at):
+            return pushing - self.dynamics.coriolis(middle, at, f)
 
-        def velocity(step, at):
-            return qd + step * (mobility @ (pushing - self.dynamics.coriolis(middle, at, f)))
-
-        predicted = velocity(h / 2, qd)
-        free, bound = velocity(h, predicted), h * rig.drive.joint_coulomb()
+        accelerating = left(qd + h / 2 * (mobility.matrix @ left(qd)))
+        # Impulse that would stop a joint alone: -alone (qd + h matrix @ accelerating), without cancelled factors.
+        stopping = -(mobility.alone * qd + h * (accelerating - mobility.share @ accelerating))
+        bound = h * rig.drive.joint_coulomb()
         if self.smooth:
-            impulse, following = smooth_impulse(mobility, free, bound)
+            impulse = smooth_impulse(mobility, stopping, bound)
         else:
-            impulse, following = friction_impulse(mobility, free, impulse, bound, self.sweeps)
-        ok = _if(ca.sumsqr(ca.vertcat(middle, following)) < FAR**2, ok)
+            impulse = friction_impulse(mobility, stopping, impulse, bound, self.sweeps)
+        following = qd + mobility.matrix @ (h * accelerating + impulse)
+        ok = _if(functools.reduce(ca.fmin, mobility.minors) > 0, status[1])
         error = rig.position(motion[0]) - rig.position(middle)
         return self._function(
             "substep", [middle + h / 2 * following, following, impulse, torque, law_state, status[0], ok], error
         )
+
+
+def bounded(state):
+    """Whether q and qd, given row by row as casadi's or numpy's, are finite and have not diverged."""
+    return sum(value * value for value in state) < FAR**2
 
 
 def _if(condition, value):

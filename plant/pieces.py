@@ -18,6 +18,7 @@ class Line(NamedTuple):
     names: tuple
     template: str
     needs: tuple
+    weight: int = 1
 
     def text(self, renamed=None):
         """The right side, with some names changed."""
@@ -31,7 +32,7 @@ class Line(NamedTuple):
 
 
 def cut(lines, stores, rows, fresh, size):
-    """Pieces of about `size` lines, as texts in which ``{row}`` stands for that row of the work array.
+    """Pieces of about this size, in instructions, as texts in which ``{row}`` stands for that row of the work array.
 
     Parameters
     ----------
@@ -48,7 +49,7 @@ def cut(lines, stores, rows, fresh, size):
     -------
     list of list of str
     """
-    bounds = _bounds(lines, stores, max(1, round(len(lines) / size)))
+    bounds = _bounds(lines, stores, size)
     rows, last = dict(rows), len(bounds) - 2
     piece_of = {name: k for k, (a, b) in enumerate(pairwise(bounds)) for line in lines[a:b] for name in line.names}
     read_in = {}  # name -> last piece that reads it
@@ -84,8 +85,8 @@ def _target(place):
     return place if isinstance(place, str) else f"{{{place}}}"
 
 
-def _bounds(lines, stores, count):
-    """Where to cut: near equal lengths, at the places that fewest values have to cross."""
+def _bounds(lines, stores, size):
+    """Where to cut: near equal sizes, at the places that fewest values have to cross."""
     made = {name: i for i, line in enumerate(lines) for name in line.names}
     read = {name: i for i, line in enumerate(lines) for name in line.needs} | dict.fromkeys(stores.values(), len(lines))
     change = [0] * (len(lines) + 2)
@@ -94,9 +95,11 @@ def _bounds(lines, stores, count):
             change[i + 1] += 1
             change[read[name] + 1] -= 1
     crossing = list(accumulate(change))  # values made before line k and read from there on
-    length = len(lines) / count
+    before = list(accumulate((line.weight for line in lines), initial=0))
+    count = max(1, round(before[-1] / size))
     bounds = [0]
     for k in range(1, count):
-        near = range(round((k - 1 / 3) * length), round((k + 1 / 3) * length) + 1)
-        bounds.append(min(near, key=lambda i: crossing[i]))
+        low, high = ((k + side / 3) * before[-1] / count for side in (-1, 1))
+        near = [i for i, weight in enumerate(before) if low <= weight <= high and i > bounds[-1]]
+        bounds += [min(near, key=lambda i: crossing[i])] if near else []
     return [*bounds, len(lines)]

@@ -13,15 +13,22 @@ state      the rest                                                  once per st
 
 What is rewritten, in one pass:
 
-* copysign(floor(fabs(x)), x) is trunc(x).
+* copysign(floor(fabs(x)), x) is trunc(x); fmin(fmax(x, -b), b) is limit(x, b).
 * The sine and the cosine of one angle share their work.
 * Divisions by one number that changes all the time share its reciprocal. (Others stay as they are: a rounding in what
   the encoder reads is amplified by an observer's gains.)
-* A product that only a sum needs is fused with it, if asked for.
+
+and, where rounding in another way is allowed (`free`):
+
+* x + a + b is x + (a + b) if a and b are known earlier than x; products alike.
+* A division by what is known earlier is a product with its reciprocal.
+* x - (a b + c d) is x - a b - c d, with two fused operations.
+* A product that only a sum needs is fused with it.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from typing import NamedTuple
 
@@ -60,7 +67,7 @@ def kind_of(kinds):
     return LANE if needs & LANE else UNIFORM
 
 
-def rewritten(nodes, outputs, *, fuse):
+def rewritten(nodes, outputs, *, free):
     """Nodes and outputs, rewritten; nodes that nothing needs any more are left in.
 
     Parameters
@@ -68,10 +75,12 @@ def rewritten(nodes, outputs, *, fuse):
     nodes : list of Node
         Each after those it needs.
     outputs : list of int
-    fuse : bool
+    free : bool
     """
+    if free:
+        nodes, outputs = _early_first(nodes, outputs)
     new, place = [], {}
-    uses = Counter(outputs) + Counter(index for node in nodes if isinstance(node.of, tuple) for index in node.of)
+    uses = _uses(nodes, outputs)
     divisors = Counter(node.of[1] for node in nodes if node.op == "DIV")
     angles = [{node.of[0] for node in nodes if node.op == op} for op in ("SIN", "COS")]
     shared = {}  # what several nodes need, by what it is
@@ -85,15 +94,31 @@ def rewritten(nodes, outputs, *, fuse):
             shared[op, of] = add(op, *of)
         return shared[op, of]
 
-    def product(index, kind):
+    def product(place, kind):
         """Factors of a node that is a product of this kind and needed once; None otherwise."""
-        node = new[place[index]]
-        if not fuse or uses[index] > 1 or node.kind != kind:
+        node = new[place]
+        if not free or place in often or node.kind != kind:
             return None
         if node.op == "TWICE":
             return node.of[0], two
         return {"MUL": node.of, "SQ": node.of * 2}.get(node.op)
 
+    def added(x, sign, factors):
+        return add("FMA" if sign > 0 else "FNMA", *factors, x)
+
+    def sum_of(x, sign, y, kind):
+        """The node x + sign y."""
+        if factors := product(y, kind):
+            return added(x, sign, factors)
+        node = new[y]
+        if node.op in _SIGNS and y not in often and node.kind == kind and (factors := product(node.of[2], kind)):
+            first, second = _SIGNS[node.op]
+            return added(added(x, sign * second, factors), sign * first, node.of[:2])
+        if factors := product(x, kind):
+            return add("FMA" if sign > 0 else "FMS", *factors, y)
+        return add("ADD" if sign > 0 else "SUB", x, y)
+
+    often = set()  # what is needed more than once
     two = len(new)
     new.append(Node("CONST", 2.0, 0))
     for index, (op, of, kind) in enumerate(nodes):
@@ -104,17 +129,53 @@ def rewritten(nodes, outputs, *, fuse):
         at = [place[i] for i in of]
         if op == "COPYSIGN" and (x := _truncated(new, *at)) is not None:
             place[index] = add("TRUNC", x)
+        elif op == "FMIN" and (x := _limited(new, *at)) is not None:
+            place[index] = add("LIMIT", x, at[1])
         elif op in ("SIN", "COS") and of[0] in angles[0] & angles[1]:
             place[index] = add("FIRST" if op == "SIN" else "SECOND", once("SINCOS", *at))
-        elif op == "DIV" and divisors[of[1]] > 1 and nodes[of[1]].kind == STATE:
+        elif op == "DIV" and _by_reciprocal(divisors[of[1]], nodes[of[1]].kind, kind, free):
             place[index] = add("MUL", at[0], once("INV", at[1]))
-        elif op in ("ADD", "SUB") and (factors := product(of[1], kind)):
-            place[index] = add("FMA" if op == "ADD" else "FNMA", *factors, at[0])
-        elif op in ("ADD", "SUB") and (factors := product(of[0], kind)):
-            place[index] = add("FMA" if op == "ADD" else "FMS", *factors, at[1])
+        elif op in ("ADD", "SUB"):
+            place[index] = sum_of(at[0], 1 if op == "ADD" else -1, at[1], kind)
         else:
             place[index] = add(op, *at)
+        if uses[index] > 1:
+            often.add(place[index])
     return new, [place[index] for index in outputs]
+
+
+_SIGNS = {"FMA": (1, 1), "FNMA": (-1, 1), "FMS": (1, -1)}
+"""Signs of the product and of what is added to it."""
+
+
+def _by_reciprocal(divisions, divisor, kind, free):
+    return divisions > 1 if divisor == STATE else free and 0 < divisor < kind
+
+
+def _early_first(nodes, outputs):
+    """Nodes and outputs, in which sums (products) of something and two earlier things join the two earlier first."""
+    uses, new, place = _uses(nodes, outputs), [], []
+    for op, of, kind in nodes:
+        at = of
+        if isinstance(of, tuple):
+            at = tuple(place[i] for i in of)
+            for k, m in itertools.product((0, 1), (0, 1)) if op in ("ADD", "MUL") else ():
+                inner, early = new[at[k]], at[1 - k]
+                if inner.op != op or uses[of[k]] > 1:
+                    continue
+                joined = kind_of((new[inner.of[m]].kind, new[early].kind))
+                if joined < kind:
+                    new.append(Node(op, (inner.of[m], early), joined))
+                    at = (inner.of[1 - m], len(new) - 1)
+                    break
+        place.append(len(new))
+        new.append(Node(op, at, kind))
+    return new, [place[index] for index in outputs]
+
+
+def _uses(nodes, outputs):
+    """How often each node is needed."""
+    return Counter(outputs) + Counter(index for node in nodes if isinstance(node.of, tuple) for index in node.of)
 
 
 def _truncated(nodes, magnitude, x):
@@ -123,3 +184,11 @@ def _truncated(nodes, magnitude, x):
     if floor.op != "FLOOR" or nodes[floor.of[0]].op != "FABS":
         return None
     return x if nodes[floor.of[0]].of == (x,) else None
+
+
+def _limited(nodes, above, bound):
+    """The x of fmin(fmax(x, -bound), bound); None if it is something else."""
+    if nodes[above].op != "FMAX":
+        return None
+    x, below = nodes[above].of
+    return x if nodes[below].op == "NEG" and nodes[below].of == (bound,) else None

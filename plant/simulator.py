@@ -12,7 +12,7 @@ from plant.arm import Arm
 from plant.check import array, choice, instance, known_options, real
 from plant.kernel import LoopKernel
 from plant.law import Law
-from plant.loop import ClosedLoop, Structure
+from plant.loop import ClosedLoop, Structure, bounded
 from plant.record import Record
 from plant.referee import by_casadi
 from plant.reference import Reference
@@ -97,7 +97,7 @@ def run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, 
     evaluate = _by_kernel if backend == "numba" else by_casadi
     final, steps, log, true_error = evaluate(loop, tables, state, numbers)
     n = rig.n
-    if not final[-1] > 0:
+    if not (final[-1] > 0 and bounded(final[: 2 * loop.n])):
         _refuse(loop, arm, log, final, steps)
     error, torque, q, qd = (log[:, i * n : (i + 1) * n] for i in range(4))
     t = np.arange(samples) * rig.period

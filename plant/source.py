@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import inspect
 import itertools
+import math
 import re
 
 from plant import elementary
@@ -16,6 +17,9 @@ from plant.pieces import cut
 from plant.translate import LANE, STATE, TIME, UNIFORM, Names, translate
 
 __all__ = ["head", "intrinsic", "loop_source", "map_source"]
+
+VECTOR = 8
+"""Individuals in one vector: the longest register that there is, or two or four shorter ones."""
 
 PIECE, LONG_PIECE = 40, 1000
 """Instructions in one loop over them; and in one for a single individual, where there is nothing to overlap."""
@@ -26,15 +30,15 @@ def head():
     return _HEAD.format(elementary=inspect.getsource(elementary))
 
 
-def intrinsic(name, parameters, lines, values=None):
-    """An intrinsic that does this to its arrays, or gives back these values as a tuple of numbers."""
+def intrinsic(name, parameters, lines, values=None, width=1):
+    """An intrinsic that does this to its arrays for so many individuals, or gives back these values as a tuple."""
     if values is None:
         result, last = "void", "return context.get_dummy_value()"
     else:
         values = values or ["0.0"]  # numba has no empty tuple of numbers
         result, last = f"UniTuple(float64, {len(values)})", f"return e.pack({', '.join(values)})"
     lines = "\n        ".join([*lines, last])
-    return _INTRINSIC.format(name=name, parameters=", ".join(parameters) + ",", lines=lines, result=result)
+    return _INTRINSIC.format(name=name, parameters=", ".join(parameters) + ",", lines=lines, result=result, width=width)
 
 
 def map_source(function, outer):
@@ -52,7 +56,10 @@ def map_source(function, outer):
 
 
 def loop_source(loop, lanes, uniform, width):
-    """Text of ``single`` and ``population``; `lanes` and `uniform` are positions in ``loop.number_names``."""
+    """Text of ``single`` and ``population``; `lanes` and `uniform` are positions in ``loop.number_names``.
+
+    The length of a step is the same for all, and stands behind the uniform numbers.
+    """
     states, names = len(loop.state_names), Names()
     rows = itertools.count(states + len(lanes))
     kept = {f"s{i}": i for i in range(states)} | {f"l{i}": states + i for i in range(len(lanes))}
@@ -101,13 +108,14 @@ def loop_source(loop, lanes, uniform, width):
                 stores |= {f"log[{i}]": result for i, result in enumerate(results[states:])}
                 start += [f"log = e.view(kinds[4], log, 1, e.index(i, {len(results) - states}))"]
                 parameters, last = [*parameters, "log", "i"], f", {log}, {index}"
+            v = math.gcd(w, VECTOR)
             block = [f"{which}_times = {which}_times_{{h}}({table}, data, {index}, numbers)"]
             pieces = cut(program.lines[STATE], stores, kept | program.crossing, lambda: next(rows), size)
             for k, piece in enumerate(pieces):
                 function, j = f"{name}_{which}_{k}", f"j_{which}_{k}"  # a name assigned once compiles faster
                 lines = [re.sub(r"{(\d+)}", r"work[\1]", line) for line in piece]
-                text.append(intrinsic(function, parameters, start + lines))
-                block.append(f"for {j} in range({w}):")
+                text.append(intrinsic(function, parameters, start + lines, width=v))
+                block.append(f"for {j} in range(0, {w}, {v}):")
                 block.append(f"    {function}_{{h}}(work, {j}, numbers, {which}_times{last})")
             blocks[which] = "\n            ".join(block)
         text.append(_LOOP.format(name=name, W=w, rows=next(rows), **settings, **blocks))
@@ -120,13 +128,13 @@ def _programs(loop, lanes, uniform, names, fresh):
     where |= {number: (f"u{i}", UNIFORM) for i, number in enumerate(uniform)}
     inputs = [
         [(f"s{i}", STATE) for i in range(len(loop.state_names))],
-        [(f"t{i}", TIME) for i in range(len(loop.time_names))],
+        [*((f"t{i}", TIME) for i in range(len(loop.time_names) - 1)), (f"u{len(uniform)}", UNIFORM)],
         [where[i] for i in range(len(where))],
         [(f"d{i}", TIME) for i in range(loop.n_data)],
     ]
     functions = {"law": loop.law_step, "sample": loop.sample, "step": loop.substep}
     return {
-        which: translate(function, inputs[: function.n_in()], names, fresh, fuse=which == "step")
+        which: translate(function, inputs[: function.n_in()], names, fresh, free=which == "step")
         for which, function in functions.items()
         if function is not None
     }
@@ -170,7 +178,7 @@ _INTRINSIC = """
 @intrinsic
 def {name}_{{h}}(typing, {parameters}):
     def codegen(context, builder, signature, arguments):
-        e, kinds = Emitter(context, builder), signature.args
+        e, kinds = Emitter(context, builder, {width}), signature.args
         {parameters} = arguments
         {lines}
 
@@ -217,12 +225,12 @@ def {name}_{{h}}(initial, lanes, uniform, law_time, sample_time, step_time, data
         if i % PER_LAW == 0:
             {law}
         if i % PER_SAMPLE == 0:
+            {sample}
             alive = 0.0
             for j in range(W):
                 alive += work[({states} - 1) * W + j]
             if not alive > 0.0:
                 break
-            {sample}
         if True:
             {step}
         done += 1

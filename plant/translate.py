@@ -15,6 +15,7 @@ __all__ = ["LANE", "STATE", "TIME", "UNIFORM", "Names", "Program", "translate"]
 
 _BY_CODE = {getattr(ca, f"OP_{name}"): name for name in OPERATIONS if hasattr(ca, f"OP_{name}")}
 _CALL = [None, "{}({{0}})", "{}({{0}}, {{1}})", "{}({{0}}, {{1}}, {{2}})"]
+_WEIGHTS = {"SINCOS": 27, "SIN": 15, "COS": 15}  # in instructions; the others are one or a call
 _CODE_NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
 
 
@@ -51,7 +52,7 @@ class Program:
     used: dict
 
 
-def translate(function, inputs, names, rows, *, fuse=False):
+def translate(function, inputs, names, rows, *, free=False):
     """Translate an SX Function.
 
     Parameters
@@ -62,8 +63,8 @@ def translate(function, inputs, names, rows, *, fuse=False):
     names : Names
     rows : callable
         Gives a fresh row of the work array for what crosses from LANE to STATE.
-    fuse : bool
-        Round a product and the sum that it enters once (fused multiply-add) instead of twice. Which ones is decided
+    free : bool
+        Allow other roundings than casadi's (`plant.rewrite`), a fused multiply-add above all. What is done is decided
         here, not by the compiler, so that every kernel of one function gives the same bits.
 
     Returns
@@ -79,7 +80,7 @@ def translate(function, inputs, names, rows, *, fuse=False):
         raise ValueError(
             f"function must be built from SX; got {function.class_name()} {function.name()}. Use expand()."
         )
-    nodes, outputs = rewritten(*_single_assignment(function, inputs), fuse=fuse)
+    nodes, outputs = rewritten(*_single_assignment(function, inputs), free=free)
     lines = {UNIFORM: [], LANE: [], TIME: [], STATE: []}
     crossing, made, used, text = {}, set(), {}, {}
 
@@ -102,7 +103,9 @@ def translate(function, inputs, names, rows, *, fuse=False):
             needs = tuple(use(argument, node.kind) for argument in node.of)
             results = (names(), names()) if node.op == "SINCOS" else (names(),)
             text[index] = results if node.op == "SINCOS" else results[0]
-            lines[node.kind].append(Line(results, _CALL[len(needs)].format(OPERATIONS[node.op]), needs))
+            lines[node.kind].append(
+                Line(results, _CALL[len(needs)].format(OPERATIONS[node.op]), needs, _WEIGHTS.get(node.op, 1))
+            )
             if node.kind == LANE:
                 made.update(results)
     return Program(lines, [use(index, STATE) for index in outputs], crossing, used)

@@ -3,7 +3,8 @@
     from c_loops import Experiment, scalar_costs, vector_costs
 
 Both give the sum of squared error differences of each candidate, as `identification.Objective` does, but simulate
-every candidate: arms that no motor could drive are not sorted out beforehand. One thread.
+every candidate: arms that no motor could drive are not sorted out beforehand. `scalar_costs` is plain C, one individual
+after the other; `vector_costs` is as fast as it could be made. One thread.
 """
 
 import ctypes
@@ -84,6 +85,8 @@ def vector_costs(experiment, population):
 
 def _costs(name, experiment, population):
     population = np.ascontiguousarray(population, dtype=float)
+    if population.ndim != 2 or population.shape[1] != 9:
+        raise ValueError(f"population must have shape (P, 9); got {population.shape}. Give f1..f9 per row.")
     costs, samples = np.empty(len(population)), len(experiment.record)
     pointers = [table.ctypes.data_as(ctypes.c_void_p) for table in (*experiment.tables, costs)]
     _function(name)(
@@ -94,7 +97,7 @@ def _costs(name, experiment, population):
         experiment.steps_per_sample,
         *pointers,
     )
-    return costs
+    return np.where(np.isfinite(population).all(axis=1), costs, np.inf)
 
 
 @functools.cache
@@ -104,7 +107,7 @@ def _function(name):
         library = pathlib.Path(folder) / f"{name}.so"
         command = [shutil.which("gcc"), *FLAGS[name], "-shared", "-fPIC", "-o", library, SOURCES / f"{name}.c", "-lm"]
         subprocess.run(command, check=True)  # noqa: S603 - our own sources
-        function = getattr(ctypes.CDLL(library), f"{name}_costs")
+        function = getattr(ctypes.CDLL(str(library)), f"{name}_costs")
     function.argtypes = (
         *(ctypes.c_long, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_long, ctypes.c_long),
         *([ctypes.c_void_p] * 4),

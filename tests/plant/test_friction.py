@@ -8,22 +8,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from plant.factor import inverse
 from plant.friction import REGULARISATION, friction_impulse, smooth_impulse
 
 
 def impulse_function(n, sweeps):
-    inverse, qd, impulse, bound = (ca.SX.sym(name, *shape) for name, shape in
-                                   (("inverse", (n, n)), ("qd", (n,)), ("impulse", (n,)), ("bound", (n,))))  # fmt: skip
-    return ca.Function("f", [inverse, qd, impulse, bound], [*friction_impulse(inverse, qd, impulse, bound, sweeps)])
+    inertia, qd, impulse, bound = (ca.SX.sym(name, *shape) for name, shape in
+                                   (("inertia", (n, n)), ("qd", (n,)), ("impulse", (n,)), ("bound", (n,))))  # fmt: skip
+    mobility = inverse(inertia)
+    given = friction_impulse(mobility, -mobility.alone * qd, impulse, bound, sweeps)
+    return ca.Function("f", [inertia, qd, impulse, bound], [given, qd + mobility.matrix @ given])
 
 
 FUNCTIONS = {(n, sweeps): impulse_function(n, sweeps) for n, sweeps in ((1, 1), (1, 3), (2, 3), (2, 200))}
 
 
-def friction(inverse, qd, bound, impulse=None, sweeps=3):
+def friction(mobility, qd, bound, impulse=None, sweeps=3):
     n = len(qd)
     given = np.zeros(n) if impulse is None else impulse
-    return [x.full().ravel() for x in FUNCTIONS[n, sweeps](inverse, qd, given, bound)]
+    return [x.full().ravel() for x in FUNCTIONS[n, sweeps](np.linalg.inv(mobility), qd, given, bound)]
 
 
 def enumerated(inverse, qd, bound):
@@ -102,9 +105,10 @@ def test_right_impulse_is_kept_when_the_sweeps_start_from_it():
 
 def test_smooth_impulse_saturates_and_has_the_slope_of_tanh():
     qd = ca.SX.sym("qd")
-    impulse, following = smooth_impulse(ca.SX(0.5), qd, ca.SX(0.2))
-    function = ca.Function("f", [qd], [impulse, following, ca.jacobian(impulse, qd)])
+    mobility = inverse(ca.SX(2.0))
+    impulse = smooth_impulse(mobility, -mobility.alone * qd, ca.SX(0.2))
+    function = ca.Function("f", [qd], [impulse, mobility.matrix, ca.jacobian(impulse, qd)])
     np.testing.assert_allclose(float(function(1.0)[0]), -0.2, rtol=1e-15)
-    np.testing.assert_allclose(float(function(-1.0)[1]), -1.0 + 0.1, rtol=1e-15)
+    np.testing.assert_allclose(float(function(-1.0)[1]), 0.5, rtol=1e-15)
     np.testing.assert_allclose(float(function(REGULARISATION)[0]), -0.2 * np.tanh(1), rtol=1e-15)
     np.testing.assert_allclose(float(function(0.0)[2]), -0.2 / REGULARISATION, rtol=1e-15)

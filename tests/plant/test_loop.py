@@ -10,7 +10,7 @@ from test_dynamics import random_arm
 
 from plant import Arm, P, PointToPoint, puma560
 from plant.kernel import LANES, LoopKernel
-from plant.loop import FAR, ClosedLoop
+from plant.loop import FAR, ClosedLoop, bounded
 from plant.simulator import loop_kernel
 from plant.tables import Logged, Path, time_tables
 
@@ -181,16 +181,21 @@ def test_law_that_gives_no_number_is_found_out():
     for law in (Broken(), BrokenSampled()):
         loop = loop_of(law)
         state, row = loop.initial_state(np.zeros(2), np.zeros(2)), tables_of(loop, 1)[2][0]
-        following = (loop.law_step or loop.substep)(state, row, loop.number_values(ARM.f))
-        assert (following if loop.law_step else following[0]).full()[-1, 0] == 0
+        numbers = loop.number_values(ARM.f)
+        following = loop.law_step(state, row, numbers) if loop.law_step else loop.sample(state, row, numbers, [])[0]
+        assert following.full()[-1, 0] == 0
 
 
 def test_state_that_is_far_away_has_diverged():
     loop = loop_of(NoTorque())
     row = tables_of(loop, 1)[2][0]
     for q, qd in (([0, 2 * FAR], [0, 0]), ([0, 0], [3 * FAR, 0]), ([0, np.nan], [0, 0])):
-        assert loop.substep(loop.initial_state(q, qd), row, loop.number_values(ARM.f))[0].full()[-1, 0] == 0
-    assert loop.substep(loop.initial_state([0, 1], [2, 3]), row, loop.number_values(ARM.f))[0].full()[-1, 0] == 1
+        state = loop.initial_state(q, qd)
+        assert loop.sample(state, row, loop.number_values(ARM.f), [])[0].full()[-1, 0] == 0
+        assert not bounded(state[:4])
+    state = loop.initial_state([0, 1], [2, 3])
+    assert loop.sample(state, row, loop.number_values(ARM.f), [])[0].full()[-1, 0] == 1
+    assert bounded(state[:4])
 
 
 # -- a held arm ------------------------------------------------------------------------------------------------------

@@ -9,8 +9,8 @@
  *     h0 = -b qd1 (qd1 + 2 qd0) + h1_gravity + g (f8 sin q0 - f9 cos q0)
  *     h1 =  b qd0^2             + h1_gravity,   h1_gravity = g (f6 sin(q0 + q1) - f5 cos(q0 + q1))
  *
- * A step of length h is a midpoint step with one predictor pass for the velocity in h(q, qd); dry friction is an impulse
- * within +-bound, found by three sweeps over the joints that start from the impulse of the last step. SI units.
+ * A step of length h is a midpoint step with one predictor pass for the velocity in h(q, qd); dry friction is an
+ * impulse within +-bound, found by three sweeps over the joints that start from the impulse of the last step. SI units.
  *
  * gcc -O3 -march=native -shared -fPIC scalar.c -lm
  */

@@ -6,7 +6,7 @@
  *     w  = FINE h qd [rad]; from one middle to the next, x grows by w times a constant
  *     n1 = impulse of joint 1, against the motion; that of joint 0 is worked out anew by every first sweep
  *
- * D stands for D + h/2 viscous divided by its constant element 11, so that D11 = 1, and torques for themselves times
+ * D stands for D + h/2 viscous, divided by its constant element 11 so that D11 = 1; torques are multiplied by
  * FINE h^2 / D11. With a = f3 cos q1 - f4 sin q1 and b = f3 sin q1 + f4 cos q1 (f divided alike, b by FINE besides),
  * D00 = f7 + 2 a, D01 = f2 + a, d = D01 / D00 and pivot = D00 - D01^2, a step is
  *
@@ -17,18 +17,30 @@
  *     n0 = limited(y0 + D01 n1)            n1 = limited(y1 + d n0)          three sweeps
  *     w0 = (y0 + D01 n1 - n0) / pivot      w1 = (y1 + d n0 - n1) D00 / pivot
  *
- * with one division. An impulse starts within its bound and the bound is constant, so the first clamp is left out.
+ * An impulse starts within its bound and the bound is constant, so the first clamp is left out.
  *
  * Sine and cosine: the angle less the nearest multiple of pi/8, polynomials, and sine and cosine of the multiple from
  * tables in registers; in the RENEW - 1 steps after that they are turned by the angle moved, by the addition theorem
- * and shorter polynomials. Absolute error below 3e-15 either way.
+ * and shorter polynomials. Absolute error below 3e-15 up to 40 rad; beyond, the rounding of the angle weighs more.
  *
  * Whether all is well is watched as cheaply as possible: for each lane one `or` a step over the exponents of w, which
  * shows a joint that ever moved 2/FINE rad in a step (45 rad/s in 0.175 ms), and beforehand whether D can cease to be
  * positive at any q. What that does not prove well is simulated again with every check in every step.
  *
  * Tried; times relative to this file, AVX-512, 240 individuals, one thread:
-@TRIED@
+ *
+ *     sine and cosine anew in every step (RENEW 1)                                        1.14
+ *     one vector in a step                                                                1.15
+ *     three vectors in a step (more values than registers)                                1.12
+ *     two vectors in the loop over time instead of ten                                    1.42
+ *     two, three or five vectors whose state stays in registers, RENEW 1                  1.60, 1.42, 1.45
+ *     three stages of three vectors interleaved, with values handed on through memory     1.28
+ *     sines of two vectors at a time, then friction of five at a time                     1.04
+ *     one division for both quotients                                                     1.02
+ *     clamps by a minimum and a maximum                                                   1.11
+ *     every check in every step                                                           1.13
+ *     the equations of scalar.c in loops of `omp simd` over 40 or 16 lanes, no vector types,
+ *     sine and cosine by quadrants (needs -fno-trapping-math to become vectors)           3.12, 2.89
  *
  * gcc -O3 -march=native -ffp-contract=fast -shared -fPIC vector.c -lm
  */
@@ -36,13 +48,15 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
-#ifdef __AVX512DQ__
+#ifdef __AVX2__
 #include <immintrin.h>
+#endif
+
+#ifdef __AVX512DQ__
 #define LANES 8
 #else
 #define LANES 4
 #endif
-
 #ifndef RENEW
 #define RENEW 8 /* sine and cosine are computed anew in every RENEWth step; 1: in every step */
 #endif
@@ -65,8 +79,8 @@ struct experiment {
     double q[2], qd[2];      /* start [rad, rad/s] */
 };
 
-/* What all individuals share. Constants are kept here too: as literals the compiler would not hold them in registers,
- * but read them from memory wherever they are used. */
+/* What all individuals share; constants too, for literals are read from memory wherever they are used, while these can
+ * stay in registers through the loop over time. */
 struct shared {
     double pulses;   /* of encoder 0 per rad, signed */
     double growth;   /* pulses of encoder 0 per w */
@@ -101,56 +115,44 @@ INLINE ivec bits(vec x)
     return (ivec)x;
 }
 
-#ifdef __AVX512DQ__
-/* x within +-bound: the smaller magnitude of the two with the sign of x */
+/* x within +-bound */
 INLINE vec limited(vec x, vec bound)
 {
-    return (vec)_mm512_range_pd((__m512d)x, (__m512d)bound, 2);
+#if defined __AVX512DQ__
+    return (vec)_mm512_range_pd((__m512d)x, (__m512d)bound, 2); /* the lesser magnitude, with the sign of x */
+#elif defined __AVX2__
+    return (vec)_mm256_min_pd(_mm256_max_pd((__m256d)x, (__m256d)-bound), (__m256d)bound);
+#else
+    const ivec above = x > bound, below = x < -bound;
+    return (vec)((bits(bound) & above) | (bits(-bound) & below) | (bits(x) & ~(above | below)));
+#endif
 }
 
 INLINE vec truncated(vec x)
 {
+#if defined __AVX512DQ__
     return (vec)_mm512_roundscale_pd((__m512d)x, _MM_FROUND_TO_ZERO | _MM_FROUND_NO_EXC);
+#elif defined __AVX2__
+    return (vec)_mm256_round_pd((__m256d)x, _MM_FROUND_TO_ZERO | _MM_FROUND_NO_EXC);
+#else
+    for (int l = 0; l < LANES; ++l)
+        x[l] = trunc(x[l]);
+    return x;
+#endif
 }
 
 /* table[k mod 16] */
 INLINE vec looked_up(const double *table, ivec k)
 {
+#if defined __AVX512DQ__
     return (vec)_mm512_permutex2var_pd(_mm512_loadu_pd(table), (__m512i)k, _mm512_loadu_pd(table + 8));
-}
-
-INLINE vec either(vec x, vec y, vec z)
-{
-    return (vec)_mm512_ternarylogic_epi64((__m512i)x, (__m512i)y, (__m512i)z, 0xfe);
-}
 #else
-INLINE vec limited(vec x, vec bound)
-{
-    const ivec above = x > bound, below = x < -bound;
-    return (vec)((bits(bound) & above) | (bits(-bound) & below) | (bits(x) & ~(above | below)));
-}
-
-INLINE vec truncated(vec x)
-{
-    vec y;
+    vec x;
     for (int l = 0; l < LANES; ++l)
-        y[l] = trunc(x[l]);
-    return y;
-}
-
-INLINE vec looked_up(const double *table, ivec k)
-{
-    vec y;
-    for (int l = 0; l < LANES; ++l)
-        y[l] = table[k[l] & 15];
-    return y;
-}
-
-INLINE vec either(vec x, vec y, vec z)
-{
-    return (vec)(bits(x) | bits(y) | bits(z));
-}
+        x[l] = table[k[l] & 15];
+    return x;
 #endif
+}
 
 /* A statement for n vectors, one after the other, so that their latencies overlap. */
 #define EACH(n) _Pragma("GCC unroll 4") for (int i = 0; i < (n); ++i)
@@ -241,15 +243,9 @@ INLINE vec step(int n, int careful, int anew, struct individuals *p, const struc
     EACH(n) b[i] = p[i].b4 * c1[i] + b[i];
     EACH(n) D01[i] = p[i].D01 + a[i];
     EACH(n) D00[i] = a[i] * e->two + p[i].D00;
+    EACH(n) d[i] = D01[i] / D00[i];
     EACH(n) pivot[i] = D00[i] - D01[i] * D01[i];
-    if (careful) { /* no product that could overflow */
-        EACH(n) inverse0[i] = 1.0 / pivot[i];
-        EACH(n) d[i] = D01[i] / D00[i];
-    } else {
-        EACH(n) a[i] = 1.0 / (D00[i] * pivot[i]);
-        EACH(n) d[i] = D01[i] * pivot[i] * a[i];
-        EACH(n) inverse0[i] = D00[i] * a[i];
-    }
+    EACH(n) inverse0[i] = 1.0 / pivot[i];
 
     /* law, gravity and viscous friction */
     EACH(n) error0[i] = limited(reference[0] - truncated(x0[i]), all(e->limit[0]));
@@ -305,7 +301,7 @@ INLINE vec step(int n, int careful, int anew, struct individuals *p, const struc
     EACH(n) p[i].w1 = w1[i];
     EACH(n) p[i].x0 = w0[i] * e->growth + x0[i];
     EACH(n) p[i].x1 = w1[i] * e->growth + x1[i];
-    EACH(n) moved = either(moved, w0[i], w1[i]);
+    EACH(n) moved = (vec)(bits(moved) | bits(w0[i]) | bits(w1[i]));
     return moved;
 }
 
@@ -391,14 +387,14 @@ static void fill(struct individuals *p, int l, const double *f, const struct exp
     p->ok[l] = -1;
 }
 
-/* Whether D is positive, and of ordinary size, at every q: its pivot is concave in a, and a stays within +-size. */
+/* Whether D is positive at every q: its pivot is concave in a, and a stays within +-size. */
 static int certain(const double *f, const struct experiment *e)
 {
     const double inverse = 1.0 / last_inertia(f, e), size = hypot(f[2], f[3]) * inverse;
     const double D00 = (f[6] + 0.5 * e->h * viscous(e, 0)) * inverse, D01 = f[1] * inverse;
     const double largest = fabs(D00) + 2.0 * size + pow(fabs(D01) + size, 2.0);
     const double least = fmin(D00 - 2.0 * size - pow(D01 - size, 2.0), D00 + 2.0 * size - pow(D01 + size, 2.0));
-    return least > 1e-9 * largest && least > 1e-50 && largest < 1e50;
+    return least > 1e-9 * largest && largest < INFINITY;
 }
 
 /* Costs of the individuals rows[count]. Leaves in rows those whose cost has to be worked out with care; how many. */
@@ -469,12 +465,9 @@ void vector_costs(long population, const double *f, const struct experiment *e, 
     const double reach = fmax(fabs(e->q[0]), fabs(e->q[1])) + 2.0 / FINE * samples * steps_per_sample;
     const int ordinary = reach < FAR && o.far_w > 2.0;
     for (long i = 0; i < population; ++i) {
-        double sum = 0.0;
-        for (int j = 0; j < 9; ++j)
-            sum += 0.0 * f[9 * i + j];
         cost[i] = INFINITY;
-        if (sum != 0.0 || !(last_inertia(f + 9 * i, e) > 0.0))
-            continue; /* not finite, or D11 is not positive */
+        if (!(last_inertia(f + 9 * i, e) > 0.0))
+            continue; /* D11 is not positive */
         if (ordinary && certain(f + 9 * i, e))
             rows[fast++] = i;
         else
