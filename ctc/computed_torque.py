@@ -96,7 +96,7 @@ class ComputedTorque(Law):
         fresh = state[-1]
 
         # v and the torque asked for acted since the last sample; what the amplifier cut off is missing from v.
-        v = v + inverse(model.D(setpoint.q, f))[0] @ (torque - asked)
+        v = v + inverse(model.D(setpoint.q, f)).solve(torque - asked)
         omega = self.bandwidth * self.observer_ratio * (1 + (self.start_boost - 1) * fresh)
         measured = setpoint.q - rig.angle(pulses)
         e, rate, disturbance = correct(*predict(e, rate, disturbance, v, dt), measured, omega, dt)

@@ -16,25 +16,37 @@ from llvmlite import ir
 from numba.core import cgutils
 from numba.core.types import float64
 
-__all__ = ["COSINE", "OPERATIONS", "PI", "SINE", "Emitter"]
+__all__ = ["COSINE", "OPERATIONS", "SINE", "STEPS", "Emitter"]
 
-# Sine and cosine together: subtract a multiple k of pi in two parts (Cody and Waite; the first has 33 bits, so that its
-# product with k is exact for abs(k) < 2^20), then polynomials on [-pi/2, pi/2] interpolated at Chebyshev
-# nodes in r^2; both change sign if k is odd. Adding 1.5 2^52 rounds to a whole number and leaves its parity in the last
-# bit. No branch, no table, no call. Absolute error below 3e-15 for abs(x) < 1e5; tests/plant/test_translate.py measures
-# it and works the coefficients out again.
-SINE = (
-    -0.1666666666666665, 0.008333333333325928, -0.00019841269836466636, 2.7557318055221206e-06,
-    -2.505197288121006e-08, 1.6050970646122487e-10, -7.408031343670488e-13,
-)  # fmt: skip
-COSINE = (
-    0.04166666666666666, -0.0013888888888884765, 2.480158729891222e-05, -2.7557318573107296e-07,
-    2.087668153639063e-09, -1.1466251369215444e-11, 4.6464228378080794e-14,
-)  # fmt: skip
-PI = (3.1415926534682512, 1.2154201013012384e-10)
+# Sine and cosine together: subtract a multiple k of a step in two parts (Cody and Waite; the first has 33 bits, so that
+# its product with k is exact for abs(k) < 2^20), then polynomials in r^2 that interpolate at Chebyshev nodes. Adding
+# 1.5 2^52 rounds to a whole number and leaves its lowest bits in the lowest bits of the sum. No branch and no call.
+# Absolute error below 3e-15 for abs(x) < 1e5; tests/plant/test_translate.py measures it and works the coefficients out
+# again. With a step of pi both change sign if k is odd. Where 16 numbers can be looked up in registers (AVX-512) the
+# step is pi/8: shorter polynomials, and the sine and cosine of the multiple by the addition theorem.
+STEPS = {
+    "pi": (3.1415926534682512, 1.2154201013012384e-10),
+    "pi/8": (0.3926990816835314, 1.519275126626548e-11),
+}
+SINE = {
+    "pi": (
+        -0.1666666666666665, 0.008333333333325928, -0.00019841269836466636, 2.7557318055221206e-06,
+        -2.505197288121006e-08, 1.6050970646122487e-10, -7.408031343670488e-13,
+    ),
+    "pi/8": (-0.16666666666666624, 0.00833333333297451, -0.00019841265187900753, 2.7538007106314512e-06),
+}  # fmt: skip
+COSINE = {
+    "pi": (
+        0.04166666666666666, -0.0013888888888884765, 2.480158729891222e-05, -2.7557318573107296e-07,
+        2.087668153639063e-09, -1.1466251369215444e-11, 4.6464228378080794e-14,
+    ),
+    "pi/8": (0.04166666666617326, -0.0013888886585418279, 2.4785654625498236e-05),
+}  # fmt: skip
+EIGHTHS = (0.3826834323650898, 0.7071067811865476, 0.9238795325112867)  # sin(k pi/8), k = 1, 2, 3
 WHOLE = 1.5 * 2.0**52
 
-DOUBLE, LONG = ir.DoubleType(), ir.IntType(64)
+DOUBLE, LONG, INDEX = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
+EIGHT = ir.VectorType(DOUBLE, 8)
 
 
 class Emitter:
@@ -76,8 +88,8 @@ class Emitter:
         return values if self.width == 1 else [self._splat(x) for x in values]
 
     def _splat(self, x):
-        first = self.builder.insert_element(ir.Constant(self.double, ir.Undefined), x, ir.IntType(32)(0))
-        everywhere = ir.Constant(ir.VectorType(ir.IntType(32), self.width), [0] * self.width)
+        first = self.builder.insert_element(ir.Constant(self.double, ir.Undefined), x, INDEX(0))
+        everywhere = ir.Constant(ir.VectorType(INDEX, self.width), [0] * self.width)
         return self.builder.shuffle_vector(first, ir.Constant(self.double, ir.Undefined), everywhere)
 
     def widest(self):
@@ -125,13 +137,33 @@ class Emitter:
     # -- functions ---------------------------------------------------------------------------------------------------
     def sincos(self, x):
         """Sine and cosine, of an angle below 1e5."""
-        whole = self.fma(x, 1 / math.pi, WHOLE)
-        k = self.neg(self.sub(whole, WHOLE))
-        r = self.fma(k, PI[1], self.fma(k, PI[0], x))
-        z = self.mul(r, r)
-        s = self.fma(self.mul(r, z), self._polynomial(SINE, z), r)
-        c = self._polynomial((1.0, -0.5, *COSINE), z)
+        return self._sincos_by_table(x) if self._has("avx512f") else self._sincos_by_sign(x)
+
+    def _sincos_by_sign(self, x):
+        whole, r, z = self._reduced(x, "pi")
+        s = self.fma(self.mul(r, z), self._polynomial(SINE["pi"], z), r)
+        c = self._polynomial((1.0, -0.5, *COSINE["pi"]), z)
         return self._negative_if_odd(s, whole), self._negative_if_odd(c, whole)
+
+    def _sincos_by_table(self, x):
+        whole, r, z = self._reduced(x, "pi/8")
+        s = self.fma(self.mul(r, z), self._polynomial(SINE["pi/8"], z), r)
+        c = self.mul(z, self._polynomial((-0.5, *COSINE["pi/8"]), z))  # cosine - 1
+        half = (0.0, *EIGHTHS, 1.0, *EIGHTHS[::-1])
+        sines = [*half, *(-x for x in half), *half]
+        sine, cosine = (self._looked_up(sines[i : i + 16], whole) for i in (0, 4))
+        return (
+            self.fma(cosine, s, self.fma(sine, c, sine)),
+            self.fnma(sine, s, self.fma(cosine, c, cosine)),
+        )
+
+    def _reduced(self, x, step):
+        """The nearest multiple of the step, in the lowest bits; what is left of x, and its square."""
+        first, second = STEPS[step]
+        whole = self.fma(x, 1 / first, WHOLE)
+        k = self.neg(self.sub(whole, WHOLE))
+        r = self.fma(k, second, self.fma(k, first, x))
+        return whole, r, self.mul(r, r)
 
     def sin(self, x):
         return self.sincos(x)[0]
@@ -145,27 +177,71 @@ class Emitter:
             total = self.fma(total, z, value)
         return total
 
+    def _looked_up(self, table, whole):
+        """Of 16 numbers those at the places that the lowest bits say."""
+        bits = self.builder.bitcast(whole, self.long)
+        if self.width % 8:
+            place = self.builder.and_(bits, self._constant(self.long, LONG(15)))
+            return self._by_lane(lambda place: self._number(table, place), place)
+        low, high = (ir.Constant(EIGHT, [DOUBLE(x) for x in table[i : i + 8]]) for i in (0, 8))
+        kind = ir.FunctionType(EIGHT, [EIGHT, ir.VectorType(LONG, 8), EIGHT])
+        permute = self._function("llvm.x86.avx512.vpermi2var.pd.512", kind)
+        return self._by_eight(lambda places: self.builder.call(permute, [low, places, high]), bits)
+
+    def _number(self, table, place):
+        kind = ir.ArrayType(DOUBLE, len(table))
+        name = f"table_{'_'.join(x.hex() for x in table[:2])}"
+        if name not in self.builder.module.globals:
+            variable = ir.GlobalVariable(self.builder.module, kind, name)
+            variable.global_constant, variable.linkage = True, "internal"
+            variable.initializer = ir.Constant(kind, [DOUBLE(x) for x in table])
+        pointer = self.builder.module.globals[name]
+        return self.builder.load(self.builder.gep(pointer, [LONG(0), place]))
+
     def _negative_if_odd(self, x, whole):
         bits, parity = (self.builder.bitcast(v, self.long) for v in (x, whole))
         sign = self.builder.shl(parity, self._constant(self.long, LONG(63)))
         return self.builder.bitcast(self.builder.xor(bits, sign), self.double)
 
+    def _has(self, feature):
+        """Whether the processor for which numba compiles has a feature."""
+        return f"+{feature}" in self.context.codegen().magic_tuple()[2].split(",")
+
+    def _function(self, name, kind):
+        return cgutils.get_or_insert_function(self.builder.module, kind, name)
+
     def _intrinsic(self, name, *arguments):
-        kind = ir.FunctionType(self.double, [self.double] * len(arguments))
         suffix = "f64" if self.width == 1 else f"v{self.width}f64"
-        function = cgutils.get_or_insert_function(self.builder.module, kind, f"{name}.{suffix}")
+        function = self._function(f"{name}.{suffix}", ir.FunctionType(self.double, [self.double] * len(arguments)))
         return self.builder.call(function, [self.value(x) for x in arguments])
 
     def _library(self, function, *arguments):
         call = self.context.get_function(function, float64(*[float64] * len(arguments)))
-        arguments = [self.value(x) for x in arguments]
+        return self._by_lane(lambda *lane: call(self.builder, lane), *(self.value(x) for x in arguments))
+
+    def _by_lane(self, function, *vectors):
+        """A function of numbers, one individual after the other."""
         if self.width == 1:
-            return call(self.builder, arguments)
+            return function(*vectors)
         result = ir.Constant(self.double, ir.Undefined)
-        for lane in (ir.IntType(32)(i) for i in range(self.width)):
-            value = call(self.builder, [self.builder.extract_element(x, lane) for x in arguments])
+        for lane in map(INDEX, range(self.width)):
+            value = function(*(self.builder.extract_element(x, lane) for x in vectors))
             result = self.builder.insert_element(result, value, lane)
         return result
+
+    def _by_eight(self, function, *vectors):
+        """A function of vectors of eight."""
+        if self.width == 8:
+            return function(*vectors)
+        parts = []
+        for start in range(0, self.width, 8):
+            those = ir.Constant(ir.VectorType(INDEX, 8), list(map(INDEX, range(start, start + 8))))
+            parts.append(function(*(self.builder.shuffle_vector(x, x, those) for x in vectors)))
+        while len(parts) > 1:
+            both = list(map(INDEX, range(2 * parts[0].type.count)))
+            both = ir.Constant(ir.VectorType(INDEX, len(both)), both)
+            parts = [self.builder.shuffle_vector(*parts[i : i + 2], both) for i in range(0, len(parts), 2)]
+        return parts[0]
 
     sqrt = partialmethod(_intrinsic, "llvm.sqrt")
     floor = partialmethod(_intrinsic, "llvm.floor")
@@ -196,23 +272,16 @@ class Emitter:
         return self.builder.fcmp_unordered("!=", self.value(x), self.value(0.0))
 
     def limit(self, x, bound):
-        """Return x within +-bound: on AVX-512 in one instruction, of which 8 numbers are a vector."""
-        if self.width % 8 or "+avx512dq" not in self.context.codegen().magic_tuple()[2]:
+        """Return x within +-bound: on AVX-512 the one of smaller magnitude, with the sign of x."""
+        if self.width % 8 or not self._has("avx512dq"):
             return self.fmin(self.fmax(x, self.neg(bound)), bound)
-        builder, eight, index = self.builder, ir.VectorType(DOUBLE, 8), ir.IntType(32)
-        numbers = [eight, eight, index, eight, ir.IntType(8), index]
-        name = "llvm.x86.avx512.mask.range.pd.512"
-        function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(eight, numbers), name)
-        parts, x, bound = [], self.value(x), self.value(bound)
-        for start in range(0, self.width, 8):
-            those = ir.Constant(ir.VectorType(index, 8), [index(start + i) for i in range(8)])
-            a, b = (builder.shuffle_vector(v, v, those) for v in (x, bound))
-            parts.append(builder.call(function, [a, b, index(2), a, ir.IntType(8)(255), index(4)]))
-        while len(parts) > 1:
-            size = parts[0].type.count
-            both = ir.Constant(ir.VectorType(index, 2 * size), [index(i) for i in range(2 * size)])
-            parts = [builder.shuffle_vector(*parts[:2], both), *parts[2:]]
-        return parts[0]
+        kind = ir.FunctionType(EIGHT, [EIGHT, EIGHT, INDEX, EIGHT, ir.IntType(8), INDEX])
+        choose = self._function("llvm.x86.avx512.mask.range.pd.512", kind)
+
+        def smaller(x, bound):
+            return self.builder.call(choose, [x, bound, INDEX(2), x, ir.IntType(8)(255), INDEX(4)])
+
+        return self._by_eight(smaller, self.value(x), self.value(bound))
 
     def fmin(self, x, y):
         return self._if(self._compare("<", x, y), x, y)

@@ -10,23 +10,32 @@ __all__ = ["Inverse", "inverse", "pivots"]
 
 
 class Inverse(NamedTuple):
-    """Inverse of a symmetric positive definite matrix A, and what follows from it with fewer divisions.
+    """Inverse of a symmetric positive definite matrix A, row by row: A^-1 x = diagonal * (x - share x).
 
     Attributes
     ----------
-    matrix : casadi SX (n, n)
+    diagonal : casadi SX (n, 1)
+        Of the inverse.
+    alone : casadi SX (n, 1)
+        1 / diagonal: with A the inertia, what an impulse on joint i alone has to move.
+    share : casadi SX (n, n)
+        Zero on the diagonal: how much of an impulse on joint j acts on joint i, with the other sign.
     minors : list of casadi SX
         All positive if, and only if, A is positive definite.
-    alone : casadi SX (n, 1)
-        1 / matrix[i, i]: with A the inertia, what an impulse on joint i alone has to move.
-    share : casadi SX (n, n)
-        -matrix[i, j] / matrix[i, i], with zeros on the diagonal: how much of an impulse on j joint i feels.
     """
 
-    matrix: ca.SX
-    minors: list
+    diagonal: ca.SX
     alone: ca.SX
     share: ca.SX
+    minors: list
+
+    def own(self, x):
+        """What of x (n, 1) acts on each joint, as if it were alone: x - share x."""
+        return x - self.share @ x
+
+    def solve(self, x):
+        """A^-1 x."""
+        return self.diagonal * self.own(x)
 
 
 def inverse(matrix):
@@ -34,13 +43,12 @@ def inverse(matrix):
     if matrix.shape[0] == 2:
         a, b, c = matrix[0, 0], matrix[0, 1], matrix[1, 1]
         determinant = a * c - b * b
-        of = ca.vertcat(ca.horzcat(c, -b), ca.horzcat(-b, a)) / determinant
         share = ca.vertcat(ca.horzcat(0, b / c), ca.horzcat(b / a, 0))
-        return Inverse(of, [a, determinant], ca.vertcat(determinant / c, determinant / a), share)
+        return Inverse(ca.vertcat(c, a) / determinant, determinant / ca.vertcat(c, a), share, [a, determinant])
     of, minors = _by_blocks(matrix)
-    alone = 1 / ca.diag(of)
-    felt = ca.diag(alone) @ of
-    return Inverse(of, minors, alone, ca.diag(ca.diag(felt)) - felt)
+    diagonal = ca.diag(of)
+    felt = ca.diag(1 / diagonal) @ of
+    return Inverse(diagonal, 1 / diagonal, ca.diag(ca.diag(felt)) - felt, minors)
 
 
 def _by_blocks(matrix):
@@ -50,12 +58,16 @@ def _by_blocks(matrix):
         return ca.SX(0, 0), []
     if n == 1:
         return 1 / matrix, [matrix]
-    first, minors, _, _ = inverse(matrix[:2, :2])
+    a, b, c = matrix[0, 0], matrix[0, 1], matrix[1, 1]
+    determinant = a * c - b * b
+    first = ca.vertcat(ca.horzcat(c, -b), ca.horzcat(-b, a)) / determinant
+    if n == 2:
+        return first, [a, determinant]
     coupling = first @ matrix[:2, 2:]
     last, more = _by_blocks(matrix[2:, 2:] - matrix[2:, :2] @ coupling)
     corner = -coupling @ last
     whole = ca.vertcat(ca.horzcat(first - corner @ coupling.T, corner), ca.horzcat(corner.T, last))
-    return whole, [*minors, *more]
+    return whole, [a, determinant, *more]
 
 
 def pivots(matrix):

@@ -43,5 +43,5 @@ def friction_impulse(inverse, stopping, impulse, bound, sweeps):
 
 def smooth_impulse(inverse, stopping, bound):
     """The same with a differentiable law: -bound tanh(qd / REGULARISATION)."""
-    qd = -ca.diag(inverse.matrix) * stopping
+    qd = -inverse.diagonal * stopping
     return -bound * ca.tanh(qd / REGULARISATION)

@@ -206,15 +206,14 @@ class ClosedLoop:
         def left(at):
             return pushing - self.dynamics.coriolis(middle, at, f)
 
-        accelerating = left(qd + h / 2 * (mobility.matrix @ left(qd)))
-        # Impulse that would stop a joint alone: -alone (qd + h matrix @ accelerating), without cancelled factors.
-        stopping = -(mobility.alone * qd + h * (accelerating - mobility.share @ accelerating))
+        own = mobility.own(left(qd + h / 2 * mobility.solve(left(qd))))  # torque on each joint, as if it were alone
+        stopping = -(mobility.alone * qd + h * own)
         bound = h * rig.drive.joint_coulomb()
         if self.smooth:
             impulse = smooth_impulse(mobility, stopping, bound)
         else:
             impulse = friction_impulse(mobility, stopping, impulse, bound, self.sweeps)
-        following = qd + mobility.matrix @ (h * accelerating + impulse)
+        following = qd + mobility.diagonal * (h * own + mobility.own(impulse))
         ok = _if(functools.reduce(ca.fmin, mobility.minors) > 0, status[1])
         error = rig.position(motion[0]) - rig.position(middle)
         return self._function(

@@ -25,9 +25,10 @@ SOURCES = pathlib.Path(__file__).with_name("c")
 
 FLAGS = {
     "scalar": ("-O3", "-march=native"),
-    "vector": ("-O3", "-march=native", "-ffp-contract=fast"),
+    "vector": ("-O3", "-march=native", "-ffp-contract=fast", "-DRENEW=1"),
+    "turned": ("-O3", "-march=native", "-ffp-contract=fast"),
 }
-"""Options of gcc for each source file."""
+"""Options of gcc for each program; "turned" is vector.c with sines that 7 of 8 steps turn by the angle moved."""
 
 _PAIR = ctypes.c_double * 2
 _NUMBERS = ("gear", "viscous", "coulomb", "motor_gain", "current_limit", "resolution", "gain", "q", "qd")
@@ -83,6 +84,11 @@ def vector_costs(experiment, population):
     return _costs("vector", experiment, population)
 
 
+def turned_costs(experiment, population):
+    """The same with sine and cosine worked out in every eighth step only, and turned by the angle moved in between."""
+    return _costs("turned", experiment, population)
+
+
 def _costs(name, experiment, population):
     population = np.ascontiguousarray(population, dtype=float)
     if population.ndim != 2 or population.shape[1] != 9:
@@ -102,12 +108,13 @@ def _costs(name, experiment, population):
 
 @functools.cache
 def _function(name):
-    """The C function `name`_costs, compiled now."""
+    """The C function of a program, compiled now."""
+    source = "vector" if name == "turned" else name
     with tempfile.TemporaryDirectory() as folder:
         library = pathlib.Path(folder) / f"{name}.so"
-        command = [shutil.which("gcc"), *FLAGS[name], "-shared", "-fPIC", "-o", library, SOURCES / f"{name}.c", "-lm"]
+        command = [shutil.which("gcc"), *FLAGS[name], "-shared", "-fPIC", "-o", library, SOURCES / f"{source}.c", "-lm"]
         subprocess.run(command, check=True)  # noqa: S603 - our own sources
-        function = getattr(ctypes.CDLL(str(library)), f"{name}_costs")
+        function = getattr(ctypes.CDLL(str(library)), f"{source}_costs")
     function.argtypes = (
         *(ctypes.c_long, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_long, ctypes.c_long),
         *([ctypes.c_void_p] * 4),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from plant.compile import Kernel
-from plant.elementary import COSINE, OPERATIONS, PI, SINE
+from plant.elementary import COSINE, OPERATIONS, SINE, STEPS
 from plant.kernel import MapKernel
 from plant.source import head, intrinsic
 from plant.translate import LANE, STATE, TIME, UNIFORM, Names, translate
@@ -22,14 +22,25 @@ def compiled(expression, *symbols):
     return MapKernel(ca.Function("f", list(symbols), [ca.densify(expression)]))
 
 
-@pytest.fixture(scope="module")
-def sine_and_cosine():
-    x = ca.SX.sym("x")
-    return compiled(ca.vertcat(ca.sin(x), ca.cos(x)), x)
+@pytest.fixture(scope="module", params=["sign", "table"])
+def sine_and_cosine(request):
+    """Both ways to work them out, whichever this processor would choose."""
+    source = head() + intrinsic("pair", ["x"], [f"s, c = e._sincos_by_{request.param}(x)"], ["s", "c"])
+    source += (
+        "\n\n@compiled\ndef f_{h}(x, y):\n    for i in range(len(x)):\n        y[0, i], y[1, i] = pair_{h}(x[i])\n"
+    )
+    kernel = Kernel(source, ["f"])
+
+    def evaluated(x):
+        y = np.empty((2, len(x)))
+        kernel.call("f", x, y)
+        return y
+
+    return evaluated
 
 
-def worst_error(kernel, x):
-    got = kernel(x[None])
+def worst_error(function, x):
+    got = function(x)
     with mpmath.workdps(40):
         exact = [[float(f(mpmath.mpf(v)) - mpmath.mpf(g)) for v, g in zip(x.tolist(), row.tolist(), strict=True)]
                  for f, row in zip((mpmath.sin, mpmath.cos), got, strict=True)]  # fmt: skip
@@ -43,18 +54,19 @@ def test_sine_and_cosine_agree_with_mpmath_at_random_angles(sine_and_cosine):
     assert worst_error(sine_and_cosine, np.concatenate([*angles, [0.0, -0.0, 1e5, -1e5]])) < 3e-15
 
 
-def test_sine_and_cosine_agree_with_mpmath_beside_multiples_of_a_right_angle(sine_and_cosine):
+def test_sine_and_cosine_agree_with_mpmath_beside_multiples_of_a_sixteenth_turn(sine_and_cosine):
     random = np.random.default_rng(1)
-    turns = np.concatenate([np.arange(-40, 41), random.integers(-63661, 63661, 300)])  # 63661 pi / 2 < 1e5
-    nearest = turns * np.float64(np.pi / 2)
+    turns = np.concatenate([np.arange(-160, 161), random.integers(-254647, 254647, 300)])  # 254647 pi / 8 < 1e5
+    nearest = turns * np.float64(np.pi / 8)
     beside = [nearest, np.nextafter(nearest, np.inf), np.nextafter(nearest, -np.inf), nearest + 1e-9, nearest - 1e-6]
+    beside += [(turns + 0.5) * np.float64(np.pi / 8), (turns + 0.5) * np.float64(np.pi)]  # between two
     assert worst_error(sine_and_cosine, np.concatenate(beside)) < 3e-15
 
 
-def interpolated(function, count):
-    """Coefficients of the polynomial through `count` Chebyshev nodes on [0, (pi/2)^2 1.0001], in 60 digits."""
+def interpolated(function, count, step):
+    """Coefficients of the polynomial through `count` Chebyshev nodes on [0, (step/2)^2 1.0001], in 60 digits."""
     with mpmath.workdps(60):
-        end = (mpmath.pi / 2) ** 2 * mpmath.mpf("1.0001")
+        end = (step / 2) ** 2 * mpmath.mpf("1.0001")
         nodes = [end / 2 * (1 + mpmath.cos(mpmath.pi * (2 * k + 1) / (2 * count))) for k in range(count)]
         powers = mpmath.matrix(count, count)
         for i in range(count):
@@ -63,20 +75,46 @@ def interpolated(function, count):
         return [float(c) for c in mpmath.lu_solve(powers, mpmath.matrix([function(z) for z in nodes]))]
 
 
-def test_polynomials_interpolate_the_rest_of_sine_and_cosine_at_chebyshev_nodes():
-    sine = interpolated(lambda z: (mpmath.sin(mpmath.sqrt(z)) / mpmath.sqrt(z) - 1) / z, len(SINE))
-    cosine = interpolated(lambda z: (mpmath.cos(mpmath.sqrt(z)) - 1 + z / 2) / z**2, len(COSINE))
+@pytest.mark.parametrize(("name", "parts"), [("pi", 1), ("pi/8", 8)])
+def test_polynomials_interpolate_the_rest_of_sine_and_cosine_at_chebyshev_nodes(name, parts):
+    with mpmath.workdps(60):
+        step = mpmath.pi / parts
+    sine = interpolated(lambda z: (mpmath.sin(mpmath.sqrt(z)) / mpmath.sqrt(z) - 1) / z, len(SINE[name]), step)
+    cosine = interpolated(lambda z: (mpmath.cos(mpmath.sqrt(z)) - 1 + z / 2) / z**2, len(COSINE[name]), step)
     # 60 digits leave no doubt about the last bit of a double; 1e-13 allows for constants worked out in fewer digits,
     # and an error of 1e-13 in any coefficient moves sine and cosine by less than 1e-14 of their small last terms.
-    np.testing.assert_allclose(SINE, sine, rtol=1e-13)
-    np.testing.assert_allclose(COSINE, cosine, rtol=1e-13)
+    np.testing.assert_allclose(SINE[name], sine, rtol=1e-13)
+    np.testing.assert_allclose(COSINE[name], cosine, rtol=1e-13)
 
 
-def test_parts_of_pi_add_up_and_the_first_has_exact_products_with_whole_numbers():
+@pytest.mark.parametrize(("name", "parts"), [("pi", 1), ("pi/8", 8)])
+def test_parts_of_a_step_add_up_and_the_first_has_exact_products_with_whole_numbers(name, parts):
     with mpmath.workdps(60):
-        assert abs(sum(mpmath.mpf(part) for part in PI) - mpmath.pi) < mpmath.mpf(2) ** -86
-    mantissa = math.frexp(PI[0])[0]
+        assert abs(sum(mpmath.mpf(part) for part in STEPS[name]) - mpmath.pi / parts) < mpmath.mpf(2) ** -86
+    mantissa = math.frexp(STEPS[name][0])[0]
     assert mantissa * 2**33 == int(mantissa * 2**33)  # 33 bits, and 53 - 33 = 20 for the whole number
+
+
+@pytest.mark.parametrize("width", [8, 16, 32])
+@pytest.mark.parametrize(
+    "operation", ["sincos(x)[0]", "sincos(x)[1]", "limit(x, 2.0)", "exp(x)", "trunc(x)", "sign(x)"]
+)
+def test_vectors_give_what_numbers_give(operation, width):
+    results = []
+    for w in (1, width):
+        views = [f"{name} = e.view(kinds[{i}], {name}, {w}, j)" for i, name in enumerate("xy")]
+        source = head() + intrinsic("some", ["x", "y", "j"], [*views, "x = x[0]", f"y[0] = e.{operation}"], width=w)
+        source += f"""
+
+@compiled
+def f_{{h}}(x, y):
+    for j in range(0, len(x), {w}):
+        some_{{h}}(x, y, j)
+"""
+        x, y = np.random.default_rng(0).uniform(-50, 50, 64), np.empty(64)
+        Kernel(source, ["f"]).call("f", x, y)
+        results.append(y)
+    np.testing.assert_array_equal(*results)
 
 
 def every_operation(x, y):
