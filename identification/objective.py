@@ -123,7 +123,7 @@ class _Experiment:
         self._kernel = loop_kernel(loop, self._lanes)
         path = path_of(record)
         samples = len(record)
-        self._tables = (*time_tables(loop, path, samples), np.ascontiguousarray(record.error_pulses))
+        self._tables = self._kernel.prepared((*time_tables(loop, path, samples), record.error_pulses))
         self._numbers = loop.number_values(np.full(dynamics.p, np.nan))
         self._state = loop.initial_state(*start_of(record, path))
         self._steps = samples * loop.steps_per_sample

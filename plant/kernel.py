@@ -52,15 +52,25 @@ class LoopKernel:
     def __init__(self, loop, lanes, width=LANES):
         self.loop, self.lanes = loop, tuple(lanes)
         self.uniform = tuple(i for i in range(len(loop.number_names)) if i not in set(self.lanes))
-        self._kernel = Kernel(loop_source(loop, self.lanes, self.uniform, width), ["single", "population"])
+        source, self._columns = loop_source(loop, self.lanes, self.uniform, width)
+        self._kernel = Kernel(source, ["single", "population"])
+
+    def prepared(self, tables, *, logged=False):
+        """Of the tables (law_time, sample_time, step_time, data) what a run with, or without, a log reads; and h."""
+        lengths = np.concatenate([table[:, -1] for table in tables[:3]])
+        if len(lengths) and np.ptp(lengths) > 0:
+            raise ValueError(f"all steps must have one length; got {lengths.min()} to {lengths.max()} s. Resample.")
+        columns = self._columns["single" if logged else "population"].values()
+        used = [np.ascontiguousarray(table[:, some]) for table, some in zip(tables, columns, strict=True)]
+        return *used, lengths[0] if len(lengths) else 0.0
 
     def run(self, tables, initial, lanes, uniform, logs=None):
         """Run the loop.
 
         Parameters
         ----------
-        tables : tuple of numpy.ndarray
-            law_time, sample_time, step_time and data, one row per step of each.
+        tables : tuple
+            From `prepared`.
         initial : (s, W) numpy.ndarray
             State at the start of each individual.
         lanes : (L, W) numpy.ndarray
@@ -76,18 +86,14 @@ class LoopKernel:
         steps : int
             Sub-steps done: fewer than asked when every individual has diverged.
         """
-        lengths = np.concatenate([table[:, -1] for table in tables[:3]])
-        if len(lengths) and np.ptp(lengths) > 0:
-            raise ValueError(f"all steps must have one length; got {lengths.min()} to {lengths.max()} s. Resample.")
-        uniform = np.append(uniform, lengths[:1] if len(lengths) else 0.0)
         final = np.empty_like(initial)
         empty = np.empty((0, 0))
         steps = self._kernel.call(
             "population" if logs is None else "single",
             initial,
             lanes,
-            uniform,
-            *tables,
+            np.append(uniform, tables[-1]),
+            *tables[:-1],
             *(logs or (empty, empty)),
             final,
         )

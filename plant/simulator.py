@@ -130,7 +130,9 @@ def loop_kernel(loop, lanes=()):
 def _by_kernel(loop, tables, state, numbers):
     samples, steps = len(tables[1]), len(tables[2])
     log, true_error = np.full((samples, 4 * loop.n), np.nan), np.full((steps, loop.n), np.nan)
-    final, done = loop_kernel(loop).run(tables, state[:, None], np.empty((0, 1)), numbers, (log, true_error))
+    kernel = loop_kernel(loop)
+    tables = kernel.prepared(tables, logged=True)
+    final, done = kernel.run(tables, state[:, None], np.empty((0, 1)), numbers, (log, true_error))
     return final[:, 0], done, log, true_error
 
 

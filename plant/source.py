@@ -56,74 +56,80 @@ def map_source(function, outer):
 
 
 def loop_source(loop, lanes, uniform, width):
-    """Text of ``single`` and ``population``; `lanes` and `uniform` are positions in ``loop.number_names``.
+    """Text of ``single`` and ``population``, and the columns that each needs of its tables.
 
-    The length of a step is the same for all, and stands behind the uniform numbers.
+    `lanes` and `uniform` are positions in ``loop.number_names``. The length of a step is the same for all, and stands
+    behind the uniform numbers.
     """
-    states, names = len(loop.state_names), Names()
+    single, columns = _loop(loop, lanes, uniform, "single", 1, LONG_PIECE)
+    population, fewer = _loop(loop, lanes, uniform, "population", width, PIECE if width > 1 else LONG_PIECE)
+    return head() + single + population, {"single": columns, "population": fewer}
+
+
+def _loop(loop, lanes, uniform, name, width, size):
+    """Text of one loop, and the columns (law, sample, step, data) that it reads; a single individual is logged."""
+    states, vector = len(loop.state_names), math.gcd(width, VECTOR)
     rows = itertools.count(states + len(lanes))
     kept = {f"s{i}": i for i in range(states)} | {f"l{i}": states + i for i in range(len(lanes))}
-    programs = _programs(loop, lanes, uniform, names, lambda: next(rows))
-    given = {name: kind for program in programs.values() for name, kind in program.used.items()}
-    text = [head()]
+    programs = _programs(loop, lanes, uniform, lambda: next(rows), None if name == "single" else states)
+    given = {number: kind for program in programs.values() for number, kind in program.used.items()}
+    text, columns = [], {"law": [], "sample": [], "step": [], "data": []}
 
     # Worked out once, and once per individual.
-    numbers = [name for name, kind in given.items() if kind == UNIFORM]
-    once = ["u = e.view(kinds[0], u, 1, e.index(0, 0))", *map(_read, numbers)]
-    of_lane = [f"{name} = work[{kept[name]}]" for name, kind in given.items() if kind == LANE]
+    numbers = [number for number, kind in given.items() if kind == UNIFORM]
+    once = ["u = e.view(kinds[0], u, 1, e.index(0, 0))", *(f"{number} = u[{number[1:]}]" for number in numbers)]
+    of_lane = [f"work = e.view(kinds[0], work, {width}, j)", "uniform"]
+    of_lane += [f"{number} = work[{kept[number]}]" for number, kind in given.items() if kind == LANE]
     for program in programs.values():
         once += map(str, program.lines[UNIFORM])
         numbers += _made(program.lines[UNIFORM])
         of_lane += map(str, program.lines[LANE])
-        of_lane += [f"work[{row}] = {name}" for name, row in program.crossing.items()]
-    text.append(intrinsic("uniforms", ["u"], once, numbers))
+        of_lane += [f"work[{row}] = {number}" for number, row in program.crossing.items()]
+    of_lane[1] = _unpacked(numbers, "uniform")
+    text.append(intrinsic(f"{name}_uniforms", ["u"], once, numbers))
+    text.append(intrinsic(f"{name}_once", ["work", "j", "uniform"], of_lane))
 
-    # Worked out once per step.
-    times = {}
+    blocks = dict.fromkeys(_BLOCKS, "pass")
     for which, program in programs.items():
-        read = [name for name, kind in program.used.items() if kind == TIME]
+        # Worked out once per step.
+        read = [number for number, kind in program.used.items() if kind == TIME]
+        for letter, table in (("t", which), ("d", "data")):
+            columns[table] += [int(number[1:]) for number in read if number[0] == letter]
         lines = [
-            f"t = e.view(kinds[0], t, 1, e.index(i, {len(loop.time_names)}))",
-            f"d = e.view(kinds[1], d, 1, e.index(i, {loop.n_data}))",
+            f"t = e.view(kinds[0], t, 1, e.index(i, {len(columns[which])}))",
+            f"d = e.view(kinds[1], d, 1, e.index(i, {len(columns['data'])}))",
             _unpacked(numbers, "uniform"),
-            *map(_read, read),
+            *(f"{t} = t[{i}]" for i, t in enumerate(number for number in read if number[0] == "t")),
+            *(f"{d} = d[{i}]" for i, d in enumerate(number for number in read if number[0] == "d")),
             *map(str, program.lines[TIME]),
         ]
-        times[which] = read + _made(program.lines[TIME])
-        text.append(intrinsic(f"{which}_times", ["t", "d", "i", "uniform"], lines, times[which]))
+        times = read + _made(program.lines[TIME])
+        text.append(intrinsic(f"{name}_{which}_times", ["t", "d", "i", "uniform"], lines, times))
 
-    # Worked out once per step and individual: for one individual with its log, and for many.
+        # Worked out once per step and individual.
+        table, index, log = _BLOCKS[which]
+        results, logged = program.results, program.results[states:]
+        stores = {i: result for i, result in enumerate(results[:states]) if result != f"s{i}"}
+        stores |= {f"log[{i}]": result for i, result in enumerate(logged)}
+        start = [f"work = e.view(kinds[0], work, {width}, j)", _unpacked(numbers, "uniform"), _unpacked(times, "times")]
+        start += [f"log = e.view(kinds[4], log, 1, e.index(i, {len(logged)}))"] if logged else []
+        parameters = ["work", "j", "uniform", "times", *(["log", "i"] if logged else [])]
+        arguments = f"numbers, {which}_times" + (f", {log}, {index}" if logged else "")
+        block = [f"{which}_times = {name}_{which}_times_{{h}}({table}, data, {index}, numbers)"]
+        for k, piece in enumerate(cut(program.lines[STATE], stores, kept | program.crossing, lambda: next(rows), size)):
+            function, j = f"{name}_{which}_{k}", f"j_{which}_{k}"  # a name assigned once compiles faster
+            lines = start + [re.sub(r"{(\d+)}", r"work[\1]", line) for line in piece]
+            text.append(intrinsic(function, parameters, lines, width=vector))
+            block += [f"for {j} in range(0, {width}, {vector}):", f"    {function}_{{h}}(work, {j}, {arguments})"]
+        blocks[which] = "\n            ".join(block)
     settings = {"states": states, "lanes": len(lanes), "per_law": loop.steps_per_law or 1}
-    settings["per_sample"] = loop.steps_per_sample
-    for name, w, size in (("single", 1, LONG_PIECE), ("population", width, PIECE if width > 1 else LONG_PIECE)):
-        view = [f"work = e.view(kinds[0], work, {w}, j)", _unpacked(numbers, "uniform")]
-        text.append(intrinsic(f"{name}_once", ["work", "j", "uniform"], view + of_lane))
-        blocks = dict.fromkeys(_BLOCKS, "pass")
-        for which, program in programs.items():
-            table, index, log = _BLOCKS[which]
-            results, logged = program.results, log is not None and name == "single"
-            stores = {i: result for i, result in enumerate(results[:states]) if result != f"s{i}"}
-            start, parameters, last = [*view, _unpacked(times[which], "times")], ["work", "j", "uniform", "times"], ""
-            if logged:
-                stores |= {f"log[{i}]": result for i, result in enumerate(results[states:])}
-                start += [f"log = e.view(kinds[4], log, 1, e.index(i, {len(results) - states}))"]
-                parameters, last = [*parameters, "log", "i"], f", {log}, {index}"
-            v = math.gcd(w, VECTOR)
-            block = [f"{which}_times = {which}_times_{{h}}({table}, data, {index}, numbers)"]
-            pieces = cut(program.lines[STATE], stores, kept | program.crossing, lambda: next(rows), size)
-            for k, piece in enumerate(pieces):
-                function, j = f"{name}_{which}_{k}", f"j_{which}_{k}"  # a name assigned once compiles faster
-                lines = [re.sub(r"{(\d+)}", r"work[\1]", line) for line in piece]
-                text.append(intrinsic(function, parameters, start + lines, width=v))
-                block.append(f"for {j} in range(0, {w}, {v}):")
-                block.append(f"    {function}_{{h}}(work, {j}, numbers, {which}_times{last})")
-            blocks[which] = "\n            ".join(block)
-        text.append(_LOOP.format(name=name, W=w, rows=next(rows), **settings, **blocks))
-    return "".join(text)
+    settings |= {"per_sample": loop.steps_per_sample, "rows": next(rows), "W": width, "name": name}
+    return "".join(text) + _LOOP.format(**settings, **blocks), columns
 
 
-def _programs(loop, lanes, uniform, names, fresh):
-    """The translated law (if it has a period), log and sub-step."""
+def _programs(loop, lanes, uniform, fresh, wanted):
+    """The translated law (if it has a period), log and sub-step; of each only what the wanted outputs need."""
+    names = Names()
     where = {number: (f"l{i}", LANE) for i, number in enumerate(lanes)}
     where |= {number: (f"u{i}", UNIFORM) for i, number in enumerate(uniform)}
     inputs = [
@@ -134,15 +140,10 @@ def _programs(loop, lanes, uniform, names, fresh):
     ]
     functions = {"law": loop.law_step, "sample": loop.sample, "step": loop.substep}
     return {
-        which: translate(function, inputs[: function.n_in()], names, fresh, free=which == "step")
+        which: translate(function, inputs[: function.n_in()], names, fresh, free=which == "step", wanted=wanted)
         for which, function in functions.items()
         if function is not None
     }
-
-
-def _read(name):
-    """The line that reads a number from the array named by its first letter."""
-    return f"{name} = {name[0]}[{name[1:]}]"
 
 
 def _unpacked(names, values):
@@ -217,7 +218,7 @@ def {name}_{{h}}(initial, lanes, uniform, law_time, sample_time, step_time, data
     for r in range({lanes}):
         for j in range(W):
             work[({states} + r) * W + j] = lanes[r, j]
-    numbers = uniforms_{{h}}(uniform)
+    numbers = {name}_uniforms_{{h}}(uniform)
     for j in range(W):
         {name}_once_{{h}}(work, j, numbers)
     done = 0

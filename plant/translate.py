@@ -52,7 +52,7 @@ class Program:
     used: dict
 
 
-def translate(function, inputs, names, rows, *, free=False):
+def translate(function, inputs, names, rows, *, free=False, wanted=None):
     """Translate an SX Function.
 
     Parameters
@@ -66,6 +66,8 @@ def translate(function, inputs, names, rows, *, free=False):
     free : bool
         Allow other roundings than casadi's (`plant.rewrite`), a fused multiply-add above all. What is done is decided
         here, not by the compiler, so that every kernel of one function gives the same bits.
+    wanted : int, optional
+        Translate only what the first so many output components need.
 
     Returns
     -------
@@ -81,6 +83,7 @@ def translate(function, inputs, names, rows, *, free=False):
             f"function must be built from SX; got {function.class_name()} {function.name()}. Use expand()."
         )
     nodes, outputs = rewritten(*_single_assignment(function, inputs), free=free)
+    outputs = outputs[:wanted]
     lines = {UNIFORM: [], LANE: [], TIME: [], STATE: []}
     crossing, made, used, text = {}, set(), {}, {}
 

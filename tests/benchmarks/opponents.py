@@ -61,6 +61,7 @@ class Kernel:
     def __init__(self, experiment, width):
         self.experiment, self.width = experiment, width
         self.kernel = LoopKernel(experiment.loop, range(9), width)
+        self._tables = self.kernel.prepared(experiment.tables)
 
     def __call__(self, population):
         state = np.repeat(self.experiment.state[:, None], self.width, axis=1)
@@ -68,7 +69,7 @@ class Kernel:
         for start in range(0, len(population), self.width):
             rows = np.arange(start, start + self.width).clip(max=len(population) - 1)
             lanes = np.ascontiguousarray(population[rows].T)
-            final, _ = self.kernel.run(self.experiment.tables, state, lanes, self.experiment.fixed)
+            final, _ = self.kernel.run(self._tables, state, lanes, self.experiment.fixed)
             costs[rows] = np.where(final[-1] > 0, final[-2], np.inf)
         return costs
 

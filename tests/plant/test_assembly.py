@@ -27,10 +27,10 @@ def assembly(loop):
     module = types.ModuleType("kernel")
     exec(source, module.__dict__)  # noqa: S102 - the generator's own text
     function = getattr(module, f"population_{kernel._kernel.hash}")
-    table, empty = np.zeros((0, len(loop.time_names))), np.zeros((0, 0))
+    table = empty = np.zeros((0, 0))
     state, lanes = np.zeros((len(loop.state_names), LANES)), np.zeros((loop.dynamics.p, LANES))
-    uniform = np.ones(len(kernel.uniform))
-    function(state, lanes, uniform, table, table, table, np.zeros((0, loop.n)), empty, empty, state.copy())
+    uniform = np.ones(len(kernel.uniform) + 1)
+    function(state, lanes, uniform, table, table, table, table, empty, empty, state.copy())
     return next(iter(function.inspect_asm().values())), source[
         source.index("def population_step_0") : source.rindex("@compiled")
     ]

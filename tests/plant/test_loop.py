@@ -70,7 +70,9 @@ def test_one_step_of_the_kernel_from_every_visited_state_is_casadi_s(name):
     for i in range(N):
         tables = *(rows[i, k : k + 1] for k in range(3)), empty
         logs = sample_log[i], step_log[i]
-        got[:, i : i + 1], done = kernel.run(tables, states[i][:, None], np.empty((0, 1)), numbers, logs)
+        got[:, i : i + 1], done = kernel.run(
+            kernel.prepared(tables, logged=True), states[i][:, None], np.empty((0, 1)), numbers, logs
+        )
         assert done == 1
     # Two compilers round some 200 operations differently: 1e-12 of the size of each quantity along the motion. The
     # pulses of a state within rounding of a cell's edge may differ; none of these is (the test would fail by 1 pulse).
@@ -127,7 +129,7 @@ def population():
     numbers = loop.number_values(ARM.f)
     initial = np.repeat(loop.initial_state(np.zeros(2), np.zeros(2))[:, None], LANES, axis=1)
     uniform = numbers[list(kernel.uniform)]
-    final, steps = kernel.run(tables, initial, np.ascontiguousarray(f.T), uniform)
+    final, steps = kernel.run(kernel.prepared(tables), initial, np.ascontiguousarray(f.T), uniform)
     assert steps == 1600
     return kernel, tables, initial, f, uniform, final
 
@@ -137,7 +139,9 @@ def test_every_lane_is_the_single_kernel_bit_for_bit(population):
     assert (final[-1] == 1).all()
     for j in (0, 1, 17, LANES - 1):
         logs = np.empty((400, 8)), np.empty((1600, 2))
-        alone, steps = kernel.run(tables, initial[:, :1], f[j][:, None].copy(), uniform, logs)
+        alone, steps = kernel.run(
+            kernel.prepared(tables, logged=True), initial[:, :1], f[j][:, None].copy(), uniform, logs
+        )
         assert steps == 1600
         np.testing.assert_array_equal(alone[:, 0], final[:, j])
         assert np.isfinite(logs[0]).all()
@@ -145,7 +149,9 @@ def test_every_lane_is_the_single_kernel_bit_for_bit(population):
     # And the single kernel with nothing in the lanes follows the same motion; it divides at another place.
     loop = kernel.loop
     logs = np.empty((400, 8)), np.empty((1600, 2))
-    plain = loop_kernel(loop).run(tables, initial[:, :1], np.empty((0, 1)), loop.number_values(f[0]), logs)[0]
+    single = loop_kernel(loop)
+    tables = single.prepared(tables, logged=True)
+    plain = single.run(tables, initial[:, :1], np.empty((0, 1)), loop.number_values(f[0]), logs)[0]
     assert (np.abs(RIG.position(plain[:2, 0] - final[:2, 0])) < 1).all()
 
 
@@ -154,7 +160,7 @@ def test_bad_candidate_leaves_the_others_untouched(population, bad):
     kernel, tables, initial, f, uniform, final = population
     spoilt = f.copy()
     spoilt[5, 0] = bad  # f1 = D22
-    got, steps = kernel.run(tables, initial, np.ascontiguousarray(spoilt.T), uniform)
+    got, steps = kernel.run(kernel.prepared(tables), initial, np.ascontiguousarray(spoilt.T), uniform)
     others = np.arange(LANES) != 5
     np.testing.assert_array_equal(got[:, others], final[:, others])
     assert got[-1, 5] == 0
@@ -163,7 +169,7 @@ def test_bad_candidate_leaves_the_others_untouched(population, bad):
 
 def test_run_ends_when_every_candidate_has_diverged(population):
     kernel, tables, initial, f, uniform, _ = population
-    final, steps = kernel.run(tables, initial, np.full(f.T.shape, np.nan), uniform)
+    final, steps = kernel.run(kernel.prepared(tables), initial, np.full(f.T.shape, np.nan), uniform)
     assert (final[-1] == 0).all()
     assert steps == 4  # seen at the next sample
 
@@ -290,3 +296,13 @@ def test_stiff_p_law_is_a_spring():
     log = loop.sample(loop.initial_state([0.1], [0.0]), row, loop.number_values(arm.f), [])[1].full().ravel()
     np.testing.assert_allclose(log[1], 700 * 0.2, rtol=1e-13)
     assert PointToPoint(start=(0,), goal=(0,), duration=1).n == rig.n
+
+
+def test_steps_of_different_lengths_are_refused(population):
+    kernel, tables, *_ = population
+    uneven = [table.copy() for table in tables]
+    uneven[2][7, -1] *= 1.01
+    with pytest.raises(
+        ValueError, match=r"all steps must have one length; got 0\.000175 to 0\.00017675 s\. Resample\.$"
+    ):
+        kernel.prepared(uneven)
