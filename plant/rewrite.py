@@ -32,7 +32,7 @@ import itertools
 from collections import Counter
 from typing import NamedTuple
 
-__all__ = ["LANE", "STATE", "TIME", "UNIFORM", "Node", "kind_of", "rewritten"]
+__all__ = ["LANE", "STATE", "TIME", "UNIFORM", "Node", "kind_of", "needed", "rewritten"]
 
 UNIFORM, LANE, TIME, STATE = 1, 2, 4, 8
 
@@ -173,9 +173,19 @@ def _early_first(nodes, outputs):
     return new, [place[index] for index in outputs]
 
 
+def needed(nodes, outputs):
+    """Indices of the nodes on which an output depends, in order."""
+    found = set(outputs)
+    for index in reversed(range(len(nodes))):
+        if index in found and isinstance(nodes[index].of, tuple):
+            found.update(nodes[index].of)
+    return sorted(found)
+
+
 def _uses(nodes, outputs):
     """How often each node is needed."""
-    return Counter(outputs) + Counter(index for node in nodes if isinstance(node.of, tuple) for index in node.of)
+    arguments = (nodes[index].of for index in needed(nodes, outputs))
+    return Counter(outputs) + Counter(index for of in arguments if isinstance(of, tuple) for index in of)
 
 
 def _truncated(nodes, magnitude, x):

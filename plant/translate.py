@@ -9,7 +9,7 @@ import casadi as ca
 
 from plant.elementary import OPERATIONS
 from plant.pieces import Line
-from plant.rewrite import LANE, STATE, TIME, UNIFORM, Node, kind_of, rewritten
+from plant.rewrite import LANE, STATE, TIME, UNIFORM, Node, kind_of, needed, rewritten
 
 __all__ = ["LANE", "STATE", "TIME", "UNIFORM", "Names", "Program", "translate"]
 
@@ -93,7 +93,7 @@ def translate(function, inputs, names, rows, *, free=False, wanted=None):
             crossing.setdefault(name, rows())
         return name
 
-    for index in _needed(nodes, outputs):
+    for index in needed(nodes, outputs):
         node = nodes[index]
         if node.op == "CONST":
             text[index] = _literal(node.of)
@@ -142,12 +142,3 @@ def _single_assignment(function, inputs):
         latest[to[0]] = len(nodes)
         nodes.append(node)
     return nodes, outputs
-
-
-def _needed(nodes, outputs):
-    """Indices of the nodes on which an output depends, in order."""
-    needed = set(outputs)
-    for index in reversed(range(len(nodes))):
-        if index in needed and nodes[index].op not in ("CONST", "INPUT"):
-            needed.update(nodes[index].of)
-    return sorted(needed)
