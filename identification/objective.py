@@ -142,15 +142,11 @@ class _Experiment:
         f = numbers[:, : self._dynamics.p]
         costs = np.full(len(population), np.inf)
 
-        def of_blocks(function, rows):
-            """Results (len(rows),) of a function of candidates, worked out block by block."""
-            blocks = [rows[i : i + LANES] for i in range(0, len(rows), LANES)]
-            return np.concatenate([np.empty(0), *_shared_out(function, blocks, threads)])
-
         sound = np.flatnonzero(np.isfinite(population).all(axis=1))
-        margins = of_blocks(lambda rows: least_inertia_margin(self._dynamics, self._rig, f[rows]), sound)
-        sound = sound[margins >= 0]
-        costs[sound] = of_blocks(lambda rows: self._block(population[rows]), sound)
+        sound = sound[least_inertia_margin(self._dynamics, self._rig, f[sound]) >= 0]
+        blocks = [sound[i : i + LANES] for i in range(0, len(sound), LANES)]
+        results = _shared_out(lambda rows: self._block(population[rows]), blocks, threads)
+        costs[sound] = np.concatenate([np.empty(0), *results])
         return costs
 
     def _block(self, candidates):

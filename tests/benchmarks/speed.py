@@ -97,7 +97,8 @@ def engines(rounds):
         for name, (engine, count) in names.items():
             engine(population[:count])  # in its stride: what came before has emptied the caches
             per[name].append(seconds(lambda: engine(population[:count])) / count)  # noqa: B023 - called at once
-    yield f"Population 80, trajectory (6), 5,215 samples, 4 sub-steps, 3 friction sweeps; {rounds} rounds, each engine called twice and timed the second time.\n"
+    yield f"Population 80, trajectory (6), 5,215 samples, 4 sub-steps, 3 friction sweeps; {rounds} rounds, in which"
+    yield "each engine is called twice and timed the second time.\n"
     yield "| engine | ms per simulation | times this engine on one thread | middle half of the rounds |"
     yield "|---|---|---|---|"
     ours = np.array(per["engine, 1 thread"])
