@@ -1,10 +1,11 @@
 """The plant: a geared arm, its drives and encoders, control laws, and the simulator that joins them.
 
-Reading order: `links` (geometry) -> `dynamics` (one torque, D, h, C and Y read off it) with `lumping` (what f means)
--> `arm` (dynamics + f) -> `drive`, `friction`, `encoder`, `rig` -> `reference`, `law`, `laws`, `running` (a law in a
-control script) -> `loop` (the symbolic closed loop) -> `translate`, `elementary`, `kernel`, `compile` (the same loop as
-machine code) -> `tables`, `simulator`, `referee` (the loop by casadi), `record`; `linear` (the loop linearised),
-`inertia` (can this be an arm?) and `puma560` (the paper's example).
+Reading order: `links`, `placement` (geometry) -> `dynamics` (one torque, D, h, C and Y read off it) with `lumping`
+(what f means) -> `arm` (dynamics + f) -> `drive`, `friction`, `encoder`, `rig` -> `reference`, `law`, `laws`,
+`running` (a law in a control script) -> `loop` (the symbolic closed loop) -> `rewrite`, `translate`, `pieces`,
+`elementary`, `source`, `kernel`, `compile` (the same loop as machine code) -> `tables`, `simulator`, `referee` (the
+loop by casadi), `record`; `linear` (the loop linearised), `inertia` (can this be an arm?) and `puma560` (the paper's
+example).
 """
 
 from plant import puma560
@@ -17,6 +18,7 @@ from plant.laws import P
 from plant.linear import linearise
 from plant.links import Body, Chain, Link
 from plant.lumping import Lumping
+from plant.placement import Placement
 from plant.record import Record
 from plant.reference import Harmonics, Motion, PointToPoint, Reference, Spline, Table
 from plant.rig import Rig
@@ -29,6 +31,6 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Arm", "Block", "Body", "Chain", "Drive", "Dynamics", "Encoder", "Harmonics", "Law", "Link", "Lumping", "Motion",
-    "P", "PointToPoint", "Record", "Reference", "Rig", "Setpoint", "Spline", "Table", "linearise", "puma560",
-    "simulate",
+    "P", "Placement", "PointToPoint", "Record", "Reference", "Rig", "Setpoint", "Spline", "Table", "linearise",
+    "puma560", "simulate",
 ]  # fmt: skip

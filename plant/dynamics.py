@@ -50,9 +50,12 @@ def torque(chain, q, qd, qdd, pi, gravity):
         frames.append((rotation, origin))
         m, mc, inertia, _ = _standard(pi, i)
         acceleration = rotation.T @ (ca.cross(wd, origin) + ca.cross(w, ca.cross(w, origin)) + acceleration)
-        carried = rotation.T @ w
-        wd = rotation.T @ wd + ca.cross(carried, axis * qd[i]) + axis * qdd[i]
-        w = carried + axis * qd[i]
+        w, wd = rotation.T @ w, rotation.T @ wd
+        if link.prismatic:
+            acceleration += axis * qdd[i] + 2 * ca.cross(w, axis * qd[i])
+        else:
+            wd += ca.cross(w, axis * qd[i]) + axis * qdd[i]
+            w += axis * qd[i]
         forces.append(m * acceleration + ca.cross(wd, mc) + ca.cross(w, ca.cross(w, mc)))
         moments.append(inertia @ wd + ca.cross(w, inertia @ w) + ca.cross(mc, acceleration))
     tau = ca.SX(chain.n, 1)
@@ -60,7 +63,7 @@ def torque(chain, q, qd, qdd, pi, gravity):
     for i in reversed(range(chain.n)):
         force, moment = force + forces[i], moment + moments[i]
         *_, rotor = _standard(pi, i)
-        tau[i] = moment[2] + rotor * qdd[i]
+        tau[i] = (force if chain.links[i].prismatic else moment)[2] + rotor * qdd[i]
         rotation, origin = frames[i]
         force, moment = rotation @ force, rotation @ moment + ca.cross(origin, rotation @ force)
     return tau
@@ -134,6 +137,8 @@ class Dynamics(Part):
 
     Notes
     -----
+    Of a prismatic joint q is in m and tau a force [N].
+
     `D(q, f)` (n, n), `h(q, qd, f)` (n, 1), `C(q, qd, f)` (n, n) with h = C qd + gravity and Ddot - 2 C skew, and
     `Y(q, qd, qdd)` (n, p) with tau = Y f, or `Y(q, qd, qd_r, qdd_r)` with D qdd_r + C qd_r + gravity = Y f. All can be
     called with numpy arrays (giving casadi DM) or with casadi symbols.
@@ -167,14 +172,15 @@ class Dynamics(Part):
         """Names of f."""
         return self.lumping.names
 
-    def f(self, bodies):
-        """Parameters f (p,) of an arm whose links are these bodies, one per link."""
-        bodies = tuple(bodies)
+    def f(self, bodies=None):
+        """Parameters f (p,) of an arm whose links are these bodies, one per link; by default those of the chain."""
+        bodies = self.chain.bodies if bodies is None else tuple(bodies)
         if len(bodies) != self.n:
             raise ValueError(f"bodies must be {self.n}, one per link; got {len(bodies)}. Join a tool to its link.")
         for body in bodies:
             instance("each of the bodies", body, Body, "Give mass, com and inertia.")
-        return np.array(self.lumping.matrix) @ standard_parameters(bodies)
+        in_place = [body.seen_from(link.frame) for body, link in zip(bodies, self.chain.links, strict=True)]
+        return np.array(self.lumping.matrix) @ standard_parameters(in_place)
 
     def arm(self, f):
         """The arm with these f (p,)."""

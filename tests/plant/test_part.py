@@ -16,6 +16,7 @@ from plant import (
     Link,
     Lumping,
     P,
+    Placement,
     PointToPoint,
     Rig,
     Spline,
@@ -29,6 +30,7 @@ LINKS = (Link(name="1", alpha=0.1, a=0.2, d=0.3, theta=0.4), Link(name="2", alph
 CHAIN = Chain(links=LINKS, gravity=(0.1, 0.2, -9.7))
 EXAMPLES = {
     "Link": LINKS[0],
+    "Placement": Placement.of_angles(0.1, 0.2, 0.3, (1, 2, 3)),
     "Chain": CHAIN,
     "Body": Body(mass=1.1, com=(0.1, 0.2, 0.3), inertia=(1, 0.1, 0.2, 1.5, 0.3, 2), rotor=0.7),
     "Lumping": Lumping.standard(CHAIN),
@@ -166,7 +168,7 @@ def test_description_with_missing_or_unknown_fields_is_refused():
 MISSPELT = {
     "Link": "alhpa", "Chain": "gravitiy", "Body": "inertai", "Lumping": "matirx", "Dynamics": "range", "Arm": "ff",
     "Drive": "gaer", "Encoder": "smoth", "Rig": "priod", "P": "gian", "Harmonics": "cosin", "PointToPoint": "gaol",
-    "Spline": "point", "Table": "time",
+    "Spline": "point", "Table": "time", "Placement": "positon",
 }  # fmt: skip
 
 
