@@ -157,6 +157,13 @@ class Dynamics(Part):
             object.__setattr__(self, "ranges", tuple(tuple(row) for row in ranges.tolist()))
         self._prove()
 
+    @classmethod
+    def from_chain(cls, chain, *, rotors=True):
+        """The equations of a chain in its base parameters, with motor inertias or without (`plant.base`)."""
+        from plant.base import base_lumping  # which needs the torque of this file
+
+        return cls(chain=chain, lumping=base_lumping(chain, rotors=rotors))
+
     @property
     def n(self):
         """Number of joints."""
