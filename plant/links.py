@@ -116,6 +116,34 @@ class Chain(Part):
         return Chain(links=self.links, gravity=self.gravity, bodies=tuple(bodies))
 
     @classmethod
+    def from_urdf(cls, path, joints=None, *, gravity=(0.0, 0.0, -9.81)):
+        """A chain, with bodies, from a URDF file.
+
+        Parameters
+        ----------
+        path : str or Path
+        joints : sequence of str, optional
+            Names of the joints of the chain, base first; by default all that move, if they lie behind each other. What
+            else moves (a gripper) is held at zero and lumped with the link that carries it, as fixed joints are.
+        gravity : (3,) array_like
+            In the frame of the file's base link.
+
+        Returns
+        -------
+        Chain
+            Bodies are given in the frames of the file's links; limits, meshes and transmissions are not read.
+
+        Raises
+        ------
+        ValueError
+            A file that is malformed, too large, declares entities, or describes no such chain; a body that no body can
+            be. The message names link or joint, and the rule.
+        """
+        from plant.urdf import chain_from_urdf  # which makes chains of this file's class
+
+        return chain_from_urdf(path, joints, gravity)
+
+    @classmethod
     def standard(cls, rows, *, gravity=(0.0, 0.0, -9.81), bodies=()):
         """A chain from rows of the *standard* Denavit-Hartenberg table.
 

@@ -1,0 +1,158 @@
+"""URDF import against pinocchio's own reader, then files that must be refused."""
+
+import numpy as np
+import pytest
+
+from plant import Chain, Dynamics
+
+pin = pytest.importorskip("pinocchio")
+
+
+def numbers(values):
+    return " ".join(repr(float(x)) for x in values)
+
+
+def inertial(random):
+    root = random.normal(size=(3, 3)) * 0.2
+    matrix = np.trace(root @ root.T) * np.eye(3) - root @ root.T
+    i = {f"i{a}{b}": float(matrix["xyz".index(a), "xyz".index(b)]) for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")}
+    place = f'<origin xyz="{numbers(random.uniform(-0.3, 0.3, 3))}" rpy="{numbers(random.uniform(-3, 3, 3))}"/>'
+    inertia = " ".join(f'{key}="{value!r}"' for key, value in i.items())
+    return f'<inertial>{place}<mass value="{random.uniform(0.5, 3)!r}"/><inertia {inertia}/></inertial>'
+
+
+def joint(name, kind, parent, child, random):
+    place = f'<origin xyz="{numbers(random.uniform(-0.5, 0.5, 3))}" rpy="{numbers(random.uniform(-3, 3, 3))}"/>'
+    axis = "" if kind == "fixed" else f'<axis xyz="{numbers(random.normal(size=3))}"/>'
+    limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>' if kind in ("revolute", "prismatic") else ""
+    ends = f'<parent link="{parent}"/><child link="{child}"/>'
+    return f'<joint name="{name}" type="{kind}">{place}{ends}{axis}{limit}</joint>'
+
+
+def robot(seed, kinds=("revolute", "fixed", "prismatic", "continuous", "fixed", "revolute")):
+    """A chain of links, with a branch of two fixed bodies on one of them and a last link without mass."""
+    random = np.random.default_rng(seed)
+    text = f'<link name="l0">{inertial(random)}</link>'
+    for i, kind in enumerate(kinds):
+        text += f'<link name="l{i + 1}">{inertial(random)}</link>' + joint(
+            f"j{i + 1}", kind, f"l{i}", f"l{i + 1}", random
+        )
+    text += f'<link name="tool">{inertial(random)}</link>' + joint(
+        "flange", "fixed", f"l{min(3, len(kinds))}", "tool", random
+    )
+    text += f'<link name="tip">{inertial(random)}</link>' + joint("glue", "fixed", "tool", "tip", random)
+    text += '<link name="nothing"/>' + joint("end", "fixed", f"l{len(kinds)}", "nothing", random)
+    return f'<?xml version="1.0"?><robot name="r">{text}</robot>'
+
+
+def written(tmp_path, text):
+    path = tmp_path / "robot.urdf"
+    path.write_text(text)
+    return path
+
+
+def compared(chain, model, locked=()):
+    """Torques of both at random states; pinocchio has a continuous joint as cosine and sine."""
+    dynamics, data = Dynamics.from_chain(chain, rotors=False), model.createData()
+    arm = dynamics.arm(dynamics.f())
+    names = [link.name for link in chain.links]
+    assert [name for name in model.names[1:] if name not in locked] == names
+    for state in np.random.default_rng(0).uniform(-1, 1, (5, 3, chain.n)):
+        q, v, a = np.zeros(model.nq), np.zeros(model.nv), np.zeros(model.nv)
+        q[:] = pin.neutral(model)
+        for value, speed, rate, name in zip(*state, names, strict=True):
+            other = model.joints[model.getJointId(name)]
+            q[other.idx_q : other.idx_q + other.nq] = [value] if other.nq == 1 else [np.cos(value), np.sin(value)]
+            v[other.idx_v], a[other.idx_v] = speed, rate
+        tau = pin.rnea(model, data, q, v, a)[[model.joints[model.getJointId(name)].idx_v for name in names]]
+        np.testing.assert_allclose(arm.inverse(*state), tau, rtol=0, atol=1e-10 * np.abs(tau).max())
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_agrees_with_pinocchio_s_reader(tmp_path, seed):
+    text = robot(seed)
+    compared(Chain.from_urdf(written(tmp_path, text)), pin.buildModelFromXML(text))
+
+
+def test_named_joints_leave_the_others_at_zero(tmp_path):
+    """j3 slides in the file; left out, it is a fixed joint, and its masses hang on the link before it."""
+    text = robot(9)
+    chain = Chain.from_urdf(written(tmp_path, text), ["j1", "j4", "j6"])
+    assert [link.prismatic for link in chain.links] == [False, False, False]
+    compared(chain, pin.buildModelFromXML(text), locked=("j3",))
+
+
+def test_axes_along_each_direction(tmp_path):
+    for axis in ("0 0 1", "0 0 -1", "1 0 0", "0 -1 0", "0 0 2"):
+        text = robot(1, kinds=("revolute", "revolute"))
+        start = text.index("<axis")
+        text = text[:start] + f'<axis xyz="{axis}"/>' + text[text.index("/>", start) + 2 :]
+        compared(Chain.from_urdf(written(tmp_path, text)), pin.buildModelFromXML(text))
+
+
+BALL = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+LINK = '<link name="{0}"><inertial><mass value="1"/>' + BALL + "</inertial></link>"
+ENDS = '<parent link="{}"/><child link="{}"/>'
+GOOD = '<robot name="r">' + LINK.format("base") + LINK.format("arm") + '<joint name="shoulder" type="revolute">'
+GOOD += ENDS.format("base", "arm") + '<axis xyz="0 0 1"/></joint></robot>'
+MORE = '<joint name="elbow" type="revolute">' + ENDS + "</joint></robot>"
+
+
+def test_the_file_that_the_bad_ones_are_made_of_is_good(tmp_path):
+    assert Chain.from_urdf(written(tmp_path, GOOD)).n == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (GOOD.replace('mass value="1"', 'mass value="nan"', 1), "link base, mass must have 1 finite numbers in value"),
+        (GOOD.replace('mass value="1"', 'mass value="17,4"', 1), "got '17,4'"),
+        (GOOD.replace('mass value="1"', 'mass value="-1"', 1), "link base must have a positive mass"),
+        (GOOD.replace('<mass value="1"/>', "", 1), "link base, mass must have value"),
+        (GOOD.replace('ixx="1"', 'ixx="3"', 1), r"link base must have an inertia that a body can have \(triangle"),
+        (GOOD.replace('ixy="0"', 'ixy="2"', 1), "link base must have a positive semidefinite inertia"),
+        (GOOD.replace('axis xyz="0 0 1"', 'axis xyz="0 0 0"'), "joint shoulder must have an axis that is not zero"),
+        (GOOD.replace('axis xyz="0 0 1"', 'axis xyz="0 1"'), "joint shoulder, axis must have 3 finite numbers"),
+        (GOOD.replace('child link="arm"', 'child link="amr"'), "got 'amr'. Did you mean 'arm'"),
+        (GOOD.replace('type="revolute"', 'type="revolut"'), "Did you mean 'revolute'"),
+        (GOOD.replace('type="revolute"', 'type="floating"'), "type of joint shoulder must be one of"),
+        (GOOD.replace('type="revolute"', 'type="fixed"'), "at least one joint that moves"),
+        (GOOD.replace('<parent link="base"/>', ""), "must have a parent and a child link"),
+        (GOOD.replace("</robot>", MORE.format("base", "arm")), "link arm must hang on one joint"),
+        (GOOD.replace("</robot>", MORE.format("arm", "base")), "hangs on itself"),
+        (GOOD.replace("</robot>", LINK.format("arm") + "</robot>"), "names of their own; got 'arm' twice"),
+        (GOOD.replace('"elbow"', '"shoulder"').replace("</robot>", MORE.format("arm", "arm")), "hangs on"),
+        (GOOD.replace("</robot>", LINK.format("b") + MORE.format("base", "b")), "joints must be named where"),
+        ("<robot>", "must be well-formed XML"),
+        ("", "must be well-formed XML"),
+        ("<sdf/>", "must hold a <robot>; got <sdf>"),
+        ('<!DOCTYPE r [<!ENTITY a "b">]>' + GOOD, "must not declare a document type or entities"),
+        ('<!DOCTYPE r SYSTEM "file:///etc/passwd">' + GOOD, "must not declare a document type or entities"),
+        (" " * 5_000_001, "must be a URDF file of at most 5000000 bytes"),
+    ],
+    ids=lambda x: x[:40] if len(x) < 100 else "file",
+)  # fmt: skip
+def test_bad_file_is_refused_in_one_line(tmp_path, text, said):
+    with pytest.raises(ValueError, match=said) as error:
+        Chain.from_urdf(written(tmp_path, text))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("joints", "said"),
+    [
+        (["sholder"], "Did you mean 'shoulder'"),
+        (["shoulder", "shoulder"], "comes twice"),
+        ([], "at least one joint"),
+    ],
+)
+def test_bad_names_of_joints_are_refused(tmp_path, joints, said):
+    with pytest.raises(ValueError, match=said):
+        Chain.from_urdf(written(tmp_path, GOOD), joints)
+
+
+def test_billion_laughs_in_another_encoding(tmp_path):
+    path = tmp_path / "robot.urdf"
+    path.write_bytes(('<?xml version="1.0" encoding="UTF-16"?><!DOCTYPE r [<!ENTITY a "b">]>' + GOOD).encode("utf-16"))
+    with pytest.raises(ValueError, match="must not declare"):
+        Chain.from_urdf(path)
