@@ -1,11 +1,11 @@
 """The plant: a geared arm, its drives and encoders, control laws, and the simulator that joins them.
 
-Reading order: `links`, `placement` (geometry) -> `dynamics` (one torque, D, h, C and Y read off it) with `lumping`
-(what f means) -> `arm` (dynamics + f) -> `drive`, `friction`, `encoder`, `rig` -> `reference`, `law`, `laws`,
-`running` (a law in a control script) -> `loop` (the symbolic closed loop) -> `rewrite`, `translate`, `pieces`,
-`elementary`, `source`, `kernel`, `compile` (the same loop as machine code) -> `tables`, `simulator`, `referee` (the
-loop by casadi), `record`; `linear` (the loop linearised), `inertia` (can this be an arm?) and `puma560` (the paper's
-example).
+Reading order: `links`, `placement`, `urdf` (geometry) -> `dynamics` (one torque, D, h, C and Y read off it) with
+`lumping` (what f means) and `base` (which f a chain has) -> `arm` (dynamics + f) -> `drive`, `friction`, `encoder`,
+`rig` -> `reference`, `law`, `laws`, `running` (a law in a control script) -> `loop` (the symbolic closed loop) ->
+`rewrite`, `translate`, `pieces`, `elementary`, `source`, `kernel`, `compile` (the same loop as machine code) ->
+`tables`, `simulator`, `referee` (the loop by casadi), `record`; `linear` (the loop linearised), `gains` (P for any
+arm), `inertia` (can this be an arm?), `puma560` (the paper's example) and `arms` (others).
 """
 
 from plant import puma560
@@ -13,6 +13,7 @@ from plant.arm import Arm
 from plant.drive import Drive
 from plant.dynamics import Dynamics
 from plant.encoder import Encoder
+from plant.gains import p_gains
 from plant.law import Block, Law, Setpoint
 from plant.laws import P
 from plant.linear import linearise
@@ -32,5 +33,5 @@ __version__ = "0.1.0"
 __all__ = [
     "Arm", "Block", "Body", "Chain", "Drive", "Dynamics", "Encoder", "Harmonics", "Law", "Link", "Lumping", "Motion",
     "P", "Placement", "PointToPoint", "Record", "Reference", "Rig", "Setpoint", "Spline", "Table", "linearise",
-    "puma560", "simulate",
+    "p_gains", "puma560", "simulate",
 ]  # fmt: skip

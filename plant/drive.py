@@ -103,7 +103,8 @@ class Drive(Part):
 
     def friction(self, qd):
         """Friction torque [N m] of a joint that slides at qd, joint side; zero Coulomb part at rest (feed-forward)."""
-        return self.joint_viscous() * qd + self.joint_coulomb() * ca.sign(qd)
+        sign = np.sign(qd) if isinstance(qd, np.ndarray) else ca.sign(qd)
+        return self.joint_viscous() * qd + self.joint_coulomb() * sign
 
     def reflected_inertia(self, motor_inertia=None):
         """Motor inertia as the joint feels it, Jm k^2 [kg m^2]; of this drive, or of another Jm in the same place."""

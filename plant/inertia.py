@@ -17,8 +17,8 @@ from plant.kernel import MapKernel
 
 __all__ = ["LEAST_MOTOR_INERTIA", "least_inertia_margin", "require_inertia"]
 
-LEAST_MOTOR_INERTIA = 1e-4
-"""Jm_min [kg m^2]. Source: paper 3.6."""
+LEAST_MOTOR_INERTIA = 0.5
+"""Jm_min as a share of the drive's motor inertia. Source: paper 3.6, 1e-4 of 2e-4 kg m^2."""
 
 _GRID = 360
 """Poses of a joint when D depends on it alone; between two of them D changes by less than 4e-5 of its range."""
@@ -46,7 +46,7 @@ def least_inertia_margin(dynamics, rig, f):
     """
     f = np.asarray(f, dtype=float)
     kernel, poses = _smallest_pivot(dynamics)
-    least = rig.drive.reflected_inertia(LEAST_MOTOR_INERTIA)
+    least = rig.drive.reflected_inertia(LEAST_MOTOR_INERTIA * rig.drive.motor_inertia)
     candidates = np.vstack([np.repeat(least[:, None], len(f), axis=1), f.T])
     margins, at_once = np.empty(len(f)), max(1, _COLUMNS // poses.shape[1])
     for start in range(0, len(f), at_once):
@@ -65,8 +65,8 @@ def require_inertia(arm, rig):
     margin = least_inertia_margin(arm.dynamics, rig, arm.f[None])[0]
     if not margin >= 0:
         raise ValueError(
-            f"D(q) must exceed the motors' own inertia diag(Jm_min k^2), Jm_min = {LEAST_MOTOR_INERTIA:g} kg m^2, at "
-            f"every q; f = {np.array2string(arm.f, precision=3)} falls short by {-margin:.3g} kg m^2. "
+            f"D(q) must exceed the motors' own inertia diag(Jm_min k^2), Jm_min = {LEAST_MOTOR_INERTIA:g} Jm, at every "
+            f"q; f = {np.array2string(arm.f, precision=3)} falls short by {-margin:.3g} kg m^2. "
             "Identify again, or check f and the gear ratios."
         )
 

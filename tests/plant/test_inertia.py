@@ -8,7 +8,7 @@ from plant import puma560
 from plant.inertia import LEAST_MOTOR_INERTIA, least_inertia_margin, require_inertia
 
 DYNAMICS, RIG = puma560.dynamics(), puma560.rig()
-LEAST = LEAST_MOTOR_INERTIA * RIG.drive.gear**2
+LEAST = LEAST_MOTOR_INERTIA * RIG.drive.motor_inertia * RIG.drive.gear**2
 
 
 def smallest_eigenvalue(f):
@@ -78,6 +78,8 @@ def test_three_joints_are_looked_at_all_over():
 
     class Unloaded:
         class drive:
+            motor_inertia = np.zeros(3)
+
             @staticmethod
             def reflected_inertia(jm):
                 return np.zeros(3)
