@@ -50,8 +50,8 @@ class Objective:
 
     Notes
     -----
-    A candidate costs inf when it holds a NaN, when its run diverges, or when D(q) - diag(Jm_min k^2) is not positive
-    semidefinite for all q: no controller could be built on such an arm.
+    A candidate costs inf when it is not finite, when its rig or law would be refused, when its run diverges, or when
+    D(q) - diag(Jm_min k^2) is not positive semidefinite for all q: no controller could be built on such an arm.
 
     Source: paper eq. (4).
     """
@@ -64,14 +64,14 @@ class Objective:
         if threads is not None and (not isinstance(threads, (int, np.integer)) or threads < 1):
             raise ValueError(f"threads must be a whole number of at least 1; got {threads!r}. Leave it out for all.")
         instance("dynamics", dynamics, Dynamics, "Pass the equations with f open, such as puma560.dynamics().")
-        if isinstance(unknown, str):
-            raise ValueError(f"unknown must be a sequence of names; got the text {unknown!r}. Write ({unknown!r},).")
+        if isinstance(unknown, str) or not (unknown is None or np.iterable(unknown)):
+            raise ValueError(f"unknown must be a sequence of names; got {unknown!r}. Write ({unknown!r},).")
         self.dynamics, self.records = dynamics, records
         self.unknown = tuple(dynamics.names if unknown is None else unknown)
         twice = [name for i, name in enumerate(self.unknown) if name in self.unknown[:i]]
         if twice:
             raise ValueError(f"unknown must name each number once; {twice[0]} comes twice. Leave one out.")
-        self.threads = int(threads or os.cpu_count() or 1)
+        self.threads = int(threads or _cores())
         settings = {"steps_per_sample": steps_per_sample, "sweeps": sweeps}
         self._experiments = [_Experiment(dynamics, record, self.unknown, settings) for record in records]
 
@@ -127,7 +127,7 @@ class _Experiment:
         self._numbers = loop.number_values(np.full(dynamics.p, np.nan))
         self._state = loop.initial_state(*start_of(record, path))
         self._steps = samples * loop.steps_per_sample
-        self._dynamics, self._rig = dynamics, record.rig
+        self._dynamics, self._record = dynamics, record
         open_f = [name for name in dynamics.names if name not in unknown]
         if open_f:
             raise ValueError(
@@ -139,15 +139,29 @@ class _Experiment:
         """Costs (P,), inf for what cannot be."""
         numbers = np.repeat(self._numbers[None], len(population), axis=0)
         numbers[:, self._lanes] = population
-        f = numbers[:, : self._dynamics.p]
         costs = np.full(len(population), np.inf)
 
         sound = np.flatnonzero(np.isfinite(population).all(axis=1))
-        sound = sound[least_inertia_margin(self._dynamics, self._rig, f[sound]) >= 0]
+        sound = sound[self._margins(numbers[sound]) >= 0]
         blocks = [sound[i : i + LANES] for i in range(0, len(sound), LANES)]
         results = _shared_out(lambda rows: self._block(population[rows]), blocks, threads)
         costs[sound] = np.concatenate([np.empty(0), *results])
         return costs
+
+    def _margins(self, numbers):
+        """Room (P,) that D leaves for the motors' own inertia, of candidates given by all their numbers (P, k)."""
+        p, f = self._dynamics.p, numbers[:, : self._dynamics.p]
+        if max(self._lanes) < p:
+            return least_inertia_margin(self._dynamics, self._record.rig, f)
+        margins, rig_size = np.full(len(f), -np.inf), len(self._record.rig.number_values())
+        for i, row in enumerate(numbers):
+            try:
+                rig = self._record.rig.with_numbers(row[-rig_size:])
+                self._record.law.with_numbers(row[p:-rig_size])
+            except ValueError:  # such a rig, or such a law, there cannot be
+                continue
+            margins[i] = least_inertia_margin(self._dynamics, rig, f[i : i + 1])[0]
+        return margins
 
     def _block(self, candidates):
         """Costs of at most `LANES` candidates; empty lanes repeat the last."""
@@ -159,6 +173,11 @@ class _Experiment:
         score, ok = final[-2], final[-1]
         complete = (ok > 0) & bounded(final[: 2 * self._dynamics.n]) & np.isfinite(score) & (steps == self._steps)
         return np.where(complete, score, np.inf)[: len(candidates)]
+
+
+def _cores():
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _shared_out(function, items, threads):

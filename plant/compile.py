@@ -30,6 +30,7 @@ CACHE_VARIABLE = "ONEPULSE_CACHE"
 
 _LOCK = threading.RLock()
 _MODULES: dict[str, object] = {}
+_REFUSED: set[Path] = set()  # folders of which the user has been told
 
 
 def cache_folder():
@@ -44,7 +45,8 @@ def cache_folder():
         with tempfile.TemporaryFile(dir=folder):
             return folder
     except OSError:
-        if CACHE_VARIABLE in os.environ:
+        if CACHE_VARIABLE in os.environ and folder not in _REFUSED:
+            _REFUSED.add(folder)
             warnings.warn(
                 f"{CACHE_VARIABLE} must name a folder of yours that nobody else can enter (chmod 700); {folder} is not "
                 "used, and kernels are compiled anew in every process. Change its mode or name another.",

@@ -90,7 +90,7 @@ class Drive(Part):
 
     def limited(self, tau):
         """Joint torque after the amplifier's limit [N m]."""
-        limit = self.torque_limit()
+        limit = ca.fabs(self.torque_limit())
         return ca.fmin(ca.fmax(tau, -limit), limit)
 
     def joint_viscous(self):

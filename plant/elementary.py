@@ -49,8 +49,8 @@ DOUBLE, LONG, INDEX = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
 EIGHT = ir.VectorType(DOUBLE, 8)
 
 
-class Emitter:
-    """Emits instructions at a builder's place, for so many individuals at once.
+class Values:
+    """What operations work on, at a builder's place, for so many individuals at once.
 
     Arguments are values of that builder, or Python numbers. With more than one individual a value is a vector; one
     longer than the processor's becomes several instructions side by side, which do not wait for each other.
@@ -95,6 +95,62 @@ class Emitter:
     def widest(self):
         """Ask for vectors of 512 bits where there are such, which LLVM leaves half empty on many processors."""
         set.add(self.builder.function.attributes, '"prefer-vector-width"="512"')  # llvmlite knows but its own list
+
+    def _looked_up(self, table, whole):
+        """Of 16 numbers those at the places that the lowest bits say."""
+        bits = self.builder.bitcast(whole, self.long)
+        if self.width != 8:
+            place = self.builder.and_(bits, self._constant(self.long, LONG(15)))
+            return self._by_lane(lambda place: self._number(table, place), place)
+        low, high = (ir.Constant(EIGHT, [DOUBLE(x) for x in table[i : i + 8]]) for i in (0, 8))
+        kind = ir.FunctionType(EIGHT, [EIGHT, ir.VectorType(LONG, 8), EIGHT])
+        permute = self._function("llvm.x86.avx512.vpermi2var.pd.512", kind)
+        return self.builder.call(permute, [low, bits, high])
+
+    def _number(self, table, place):
+        kind = ir.ArrayType(DOUBLE, len(table))
+        name = f"table_{'_'.join(x.hex() for x in table[:2])}"
+        if name not in self.builder.module.globals:
+            variable = ir.GlobalVariable(self.builder.module, kind, name)
+            variable.global_constant, variable.linkage = True, "internal"
+            variable.initializer = ir.Constant(kind, [DOUBLE(x) for x in table])
+        pointer = self.builder.module.globals[name]
+        return self.builder.load(self.builder.gep(pointer, [LONG(0), place]))
+
+    def _negative_if_odd(self, x, whole):
+        bits, parity = (self.builder.bitcast(v, self.long) for v in (x, whole))
+        sign = self.builder.shl(parity, self._constant(self.long, LONG(63)))
+        return self.builder.bitcast(self.builder.xor(bits, sign), self.double)
+
+    def _has(self, feature):
+        """Whether the processor for which numba compiles has a feature."""
+        return f"+{feature}" in self.context.codegen().magic_tuple()[2].split(",")
+
+    def _function(self, name, kind):
+        return cgutils.get_or_insert_function(self.builder.module, kind, name)
+
+    def _intrinsic(self, name, *arguments):
+        suffix = "f64" if self.width == 1 else f"v{self.width}f64"
+        function = self._function(f"{name}.{suffix}", ir.FunctionType(self.double, [self.double] * len(arguments)))
+        return self.builder.call(function, [self.value(x) for x in arguments])
+
+    def _library(self, function, *arguments):
+        call = self.context.get_function(function, float64(*[float64] * len(arguments)))
+        return self._by_lane(lambda *lane: call(self.builder, lane), *(self.value(x) for x in arguments))
+
+    def _by_lane(self, function, *vectors):
+        """A function of numbers, one individual after the other."""
+        if self.width == 1:
+            return function(*vectors)
+        result = ir.Constant(self.double, ir.Undefined)
+        for lane in map(INDEX, range(self.width)):
+            value = function(*(self.builder.extract_element(x, lane) for x in vectors))
+            result = self.builder.insert_element(result, value, lane)
+        return result
+
+
+class Emitter(Values):
+    """The operations, each emitted by its method; every public method is one."""
 
     # -- arithmetic --------------------------------------------------------------------------------------------------
     def assign(self, x):
@@ -177,89 +233,23 @@ class Emitter:
             total = self.fma(total, z, value)
         return total
 
-    def _looked_up(self, table, whole):
-        """Of 16 numbers those at the places that the lowest bits say."""
-        bits = self.builder.bitcast(whole, self.long)
-        if self.width % 8:
-            place = self.builder.and_(bits, self._constant(self.long, LONG(15)))
-            return self._by_lane(lambda place: self._number(table, place), place)
-        low, high = (ir.Constant(EIGHT, [DOUBLE(x) for x in table[i : i + 8]]) for i in (0, 8))
-        kind = ir.FunctionType(EIGHT, [EIGHT, ir.VectorType(LONG, 8), EIGHT])
-        permute = self._function("llvm.x86.avx512.vpermi2var.pd.512", kind)
-        return self._by_eight(lambda places: self.builder.call(permute, [low, places, high]), bits)
-
-    def _number(self, table, place):
-        kind = ir.ArrayType(DOUBLE, len(table))
-        name = f"table_{'_'.join(x.hex() for x in table[:2])}"
-        if name not in self.builder.module.globals:
-            variable = ir.GlobalVariable(self.builder.module, kind, name)
-            variable.global_constant, variable.linkage = True, "internal"
-            variable.initializer = ir.Constant(kind, [DOUBLE(x) for x in table])
-        pointer = self.builder.module.globals[name]
-        return self.builder.load(self.builder.gep(pointer, [LONG(0), place]))
-
-    def _negative_if_odd(self, x, whole):
-        bits, parity = (self.builder.bitcast(v, self.long) for v in (x, whole))
-        sign = self.builder.shl(parity, self._constant(self.long, LONG(63)))
-        return self.builder.bitcast(self.builder.xor(bits, sign), self.double)
-
-    def _has(self, feature):
-        """Whether the processor for which numba compiles has a feature."""
-        return f"+{feature}" in self.context.codegen().magic_tuple()[2].split(",")
-
-    def _function(self, name, kind):
-        return cgutils.get_or_insert_function(self.builder.module, kind, name)
-
-    def _intrinsic(self, name, *arguments):
-        suffix = "f64" if self.width == 1 else f"v{self.width}f64"
-        function = self._function(f"{name}.{suffix}", ir.FunctionType(self.double, [self.double] * len(arguments)))
-        return self.builder.call(function, [self.value(x) for x in arguments])
-
-    def _library(self, function, *arguments):
-        call = self.context.get_function(function, float64(*[float64] * len(arguments)))
-        return self._by_lane(lambda *lane: call(self.builder, lane), *(self.value(x) for x in arguments))
-
-    def _by_lane(self, function, *vectors):
-        """A function of numbers, one individual after the other."""
-        if self.width == 1:
-            return function(*vectors)
-        result = ir.Constant(self.double, ir.Undefined)
-        for lane in map(INDEX, range(self.width)):
-            value = function(*(self.builder.extract_element(x, lane) for x in vectors))
-            result = self.builder.insert_element(result, value, lane)
-        return result
-
-    def _by_eight(self, function, *vectors):
-        """A function of vectors of eight."""
-        if self.width == 8:
-            return function(*vectors)
-        parts = []
-        for start in range(0, self.width, 8):
-            those = ir.Constant(ir.VectorType(INDEX, 8), list(map(INDEX, range(start, start + 8))))
-            parts.append(function(*(self.builder.shuffle_vector(x, x, those) for x in vectors)))
-        while len(parts) > 1:
-            both = list(map(INDEX, range(2 * parts[0].type.count)))
-            both = ir.Constant(ir.VectorType(INDEX, len(both)), both)
-            parts = [self.builder.shuffle_vector(*parts[i : i + 2], both) for i in range(0, len(parts), 2)]
-        return parts[0]
-
-    sqrt = partialmethod(_intrinsic, "llvm.sqrt")
-    floor = partialmethod(_intrinsic, "llvm.floor")
-    ceil = partialmethod(_intrinsic, "llvm.ceil")
-    trunc = partialmethod(_intrinsic, "llvm.trunc")
-    fabs = partialmethod(_intrinsic, "llvm.fabs")
-    copysign = partialmethod(_intrinsic, "llvm.copysign")
-    exp = partialmethod(_library, math.exp)
-    log = partialmethod(_library, math.log)
-    pow = constpow = partialmethod(_library, math.pow)
-    tan = partialmethod(_library, math.tan)
-    asin = partialmethod(_library, math.asin)
-    acos = partialmethod(_library, math.acos)
-    atan = partialmethod(_library, math.atan)
-    atan2 = partialmethod(_library, math.atan2)
-    sinh = partialmethod(_library, math.sinh)
-    cosh = partialmethod(_library, math.cosh)
-    tanh = partialmethod(_library, math.tanh)
+    sqrt = partialmethod(Values._intrinsic, "llvm.sqrt")
+    floor = partialmethod(Values._intrinsic, "llvm.floor")
+    ceil = partialmethod(Values._intrinsic, "llvm.ceil")
+    trunc = partialmethod(Values._intrinsic, "llvm.trunc")
+    fabs = partialmethod(Values._intrinsic, "llvm.fabs")
+    copysign = partialmethod(Values._intrinsic, "llvm.copysign")
+    exp = partialmethod(Values._library, math.exp)
+    log = partialmethod(Values._library, math.log)
+    pow = constpow = partialmethod(Values._library, math.pow)
+    tan = partialmethod(Values._library, math.tan)
+    asin = partialmethod(Values._library, math.asin)
+    acos = partialmethod(Values._library, math.acos)
+    atan = partialmethod(Values._library, math.atan)
+    atan2 = partialmethod(Values._library, math.atan2)
+    sinh = partialmethod(Values._library, math.sinh)
+    cosh = partialmethod(Values._library, math.cosh)
+    tanh = partialmethod(Values._library, math.tanh)
 
     # -- choices: conditions are 1.0 and 0.0, as casadi has them -----------------------------------------------------
     def _if(self, condition, x, y):
@@ -272,16 +262,13 @@ class Emitter:
         return self.builder.fcmp_unordered("!=", self.value(x), self.value(0.0))
 
     def limit(self, x, bound):
-        """Return x within +-bound: on AVX-512 the one of smaller magnitude, with the sign of x."""
-        if self.width % 8 or not self._has("avx512dq"):
+        """Return x within +-bound, which is not negative: on AVX-512 the smaller magnitude, with the sign of x."""
+        if self.width != 8 or not self._has("avx512dq"):
             return self.fmin(self.fmax(x, self.neg(bound)), bound)
         kind = ir.FunctionType(EIGHT, [EIGHT, EIGHT, INDEX, EIGHT, ir.IntType(8), INDEX])
         choose = self._function("llvm.x86.avx512.mask.range.pd.512", kind)
-
-        def smaller(x, bound):
-            return self.builder.call(choose, [x, bound, INDEX(2), x, ir.IntType(8)(255), INDEX(4)])
-
-        return self._by_eight(smaller, self.value(x), self.value(bound))
+        x = self.value(x)
+        return self.builder.call(choose, [x, self.value(bound), INDEX(2), x, ir.IntType(8)(255), INDEX(4)])
 
     def fmin(self, x, y):
         return self._if(self._compare("<", x, y), x, y)
@@ -336,9 +323,5 @@ class View:
         self.emitter.builder.store(self.emitter.value(value), self._place(r), align=8)
 
 
-OPERATIONS = {
-    name.rstrip("_").upper(): f"e.{name}"
-    for name in vars(Emitter)
-    if not name.startswith("_") and name not in ("value", "view", "index", "pack", "unpack", "widest")
-}
+OPERATIONS = {name.rstrip("_").upper(): f"e.{name}" for name in vars(Emitter) if not name.startswith("_")}
 """Name of an operation -> the method that emits it."""

@@ -71,7 +71,7 @@ def _by_blocks(matrix):
 
 
 def pivots(matrix):
-    """Pivots (n,) of Gaussian elimination in a symmetric matrix (n, n); up to the first that is not positive."""
+    """Pivots (n,) of Gaussian elimination in a symmetric matrix (n, n); those behind one that is zero mean nothing."""
     found = []
     while matrix.shape[0]:
         found.append(matrix[0, 0])

@@ -33,7 +33,7 @@ def friction_impulse(inverse, stopping, impulse, bound, sweeps):
         Largest impulse, Coulomb level times step [N m s].
     sweeps : int
     """
-    n, impulse = stopping.shape[0], ca.vertsplit(impulse)
+    n, impulse, bound = stopping.shape[0], ca.vertsplit(impulse), ca.fabs(bound)
     for _ in range(sweeps):
         for i in range(n):
             wanted = sum((inverse.share[i, j] * impulse[j] for j in range(n) if j != i), stopping[i])

@@ -13,7 +13,7 @@ state      the rest                                                  once per st
 
 What is rewritten, in one pass:
 
-* copysign(floor(fabs(x)), x) is trunc(x); fmin(fmax(x, -b), b) is limit(x, b).
+* copysign(floor(fabs(x)), x) is trunc(x); fmin(fmax(x, -b), b) is limit(x, b) if b is an absolute value.
 * The sine and the cosine of one angle share their work.
 * Divisions by one number that changes all the time share its reciprocal. (Others stay as they are: a rounding in what
   the encoder reads is amplified by an observer's gains.)
@@ -197,8 +197,8 @@ def _truncated(nodes, magnitude, x):
 
 
 def _limited(nodes, above, bound):
-    """The x of fmin(fmax(x, -bound), bound); None if it is something else."""
-    if nodes[above].op != "FMAX":
+    """The x of fmin(fmax(x, -bound), bound), the bound being an absolute value; None if it is something else."""
+    if nodes[above].op != "FMAX" or nodes[bound].op != "FABS":
         return None
     x, below = nodes[above].of
     return x if nodes[below].op == "NEG" and nodes[below].of == (bound,) else None

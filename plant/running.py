@@ -10,6 +10,9 @@ from plant.rig import Rig
 
 __all__ = ["Running"]
 
+FAR = 1e5
+"""Angle [rad] up to which the kernels' sines are exact to rounding."""
+
 
 class Running:
     """A running controller; made by `Law.start`.
@@ -67,6 +70,8 @@ class Running:
             array(name, value, (self.n,), advice="Give one value per joint [SI].")
             for name, value in (("q_r", q_r), ("qd_r", qd_r), ("qdd_r", qdd_r))
         ]
+        if np.abs(motion[0]).max() > FAR:
+            raise ValueError(f"q_r must be below {FAR:g} rad; got {motion[0]}. Take whole turns off.")
         s, n, x = len(self.state), self.n, self._x
         x[:s, 0] = self.state
         x[s : s + 6 * n, 0] = np.concatenate([*motion, self.rig.pulses(motion[0]), pulses, self.torque])

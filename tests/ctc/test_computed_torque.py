@@ -347,6 +347,10 @@ Q, QD, QDD = (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)
         (lambda: running().step((1.5, 0), Q, QD, QDD), "whole encoder counts"),
         (lambda: running().step((np.nan, 0), Q, QD, QDD), "pulses.*index 0|pulses.*0"),
         (lambda: running().step((0, 0), (0, np.nan), QD, QDD), "q_r.*1"),
+        (
+            lambda: running().step((0, 0), (0, 2e5), QD, QDD),
+            r"q_r must be below 100000 rad; got .* Take whole turns off",
+        ),
         (lambda: running().step((0, 0), Q, (np.inf, 0), QDD), "qd_r.*0"),
         (lambda: running().step((0, 0), Q, QD, (None, 0)), "qdd_r"),
         (lambda: running().step((0, 0), np.zeros((2, 1)), QD, QDD), r"q_r must have shape \(2,\); got shape \(2, 1\)"),

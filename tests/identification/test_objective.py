@@ -182,6 +182,19 @@ def test_the_diverging_candidate_passes_the_inertia_gate_and_the_impossible_one_
     assert objective()(thin[None]) == [np.inf]
 
 
+def test_gears_and_friction_that_cannot_be_cost_inf_and_the_gate_reads_the_candidate_s_own_gears():
+    """Twice the gear is four times the motor inertia that D has to leave room for; no gear of zero either."""
+    unknown = (*NAMES, "drive.gear[0]", "drive.coulomb[1]")
+    search, drive = objective(unknown=unknown), puma560.rig().drive
+    known = np.append(puma560.PUBLISHED, (drive.gear[0], drive.coulomb[1]))
+    population = np.array([known] * 5)
+    population[1, 9], population[2, 9], population[3, 10], population[4, 10] = 2 * drive.gear[0], 0.0, -0.01, 0.2
+    costs = search(population)
+    assert costs[0] == 0
+    np.testing.assert_array_equal(costs[1:4], np.inf)
+    assert 0 < costs[4] < np.inf
+
+
 def test_the_population_is_not_changed():
     population = candidates(3)
     before = population.copy()

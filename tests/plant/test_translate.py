@@ -95,7 +95,7 @@ def test_parts_of_a_step_add_up_and_the_first_has_exact_products_with_whole_numb
     assert mantissa * 2**33 == int(mantissa * 2**33)  # 33 bits, and 53 - 33 = 20 for the whole number
 
 
-@pytest.mark.parametrize("width", [8, 16, 32])
+@pytest.mark.parametrize("width", [2, 4, 8, 16])
 @pytest.mark.parametrize(
     "operation", ["sincos(x)[0]", "sincos(x)[1]", "limit(x, 2.0)", "exp(x)", "trunc(x)", "sign(x)"]
 )
@@ -182,6 +182,18 @@ def test_operation_without_translation_is_refused_by_name(name, make):
     assert "\n" not in str(error.value)
 
 
+def test_arrays_of_the_wrong_shape_are_refused():
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    plain = MapKernel(ca.Function("f", [x, y], [x * y]))
+    joined = MapKernel(ca.Function("f", [x, y], [x * y]), outer=1)
+    got = joined(np.array([[1.0, 2.0]]), np.array([[3.0, 4.0, 5.0]]))
+    np.testing.assert_array_equal(got[0], [[3, 6], [4, 8], [5, 10]])
+    one, two = np.ones((1, 3)), np.ones((2, 3))
+    for call in (lambda: plain(one), lambda: joined(one), lambda: joined(two, one)):
+        with pytest.raises(ValueError, match="rows, one per number; got"):
+            call()
+
+
 def test_function_of_mx_is_refused():
     x = ca.MX.sym("x")
     with pytest.raises(ValueError, match=r"must be built from SX; got MXFunction f\. Use expand"):
@@ -248,6 +260,14 @@ def test_rounding_towards_zero_is_one_instruction_if_it_is_all_of_one_number():
     x = a, b = [ca.SX.sym(name) for name in "ab"]
     assert texts(ca.copysign(ca.floor(ca.fabs(a)), a), *x, free=False) == ["e.trunc(a0)"]
     assert len(texts(ca.copysign(ca.floor(ca.fabs(a)), b), *x, free=False)) == 3
+
+
+def test_limits_are_one_instruction_if_they_cannot_be_negative():
+    x = a, b = [ca.SX.sym(name) for name in "ab"]
+    magnitude = ca.fabs(b)
+    assert texts(ca.fmin(ca.fmax(a, -magnitude), magnitude), *x, free=False)[-1] == "e.limit(a0, v1)"
+    assert len(texts(ca.fmin(ca.fmax(a, -b), b), *x, free=False)) == 3
+    assert len(texts(ca.fmin(ca.fmax(a, -magnitude), b), *x, free=False)) == 4
 
 
 def fused(x, y, z):
