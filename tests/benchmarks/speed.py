@@ -99,7 +99,7 @@ def engines(rounds):
             per[name].append(seconds(lambda: engine(population[:count])) / count)  # noqa: B023 - called at once
     yield f"Population 80, trajectory (6), 5,215 samples, 4 sub-steps, 3 friction sweeps; {rounds} rounds, in which"
     yield "each engine is called twice and timed the second time.\n"
-    yield "| engine | ms per simulation | times this engine on one thread | middle half of the rounds |"
+    yield "| engine | ms per simulation | time, with this engine on one thread as 1 | middle half of the rounds |"
     yield "|---|---|---|---|"
     ours = np.array(per["engine, 1 thread"])
     for name, times in per.items():
