@@ -16,6 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import any_arm
 import c_loops
 import numpy as np
 import six_joints
@@ -225,6 +226,7 @@ def main():
         "scaling": scaling(),
         "starts": starts(1 if options.quick else 5),
         "accuracy": accuracy(),
+        "any arm": any_arm.table(),
         "six joints": more_joints(cpp=not options.quick),
     }
     page = PAGE.read_text(encoding="utf-8") if options.write else ""
