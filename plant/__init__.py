@@ -10,6 +10,7 @@ arm), `inertia` (can this be an arm?), `puma560` (the paper's example) and `arms
 
 from plant import puma560
 from plant.arm import Arm
+from plant.base import visibility
 from plant.drive import Drive
 from plant.dynamics import Dynamics
 from plant.encoder import Encoder
@@ -33,5 +34,5 @@ __version__ = "0.1.0"
 __all__ = [
     "Arm", "Block", "Body", "Chain", "Drive", "Dynamics", "Encoder", "Harmonics", "Law", "Link", "Lumping", "Motion",
     "P", "Placement", "PointToPoint", "Record", "Reference", "Rig", "Setpoint", "Spline", "Table", "linearise",
-    "p_gains", "puma560", "simulate",
+    "p_gains", "puma560", "simulate", "visibility",
 ]  # fmt: skip

@@ -12,6 +12,7 @@ robots, Journal of Robotic Systems 8 (1991).
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import casadi as ca
@@ -20,7 +21,7 @@ import numpy as np
 from plant.dynamics import torque
 from plant.lumping import STANDARD, Lumping
 
-__all__ = ["base_lumping"]
+__all__ = ["Visibility", "base_lumping", "visibility"]
 
 _PREFERENCE = ("J", "Izz", "mx", "my", "Ixx", "Ixy", "Ixz", "Iyz", "Iyy", "mz", "m")
 _STATES = 40
@@ -46,18 +47,78 @@ def base_lumping(chain, *, rotors=True):
         four digits stand where a coefficient is neither a product of such lengths nor a sum of their squares.
     """
     regressor = _regressor(chain)
-    lengths = np.linalg.norm(regressor, axis=0)
     order = [
         STANDARD.index(name) + len(STANDARD) * link for name in _PREFERENCE for link in reversed(range(chain.n))
         if name != "J" or rotors
     ]  # fmt: skip
-    order = [column for column in order if lengths[column] > _TOLERANCE * lengths.max()]
+    kept, matrix = _reduced(regressor, order, _TOLERANCE)
+    everywhere = (True,) * len(kept)
+    names = tuple(_name(chain, row, column) for row, column in zip(matrix, kept, strict=True))
+    return Lumping(names=names, matrix=matrix, inertial=everywhere, gravitational=everywhere)
+
+
+@dataclasses.dataclass(frozen=True)
+class Visibility:
+    """What a motion shows of f.
+
+    Attributes
+    ----------
+    combinations : tuple of str
+        The sums of f that the torque of this motion depends on; a name alone where f is visible by itself.
+    invisible : tuple of str
+        Those of f that do not show at all, not even in a sum.
+    condition : float
+        Condition number of the regressor of the combinations, columns scaled to one length: some tens are good, and
+        above a thousand some of them are told apart badly.
+    """
+
+    combinations: tuple
+    invisible: tuple
+    condition: float
+
+    def __str__(self):
+        lines = [f"{len(self.combinations)} combinations, condition number {self.condition:.0f}"]
+        lines += [f"  {name}" for name in self.combinations]
+        return "\n".join(lines + [f"  not visible in this motion: {name}" for name in self.invisible])
+
+
+def visibility(dynamics, reference, *, tolerance=1e-6):
+    """What the motion of a reference shows of an arm's parameters.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+    reference : Reference
+    tolerance : float
+        How much of a column, in length, has to be new for its parameter to count as visible by itself.
+
+    Returns
+    -------
+    Visibility
+    """
+    motion = reference(np.linspace(0, reference.duration, 500))
+    regressor = np.vstack([dynamics.Y(*state).full() for state in zip(*motion, strict=True)])
+    lengths = np.linalg.norm(regressor, axis=0)
+    kept, matrix = _reduced(regressor, range(dynamics.p), tolerance)
+    names = []
+    for row, own in zip(matrix, kept, strict=True):
+        terms = [f"{row[k]:+.4g} {dynamics.names[k]}" for k in np.flatnonzero(np.abs(row) > tolerance) if k != own]
+        names.append(" ".join([dynamics.names[own], *terms]))
+    scaled = regressor[:, kept] / lengths[kept]
+    hidden = np.flatnonzero(lengths <= tolerance * lengths.max())
+    return Visibility(tuple(names), tuple(dynamics.names[k] for k in hidden), float(np.linalg.cond(scaled)))
+
+
+def _reduced(regressor, order, tolerance):
+    """Columns (r,) that stay, taken in this order, and the matrix (r, columns) that says which others join them."""
+    lengths = np.linalg.norm(regressor, axis=0)
+    order = [column for column in order if lengths[column] > tolerance * lengths.max()]
     kept, basis = [], np.empty((len(regressor), 0))
     for column in order:
         new = regressor[:, column] / lengths[column]
         for _ in range(2):  # twice is enough for orthogonality to rounding
             new = new - basis @ (basis.T @ new)
-        if np.linalg.norm(new) > _TOLERANCE:
+        if np.linalg.norm(new) > tolerance:
             kept.append(column)
             basis = np.column_stack([basis, new / np.linalg.norm(new)])
     kept.sort()
@@ -65,9 +126,7 @@ def base_lumping(chain, *, rotors=True):
     shares = np.linalg.lstsq(regressor[:, kept], regressor[:, order], rcond=None)[0]
     matrix[:, order] = np.where(np.abs(shares) > 1e-9, shares, 0.0)
     matrix[:, kept] = np.eye(len(kept))
-    everywhere = (True,) * len(kept)
-    names = tuple(_name(chain, row, column) for row, column in zip(matrix, kept, strict=True))
-    return Lumping(names=names, matrix=matrix, inertial=everywhere, gravitational=everywhere)
+    return kept, matrix
 
 
 def _regressor(chain):

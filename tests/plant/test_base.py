@@ -5,7 +5,7 @@ import pytest
 from test_dynamics import random_body
 from test_links import random_chain
 
-from plant import Chain, Dynamics, Link, Lumping, puma560
+from plant import Chain, Dynamics, Harmonics, Link, Lumping, puma560, visibility
 from plant.arms import planar, tx40
 from plant.arms import puma560 as whole_puma560
 from plant.base import base_lumping
@@ -121,3 +121,50 @@ def test_bodies_are_moved_from_their_frames_to_their_links():
     dynamics = Dynamics(chain=chain, lumping=Lumping.standard(chain))
     in_place = [body.seen_from(link.frame) for body, link in zip(chain.bodies, chain.links, strict=True)]
     np.testing.assert_array_equal(dynamics.f(), standard_parameters(in_place))
+
+
+def test_paper_s_motion_shows_all_nine():
+    seen = visibility(puma560.dynamics(), puma560.reference())
+    assert seen.combinations == puma560.dynamics().names
+    assert seen.invisible == ()
+    assert 10 < seen.condition < 1000
+
+
+def test_a_joint_that_stands_still_hides_and_joins_parameters():
+    """Joint 3 at rest, joint 2 turning: what only moves with joint 3 stays hidden, the rest joins."""
+    still = Harmonics(period=2.0, offset=(0.0, 0.3), cosine=((1.0, 0.5), (0, 0)), sine=((0.3, 0.1), (0, 0)))
+    dynamics = puma560.dynamics()
+    seen = visibility(dynamics, still)
+    f = puma560.PUBLISHED.copy()
+    assert "f1" not in seen.combinations
+    # What is said not to show does not: changing it leaves every torque of this motion as it was.
+    motion = still(np.linspace(0, 2, 50))
+    for name in seen.invisible:
+        changed = f.copy()
+        changed[dynamics.names.index(name)] += 1
+        for state in zip(*motion, strict=True):
+            np.testing.assert_allclose(dynamics.Y(*state).full() @ (changed - f), 0, atol=1e-12)
+    joined = [name for name in seen.combinations if " " in name]
+    assert joined
+    assert "not visible" in str(seen) or not seen.invisible
+    assert str(len(seen.combinations)) in str(seen)
+
+
+def test_combinations_are_what_the_torque_depends_on():
+    """The torque of the motion from the combinations alone."""
+    still = Harmonics(period=2.0, offset=(0.1, 0.3), cosine=((1.0, 0.5), (0, 0)), sine=((0.3, 0.1), (0, 0)))
+    dynamics, random = puma560.dynamics(), np.random.default_rng(0)
+    seen = visibility(dynamics, still)
+    rows = []
+    for name in seen.combinations:
+        own, *rest = name.split(" ")
+        row = np.zeros(9)
+        row[dynamics.names.index(own)] = 1.0
+        for factor, other in zip(rest[::2], rest[1::2], strict=True):
+            row[dynamics.names.index(other)] = float(factor)
+        rows.append(row)
+    rows = np.array(rows)
+    hidden = np.linalg.svd(rows)[2][len(rows) :]  # changes of f that leave all combinations alone
+    assert len(hidden) == 9 - len(rows)
+    for state in zip(*still(random.uniform(0, 2, 20)), strict=True):
+        np.testing.assert_allclose(dynamics.Y(*state).full() @ hidden.T, 0, atol=5e-3)  # four digits are printed
