@@ -14,6 +14,7 @@ from plant.base import visibility
 from plant.drive import Drive
 from plant.dynamics import Dynamics
 from plant.encoder import Encoder
+from plant.friction import FrictionCurve
 from plant.gains import p_gains
 from plant.law import Block, Law, Setpoint
 from plant.laws import P
@@ -32,7 +33,7 @@ check_siblings()
 __version__ = "0.1.0"
 
 __all__ = [
-    "Arm", "Block", "Body", "Chain", "Drive", "Dynamics", "Encoder", "Harmonics", "Law", "Link", "Lumping", "Motion",
-    "P", "Placement", "PointToPoint", "Record", "Reference", "Rig", "Setpoint", "Spline", "Table", "linearise",
-    "p_gains", "puma560", "simulate", "visibility",
+    "Arm", "Block", "Body", "Chain", "Drive", "Dynamics", "Encoder", "FrictionCurve", "Harmonics", "Law", "Link",
+    "Lumping", "Motion", "P", "Placement", "PointToPoint", "Record", "Reference", "Rig", "Setpoint", "Spline",
+    "Table", "linearise", "p_gains", "puma560", "simulate", "visibility",
 ]  # fmt: skip

@@ -10,7 +10,9 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from plant.part import Part, number, part
+from plant.check import instance
+from plant.friction import FrictionCurve
+from plant.part import Part, number, part, structure
 
 __all__ = ["Drive"]
 
@@ -33,6 +35,8 @@ class Drive(Part):
         K_i, motor torque per current [N m/A].
     current_limit : (n,) array_like
         Largest current of the amplifier [A]; may be infinite.
+    curve : FrictionCurve, optional
+        Offset (or unequal friction in the two directions) and Stribeck's excess at rest.
     """
 
     gear: np.ndarray = number(("n",))
@@ -41,6 +45,7 @@ class Drive(Part):
     coulomb: np.ndarray = number(("n",))
     motor_gain: np.ndarray = number(("n",))
     current_limit: np.ndarray = number(("n",), finite=False)
+    curve: FrictionCurve | None = structure(default=None)
 
     def __post_init__(self):
         super().__post_init__()
@@ -57,6 +62,13 @@ class Drive(Part):
                 value = getattr(self, name)[joint]
                 raise ValueError(
                     f"{name} must {rule}; got {value} at joint {joint}. Friction and gains are magnitudes."
+                )
+
+        if self.curve is not None:
+            instance("curve", self.curve, FrictionCurve, "Give FrictionCurve(offset=..., breakaway=..., speed=...).")
+            if len(self.curve.offset) != self.n:
+                raise ValueError(
+                    f"curve must have {self.n} joints like the drive; got {len(self.curve.offset)}. Give one per joint."
                 )
 
     @property
@@ -97,14 +109,19 @@ class Drive(Part):
         """Viscous friction b k^2 [N m s/rad], joint side."""
         return self.viscous * self.gear * self.gear
 
-    def joint_coulomb(self):
-        """Coulomb friction c abs(k) [N m], joint side."""
-        return self.coulomb * _magnitude(self.gear)
+    def joint_coulomb(self, qd=0.0):
+        """Level of dry friction c abs(k) [N m], joint side, at joint speeds qd [rad/s]; by default at rest."""
+        level = self.coulomb if self.curve is None else self.coulomb + self.curve.level(self.gear * qd)
+        return level * _magnitude(self.gear)
+
+    def joint_offset(self):
+        """Friction torque that does not turn with the motion [N m], joint side."""
+        return 0.0 if self.curve is None else self.gear * self.curve.offset
 
     def friction(self, qd):
         """Friction torque [N m] of a joint that slides at qd, joint side; zero Coulomb part at rest (feed-forward)."""
         sign = np.sign(qd) if isinstance(qd, np.ndarray) else ca.sign(qd)
-        return self.joint_viscous() * qd + self.joint_coulomb() * sign
+        return self.joint_viscous() * qd + self.joint_coulomb(qd) * sign + self.joint_offset()
 
     def reflected_inertia(self, motor_inertia=None):
         """Motor inertia as the joint feels it, Jm k^2 [kg m^2]; of this drive, or of another Jm in the same place."""

@@ -10,11 +10,48 @@ and sliding level.
 from __future__ import annotations
 
 import casadi as ca
+import numpy as np
 
-__all__ = ["REGULARISATION", "friction_impulse", "smooth_impulse"]
+from plant.part import Part, number, part
+
+__all__ = ["REGULARISATION", "FrictionCurve", "friction_impulse", "smooth_impulse"]
 
 REGULARISATION = 1e-3
 """Joint speed [rad/s] at which the smooth law, used for derivatives only, reaches tanh(1) of the Coulomb level."""
+
+
+@part
+class FrictionCurve(Part):
+    """What a constant Coulomb level leaves out: an offset, and more friction at rest than in motion. Motor side.
+
+    Parameters
+    ----------
+    offset : (n,) array_like
+        Torque against positive motion that stays when the motion turns [N m]. Coulomb friction that is c+ forwards and
+        c- backwards is ``coulomb = (c+ + c-) / 2`` with ``offset = (c+ - c-) / 2``.
+    breakaway : (n,) array_like
+        By how much the level at rest exceeds ``coulomb`` [N m].
+    speed : (n,) array_like
+        Motor speed at which that excess has fallen to 1/e [rad/s]: Stribeck's, level = coulomb + breakaway
+        exp(-(speed of the motor / speed)^2).
+    """
+
+    offset: np.ndarray = number(("n",))
+    breakaway: np.ndarray = number(("n",))
+    speed: np.ndarray = number(("n",))
+
+    def __post_init__(self):
+        super().__post_init__()
+        if (self.breakaway < 0).any() or (self.speed <= 0).any():
+            raise ValueError(
+                f"breakaway must not be negative and speed must be positive; got {self.breakaway} and {self.speed}. "
+                "Both are magnitudes."
+            )
+
+    def level(self, qd_m):
+        """What is added to the Coulomb level at these motor speeds [N m]."""
+        ratio = qd_m / self.speed
+        return self.breakaway * (np.exp(-(ratio**2)) if isinstance(ratio, np.ndarray) else ca.exp(-(ratio**2)))
 
 
 def friction_impulse(inverse, stopping, impulse, bound, sweeps):

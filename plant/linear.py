@@ -53,7 +53,7 @@ def linearise(arm, rig, law, pose):
     B = ca.jacobian(following[: 2 * n], pulses) / step
     values = loop.number_values(arm.f)
     for i, name in enumerate(loop.number_names):
-        if name.startswith("drive.coulomb"):
+        if name.startswith(("drive.coulomb", "drive.curve.breakaway")):
             values[i] = 0.0
     at_rest = loop.initial_state(pose, np.zeros(n))
     held = rig.position(pose) + _holding(arm, rig, loop, at_rest, values)

@@ -201,14 +201,14 @@ class ClosedLoop:
             torque, law_state, _ = self._asked(middle, h)
         viscous = rig.drive.joint_viscous()
         mobility = inverse(self.dynamics.D(middle, f) + ca.diag(h / 2 * viscous))
-        pushing = torque - self.dynamics.gravity(middle, f) - viscous * qd
+        pushing = torque - self.dynamics.gravity(middle, f) - viscous * qd - rig.drive.joint_offset()
 
         def left(at):
             return pushing - self.dynamics.coriolis(middle, at, f)
 
         own = mobility.own(left(qd + h / 2 * mobility.solve(left(qd))))  # torque on each joint, as if it were alone
         stopping = -(mobility.alone * qd + h * own)
-        bound = h * rig.drive.joint_coulomb()
+        bound = h * rig.drive.joint_coulomb(qd)
         if self.smooth:
             impulse = smooth_impulse(mobility, stopping, bound)
         else:

@@ -13,6 +13,7 @@ from plant import (
     Body,
     Chain,
     Encoder,
+    FrictionCurve,
     Link,
     Lumping,
     P,
@@ -37,6 +38,7 @@ EXAMPLES = {
     "Dynamics": puma560.dynamics(),
     "Arm": puma560.arm(),
     "Drive": puma560.rig().drive,
+    "FrictionCurve": FrictionCurve(offset=(0.1, -0.2), breakaway=(0.3, 0.0), speed=(5.0, 6.0)),
     "Encoder": Encoder(resolution=(800, 1000), smooth=True),
     "Rig": puma560.rig(),
     "P": puma560.p_law(),
@@ -168,7 +170,7 @@ def test_description_with_missing_or_unknown_fields_is_refused():
 MISSPELT = {
     "Link": "alhpa", "Chain": "gravitiy", "Body": "inertai", "Lumping": "matirx", "Dynamics": "range", "Arm": "ff",
     "Drive": "gaer", "Encoder": "smoth", "Rig": "priod", "P": "gian", "Harmonics": "cosin", "PointToPoint": "gaol",
-    "Spline": "point", "Table": "time", "Placement": "positon",
+    "Spline": "point", "Table": "time", "Placement": "positon", "FrictionCurve": "ofset",
 }  # fmt: skip
 
 
