@@ -111,9 +111,8 @@ def rewritten(nodes, outputs, *, free):
         if factors := product(y, kind):
             return added(x, sign, factors)
         node = new[y]
-        if node.op in _SIGNS and y not in often and node.kind == kind and (factors := product(node.of[2], kind)):
-            first, second = _SIGNS[node.op]
-            return added(added(x, sign * second, factors), sign * first, node.of[:2])
+        if node.op in ("FMA", "FNMA") and y not in often and (factors := product(node.of[2], kind)):
+            return added(added(x, sign, factors), sign if node.op == "FMA" else -sign, node.of[:2])
         if factors := product(x, kind):
             return add("FMA" if sign > 0 else "FMS", *factors, y)
         return add("ADD" if sign > 0 else "SUB", x, y)
@@ -142,10 +141,6 @@ def rewritten(nodes, outputs, *, free):
         if uses[index] > 1:
             often.add(place[index])
     return new, [place[index] for index in outputs]
-
-
-_SIGNS = {"FMA": (1, 1), "FNMA": (-1, 1), "FMS": (1, -1)}
-"""Signs of the product and of what is added to it."""
 
 
 def _by_reciprocal(divisions, divisor, kind, free):

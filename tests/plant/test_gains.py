@@ -44,6 +44,6 @@ def test_an_error_too_small_for_the_sub_steps_is_said():
 
 
 def test_a_joint_that_is_not_needed_gets_a_gain_too():
-    """The motion of one joint, held level by nothing: the other still needs to stay where it is."""
-    law = p_gains(ARM, dataclasses.replace(RIG), PointToPoint(start=(0.0, 0.0), goal=(0.0, 0.4), duration=1.0), 12)
+    """One joint moves, the other has to stay where it is."""
+    law = p_gains(ARM, RIG, PointToPoint(start=(0.0, 0.0), goal=(0.0, 0.4), duration=1.0), 12)
     assert (law.gain > 0).all()

@@ -251,6 +251,9 @@ def test_products_are_fused_with_the_sum_that_alone_needs_them():
     assert texts(a * b - c, *x, free=True) == ["e.fms(a0, b0, c0)"]
     assert texts(2 * a - c, *x, free=True) == ["e.fms(a0, 2.0, c0)"]
     assert texts(a * a + c, *x, free=True) == ["e.fma(a0, a0, c0)"]
+    first = "e.fnma(a0, b0, c0)"  # c - (a b + a c) is c - a b - a c
+    assert texts(c - (a * b + a * c), *x, free=True) == [first, "e.fnma(a0, c0, v1)"]
+    assert texts(c - (a * b - a * c), *x, free=True) == [first, "e.fma(a0, c0, v1)"]
     product = a * b
     twice = texts(ca.vertcat(product + c, product), *x, free=True)
     assert twice == ["e.mul(a0, b0)", "e.add(v1, c0)"]  # the product is needed for itself too

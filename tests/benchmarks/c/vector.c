@@ -48,6 +48,8 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "experiment.h"
 #ifdef __AVX2__
 #include <immintrin.h>
 #endif
@@ -65,19 +67,6 @@
 
 typedef double vec __attribute__((vector_size(8 * LANES)));
 typedef int64_t ivec __attribute__((vector_size(8 * LANES)));
-
-struct experiment {
-    double h;                /* length of a step [s] */
-    double gravity;          /* [m/s^2] */
-    double gear[2];          /* motor turns per joint turn, signed */
-    double viscous[2];       /* [N m s/rad], motor side */
-    double coulomb[2];       /* [N m], motor side */
-    double motor_gain[2];    /* [N m/A] */
-    double current_limit[2]; /* [A] */
-    double resolution[2];    /* pulses per motor turn */
-    double gain[2];          /* of the P law, motor torque per pulse [N m] */
-    double q[2], qd[2];      /* start [rad, rad/s] */
-};
 
 /* What all individuals share; constants too, for literals are read from memory wherever they are used, while these can
  * stay in registers through the loop over time. */
