@@ -67,8 +67,8 @@ class Evaluation:
 
     @property
     def saturation(self):
-        limit = self.record.rig.drive.torque_limit()
-        return (np.abs(self.record.torque) >= limit * (1 - 1e-12)).mean(axis=0)
+        limit = self.record.rig.drive.current_limit
+        return (np.abs(self.record.current) >= limit * (1 - 1e-12)).mean(axis=0)
 
     def fraction_within(self, k):
         """Share of the samples at which every joint's encoder error is within +-k pulses."""

@@ -1,16 +1,18 @@
 """The plant: a geared arm, its drives and encoders, control laws, and the simulator that joins them.
 
-Reading order: `links`, `placement`, `urdf` (geometry) -> `dynamics` (one torque, D, h, C and Y read off it) with
-`lumping` (what f means) and `base` (which f a chain has) -> `arm` (dynamics + f) -> `drive`, `friction`, `encoder`,
-`rig` -> `reference`, `law`, `laws`, `running` (a law in a control script) -> `loop` (the symbolic closed loop) ->
-`rewrite`, `translate`, `pieces`, `elementary`, `source`, `kernel`, `compile` (the same loop as machine code) ->
-`tables`, `simulator`, `referee` (the loop by casadi), `record`; `linear` (the loop linearised), `gains` (P for any
-arm), `inertia` (can this be an arm?), `puma560` (the paper's example) and `arms` (others).
+Reading order: `links`, `body`, `placement`, `urdf` (geometry) -> `dynamics` (one torque, D, h, C and Y read off it)
+with `lumping` (what f means) and `base` (which f a chain has) -> `arm` (dynamics + f) -> `drive`, `coupling`,
+`friction`, `encoder`, `rig` -> `reference`, `law`, `laws`, `running` (a law in a control script) -> `loop` (the
+symbolic closed loop) -> `rewrite`, `translate`, `pieces`, `elementary`, `source`, `kernel`, `compile` (the same loop
+as machine code) -> `tables`, `simulator`, `referee` (the loop by casadi), `record`; `linear` (the loop linearised),
+`gains` (P for any arm), `inertia` (can this be an arm?), `puma560` (the paper's example) and `arms` (others).
 """
 
 from plant import puma560
 from plant.arm import Arm
 from plant.base import visibility
+from plant.body import Body
+from plant.coupling import Coupling
 from plant.drive import Drive
 from plant.dynamics import Dynamics
 from plant.encoder import Encoder
@@ -19,7 +21,7 @@ from plant.gains import p_gains
 from plant.law import Block, Law, Setpoint
 from plant.laws import P
 from plant.linear import linearise
-from plant.links import Body, Chain, Link
+from plant.links import Chain, Link
 from plant.lumping import Lumping
 from plant.placement import Placement
 from plant.record import Record
@@ -33,7 +35,7 @@ check_siblings()
 __version__ = "0.1.0"
 
 __all__ = [
-    "Arm", "Block", "Body", "Chain", "Drive", "Dynamics", "Encoder", "FrictionCurve", "Harmonics", "Law", "Link",
-    "Lumping", "Motion", "P", "Placement", "PointToPoint", "Record", "Reference", "Rig", "Setpoint", "Spline",
+    "Arm", "Block", "Body", "Chain", "Coupling", "Drive", "Dynamics", "Encoder", "FrictionCurve", "Harmonics", "Law",
+    "Link", "Lumping", "Motion", "P", "Placement", "PointToPoint", "Record", "Reference", "Rig", "Setpoint", "Spline",
     "Table", "linearise", "p_gains", "puma560", "simulate", "visibility",
 ]  # fmt: skip

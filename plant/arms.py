@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from plant.body import Body
 from plant.drive import Drive
 from plant.encoder import Encoder
-from plant.links import Body, Chain, Link
+from plant.links import Chain, Link
 from plant.rig import Rig
 
 __all__ = ["planar", "puma560", "puma560_rig", "tx40"]

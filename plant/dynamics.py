@@ -13,9 +13,10 @@ import casadi as ca
 import numpy as np
 
 from plant.arm import Arm
+from plant.body import Body
 from plant.check import array, instance
 from plant.checked import CheckedFunction
-from plant.links import Body, Chain
+from plant.links import Chain
 from plant.lumping import STANDARD, Lumping, standard_parameters
 from plant.part import Part, part, structure
 
@@ -58,15 +59,15 @@ def torque(chain, q, qd, qdd, pi, gravity):
             w += axis * qd[i]
         forces.append(m * acceleration + ca.cross(wd, mc) + ca.cross(w, ca.cross(w, mc)))
         moments.append(inertia @ wd + ca.cross(w, inertia @ w) + ca.cross(mc, acceleration))
-    tau = ca.SX(chain.n, 1)
+    tau, rotors = ca.SX(chain.n, 1), ca.SX(chain.n, 1)
     force, moment = ca.SX(3, 1), ca.SX(3, 1)
     for i in reversed(range(chain.n)):
         force, moment = force + forces[i], moment + moments[i]
-        *_, rotor = _standard(pi, i)
-        tau[i] = (force if chain.links[i].prismatic else moment)[2] + rotor * qdd[i]
+        *_, rotors[i] = _standard(pi, i)
+        tau[i] = (force if chain.links[i].prismatic else moment)[2]
         rotation, origin = frames[i]
         force, moment = rotation @ force, rotation @ moment + ca.cross(origin, rotation @ force)
-    return tau
+    return tau + chain.coupling.joint_torque(rotors * chain.coupling.shaft(qdd))
 
 
 def _standard(pi, i):

@@ -47,9 +47,12 @@ class Encoder(Part):
         """Whole pulses of a position in pulses; the position itself if the encoder is smooth."""
         return position if self.smooth else fix(position)
 
+    def turned(self, position):
+        """Motor angle [rad] of a position in pulses; the way back from `position`."""
+        return position * (2 * np.pi / self.resolution)
+
     def angle(self, pulses):
         """Motor angle [rad] in the middle of the cell that these counts stand for."""
         if self.smooth:
-            return pulses * (2 * np.pi / self.resolution)
-        half = 0.5 * (ca.sign(pulses) if isinstance(pulses, ca.SX) else np.sign(pulses))
-        return (pulses + half) * (2 * np.pi / self.resolution)
+            return self.turned(pulses)
+        return self.turned(pulses + 0.5 * (ca.sign(pulses) if isinstance(pulses, ca.SX) else np.sign(pulses)))

@@ -48,15 +48,15 @@ def p_gains(arm, rig, reference, peak, *, poses=8):
         raise ValueError(f"peak must be at least 1 pulse; got {peak.min()}. P control needs an error to act on.")
     motion = reference(np.linspace(0, reference.duration, 400))
     torque = np.array([arm.inverse(*state) for state in zip(*motion, strict=True)])
-    torque = np.abs(torque + rig.drive.friction(motion.qd)).max(axis=0)
-    limit = rig.drive.torque_limit()
+    torque = np.abs(rig.drive.motor_torque(torque + rig.drive.friction(motion.qd))).max(axis=0)
+    limit = rig.drive.motor_gain * rig.drive.current_limit
     if (torque > limit).any():
         joint = int(np.argmax(torque / limit))
         raise ValueError(
-            f"the amplifier must be able to drive the motion; joint {joint} needs {torque[joint]:.3g} N m and has "
+            f"the amplifier must be able to drive the motion; motor {joint} needs {torque[joint]:.3g} N m and has "
             f"{limit[joint]:.3g}. Slow the reference down."
         )
-    gain = np.maximum(torque, 1e-3 * torque.max()) / (peak * np.abs(rig.drive.gear))
+    gain = np.maximum(torque, 1e-3 * torque.max()) / peak
     for _ in range(_ROUNDS):
         law = P(gain=gain)
         reached = np.abs(simulate(arm, rig, law, reference).error_pulses).max(axis=0)

@@ -2,7 +2,7 @@
 
 A candidate for f may track well and still have a D that is nearly singular somewhere off the path; no computed torque
 built on it is stable. So D(q) - diag(Jm_min k^2) has to be positive semidefinite for all q, with Jm_min the smallest
-inertia that such a motor can have.
+inertia that such a motor can have (of coupled motors: on their shafts, D seen from there).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def least_inertia_margin(dynamics, rig, f):
         Negative where the matrix is indefinite somewhere [kg m^2].
     """
     f = np.asarray(f, dtype=float)
-    kernel, poses = _smallest_pivot(dynamics)
+    kernel, poses = _smallest_pivot(dynamics, rig.drive.coupling)
     least = rig.drive.reflected_inertia(LEAST_MOTOR_INERTIA * rig.drive.motor_inertia)
     candidates = np.vstack([np.repeat(least[:, None], len(f), axis=1), f.T])
     margins, at_once = np.empty(len(f)), max(1, _COLUMNS // poses.shape[1])
@@ -62,6 +62,7 @@ def require_inertia(arm, rig):
     ------
     ValueError
     """
+    rig.require_fit(arm.dynamics.chain)
     margin = least_inertia_margin(arm.dynamics, rig, arm.f[None])[0]
     if not margin >= 0:
         raise ValueError(
@@ -72,11 +73,11 @@ def require_inertia(arm, rig):
 
 
 @functools.lru_cache(maxsize=32)
-def _smallest_pivot(dynamics):
+def _smallest_pivot(dynamics, coupling):
     """Compiled (q, least, f) -> smallest pivot, and the poses to look at."""
     n = dynamics.n
     q, least, f = ca.SX.sym("q", n), ca.SX.sym("least", n), ca.SX.sym("f", dynamics.p)
-    found = pivots(dynamics.D(q, f) - ca.diag(least))
+    found = pivots(coupling.shaft_inertia(dynamics.D(q, f)) - ca.diag(least))
     # A pivot after one that is not positive means nothing, so the first bad one decides.
     smallest = found[n - 1]
     for i in reversed(range(n - 1)):

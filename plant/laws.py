@@ -34,4 +34,4 @@ class P(Law):
 
     def equations(self, rig, state, setpoint, pulses, torque, dt):
         """Tau = k P (reference pulses - pulses)."""
-        return rig.drive.joint_torque(self.gain) * (setpoint.pulses - pulses), state
+        return rig.drive.joint_torque(self.gain, setpoint.pulses - pulses), state

@@ -60,7 +60,7 @@ def linearise(arm, rig, law, pose):
     row = np.concatenate([pose, np.zeros(2 * n), held, [step]])
     function = ca.Function("linear", [state, time, numbers], [A, B])
     A, B = (matrix.full() for matrix in function(at_rest, row, values))
-    C = -np.hstack([np.diag(rig.position(np.ones(n))), np.zeros((n, n))])
+    C = -np.hstack([rig.position(np.eye(n)).T, np.zeros((n, n))])
     return control.StateSpace(
         A, B, C, np.eye(n),
         states=[f"q[{i}]" for i in range(n)] + [f"qd[{i}]" for i in range(n)],

@@ -71,10 +71,7 @@ class ClosedLoop:
                 raise ValueError(
                     f"{name} must be a whole number of at least 1; got {value!r}. The defaults are 4 and 3."
                 )
-        if self.rig.n != self.dynamics.n:
-            raise ValueError(
-                f"rig must have {self.dynamics.n} joints like the arm; got {self.rig.n}. Use a matching rig."
-            )
+        self.rig.require_fit(self.dynamics.chain)
         if self.smooth and not self.rig.encoder.smooth:
             encoder = dataclasses.replace(self.rig.encoder, smooth=True)
             object.__setattr__(self, "rig", dataclasses.replace(self.rig, encoder=encoder))
@@ -199,21 +196,24 @@ class ClosedLoop:
         middle = q + h / 2 * qd
         if not self.steps_per_law:
             torque, law_state, _ = self._asked(middle, h)
-        viscous = rig.drive.joint_viscous()
-        mobility = inverse(self.dynamics.D(middle, f) + ca.diag(h / 2 * viscous))
-        pushing = torque - self.dynamics.gravity(middle, f) - viscous * qd - rig.drive.joint_offset()
+        # What follows is on the motors' shafts, where friction acts; without coupling they are the joints.
+        coupling, viscous = rig.drive.coupling, rig.drive.joint_viscous()
+        speed = coupling.shaft(qd)
+        mobility = inverse(coupling.shaft_inertia(self.dynamics.D(middle, f)) + ca.diag(h / 2 * viscous))
+        pushing = coupling.shaft_torque(torque - self.dynamics.gravity(middle, f))
+        pushing = pushing - viscous * speed - rig.drive.joint_offset()
 
         def left(at):
-            return pushing - self.dynamics.coriolis(middle, at, f)
+            return pushing - coupling.shaft_torque(self.dynamics.coriolis(middle, coupling.joint(at), f))
 
-        own = mobility.own(left(qd + h / 2 * mobility.solve(left(qd))))  # torque on each joint, as if it were alone
-        stopping = -(mobility.alone * qd + h * own)
-        bound = h * rig.drive.joint_coulomb(qd)
+        own = mobility.own(left(speed + h / 2 * mobility.solve(left(speed))))  # torque on each, as if it were alone
+        stopping = -(mobility.alone * speed + h * own)
+        bound = h * rig.drive.joint_coulomb(speed)
         if self.smooth:
             impulse = smooth_impulse(mobility, stopping, bound)
         else:
             impulse = friction_impulse(mobility, stopping, impulse, bound, self.sweeps)
-        following = qd + mobility.diagonal * (h * own + mobility.own(impulse))
+        following = coupling.joint(speed + mobility.diagonal * (h * own + mobility.own(impulse)))
         ok = _if(functools.reduce(ca.fmin, mobility.minors) > 0, status[1])
         error = rig.position(motion[0]) - rig.position(middle)
         return self._function(

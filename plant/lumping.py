@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import qr
 
-from plant.links import parallel_axis
+from plant.body import parallel_axis
 from plant.part import Part, part, structure
 
 __all__ = ["STANDARD", "Lumping", "standard_parameters"]

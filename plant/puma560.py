@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from plant.body import Body
 from plant.drive import Drive
 from plant.dynamics import Dynamics
 from plant.encoder import Encoder
 from plant.laws import P
-from plant.links import Body, Chain, Link
+from plant.links import Chain, Link
 from plant.lumping import Lumping
 from plant.reference import Harmonics
 from plant.rig import Rig

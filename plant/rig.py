@@ -39,13 +39,28 @@ class Rig(Part):
         """Number of joints."""
         return self.drive.n
 
+    def require_fit(self, chain):
+        """Refuse a chain of other joints, or with another coupling of its motors.
+
+        Raises
+        ------
+        ValueError
+        """
+        if self.n != chain.n:
+            raise ValueError(f"rig must have {chain.n} joints like the arm; got {self.n}. Use a matching rig.")
+        if self.drive.coupling != chain.coupling:
+            raise ValueError(
+                f"the drive must have the coupling of the chain, {chain.coupling.matrix}; got "
+                f"{self.drive.coupling.matrix}. Give both the same Coupling (chain.coupled(coupling))."
+            )
+
     def pulses(self, q):
         """Encoder counts at a joint position [rad], whole numbers with the motor's sign."""
         return self.encoder.count(self.position(q))
 
     def position(self, q):
         """Joint position [rad] in pulses of the motor shaft, before rounding."""
-        return self.encoder.position(self.drive.motor_angle(1.0)) * q  # pulses per radian of the joint, times q
+        return self.encoder.position(self.drive.gear) * self.drive.coupling.shaft(q)  # pulses per radian, times angle
 
     def angle(self, pulses):
         """Joint position [rad] in the middle of the cell that these counts stand for."""

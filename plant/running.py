@@ -78,8 +78,7 @@ class Running:
         y = self._kernel(x)[:, 0]
         if not np.isfinite(y).all():
             raise ValueError(f"the law must give finite torques; got {y[:n]} at pulses {pulses}. Check its numbers.")
-        limit = self.rig.drive.torque_limit()
-        self.pulses, self.torque, self.state = pulses, np.clip(y[:n], -limit, limit), y[n:]
+        self.pulses, self.torque, self.state = pulses, self.rig.drive.limited(y[:n]), y[n:]
         return self.torque.copy()
 
     def _counts(self, pulses):

@@ -38,20 +38,23 @@ class Logged:
 
     def __init__(self, reference_pulses, rig):
         self.pulses, self.rig = reference_pulses, rig
-        self.turn = rig.drive.joint_angle(2 * np.pi / rig.encoder.resolution)  # joint angle per pulse [rad]
 
     def __call__(self, t):
         place = np.asarray(t) / self.rig.period
-        row = np.clip(np.floor(place + 1e-9).astype(int), 0, len(self.pulses) - 1)
+        place = np.where(np.abs(place - np.round(place)) < 1e-9, np.round(place), place)
+        row = np.clip(np.floor(place).astype(int), 0, len(self.pulses) - 1)
         following = np.minimum(row + 1, len(self.pulses) - 1)
         step = self.pulses[following] - self.pulses[row]
         pulses = self.pulses[row] + step * np.maximum(place - row, 0)[:, None]
-        motion = Motion(pulses * self.turn, step / self.rig.period * self.turn, np.zeros_like(pulses))
+        motion = Motion(self._angle(pulses), self._angle(step / self.rig.period), np.zeros_like(pulses))
         return motion, pulses if self.rig.encoder.smooth else fix(pulses)
 
     def start(self):
         """Position at t = 0, at rest: two counts say nothing of a velocity."""
-        return self.pulses[0] * self.turn, np.zeros(len(self.turn))
+        return self._angle(self.pulses[0]), np.zeros(self.rig.n)
+
+    def _angle(self, pulses):
+        return self.rig.drive.joint_angle(self.rig.encoder.turned(pulses))
 
 
 def path_of(record):
@@ -85,7 +88,8 @@ def start_of(record, path):
         return record.initial
     q, qd = path.start()
     counted = record.rig.angle(record.reference_pulses[0] - record.error_pulses[0])
-    return np.where(np.abs(record.error_pulses[0]) >= 1, counted, q), qd
+    coupling = record.rig.drive.coupling
+    return coupling.joint(np.where(np.abs(record.error_pulses[0]) >= 1, *map(coupling.shaft, (counted, q)))), qd
 
 
 def time_tables(loop, path, samples):

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from plant.body import Body
 from plant.check import choice
-from plant.links import Body, Chain, Link
+from plant.links import Chain, Link
 from plant.placement import Placement
 
 __all__ = ["chain_from_urdf"]

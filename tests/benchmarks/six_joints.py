@@ -26,9 +26,10 @@ from pinocchio_arm import inertia_matrix, pinocchio_model, placement
 
 from identification.objective import squared_error
 from plant import P
+from plant.body import Body
 from plant.dynamics import Dynamics
 from plant.kernel import LANES, LoopKernel
-from plant.links import Body, Chain, Link
+from plant.links import Chain, Link
 from plant.loop import ClosedLoop
 from plant.lumping import Lumping
 

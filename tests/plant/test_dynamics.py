@@ -17,8 +17,9 @@ from hypothesis import strategies as st
 from lagrange import lagrange
 
 from plant import puma560
+from plant.body import Body
 from plant.dynamics import Dynamics
-from plant.links import Body, Chain, Link
+from plant.links import Chain, Link
 from plant.lumping import Lumping
 
 ROUNDING = 1e-12

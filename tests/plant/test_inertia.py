@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_dynamics import random_arm
 
-from plant import puma560
+from plant import Coupling, puma560
 from plant.inertia import LEAST_MOTOR_INERTIA, least_inertia_margin, require_inertia
 
 DYNAMICS, RIG = puma560.dynamics(), puma560.rig()
@@ -78,7 +78,7 @@ def test_three_joints_are_looked_at_all_over():
 
     class Unloaded:
         class drive:
-            motor_inertia = np.zeros(3)
+            motor_inertia, coupling = np.zeros(3), Coupling()
 
             @staticmethod
             def reflected_inertia(jm):

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from plant import (
     Body,
     Chain,
+    Coupling,
     Encoder,
     FrictionCurve,
     Link,
@@ -39,6 +40,7 @@ EXAMPLES = {
     "Arm": puma560.arm(),
     "Drive": puma560.rig().drive,
     "FrictionCurve": FrictionCurve(offset=(0.1, -0.2), breakaway=(0.3, 0.0), speed=(5.0, 6.0)),
+    "Coupling": Coupling(matrix=((1, 0), (0.5, -1))),
     "Encoder": Encoder(resolution=(800, 1000), smooth=True),
     "Rig": puma560.rig(),
     "P": puma560.p_law(),
