@@ -1,7 +1,8 @@
 """Identification: from records of pulses to the arm's parameters f.
 
 Reading order: `objective` (equation (4) of a whole population) -> `ranges` (where to search, 3.6) -> `genetic` (the
-genetic algorithm, 3.7) -> `identify` (the procedure of 3.2) -> `spread` (how much the result varies, 4.2).
+genetic algorithm, 3.7) -> `identify` (the procedure of 3.2) -> `spread` (how much the result varies, 4.2);
+`equation_error` (least squares on logged torques).
 """
 
 from importlib.util import find_spec
@@ -14,6 +15,7 @@ if _found is None or _found.origin is None or Path(_found.origin).resolve().pare
         f"{_found.origin if _found else 'nowhere'}. Uninstall the other distribution, or put {_home} first."
     )
 
+from identification.equation_error import TorqueFit, derivatives, fit_torque, low_pass  # noqa: E402
 from identification.genetic import GeneticResult, GeneticSettings, minimize_genetic  # noqa: E402
 from identification.identify import Identification, identify  # noqa: E402
 from identification.objective import Objective  # noqa: E402
@@ -25,6 +27,6 @@ from plant.check import known_options  # noqa: E402
 known_options(GeneticSettings)
 
 __all__ = [
-    "GeneticResult", "GeneticSettings", "Identification", "Interval", "LinkSize", "Objective", "Spread", "identify",
-    "minimize_genetic", "puma560_ranges", "ranges", "spread",
+    "GeneticResult", "GeneticSettings", "Identification", "Interval", "LinkSize", "Objective", "Spread", "TorqueFit",
+    "derivatives", "fit_torque", "identify", "low_pass", "minimize_genetic", "puma560_ranges", "ranges", "spread",
 ]  # fmt: skip

@@ -1,16 +1,18 @@
-"""Arms to start from: the whole PUMA 560, a planar chain of any length, and the geometry of the Staubli TX40."""
+"""Arms to start from: the whole PUMA 560, a planar chain of any length, and geometry and gears of the Staubli TX40."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from plant.body import Body
+from plant.coupling import Coupling
 from plant.drive import Drive
 from plant.encoder import Encoder
+from plant.friction import FrictionCurve
 from plant.links import Chain, Link
 from plant.rig import Rig
 
-__all__ = ["planar", "puma560", "puma560_rig", "tx40"]
+__all__ = ["planar", "puma560", "puma560_rig", "tx40", "tx40_rig"]
 
 _QUARTER_TURN = np.pi / 2
 
@@ -87,7 +89,8 @@ def planar(n, *, length=0.4, mass=2.0, rotor=0.05):
 def tx40():
     """Geometry of the Staubli TX40, modified Denavit-Hartenberg rows, base flange down; without bodies.
 
-    The published model has the frame of joint 6 turned by half a turn about its own y axis.
+    Motor 6 turns with joint 5 as well. Frame 6 is turned by half a turn about its axis, which gives the first moments
+    and products of inertia of link 6 the signs of the published ones.
 
     Source: example staubli_TX40 of figaroh-plus (Apache-2.0), commit c3b5172.
     """
@@ -97,6 +100,26 @@ def tx40():
         (0.0, 0.225, 0.035),
         (_QUARTER_TURN, 0.0, 0.225),
         (-_QUARTER_TURN, 0.0, 0.0),
-        (_QUARTER_TURN, 0.0, 0.0),
+        (_QUARTER_TURN, 0.0, 0.0, np.pi),
     )
-    return Chain(links=tuple(Link(name=str(i + 1), alpha=r[0], a=r[1], d=r[2]) for i, r in enumerate(rows)))
+    keys = ("alpha", "a", "d", "theta")
+    links = tuple(Link(name=str(i + 1), **dict(zip(keys, row, strict=False))) for i, row in enumerate(rows))
+    return Chain(links=links, coupling=_TX40_WRIST)
+
+
+_TX40_WRIST = Coupling(matrix=np.eye(6) + np.eye(6)[5][:, None] * np.eye(6)[4])
+
+
+def tx40_rig(period=0.2e-3):
+    """Its gears, motor = R q, without friction, motor inertia or limits: those are to be found.
+
+    The published log holds motor angles, so a pulse of this rig is one radian of the motor, not rounded.
+
+    Source: as for `tx40`.
+    """
+    drive = Drive(
+        gear=(32, 32, 45, -48, 45, 32), motor_inertia=(0,) * 6, viscous=(0,) * 6, coulomb=(0,) * 6,
+        motor_gain=(1,) * 6, current_limit=(np.inf,) * 6, coupling=_TX40_WRIST,
+        curve=FrictionCurve(offset=(0,) * 6, breakaway=(0,) * 6, speed=(1,) * 6),
+    )  # fmt: skip
+    return Rig(drive=drive, encoder=Encoder(resolution=(2 * np.pi,) * 6, smooth=True), period=period)

@@ -172,7 +172,7 @@ def test_description_with_missing_or_unknown_fields_is_refused():
 MISSPELT = {
     "Link": "alhpa", "Chain": "gravitiy", "Body": "inertai", "Lumping": "matirx", "Dynamics": "range", "Arm": "ff",
     "Drive": "gaer", "Encoder": "smoth", "Rig": "priod", "P": "gian", "Harmonics": "cosin", "PointToPoint": "gaol",
-    "Spline": "point", "Table": "time", "Placement": "positon", "FrictionCurve": "ofset",
+    "Spline": "point", "Table": "time", "Placement": "positon", "FrictionCurve": "ofset", "Coupling": "matirx",
 }  # fmt: skip
 
 

@@ -1,0 +1,266 @@
+"""Equation error: the torque that the motors gave against the torque that the model asks for, by least squares.
+
+tau = Y(q, qd, qdd) f + friction(qd) is linear in f and in the linear numbers of the drive (`drive.viscous[0]`,
+`drive.coulomb[0]`, `drive.curve.offset[0]`), so one weighted least-squares fit finds them all. Velocity and
+acceleration come from positions alone: low-passed without phase (forwards and backwards), then central differences.
+Both sides of the equation then pass the same zero-phase filter (its band is where they are compared), and every k-th
+row is kept, counted from the first sample.
+
+Source: M. Gautier, Dynamic identification of robots with power model, ICRA 1997 (parallel filtering and decimation).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import casadi as ca
+import numpy as np
+
+from plant import Dynamics, Motion, Rig
+from plant.check import array, choice, instance, known_options, real
+
+__all__ = ["TorqueFit", "derivatives", "fit_torque", "low_pass"]
+
+_ORDER = 4
+"""Of the Butterworth low-pass; run forwards and backwards it has no phase, and the attenuation of twice the order."""
+
+_DEPENDENT = 1e-9
+"""A column of which less than this is its own is a combination of the others."""
+
+_AT_ONCE = 4096
+"""Samples whose regressors are worked out in one go."""
+
+
+def low_pass(x, period, cutoff):
+    """Zero-phase low-pass of the columns of x (N, ...), sampled every `period` [s]; `cutoff` in Hz.
+
+    Raises
+    ------
+    ValueError
+        A cutoff that is not below half of the sample rate, or fewer samples than the filter needs.
+    """
+    from scipy.signal import butter, sosfiltfilt  # a third of a second that the genetic algorithm does not need
+
+    cutoff = real("cutoff", cutoff, "Give Hz.", positive=True)
+    if not 2 * cutoff * period < 1:
+        raise ValueError(
+            f"cutoff must be below half of the sample rate, {0.5 / period:.4g} Hz; got {cutoff:g}. Lower it."
+        )
+    if len(x) <= 6 * _ORDER:
+        raise ValueError(f"a log must have more than {6 * _ORDER} samples to be filtered; got {len(x)}. Log longer.")
+    return sosfiltfilt(butter(_ORDER, 2 * cutoff * period, output="sos"), x, axis=0)
+
+
+def derivatives(q, period, cutoff):
+    """Motion from positions (N, n) [rad], sampled every `period` [s]: low-passed, then central differences.
+
+    Returns
+    -------
+    Motion
+        q, qd, qdd, each (N, n).
+    """
+    q = low_pass(q, period, cutoff)
+    qd = np.gradient(q, period, axis=0)
+    return Motion(q, qd, np.gradient(qd, period, axis=0))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class TorqueFit:
+    """What a fit of the torque found.
+
+    Attributes
+    ----------
+    names : tuple of str
+    values : (k,) numpy.ndarray
+    covariance : (k, k) numpy.ndarray
+        Of the values, from the scatter of each joint's residual, taken as white after decimation.
+    sigma : (n,) numpy.ndarray
+        Standard deviation of each joint's residual [N m]; the weights of the fit are 1 / sigma.
+    relative_error : float
+        Length of the residual over length of the torque, all rows that were used.
+    rows : int
+        Equations that were used.
+    condition : float
+        Condition number of the weighted columns, scaled to one length.
+    """
+
+    names: tuple
+    values: np.ndarray
+    covariance: np.ndarray
+    sigma: np.ndarray
+    relative_error: float
+    rows: int
+    condition: float
+
+    @property
+    def std(self):
+        """Standard deviations (k,) of the values."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def __getitem__(self, name):
+        """Value of one name."""
+        return self.values[self.names.index(choice("a name of this fit", name, self.names))]
+
+    def __str__(self):
+        width = max(map(len, self.names))
+        lines = [
+            f"{name:<{width}} {value:12.5g} +- {std:.2g}"
+            for name, value, std in zip(self.names, self.values, self.std, strict=True)
+        ]
+        end = f"{self.rows} equations, relative torque error {self.relative_error:.2%}, condition {self.condition:.0f}"
+        return "\n".join([*lines, end])
+
+
+@known_options
+def fit_torque(dynamics, q, torque, *, rig, cutoff, band, every=1, unknown=None, least_speed=0.0, extra=None):
+    """Fit f, and linear numbers of the drive, to logged positions and torques.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+    q : (N, n) array_like
+        Joint positions [rad], one row per period of the rig.
+    torque : (N, n) array_like
+        What the motors gave, joint side [N m] (``rig.drive.joint_torque``).
+    rig : Rig
+        Its friction is part of the equation: what is unknown of it is found, the rest is taken as given.
+    cutoff : float
+        Of the low-pass before differentiation [Hz].
+    band : float
+        Of the low-pass through which both sides are compared [Hz].
+    every : int
+        One row out of so many is used; below the rate of twice the band, rows say little new.
+    unknown : sequence of str, optional
+        All names of f, and any of ``drive.viscous[i]``, ``drive.coulomb[i]``, ``drive.curve.offset[i]``; by default f.
+    least_speed : float or (n,) array_like
+        Joint speed [rad/s] below which a joint's equation is left out: there the sign of its friction is uncertain.
+    extra : dict of str to callable, optional
+        Further columns: (q, qd, qdd), each (N, n), to the torque (N, n) per unit of the name.
+
+    Returns
+    -------
+    TorqueFit
+
+    Raises
+    ------
+    ValueError
+        Bad input, a number that does not enter linearly, or columns that this motion cannot tell apart (with names).
+    """
+    instance("dynamics", dynamics, Dynamics, "Pass the equations with f open.")
+    rig = instance("rig", rig, Rig, "Pass the rig of the log.")
+    rig.require_fit(dynamics.chain)
+    q = array("q", q, ("N", dynamics.n), advice="Give one row per sample, one column per joint [rad].")
+    torque = array("torque", torque, q.shape, advice="Give one row per sample, one column per joint [N m].")
+    slowest = np.full(dynamics.n, least_speed) if np.ndim(least_speed) == 0 else least_speed
+    slowest = array("least_speed", slowest, (dynamics.n,), advice="Give one speed, or one per joint [rad/s].")
+    if not isinstance(every, (int, np.integer)) or isinstance(every, bool) or every < 1:
+        raise ValueError(f"every must be a whole number of at least 1; got {every!r}. 1 uses every row.")
+    unknown, extra = tuple(dynamics.names if unknown is None else unknown), dict(extra or {})
+    motion = derivatives(q, rig.period, cutoff)
+    slopes, given = _columns(dynamics, rig, unknown, motion)
+    more = [array(name, column(*motion), q.shape, advice="Give (N, n).") for name, column in extra.items()]
+    sides = [torque - given, *np.moveaxis(slopes, 2, 0), *more]
+    margin = int(np.ceil(1 / (min(cutoff, band) * rig.period)))  # where the filters still feel the ends of the log
+    rows = slice(-(-margin // every) * every, len(q) - margin, every)
+    wanted, *columns = (low_pass(side, rig.period, band)[rows] for side in sides)
+    used = (np.abs(low_pass(motion.qd, rig.period, band)[rows]) > slowest) | (slowest == 0)
+    names = (*unknown, *extra)
+    if used.sum() <= len(names):
+        raise ValueError(
+            f"a fit of {len(names)} numbers needs more equations; {used.sum()} are left. Lower least_speed or every."
+        )
+    return _weighted(names, wanted, np.stack(columns, axis=-1), used)
+
+
+def _columns(dynamics, rig, unknown, motion):
+    """Torque per unit of each unknown (N, n, k), and the torque of what is known (N, n)."""
+    names, function = _balance(dynamics, rig, unknown)
+    values = np.concatenate([np.zeros(dynamics.p), rig.number_values()])
+    values[[names.index(name) for name in unknown]] = 0.0
+    n, k = dynamics.n, len(unknown)
+    slopes, given = np.empty((len(motion.q), n, k)), np.empty((len(motion.q), n))
+    for start in range(0, len(given), _AT_ONCE):
+        some = slice(start, start + _AT_ONCE)
+        slope, rest = function.map(len(given[some]))(*(part[some].T for part in motion), values)
+        slopes[some] = slope.full().reshape(n, -1, k).transpose(1, 0, 2)
+        given[some] = rest.full().T
+    return slopes, given
+
+
+@functools.lru_cache(maxsize=16)
+def _balance(dynamics, rig, unknown):
+    """Names of all numbers, and (q, qd, qdd, numbers) -> torque per unknown, torque of the rest."""
+    names = [*dynamics.names, *rig.number_names()]
+    for name in unknown:
+        choice("unknown", name, names)
+    missing = [name for name in dynamics.names if name not in unknown]
+    if missing or len(set(unknown)) < len(unknown):
+        raise ValueError(f"unknown must name all of f, each once; got {unknown} without {missing}. Name them.")
+    n, numbers = dynamics.n, ca.SX.sym("numbers", len(names))
+    q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
+    drive = rig.with_numbers(numbers[dynamics.p :]).drive
+    tau = dynamics.Y(q, qd, qdd) @ numbers[: dynamics.p] + drive.friction(qd)
+    places = [names.index(name) for name in unknown]
+    slope = ca.densify(ca.jacobian(tau, numbers)[:, places])
+    for name, place in zip(unknown, places, strict=True):
+        if ca.depends_on(slope, numbers[place]):
+            raise ValueError(f"unknown must enter the torque linearly; {name} does not. Take f and friction levels.")
+        if slope[:, unknown.index(name)].is_zero():
+            raise ValueError(f"unknown must act on the torque; {name} does not. Leave it out.")
+    return names, ca.Function("balance", [q, qd, qdd, numbers], [slope, tau])
+
+
+def _weighted(names, wanted, columns, used):
+    """Least squares, weighted by the scatter of each joint in an unweighted fit."""
+    joint = np.nonzero(used)[1]
+    rows, target = columns[used], wanted[used]
+    weight = np.ones(len(target))
+    for _ in range(2):
+        values, covariance, condition = _least_squares(names, rows * weight[:, None], target * weight)
+        residual = target - rows @ values
+        free = 1 - len(values) / len(target)  # share of the equations that the fit leaves free
+        sigma = np.array([np.sqrt(np.mean(residual[joint == j] ** 2) / free) for j in range(wanted.shape[1])])
+        weight = 1 / np.maximum(sigma, 1e-9 * np.abs(target).max())[joint]
+    return TorqueFit(
+        names=names,
+        values=values,
+        covariance=covariance,
+        sigma=sigma,
+        relative_error=float(np.linalg.norm(residual) / np.linalg.norm(target)),
+        rows=len(target),
+        condition=condition,
+    )
+
+
+def _least_squares(names, rows, target):
+    """Values (k,), covariance for rows of unit scatter, and condition number, by Gram-Schmidt.
+
+    Plain sums instead of a linear algebra library: the same bits on any number of threads.
+    """
+    k = rows.shape[1]
+    lengths = np.sqrt((rows * rows).sum(axis=0))
+    if not lengths.all():
+        idle = names[int(np.argmin(lengths))]
+        raise ValueError(f"every unknown must act on the torque; {idle} does not in this motion. Leave it out.")
+    basis, triangle = rows / lengths, np.zeros((k, k))
+    for i in range(k):
+        column = basis[:, i]
+        for _ in range(2):
+            for j in range(i):
+                share = (basis[:, j] * column).sum()
+                triangle[j, i] += share
+                column = column - share * basis[:, j]
+        triangle[i, i] = np.sqrt((column * column).sum())
+        if triangle[i, i] < _DEPENDENT:
+            shares = np.linalg.solve(triangle[:i, :i], triangle[:i, i])
+            others = [names[j] for j in np.flatnonzero(np.abs(shares) > 1e-3)]
+            raise ValueError(f"unknowns must be told apart by the motion; {names[i]} is one with {', '.join(others)}.")
+        basis[:, i] = column / triangle[i, i]
+    inverse = np.zeros((k, k))
+    for i in reversed(range(k)):
+        unit = (np.arange(k) == i).astype(float)
+        inverse[i] = (unit - (triangle[i, i + 1 :, None] * inverse[i + 1 :]).sum(axis=0)) / triangle[i, i]
+    values = (inverse * (basis * target[:, None]).sum(axis=0)).sum(axis=1) / lengths
+    covariance = (inverse[:, None] * inverse[None]).sum(axis=2) / np.outer(lengths, lengths)
+    return values, covariance, float(np.linalg.cond(triangle))
