@@ -1,10 +1,12 @@
 """Geometry against pinocchio: prismatic joints, the standard table, free frames, tilt and loads; then bad input."""
 
+import casadi as ca
 import numpy as np
 import pytest
 from test_dynamics import random_body
 
 from plant import Body, Chain, Dynamics, Link, Lumping, Placement
+from plant.factor import inverse
 from plant.placement import turn
 
 pin = pytest.importorskip("pinocchio")
@@ -31,19 +33,24 @@ def random_chain(n, seed, *, frames):
 
 
 def compared(chain, other, rotors):
-    """This project's torque, D and gravity beside pinocchio's, at random states."""
+    """This project's torque, D, gravity and acceleration beside pinocchio's, at random states."""
+    other.armature = np.asarray(rotors, float)
     dynamics, data = Dynamics(chain=chain, lumping=Lumping.standard(chain)), other.createData()
     f = dynamics.f()
     for q, qd, qdd in np.random.default_rng(0).uniform(-3, 3, (5, 3, chain.n)):
-        tau = pin.rnea(other, data, q, qd, qdd) + rotors * qdd
+        tau = pin.rnea(other, data, q, qd, qdd)
         got = dynamics.arm(f).inverse(q, qd, qdd)
         np.testing.assert_allclose(got, tau, rtol=0, atol=1e-10 * np.abs(tau).max())
         D = pin.crba(other, data, q)
-        D = np.triu(D) + np.triu(D, 1).T + np.diag(rotors)
+        D = np.triu(D) + np.triu(D, 1).T
         np.testing.assert_allclose(dynamics.D(q, f).full(), D, rtol=0, atol=1e-10 * np.abs(D).max())
         gravity = pin.computeGeneralizedGravity(other, data, q)
         got = dynamics.gravity(q, f).full().ravel()
         np.testing.assert_allclose(got, gravity, rtol=0, atol=1e-10 * np.abs(tau).max())
+        acceleration = pin.aba(other, data, q, qd, tau)  # articulated bodies, no D at all
+        by_factor = inverse(ca.SX(dynamics.D(q, f))).solve(tau - dynamics.h(q, qd, f).full().ravel())
+        for got in (dynamics.arm(f).forward(q, qd, tau), ca.DM(by_factor).full().ravel()):
+            np.testing.assert_allclose(got, acceleration, rtol=0, atol=1e-10 * np.abs(acceleration).max())
 
 
 @pytest.mark.parametrize("frames", [False, True])
