@@ -2,7 +2,7 @@
 
 Reading order: `objective` (equation (4) of a whole population) -> `ranges` (where to search, 3.6) -> `genetic` (the
 genetic algorithm, 3.7) -> `identify` (the procedure of 3.2) -> `spread` (how much the result varies, 4.2);
-`equation_error` (least squares on logged torques).
+`equation_error` (logged torques) with `filtering` and `least_squares`.
 """
 
 from importlib.util import find_spec
@@ -15,7 +15,8 @@ if _found is None or _found.origin is None or Path(_found.origin).resolve().pare
         f"{_found.origin if _found else 'nowhere'}. Uninstall the other distribution, or put {_home} first."
     )
 
-from identification.equation_error import TorqueFit, derivatives, fit_torque, low_pass  # noqa: E402
+from identification.equation_error import TorqueFit, fit_torque  # noqa: E402
+from identification.filtering import derivatives, low_pass  # noqa: E402
 from identification.genetic import GeneticResult, GeneticSettings, minimize_genetic  # noqa: E402
 from identification.identify import Identification, identify  # noqa: E402
 from identification.objective import Objective  # noqa: E402

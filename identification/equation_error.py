@@ -17,52 +17,15 @@ import functools
 import casadi as ca
 import numpy as np
 
-from plant import Dynamics, Motion, Rig
-from plant.check import array, choice, instance, known_options, real
+from identification.filtering import derivatives, low_pass
+from identification.least_squares import least_squares
+from plant import Dynamics, Rig
+from plant.check import array, choice, instance, known_options
 
-__all__ = ["TorqueFit", "derivatives", "fit_torque", "low_pass"]
-
-_ORDER = 4
-"""Of the Butterworth low-pass; run forwards and backwards it has no phase, and the attenuation of twice the order."""
-
-_DEPENDENT = 1e-9
-"""A column of which less than this is its own is a combination of the others."""
+__all__ = ["TorqueFit", "fit_torque"]
 
 _AT_ONCE = 4096
 """Samples whose regressors are worked out in one go."""
-
-
-def low_pass(x, period, cutoff):
-    """Zero-phase low-pass of the columns of x (N, ...), sampled every `period` [s]; `cutoff` in Hz.
-
-    Raises
-    ------
-    ValueError
-        A cutoff that is not below half of the sample rate, or fewer samples than the filter needs.
-    """
-    from scipy.signal import butter, sosfiltfilt  # a third of a second that the genetic algorithm does not need
-
-    cutoff = real("cutoff", cutoff, "Give Hz.", positive=True)
-    if not 2 * cutoff * period < 1:
-        raise ValueError(
-            f"cutoff must be below half of the sample rate, {0.5 / period:.4g} Hz; got {cutoff:g}. Lower it."
-        )
-    if len(x) <= 6 * _ORDER:
-        raise ValueError(f"a log must have more than {6 * _ORDER} samples to be filtered; got {len(x)}. Log longer.")
-    return sosfiltfilt(butter(_ORDER, 2 * cutoff * period, output="sos"), x, axis=0)
-
-
-def derivatives(q, period, cutoff):
-    """Motion from positions (N, n) [rad], sampled every `period` [s]: low-passed, then central differences.
-
-    Returns
-    -------
-    Motion
-        q, qd, qdd, each (N, n).
-    """
-    q = low_pass(q, period, cutoff)
-    qd = np.gradient(q, period, axis=0)
-    return Motion(q, qd, np.gradient(qd, period, axis=0))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -217,7 +180,7 @@ def _weighted(names, wanted, columns, used):
     rows, target = columns[used], wanted[used]
     weight = np.ones(len(target))
     for _ in range(2):
-        values, covariance, condition = _least_squares(names, rows * weight[:, None], target * weight)
+        values, covariance, condition = least_squares(names, rows * weight[:, None], target * weight)
         residual = target - rows @ values
         free = 1 - len(values) / len(target)  # share of the equations that the fit leaves free
         sigma = np.array([np.sqrt(np.mean(residual[joint == j] ** 2) / free) for j in range(wanted.shape[1])])
@@ -231,36 +194,3 @@ def _weighted(names, wanted, columns, used):
         rows=len(target),
         condition=condition,
     )
-
-
-def _least_squares(names, rows, target):
-    """Values (k,), covariance for rows of unit scatter, and condition number, by Gram-Schmidt.
-
-    Plain sums instead of a linear algebra library: the same bits on any number of threads.
-    """
-    k = rows.shape[1]
-    lengths = np.sqrt((rows * rows).sum(axis=0))
-    if not lengths.all():
-        idle = names[int(np.argmin(lengths))]
-        raise ValueError(f"every unknown must act on the torque; {idle} does not in this motion. Leave it out.")
-    basis, triangle = rows / lengths, np.zeros((k, k))
-    for i in range(k):
-        column = basis[:, i]
-        for _ in range(2):
-            for j in range(i):
-                share = (basis[:, j] * column).sum()
-                triangle[j, i] += share
-                column = column - share * basis[:, j]
-        triangle[i, i] = np.sqrt((column * column).sum())
-        if triangle[i, i] < _DEPENDENT:
-            shares = np.linalg.solve(triangle[:i, :i], triangle[:i, i])
-            others = [names[j] for j in np.flatnonzero(np.abs(shares) > 1e-3)]
-            raise ValueError(f"unknowns must be told apart by the motion; {names[i]} is one with {', '.join(others)}.")
-        basis[:, i] = column / triangle[i, i]
-    inverse = np.zeros((k, k))
-    for i in reversed(range(k)):
-        unit = (np.arange(k) == i).astype(float)
-        inverse[i] = (unit - (triangle[i, i + 1 :, None] * inverse[i + 1 :]).sum(axis=0)) / triangle[i, i]
-    values = (inverse * (basis * target[:, None]).sum(axis=0)).sum(axis=1) / lengths
-    covariance = (inverse[:, None] * inverse[None]).sum(axis=2) / np.outer(lengths, lengths)
-    return values, covariance, float(np.linalg.cond(triangle))

@@ -1,4 +1,6 @@
-"""From the description of an arm to its first second of motion: 2 to 7 joints, under P and under computed torque.
+"""From the description of an arm to its first second of motion: 2 to 7 joints, and 6 with a coupled wrist.
+
+Under P and under computed torque.
 
     python tests/benchmarks/any_arm.py
 
@@ -14,14 +16,14 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent.parent
 
 PROGRAM = """
-import sys, time
+import dataclasses, sys, time
 started = time.perf_counter()
 import numpy as np
-from plant import Chain, Drive, Dynamics, Encoder, Harmonics, Link, P, Rig, simulate
+from plant import Chain, Coupling, Drive, Dynamics, Encoder, Harmonics, Link, P, Rig, simulate
 from plant.arms import puma560, puma560_rig
 from ctc import ComputedTorque
 imported = time.perf_counter()
-n, law = int(sys.argv[1]), sys.argv[2]
+n, law, coupled = int(sys.argv[1]), sys.argv[2], sys.argv[3] == "coupled"
 chain, rig = puma560(), puma560_rig()
 if n < 6:
     chain = Chain(links=chain.links[:n], bodies=chain.bodies[:n])
@@ -31,6 +33,10 @@ if n > 6:  # another wrist joint, between the fifth and the sixth
 pick = [min(i, 5) for i in range(n)]
 drive = Drive(**{name: getattr(rig.drive, name)[pick] for name in
                  ("gear", "motor_inertia", "viscous", "coulomb", "motor_gain", "current_limit")})
+if coupled:  # the last motor turns with the joint before it as well
+    wrist = np.eye(n)
+    wrist[-1, -2] = 1.0
+    chain, drive = chain.coupled(Coupling(matrix=wrist)), dataclasses.replace(drive, coupling=Coupling(matrix=wrist))
 rig = Rig(drive=drive, encoder=Encoder(resolution=rig.encoder.resolution[pick]), period=rig.period)
 dynamics = Dynamics.from_chain(chain)
 arm = dynamics.arm(dynamics.f())
@@ -44,10 +50,10 @@ print(imported - started, first - imported, time.perf_counter() - first, np.abs(
 """
 
 
-def run(joints, law, cache):
+def run(joints, law, coupling, cache):
     """Seconds of the import, of everything up to the first record, of the second one; and the largest error."""
     environment = {**os.environ, "ONEPULSE_CACHE": cache, "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-c", PROGRAM, str(joints), law]
+    command = [sys.executable, "-c", PROGRAM, str(joints), law, coupling]
     said = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)  # noqa: S603
     return [float(word) for word in said.stdout.split()]
 
@@ -56,12 +62,12 @@ def table():
     """The lines of the table."""
     yield "| joints | law | empty cache [s] | filled [s] | one more second of motion [s] | largest error [pulses] |"
     yield "|---|---|---|---|---|---|"
-    for joints in range(2, 8):
+    for joints, coupling in (*((n, "") for n in range(2, 8)), (6, "coupled")):
         for law in ("P", "computed torque"):
             with tempfile.TemporaryDirectory() as cache:
-                _, cold, _, error = run(joints, law, cache)
-                _, warm, again, _ = run(joints, law, cache)
-            yield f"| {joints} | {law} | {cold:.2f} | {warm:.2f} | {again:.3f} | {error:.0f} |"
+                _, cold, _, error = run(joints, law, coupling, cache)
+                _, warm, again, _ = run(joints, law, coupling, cache)
+            yield f"| {joints} {coupling} | {law} | {cold:.2f} | {warm:.2f} | {again:.3f} | {error:.0f} |"
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from identification import TorqueFit, derivatives, fit_torque, low_pass
-from identification.equation_error import _least_squares
+from identification.least_squares import least_squares
 from plant import Coupling, Drive, Dynamics, Encoder, FrictionCurve, Harmonics, Rig, puma560
 from plant.arms import planar
 
@@ -129,11 +129,22 @@ def test_standard_deviations_are_those_of_repeated_experiments(made):
     np.testing.assert_allclose(sigma[0] / sigma[1:], 10, rtol=0.1)
 
 
+def test_scatter_is_that_of_the_noise_however_few_the_equations(made):
+    """33 equations for 11 numbers: what the fit takes up of the noise is given back."""
+    dynamics, rig, _, motion, torque = made
+    random = np.random.default_rng(2)
+    logs = [torque + random.normal(size=torque.shape) for _ in range(60)]
+    fits = [fit_torque(dynamics, motion.q, log, rig=rig, cutoff=100, band=20, every=700) for log in logs]
+    assert fits[0].rows == 33
+    noise = low_pass(random.normal(size=(50_000, 1)), PERIOD, 20).std()
+    np.testing.assert_allclose(np.sqrt(np.mean([fit.sigma**2 for fit in fits])), noise, rtol=0.06)
+
+
 def test_gram_schmidt_solves_what_numpy_solves():
     random = np.random.default_rng(1)
     rows, target = random.normal(size=(300, 7)) * 10.0 ** random.uniform(-6, 6, 7), random.normal(size=300)
     rows[:, 3] += 1e4 * rows[:, 2]
-    values, covariance, _ = _least_squares(tuple("abcdefg"), rows, target)
+    values, covariance, _ = least_squares(tuple("abcdefg"), rows, target)
     expected = np.linalg.lstsq(rows / np.linalg.norm(rows, axis=0), target, rcond=None)[0]
     np.testing.assert_allclose(values * np.linalg.norm(rows, axis=0), expected, rtol=1e-9)
     scaled = rows / np.linalg.norm(rows, axis=0)

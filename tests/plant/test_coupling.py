@@ -5,7 +5,8 @@ import dataclasses
 import casadi as ca
 import numpy as np
 import pytest
-from closed_loops import Filtered, direct_rig
+from closed_loops import Filtered, NoTorque, direct_rig
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from test_links import random_chain
 
@@ -161,6 +162,21 @@ def coupled_planar(seed):
     bodies = [dataclasses.replace(body, mass=body.mass * random.uniform(0.6, 1.4)) for body in guess]
     dynamics = Dynamics.from_chain(chain)
     return dynamics, rig, dynamics.f(bodies), dynamics.f(guess)
+
+
+def test_free_coupled_arm_moves_as_its_equations_say():
+    """No torque, no friction: the loop's steps, taken on the shafts, against the joints' own equations integrated."""
+    dynamics, rig, f, _ = coupled_planar(6)
+    zero = (0.0, 0.0, 0.0)
+    drive = dataclasses.replace(rig.drive, coulomb=zero, viscous=zero, curve=None)
+    arm, start = dynamics.arm(f), np.array([[0.3, -0.4, 0.5], [2.0, -3.0, 1.5]])
+    rig = dataclasses.replace(rig, drive=drive)
+    record = simulate(arm, rig, NoTorque(), path_of(), duration=0.4, initial=start, steps_per_sample=16)
+    exact = solve_ivp(
+        lambda t, x: np.append(x[3:], arm.forward(x[:3], x[3:], np.zeros(3))),
+        (0, 0.4), start.ravel(), method="DOP853", rtol=1e-10, atol=1e-10, t_eval=record.t[::50],
+    ).y.T  # fmt: skip
+    np.testing.assert_allclose(np.hstack([record.true_q, record.true_qd])[::50], exact, rtol=0, atol=1e-5)
 
 
 def test_casadi_referees_the_kernel_of_a_coupled_arm():

@@ -1,0 +1,61 @@
+"""Linear least squares by Gram-Schmidt, in plain sums: the same bits on any number of threads."""
+
+from __future__ import annotations
+
+import numpy as np
+
+__all__ = ["least_squares"]
+
+_DEPENDENT = 1e-9
+"""A column of which less than this is its own is a combination of the others."""
+
+
+def least_squares(names, rows, target):
+    """Solve rows x = target.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the columns, for messages.
+    rows : (N, k) numpy.ndarray
+    target : (N,) numpy.ndarray
+
+    Returns
+    -------
+    values : (k,) numpy.ndarray
+    covariance : (k, k) numpy.ndarray
+        Of the values, where every row has a scatter of 1.
+    condition : float
+        Of the columns, scaled to one length.
+
+    Raises
+    ------
+    ValueError
+        A column that is zero, or a combination of others; with the names.
+    """
+    k = rows.shape[1]
+    lengths = np.sqrt((rows * rows).sum(axis=0))
+    if not lengths.all():
+        idle = names[int(np.argmin(lengths))]
+        raise ValueError(f"every unknown must act on the torque; {idle} does not in this motion. Leave it out.")
+    basis, triangle = rows / lengths, np.zeros((k, k))
+    for i in range(k):
+        column = basis[:, i]
+        for _ in range(2):
+            for j in range(i):
+                share = (basis[:, j] * column).sum()
+                triangle[j, i] += share
+                column = column - share * basis[:, j]
+        triangle[i, i] = np.sqrt((column * column).sum())
+        if triangle[i, i] < _DEPENDENT:
+            shares = np.linalg.solve(triangle[:i, :i], triangle[:i, i])
+            others = [names[j] for j in np.flatnonzero(np.abs(shares) > 1e-3)]
+            raise ValueError(f"unknowns must be told apart by the motion; {names[i]} is one with {', '.join(others)}.")
+        basis[:, i] = column / triangle[i, i]
+    inverse = np.zeros((k, k))
+    for i in reversed(range(k)):
+        unit = (np.arange(k) == i).astype(float)
+        inverse[i] = (unit - (triangle[i, i + 1 :, None] * inverse[i + 1 :]).sum(axis=0)) / triangle[i, i]
+    values = (inverse * (basis * target[:, None]).sum(axis=0)).sum(axis=1) / lengths
+    covariance = (inverse[:, None] * inverse[None]).sum(axis=2) / np.outer(lengths, lengths)
+    return values, covariance, float(np.linalg.cond(triangle))
