@@ -67,7 +67,8 @@ def table():
             with tempfile.TemporaryDirectory() as cache:
                 _, cold, _, error = run(joints, law, coupling, cache)
                 _, warm, again, _ = run(joints, law, coupling, cache)
-            yield f"| {joints} {coupling} | {law} | {cold:.2f} | {warm:.2f} | {again:.3f} | {error:.0f} |"
+            arm = f"{joints}, wrist coupled" if coupling else f"{joints}"
+            yield f"| {arm} | {law} | {cold:.2f} | {warm:.2f} | {again:.3f} | {error:.0f} |"
 
 
 if __name__ == "__main__":
