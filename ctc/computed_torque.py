@@ -83,10 +83,12 @@ class ComputedTorque(Law):
         """Once per sample of the rig [s]."""
         return self.rig.period
 
+    def block(self, rig):
+        rig.require_fit(self.arm.dynamics.chain)
+        return super().block(rig)
+
     def initial_state(self, n):
         """Observer at rest on the reference, nothing asked for yet, and the boost of the observer at its full."""
-        if n != self.arm.n:
-            raise ValueError(f"rig must have {self.arm.n} joints like the law's arm; got {n}. Use the rig of this arm.")
         return np.append(np.zeros((5 + 2 * self.delay) * n), 1.0)
 
     def equations(self, rig, state, setpoint, pulses, torque, dt):

@@ -85,7 +85,11 @@ def main():
             "CTC_DATA is not set: no log to fit. Give the folder that holds staubli_tx40 (see this file's first lines)."
         )
         return 0
-    table, found = compare(Path(os.environ["CTC_DATA"]) / "staubli_tx40")
+    folder = Path(os.environ["CTC_DATA"]) / "staubli_tx40"
+    if not folder.is_dir():
+        print(f"CTC_DATA must hold a folder staubli_tx40; {folder} is not there.")
+        return 1
+    table, found = compare(folder)
     print(f"{'':8}{'found':>12}{'published':>12}{'std':>10}{'off by':>9}")
     for name, ours, value, std in table:
         print(f"{name:8}{ours:12.4f}{value:12.4f}{std:10.4f}{(ours - value) / std:9.2f}")

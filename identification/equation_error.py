@@ -12,6 +12,7 @@ Source: M. Gautier, Dynamic identification of robots with power model, ICRA 1997
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import functools
 
 import casadi as ca
@@ -20,9 +21,14 @@ import numpy as np
 from identification.filtering import derivatives, low_pass
 from identification.least_squares import least_squares
 from plant import Dynamics, Rig
-from plant.check import array, choice, instance, known_options
+from plant.check import array, choice, instance, known_options, real
 
 __all__ = ["TorqueFit", "fit_torque"]
+
+_LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
+
+_POOR = 0.3
+"""Relative torque error above which something is wrong with the log rather than with the arm."""
 
 _AT_ONCE = 4096
 """Samples whose regressors are worked out in one go."""
@@ -37,7 +43,8 @@ class TorqueFit:
     names : tuple of str
     values : (k,) numpy.ndarray
     covariance : (k, k) numpy.ndarray
-        Of the values, from the scatter of each joint's residual, taken as white after decimation.
+        Of the values, from the scatter of each joint's residual, taken as white after decimation. Errors that are not
+        noise (filters at the reversals of friction, timing, what the model lacks) come on top.
     sigma : (n,) numpy.ndarray
         Standard deviation of each joint's residual [N m]; the weights of the fit are 1 / sigma.
     relative_error : float
@@ -72,7 +79,22 @@ class TorqueFit:
             for name, value, std in zip(self.names, self.values, self.std, strict=True)
         ]
         end = f"{self.rows} equations, relative torque error {self.relative_error:.2%}, condition {self.condition:.0f}"
-        return "\n".join([*lines, end])
+        return "\n".join([*lines, end, *(f"warning: {text}" for text in self.warnings)])
+
+    @property
+    def warnings(self):
+        """What looks wrong, one line each."""
+        negative = [
+            name for name, value in zip(self.names, self.values, strict=True)
+            if name.startswith(("drive.viscous", "drive.coulomb")) and value < 0
+        ]  # fmt: skip
+        found = [f"friction must not be negative; check signs and units ({', '.join(negative)})"] if negative else []
+        if self.relative_error > _POOR:
+            found.append(
+                f"{self.relative_error:.0%} of the torque is not explained; check units (rad, joint side N m), signs "
+                "and the order of the joints"
+            )
+        return found
 
 
 @known_options
@@ -117,8 +139,15 @@ def fit_torque(dynamics, q, torque, *, rig, cutoff, band, every=1, unknown=None,
     torque = array("torque", torque, q.shape, advice="Give one row per sample, one column per joint [N m].")
     slowest = np.full(dynamics.n, least_speed) if np.ndim(least_speed) == 0 else least_speed
     slowest = array("least_speed", slowest, (dynamics.n,), advice="Give one speed, or one per joint [rad/s].")
+    if (slowest < 0).any():
+        raise ValueError(f"least_speed must not be negative; got {slowest}. 0 uses every row.")
+    real("band", band, "Give Hz.", positive=True)
+    if band > real("cutoff", cutoff, "Give Hz.", positive=True):
+        raise ValueError(f"band must not exceed cutoff, {cutoff:g} Hz; got {band:g}. Lower it.")
     if not isinstance(every, (int, np.integer)) or isinstance(every, bool) or every < 1:
         raise ValueError(f"every must be a whole number of at least 1; got {every!r}. 1 uses every row.")
+    if isinstance(unknown, str):
+        raise ValueError(f"unknown must be a sequence of names; got {unknown!r}. Write (*dynamics.names, {unknown!r}).")
     unknown, extra = tuple(dynamics.names if unknown is None else unknown), dict(extra or {})
     motion = derivatives(q, rig.period, cutoff)
     slopes, given = _columns(dynamics, rig, unknown, motion)
@@ -131,7 +160,8 @@ def fit_torque(dynamics, q, torque, *, rig, cutoff, band, every=1, unknown=None,
     names = (*unknown, *extra)
     if used.sum() <= len(names):
         raise ValueError(
-            f"a fit of {len(names)} numbers needs more equations; {used.sum()} are left. Lower least_speed or every."
+            f"a fit of {len(names)} numbers needs more equations; {used.sum()} are left of {len(q)} samples. "
+            "Log longer, move faster, or lower least_speed or every."
         )
     return _weighted(names, wanted, np.stack(columns, axis=-1), used)
 
@@ -155,11 +185,19 @@ def _columns(dynamics, rig, unknown, motion):
 def _balance(dynamics, rig, unknown):
     """Names of all numbers, and (q, qd, qdd, numbers) -> torque per unknown, torque of the rest."""
     names = [*dynamics.names, *rig.number_names()]
+    of_drive = [name for name in names if name.startswith(_LINEAR)]
     for name in unknown:
-        choice("unknown", name, names)
+        if name not in names:
+            near = difflib.get_close_matches(name, [*dynamics.names, *of_drive], n=1, cutoff=0.4)
+            raise ValueError(
+                f"unknown must be names of f and of friction, with the joint's index; got {name!r}. "
+                f"{f'Did you mean {near[0]!r}?' if near else ''} Friction: {', '.join(of_drive)}."
+            )
     missing = [name for name in dynamics.names if name not in unknown]
-    if missing or len(set(unknown)) < len(unknown):
-        raise ValueError(f"unknown must name all of f, each once; got {unknown} without {missing}. Name them.")
+    twice = [name for i, name in enumerate(unknown) if name in unknown[:i]]
+    if missing or twice:
+        what = f"{missing[0]} is missing" if missing else f"{twice[0]} comes twice"
+        raise ValueError(f"unknown must name all of f, each name once; {what}. Write (*dynamics.names, ...).")
     n, numbers = dynamics.n, ca.SX.sym("numbers", len(names))
     q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
     drive = rig.with_numbers(numbers[dynamics.p :]).drive

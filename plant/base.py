@@ -18,8 +18,10 @@ import itertools
 import casadi as ca
 import numpy as np
 
-from plant.dynamics import torque
-from plant.lumping import STANDARD, Lumping
+from plant.check import instance
+from plant.dynamics import Dynamics, torque
+from plant.lumping import STANDARD, Lumping, parameter_name
+from plant.reference import Reference
 
 __all__ = ["Visibility", "base_lumping", "visibility"]
 
@@ -77,7 +79,7 @@ class Visibility:
     condition: float
 
     def __str__(self):
-        lines = [f"{len(self.combinations)} combinations, condition number {self.condition:.0f}"]
+        lines = [f"{len(self.combinations)} combinations, condition number {self.condition:.0f} (some tens are good)"]
         lines += [f"  {name}" for name in self.combinations]
         return "\n".join(lines + [f"  not visible in this motion: {name}" for name in self.invisible])
 
@@ -96,13 +98,16 @@ def visibility(dynamics, reference, *, tolerance=1e-6):
     -------
     Visibility
     """
+    instance("dynamics", dynamics, Dynamics, "The order is dynamics, reference; Dynamics.from_chain(chain) makes one.")
+    instance("reference", reference, Reference, "The order is dynamics, reference.")
     motion = reference(np.linspace(0, reference.duration, 500))
     regressor = np.vstack([dynamics.Y(*state).full() for state in zip(*motion, strict=True)])
     lengths = np.linalg.norm(regressor, axis=0)
     kept, matrix = _reduced(regressor, range(dynamics.p), tolerance)
     names = []
     for row, own in zip(matrix, kept, strict=True):
-        terms = [f"{row[k]:+.4g} {dynamics.names[k]}" for k in np.flatnonzero(np.abs(row) > tolerance) if k != own]
+        others = [k for k in np.flatnonzero(np.abs(row) > tolerance) if k != own]
+        terms = [f"{'-' if row[k] < 0 else '+'} {abs(row[k]):.4g} {dynamics.names[k]}" for k in others]
         names.append(" ".join([dynamics.names[own], *terms]))
     scaled = regressor[:, kept] / lengths[kept]
     hidden = np.flatnonzero(lengths <= tolerance * lengths.max())
@@ -144,7 +149,7 @@ def _name(chain, row, kept):
     terms = []
     for column in sorted(np.flatnonzero(row), key=lambda column: (column != kept, column)):
         link, kind = divmod(column, len(STANDARD))
-        coefficient, parameter = row[column], f"{STANDARD[kind]}{chain.links[link].name}"
+        coefficient, parameter = row[column], parameter_name(STANDARD[kind], chain.links[link])
         sign = " - " if coefficient < 0 else " + "
         factor = _factor(chain, abs(coefficient))
         terms.append(f"{sign}{factor}{' ' if factor else ''}{parameter}")
@@ -156,7 +161,7 @@ def _factor(chain, value):
     """A coefficient by its name: nothing for 1, a product of up to two lengths, a sum of squares, or a number."""
     if abs(value - 1) < 1e-9:
         return ""
-    lengths = [(f"{kind}{link.name}", getattr(link, kind)) for link in chain.links for kind in ("a", "d")]
+    lengths = [(parameter_name(kind, link), getattr(link, kind)) for link in chain.links for kind in ("a", "d")]
     lengths = [(name, abs(length)) for name, length in lengths if abs(length) > 1e-9]
     products = [(name, length) for name, length in lengths]
     for (name, length), (other, width) in itertools.combinations_with_replacement(lengths, 2):

@@ -21,14 +21,18 @@ class Body(Part):
         Centre of mass in the link's frame [m].
     inertia : (6,) array_like
         Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre of mass, axes of the link's frame [kg m^2]; entries of the
-        inertia matrix (Ixy = -integral of x y dm).
+        inertia matrix (Ixy = -integral of x y dm). Zero, that of a point mass, by default.
     rotor : float
-        Motor inertia as the joint feels it, Jm k^2 [kg m^2] (`Drive.reflected_inertia`).
+        Motor inertia as the joint feels it, or the shaft of a coupled one, Jm k^2 [kg m^2] (`Drive.reflected_inertia`).
+
+    Notes
+    -----
+    Numbers that no body can have are accepted, since an equivalent body may have them; `require_physical` refuses them.
     """
 
     mass: float = number(())
     com: np.ndarray = number((3,))
-    inertia: np.ndarray = number((6,))
+    inertia: np.ndarray = number((6,), default=(0.0,) * 6)
     rotor: float = number((), default=0.0)
 
     def __post_init__(self):

@@ -183,6 +183,8 @@ class Dynamics(Part):
     def f(self, bodies=None):
         """Parameters f (p,) of an arm whose links are these bodies, one per link; by default those of the chain."""
         bodies = self.chain.bodies if bodies is None else tuple(bodies)
+        if not bodies:
+            raise ValueError("bodies must be known to work out f; this chain has none. Give the Chain its bodies.")
         if len(bodies) != self.n:
             raise ValueError(f"bodies must be {self.n}, one per link; got {len(bodies)}. Join a tool to its link.")
         for body in bodies:

@@ -8,11 +8,14 @@ import casadi as ca
 import numpy as np
 
 from plant.body import Body
+from plant.check import choice, instance, real
 from plant.coupling import Coupling
 from plant.part import Part, part, structure
 from plant.placement import Placement, exact
 
 __all__ = ["Chain", "Link"]
+
+_KEYS = ("alpha", "a", "d", "theta", "prismatic", "name")
 
 
 @part
@@ -50,6 +53,13 @@ class Link(Part):
     prismatic: bool = structure(bool, default=False)
     before: Placement = structure(Placement, default=Placement())
     frame: Placement = structure(Placement, default=Placement())
+
+    def __post_init__(self):
+        super().__post_init__()
+        for name in ("alpha", "theta"):
+            if abs(getattr(self, name)) > 2 * np.pi:
+                got = f"got {getattr(self, name)}. Use np.radians."
+                raise ValueError(f"{name} of link {self.name} must be an angle in radians, within one turn; {got}")
 
     def rotation(self, q):
         """Rotation (3, 3) from this link's frame to the previous one, and the origin's position (3,) there [m]."""
@@ -96,7 +106,7 @@ class Chain(Part):
         gravity = np.asarray(self.gravity, float)
         if gravity.shape != (3,) or not np.isfinite(gravity).all():
             raise ValueError(f"gravity must be 3 finite numbers [m/s^2]; got {self.gravity!r}. Use (0, 0, -9.81).")
-        bodies = tuple(self.bodies)
+        bodies = tuple(self.bodies) if np.iterable(self.bodies) else (self.bodies,)
         if bodies and (len(bodies) != len(links) or not all(isinstance(body, Body) for body in bodies)):
             raise ValueError(f"bodies must be {len(links)}, one Body per link; got {len(bodies)}. Add or leave out.")
         self.coupling.require_joints(len(links), "chain")
@@ -120,9 +130,23 @@ class Chain(Part):
         return dataclasses.replace(self, coupling=coupling)
 
     def carrying(self, body, link=-1):
-        """The same chain with another body (a tool, a load) fixed to a link, given in the frame of that link's body."""
+        """The same chain with another body fixed to a link, the last one by default.
+
+        Parameters
+        ----------
+        body : Body
+            A tool or a load, given in the frame of that link's own body.
+        link : int or str
+            Place in the chain, or name.
+        """
+        instance("body", body, Body, "Give mass and com; a point mass needs no inertia.")
         if not self.bodies:
             raise ValueError("bodies must be known to carry one more; this chain has none. Give the Chain its bodies.")
+        names = [each.name for each in self.links]
+        if isinstance(link, str):
+            link = names.index(choice("link", link, names))
+        if not isinstance(link, (int, np.integer)) or not -self.n <= link < self.n:
+            raise ValueError(f"link must be a name or a place below {self.n}; got {link!r}. Names: {', '.join(names)}.")
         bodies = list(self.bodies)
         bodies[link] = bodies[link].joined(body)
         return dataclasses.replace(self, bodies=tuple(bodies))
@@ -170,12 +194,13 @@ class Chain(Part):
         """
         links, reached = [], {"alpha": 0.0, "a": 0.0}
         for i, row in enumerate(rows):
-            unknown = set(row) - {"alpha", "a", "d", "theta", "prismatic", "name"}
-            if unknown or not {"alpha", "a", "d"} <= set(row):
-                raise ValueError(
-                    f"rows must have alpha, a and d, and may have theta, prismatic and name; row {i} has "
-                    f"{', '.join(row)}. Correct it."
-                )
+            instance(f"row {i}", row, dict, "Give alpha, a and d by name; rows of the modified table are Links.")
+            for key in row:
+                choice(f"a key of row {i} (standard table; rows of the modified one are Links)", key, _KEYS)
+            for key in ("alpha", "a", "d"):
+                if key not in row:
+                    raise ValueError(f"row {i} must have {key}; it has {', '.join(row)}. Add it.")
+                real(f"{key} of row {i}", row[key], "Give it in SI units.")
             rest = {"name": str(i + 1)} | {key: row[key] for key in ("name", "d", "theta", "prismatic") if key in row}
             end = {"alpha": row["alpha"], "a": row["a"]}
             links.append(Link(**reached, **rest, frame=Placement.of_row(**end)))

@@ -27,6 +27,11 @@ STANDARD = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "J"
 _PHYSICAL = ("m", "x", "y", "z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "J")
 
 
+def parameter_name(kind, link):
+    """Name of a link's parameter: "m3", or "m_elbow" where links have names instead of numbers."""
+    return f"{kind}{link.name}" if link.name[:1].isdigit() else f"{kind}_{link.name}"
+
+
 def standard_parameters(bodies):
     """Standard parameters (11 n,) of bodies given by mass, centre of mass and inertia about it."""
     values = []
@@ -70,7 +75,7 @@ class Lumping(Part):
     @classmethod
     def standard(cls, chain):
         """No lumping: f is the standard parameters themselves."""
-        names = tuple(f"{name}{link.name}" for link in chain.links for name in STANDARD)
+        names = tuple(parameter_name(name, link) for link in chain.links for name in STANDARD)
         everywhere = (True,) * len(names)
         return cls(names=names, matrix=np.eye(len(names)), inertial=everywhere, gravitational=everywhere)
 

@@ -48,7 +48,7 @@ class Part:
                 getattr(self, field.name),
                 known,
                 finite=field.metadata["finite"],
-                advice=f"Give {'one number' if not shape else 'one number per joint'}.",
+                advice=f"Give {_amount(shape)}.",
             )
             if np.isnan(value).any():
                 raise ValueError(f"{field.name} of {type(self).__name__} must be numbers; got NaN. Give its value.")
@@ -114,6 +114,12 @@ class Part:
     @functools.cached_property
     def _hash(self):
         return hash(json.dumps(self.describe()))
+
+
+def _amount(shape):
+    if not shape:
+        return "one number"
+    return "one number per joint" if isinstance(shape[0], str) else f"{shape[0]} numbers"
 
 
 def _kind(cls):

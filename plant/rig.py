@@ -50,8 +50,8 @@ class Rig(Part):
             raise ValueError(f"rig must have {chain.n} joints like the arm; got {self.n}. Use a matching rig.")
         if self.drive.coupling != chain.coupling:
             raise ValueError(
-                f"the drive must have the coupling of the chain, {chain.coupling.matrix}; got "
-                f"{self.drive.coupling.matrix}. Give both the same Coupling (chain.coupled(coupling))."
+                f"chain and drive must have the same coupling; got {chain.coupling.matrix or 'none'} in the chain and "
+                f"{self.drive.coupling.matrix or 'none'} in the drive. Give both the same Coupling (chain.coupled)."
             )
 
     def pulses(self, q):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import xml.parsers.expat
 from itertools import pairwise
 from pathlib import Path
@@ -18,6 +19,8 @@ __all__ = ["chain_from_urdf"]
 
 _LARGEST = 5_000_000
 """Bytes; the largest real files have a few hundred thousand."""
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 _MOVING = {"revolute": False, "continuous": False, "prismatic": True}  # -> whether it slides
 
@@ -43,6 +46,7 @@ class _Joint:
     child: str
     origin: Placement
     axis: np.ndarray
+    mimics: bool
 
 
 def chain_from_urdf(path, joints, gravity):
@@ -70,6 +74,8 @@ def chain_from_urdf(path, joints, gravity):
 
 # -- reading --------------------------------------------------------------------------------------------------------
 def _parsed(path):
+    if isinstance(path, str) and path.lstrip().startswith("<"):
+        raise ValueError("path must be the name of a URDF file; got its text. Write it to a file first.")
     path = Path(path)
     data = path.read_bytes()
     if len(data) > _LARGEST:
@@ -101,12 +107,11 @@ def _numbers(element, attribute, count, default, where):
     text = default if element is None else element.attributes.get(attribute, default)
     if text is None:
         raise ValueError(f"{where} must have {attribute}; it has none. Add it.")
-    try:
-        values = np.array([float(word) for word in text.split()])
-    except ValueError:
-        values = np.empty(0)
-    if values.shape != (count,) or not np.isfinite(values).all():
-        raise ValueError(f"{where} must have {count} finite numbers in {attribute}; got {text!r:.60}. Correct it.")
+    words = text.split()
+    values = np.array([float(word) for word in words if _NUMBER.fullmatch(word)])
+    if len(words) != count or values.shape != (count,) or not np.isfinite(values).all():
+        what = "one finite number" if count == 1 else f"{count} finite numbers"
+        raise ValueError(f"{where} must have {what} in {attribute}; got {text!r:.60}. Write them like 17.4 or 1e-3.")
     return values
 
 
@@ -119,12 +124,16 @@ def _origin(element, where):
 def _links(robot):
     """Name of a link -> its Body in its own frame, or None where it has no mass."""
     bodies = {}
+    if not robot.all("link"):
+        raise ValueError("the file must have links; it has none. Give a URDF file, xacro expanded.")
     for element in robot.all("link"):
         name = element.attributes.get("name", "")
         where = f"link {name}"
         if not name or name in bodies:
             raise ValueError(f"links must have names of their own; got {name!r} {'twice' if name else ''}. Name it.")
         inertial, bodies[name] = element.find("inertial"), None
+        if len(element.all("inertial")) > 1:
+            raise ValueError(f"{where} must have one <inertial>; it has {len(element.all('inertial'))}. Join them.")
         if inertial is not None:
             mass = _numbers(inertial.find("mass"), "value", 1, None, f"{where}, mass")[0]
             matrix = inertial.find("inertia")
@@ -149,6 +158,8 @@ def _joints(robot):
         where = f"joint {name}"
         if not name or name in joints:
             raise ValueError(f"joints must have names of their own; got {name!r} {'twice' if name else ''}. Name it.")
+        if kind in ("floating", "planar"):
+            raise ValueError(f"{where} must move about or along one axis; it is {kind}. Replace it by single joints.")
         choice(f"type of {where}", kind, (*_MOVING, "fixed"))
         ends = [element.find(tag) for tag in ("parent", "child")]
         if None in ends or not all(end.attributes.get("link") for end in ends):
@@ -157,7 +168,8 @@ def _joints(robot):
         if kind in _MOVING and np.linalg.norm(axis) < 1e-6:
             raise ValueError(f"{where} must have an axis that is not zero; got {axis.tolist()}. Correct it.")
         parent, child = (end.attributes["link"] for end in ends)
-        joints[name] = _Joint(name, kind, parent, child, _origin(element, where), axis)
+        mimics = element.find("mimic") is not None
+        joints[name] = _Joint(name, kind, parent, child, _origin(element, where), axis, mimics)
     return joints
 
 
@@ -195,14 +207,24 @@ def _chosen(every, names):
                 "Pass joints=[...], base first."
             )
     else:
+        if isinstance(names, str) or not names:
+            raise ValueError(f"joints must be a list of at least one name; got {names!r}. Write ['name', ...].")
         names = list(names)
         for name in names:
+            if name in every and every[name].kind == "fixed":
+                raise ValueError(f"joints must move; {name} is fixed. Leave it out, its link is lumped.")
             choice("joints", name, tuple(joint.name for joint in moving))
+        twice = [name for i, name in enumerate(names) if name in names[:i]]
+        if twice:
+            raise ValueError(f"joints must be named once each; {twice[0]} comes twice. Leave one out.")
         chosen = _ordered(every, [every[name] for name in names])
         if chosen is None or [joint.name for joint in chosen] != names:
             raise ValueError(f"joints must lie behind each other, base first; got {', '.join(names)}. Reorder.")
     if not chosen:
         raise ValueError("the file must have at least one joint that moves; it has none. Give another one.")
+    for joint in chosen:
+        if joint.mimics:
+            raise ValueError(f"joints must move on their own; {joint.name} mimics another one. Leave it out.")
     return chosen
 
 

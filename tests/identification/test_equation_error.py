@@ -168,7 +168,11 @@ def test_fit_prints_a_table_and_offers_the_nearest_name(made):
     ("change", "says"),
     [
         ({"cutoff": 600.0}, r"cutoff must be below half of the sample rate, 500 Hz; got 600"),
-        ({"band": -1.0}, "cutoff must be a positive number"),
+        ({"band": -1.0}, "band must be a positive number"),
+        ({"band": 0}, "band must be a positive number"),
+        ({"band": 200}, "band must not exceed cutoff"),
+        ({"least_speed": -1}, "least_speed must not be negative"),
+        ({"unknown": "drive.viscous[0]"}, "must be a sequence of names"),
         ({"every": 2.5}, "every must be a whole number"),
         ({"every": 2000}, "needs more equations"),
         ({"unknown": ("my1",)}, "must name all of f"),

@@ -6,6 +6,7 @@ import pytest
 from test_dynamics import random_body
 
 from plant import Body, Chain, Dynamics, Link, Lumping, Placement
+from plant.arms import planar
 from plant.factor import inverse
 from plant.placement import turn
 
@@ -135,8 +136,15 @@ BALL = (0.1, 0, 0, 0.1, 0, 0.1)
         (lambda: Chain(links=(Link(name="1"), Link(name="1"))), "'1' comes twice"),
         (lambda: Chain(links=(Link(name="1"),), bodies=(1, 2)), "bodies must be 1, one Body per link; got 2"),
         (lambda: Chain(links=(Link(name="1"),)).carrying(Body(mass=1, com=(0, 0, 0), inertia=BALL)), "has none"),
-        (lambda: Chain.standard([{"alpha": 0, "a": 1}]), "rows must have alpha, a and d"),
-        (lambda: Chain.standard([{"alpha": 0, "a": 1, "d": 0, "alpha_before": 1}]), "rows must have alpha, a and d"),
+        (lambda: Chain.standard([{"alpha": 0, "a": 1}]), "row 0 must have d; it has alpha, a"),
+        (lambda: Chain.standard([{"alpha": 0, "a": 1, "d": 0, "alpha_before": 1}]), "Did you mean 'alpha'"),
+        (lambda: Chain.standard([(0, 1, 2)]), "row 0 must be of type dict"),
+        (lambda: Chain.standard([{"alpha": 0, "a": ".4", "d": 0}]), "a of row 0 must be a finite number"),
+        (lambda: Link(name="1", alpha=90), "must be an angle in radians"),
+        (lambda: planar(2).carrying(1.5), "body must be of type Body"),
+        (lambda: planar(2).carrying(Body(mass=1, com=(0, 0, 0)), link=7), "a name or a place below 2; got 7"),
+        (lambda: planar(2).carrying(Body(mass=1, com=(0, 0, 0)), link="3"), "link must be one of '1', '2'"),
+        (lambda: Chain(links=(Link(name="1"), Link(name="2")), bodies=planar(1).bodies[0]), "bodies must be 2"),
         (lambda: Placement(rotation=((1, 0, 0), (0, 1, 0), (0, 0, -1))), "must be a right-handed rotation"),
         (lambda: Placement(position=(0, 0)), r"position must have shape \(3,\)"),
     ],

@@ -105,7 +105,7 @@ def test_the_file_that_the_bad_ones_are_made_of_is_good(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (GOOD.replace('mass value="1"', 'mass value="nan"', 1), "link base, mass must have 1 finite numbers in value"),
+        (GOOD.replace('mass value="1"', 'mass value="nan"', 1), "link base, mass must have one finite number in value"),
         (GOOD.replace('mass value="1"', 'mass value="17,4"', 1), "got '17,4'"),
         (GOOD.replace('mass value="1"', 'mass value="-1"', 1), "link base must have a positive mass"),
         (GOOD.replace('<mass value="1"/>', "", 1), "link base, mass must have value"),
@@ -115,7 +115,7 @@ def test_the_file_that_the_bad_ones_are_made_of_is_good(tmp_path):
         (GOOD.replace('axis xyz="0 0 1"', 'axis xyz="0 1"'), "joint shoulder, axis must have 3 finite numbers"),
         (GOOD.replace('child link="arm"', 'child link="amr"'), "got 'amr'. Did you mean 'arm'"),
         (GOOD.replace('type="revolute"', 'type="revolut"'), "Did you mean 'revolute'"),
-        (GOOD.replace('type="revolute"', 'type="floating"'), "type of joint shoulder must be one of"),
+        (GOOD.replace('type="revolute"', 'type="floating"'), "must move about or along one axis; it is floating"),
         (GOOD.replace('type="revolute"', 'type="fixed"'), "at least one joint that moves"),
         (GOOD.replace('<parent link="base"/>', ""), "must have a parent and a child link"),
         (GOOD.replace("</robot>", MORE.format("base", "arm")), "link arm must hang on one joint"),
@@ -123,6 +123,10 @@ def test_the_file_that_the_bad_ones_are_made_of_is_good(tmp_path):
         (GOOD.replace("</robot>", LINK.format("arm") + "</robot>"), "names of their own; got 'arm' twice"),
         (GOOD.replace('"elbow"', '"shoulder"').replace("</robot>", MORE.format("arm", "arm")), "hangs on"),
         (GOOD.replace("</robot>", LINK.format("b") + MORE.format("base", "b")), "joints must be named where"),
+        (GOOD.replace('mass value="1"', 'mass value="1_7"', 1), "got '1_7'"),
+        (GOOD.replace("<inertial>", "<inertial/><inertial>", 1), "link base must have one <inertial>; it has 2"),
+        (GOOD.replace("</joint>", '<mimic joint="other"/></joint>'), "shoulder mimics another one"),
+        ('<robot name="r"/>', "the file must have links"),
         ("<robot>", "must be well-formed XML"),
         ("", "must be well-formed XML"),
         ("<sdf/>", "must hold a <robot>; got <sdf>"),
@@ -143,12 +147,21 @@ def test_bad_file_is_refused_in_one_line(tmp_path, text, said):
     [
         (["sholder"], "Did you mean 'shoulder'"),
         (["shoulder", "shoulder"], "comes twice"),
-        ([], "at least one joint"),
+        ([], "list of at least one name"),
+        ("shoulder", "list of at least one name"),
     ],
 )
 def test_bad_names_of_joints_are_refused(tmp_path, joints, said):
     with pytest.raises(ValueError, match=said):
         Chain.from_urdf(written(tmp_path, GOOD), joints)
+
+
+def test_fixed_joint_is_no_joint_of_a_chain_and_text_is_no_file(tmp_path):
+    text = GOOD.replace("</robot>", LINK.format("b") + MORE.format("arm", "b").replace("revolute", "fixed"))
+    with pytest.raises(ValueError, match="joints must move; elbow is fixed"):
+        Chain.from_urdf(written(tmp_path, text), ["elbow"])
+    with pytest.raises(ValueError, match="got its text"):
+        Chain.from_urdf(GOOD)
 
 
 def test_billion_laughs_in_another_encoding(tmp_path):
