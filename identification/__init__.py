@@ -18,9 +18,10 @@ if _found is None or _found.origin is None or Path(_found.origin).resolve().pare
 from identification.equation_error import TorqueFit, fit_torque  # noqa: E402
 from identification.filtering import derivatives, low_pass  # noqa: E402
 from identification.genetic import GeneticResult, GeneticSettings, minimize_genetic  # noqa: E402
-from identification.identify import Identification, identify  # noqa: E402
+from identification.identify import identify  # noqa: E402
 from identification.objective import Objective  # noqa: E402
 from identification.ranges import Interval, LinkSize, puma560_ranges, ranges  # noqa: E402
+from identification.result import Identification  # noqa: E402
 from identification.spread import Spread, spread  # noqa: E402
 from plant.check import known_options  # noqa: E402
 

@@ -23,9 +23,9 @@ from identification.least_squares import least_squares
 from plant import Dynamics, Rig
 from plant.check import array, choice, instance, known_options, real
 
-__all__ = ["TorqueFit", "fit_torque"]
+__all__ = ["LINEAR", "TorqueFit", "equations", "fit_torque", "weighted"]
 
-_LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
+LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
 
 _POOR = 0.3
 """Relative torque error above which something is wrong with the log rather than with the arm."""
@@ -149,6 +149,12 @@ def fit_torque(dynamics, q, torque, *, rig, cutoff, band, every=1, unknown=None,
     if isinstance(unknown, str):
         raise ValueError(f"unknown must be a sequence of names; got {unknown!r}. Write (*dynamics.names, {unknown!r}).")
     unknown, extra = tuple(dynamics.names if unknown is None else unknown), dict(extra or {})
+    sides = equations(dynamics, q, torque, rig, cutoff, band, every, unknown, slowest, extra)
+    return weighted((*unknown, *extra), [sides])
+
+
+def equations(dynamics, q, torque, rig, cutoff, band, every, unknown, slowest, extra):
+    """Both sides of the equation and which rows count: (N', n), (N', n, k), (N', n)."""
     motion = derivatives(q, rig.period, cutoff)
     slopes, given = _columns(dynamics, rig, unknown, motion)
     more = [array(name, column(*motion), q.shape, advice="Give (N, n).") for name, column in extra.items()]
@@ -157,13 +163,7 @@ def fit_torque(dynamics, q, torque, *, rig, cutoff, band, every=1, unknown=None,
     rows = slice(-(-margin // every) * every, len(q) - margin, every)
     wanted, *columns = (low_pass(side, rig.period, band)[rows] for side in sides)
     used = (np.abs(low_pass(motion.qd, rig.period, band)[rows]) > slowest) | (slowest == 0)
-    names = (*unknown, *extra)
-    if used.sum() <= len(names):
-        raise ValueError(
-            f"a fit of {len(names)} numbers needs more equations; {used.sum()} are left of {len(q)} samples. "
-            "Log longer, move faster, or lower least_speed or every."
-        )
-    return _weighted(names, wanted, np.stack(columns, axis=-1), used)
+    return wanted, np.stack(columns, axis=-1), used
 
 
 def _columns(dynamics, rig, unknown, motion):
@@ -185,7 +185,7 @@ def _columns(dynamics, rig, unknown, motion):
 def _balance(dynamics, rig, unknown):
     """Names of all numbers, and (q, qd, qdd, numbers) -> torque per unknown, torque of the rest."""
     names = [*dynamics.names, *rig.number_names()]
-    of_drive = [name for name in names if name.startswith(_LINEAR)]
+    of_drive = [name for name in names if name.startswith(LINEAR)]
     for name in unknown:
         if name not in names:
             near = difflib.get_close_matches(name, [*dynamics.names, *of_drive], n=1, cutoff=0.4)
@@ -212,8 +212,14 @@ def _balance(dynamics, rig, unknown):
     return names, ca.Function("balance", [q, qd, qdd, numbers], [slope, tau])
 
 
-def _weighted(names, wanted, columns, used):
-    """Least squares, weighted by the scatter of each joint in an unweighted fit."""
+def weighted(names, sides):
+    """Least squares of one or more logs' `equations`, weighted by the scatter of each joint in an unweighted fit."""
+    wanted, columns, used = (np.concatenate(parts) for parts in zip(*sides, strict=True))
+    if used.sum() <= len(names):
+        raise ValueError(
+            f"a fit of {len(names)} numbers needs more equations; {used.sum()} are left. "
+            "Log longer, move faster, or lower least_speed or every."
+        )
     joint = np.nonzero(used)[1]
     rows, target = columns[used], wanted[used]
     weight = np.ones(len(target))

@@ -2,75 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 
 import numpy as np
 from tqdm import tqdm
 
 import plant
-from identification.genetic import GeneticSettings, minimize_genetic
+from identification.experiment import checked
+from identification.genetic import GeneticSettings
+from identification.methods import METHODS
 from identification.objective import Objective
-from plant import Arm, Law, Rig
+from identification.quality import require_informative
+from identification.result import Identification
+from identification.search import Search
 from plant.check import array, choice, known_options
 
-__all__ = ["Identification", "identify"]
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Identification:
-    """What was found, and how.
-
-    Attributes
-    ----------
-    arm : Arm
-        The arm with the best f; D-hat and h-hat of a computed-torque controller.
-    rig, law : Rig, Law
-        Those of the (first) record, with whatever else was unknown filled in.
-    f : (p,) numpy.ndarray
-    unknown : tuple of str
-        Names of what was searched; `values` (k,) are what was found for them.
-    objective, initial_objective : float
-        Objective (4) of the best candidate, at the end and in the first generation [pulses^2].
-    initial_population : (P, k) numpy.ndarray
-    initial_costs : (P,) numpy.ndarray
-        Objective (4) of each of them, inf where it cannot be an arm or diverges.
-    history : (generations + 1, 3) numpy.ndarray
-        Best, mean and worst finite objective of each generation.
-    evaluations : int
-    seconds : float
-    seed : int
-    settings : GeneticSettings
-    version : str
-        Of the library.
-    message : str
-        Why the search ended.
-    """
-
-    arm: Arm
-    rig: Rig
-    law: Law
-    f: np.ndarray
-    unknown: tuple
-    values: np.ndarray
-    objective: float
-    initial_objective: float
-    initial_population: np.ndarray
-    initial_costs: np.ndarray
-    history: np.ndarray
-    evaluations: int
-    seconds: float
-    seed: int
-    settings: GeneticSettings
-    version: str
-    message: str
-
-    def __repr__(self):
-        f = np.array2string(self.f, precision=3, suppress_small=True)
-        return (
-            f"Identification(f={f}, objective {self.initial_objective:.0f} -> {self.objective:.0f} pulses^2, "
-            f"{self.evaluations} evaluations in {self.seconds:.1f} s)"
-        )
+__all__ = ["identify"]
 
 
 @known_options
@@ -79,7 +26,7 @@ def identify(
     records,
     *,
     seed=0,
-    method="paper",
+    method="seeded",
     progress=True,
     ranges=None,
     unknown=None,
@@ -87,12 +34,14 @@ def identify(
     steps_per_sample=4,
     sweeps=3,
     threads=None,
+    held_out=None,
 ):
     """Find the parameters with which the model repeats the tracking errors of the robot.
 
     Steps 1-6 of 3.2: the robot has followed a trajectory under P control (1) and its errors are in the record (2); a
     population is drawn from the ranges (3), evaluated by objective (4), and evolved (5); the best ever seen is the
-    result (6).
+    result (6). That is ``method="paper"``. By default the ranges are drawn around a fit of the torque equation to the
+    counts, and the best is the start of a last fit that predicts every sample from those before (`METHODS`).
 
     Parameters
     ----------
@@ -102,12 +51,12 @@ def identify(
         From `plant.simulate` or `Record.from_csv`; only pulses are read.
     seed : int
         Same seed, same result, to the bit, on any number of threads.
-    method : {"paper"}
-        The genetic algorithm of 3.7.
+    method : {"seeded", "paper", "genetic", "equation_error", "didim", "output_error", "prediction_error"}
+        See `identification.methods`. "paper" is 3.7 as printed.
     progress : bool
         Show a progress bar.
     ranges : (k, 2) array_like, optional
-        Where to search each unknown; by default ``dynamics.ranges``.
+        Where to search each unknown; "paper" and "genetic" take ``dynamics.ranges`` by default, the others need none.
     unknown : sequence of str, optional
         Names of what to find: all of f by default; numbers of rig or law may be added (``drive.viscous[0]``).
     settings : GeneticSettings, optional
@@ -116,6 +65,9 @@ def identify(
         Sub-steps of the model, and sweeps of its friction law.
     threads : int, optional
         By default one per core.
+    held_out : sequence of Record, optional
+        Records that are not searched, only repeated with what was found; by default the last of several, except by the
+        paper's method. Give () to search them all.
 
     Returns
     -------
@@ -128,59 +80,76 @@ def identify(
 
     Source: paper 3.2, 3.7.
     """
-    choice("method", method, ("paper",))
+    choice("method", method, tuple(METHODS))
     started = time.perf_counter()
-    objective = Objective(dynamics, records, unknown, steps_per_sample=steps_per_sample, sweeps=sweeps, threads=threads)
-    if ranges is None:
-        if dynamics.ranges is None or objective.unknown != dynamics.names:
-            raise ValueError(
-                f"ranges must be given for {', '.join(objective.unknown)}; got None. Pass (low, high) for each, "
-                "or give the Dynamics its ranges."
-            )
-        ranges = dynamics.ranges
-    ranges = array("ranges", ranges, (objective.p, 2), advice="Give (low, high) for each unknown.")
+    options = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "threads": threads}
+    records, _ = checked(dynamics, records, unknown)
+    if held_out is None:
+        several = len(records) > 1 and method != "paper"
+        records, held_out = (records[:-1], records[-1:]) if several else (records, ())
+    objective = Objective(dynamics, records, unknown, **options)
+    kept = Objective(dynamics, held_out, unknown, **options) if len(held_out) else None
+    for record in objective.records:
+        require_informative(record)
+    if ranges is not None:
+        ranges = array("ranges", ranges, (objective.p, 2), advice="Give (low, high) for each unknown.")
     settings = GeneticSettings.paper() if settings is None else settings
     if not isinstance(settings, GeneticSettings):
         given = type(settings).__name__
         raise ValueError(f"settings must be GeneticSettings; got {given}. Leave it out for those of the paper.")
+    first = objective.records[0]
+    known = dict(zip(first.rig.number_names(), first.rig.number_values(), strict=True))
+    known |= dict(zip(first.law.number_names("law."), first.law.number_values(), strict=True))
+    nominal = np.array([known.get(name, np.nan) for name in objective.unknown])
     with tqdm(total=settings.generations, desc="identify", unit="generation", disable=not progress, leave=False) as bar:
 
         def show(state):
             bar.set_postfix_str(f"best {state.best_cost:.0f} pulses^2")
             bar.update()
 
-        result = minimize_genetic(objective, ranges, settings, seed, callback=show)
-    if not np.isfinite(result.cost):
+        search = Search(
+            dynamics=dynamics, records=objective.records, unknown=objective.unknown, objective=objective,
+            nominal=nominal, ranges=ranges, settings=settings, seed=seed, options=options, show=show,
+        )  # fmt: skip
+        outcome = METHODS[method](search)
+    genetic, k = outcome.genetic, objective.p
+    cost = genetic.cost if method in ("paper", "genetic") else float(objective(outcome.values[None])[0])
+    if not np.isfinite(cost):
         raise ValueError(
-            f"some candidate must repeat the experiment; all {result.evaluations} diverged or had no sound inertia. "
+            f"some candidate must repeat the experiment; all {outcome.evaluations} diverged or had no sound inertia. "
             "Widen or correct the ranges, and check gains, gears and signs of the rig."
         )
-    values = dict(zip(objective.unknown, result.x, strict=True))
-    f = np.array([values[name] for name in dynamics.names])
-    first = objective.records[0]
+    named = dict(zip(objective.unknown, outcome.values, strict=True))
+    f = np.array([named[name] for name in dynamics.names])
     return Identification(
+        method=method,
         arm=dynamics.arm(f),
-        rig=_filled(first.rig, values, ""),
-        law=_filled(first.law, values, "law."),
+        rig=first.rig.filled(named),
+        law=first.law.filled(named, "law."),
         f=f,
         unknown=objective.unknown,
-        values=result.x,
-        objective=result.cost,
-        initial_objective=result.initial_cost,
-        initial_population=result.initial_population,
-        initial_costs=result.initial_costs,
-        history=result.history,
-        evaluations=result.evaluations,
+        values=outcome.values,
+        covariance=outcome.covariance,
+        scatter=outcome.scatter,
+        stages=outcome.stages,
+        records=objective.records,
+        held_out=tuple(held_out),
+        difference=_difference(cost, objective),
+        held_out_difference=None if kept is None else _difference(float(kept(outcome.values[None])[0]), kept),
+        objective=cost,
+        initial_objective=cost if genetic is None else genetic.initial_cost,
+        initial_population=np.empty((0, k)) if genetic is None else genetic.initial_population,
+        initial_costs=np.empty(0) if genetic is None else genetic.initial_costs,
+        history=np.empty((0, 3)) if genetic is None else genetic.history,
+        evaluations=outcome.evaluations,
         seconds=time.perf_counter() - started,
-        seed=result.seed,
+        seed=seed,
         settings=settings,
         version=plant.__version__,
-        message=result.message,
+        message=outcome.message,
     )
 
 
-def _filled(part, values, prefix):
-    """A rig or law with the identified numbers in place."""
-    names = part.number_names(prefix)
-    numbers = [values.get(name, given) for name, given in zip(names, part.number_values(), strict=True)]
-    return part.with_numbers(np.array(numbers))
+def _difference(cost, objective):
+    """Objective (4) as a root mean square per sample and joint [pulses]."""
+    return float(np.sqrt(cost / sum(record.error_pulses.size for record in objective.records)))

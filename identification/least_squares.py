@@ -6,11 +6,8 @@ import numpy as np
 
 __all__ = ["least_squares"]
 
-_DEPENDENT = 1e-9
-"""A column of which less than this is its own is a combination of the others."""
 
-
-def least_squares(names, rows, target):
+def least_squares(names, rows, target, *, dependent=1e-9):
     """Solve rows x = target.
 
     Parameters
@@ -19,6 +16,8 @@ def least_squares(names, rows, target):
         Of the columns, for messages.
     rows : (N, k) numpy.ndarray
     target : (N,) numpy.ndarray
+    dependent : float
+        A column of which less than this share is its own is a combination of the others.
 
     Returns
     -------
@@ -37,7 +36,7 @@ def least_squares(names, rows, target):
     lengths = np.sqrt((rows * rows).sum(axis=0))
     if not lengths.all():
         idle = names[int(np.argmin(lengths))]
-        raise ValueError(f"every unknown must act on the torque; {idle} does not in this motion. Leave it out.")
+        raise ValueError(f"every unknown must act on the log; {idle} does not in this motion. Leave it out.")
     basis, triangle = rows / lengths, np.zeros((k, k))
     for i in range(k):
         column = basis[:, i]
@@ -47,10 +46,12 @@ def least_squares(names, rows, target):
                 triangle[j, i] += share
                 column = column - share * basis[:, j]
         triangle[i, i] = np.sqrt((column * column).sum())
-        if triangle[i, i] < _DEPENDENT:
+        if triangle[i, i] < dependent:
             shares = np.linalg.solve(triangle[:i, :i], triangle[:i, i])
             others = [names[j] for j in np.flatnonzero(np.abs(shares) > 1e-3)]
-            raise ValueError(f"unknowns must be told apart by the motion; {names[i]} is one with {', '.join(others)}.")
+            raise ValueError(
+                f"unknowns must be told apart by the log; {names[i]} is one with {', '.join(others)}. Fix one of them."
+            )
         basis[:, i] = column / triangle[i, i]
     inverse = np.zeros((k, k))
     for i in reversed(range(k)):

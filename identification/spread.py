@@ -6,7 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from identification.identify import Identification, identify
+from identification.identify import identify
+from identification.result import Identification
 from plant.check import array
 
 __all__ = ["Spread", "alteration", "spread"]
@@ -54,7 +55,7 @@ class Spread:
         return "" if self.published is None else f" {text:>7}"
 
 
-def spread(dynamics, records, *, seeds=range(10), published=None, **options):
+def spread(dynamics, records, *, seeds=range(10), published=None, method="paper", **options):
     """Identify the same records with several seeds and say how much each f varies.
 
     Parameters
@@ -64,6 +65,8 @@ def spread(dynamics, records, *, seeds=range(10), published=None, **options):
     seeds : iterable of int
     published : (p,) array_like, optional
         Alterations to print beside the result, such as `plant.puma560.PUBLISHED_ALTERATION`.
+    method : str
+        The paper's by default: it is its series that varies; the default of `identify` varies far less.
     **options
         Of `identify`.
 
@@ -82,6 +85,6 @@ def spread(dynamics, records, *, seeds=range(10), published=None, **options):
         raise ValueError(f"seeds must be two or more; got {len(seeds)}. A spread needs a series of runs.")
     if published is not None:
         published = array("published", published, (dynamics.p,), advice="Give one alteration per f.")
-    runs = tuple(identify(dynamics, records, seed=seed, **options) for seed in seeds)
+    runs = tuple(identify(dynamics, records, seed=seed, method=method, **options) for seed in seeds)
     f = np.array([run.f for run in runs])
     return Spread(names=dynamics.names, runs=runs, f=f, alteration=alteration(f), published=published)

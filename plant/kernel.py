@@ -7,7 +7,7 @@ import numpy as np
 from plant.compile import Kernel
 from plant.source import loop_source, map_source
 
-__all__ = ["LANES", "LoopKernel", "MapKernel"]
+__all__ = ["LANES", "LoopKernel", "MapKernel", "Structure"]
 
 LANES = 40
 """Individuals side by side in the loop of a population, chosen by tests/benchmarks/speed.py."""
@@ -103,3 +103,18 @@ class LoopKernel:
             final,
         )
         return final, steps
+
+
+class Structure:
+    """A loop compared by its structure alone: loops with other numbers share one kernel."""
+
+    def __init__(self, loop):
+        self.loop = loop
+        functions = (loop.law_step, loop.sample, loop.substep)
+        self.key = tuple(None if f is None else f.serialize() for f in functions), loop.steps_per_law
+
+    def __eq__(self, other):
+        return self.key == other.key and self.loop.steps_per_sample == other.loop.steps_per_sample
+
+    def __hash__(self):
+        return hash(self.key)

@@ -39,6 +39,18 @@ def linearise(arm, rig, law, pose):
     import control
 
     n = arm.n
+    A, B, C = jacobians(arm, rig, law, pose)
+    return control.StateSpace(
+        A, B, C, np.eye(n),
+        states=[f"q[{i}]" for i in range(n)] + [f"qd[{i}]" for i in range(n)],
+        inputs=[f"reference_pulses[{i}]" for i in range(n)],
+        outputs=[f"error_pulses[{i}]" for i in range(n)],
+    )  # fmt: skip
+
+
+def jacobians(arm, rig, law, pose):
+    """The matrices A (2n, 2n), B (2n, n) and C (n, 2n) of `linearise`, without python-control."""
+    n = arm.n
     pose = array("pose", pose, (n,), advice="Give one angle per joint [rad].")
     if law.period is not None or len(law.initial_state(n)):
         raise ValueError(f"law must be fast and without state, like P; got {type(law).__name__}. Linearise it by hand.")
@@ -60,18 +72,12 @@ def linearise(arm, rig, law, pose):
     row = np.concatenate([pose, np.zeros(2 * n), held, [step]])
     function = ca.Function("linear", [state, time, numbers], [A, B])
     A, B = (matrix.full() for matrix in function(at_rest, row, values))
-    C = -np.hstack([rig.position(np.eye(n)).T, np.zeros((n, n))])
-    return control.StateSpace(
-        A, B, C, np.eye(n),
-        states=[f"q[{i}]" for i in range(n)] + [f"qd[{i}]" for i in range(n)],
-        inputs=[f"reference_pulses[{i}]" for i in range(n)],
-        outputs=[f"error_pulses[{i}]" for i in range(n)],
-    )  # fmt: skip
+    return A, B, -np.hstack([rig.position(np.eye(n)).T, np.zeros((n, n))])
 
 
 def modes(system):
-    """Frequency [Hz] and damping ratio of each oscillating mode of a linear model, slowest first: (k, 2)."""
-    poles = system.poles()
+    """Frequency [Hz] and damping ratio of each oscillating mode of a linear model, or its A, slowest first: (k, 2)."""
+    poles = np.linalg.eigvals(getattr(system, "A", system))
     poles = poles[poles.imag > 1e-9 * np.abs(poles).max()]
     found = np.column_stack([np.abs(poles) / (2 * np.pi), -poles.real / np.abs(poles)])
     return found[np.argsort(found[:, 0])]

@@ -18,13 +18,14 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from plant.correction import Correction
 from plant.dynamics import Dynamics
 from plant.factor import inverse
 from plant.friction import friction_impulse, smooth_impulse
 from plant.law import Law
 from plant.rig import Rig
 
-__all__ = ["ClosedLoop", "Structure", "bounded"]
+__all__ = ["ClosedLoop", "bounded"]
 
 FAR = 1e6
 """Where the positions [rad] and velocities [rad/s] of all joints have a length beyond this, the loop has diverged."""
@@ -47,6 +48,8 @@ class ClosedLoop:
         Encoder as identity and friction regularised, for derivatives.
     score : casadi Function, optional
         (log, data) -> number, added up over the samples in the state ``score``; `data` is measured, one row a sample.
+    correction : Correction, optional
+        How the counted positions (n,) [pulses], then in `data`, correct the simulated ones at every sample.
 
     Attributes
     ----------
@@ -63,6 +66,7 @@ class ClosedLoop:
     sweeps: int = 3
     smooth: bool = False
     score: ca.Function | None = None
+    correction: Correction | None = None
 
     def __post_init__(self):
         for name in ("steps_per_sample", "sweeps"):
@@ -118,17 +122,21 @@ class ClosedLoop:
 
     @property
     def n_data(self):
-        """Measured numbers per sample that the score needs."""
+        """Measured numbers per sample that the score or the correction needs."""
+        if self.correction is not None:
+            return self.n
         return 0 if self.score is None else self.score.nnz_in(1)
 
     @property
     def number_names(self):
-        """f, then the law's numbers, then the rig's."""
-        return [*self.dynamics.names, *self._block.names]
+        """f, then the law's numbers, then the rig's, then the correction's."""
+        more = [] if self.correction is None else self.correction.number_names("correction.")
+        return [*self.dynamics.names, *self._block.names, *more]
 
     def number_values(self, f):
         """Values (k,) of `number_names` with these f (p,)."""
-        return np.concatenate([f, self._block.values])
+        more = np.empty(0) if self.correction is None else self.correction.number_values()
+        return np.concatenate([f, self._block.values, more])
 
     def initial_state(self, q, qd):
         """State (s,) of an arm at q, qd (n,) with nothing applied yet."""
@@ -147,8 +155,9 @@ class ClosedLoop:
         n, p = self.n, self.dynamics.p
         q, qd, impulse, torque = (state[i * n : (i + 1) * n] for i in range(4))
         motion = [time[i * n : (i + 1) * n] for i in range(4)]
-        rig = self.rig.with_numbers(numbers[len(self.number_names) - len(self.rig.number_values()) :])
-        return q, qd, impulse, torque, state[4 * n : -2], state[-2:], motion, time[-1], numbers[:p], numbers[p:], rig
+        block = numbers[p : p + len(self._block.names)]
+        rig = self.rig.with_numbers(block[len(self._block.names) - len(self.rig.number_values()) :])
+        return q, qd, impulse, torque, state[4 * n : -2], state[-2:], motion, time[-1], numbers[:p], block, rig
 
     # -- the three steps -----------------------------------------------------------------------------------------
     def _asked(self, q, dt):
@@ -177,7 +186,8 @@ class ClosedLoop:
     def sample(self):
         """The log at a sample: error [pulses], joint torque [N m], true q and qd, each (n,), joined.
 
-        Here divergence is found: what is not finite stays so.
+        With a correction the first is the counted position minus the predicted one instead, and the state that goes on
+        is corrected. Here divergence is found: what is not finite stays so.
         """
         q, qd, impulse, torque, law_state, status, motion, *_, rig = self._parts
         at_sample, ok = torque, status[1]
@@ -185,7 +195,14 @@ class ClosedLoop:
             at_sample, _, finite = self._asked(q, ca.SX(self.h))
             ok = _if(finite, ok)
         ok = _if(bounded(ca.vertsplit(ca.vertcat(q, qd))), ok)
-        log, data = ca.vertcat(motion[3] - rig.pulses(q), at_sample, q, qd), ca.SX.sym("data", self.n_data)
+        data = ca.SX.sym("data", self.n_data)
+        if self.correction is None:
+            log = ca.vertcat(motion[3] - rig.pulses(q), at_sample, q, qd)
+        else:
+            surprise = data - rig.position(q)
+            log = ca.vertcat(surprise, at_sample, q, qd)
+            shares = self.correction.with_numbers(self._symbols[2][-2 * self.n :])
+            q, qd = q + rig.turned(shares.position * surprise), qd + rig.turned(shares.speed * surprise) / rig.period
         score = status[0] if self.score is None else status[0] + self.score(log, data)
         return self._function("sample", [q, qd, impulse, torque, law_state, score, ok], log, data)
 
@@ -229,18 +246,3 @@ def bounded(state):
 def _if(condition, value):
     """The value where the condition holds, 0 elsewhere; a NaN in the condition counts as not."""
     return ca.if_else(condition, value, 0)
-
-
-class Structure:
-    """A loop compared by its structure alone: loops with other numbers share one kernel."""
-
-    def __init__(self, loop):
-        self.loop = loop
-        functions = (loop.law_step, loop.sample, loop.substep)
-        self.key = tuple(None if f is None else f.serialize() for f in functions), loop.steps_per_law
-
-    def __eq__(self, other):
-        return self.key == other.key and self.loop.steps_per_sample == other.loop.steps_per_sample
-
-    def __hash__(self):
-        return hash(self.key)

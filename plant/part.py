@@ -81,6 +81,12 @@ class Part:
         symbolic = not isinstance(vector, np.ndarray)
         return self._filled(vector, [0], symbolic)
 
+    def filled(self, values, prefix=""):
+        """Copy with some of its numbers replaced: name, as in `number_names(prefix)` -> float."""
+        names = self.number_names(prefix)
+        numbers = [values.get(name, given) for name, given in zip(names, self.number_values(), strict=True)]
+        return self.with_numbers(np.array(numbers))
+
     def _filled(self, vector, position, symbolic):
         changes = {}
         for field in dataclasses.fields(self):

@@ -8,7 +8,7 @@ import math
 import casadi as ca
 import numpy as np
 
-from plant.loop import Structure
+from plant.kernel import Structure
 
 __all__ = ["by_casadi"]
 

@@ -62,6 +62,14 @@ class Rig(Part):
         """Joint position [rad] in pulses of the motor shaft, before rounding."""
         return self.encoder.position(self.drive.gear) * self.drive.coupling.shaft(q)  # pulses per radian, times angle
 
+    def turned(self, position):
+        """Joint position [rad] of a position in pulses; the way back from `position`."""
+        return self.drive.joint_angle(self.encoder.turned(position))
+
+    def counted(self, pulses):
+        """Position in pulses, in the middle of the cell that these counts stand for."""
+        return self.encoder.position(self.encoder.angle(pulses))
+
     def angle(self, pulses):
         """Joint position [rad] in the middle of the cell that these counts stand for."""
         return self.drive.joint_angle(self.encoder.angle(pulses))

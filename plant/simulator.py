@@ -10,9 +10,9 @@ import numpy as np
 
 from plant.arm import Arm
 from plant.check import array, choice, instance, known_options, real
-from plant.kernel import LoopKernel
+from plant.kernel import LoopKernel, Structure
 from plant.law import Law
-from plant.loop import ClosedLoop, Structure, bounded
+from plant.loop import ClosedLoop, bounded
 from plant.record import Record
 from plant.referee import by_casadi
 from plant.reference import Reference

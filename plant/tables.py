@@ -7,12 +7,14 @@ reference is replayed from its logged counts: straight lines between two samples
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from plant.encoder import fix
 from plant.reference import Motion
 
-__all__ = ["Logged", "Path", "path_of", "start_of", "time_tables"]
+__all__ = ["Logged", "Path", "path_of", "smooth_rig", "start_of", "time_tables"]
 
 
 class Path:
@@ -46,19 +48,23 @@ class Logged:
         following = np.minimum(row + 1, len(self.pulses) - 1)
         step = self.pulses[following] - self.pulses[row]
         pulses = self.pulses[row] + step * np.maximum(place - row, 0)[:, None]
-        motion = Motion(self._angle(pulses), self._angle(step / self.rig.period), np.zeros_like(pulses))
+        motion = Motion(self.rig.turned(pulses), self.rig.turned(step / self.rig.period), np.zeros_like(pulses))
         return motion, pulses if self.rig.encoder.smooth else fix(pulses)
 
     def start(self):
         """Position at t = 0, at rest: two counts say nothing of a velocity."""
-        return self._angle(self.pulses[0]), np.zeros(self.rig.n)
-
-    def _angle(self, pulses):
-        return self.rig.drive.joint_angle(self.rig.encoder.turned(pulses))
+        return self.rig.turned(self.pulses[0]), np.zeros(self.rig.n)
 
 
-def path_of(record):
+def smooth_rig(rig):
+    """The same rig with an encoder that does not round."""
+    return dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, smooth=True))
+
+
+def path_of(record, *, smooth=False):
     """What a record's loop was asked to follow: its reference where it has one, its logged counts otherwise.
+
+    Smooth: not rounded to pulses; counts then stand for the middle of their cell.
 
     Raises
     ------
@@ -66,7 +72,8 @@ def path_of(record):
         The logged counts are not those of the reference.
     """
     if record.reference is None:
-        return Logged(record.reference_pulses, record.rig)
+        counts = record.reference_pulses
+        return Logged(record.rig.counted(counts), smooth_rig(record.rig)) if smooth else Logged(counts, record.rig)
     path = Path(record.reference, record.rig)
     off = np.abs(path(np.arange(len(record)) * record.rig.period)[1] - record.reference_pulses).max(axis=1)
     wrong = np.flatnonzero(off > 1)
@@ -75,7 +82,7 @@ def path_of(record):
             f"reference_pulses must be the reference's own, from t = 0; sample {wrong[0]} is {off[wrong[0]]:.0f} "
             "pulses off. Correct the reference, or leave it out to replay the logged counts."
         )
-    return path
+    return Path(record.reference, smooth_rig(record.rig)) if smooth else path
 
 
 def start_of(record, path):

@@ -32,7 +32,7 @@ def short():
 
 
 def quick(record=None, **options):
-    options = {"settings": TINY, "progress": False} | options
+    options = {"settings": TINY, "progress": False, "method": "paper"} | options
     return identify(puma560.dynamics(), record or short(), **options)
 
 
@@ -43,7 +43,7 @@ def test_the_paper_settings_reach_what_was_measured_before(seed):
 
     The paper's own run fell from 38,000-45,000 to 23,000-25,000, by a factor of 0.6.
     """
-    found = identify(puma560.dynamics(), measured(), seed=seed, progress=False)
+    found = identify(puma560.dynamics(), measured(), seed=seed, method="paper", progress=False)
     assert 18_000 <= found.initial_objective <= 32_500
     assert 7_000 <= found.objective <= 17_000
     assert found.objective <= 0.65 * found.initial_objective
@@ -141,7 +141,7 @@ def test_a_range_of_one_point_is_found_exactly():
 
 def test_several_records():
     other = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(2.5), duration=0.35)
-    found = identify(puma560.dynamics(), [short(), other], settings=TINY, progress=False)
+    found = identify(puma560.dynamics(), [short(), other], settings=TINY, method="paper", progress=False)
     assert Objective(puma560.dynamics(), [short(), other])(found.f[None]) == [found.objective]
 
 
@@ -189,7 +189,7 @@ def test_bad_input_is_refused_in_one_line(options, said):
 
 def test_ranges_must_come_from_somewhere():
     with pytest.raises(ValueError, match="ranges must be given for f1, f2"):
-        identify(dataclasses.replace(puma560.dynamics(), ranges=None), short(), settings=TINY, progress=False)
+        identify(dataclasses.replace(puma560.dynamics(), ranges=None), short(), method="paper", progress=False)
 
 
 def test_no_possible_candidate_is_an_error_and_not_a_result():

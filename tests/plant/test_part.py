@@ -26,6 +26,7 @@ from plant import (
     puma560,
     simulate,
 )
+from plant.correction import Correction
 from plant.part import _KINDS, Part, number, part, restore, structure
 
 LINKS = (Link(name="1", alpha=0.1, a=0.2, d=0.3, theta=0.4), Link(name="2", alpha=-np.pi / 2, a=1 / 3, d=0.0))
@@ -40,6 +41,7 @@ EXAMPLES = {
     "Arm": puma560.arm(),
     "Drive": puma560.rig().drive,
     "FrictionCurve": FrictionCurve(offset=(0.1, -0.2), breakaway=(0.3, 0.0), speed=(5.0, 6.0)),
+    "Correction": Correction(position=(0.1, 0.2), speed=(0.01, 0.02)),
     "Coupling": Coupling(matrix=((1, 0), (0.5, -1))),
     "Encoder": Encoder(resolution=(800, 1000), smooth=True),
     "Rig": puma560.rig(),
@@ -172,7 +174,8 @@ def test_description_with_missing_or_unknown_fields_is_refused():
 MISSPELT = {
     "Link": "alhpa", "Chain": "gravitiy", "Body": "inertai", "Lumping": "matirx", "Dynamics": "range", "Arm": "ff",
     "Drive": "gaer", "Encoder": "smoth", "Rig": "priod", "P": "gian", "Harmonics": "cosin", "PointToPoint": "gaol",
-    "Spline": "point", "Table": "time", "Placement": "positon", "FrictionCurve": "ofset", "Coupling": "matirx",
+    "Spline": "point", "Table": "time", "Placement": "positon", "FrictionCurve": "ofset",
+    "Coupling": "matirx", "Correction": "positoin",
 }  # fmt: skip
 
 

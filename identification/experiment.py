@@ -1,0 +1,116 @@
+"""One record, ready to be repeated by a loop with other numbers; what objective and prediction have in common."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from plant.check import instance
+from plant.dynamics import Dynamics
+from plant.loop import ClosedLoop
+from plant.record import Record
+from plant.tables import path_of, smooth_rig, start_of, time_tables
+
+__all__ = ["Experiment", "checked", "cores", "shared_out"]
+
+
+def checked(dynamics, records, unknown):
+    """Records and unknown names as tuples, or a refusal; by default all of f is unknown."""
+    records = tuple(records) if np.iterable(records) else (records,)
+    if not records or not all(isinstance(record, Record) for record in records):
+        given = type(next(r for r in records if not isinstance(r, Record))).__name__ if records else "none"
+        raise ValueError(f"records must be at least one Record; got {given}. Pass what simulate or from_csv gave.")
+    instance("dynamics", dynamics, Dynamics, "Pass the equations with f open, such as puma560.dynamics().")
+    if isinstance(unknown, str) or not (unknown is None or np.iterable(unknown)):
+        raise ValueError(f"unknown must be a sequence of names; got {unknown!r}. Write ({unknown!r},).")
+    unknown = tuple(dynamics.names if unknown is None else unknown)
+    twice = [name for i, name in enumerate(unknown) if name in unknown[:i]]
+    if twice:
+        raise ValueError(f"unknown must name each number once; {twice[0]} comes twice. Leave one out.")
+    return records, unknown
+
+
+class Experiment:
+    """The loop of a record and all that it needs to run.
+
+    Attributes
+    ----------
+    loop : ClosedLoop
+    places : list of int
+        Where the unknowns are among the loop's numbers.
+    times : tuple
+        Time tables of law, samples and sub-steps.
+    numbers, state : numpy.ndarray
+        As the record says; f is NaN.
+    """
+
+    def __init__(self, dynamics, record, unknown, *, smooth=False, **options):
+        if record.law is None:
+            raise ValueError("the record must name the law that made it; got None. Pass law= to Record.from_csv.")
+        if record.n != dynamics.n:
+            raise ValueError(
+                f"the record must have {dynamics.n} joints; it has {record.n}. Use the record of this arm."
+            )
+        _require_uniform(record)
+        rig = smooth_rig(record.rig) if smooth else record.rig
+        self.record = record
+        self.loop = ClosedLoop(dynamics=dynamics, rig=rig, law=record.law, **options)
+        names = self.loop.number_names
+        for name in unknown:
+            if name not in names:
+                raise ValueError(
+                    f"unknown must name numbers of this experiment; got {name!r}. Known: {', '.join(names)}."
+                )
+        open_f = [name for name in dynamics.names if name not in unknown]
+        if open_f:
+            raise ValueError(
+                f"unknown must include all of f; {', '.join(open_f)} are missing. Add them to unknown, and fix what is "
+                "known by equal ends of its range."
+            )
+        self.places = [names.index(name) for name in unknown]
+        self.times = time_tables(self.loop, path_of(record, smooth=smooth), len(record))
+        self.numbers = self.loop.number_values(np.full(dynamics.p, np.nan))
+        self.state = self.loop.initial_state(*start_of(record, path_of(record)))
+
+    @property
+    def steps(self):
+        """Sub-steps of a whole run."""
+        return len(self.record) * self.loop.steps_per_sample
+
+
+def cores():
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def shared_out(function, items, threads):
+    """[function(item) for item in items], by so many threads, of which this is one."""
+    results, places = [None] * len(items), iter(range(len(items)))
+
+    def work():
+        for i in places:
+            results[i] = function(items[i])
+
+    others = min(threads, len(items)) - 1
+    if others < 1:
+        work()
+        return results
+    with ThreadPoolExecutor(others) as pool:
+        running = [pool.submit(work) for _ in range(others)]
+        work()
+        for future in running:
+            future.result()
+    return results
+
+
+def _require_uniform(record):
+    """Refuse time stamps that are not t_0 + k period: the model's samples would drift from the robot's."""
+    late = record.t - record.t[0] - np.arange(len(record)) * record.rig.period
+    wrong = np.flatnonzero(np.abs(late) > 0.01 * record.rig.period)
+    if len(wrong):
+        raise ValueError(
+            f"t must advance by the rig's period {record.rig.period:.6g} s; sample {wrong[0]} is "
+            f"{late[wrong[0]]:+.3g} s off. Resample the log or correct the period."
+        )

@@ -1,0 +1,211 @@
+"""Ways to find what is unknown in a log, all with one interface: a `Search` in, an `Outcome` out.
+
+paper             the genetic algorithm of 3.7 on objective (4), in given ranges
+genetic           the same with ranges and settings of one's own
+equation_error    the torque equation in a pass band, by least squares (`identification.from_pulses`)
+didim             the same with the motion of a simulated arm in place of the measured one, again and again
+output_error      simulated against counted positions, from the equation error's start, by Gauss-Newton
+prediction_error  predicted against counted positions (`identification.prediction`), from the same start
+seeded            equation error, then the genetic algorithm in a box around it, then the prediction error
+
+Sources: paper 3.2, 3.7 (paper, genetic); M. Gautier, A. Janot, P.-O. Vandanjon, A new closed-loop output error method
+for parameter identification of robot dynamics, IEEE Transactions on Control Systems Technology 21 (2013) (didim).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from identification.equation_error import TorqueFit, weighted
+from identification.from_pulses import equation_error as fit_pulses
+from identification.from_pulses import pass_band, sides_in
+from identification.genetic import minimize_genetic
+from identification.prediction import Prediction, gauss_newton
+from identification.search import Outcome
+from plant.inertia import least_inertia_margin
+
+__all__ = ["METHODS"]
+
+_BOX = 4.0
+"""Half width of the box around the equation error, in its standard deviations."""
+
+_NEAR, _NEIGHBOURS = 0.1, 119
+"""Standard deviations around the prediction error's fit within which so many vectors are tried on objective (4)."""
+
+_AT_MOST = 1.5
+"""Objective (4) that the prediction error's fit may have, in that of the genetic algorithm's best."""
+
+_SMALL = 0.01
+"""Step of the derivatives, in standard deviations of the equation error, or shares."""
+
+_SHARES = ((1e-3, 0.9), (1e-7, 0.5))
+"""Between which the shares of position and of speed are looked for."""
+
+_ROUNDS = 10
+"""Of `didim`, at most."""
+
+_BELOW = 0.25
+"""Its band, as a share of the pass band."""
+
+_SETTLED = 0.02
+"""Change, in standard deviations, below which it ends."""
+
+
+def paper(search):
+    """The genetic algorithm in the ranges."""
+    if search.everywhere is None:
+        raise ValueError(
+            f"ranges must be given for {', '.join(search.unknown)}; got None. Pass (low, high) for each, or give the "
+            "Dynamics its ranges."
+        )
+    result = _genetic(search, search.everywhere)
+    return Outcome(values=result.x, evaluations=result.evaluations, message=result.message, genetic=result)
+
+
+def _genetic(search, ranges):
+    return minimize_genetic(search.objective, ranges, search.settings, search.seed, callback=search.show)
+
+
+def equation_error(search):
+    """Least squares on the torque equation."""
+    return _of_fit(search, fit_pulses(search.dynamics, search.records, search.unknown))
+
+
+def didim(search):
+    """The torque equation along the motion of the arm found last, until that no longer changes.
+
+    It is compared below the slow mode: how that swings depends on the rounding of single counts, which a simulation
+    does not repeat.
+    """
+    fit = fit_pulses(search.dynamics, search.records, search.unknown)
+    stages = {"equation error": _complete(search, fit)[0]}
+    simulated = Prediction(search.dynamics, search.records, search.unknown, free=True, **search.options)
+    bands = [_BELOW * pass_band(record) for record in search.records]
+    while simulated.evaluations < _ROUNDS:
+        motions = simulated.motions(_complete(search, fit)[0])
+        if not all(np.isfinite(q).all() for q in motions):
+            raise ValueError(
+                "the simulated arm must stay on its path; what was found so far diverges. Log a slower motion."
+            )
+        log = zip(search.records, bands, motions, strict=True)
+        sides = [sides_in(search.dynamics, record, band, fit.names, q) for record, band, q in log]
+        before, fit = fit, weighted(fit.names, sides)
+        if (np.abs(fit.values - before.values) < _SETTLED * fit.std).all():
+            break
+    return dataclasses.replace(_of_fit(search, fit), evaluations=simulated.evaluations, stages=stages)
+
+
+def output_error(search):
+    """Gauss-Newton on simulated positions."""
+    values, step = _complete(search, fit_pulses(search.dynamics, search.records, search.unknown))
+    return _polished(search, values, step, {"equation error": values}, free=True)
+
+
+def prediction_error(search):
+    """Gauss-Newton on predicted positions."""
+    values, step = _complete(search, fit_pulses(search.dynamics, search.records, search.unknown))
+    return _polished(search, values, step, {"equation error": values})
+
+
+def seeded(search):
+    """Equation error, genetic algorithm around it, prediction error from there.
+
+    Last, of some vectors within a tenth of a standard deviation, which the log cannot tell apart, the one whose
+    simulated errors repeat the measured ones best: objective (4) depends on single counts.
+    """
+    values, step = _complete(search, fit_pulses(search.dynamics, search.records, search.unknown))
+    box = np.column_stack([values - _BOX * step, values + _BOX * step])
+    low, high = search.bounds.T
+    box = np.column_stack([np.clip(box[:, 0], low, high), np.clip(box[:, 1], low, high)])
+    result = _genetic(search, box)
+    if not np.isfinite(result.cost) and search.everywhere is not None:  # the log was too poor for a box
+        result = _genetic(search, search.everywhere)
+    stages = {"equation error": values, "genetic": result.x}
+    if not np.isfinite(result.cost):
+        return Outcome(values=values, genetic=result, evaluations=result.evaluations, stages=stages)
+    outcome = _polished(search, result.x, step, stages)
+    stages["prediction error"] = outcome.values
+    moves = np.random.default_rng(search.seed).normal(size=(_NEIGHBOURS, len(step)))
+    moves = _NEAR * (moves[:, None, :] * _root(outcome.covariance)).sum(axis=2)
+    near = np.clip(np.vstack([outcome.values, outcome.values + moves]), *search.bounds.T)
+    costs = search.objective(near)
+    best, message = near[int(np.argmin(costs))], outcome.message
+    if not costs.min() <= _AT_MOST * result.cost:
+        best, message = result.x, f"{message} It does not repeat the errors; this is the genetic algorithm's best."
+    evaluations = result.evaluations + outcome.evaluations + len(near)
+    return dataclasses.replace(outcome, values=best, genetic=result, evaluations=evaluations, message=message)
+
+
+METHODS = {
+    "seeded": seeded,
+    "paper": paper,
+    "genetic": paper,
+    "equation_error": equation_error,
+    "didim": didim,
+    "output_error": output_error,
+    "prediction_error": prediction_error,
+}
+
+
+# -- helpers ---------------------------------------------------------------------------------------------------------
+def _complete(search, fit: TorqueFit):
+    """Values (k,) of all unknowns, those that the fit lacks as the record has them; and a step for each."""
+    values, step = search.nominal.copy(), np.abs(search.nominal) * 0.02
+    for i, name in enumerate(search.unknown):
+        if name in fit.names:
+            place = fit.names.index(name)
+            values[i], step[i] = fit.values[place], fit.std[place]
+    if search.ranges is not None:
+        step = np.where(step > 0, step, 0.01 * (search.ranges[:, 1] - search.ranges[:, 0]))
+        step = np.where(search.ranges[:, 0] == search.ranges[:, 1], 0.0, step)
+    return np.clip(values, *search.bounds.T), step
+
+
+def _of_fit(search, fit):
+    values, _ = _complete(search, fit)
+    covariance = np.zeros((len(values), len(values)))
+    places = [search.unknown.index(name) for name in fit.names]
+    covariance[np.ix_(places, places)] = fit.covariance
+    message = f"{fit.rows} equations, relative torque error {fit.relative_error:.1%}."
+    return Outcome(values=values, covariance=covariance, message=message)
+
+
+def _polished(search, start, step, stages, *, free=False):
+    """The prediction error's fit from a start; the start itself where no arm comes of it."""
+    prediction = Prediction(search.dynamics, search.records, search.unknown, free=free, **search.options)
+    k, n = len(start), search.dynamics.n
+    shares = prediction.initial_shares
+    bounds = np.vstack([search.bounds, *([_SHARES[0]] * n, [_SHARES[1]] * n)][: 1 if free else 3])
+    fit = gauss_newton(prediction, np.append(start, shares), _SMALL * np.append(step, shares), bounds)
+    arm, rig, _ = _parts(search, fit.values[:k])
+    sound = least_inertia_margin(search.dynamics, rig, arm.f[None])[0] >= 0
+    return Outcome(
+        values=fit.values[:k] if sound else start,
+        covariance=fit.covariance[:k, :k],
+        scatter=fit.scatter,
+        evaluations=prediction.evaluations,
+        message=f"Surprises of {fit.scatter:.3f} pulses (rounding alone gives 0.289)."
+        + ("" if sound else " The fit is no arm; this is where it began."),
+        stages=stages,
+    )
+
+
+def _root(covariance):
+    """A lower triangle L with L L^T = covariance, in plain sums; zero rows stay zero."""
+    root = np.zeros_like(covariance)
+    for i in range(len(root)):
+        for j in range(i):
+            if root[j, j]:
+                root[i, j] = (covariance[i, j] - (root[i, :j] * root[j, :j]).sum()) / root[j, j]
+        root[i, i] = np.sqrt(max(0.0, covariance[i, i] - (root[i, :i] ** 2).sum()))
+    return root
+
+
+def _parts(search, values):
+    """Arm, rig and law of the first record with these values in place."""
+    named = dict(zip(search.unknown, values, strict=True))
+    record = search.records[0]
+    arm = search.dynamics.arm([named[name] for name in search.dynamics.names])
+    return arm, record.rig.filled(named), record.law.filled(named, "law.")

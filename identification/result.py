@@ -1,0 +1,163 @@
+"""What an identification found, how, and how well it knows it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from identification.genetic import GeneticSettings
+from plant import Arm, Law, Rig
+
+__all__ = ["Identification"]
+
+_STRANGE = 1.0
+"""Scatter [pulses] that rounding does not explain."""
+
+_FAR = 2.0
+"""Difference [pulses] between simulated and measured errors that rounding does not explain."""
+
+_WORSE = 1.5
+"""How much worse a record kept aside may be repeated."""
+
+_INSEPARABLE = 0.995
+"""Correlation above which two unknowns are one."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Identification:
+    """What was found, and how.
+
+    Attributes
+    ----------
+    method : str
+    arm : Arm
+        The arm with the best f; D-hat and h-hat of a computed-torque controller.
+    rig, law : Rig, Law
+        Those of the (first) record, with whatever else was unknown filled in.
+    f : (p,) numpy.ndarray
+    unknown : tuple of str
+        Names of what was searched; `values` (k,) are what was found for them.
+    covariance : (k, k) numpy.ndarray or None
+        Of the values; None for a method that does not know it. Quantisation and what the model lacks show in the
+        scatter from which it is made, and the memory of that scatter is counted.
+    scatter : float or None
+        Root mean square of what is left between model and counts [pulses]; rounding alone gives 0.289.
+    stages : dict
+        What each stage before the last found: name -> (k,) values.
+    records, held_out : tuple of Record
+        Those that were searched, and those that were kept aside.
+    difference, held_out_difference : float, float or None
+        Root mean square, per sample and joint, between the errors measured and simulated with what was found [pulses]:
+        in the records, and in those kept aside. Two roundings alone give 0.58.
+    objective, initial_objective : float
+        Objective (4) of the best candidate, at the end and in the first generation [pulses^2].
+    initial_population : (P, k) numpy.ndarray
+    initial_costs : (P,) numpy.ndarray
+        Objective (4) of each of them, inf where it cannot be an arm or diverges.
+    history : (generations + 1, 3) numpy.ndarray
+        Best, mean and worst finite objective of each generation.
+    evaluations : int
+    seconds : float
+    seed : int
+    settings : GeneticSettings
+    version : str
+        Of the library.
+    message : str
+        Why the search ended.
+    """
+
+    method: str
+    arm: Arm
+    rig: Rig
+    law: Law
+    f: np.ndarray
+    unknown: tuple
+    values: np.ndarray
+    covariance: np.ndarray | None
+    scatter: float | None
+    stages: dict
+    records: tuple
+    held_out: tuple
+    difference: float
+    held_out_difference: float | None
+    objective: float
+    initial_objective: float
+    initial_population: np.ndarray
+    initial_costs: np.ndarray
+    history: np.ndarray
+    evaluations: int
+    seconds: float
+    seed: int
+    settings: GeneticSettings
+    version: str
+    message: str
+
+    @property
+    def std(self):
+        """Standard deviations (k,) of the values."""
+        if self.covariance is None:
+            raise ValueError(f"method {self.method!r} does not know how well it knows; use 'seeded' for an interval.")
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self):
+        """Correlations (k, k) of the values; of what was kept fixed, zero."""
+        std = np.where(self.std > 0, self.std, np.inf)
+        return self.covariance / np.outer(std, std)
+
+    @property
+    def warnings(self):
+        """What a user should know before trusting the values, one line each."""
+        found = []
+        if self.scatter is not None and self.scatter > _STRANGE:
+            found.append(
+                f"the model follows the log no closer than {self.scatter:.2f} pulses; rounding alone gives 0.29. Was "
+                "it made with this rig, law and reference?"
+            )
+        if self.difference > _FAR:
+            found.append(
+                f"simulated and measured errors differ by {self.difference:.1f} pulses (rms); two roundings alone give "
+                "0.58. Check friction, gains and gears, or declare them unknown."
+            )
+        if self.held_out_difference is not None and self.held_out_difference > _WORSE * self.difference:
+            found.append(
+                f"a record kept aside differs by {self.held_out_difference:.2f} pulses, those searched by "
+                f"{self.difference:.2f}: the values do not hold for both."
+            )
+        if self.covariance is not None:
+            pairs = np.argwhere(np.triu(np.abs(self.correlation) > _INSEPARABLE, 1))
+            found += [f"{self.unknown[i]} and {self.unknown[j]} show together only; fix one of them." for i, j in pairs]
+        return found
+
+    def summary(self):
+        """A table: each value, its standard deviation and 95 % interval, and what it goes together with most."""
+        width = max(map(len, self.unknown))
+        lines = [f"{self.method}, {len(self.records)} record(s): {self.message}"]
+        if self.covariance is None:
+            lines += [f"{name:<{width}} {value:12.5g}" for name, value in zip(self.unknown, self.values, strict=True)]
+        else:
+            lines.append(f"{'':<{width}} {'value':>12} {'std':>9} {'95 % interval':>25}   goes most with")
+            others = self.correlation - np.eye(len(self.values))
+            for i, (name, value, std) in enumerate(zip(self.unknown, self.values, self.std, strict=True)):
+                most = int(np.argmax(np.abs(others[i])))
+                interval = f"[{value - 1.96 * std:.5g}, {value + 1.96 * std:.5g}]"
+                together = f"{self.unknown[most]} ({others[i, most]:+.2f})"
+                lines.append(f"{name:<{width}} {value:12.5g} {std:9.2g} {interval:>25}   {together}")
+        lines.append(f"simulated and measured errors differ by {self.difference:.2f} pulses (rms)")
+        if self.held_out_difference is not None:
+            lines[-1] += f", in the record(s) kept aside by {self.held_out_difference:.2f}"
+        return "\n".join([*lines, *(f"warning: {text}" for text in self.warnings)])
+
+    def plot(self):
+        """Draw fit, surprises, spectrum and intervals; see `identification.plots.plot_identification`."""
+        from identification.plots import plot_identification
+
+        return plot_identification(self)
+
+    def __repr__(self):
+        f = np.array2string(self.f, precision=3, suppress_small=True)
+        return (
+            f"Identification(f={f}, objective {self.initial_objective:.0f} -> {self.objective:.0f} pulses^2, "
+            f"{self.evaluations} evaluations in {self.seconds:.1f} s)"
+        )
