@@ -1,8 +1,10 @@
 """Identification: from records of pulses to the arm's parameters f.
 
-Reading order: `objective` (equation (4) of a whole population) -> `ranges` (where to search, 3.6) -> `genetic` (the
-genetic algorithm, 3.7) -> `identify` (the procedure of 3.2) -> `spread` (how much the result varies, 4.2);
-`equation_error` (logged torques) with `filtering` and `least_squares`.
+Reading order: `experiment` (a record, ready to be repeated), `objective` (equation (4) of a whole population) ->
+`ranges` (where to search, 3.6) -> `genetic` (the genetic algorithm, 3.7) -> `equation_error` (torques, by
+`least_squares` behind `filtering`), `from_pulses` (the same from counts alone) -> `prediction` (prediction error) ->
+`search`, `methods` (seven ways, one interface), `identify` (the procedure of 3.2), `result`, `plots` -> `quality`
+(can this log say anything?), `budget` (what will a motion say?), `spread` (how much the result varies, 4.2).
 """
 
 from importlib.util import find_spec
@@ -15,6 +17,7 @@ if _found is None or _found.origin is None or Path(_found.origin).resolve().pare
         f"{_found.origin if _found else 'nowhere'}. Uninstall the other distribution, or put {_home} first."
     )
 
+from identification.budget import Budget, pulse_budget  # noqa: E402
 from identification.equation_error import TorqueFit, fit_torque  # noqa: E402
 from identification.filtering import derivatives, low_pass  # noqa: E402
 from identification.genetic import GeneticResult, GeneticSettings, minimize_genetic  # noqa: E402
@@ -29,6 +32,7 @@ from plant.check import known_options  # noqa: E402
 known_options(GeneticSettings)
 
 __all__ = [
-    "GeneticResult", "GeneticSettings", "Identification", "Interval", "LinkSize", "Objective", "Spread", "TorqueFit",
-    "derivatives", "fit_torque", "identify", "low_pass", "minimize_genetic", "puma560_ranges", "ranges", "spread",
+    "Budget", "GeneticResult", "GeneticSettings", "Identification", "Interval", "LinkSize", "Objective", "Spread",
+    "TorqueFit", "derivatives", "fit_torque", "identify", "low_pass", "minimize_genetic", "pulse_budget",
+    "puma560_ranges", "ranges", "spread",
 ]  # fmt: skip

@@ -24,7 +24,7 @@ from plant.correction import Correction
 from plant.loop import bounded
 from plant.simulator import loop_kernel
 
-__all__ = ["Fit", "Prediction", "gauss_newton"]
+__all__ = ["Fit", "Prediction", "gauss_newton", "slopes"]
 
 _MEMORY = 10
 """Samples over which the correction forgets, to begin with."""
@@ -169,9 +169,9 @@ def gauss_newton(prediction, start, step, bounds, *, rounds=15, tolerance=1e-5):
             f"the search must start from an arm that follows the log; {values} diverges. Check the ranges."
         )
     for _ in range(rounds):
-        slopes = _slopes(prediction, values, step, free)
+        change_per_step = slopes(prediction, values, step, free)
         change = np.zeros(len(values))
-        change[free] = -least_squares(names, slopes, residual, dependent=_DEPENDENT)[0] * step[free]
+        change[free] = -least_squares(names, change_per_step, residual, dependent=_DEPENDENT)[0] * step[free]
         cost, shares = residual @ residual, 0.5 ** np.arange(8)
         tried = np.clip(values + shares[:, None] * change, *bounds.T)
         for i in range(0, len(shares), 4):
@@ -184,17 +184,17 @@ def gauss_newton(prediction, start, step, bounds, *, rounds=15, tolerance=1e-5):
         if not residual @ residual < (1 - tolerance) * cost:
             break
     covariance = np.zeros((len(values), len(values)))
-    slopes = _slopes(prediction, values, step, free)
+    change_per_step = slopes(prediction, values, step, free)
     weight = prediction.weights
     scatter = float(np.sqrt(residual @ residual / (weight @ weight)))
-    part = least_squares(names, slopes, residual, dependent=_DEPENDENT)[1] * np.outer(step[free], step[free])
+    part = least_squares(names, change_per_step, residual, dependent=_DEPENDENT)[1] * np.outer(step[free], step[free])
     covariance[np.ix_(free, free)] = part * scatter**2 * _memory(residual)
     return Fit(values=values, covariance=covariance, residual=residual, scatter=scatter)
 
 
-def _slopes(prediction, values, step, free):
+def slopes(prediction, values, step, free):
     """Change of the surprises per step, by central differences; steps that lose the log are shortened in place."""
-    slopes, waiting = np.empty((len(prediction.weights), len(free))), list(range(len(free)))
+    found, waiting = np.empty((len(prediction.weights), len(free))), list(range(len(free)))
     for _ in range(_SHORTER):
         moves = np.zeros((len(waiting), len(values)))
         moves[np.arange(len(waiting)), free[waiting]] = step[free[waiting]]
@@ -202,11 +202,11 @@ def _slopes(prediction, values, step, free):
         lost = []
         for i, up, down in zip(waiting, results[: len(waiting)], results[len(waiting) :], strict=True):
             if np.isfinite(up).all() and np.isfinite(down).all():
-                slopes[:, i] = (up - down) / 2
+                found[:, i] = (up - down) / 2
             else:
                 lost.append(i)
         if not lost:
-            return slopes
+            return found
         step[free[lost]] *= 0.25
         waiting = lost
     names = ", ".join(prediction.unknown[free[i]] for i in lost)

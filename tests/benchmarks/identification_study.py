@@ -1,0 +1,159 @@
+"""How near the default identification comes to known robots, and whether it knows how near.
+
+    python tests/benchmarks/identification_study.py            # the tables of docs/identification.md, some minutes
+    python tests/benchmarks/identification_study.py seeds      # one of them: seeds, methods, verdict, arms
+
+Robots are simulated at 16 steps per sample, models at 4. Errors are in per cent of the width of the printed ranges.
+"""
+
+import dataclasses
+import sys
+import time
+
+import numpy as np
+
+from ctc import ComputedTorque, evaluate
+from identification import Objective, identify, pulse_budget
+from plant import Body, puma560, simulate
+
+DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
+WIDTH = np.diff(puma560.PRINTED_RANGES, axis=1).ravel()
+ARMS = {"published f": puma560.arm(), "literature + 1.5 kg": puma560.literature_arm(1.5)}
+GAINS = ((0.1, 0.08), (0.2, 0.15))
+PERIODS = (3.65, 2.5, 2.0)
+
+
+def off(values, arm):
+    """Errors of f in per cent of the printed ranges."""
+    return 100 * np.abs(values[:9] - arm.f) / WIDTH
+
+
+def log(arm, gain, **options):
+    """What the robot does."""
+    return simulate(arm, RIG, puma560.p_law(gain), PATH, steps_per_sample=16, **options)
+
+
+def seeds(count=20):
+    """Default identification, many seeds: worst and median error, objective, cost."""
+    yield (
+        "| robot | gains | median error, worst seed | worst of f without f3 | f3, worst seed | "
+        "objective, of the true f's, worst | evaluations | s |"
+    )
+    yield "|---|---|---|---|---|---|---|---|"
+    for name, arm in ARMS.items():
+        for gain in GAINS:
+            record = log(arm, gain)
+            true = Objective(DYNAMICS, record)(arm.f[None])[0]
+            runs = [identify(DYNAMICS, record, seed=seed, progress=False) for seed in range(count)]
+            wrong = np.array([off(run.f, arm) for run in runs])
+            others = np.delete(wrong, 2, axis=1)
+            yield (
+                f"| {name} | {gain} | {np.median(wrong, axis=1).max():.2f} % | {others.max():.1f} % | "
+                f"{wrong[:, 2].max():.1f} % | {max(run.objective for run in runs) / true:.2f} | "
+                f"{max(run.evaluations for run in runs):,} | {np.median([run.seconds for run in runs]):.2f} |"
+            )
+
+
+def methods():
+    """Every method on the same four logs."""
+    yield "| method | median error, worst of four logs | worst error of the four | objective, of the true f's | s |"
+    yield "|---|---|---|---|---|"
+    logs = [(arm, log(arm, gain)) for arm in ARMS.values() for gain in GAINS]
+    true = [Objective(DYNAMICS, record)(arm.f[None])[0] for arm, record in logs]
+    for method in ("paper", "equation_error", "didim", "output_error", "prediction_error", "seeded"):
+        runs = [identify(DYNAMICS, record, method=method, progress=False) for _, record in logs]
+        wrong = np.array([off(run.f, arm) for run, (arm, _) in zip(runs, logs, strict=True)])
+        ratio = [run.objective / floor for run, floor in zip(runs, true, strict=True)]
+        yield (
+            f"| {method} | {np.median(wrong, axis=1).max():.1f} % | {wrong.max():.1f} % | "
+            f"{min(ratio):.2f} to {max(ratio):.2f} | {np.median([run.seconds for run in runs]):.2f} |"
+        )
+
+
+def verdict(count=10):
+    """Computed torque with what was found, on the robot it was found on."""
+    yield (
+        "| robot | gains | T [s] | all samples within +-1 | worst share | true error, peak [pulses] | "
+        "joint 2, peak [N m] |"
+    )
+    yield "|---|---|---|---|---|---|---|"
+    for name, arm in ARMS.items():
+        for gain in GAINS:
+            record = log(arm, gain)
+            laws = []
+            for seed in range(count):
+                found = identify(DYNAMICS, record, seed=seed, progress=False)
+                laws.append(ComputedTorque(found.arm, found.rig))
+            for period in PERIODS:
+                path = puma560.reference(period)
+                reports = [evaluate(arm, RIG, law, path, backend="numba") for law in laws]
+                yield (
+                    f"| {name} | {gain} | {period} | {sum(r.within(1) for r in reports)} of {count} | "
+                    f"{100 * min(r.fraction_within(1) for r in reports):.2f} % | "
+                    f"{max(r.max_true_error_pulses.max() for r in reports):.2f} | "
+                    f"{max(r.peak_torque[0] for r in reports):.0f} |"
+                )
+
+
+def random_arm(random):
+    """The literature's arm with masses, centres and inertias off by up to 30 %, and a tool of up to 3 kg."""
+
+    def body(mass, x, y, izz, rotor):
+        scale = random.uniform(0.7, 1.3, 4)
+        inertia = (0, 0, 0, 0, 0, izz * scale[3])
+        return Body(mass=mass * scale[0], com=(x * scale[1], y * scale[2], 0), inertia=inertia, rotor=rotor)
+
+    rotor2, rotor3 = RIG.drive.reflected_inertia()
+    link2, link3 = body(17.4, 0.068, 0.006, 0.539, rotor2), body(6.05, -0.0046, -0.148, 0.19, rotor3)
+    tool = Body(mass=random.uniform(0, 3), com=(0, -0.55, 0))
+    return DYNAMICS.arm(DYNAMICS.f((link2, link3.joined(tool))))
+
+
+def arms(count=25, realisations=25):
+    """Random arms, each measured and identified several times: error, bound, coverage of the 95 % intervals."""
+    random, lost, started = np.random.default_rng(0), 0, time.perf_counter()
+    pulse = np.abs(RIG.turned(np.eye(2)).diagonal())
+    wrong, inside, ratio, largest = [], [], [], []
+    for k in range(count):
+        arm, gain = random_arm(random), GAINS[k % 2]
+        bound = pulse_budget(arm, RIG, puma560.p_law(gain), PATH).bound
+        errors = []
+        for seed in range(realisations):
+            start = PATH(np.zeros(1)).q[0] + random.uniform(-1, 1, 2) * pulse
+            record = log(arm, gain, initial=(start, (0, 0)))
+            record = dataclasses.replace(record, initial=None)  # the robot does not say where in the cell it was
+            try:
+                found = identify(DYNAMICS, record, seed=seed, progress=False)
+            except ValueError:
+                lost += 1
+                continue
+            errors.append(found.f - arm.f)
+            inside.append(np.abs(found.values - arm.f) < 1.96 * found.std)
+        wrong.append(100 * np.abs(errors) / WIDTH)
+        ratio.append(np.sqrt(np.mean(np.square(errors), axis=0)) / bound)
+        largest.append(wrong[-1].max(axis=0))
+    runs = sum(map(len, wrong))
+    yield (
+        f"{count} random arms, {realisations} logs each: {runs} identifications, {lost} lost, "
+        f"{time.perf_counter() - started:.0f} s"
+    )
+    yield ""
+    yield "| | " + " | ".join(DYNAMICS.names) + " |"
+    yield "|---|" + "---|" * 9
+    rows = {
+        "mean error [% of the range]": (np.concatenate(wrong).mean(axis=0), ".2f"),
+        "worst error [%]": (np.max(largest, axis=0), ".1f"),
+        "rms error over the bound, median of the arms": (np.median(ratio, axis=0), ".1f"),
+        "95 % intervals that hold the truth [%]": (100 * np.mean(inside, axis=0), ".0f"),
+    }
+    for name, (values, form) in rows.items():
+        yield f"| {name} | " + " | ".join(f"{value:{form}}" for value in values) + " |"
+
+
+TABLES = {"seeds": seeds, "methods": methods, "verdict": verdict, "arms": arms}
+
+if __name__ == "__main__":
+    for title in sys.argv[1:] or TABLES:
+        print(f"\n## {title}\n")
+        for line in TABLES[title]():
+            print(line, flush=True)
