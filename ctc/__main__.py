@@ -26,12 +26,20 @@ def main(arguments=None):
     measured = simulate(robot, rig, p, path, steps_per_sample=16)
     print(f"   {measured}")
 
-    print("2. identify: f1..f9 from those pulses alone, by the genetic algorithm of the paper")
-    found = identify(puma560.dynamics(), measured, seed=options.seed)
-    print(f"   objective (4): {found.initial_objective:.0f} -> {found.objective:.0f} pulses^2 in {found.seconds:.1f} s")
+    print("2. identify: f1..f9 from those pulses alone, by the genetic algorithm of the paper and by the default")
+    paper, found = (
+        identify(puma560.dynamics(), measured, seed=options.seed, method=method) for method in ("paper", "seeded")
+    )
+    for run in (paper, found):
+        print(
+            f"   {run.method}: objective (4) {run.initial_objective:.0f} -> {run.objective:.0f} pulses^2 in "
+            f"{run.seconds:.1f} s"
+        )
     print("   " + "".join(f"{name:>8}" for name in found.arm.dynamics.names))
     print("   " + "".join(f"{value:8.2f}" for value in puma560.PUBLISHED) + "   of the robot")
-    print("   " + "".join(f"{value:8.2f}" for value in found.f) + "   found")
+    print("   " + "".join(f"{value:8.2f}" for value in paper.f) + "   by the paper's method")
+    print("   " + "".join(f"{value:8.2f}" for value in found.f) + "   by the default, which knows them to")
+    print("   " + "".join(f"{value:8.3f}" for value in found.std) + "   (one standard deviation)")
 
     print("3. control: the same arm under P and under computed torque from the f that were found")
     laws = {"P": p, "computed torque": ComputedTorque(found.arm, found.rig)}
@@ -40,7 +48,7 @@ def main(arguments=None):
         print("\n   " + str(verdict).replace("\n", "\n   "))
 
     print(f"\n4. figures, saved in the folder {options.figures}")
-    _save_figures(options.figures, robot, rig, path, measured, found, verdicts)
+    _save_figures(options.figures, robot, rig, path, measured, paper, found, verdicts)
     print(f"   done after {time.perf_counter() - started:.1f} s")
     return 0 if verdicts["computed torque"].within(1) else 1
 
@@ -51,7 +59,7 @@ def _seed(text):
     return int(text)
 
 
-def _save_figures(folder, robot, rig, path, measured, found, verdicts):
+def _save_figures(folder, robot, rig, path, measured, paper, found, verdicts):
     import matplotlib
 
     matplotlib.use("Agg")
@@ -59,12 +67,13 @@ def _save_figures(folder, robot, rig, path, measured, found, verdicts):
 
     folder.mkdir(parents=True, exist_ok=True)
     dynamics, p, joints = robot.dynamics, measured.law, verdicts["P"].joints
-    leading = found.initial_population[found.initial_costs.argsort()[:4]]
+    leading = paper.initial_population[paper.initial_costs.argsort()[:4]]
     models = [simulate(dynamics.arm(f), rig, p, path) for f in leading]
     best = simulate(found.arm, rig, p, path)
     figures = {
         "1_experiment": plot_record(measured, joints),
         "2_identification": plot_identification(measured, models[0], best, models[1:], joints),
+        "2_fit": found.plot(),
         "3_p_against_computed_torque": plot_comparison(verdicts),
         "4_computed_torque": plot_evaluation(verdicts["computed torque"]),
     }

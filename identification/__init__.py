@@ -22,6 +22,7 @@ from identification.equation_error import TorqueFit, fit_torque  # noqa: E402
 from identification.filtering import derivatives, low_pass  # noqa: E402
 from identification.genetic import GeneticResult, GeneticSettings, minimize_genetic  # noqa: E402
 from identification.identify import identify  # noqa: E402
+from identification.motor import MotorFit, friction_from_motor_test, gain_from_current  # noqa: E402
 from identification.objective import Objective  # noqa: E402
 from identification.ranges import Interval, LinkSize, puma560_ranges, ranges  # noqa: E402
 from identification.result import Identification  # noqa: E402
@@ -32,7 +33,7 @@ from plant.check import known_options  # noqa: E402
 known_options(GeneticSettings)
 
 __all__ = [
-    "Budget", "GeneticResult", "GeneticSettings", "Identification", "Interval", "LinkSize", "Objective", "Spread",
-    "TorqueFit", "derivatives", "fit_torque", "identify", "low_pass", "minimize_genetic", "pulse_budget",
-    "puma560_ranges", "ranges", "spread",
+    "Budget", "GeneticResult", "GeneticSettings", "Identification", "Interval", "LinkSize", "MotorFit", "Objective",
+    "Spread", "TorqueFit", "derivatives", "fit_torque", "friction_from_motor_test", "gain_from_current", "identify",
+    "low_pass", "minimize_genetic", "pulse_budget", "puma560_ranges", "ranges", "spread",
 ]  # fmt: skip

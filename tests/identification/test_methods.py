@@ -225,3 +225,15 @@ def test_log_of_another_rig_is_warned_about():
     result = identify(DYNAMICS, other, settings=TINY, progress=False)
     assert any("simulated and measured errors differ" in text for text in result.warnings)
     assert "warning: " in result.summary()
+
+
+def test_coarse_encoder_is_enough_for_one_of_its_pulses():
+    """100 pulses per motor turn, an eighth of the paper's: identified from them, and tracked to one of them."""
+    rig = dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, resolution=(100, 100)))
+    law = puma560.p_law((0.20 * 8, 0.15 * 10))
+    record = simulate(puma560.arm(), rig, law, PATH, steps_per_sample=16)
+    result = identify(DYNAMICS, record, seed=1, progress=False)
+    report = evaluate(
+        puma560.arm(), rig, ComputedTorque(result.arm, result.rig, bandwidth=100.0), PATH, backend="numba"
+    )
+    assert report.within(1), report
