@@ -19,6 +19,7 @@ if _found is None or _found.origin is None or Path(_found.origin).resolve().pare
 
 from identification.budget import Budget, pulse_budget  # noqa: E402
 from identification.equation_error import TorqueFit, fit_torque  # noqa: E402
+from identification.excitation import design_motion  # noqa: E402
 from identification.filtering import derivatives, low_pass  # noqa: E402
 from identification.genetic import GeneticResult, GeneticSettings, minimize_genetic  # noqa: E402
 from identification.identify import identify  # noqa: E402
@@ -34,6 +35,7 @@ known_options(GeneticSettings)
 
 __all__ = [
     "Budget", "GeneticResult", "GeneticSettings", "Identification", "Interval", "LinkSize", "MotorFit", "Objective",
-    "Spread", "TorqueFit", "derivatives", "fit_torque", "friction_from_motor_test", "gain_from_current", "identify",
-    "low_pass", "minimize_genetic", "pulse_budget", "puma560_ranges", "ranges", "spread",
+    "Spread", "TorqueFit", "derivatives", "design_motion", "fit_torque", "friction_from_motor_test",
+    "gain_from_current", "identify", "low_pass", "minimize_genetic", "pulse_budget", "puma560_ranges", "ranges",
+    "spread",
 ]  # fmt: skip

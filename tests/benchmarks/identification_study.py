@@ -1,7 +1,7 @@
 """How near the default identification comes to known robots, and whether it knows how near.
 
     python tests/benchmarks/identification_study.py            # the tables of docs/identification.md, some minutes
-    python tests/benchmarks/identification_study.py seeds      # one of them: seeds, methods, verdict, arms
+    python tests/benchmarks/identification_study.py seeds      # some of them: seeds, knowledge, methods, verdict, arms
 
 Robots are simulated at 16 steps per sample, models at 4. Errors are in per cent of the width of the printed ranges.
 """
@@ -13,8 +13,8 @@ import time
 import numpy as np
 
 from ctc import ComputedTorque, evaluate
-from identification import Objective, identify, pulse_budget
-from plant import Body, puma560, simulate
+from identification import Objective, design_motion, identify, pulse_budget
+from plant import Body, Dynamics, puma560, simulate
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
 WIDTH = np.diff(puma560.PRINTED_RANGES, axis=1).ravel()
@@ -68,6 +68,53 @@ def methods():
             f"| {method} | {np.median(wrong, axis=1).max():.1f} % | {wrong.max():.1f} % | "
             f"{min(ratio):.2f} to {max(ratio):.2f} | {np.median([run.seconds for run in runs]):.2f} |"
         )
+
+
+def knowledge(count=5):
+    """The physical arm, with its link's length known (7 parameters), or with three records; errors of all nine f."""
+    yield "| gains | what is given | median error, worst seed | worst error | standard deviation of the worst, said |"
+    yield "|---|---|---|---|---|"
+    arm, base = ARMS["literature + 1.5 kg"], Dynamics.from_chain(DYNAMICS.chain)
+    seven, nine = (np.array(each.lumping.matrix) for each in (base, DYNAMICS))
+    back = np.linalg.lstsq(seven.T, nine.T, rcond=None)[0].T  # f1..f9 from the seven
+    for gain in GAINS:
+        once = log(arm, gain)
+        pulse, start = np.abs(RIG.turned(np.eye(2)).diagonal()), once.true_q[0]
+        again = [log(arm, gain, initial=(start + share * pulse, (0, 0))) for share in (0.3, -0.4)]
+        faster = [
+            simulate(arm, RIG, puma560.p_law(gain), puma560.reference(period), steps_per_sample=16, duration=3.65)
+            for period in (2.5, 2.0)
+        ]
+        designed = [
+            simulate(arm, RIG, puma560.p_law(gain), motion, steps_per_sample=16)
+            for motion in designed_motions(arm, gain)
+        ]
+        for name, dynamics, records, turned in (
+            ("(6) once", DYNAMICS, [once], np.eye(9)),
+            ("(6) once, length of the link known", base, [once], back),
+            ("(6) three times", DYNAMICS, [once, *again], np.eye(9)),
+            ("(6) at T = 3.65, 2.5 and 2.0 s, 3.65 s each", DYNAMICS, [once, *faster], np.eye(9)),
+            ("one designed motion of 3.65 s", DYNAMICS, designed[:1], np.eye(9)),
+            ("three designed motions", DYNAMICS, designed, np.eye(9)),
+        ):
+            runs = [identify(dynamics, records, seed=seed, held_out=(), progress=False) for seed in range(count)]
+            wrong = np.array([100 * np.abs(turned @ run.f - arm.f) / WIDTH for run in runs])
+            said = 100 * np.sqrt(np.diag(turned @ runs[0].covariance @ turned.T)) / WIDTH
+            yield (
+                f"| {gain} | {name} | {np.median(wrong, axis=1).max():.2f} % | {wrong.max():.1f} % | "
+                f"{said[wrong.max(axis=0).argmax()]:.1f} % |"
+            )
+
+
+def designed_motions(arm, gain, count=3):
+    """Motions of `design_motion` within limits that the arm's data sheet could have."""
+    return [
+        design_motion(
+            arm, RIG, puma560.p_law(gain), period=3.65, position=[(-1.6, 0.1), (-0.1, 1.7)], velocity=(3.0, 4.0),
+            acceleration=(12.0, 16.0), starts=1, seed=seed,
+        )
+        for seed in range(count)
+    ]  # fmt: skip
 
 
 def verdict(count=10):
@@ -150,7 +197,7 @@ def arms(count=25, realisations=25):
         yield f"| {name} | " + " | ".join(f"{value:{form}}" for value in values) + " |"
 
 
-TABLES = {"seeds": seeds, "methods": methods, "verdict": verdict, "arms": arms}
+TABLES = {"seeds": seeds, "knowledge": knowledge, "methods": methods, "verdict": verdict, "arms": arms}
 
 if __name__ == "__main__":
     for title in sys.argv[1:] or TABLES:
