@@ -25,6 +25,7 @@ from identification.genetic import GeneticResult, GeneticSettings, minimize_gene
 from identification.identify import identify  # noqa: E402
 from identification.motor import MotorFit, friction_from_motor_test, gain_from_current  # noqa: E402
 from identification.objective import Objective  # noqa: E402
+from identification.oscillation import Oscillation, oscillation  # noqa: E402
 from identification.ranges import Interval, LinkSize, puma560_ranges, ranges  # noqa: E402
 from identification.result import Identification  # noqa: E402
 from identification.spread import Spread, spread  # noqa: E402
@@ -35,7 +36,7 @@ known_options(GeneticSettings)
 
 __all__ = [
     "Budget", "GeneticResult", "GeneticSettings", "Identification", "Interval", "LinkSize", "MotorFit", "Objective",
-    "Spread", "TorqueFit", "derivatives", "design_motion", "fit_torque", "friction_from_motor_test",
-    "gain_from_current", "identify", "low_pass", "minimize_genetic", "pulse_budget", "puma560_ranges", "ranges",
-    "spread",
+    "Oscillation", "Spread", "TorqueFit", "derivatives", "design_motion", "fit_torque", "friction_from_motor_test",
+    "gain_from_current", "identify", "low_pass", "minimize_genetic", "oscillation", "pulse_budget", "puma560_ranges",
+    "ranges", "spread",
 ]  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 
 from identification.prediction import Prediction
 
-__all__ = ["plot_identification"]
+__all__ = ["plot_identification", "plot_oscillation"]
 
 _MEASURED, _MODEL, _LEFT = "#444444", "#c8553d", "#1f6f8b"
 
@@ -55,11 +55,8 @@ def plot_identification(found):
     axis.set_ylabel("[pulses]")
     axis.legend(frameon=False, fontsize=8, ncols=n, loc="upper right")
     axis = _axis(figure, grid[n + 1, 0])
-    frequency = np.fft.rfftfreq(len(record), record.rig.period)
     for signal, colour, label in ((record.error_pulses, _MEASURED, "tracking error"), (left, _LEFT, "surprise")):
-        centred = (signal - signal.mean(axis=0)) * np.hanning(len(signal))[:, None]
-        amplitude = np.sqrt((np.abs(np.fft.rfft(centred, axis=0)) ** 2).sum(axis=1)) * 4 / len(signal)
-        axis.loglog(frequency[1:], amplitude[1:], color=colour, linewidth=0.7, label=label)
+        axis.loglog(*_spectrum(signal, record.rig.period), color=colour, linewidth=0.7, label=label)
     axis.set_title("spectrum", fontsize=9, loc="left")
     axis.set_xlabel("frequency [Hz]")
     axis.set_ylabel("amplitude [pulses]")
@@ -82,3 +79,46 @@ def _axis(figure, place):
     axis.spines[["top", "right"]].set_visible(False)
     axis.grid(alpha=0.25, linewidth=0.5)
     return axis
+
+
+def plot_oscillation(found):
+    """Draw an `Oscillation`: errors measured and without it, one row per joint, and their spectrum below.
+
+    Source: paper Figs. 10-11.
+
+    Returns
+    -------
+    matplotlib figure
+    """
+    import matplotlib.pyplot as plt
+
+    record = found.record
+    n, quiet = record.n, found.removed(record.error_pulses)
+    figure = plt.figure(figsize=(9, 2.0 * n + 2.6), layout="constrained")
+    grid = figure.add_gridspec(n + 1, 1, height_ratios=[*[1.0] * n, 1.2])
+    for joint in range(n):
+        axis = _axis(figure, grid[joint])
+        axis.plot(record.t, record.error_pulses[:, joint], color="0.7", linewidth=0.6, label="measured")
+        axis.plot(record.t, quiet[:, joint], color=_MODEL, linewidth=1.0, label="without the oscillation")
+        axis.set_ylabel(f"error, joint {joint + 1} [pulses]")
+        if joint == 0:
+            axis.legend(frameon=False, fontsize=8, ncols=2, loc="upper right")
+    axis.set_xlabel("time [s]")
+    axis = _axis(figure, grid[n])
+    for signal, colour in ((record.error_pulses, "0.5"), (quiet, _MODEL)):
+        axis.loglog(*_spectrum(signal, record.rig.period), color=colour, linewidth=0.7)
+    for low, high in found.modes:
+        axis.axvspan(low, high, color="#e9e4d4", zorder=0)
+    axis.axvline(found.frequency, color="0.3", linewidth=0.8, linestyle="--")
+    bands = "; shaded: modes of the linearised loop" if found.modes else ""
+    axis.set_title(f"spectrum; dashed: {found.frequency:.1f} Hz{bands}", fontsize=9, loc="left")
+    axis.set_xlabel("frequency [Hz]")
+    axis.set_ylabel("amplitude [pulses]")
+    return figure
+
+
+def _spectrum(signal, period):
+    """Frequencies [Hz] and amplitudes [pulses] of a signal (N, n), joints together."""
+    centred = (signal - signal.mean(axis=0)) * np.hanning(len(signal))[:, None]
+    amplitude = np.sqrt((np.abs(np.fft.rfft(centred, axis=0)) ** 2).sum(axis=1)) * 4 / len(signal)
+    return np.fft.rfftfreq(len(signal), period)[1:], amplitude[1:]
