@@ -20,11 +20,14 @@ from plant.linear import jacobians, modes
 
 __all__ = ["Oscillation", "oscillation"]
 
-_WIDTH = 1.35
+_WIDTH = 1.5
 """The band-stop reaches from the frequency divided by this to the frequency times this."""
 
 _NEAR = 0.15
 """Relative distance up to which a mode of the linearised loop is the oscillation."""
+
+_PERIODS = 8
+"""Of the oscillation, by which the errors are continued at their ends, so that it is filtered there too."""
 
 _POSES = 12
 
@@ -57,7 +60,8 @@ class Oscillation:
         from scipy.signal import butter, sosfiltfilt
 
         band = np.array([self.frequency / _WIDTH, self.frequency * _WIDTH]) * 2 * self.record.rig.period
-        return sosfiltfilt(butter(2, band, "bandstop", output="sos"), errors, axis=0)
+        ends = min(len(errors) - 1, int(_PERIODS / (self.frequency * self.record.rig.period)))
+        return sosfiltfilt(butter(3, band, "bandstop", output="sos"), errors, axis=0, padlen=ends)
 
     def __str__(self):
         swing = ", ".join(f"{value:.2f}" for value in self.amplitude)
