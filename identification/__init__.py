@@ -4,7 +4,8 @@ Reading order: `experiment` (a record, ready to be repeated), `objective` (equat
 `ranges` (where to search, 3.6) -> `genetic` (the genetic algorithm, 3.7) -> `equation_error` (torques, by
 `least_squares` behind `filtering`), `from_pulses` (the same from counts alone) -> `prediction` (prediction error) ->
 `search`, `methods` (seven ways, one interface), `identify` (the procedure of 3.2), `result`, `plots` -> `quality`
-(can this log say anything?), `budget` (what will a motion say?), `spread` (how much the result varies, 4.2).
+(can this log say anything?), `budget` (what will a motion say?), `timing` (is the log late?), `oscillation` (Figs.
+10-11), `motor` (gain and friction before the arm), `spread` (how much the result varies, 4.2).
 """
 
 from importlib.util import find_spec
@@ -29,6 +30,7 @@ from identification.oscillation import Oscillation, oscillation  # noqa: E402
 from identification.ranges import Interval, LinkSize, puma560_ranges, ranges  # noqa: E402
 from identification.result import Identification  # noqa: E402
 from identification.spread import Spread, spread  # noqa: E402
+from identification.timing import without_delay  # noqa: E402
 from plant.check import known_options  # noqa: E402
 
 # The genetic algorithm imports nothing of this project, so a misspelt setting is caught from here.
@@ -38,5 +40,5 @@ __all__ = [
     "Budget", "GeneticResult", "GeneticSettings", "Identification", "Interval", "LinkSize", "MotorFit", "Objective",
     "Oscillation", "Spread", "TorqueFit", "derivatives", "design_motion", "fit_torque", "friction_from_motor_test",
     "gain_from_current", "identify", "low_pass", "minimize_genetic", "oscillation", "pulse_budget", "puma560_ranges",
-    "ranges", "spread",
+    "ranges", "spread", "without_delay",
 ]  # fmt: skip

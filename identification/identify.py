@@ -15,6 +15,7 @@ from identification.objective import Objective
 from identification.quality import require_informative
 from identification.result import Identification
 from identification.search import Search
+from identification.timing import delay_of
 from plant.check import array, choice, known_options
 
 __all__ = ["identify"]
@@ -121,6 +122,9 @@ def identify(
         )
     named = dict(zip(objective.unknown, outcome.values, strict=True))
     f = np.array([named[name] for name in dynamics.names])
+    delay, delay_std = np.nan, np.inf
+    if outcome.covariance is not None:  # what is not known to be near says nothing of timing
+        delay, delay_std = delay_of(dynamics, objective.records, objective.unknown, outcome.values, **options)
     return Identification(
         method=method,
         arm=dynamics.arm(f),
@@ -132,6 +136,8 @@ def identify(
         covariance=outcome.covariance,
         scatter=outcome.scatter,
         stages=outcome.stages,
+        delay=delay,
+        delay_std=delay_std,
         records=objective.records,
         held_out=tuple(held_out),
         difference=_difference(cost, objective),

@@ -24,7 +24,7 @@ from plant.correction import Correction
 from plant.loop import bounded
 from plant.simulator import loop_kernel
 
-__all__ = ["Fit", "Prediction", "gauss_newton", "slopes"]
+__all__ = ["Fit", "Prediction", "gauss_newton", "memory_of", "slopes"]
 
 _MEMORY = 10
 """Samples over which the correction forgets, to begin with."""
@@ -188,7 +188,7 @@ def gauss_newton(prediction, start, step, bounds, *, rounds=15, tolerance=1e-5):
     weight = prediction.weights
     scatter = float(np.sqrt(residual @ residual / (weight @ weight)))
     part = least_squares(names, change_per_step, residual, dependent=_DEPENDENT)[1] * np.outer(step[free], step[free])
-    covariance[np.ix_(free, free)] = part * scatter**2 * _memory(residual)
+    covariance[np.ix_(free, free)] = part * scatter**2 * memory_of(residual)
     return Fit(values=values, covariance=covariance, residual=residual, scatter=scatter)
 
 
@@ -213,7 +213,7 @@ def slopes(prediction, values, step, free):
     raise ValueError(f"every unknown must keep the arm on the log; any change of {names} loses it. Narrow the ranges.")
 
 
-def _memory(residual):
+def memory_of(residual):
     """By how much the variance of a mean exceeds that of independent samples: 1 where there is no memory."""
     spectrum = np.abs(np.fft.rfft(residual, 2 * len(residual))) ** 2
     own = np.fft.irfft(spectrum)[: _LAGS + 1]

@@ -14,6 +14,9 @@ __all__ = ["Identification"]
 _STRANGE = 1.0
 """Scatter [pulses] that rounding does not explain."""
 
+_LATE = 0.02
+"""Delay [samples] that matters."""
+
 _FAR = 2.0
 """Difference [pulses] between simulated and measured errors that rounding does not explain."""
 
@@ -45,6 +48,8 @@ class Identification:
         Root mean square of what is left between model and counts [pulses]; rounding alone gives 0.289.
     stages : dict
         What each stage before the last found: name -> (k,) values.
+    delay, delay_std : float
+        By how many samples the counts are read late, against a simulation with what was found, and its deviation.
     records, held_out : tuple of Record
         Those that were searched, and those that were kept aside.
     difference, held_out_difference : float, float or None
@@ -77,6 +82,8 @@ class Identification:
     covariance: np.ndarray | None
     scatter: float | None
     stages: dict
+    delay: float
+    delay_std: float
     records: tuple
     held_out: tuple
     difference: float
@@ -115,6 +122,14 @@ class Identification:
                 f"the model follows the log no closer than {self.scatter:.2f} pulses; rounding alone gives 0.29. Was "
                 "it made with this rig, law and reference?"
             )
+        if abs(self.delay) > max(_LATE, 3 * self.delay_std):
+            found.append(
+                f"the counts are {abs(self.delay):.2f} samples {'late' if self.delay > 0 else 'early'}, which ruins f. "
+                f"Identify without_delay(record, {self.delay:.3g}) and compare."
+            )
+        absorbing = [name for name in self.unknown if name.startswith(("drive.viscous", "law.gain"))]
+        if absorbing:
+            found.append(f"a delay of the log cannot be told from {', '.join(absorbing)}; be sure of the timing.")
         if self.difference > _FAR:
             found.append(
                 f"simulated and measured errors differ by {self.difference:.1f} pulses (rms); two roundings alone give "
