@@ -18,13 +18,38 @@ __all__ = ["Objective", "squared_error"]
 
 
 @functools.lru_cache
-def squared_error(n):
-    """The term that one sample adds, (log, measured error) -> sum over joints of (e^r - e^m)^2.
+def squared_error(n, sections=()):
+    """The term that one sample adds, (log, measured error, memory) -> sum over joints of (e^r - e^m)^2, memory.
+
+    With second-order `sections` (b0, b1, b2, 1, a1, a2) both errors pass them first, alike.
 
     Source: paper eq. (4).
     """
     log, measured = ca.SX.sym("log", 4 * n), ca.SX.sym("measured", n)
-    return ca.Function("squared_error", [log, measured], [ca.sumsqr(measured - log[:n])])
+    memory, following = ca.SX.sym("memory", 2 * n * len(sections)), []
+    difference = measured - log[:n]
+    for i, (b0, b1, b2, _, a1, a2) in enumerate(sections):
+        first, second = memory[2 * n * i : 2 * n * i + n], memory[2 * n * i + n : 2 * n * (i + 1)]
+        passed = b0 * difference + first
+        following += [b1 * difference - a1 * passed + second, b2 * difference - a2 * passed]
+        difference = passed
+    return ca.Function("squared_error", [log, measured, memory], [ca.sumsqr(difference), ca.vertcat(*following)])
+
+
+def _sections(ignoring, period):
+    """A band-stop as second-order sections, run twice: the energy that passes is that of one run both ways."""
+    if ignoring is None:
+        return ()
+    from scipy.signal import butter
+
+    low, high = array("ignoring", ignoring, (2,), advice="Give the lowest and highest frequency to leave out [Hz].")
+    if not 0 < low < high < 0.5 / period:
+        raise ValueError(
+            f"ignoring must be a band below half of the sample rate, {0.5 / period:.4g} Hz; got {low:g} to {high:g}. "
+            "Give (low, high) in Hz."
+        )
+    once = butter(3, np.array([low, high]) * 2 * period, "bandstop", output="sos")
+    return tuple(tuple(section) for section in np.vstack([once, once]).tolist())
 
 
 @known_options
@@ -43,6 +68,9 @@ class Objective:
         Sub-steps of the simulation, and sweeps of its friction law, as for `plant.simulate`.
     threads : int, optional
         By default one per core. The result is the same bits for any number.
+    ignoring : (2,) array_like, optional
+        Band of frequencies [Hz] in which errors are not compared, such as a nuisance that `oscillation` has found: both
+        sides pass the same band-stop.
 
     Notes
     -----
@@ -52,13 +80,13 @@ class Objective:
     Source: paper eq. (4).
     """
 
-    def __init__(self, dynamics, records, unknown=None, *, steps_per_sample=4, sweeps=3, threads=None):
+    def __init__(self, dynamics, records, unknown=None, *, steps_per_sample=4, sweeps=3, threads=None, ignoring=None):
         if threads is not None and (not isinstance(threads, (int, np.integer)) or threads < 1):
             raise ValueError(f"threads must be a whole number of at least 1; got {threads!r}. Leave it out for all.")
         self.dynamics = dynamics
         self.records, self.unknown = checked(dynamics, records, unknown)
         self.threads = int(threads or cores())
-        settings = {"steps_per_sample": steps_per_sample, "sweeps": sweeps}
+        settings = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "ignoring": ignoring}
         self._experiments = [_Scored(dynamics, record, self.unknown, settings) for record in self.records]
 
     @property
@@ -85,7 +113,9 @@ class _Scored(Experiment):
     """One record, ready to be replayed with any number of candidates."""
 
     def __init__(self, dynamics, record, unknown, settings):
-        super().__init__(dynamics, record, unknown, score=squared_error(dynamics.n), **settings)
+        settings = dict(settings)
+        score = squared_error(dynamics.n, _sections(settings.pop("ignoring"), record.rig.period))
+        super().__init__(dynamics, record, unknown, score=score, **settings)
         self._kernel = loop_kernel(self.loop, self.places)
         self._tables = self._kernel.prepared((*self.times, record.error_pulses))
 

@@ -47,7 +47,8 @@ class ClosedLoop:
     smooth : bool
         Encoder as identity and friction regularised, for derivatives.
     score : casadi Function, optional
-        (log, data) -> number, added up over the samples in the state ``score``; `data` is measured, one row a sample.
+        (log, data, memory) -> number, memory; the number is added up over the samples in the state ``score``. `data` is
+        measured, one row a sample; `memory` is state of the score, zero at the start.
     correction : Correction, optional
         How the counted positions (n,) [pulses], then in `data`, correct the simulated ones at every sample.
 
@@ -111,9 +112,13 @@ class ClosedLoop:
     # -- layout of the vectors ---------------------------------------------------------------------------------
     @property
     def state_names(self):
-        """Joint state, friction impulse, torque applied, the law's state, the score, and if all is well (1 or 0)."""
+        """Joint state, friction impulse, torque, state of law and score, the score, and if all is well (1 or 0)."""
         per_joint = [f"{name}[{i}]" for name in ("q", "qd", "impulse", "torque") for i in range(self.n)]
-        return [*per_joint, *(f"law[{i}]" for i in range(len(self._block.initial))), "score", "ok"]
+        carried = [
+            *(f"law[{i}]" for i in range(len(self._block.initial))),
+            *(f"memory[{i}]" for i in range(self.n_memory)),
+        ]
+        return [*per_joint, *carried, "score", "ok"]
 
     @property
     def time_names(self):
@@ -128,6 +133,11 @@ class ClosedLoop:
         return 0 if self.score is None else self.score.nnz_in(1)
 
     @property
+    def n_memory(self):
+        """State of the score."""
+        return 0 if self.score is None else self.score.nnz_in(2)
+
+    @property
     def number_names(self):
         """f, then the law's numbers, then the rig's, then the correction's."""
         more = [] if self.correction is None else self.correction.number_names("correction.")
@@ -140,7 +150,7 @@ class ClosedLoop:
 
     def initial_state(self, q, qd):
         """State (s,) of an arm at q, qd (n,) with nothing applied yet."""
-        return np.concatenate([q, qd, np.zeros(2 * self.n), self._block.initial, [0.0, 1.0]])
+        return np.concatenate([q, qd, np.zeros(2 * self.n), self._block.initial, np.zeros(self.n_memory), [0.0, 1.0]])
 
     @cached_property
     def _symbols(self):
@@ -162,9 +172,10 @@ class ClosedLoop:
     # -- the three steps -----------------------------------------------------------------------------------------
     def _asked(self, q, dt):
         """Torque that the law asks for at q, after the amplifier's limit (which swallows NaN), its state, if finite."""
-        *_, torque, law_state, _, motion, _, _, block_numbers, rig = self._parts
-        asked, law_state = self._block.step(law_state, *motion, rig.pulses(q), torque, dt, block_numbers)
-        return rig.drive.limited(asked), law_state, ca.sum1(ca.fabs(asked)) < ca.inf
+        *_, torque, carried, _, motion, _, _, block_numbers, rig = self._parts
+        own = len(self._block.initial)
+        asked, following = self._block.step(carried[:own], *motion, rig.pulses(q), torque, dt, block_numbers)
+        return rig.drive.limited(asked), ca.vertcat(following, carried[own:]), ca.sum1(ca.fabs(asked)) < ca.inf
 
     def _function(self, name, following, log=None, data=None):
         outputs = [ca.densify(ca.vertcat(*following))] + ([] if log is None else [ca.densify(log)])
@@ -179,8 +190,8 @@ class ClosedLoop:
         if not self.steps_per_law:
             return None
         q, qd, impulse, _, _, status, *_ = self._parts
-        torque, law_state, finite = self._asked(q, ca.SX(self._block.period))
-        return self._function("law_step", [q, qd, impulse, torque, law_state, status[0], _if(finite, status[1])])
+        torque, carried, finite = self._asked(q, ca.SX(self._block.period))
+        return self._function("law_step", [q, qd, impulse, torque, carried, status[0], _if(finite, status[1])])
 
     @cached_property
     def sample(self):
@@ -189,7 +200,7 @@ class ClosedLoop:
         With a correction the first is the counted position minus the predicted one instead, and the state that goes on
         is corrected. Here divergence is found: what is not finite stays so.
         """
-        q, qd, impulse, torque, law_state, status, motion, *_, rig = self._parts
+        q, qd, impulse, torque, carried, status, motion, *_, rig = self._parts
         at_sample, ok = torque, status[1]
         if not self.steps_per_law:
             at_sample, _, finite = self._asked(q, ca.SX(self.h))
@@ -203,16 +214,19 @@ class ClosedLoop:
             log = ca.vertcat(surprise, at_sample, q, qd)
             shares = self.correction.with_numbers(self._symbols[2][-2 * self.n :])
             q, qd = q + rig.turned(shares.position * surprise), qd + rig.turned(shares.speed * surprise) / rig.period
-        score = status[0] if self.score is None else status[0] + self.score(log, data)
-        return self._function("sample", [q, qd, impulse, torque, law_state, score, ok], log, data)
+        score, own = status[0], len(self._block.initial)
+        if self.score is not None:
+            added, memory = self.score(log, data, carried[own:])
+            score, carried = score + added, ca.vertcat(carried[:own], memory)
+        return self._function("sample", [q, qd, impulse, torque, carried, score, ok], log, data)
 
     @cached_property
     def substep(self):
         """One midpoint step of length h; its log is the joint's true error [pulses] at the middle of the step."""
-        q, qd, impulse, torque, law_state, status, motion, h, f, _, rig = self._parts
+        q, qd, impulse, torque, carried, status, motion, h, f, _, rig = self._parts
         middle = q + h / 2 * qd
         if not self.steps_per_law:
-            torque, law_state, _ = self._asked(middle, h)
+            torque, carried, _ = self._asked(middle, h)
         # What follows is on the motors' shafts, where friction acts; without coupling they are the joints.
         coupling, viscous = rig.drive.coupling, rig.drive.joint_viscous()
         speed = coupling.shaft(qd)
@@ -234,7 +248,7 @@ class ClosedLoop:
         ok = _if(functools.reduce(ca.fmin, mobility.minors) > 0, status[1])
         error = rig.position(motion[0]) - rig.position(middle)
         return self._function(
-            "substep", [middle + h / 2 * following, following, impulse, torque, law_state, status[0], ok], error
+            "substep", [middle + h / 2 * following, following, impulse, torque, carried, status[0], ok], error
         )
 
 
