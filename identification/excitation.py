@@ -26,6 +26,12 @@ _SAMPLES = 120
 _SHARPNESS = 4
 """Power of the mean that stands for the largest variance."""
 
+_MARGIN = 0.01
+"""Share of a limit's width that is kept free: between the samples the motion goes a little further."""
+
+_LEAST_PULSES = 100
+"""By which every motor has to move, at least."""
+
 _SLACK = 1e-3
 """By how much a limit may be exceeded [SI]."""
 
@@ -101,7 +107,8 @@ def design_motion(
     ):  # fmt: skip
         for i in range(n):
             if np.isfinite(high[i]):
-                opti.subject_to(opti.bounded(low[i], value[i, :].T, high[i]))
+                room = _MARGIN * (high[i] - low[i])
+                opti.subject_to(opti.bounded(low[i] + room, value[i, :].T, high[i] - room))
     quiet = {"print_time": False, "error_on_fail": False}
     opti.solver("ipopt", quiet, {"print_level": 0, "sb": "yes", "max_iter": iterations, "tol": 1e-4})
     best, random = None, np.random.default_rng(seed)
@@ -123,7 +130,11 @@ def design_motion(
             best = found.value(opti.f), *(np.reshape(found.value(x), x.shape) for x in (offset, cosine, sine))
     if best is None:
         raise ValueError(f"limits must leave room for a motion; none of {starts} starts found one. Widen them.")
-    return Harmonics(period=period, offset=best[1].ravel(), cosine=best[2], sine=best[3])
+    motion = Harmonics(period=period, offset=best[1].ravel(), cosine=best[2], sine=best[3])
+    moved = np.ptp(rig.position(motion(np.linspace(0, period, _SAMPLES)).q), axis=0)
+    if (moved < _LEAST_PULSES).any():
+        raise ValueError(f"limits must leave room for a motion; the motors move by {moved} pulses. Widen them.")
+    return motion
 
 
 def _equation(arm, rig, law):

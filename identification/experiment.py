@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 from concurrent.futures import ThreadPoolExecutor
 
@@ -60,8 +61,12 @@ class Experiment:
         names = self.loop.number_names
         for name in unknown:
             if name not in names:
+                near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.6)
+                hint = f"Did you mean {near[0]!r}? " if near else ""
+                if str(name).startswith("drive.curve"):
+                    hint = "Give the drive a FrictionCurve first. "
                 raise ValueError(
-                    f"unknown must name numbers of this experiment; got {name!r}. Known: {', '.join(names)}."
+                    f"unknown must name numbers of this experiment; got {name!r}. {hint}Known: {', '.join(names)}."
                 )
         open_f = [name for name in dynamics.names if name not in unknown]
         if open_f:

@@ -18,6 +18,9 @@ __all__ = ["equation_error", "mode_in", "pass_band", "sides_in", "torque_of"]
 _BAND = 2.0
 """Pass band, in frequencies of the slow mode."""
 
+_BEYOND, _FAR_MORE = 8.0, 1000.0
+"""Pass band where nothing swings, in frequencies of the path; and what tells the path from rounding, in power."""
+
 _CUTOFF = 2.5
 """Low-pass before differentiation, in pass bands."""
 
@@ -28,7 +31,10 @@ _POSES = 8
 
 
 def torque_of(record):
-    """Joint torques (N, n) [N m] of a record: what its law asked for, or what was logged where a law has a memory."""
+    """Joint torques (N, n) [N m] of a record: what its law asked for, or what was logged where a law has a memory.
+
+    A torque that a sampled law holds counts half at both ends of its sample.
+    """
     law, rig = record.law, record.rig
     if law is not None and law.period is None and not len(law.initial_state(record.n)):
         block, zero = law.block(rig), np.zeros((record.n, len(record)))
@@ -42,7 +48,13 @@ def torque_of(record):
         raise ValueError(
             f"the record must hold torques or currents; the counts under {type(law).__name__} do not tell. Log them."
         )
-    return record.torque if record.torque is not None else rig.drive.joint_torque(rig.drive.motor_gain * record.current)
+    if record.torque is not None:
+        logged = record.torque
+    else:
+        logged = rig.drive.joint_torque(rig.drive.motor_gain * record.current)
+    if law is None or law.period is None:
+        return logged
+    return (logged + np.vstack([logged[:1], logged[:-1]])) / 2  # held from its sample to the next: at one, both act
 
 
 def mode_in(record):
@@ -55,13 +67,23 @@ def mode_in(record):
     return float(frequency[power.argmax()])
 
 
+def path_in(record):
+    """Highest frequency [Hz] at which the counts of a record hold far more than their rounding."""
+    counts = record.reference_pulses - record.error_pulses
+    power = np.abs(np.fft.rfft((counts - counts.mean(axis=0)) * np.hanning(len(counts))[:, None], axis=0)) ** 2
+    rows = np.flatnonzero((power > _FAR_MORE * np.median(power[len(power) // 2 :], axis=0)).any(axis=1))
+    return float(np.fft.rfftfreq(len(counts), record.rig.period)[rows.max(initial=1)])
+
+
 def pass_band(record, arm=None):
     """Pass band [Hz] of a record's equation error: twice the slow mode, of the data or of a linearised arm.
 
-    A record under a law that cannot be linearised keeps the band of its data.
+    Under a law with a memory (computed torque) nothing swings, and the band is some times that of the path.
     """
+    if record.law is not None and (record.law.period is not None or len(record.law.initial_state(record.n))):
+        return round(_BEYOND * path_in(record), 1)
     band = round(_BAND * mode_in(record), 1)
-    if arm is None or record.law is None or record.law.period is not None or len(record.law.initial_state(record.n)):
+    if arm is None or record.law is None:
         return band
     angles = record.rig.angle(record.reference_pulses - record.error_pulses)
     poses = angles[:: max(1, len(angles) // _POSES)]

@@ -66,7 +66,7 @@ def identify(
         Sub-steps of the model, and sweeps of its friction law.
     threads : int, optional
         By default one per core.
-    held_out : sequence of Record, optional
+    held_out : Record or sequence of Record, optional
         Records that are not searched, only repeated with what was found; by default the last of several, except by the
         paper's method. Give () to search them all.
 
@@ -88,12 +88,19 @@ def identify(
     if held_out is None:
         several = len(records) > 1 and method != "paper"
         records, held_out = (records[:-1], records[-1:]) if several else (records, ())
+    elif isinstance(held_out, (tuple, list)) and not held_out:
+        held_out = ()
+    else:
+        held_out, _ = checked(dynamics, held_out, unknown)
     objective = Objective(dynamics, records, unknown, **options)
     kept = Objective(dynamics, held_out, unknown, **options) if len(held_out) else None
     for record in objective.records:
         require_informative(record)
     if ranges is not None:
         ranges = array("ranges", ranges, (objective.p, 2), advice="Give (low, high) for each unknown.")
+        for name, (low, high) in zip(objective.unknown, ranges, strict=True):
+            if low > high:
+                raise ValueError(f"ranges must be (low, high); that of {name} is ({low:g}, {high:g}). Swap its ends.")
     settings = GeneticSettings.paper() if settings is None else settings
     if not isinstance(settings, GeneticSettings):
         given = type(settings).__name__
@@ -115,10 +122,10 @@ def identify(
         outcome = METHODS[method](search)
     genetic, k = outcome.genetic, objective.p
     cost = genetic.cost if method in ("paper", "genetic") else float(objective(outcome.values[None])[0])
-    if not np.isfinite(cost):
+    if not np.isfinite(cost) and genetic is not None:
         raise ValueError(
             f"some candidate must repeat the experiment; all {outcome.evaluations} diverged or had no sound inertia. "
-            "Widen or correct the ranges, and check gains, gears and signs of the rig."
+            "Widen or correct the ranges, and check gains, gears and signs of rig and law."
         )
     named = dict(zip(objective.unknown, outcome.values, strict=True))
     f = np.array([named[name] for name in dynamics.names])
@@ -135,6 +142,8 @@ def identify(
         values=outcome.values,
         covariance=outcome.covariance,
         scatter=outcome.scatter,
+        trouble=outcome.trouble,
+        ranges=ranges,
         stages=outcome.stages,
         delay=delay,
         delay_std=delay_std,

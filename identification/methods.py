@@ -99,12 +99,14 @@ def didim(search):
 
 def output_error(search):
     """Gauss-Newton on simulated positions."""
+    _require_fast(search)
     values, step = _complete(search, fit_pulses(search.dynamics, search.records, search.unknown))
     return _polished(search, values, step, {"equation error": values}, free=True)
 
 
 def prediction_error(search):
     """Gauss-Newton on predicted positions."""
+    _require_fast(search)
     values, step = _complete(search, fit_pulses(search.dynamics, search.records, search.unknown))
     return _polished(search, values, step, {"equation error": values})
 
@@ -115,6 +117,7 @@ def seeded(search):
     Last, of some vectors within a tenth of a standard deviation, which the log cannot tell apart, the one whose
     simulated errors repeat the measured ones best: objective (4) depends on single counts.
     """
+    _require_fast(search)
     values, step = _complete(search, fit_pulses(search.dynamics, search.records, search.unknown))
     box = np.column_stack([values - _BOX * step, values + _BOX * step])
     low, high = search.bounds.T
@@ -131,11 +134,15 @@ def seeded(search):
     moves = _NEAR * (moves[:, None, :] * _root(outcome.covariance)).sum(axis=2)
     near = np.clip(np.vstack([outcome.values, outcome.values + moves]), *search.bounds.T)
     costs = search.objective(near)
-    best, message = near[int(np.argmin(costs))], outcome.message
-    if not costs.min() <= _AT_MOST * result.cost:
-        best, message = result.x, f"{message} It does not repeat the errors; this is the genetic algorithm's best."
     evaluations = result.evaluations + outcome.evaluations + len(near)
-    return dataclasses.replace(outcome, values=best, genetic=result, evaluations=evaluations, message=message)
+    found = dataclasses.replace(outcome, values=near[int(np.argmin(costs))], genetic=result, evaluations=evaluations)
+    if outcome.trouble is None and costs.min() <= _AT_MOST * result.cost:
+        return found
+    trouble = outcome.trouble or (
+        "the fit that follows the counts does not repeat the errors when simulated; check rig, law and signs"
+    )
+    message = "The genetic algorithm's best, in a box around the equation error."
+    return dataclasses.replace(found, values=result.x, covariance=None, scatter=None, message=message, trouble=trouble)
 
 
 METHODS = {
@@ -172,6 +179,16 @@ def _of_fit(search, fit):
     return Outcome(values=values, covariance=covariance, message=message)
 
 
+def _require_fast(search):
+    """Refuse a law whose memory cannot be followed: its own state is not in the log."""
+    for record in search.records:
+        if record.law.period is not None or len(record.law.initial_state(record.n)):
+            raise ValueError(
+                f"the law of the log must be fast and without memory, like P; got {type(record.law).__name__}. Use "
+                "method='equation_error', which reads its torques, or log a motion under P."
+            )
+
+
 def _polished(search, start, step, stages, *, free=False):
     """The prediction error's fit from a start; the start itself where no arm comes of it."""
     prediction = Prediction(search.dynamics, search.records, search.unknown, free=free, **search.options)
@@ -181,13 +198,20 @@ def _polished(search, start, step, stages, *, free=False):
     fit = gauss_newton(prediction, np.append(start, shares), _SMALL * np.append(step, shares), bounds)
     arm, rig, _ = _parts(search, fit.values[:k])
     sound = least_inertia_margin(search.dynamics, rig, arm.f[None])[0] >= 0
+    trouble = (
+        None
+        if sound
+        else (
+            "D(q) of the fit falls short of the motors' own inertia, Jm k^2; check motor_inertia, gears and motor_gain"
+        )
+    )
     return Outcome(
         values=fit.values[:k] if sound else start,
         covariance=fit.covariance[:k, :k],
         scatter=fit.scatter,
         evaluations=prediction.evaluations,
-        message=f"Surprises of {fit.scatter:.3f} pulses (rounding alone gives 0.289)."
-        + ("" if sound else " The fit is no arm; this is where it began."),
+        message=f"Surprises of {fit.scatter:.3f} pulses (rounding alone gives 0.289).",
+        trouble=trouble,
         stages=stages,
     )
 

@@ -11,7 +11,8 @@ import dataclasses
 import numpy as np
 
 from identification.least_squares import least_squares
-from plant.check import array, known_options, real
+from plant import Record
+from plant.check import array, instance, known_options, real
 
 __all__ = ["MotorFit", "friction_from_motor_test", "gain_from_current"]
 
@@ -60,6 +61,10 @@ def gain_from_current(record):
     ValueError
         No currents, or a motor without errors to speak of.
     """
+    instance("record", record, Record, "Pass a log with currents.")
+    law = record.law
+    if law is not None and (law.period is not None or len(law.initial_state(record.n))):
+        raise ValueError(f"the record must be one under P control; got {type(law).__name__}. It has no such gain.")
     if record.current is None:
         raise ValueError("the record must hold currents; it has none. Log them, or state the gain.")
     drive, names, values, std = record.rig.drive, [], [], []
@@ -107,6 +112,11 @@ def friction_from_motor_test(speed, current, motor_gain):
         raise ValueError(f"speed must have both signs; got {speed.min()} to {speed.max()}. Turn the motor both ways.")
     names = ("viscous", "coulomb", "offset")
     values, std = _line(names, [speed, np.sign(speed), np.ones(len(speed))], torque)
+    if (values[:2] < -2 * std[:2]).any():
+        raise ValueError(
+            f"friction must be positive; found viscous {values[0]:.3g} and coulomb {values[1]:.3g}. Check the order "
+            "(speed, current) and the sign of the current: positive where the motor drives forwards."
+        )
     return MotorFit(names=names, values=values, std=std)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from identification.from_pulses import mode_in
 from plant import Arm, Record
-from plant.check import instance, known_options
+from plant.check import array, instance, known_options
 from plant.linear import jacobians, modes
 
 __all__ = ["Oscillation", "oscillation"]
@@ -59,6 +59,8 @@ class Oscillation:
         """Errors (N, n) without the oscillation, by a band-stop run forwards and backwards: no phase."""
         from scipy.signal import butter, sosfiltfilt
 
+        shape = self.record.error_pulses.shape
+        errors = array("errors", errors, shape, advice="Give one row per sample of this record, one column per joint.")
         band = np.array([self.frequency / _WIDTH, self.frequency * _WIDTH]) * 2 * self.record.rig.period
         ends = min(len(errors) - 1, int(_PERIODS / (self.frequency * self.record.rig.period)))
         return sosfiltfilt(butter(3, band, "bandstop", output="sos"), errors, axis=0, padlen=ends)
@@ -71,7 +73,7 @@ class Oscillation:
         found = ", ".join(f"{low:.1f}-{high:.1f}" for low, high in self.modes)
         if self.own:
             return f"{text}; the position loop's own mode ({found} Hz): it holds the inertias, keep it"
-        return f"{text}; no mode of the position loop ({found} Hz): a nuisance, filter it or look for its cause"
+        return f"{text}; no mode of this arm's position loop ({found} Hz): a nuisance, unless the arm is known badly"
 
     def plot(self):
         """Draw the errors as measured and without the oscillation (Figs. 10-11), and their spectrum."""
@@ -105,6 +107,7 @@ def oscillation(record, arm=None):
     spans, own = (), None
     if arm is not None:
         instance("arm", arm, Arm, "Pass found.arm.")
+        record.rig.require_fit(arm.dynamics.chain)
         angles = record.rig.angle(record.reference_pulses - record.error_pulses)
         poses = angles[:: max(1, len(angles) // _POSES)]
         found = [modes(jacobians(arm, record.rig, record.law, pose)[0])[:, 0] for pose in poses]

@@ -11,13 +11,16 @@ from plant import Arm, Law, Rig
 
 __all__ = ["Identification"]
 
-_STRANGE = 1.0
+_AT_END = 0.002
+"""Share of a range within which a value lies at its end."""
+
+_STRANGE = 0.4
 """Scatter [pulses] that rounding does not explain."""
 
 _LATE = 0.02
 """Delay [samples] that matters."""
 
-_FAR = 2.0
+_FAR = 0.9
 """Difference [pulses] between simulated and measured errors that rounding does not explain."""
 
 _WORSE = 1.5
@@ -45,7 +48,12 @@ class Identification:
         Of the values; None for a method that does not know it. Quantisation and what the model lacks show in the
         scatter from which it is made, and the memory of that scatter is counted.
     scatter : float or None
-        Root mean square of what is left between model and counts [pulses]; rounding alone gives 0.289.
+        Root mean square of what is left between model and counts, every sample predicted from those before (the
+        *surprise*) [pulses]; rounding alone gives 0.289.
+    trouble : str or None
+        Why the values are not those of the last fit; then nothing is known of their uncertainty.
+    ranges : (k, 2) numpy.ndarray or None
+        Those that were given.
     stages : dict
         What each stage before the last found: name -> (k,) values.
     delay, delay_std : float
@@ -81,6 +89,8 @@ class Identification:
     values: np.ndarray
     covariance: np.ndarray | None
     scatter: float | None
+    trouble: str | None
+    ranges: np.ndarray | None
     stages: dict
     delay: float
     delay_std: float
@@ -116,7 +126,12 @@ class Identification:
     @property
     def warnings(self):
         """What a user should know before trusting the values, one line each."""
-        found = []
+        found = [] if self.trouble is None else [f"{self.trouble}."]
+        if self.ranges is not None:
+            for name, value, (low, high) in zip(self.unknown, self.values, self.ranges, strict=True):
+                if low < high and min(value - low, high - value) < _AT_END * (high - low):
+                    end = "lower" if value - low < high - value else "upper"
+                    found.append(f"{name} ends at the {end} end of its range; widen it.")
         if self.scatter is not None and self.scatter > _STRANGE:
             found.append(
                 f"the model follows the log no closer than {self.scatter:.2f} pulses; rounding alone gives 0.29. Was "
@@ -130,10 +145,12 @@ class Identification:
         absorbing = [name for name in self.unknown if name.startswith(("drive.viscous", "law.gain"))]
         if absorbing:
             found.append(f"a delay of the log cannot be told from {', '.join(absorbing)}; be sure of the timing.")
-        if self.difference > _FAR:
+        if not np.isfinite(self.difference):
+            found.append("the arm cannot repeat the record in a simulation: it diverges, or D(q) is no arm's.")
+        elif self.difference > _FAR:
             found.append(
-                f"simulated and measured errors differ by {self.difference:.1f} pulses (rms); two roundings alone give "
-                "0.58. Check friction, gains and gears, or declare them unknown."
+                f"simulated and measured errors differ by {self.difference:.2f} pulses (rms); two roundings alone give "
+                "0.58. Check signs (error = reference minus counted), friction, gains, gears, the order of joints."
             )
         if self.held_out_difference is not None and self.held_out_difference > _WORSE * self.difference:
             found.append(

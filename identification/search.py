@@ -78,6 +78,8 @@ class Outcome:
     evaluations : int
         Simulated experiments.
     message : str
+    trouble : str or None
+        Why the values are not those of the last fit.
     genetic : GeneticResult or None
     stages : dict
         Name of a stage -> its values (k,).
@@ -88,5 +90,6 @@ class Outcome:
     scatter: float | None = None
     evaluations: int = 0
     message: str = ""
+    trouble: str | None = None
     genetic: GeneticResult | None = None
     stages: dict = dataclasses.field(default_factory=dict)

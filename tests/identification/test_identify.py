@@ -175,7 +175,7 @@ def test_progress_is_shown_on_request_only(capsys):
         ({"ranges": RANGES.T}, r"shape \(9, 2\); got shape \(2, 9\)"),
         ({"ranges": RANGES[:8]}, r"shape \(9, 2\); got shape \(8, 2\)"),
         ({"ranges": np.where(RANGES == 11.25, np.nan, RANGES)}, "8, 1"),
-        ({"ranges": RANGES[:, ::-1]}, "lower <= upper"),
+        ({"ranges": RANGES[:, ::-1]}, "must be \\(low, high\\); that of f1"),
         ({"threads": 0}, "threads"),
         ({"settings": "paper"}, "GeneticSettings"),
         ({"steps_per_sample": 2.5}, "steps_per_sample"),

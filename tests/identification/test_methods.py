@@ -49,9 +49,10 @@ def test_torques_are_those_of_the_law():
 def test_torques_under_a_law_with_memory_are_read_from_the_log():
     law = ComputedTorque(puma560.arm(), RIG)
     record = simulate(puma560.arm(), RIG, law, PATH, duration=0.1)
-    np.testing.assert_array_equal(torque_of(record), record.torque)
+    held = (record.torque[1:] + record.torque[:-1]) / 2  # from one sample to the next
+    np.testing.assert_array_equal(torque_of(record)[1:], held)
     by_current = dataclasses.replace(record, torque=None)
-    np.testing.assert_allclose(torque_of(by_current), record.torque, rtol=1e-12)
+    np.testing.assert_allclose(torque_of(by_current)[1:], held, rtol=1e-12, atol=1e-9)
     with pytest.raises(ValueError, match="must hold torques or currents"):
         torque_of(dataclasses.replace(by_current, current=None))
 
@@ -195,6 +196,63 @@ def test_plot_draws_fit_surprises_spectrum_and_intervals():
         "spectrum", "95 % intervals",
     ]  # fmt: skip
     matplotlib.pyplot.close(figure)
+
+
+def test_log_under_computed_torque_is_for_the_equation_error_alone():
+    """Its law has a memory that no log holds; its torques are in the log."""
+    law = ComputedTorque(puma560.arm(), RIG, bandwidth=50.0)
+    record = simulate(puma560.arm(), RIG, law, PATH, steps_per_sample=16)
+    for method in ("seeded", "prediction_error", "output_error"):
+        with pytest.raises(ValueError, match="fast and without memory, like P; got ComputedTorque"):
+            identify(DYNAMICS, record, method=method, settings=TINY, progress=False)
+    result = identify(DYNAMICS, record, method="equation_error", progress=False)
+    assert off(result.f).max() < 3.0
+
+
+def test_fit_that_is_no_arm_of_this_rig_leaves_no_intervals():
+    """Motors of three times the inertia: what the log shows is too light for them."""
+    drive = dataclasses.replace(RIG.drive, motor_inertia=3 * RIG.drive.motor_inertia)
+    log = dataclasses.replace(measured(), rig=dataclasses.replace(RIG, drive=drive))
+    result = identify(DYNAMICS, log, settings=TINY, progress=False)
+    assert result.covariance is None
+    assert result.scatter is None
+    assert any("falls short of the motors' own inertia" in text for text in result.warnings)
+    assert "warning: D(q)" in result.summary()
+
+
+def test_ranges_that_exclude_the_truth_are_warned_about():
+    ranges = np.column_stack([puma560.PUBLISHED - 0.5 * WIDTH, puma560.PUBLISHED + 0.5 * WIDTH])
+    ranges[6] = 8.0, 12.0
+    result = identify(DYNAMICS, measured(), ranges=ranges, progress=False)
+    assert any("f7 ends at the lower end" in text or "simulated and measured" in text for text in result.warnings)
+
+
+@pytest.mark.parametrize("wrong", ["gear", "joints", "errors"])
+def test_signs_and_order_that_are_wrong_are_warned_about(wrong):
+    record = dataclasses.replace(measured(), reference=None, torque=None, current=None, true_q=None, true_qd=None)
+    if wrong == "gear":
+        drive = dataclasses.replace(RIG.drive, gear=RIG.drive.gear * (1, -1))
+        record = dataclasses.replace(record, rig=dataclasses.replace(RIG, drive=drive))
+    if wrong == "joints":
+        record = dataclasses.replace(
+            record, reference_pulses=record.reference_pulses[:, ::-1], error_pulses=record.error_pulses[:, ::-1]
+        )
+    if wrong == "errors":
+        record = dataclasses.replace(record, error_pulses=-record.error_pulses)
+    try:
+        warnings = identify(DYNAMICS, record, settings=TINY, progress=False).warnings
+    except ValueError as refusal:
+        warnings = [str(refusal)]
+    assert warnings
+
+
+def test_held_out_takes_one_record_or_several():
+    other, options = measured(period=2.5), {"method": "equation_error", "progress": False}
+    results = [identify(DYNAMICS, measured(), held_out=kept, **options) for kept in (other, [other])]
+    assert results[0].held_out_difference == results[1].held_out_difference > 0
+    for nonsense in (True, 5, "record"):
+        with pytest.raises(ValueError, match="must be at least one Record; got"):
+            identify(DYNAMICS, measured(), held_out=nonsense, **options)
 
 
 # -- bad input -------------------------------------------------------------------------------------------------------

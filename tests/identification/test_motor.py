@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from ctc import ComputedTorque
 from identification.motor import friction_from_motor_test, gain_from_current
 from plant import PointToPoint, puma560, simulate
 
@@ -64,6 +65,12 @@ def test_friction_is_found_within_five_per_cent():
             ),
             "motor 0 must have errors",
         ),
+        (lambda r: gain_from_current(RIG), "must be of type Record"),
+        (
+            lambda r: gain_from_current(dataclasses.replace(r, law=ComputedTorque(puma560.arm(), RIG))),
+            "must be one under P control; got ComputedTorque",
+        ),
+        (lambda r: friction_from_motor_test([9, 5, -5, -9], [-3, -2, 2.1, 3], 0.2), "friction must be positive"),
         (lambda r: friction_from_motor_test([1, 2, 3, 4], [1, 2, 3, 4], 0.2), "both signs"),
         (lambda r: friction_from_motor_test([1, -2, 3], [1, 2, 3], 0.2), "needs more readings"),
         (lambda r: friction_from_motor_test([1, -2], [1], 0.2), "current must have shape"),
