@@ -1,7 +1,7 @@
 """How near the default identification comes to known robots, and whether it knows how near.
 
     python tests/benchmarks/identification_study.py           # the tables of docs/identification.md, some 20 minutes
-    python tests/benchmarks/identification_study.py seeds     # or seeds, knowledge, methods, starts, verdict, arms
+    python tests/benchmarks/identification_study.py seeds     # or some of them, by name
 
 Robots are simulated at 16 steps per sample, models at 4. Errors are in per cent of the width of the printed ranges.
 """
@@ -15,7 +15,7 @@ import numpy as np
 from ctc import ComputedTorque, evaluate
 from identification import Objective, design_motion, identify, pulse_budget
 from identification.prediction import Prediction, gauss_newton
-from plant import Body, Dynamics, puma560, simulate
+from plant import Body, Dynamics, FrictionCurve, puma560, simulate
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
 WIDTH = np.diff(puma560.PRINTED_RANGES, axis=1).ravel()
@@ -226,14 +226,38 @@ def arms(count=25, realisations=25):
         yield f"| {name} | " + " | ".join(f"{value:{form}}" for value in values) + " |"
 
 
-TABLES = {
-    "seeds": seeds,
-    "knowledge": knowledge,
-    "methods": methods,
-    "starts": starts,
-    "verdict": verdict,
-    "arms": arms,
-}
+def unknowns(count=12):
+    """Coverage of the 95 % intervals when more than f is unknown, or the reference is known by its counts only."""
+    yield "| what is unknown | 95 % intervals that hold the truth | rms of error over standard deviation | worst such |"
+    yield "|---|---|---|---|"
+    friction = tuple(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in (0, 1))
+    curve = FrictionCurve(offset=(0.0, 0.0), breakaway=(0.0, 0.0), speed=(1.0, 1.0))
+    curved = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, curve=curve))
+    for name, more, rig, keep in (
+        ("f", (), RIG, True),
+        ("f, reference by its counts", (), RIG, False),
+        ("f and friction", friction, RIG, True),
+        ("f and P gains", ("law.gain[0]", "law.gain[1]"), RIG, True),
+        ("f and offsets of friction", ("drive.curve.offset[0]", "drive.curve.offset[1]"), curved, True),
+        ("f and one gear", ("drive.gear[0]",), RIG, True),
+    ):
+        random, scaled = np.random.default_rng(1), []
+        for k in range(count):
+            arm, p = random_arm(random), puma560.p_law(GAINS[k % 2])
+            record = simulate(arm, rig, p, PATH, steps_per_sample=16)
+            record = record if keep else dataclasses.replace(record, reference=None)
+            found = identify(DYNAMICS, record, unknown=(*DYNAMICS.names, *more), seed=k, progress=False)
+            if found.covariance is None:
+                continue
+            known = dict(zip(rig.number_names(), rig.number_values(), strict=True))
+            known |= dict(zip(p.number_names("law."), p.number_values(), strict=True))
+            true = np.append(arm.f, [known[each] for each in more])
+            scaled.append((found.values - true) / found.std)
+        z = np.abs(scaled)
+        yield f"| {name} | {100 * np.mean(z < 1.96):.0f} % | {np.sqrt(np.mean(z**2)):.2f} | {z.max():.1f} |"
+
+
+TABLES = {table.__name__: table for table in (seeds, knowledge, methods, starts, verdict, arms, unknowns)}
 
 if __name__ == "__main__":
     for title in sys.argv[1:] or TABLES:
