@@ -4,8 +4,9 @@ Reading order: `experiment` (a record, ready to be repeated), `objective` (equat
 `ranges` (where to search, 3.6) -> `genetic` (the genetic algorithm, 3.7) -> `equation_error` (torques, by
 `least_squares` behind `filtering`), `from_pulses` (the same from counts alone) -> `prediction` (prediction error) ->
 `search`, `methods` (seven ways, one interface), `identify` (the procedure of 3.2), `result`, `plots` -> `quality`
-(can this log say anything?), `budget` (what will a motion say?), `timing` (is the log late?), `oscillation` (Figs.
-10-11), `motor` (gain and friction before the arm), `spread` (how much the result varies, 4.2).
+(can this log say anything?), `budget` (what will a motion say?), `physical` (bodies that have these f), `load` (in
+the hand of a known arm), `timing` (is the log late?), `oscillation` (Figs. 10-11), `motor` (gain and friction before
+the arm), `spread` (how much the result varies, 4.2).
 """
 
 from importlib.util import find_spec
@@ -24,9 +25,11 @@ from identification.excitation import design_motion  # noqa: E402
 from identification.filtering import derivatives, low_pass  # noqa: E402
 from identification.genetic import GeneticResult, GeneticSettings, minimize_genetic  # noqa: E402
 from identification.identify import identify  # noqa: E402
+from identification.load import Load, find_load  # noqa: E402
 from identification.motor import MotorFit, friction_from_motor_test, gain_from_current  # noqa: E402
 from identification.objective import Objective  # noqa: E402
 from identification.oscillation import Oscillation, oscillation  # noqa: E402
+from identification.physical import Physical, nearest_physical  # noqa: E402
 from identification.ranges import Interval, LinkSize, puma560_ranges, ranges  # noqa: E402
 from identification.result import Identification  # noqa: E402
 from identification.spread import Spread, spread  # noqa: E402
@@ -37,8 +40,8 @@ from plant.check import known_options  # noqa: E402
 known_options(GeneticSettings)
 
 __all__ = [
-    "Budget", "GeneticResult", "GeneticSettings", "Identification", "Interval", "LinkSize", "MotorFit", "Objective",
-    "Oscillation", "Spread", "TorqueFit", "derivatives", "design_motion", "fit_torque", "friction_from_motor_test",
-    "gain_from_current", "identify", "low_pass", "minimize_genetic", "oscillation", "pulse_budget", "puma560_ranges",
-    "ranges", "spread", "without_delay",
+    "Budget", "GeneticResult", "GeneticSettings", "Identification", "Interval", "LinkSize", "Load", "MotorFit",
+    "Objective", "Oscillation", "Physical", "Spread", "TorqueFit", "derivatives", "design_motion", "find_load",
+    "fit_torque", "friction_from_motor_test", "gain_from_current", "identify", "low_pass", "minimize_genetic",
+    "nearest_physical", "oscillation", "pulse_budget", "puma560_ranges", "ranges", "spread", "without_delay",
 ]  # fmt: skip

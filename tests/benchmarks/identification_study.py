@@ -13,7 +13,7 @@ import time
 import numpy as np
 
 from ctc import ComputedTorque, evaluate
-from identification import Objective, design_motion, identify, pulse_budget
+from identification import Objective, design_motion, identify, nearest_physical, pulse_budget
 from identification.prediction import Prediction, gauss_newton
 from plant import Body, Dynamics, FrictionCurve, puma560, simulate
 
@@ -22,6 +22,7 @@ WIDTH = np.diff(puma560.PRINTED_RANGES, axis=1).ravel()
 ARMS = {"published f": puma560.arm(), "literature + 1.5 kg": puma560.literature_arm(1.5)}
 GAINS = ((0.1, 0.08), (0.2, 0.15))
 PERIODS = (3.65, 2.5, 2.0)
+BOXES = [[(-0.1, 0.5), (-0.15, 0.15), (0, 0)], [(-0.15, 0.15), (-0.7, 0.15), (0, 0)]]  # where mass can be [m]
 
 
 def off(values, arm):
@@ -105,6 +106,10 @@ def knowledge(count=5):
                 f"| {gain} | {name} | {np.median(wrong, axis=1).max():.2f} % | {wrong.max():.1f} % | "
                 f"{said[wrong.max(axis=0).argmax()]:.1f} % |"
             )
+        runs = [identify(DYNAMICS, once, seed=seed, progress=False) for seed in range(count)]
+        wrong = np.array([off(nearest_physical(run, BOXES).arm.f, arm) for run in runs])
+        name = "(6) once, bodies within boxes (`nearest_physical`)"
+        yield f"| {gain} | {name} | {np.median(wrong, axis=1).max():.2f} % | {wrong.max():.1f} % | |"
 
 
 def starts(count=50):
