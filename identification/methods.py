@@ -31,8 +31,8 @@ __all__ = ["METHODS"]
 _BOX = 4.0
 """Half width of the box around the equation error, in its standard deviations."""
 
-_NEAR, _NEIGHBOURS = 0.1, 119
-"""Standard deviations around the prediction error's fit within which so many vectors are tried on objective (4)."""
+_NEAR, _NEIGHBOURS = 0.03, 119
+"""Standard deviations around the prediction error's fit at which so many vectors are tried on objective (4)."""
 
 _AT_MOST = 1.5
 """Objective (4) that the prediction error's fit may have, in that of the genetic algorithm's best."""
@@ -114,7 +114,7 @@ def prediction_error(search):
 def seeded(search):
     """Equation error, genetic algorithm around it, prediction error from there.
 
-    Last, of some vectors within a tenth of a standard deviation, which the log cannot tell apart, the one whose
+    Last, of some vectors within some hundredths of a standard deviation, which the log cannot tell apart, the one whose
     simulated errors repeat the measured ones best: objective (4) depends on single counts.
     """
     _require_fast(search)

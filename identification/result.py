@@ -117,6 +117,25 @@ class Identification:
             raise ValueError(f"method {self.method!r} does not know how well it knows; use 'seeded' for an interval.")
         return np.sqrt(np.diag(self.covariance))
 
+    def bound(self):
+        """Smallest standard deviations (k,) that rounding at the samples allows any method on the first record.
+
+        Cramer-Rao's bound from simulated sensitivities (`pulse_budget`); of what was kept fixed, zero.
+
+        Raises
+        ------
+        ValueError
+            A record without reference.
+        """
+        from identification.budget import pulse_budget  # which needs what a result is made of
+
+        record = self.records[0]
+        if record.reference is None:
+            raise ValueError("the record must have a reference for a bound; it has none. Pass reference= with the log.")
+        seconds = len(record) * record.rig.period
+        budget = pulse_budget(self.arm, self.rig, self.law, record.reference, unknown=self.unknown, duration=seconds)
+        return np.where(self.std > 0, budget.bound, 0.0)
+
     @property
     def correlation(self):
         """Correlations (k, k) of the values; of what was kept fixed, zero."""
@@ -163,19 +182,25 @@ class Identification:
         return found
 
     def summary(self):
-        """A table: each value, its standard deviation and 95 % interval, and what it goes together with most."""
+        """A table: each value, its standard deviation, the bound, its 95 % interval, what it goes with most."""
         width = max(map(len, self.unknown))
         lines = [f"{self.method}, {len(self.records)} record(s): {self.message}"]
         if self.covariance is None:
             lines += [f"{name:<{width}} {value:12.5g}" for name, value in zip(self.unknown, self.values, strict=True)]
         else:
-            lines.append(f"{'':<{width}} {'value':>12} {'std':>9} {'95 % interval':>25}   goes most with")
+            try:
+                bounds = self.bound()
+            except ValueError:  # no reference, or numbers that cannot be told apart
+                bounds = np.full(len(self.values), np.nan)
+            head = f"{'value':>12} {'std':>9} {'bound':>9} {'95 % interval':>25}"
+            lines.append(f"{'':<{width}} {head}   goes most with")
             others = self.correlation - np.eye(len(self.values))
-            for i, (name, value, std) in enumerate(zip(self.unknown, self.values, self.std, strict=True)):
+            rows = zip(self.unknown, self.values, self.std, bounds, strict=True)
+            for i, (name, value, std, bound) in enumerate(rows):
                 most = int(np.argmax(np.abs(others[i])))
                 interval = f"[{value - 1.96 * std:.5g}, {value + 1.96 * std:.5g}]"
                 together = f"{self.unknown[most]} ({others[i, most]:+.2f})"
-                lines.append(f"{name:<{width}} {value:12.5g} {std:9.2g} {interval:>25}   {together}")
+                lines.append(f"{name:<{width}} {value:12.5g} {std:9.2g} {bound:9.2g} {interval:>25}   {together}")
         lines.append(f"simulated and measured errors differ by {self.difference:.2f} pulses (rms)")
         if self.held_out_difference is not None:
             lines[-1] += f", in the record(s) kept aside by {self.held_out_difference:.2f}"

@@ -186,6 +186,16 @@ def test_summary_says_what_goes_with_what():
     assert len(lines) == 2 + 9 + 1
 
 
+def test_bound_is_below_what_was_reached_and_needs_a_reference():
+    bound = found().bound()
+    assert (bound < 1.2 * found().std).all()
+    assert (bound > 0.05 * found().std).all()
+    counted = dataclasses.replace(found(), records=(dataclasses.replace(measured(), reference=None),))
+    with pytest.raises(ValueError, match="must have a reference for a bound"):
+        counted.bound()
+    assert " nan " in counted.summary()
+
+
 def test_plot_draws_fit_surprises_spectrum_and_intervals():
     import matplotlib
 
