@@ -114,7 +114,10 @@ class Identification:
     def std(self):
         """Standard deviations (k,) of the values."""
         if self.covariance is None:
-            raise ValueError(f"method {self.method!r} does not know how well it knows; use 'seeded' for an interval.")
+            why = f"method {self.method!r}" if self.trouble is None else "this fit"
+            raise ValueError(
+                f"{why} does not know how well it knows; {self.trouble or 'use the default for an interval'}."
+            )
         return np.sqrt(np.diag(self.covariance))
 
     def bound(self):
