@@ -158,7 +158,7 @@ def _equation(arm, rig, law):
 
 def _torque_per_pulse(rig, law):
     """Joint torque [N m] (n,) that one pulse of error on every motor makes, magnitude."""
-    if law.period is not None or len(law.initial_state(rig.n)):
+    if law.has_memory(rig.n):
         raise ValueError(
             f"law must be fast and without memory, like P; got {type(law).__name__}. Give that of the log."
         )

@@ -36,7 +36,7 @@ def torque_of(record):
     A torque that a sampled law holds counts half at both ends of its sample.
     """
     law, rig = record.law, record.rig
-    if law is not None and law.period is None and not len(law.initial_state(record.n)):
+    if law is not None and not law.has_memory(record.n):
         block, zero = law.block(rig), np.zeros((record.n, len(record)))
         counts = (record.reference_pulses - record.error_pulses).T
         asked, _ = block.step.map(len(record))(
@@ -80,7 +80,7 @@ def pass_band(record, arm=None):
 
     Under a law with a memory (computed torque) nothing swings, and the band is some times that of the path.
     """
-    if record.law is not None and (record.law.period is not None or len(record.law.initial_state(record.n))):
+    if record.law is not None and record.law.has_memory(record.n):
         return round(_BEYOND * path_in(record), 1)
     band = round(_BAND * mode_in(record), 1)
     if arm is None or record.law is None:

@@ -18,8 +18,6 @@ _STEP = 0.01
 _HEAVIEST = 1e3
 """[kg]"""
 
-_SHARES = ((1e-3, 0.9), (1e-7, 0.5))
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Load:
@@ -73,8 +71,8 @@ def find_load(arm, record, position, *, link=-1, steps_per_sample=4):
     bodies = [Body(mass=0.0, com=(0, 0, 0)) for _ in range(arm.n)]
     bodies[link] = Body(mass=1.0, com=position)
     follow = _WithLoad(Prediction(dynamics, record, steps_per_sample=steps_per_sample), arm.f, dynamics.f(bodies))
-    shares, n = follow.prediction.initial_shares, arm.n
-    bounds = np.array([(-_HEAVIEST, _HEAVIEST), *[_SHARES[0]] * n, *[_SHARES[1]] * n])
+    shares = follow.prediction.initial_shares
+    bounds = np.vstack([(-_HEAVIEST, _HEAVIEST), follow.prediction.share_bounds])
     fit = gauss_newton(follow, np.append(0.0, shares), np.append(_STEP, 0.01 * shares), bounds)
     mass = float(fit.values[0])
     loaded = dynamics.arm(arm.f + mass * follow.direction)

@@ -40,9 +40,6 @@ _AT_MOST = 1.5
 _SMALL = 0.01
 """Step of the derivatives, in standard deviations of the equation error, or shares."""
 
-_SHARES = ((1e-3, 0.9), (1e-7, 0.5))
-"""Between which the shares of position and of speed are looked for."""
-
 _ROUNDS = 10
 """Of `didim`, at most."""
 
@@ -182,7 +179,7 @@ def _of_fit(search, fit):
 def _require_fast(search):
     """Refuse a law whose memory cannot be followed: its own state is not in the log."""
     for record in search.records:
-        if record.law.period is not None or len(record.law.initial_state(record.n)):
+        if record.law.has_memory(record.n):
             raise ValueError(
                 f"the law of the log must be fast and without memory, like P; got {type(record.law).__name__}. Use "
                 "method='equation_error', which reads its torques, or log a motion under P."
@@ -192,9 +189,9 @@ def _require_fast(search):
 def _polished(search, start, step, stages, *, free=False):
     """The prediction error's fit from a start; the start itself where no arm comes of it."""
     prediction = Prediction(search.dynamics, search.records, search.unknown, free=free, **search.options)
-    k, n = len(start), search.dynamics.n
+    k = len(start)
     shares = prediction.initial_shares
-    bounds = np.vstack([search.bounds, *([_SHARES[0]] * n, [_SHARES[1]] * n)][: 1 if free else 3])
+    bounds = np.vstack([search.bounds, prediction.share_bounds])
     fit = gauss_newton(prediction, np.append(start, shares), _SMALL * np.append(step, shares), bounds)
     arm, rig, _ = _parts(search, fit.values[:k])
     sound = least_inertia_margin(search.dynamics, rig, arm.f[None])[0] >= 0

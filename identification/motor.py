@@ -63,7 +63,7 @@ def gain_from_current(record):
     """
     instance("record", record, Record, "Pass a log with currents.")
     law = record.law
-    if law is not None and (law.period is not None or len(law.initial_state(record.n))):
+    if law is not None and law.has_memory(record.n):
         raise ValueError(f"the record must be one under P control; got {type(law).__name__}. It has no such gain.")
     if record.current is None:
         raise ValueError("the record must hold currents; it has none. Log them, or state the gain.")

@@ -29,6 +29,9 @@ __all__ = ["Fit", "Prediction", "gauss_newton", "memory_of", "slopes"]
 _MEMORY = 10
 """Samples over which the correction forgets, to begin with."""
 
+_POSITION, _SPEED = (1e-3, 0.9), (1e-7, 0.5)
+"""Between which the shares of position and of speed are looked for."""
+
 _WINDOW = 10
 """Samples before and after, over which the speed of the counts is taken."""
 
@@ -63,6 +66,7 @@ class Prediction:
         correction = Correction(position=(0.0,) * n, speed=(0.0,) * n) if free else Correction.with_memory(n, _MEMORY)
         self.shares = () if free else tuple(correction.number_names("correction."))
         self.initial_shares = np.empty(0) if free else correction.number_values()
+        self.share_bounds = np.empty((0, 2)) if free else np.array([_POSITION] * n + [_SPEED] * n)
         self.unknown = (*unknown, *self.shares)
         options = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "correction": correction}
         self._followed = [_Followed(dynamics, record, self.unknown, options) for record in records]

@@ -66,6 +66,10 @@ class Law(Part):
         """State at the start, (s,); none by default."""
         return np.empty(0)
 
+    def has_memory(self, n):
+        """Whether the torque of n joints depends on more than counts and reference now: a period, or a state."""
+        return self.period is not None or len(self.initial_state(n)) > 0
+
     def start(self, rig, pulses):
         """This law as a running controller for a control script.
 

@@ -52,7 +52,7 @@ def jacobians(arm, rig, law, pose):
     """The matrices A (2n, 2n), B (2n, n) and C (n, 2n) of `linearise`, without python-control."""
     n = arm.n
     pose = array("pose", pose, (n,), advice="Give one angle per joint [rad].")
-    if law.period is not None or len(law.initial_state(n)):
+    if law.has_memory(n):
         raise ValueError(f"law must be fast and without state, like P; got {type(law).__name__}. Linearise it by hand.")
     loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=1, smooth=True)
     state, time, numbers = (ca.SX.sym(name, len(names)) for name, names in _vectors(loop))
