@@ -19,7 +19,7 @@ for duration in (3.65, 2.5, 2.0):
 # The same law, sample by sample, as a control script would run it; here it is fed the pulses of the simulation.
 report = evaluate(robot, rig, law, path)
 record = report.record
-counts = record.reference_pulses - record.error_pulses
+counts = record.counts
 motion = path(record.t)
 controller = law.start(rig, counts[0])
 torque = np.array([controller.step(*row) for row in zip(counts, *motion, strict=True)])

@@ -38,7 +38,7 @@ def torque_of(record):
     law, rig = record.law, record.rig
     if law is not None and not law.has_memory(record.n):
         block, zero = law.block(rig), np.zeros((record.n, len(record)))
-        counts = (record.reference_pulses - record.error_pulses).T
+        counts = record.counts.T
         asked, _ = block.step.map(len(record))(
             np.empty((0, len(record))), zero, zero, zero, record.reference_pulses.T, counts, zero,
             np.full((1, len(record)), rig.period), np.repeat(block.values[:, None], len(record), axis=1),
@@ -69,7 +69,7 @@ def mode_in(record):
 
 def path_in(record):
     """Highest frequency [Hz] at which the counts of a record hold far more than their rounding."""
-    counts = record.reference_pulses - record.error_pulses
+    counts = record.counts
     power = np.abs(np.fft.rfft((counts - counts.mean(axis=0)) * np.hanning(len(counts))[:, None], axis=0)) ** 2
     rows = np.flatnonzero((power > _FAR_MORE * np.median(power[len(power) // 2 :], axis=0)).any(axis=1))
     return float(np.fft.rfftfreq(len(counts), record.rig.period)[rows.max(initial=1)])
@@ -85,7 +85,7 @@ def pass_band(record, arm=None):
     band = round(_BAND * mode_in(record), 1)
     if arm is None or record.law is None:
         return band
-    angles = record.rig.angle(record.reference_pulses - record.error_pulses)
+    angles = record.rig.angle(record.counts)
     poses = angles[:: max(1, len(angles) // _POSES)]
     found = [modes(jacobians(arm, record.rig, record.law, pose)[0]) for pose in poses]
     slow = [each[0, 0] for each in found if len(each)]
@@ -117,7 +117,7 @@ def equation_error(dynamics, records, unknown):
                 break
         sides = []
         for record, band in zip(records, bands, strict=True):
-            q = record.rig.angle(record.reference_pulses - record.error_pulses)
+            q = record.rig.angle(record.counts)
             sides.append(sides_in(dynamics, record, band, unknown, q))
         fit = weighted(unknown, sides)
     return fit

@@ -98,7 +98,7 @@ class _Followed(Experiment):
 
     def __init__(self, dynamics, record, unknown, options):
         super().__init__(dynamics, record, unknown, smooth=True, **options)
-        counts = record.reference_pulses - record.error_pulses
+        counts = record.counts
         self._kernel = loop_kernel(self.loop)
         self._tables = self._kernel.prepared((*self.times, record.rig.counted(counts)), logged=True)
         before = np.maximum(np.arange(len(counts)) - _WINDOW, 0)

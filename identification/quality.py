@@ -28,7 +28,7 @@ def require_informative(record):
     ------
     ValueError
     """
-    counts = record.reference_pulses - record.error_pulses
+    counts = record.counts
     moved = np.ptp(counts, axis=0)
     if (moved < _LEAST_PULSES).any():
         motor = int(np.argmin(moved))

@@ -33,7 +33,7 @@ def delay_of(dynamics, records, unknown, values, **options):
     difference = prediction.surprises(values)
     if not np.isfinite(difference).all():
         return np.nan, np.inf
-    speed = np.concatenate([_speed(record.reference_pulses - record.error_pulses).ravel() for record in records])
+    speed = np.concatenate([_speed(record.counts).ravel() for record in records])
     weight = prediction.weights
     slope = (difference @ (weight * speed)) / ((weight * speed) @ (weight * speed))
     left = difference - slope * weight * speed
@@ -65,7 +65,7 @@ def without_delay(record, samples):
     samples = real("samples", samples, "Give found.delay.")
     if abs(samples) > 1:
         raise ValueError(f"samples must be within one; got {samples}. Shift the columns by whole rows first.")
-    counts = record.reference_pulses - record.error_pulses
+    counts = record.counts
     return dataclasses.replace(record, error_pulses=record.error_pulses - samples * _speed(counts))
 
 

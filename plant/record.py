@@ -38,8 +38,10 @@ class Record:
     ----------
     t : (N,) array_like
         Times of the samples, increasing [s].
-    reference_pulses, error_pulses : (N, n) array_like
-        Commanded counts, and commanded minus counted (motor shaft, with its sign).
+    error_pulses : (N, n) array_like
+        Commanded minus counted [pulses], on the motor's shaft, with its sign.
+    reference_pulses : (N, n) array_like, optional
+        Commanded counts. Left out where nothing was commanded: all 0, so that the errors are minus the counts.
     rig : Rig
     law : Law, optional
         What controlled the arm.
@@ -52,6 +54,8 @@ class Record:
     initial : (2, n) array_like, optional
         Position [rad] and velocity [rad/s] at t = 0. Left out, a replay starts with the reference, but a joint whose
         first error is a pulse or more starts where its encoder says.
+    valid : (N,) array_like, optional
+        Weight of each sample, 0 to 1; a sample that was dropped or is wrong has 0. By default all have 1.
     true_q, true_qd : (N, n) array_like, optional
         What no encoder sees; only a simulation knows it, and identification never reads it.
 
@@ -62,14 +66,15 @@ class Record:
     """
 
     t: np.ndarray
-    reference_pulses: np.ndarray
     error_pulses: np.ndarray
     rig: Rig
+    reference_pulses: np.ndarray | None = None
     law: Law | None = None
     reference: Reference | None = None
     torque: np.ndarray | None = None
     current: np.ndarray | None = None
     initial: np.ndarray | None = None
+    valid: np.ndarray | None = None
     true_q: np.ndarray | None = None
     true_qd: np.ndarray | None = None
 
@@ -90,8 +95,19 @@ class Record:
             value = getattr(self, name)
             if value is not None:
                 values[name] = array(name, value, shape, advice="Give one row per sample, one column per joint.")
-            elif name in ("reference_pulses", "error_pulses"):
-                raise ValueError(f"{name} must have shape {shape}; got None. A record needs both columns of pulses.")
+        if self.error_pulses is None:
+            raise ValueError(
+                f"error_pulses must have shape {shape}; got None. Without a reference, give minus the counts."
+            )
+        if self.reference_pulses is None:
+            values["reference_pulses"] = np.zeros(shape)
+        valid = np.ones(len(t)) if self.valid is None else self.valid
+        values["valid"] = valid = array("valid", valid, shape[:1], advice="Give one weight per sample.")
+        wrong = np.flatnonzero((valid < 0) | (valid > 1))
+        if len(wrong):
+            raise ValueError(
+                f"valid must be 0 to 1; got {valid[wrong[0]]:g} at index {wrong[0]}. 0 leaves a sample out."
+            )
         if self.initial is not None:
             values["initial"] = array("initial", self.initial, (2, self.rig.n), advice="Give q and qd at t = 0.")
         for name, value in values.items():
@@ -102,6 +118,11 @@ class Record:
     def n(self):
         """Number of joints."""
         return self.rig.n
+
+    @property
+    def counts(self):
+        """What the encoders counted, (N, n) [pulses]."""
+        return self.reference_pulses - self.error_pulses
 
     def __len__(self):
         return len(self.t)

@@ -93,6 +93,12 @@ def test_record_is_frozen_and_says_what_it_is():
     assert "an unknown law" in repr(some_record(law=None))
 
 
+def test_without_a_reference_the_errors_are_minus_the_counts():
+    record = some_record(reference_pulses=None, error_pulses=[[0, -5], [-1, 2], [-3, 4]])
+    np.testing.assert_array_equal(record.counts, [[0, 5], [1, -2], [3, -4]])
+    np.testing.assert_array_equal(record.valid, 1)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -102,7 +108,9 @@ def test_record_is_frozen_and_says_what_it_is():
         ({"t": [[0.0, 1.0, 2.0]]}, r"t must have shape \(N,\); got shape \(1, 3\)"),
         ({"error_pulses": [[0, 0], [0, np.nan], [0, 0]]}, r"error_pulses must be finite; got nan at index \(1, 1\)"),
         ({"error_pulses": np.zeros((2, 3))}, r"error_pulses must have shape \(3, 2\); got shape \(2, 3\)"),
-        ({"reference_pulses": None}, r"reference_pulses must have shape \(3, 2\); got None"),
+        ({"error_pulses": None}, r"error_pulses must have shape \(3, 2\); got None"),
+        ({"valid": np.ones(2)}, r"valid must have shape \(3,\); got shape \(2,\)"),
+        ({"valid": [1, 2, 0]}, r"valid must be 0 to 1; got 2 at index 1"),
         ({"torque": np.zeros((3, 1))}, r"torque must have shape \(3, 2\); got shape \(3, 1\)"),
         ({"true_q": np.full((3, 2), np.inf)}, r"true_q must be finite; got inf at index \(0, 0\)"),
         ({"initial": np.zeros((2, 3))}, r"initial must have shape \(2, 2\); got shape \(2, 3\)"),
