@@ -9,10 +9,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from plant.check import instance
+from plant.clock import Clock
 from plant.dynamics import Dynamics
 from plant.loop import ClosedLoop
 from plant.record import Record
-from plant.tables import path_of, smooth_rig, start_of, time_tables
+from plant.simulator import loop_kernel
+from plant.tables import logged_for, path_of, smooth_rig, start_of, time_tables
 
 __all__ = ["Experiment", "checked", "cores", "shared_out"]
 
@@ -54,7 +56,6 @@ class Experiment:
             raise ValueError(
                 f"the record must have {dynamics.n} joints; it has {record.n}. Use the record of this arm."
             )
-        _require_uniform(record)
         rig = smooth_rig(record.rig) if smooth else record.rig
         self.record = record
         self.loop = ClosedLoop(dynamics=dynamics, rig=rig, law=record.law, **options)
@@ -75,14 +76,24 @@ class Experiment:
                 "known by equal ends of its range."
             )
         self.places = [names.index(name) for name in unknown]
-        self.times = time_tables(self.loop, path_of(record, smooth=smooth), len(record))
+        self.clock = Clock.of(record)
+        path = path_of(record, self.clock, smooth=smooth)
+        self.times = time_tables(self.loop, path, self.clock, logged_for(record.law, record))
         self.numbers = self.loop.number_values(np.full(dynamics.p, np.nan))
-        self.state = self.loop.initial_state(*start_of(record, path_of(record)))
+        self.state = self.loop.initial_state(*start_of(record, path_of(record, self.clock)))
+
+    def kernel(self, lanes=()):
+        """The compiled loop; `lanes` are the numbers that differ between individuals."""
+        return loop_kernel(self.loop, lanes, uneven=self.clock.even is None)
+
+    def data(self, measured):
+        """What was measured (N, n), with the root of each sample's weight behind it, for all samples (M, n + 1)."""
+        return self.clock.measured(np.column_stack([measured, np.sqrt(self.record.valid)]))
 
     @property
     def steps(self):
         """Sub-steps of a whole run."""
-        return len(self.record) * self.loop.steps_per_sample
+        return len(self.clock) * self.loop.steps_per_sample
 
 
 def cores():
@@ -108,14 +119,3 @@ def shared_out(function, items, threads):
         for future in running:
             future.result()
     return results
-
-
-def _require_uniform(record):
-    """Refuse time stamps that are not t_0 + k period: the model's samples would drift from the robot's."""
-    late = record.t - record.t[0] - np.arange(len(record)) * record.rig.period
-    wrong = np.flatnonzero(np.abs(late) > 0.01 * record.rig.period)
-    if len(wrong):
-        raise ValueError(
-            f"t must advance by the rig's period {record.rig.period:.6g} s; sample {wrong[0]} is "
-            f"{late[wrong[0]]:+.3g} s off. Resample the log or correct the period."
-        )

@@ -71,9 +71,10 @@ def find_load(arm, record, position, *, link=-1, steps_per_sample=4):
     bodies = [Body(mass=0.0, com=(0, 0, 0)) for _ in range(arm.n)]
     bodies[link] = Body(mass=1.0, com=position)
     follow = _WithLoad(Prediction(dynamics, record, steps_per_sample=steps_per_sample), arm.f, dynamics.f(bodies))
-    shares = follow.prediction.initial_shares
-    bounds = np.vstack([(-_HEAVIEST, _HEAVIEST), follow.prediction.share_bounds])
-    fit = gauss_newton(follow, np.append(0.0, shares), np.append(_STEP, 0.01 * shares), bounds)
+    prediction = follow.prediction
+    bounds = np.vstack([(-_HEAVIEST, _HEAVIEST), prediction.nuisance_bounds])
+    start, steps = np.append(0.0, prediction.nuisances), np.append(_STEP, prediction.nuisance_steps)
+    fit = gauss_newton(follow, start, steps, bounds)
     mass = float(fit.values[0])
     loaded = dynamics.arm(arm.f + mass * follow.direction)
     return Load(mass=mass, std=float(np.sqrt(fit.covariance[0, 0])), arm=loaded, scatter=fit.scatter)
@@ -84,8 +85,8 @@ class _WithLoad:
 
     def __init__(self, prediction, f, direction):
         self.prediction, self.f, self.direction = prediction, f, direction
-        self.unknown = ("load", *prediction.shares)
-        self.weights = prediction.weights
+        self.unknown = ("load", *prediction.unknown[len(f) :])
+        self.weights, self.scales = prediction.weights, prediction.scales
 
     def _whole(self, values):
         return np.append(self.f + values[0] * self.direction, values[1:])

@@ -38,7 +38,10 @@ _AT_MOST = 1.5
 """Objective (4) that the prediction error's fit may have, in that of the genetic algorithm's best."""
 
 _SMALL = 0.01
-"""Step of the derivatives, in standard deviations of the equation error, or shares."""
+"""Step of the derivatives, in standard deviations of the equation error."""
+
+_WEIGHINGS = 2
+"""How often records and joints are weighted anew."""
 
 _ROUNDS = 10
 """Of `didim`, at most."""
@@ -189,10 +192,13 @@ def _require_fast(search):
 def _polished(search, start, step, stages, *, free=False):
     """The prediction error's fit from a start; the start itself where no arm comes of it."""
     prediction = Prediction(search.dynamics, search.records, search.unknown, free=free, **search.options)
-    k = len(start)
-    shares = prediction.initial_shares
-    bounds = np.vstack([search.bounds, prediction.share_bounds])
-    fit = gauss_newton(prediction, np.append(start, shares), _SMALL * np.append(step, shares), bounds)
+    k, bounds = len(start), np.vstack([search.bounds, prediction.nuisance_bounds])
+    steps = np.append(_SMALL * step, prediction.nuisance_steps)
+    fit = gauss_newton(prediction, np.append(start, prediction.nuisances), steps, bounds)
+    for _ in range(_WEIGHINGS):
+        if not prediction.reweigh(fit.values):
+            break
+        fit = gauss_newton(prediction, fit.values, steps, bounds)
     arm, rig, _ = _parts(search, fit.values[:k])
     sound = least_inertia_margin(search.dynamics, rig, arm.f[None])[0] >= 0
     trouble = (

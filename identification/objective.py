@@ -12,28 +12,28 @@ from plant.check import array, known_options
 from plant.inertia import least_inertia_margin
 from plant.kernel import LANES
 from plant.loop import bounded
-from plant.simulator import loop_kernel
 
 __all__ = ["Objective", "squared_error"]
 
 
 @functools.lru_cache
 def squared_error(n, sections=()):
-    """The term that one sample adds, (log, measured error, memory) -> sum over joints of (e^r - e^m)^2, memory.
+    """The term that one sample adds, (log, data, memory) -> sum over joints of (e^r - e^m)^2, memory.
 
-    With second-order `sections` (b0, b1, b2, 1, a1, a2) both errors pass them first, alike.
+    The data are the measured errors and the root of the sample's weight. With second-order `sections` (b0, b1, b2, 1,
+    a1, a2) both errors pass them first, alike.
 
     Source: paper eq. (4).
     """
-    log, measured = ca.SX.sym("log", 4 * n), ca.SX.sym("measured", n)
+    log, data = ca.SX.sym("log", 4 * n), ca.SX.sym("data", n + 1)
     memory, following = ca.SX.sym("memory", 2 * n * len(sections)), []
-    difference = measured - log[:n]
+    difference = data[n] * (data[:n] - log[:n])
     for i, (b0, b1, b2, _, a1, a2) in enumerate(sections):
         first, second = memory[2 * n * i : 2 * n * i + n], memory[2 * n * i + n : 2 * n * (i + 1)]
         passed = b0 * difference + first
         following += [b1 * difference - a1 * passed + second, b2 * difference - a2 * passed]
         difference = passed
-    return ca.Function("squared_error", [log, measured, memory], [ca.sumsqr(difference), ca.vertcat(*following)])
+    return ca.Function("squared_error", [log, data, memory], [ca.sumsqr(difference), ca.vertcat(*following)])
 
 
 def _sections(ignoring, period):
@@ -116,8 +116,8 @@ class _Scored(Experiment):
         settings = dict(settings)
         score = squared_error(dynamics.n, _sections(settings.pop("ignoring"), record.rig.period))
         super().__init__(dynamics, record, unknown, score=score, **settings)
-        self._kernel = loop_kernel(self.loop, self.places)
-        self._tables = self._kernel.prepared((*self.times, record.error_pulses))
+        self._kernel = self.kernel(self.places)
+        self._tables = self._kernel.prepared((*self.times, self.data(record.error_pulses)))
 
     def costs(self, population, threads):
         """Costs (P,), inf for what cannot be."""

@@ -47,7 +47,7 @@ def plot_identification(found):
                 axis.set_title(title, fontsize=9, loc="left")
     figure.axes[1].legend(frameon=False, fontsize=8, ncols=2, loc="upper left")
     prediction = Prediction(found.arm.dynamics, record, found.unknown)
-    left = prediction.surprises(np.append(found.values, prediction.initial_shares)).reshape(-1, n)
+    left = prediction.surprises(np.append(found.values, prediction.nuisances)).reshape(-1, n)
     axis = _axis(figure, grid[n, :])
     axis.plot(record.t, left, linewidth=0.5, label=[f"joint {name}" for name in names])
     axis.set_title("surprise: counted minus predicted from all samples before", fontsize=9, loc="left")

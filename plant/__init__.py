@@ -2,10 +2,11 @@
 
 Reading order: `links`, `body`, `placement`, `urdf` (geometry) -> `dynamics` (one torque, D, h, C and Y read off it)
 with `lumping` (what f means) and `base` (which f a chain has) -> `arm` (dynamics + f) -> `drive`, `coupling`,
-`friction`, `encoder`, `rig` -> `reference`, `law`, `laws`, `running` (a law in a control script) -> `loop` (the
-symbolic closed loop) -> `rewrite`, `translate`, `pieces`, `elementary`, `source`, `kernel`, `compile` (the same loop
-as machine code) -> `tables`, `simulator`, `referee` (the loop by casadi), `record`; `linear` (the loop linearised),
-`gains` (P for any arm), `inertia` (can this be an arm?), `puma560` (the paper's example) and `arms` (others).
+`friction`, `encoder`, `rig` -> `reference`, `law`, `laws`, `logged` (laws that repeat a log), `running` (a law in a
+control script) -> `loop` (the symbolic closed loop) -> `rewrite`, `translate`, `pieces`, `elementary`, `source`,
+`kernel`, `compile` (the same loop as machine code) -> `clock`, `tables`, `simulator`, `referee` (the loop by casadi),
+`record`; `linear` (the loop linearised), `gains` (P for any arm), `inertia` (can this be an arm?), `puma560` (the
+paper's example) and `arms` (others).
 """
 
 from plant import puma560
@@ -22,13 +23,14 @@ from plant.law import Block, Law, Setpoint
 from plant.laws import P
 from plant.linear import linearise
 from plant.links import Chain, Link
+from plant.logged import LoggedCurrent, LoggedTorque
 from plant.lumping import Lumping
 from plant.placement import Placement
 from plant.record import Record
 from plant.reference import Harmonics, Motion, PointToPoint, Reference, Spline, Table
 from plant.rig import Rig
 from plant.siblings import check_siblings
-from plant.simulator import simulate
+from plant.simulator import replay, simulate
 
 check_siblings()
 
@@ -36,6 +38,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Arm", "Block", "Body", "Chain", "Coupling", "Drive", "Dynamics", "Encoder", "FrictionCurve", "Harmonics", "Law",
-    "Link", "Lumping", "Motion", "P", "Placement", "PointToPoint", "Record", "Reference", "Rig", "Setpoint", "Spline",
-    "Table", "linearise", "p_gains", "puma560", "simulate", "visibility",
+    "Link", "LoggedCurrent", "LoggedTorque", "Lumping", "Motion", "P", "Placement", "PointToPoint", "Record",
+    "Reference", "Rig", "Setpoint", "Spline", "Table", "linearise", "p_gains", "puma560", "replay", "simulate",
+    "visibility",
 ]  # fmt: skip

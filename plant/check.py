@@ -105,6 +105,8 @@ def known_options(callable_):
     def verify(args, kwargs):
         for key in kwargs:
             if key not in signature.parameters:
+                if not keywords:
+                    raise ValueError(f"{callable_.__name__} has no options; got {key!r}. Leave it out.")
                 choice(f"an option of {callable_.__name__}", key, keywords)
         try:
             signature.bind(*args, **kwargs)

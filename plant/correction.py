@@ -25,13 +25,16 @@ class Correction(Part):
         Share of a motor's difference that its position takes up at a sample, 0 to 1.
     speed : (n,) array_like
         Share of the difference, per sample period, that its speed takes up.
+    zero : (n,) array_like
+        Where the joints are when the counters say zero [rad].
     """
 
     position: np.ndarray = number(("n",))
     speed: np.ndarray = number(("n",))
+    zero: np.ndarray = number(("n",))
 
     @classmethod
     def with_memory(cls, n, samples):
         """The correction of n motors whose two poles forget over so many samples."""
         pole = np.exp(-1 / samples)
-        return cls(position=(1 - pole**2,) * n, speed=((1 - pole) ** 2,) * n)
+        return cls(position=(1 - pole**2,) * n, speed=((1 - pole) ** 2,) * n, zero=(0.0,) * n)

@@ -52,19 +52,21 @@ class LoopKernel:
         Which numbers (positions in ``loop.number_names``) differ between individuals.
     width : int
         Individuals side by side.
+    uneven : bool
+        Steps of several lengths.
     """
 
-    def __init__(self, loop, lanes, width=LANES):
-        self.loop, self.lanes = loop, tuple(lanes)
+    def __init__(self, loop, lanes, width=LANES, *, uneven=False):
+        self.loop, self.lanes, self._uneven = loop, tuple(lanes), uneven
         self.uniform = tuple(i for i in range(len(loop.number_names)) if i not in set(self.lanes))
-        source, self._columns = loop_source(loop, self.lanes, self.uniform, width)
+        source, self._columns = loop_source(loop, self.lanes, self.uniform, width, uneven)
         self._kernel = Kernel(source, ["single", "population"])
 
     def prepared(self, tables, *, logged=False):
         """Of the tables (law_time, sample_time, step_time, data) what a run with, or without, a log reads; and h."""
         lengths = np.concatenate([table[:, -1] for table in tables[:3]])
-        if len(lengths) and np.ptp(lengths) > 0:
-            raise ValueError(f"all steps must have one length; got {lengths.min()} to {lengths.max()} s. Resample.")
+        if not self._uneven and len(lengths) and np.ptp(lengths) > 0:
+            raise ValueError(f"all steps must have one length; got {lengths.min()} to {lengths.max()} s. Say uneven.")
         columns = self._columns["single" if logged else "population"].values()
         used = [np.ascontiguousarray(table[:, some]) for table, some in zip(tables, columns, strict=True)]
         return *used, lengths[0] if len(lengths) else 0.0

@@ -20,12 +20,16 @@ __all__ = ["Block", "Law", "Setpoint"]
 
 
 class Setpoint(NamedTuple):
-    """What a law is asked to do now: q, qd, qdd (n,) joint side [SI], and the same position in pulses (n,)."""
+    """What a law is asked to do now: q, qd, qdd (n,) joint side [SI], and the same position in pulses (n,).
+
+    For a law that replays a column of its record, also what was logged (n,).
+    """
 
     q: ca.SX
     qd: ca.SX
     qdd: ca.SX
     pulses: ca.SX
+    logged: ca.SX | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,7 +40,8 @@ class Block:
     ----------
     step : casadi Function
         (state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers) -> (asked, following). Torque in is the joint
-        torque applied last, after the amplifier's limit; `asked` is the torque that the law wants now [N m].
+        torque applied last, after the amplifier's limit; `asked` is the torque that the law wants now [N m]. A law
+        that replays its record has one more input, `logged`.
     initial : (s,) numpy.ndarray
         State at the start.
     names : list of str
@@ -61,6 +66,8 @@ class Law(Part):
     """
 
     period = None
+    replays = None
+    """Column of its record that the law repeats, or None."""
 
     def initial_state(self, n):
         """State at the start, (s,); none by default."""
@@ -83,7 +90,14 @@ class Law(Part):
         -------
         Running
             ``.step(pulses, q_r, qd_r, qdd_r)`` -> joint torque (n,) [N m], once per period.
+
+        Raises
+        ------
+        ValueError
+            A law that only repeats a log.
         """
+        if self.replays:
+            raise ValueError(f"a law at work must be a controller; {type(self).__name__} repeats a log. Use another.")
         return Running(self, rig, pulses)
 
     def block(self, rig):
@@ -106,18 +120,20 @@ class Law(Part):
         q, qd, qdd, reference_pulses, pulses, torque = (
             ca.SX.sym(name, n) for name in ("q", "qd", "qdd", "reference_pulses", "pulses", "torque")
         )
-        setpoint = Setpoint(q, qd, qdd, reference_pulses)
+        logged = [ca.SX.sym("logged", n)] if self.replays else []
+        setpoint = Setpoint(q, qd, qdd, reference_pulses, *logged)
         asked, following = law.equations(symbolic_rig, state, setpoint, pulses, torque, dt)
         if asked.shape != (n, 1) or following.shape != (len(initial), 1):
             raise ValueError(
                 f"{type(self).__name__} must give torque ({n}, 1) and state ({len(initial)}, 1); got {asked.shape} and "
                 f"{following.shape}. One number per joint of the rig."
             )
+        names = ["state", "q", "qd", "qdd", "reference_pulses", "pulses", "torque", "dt", "numbers"]
         step = ca.Function(
             "law",
-            [state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers],
+            [state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers, *logged],
             [asked, following],
-            ["state", "q", "qd", "qdd", "reference_pulses", "pulses", "torque", "dt", "numbers"],
+            names + ["logged"][: len(logged)],
             ["asked", "following"],
         )
         values = np.concatenate([self.number_values(), rig.number_values()])

@@ -50,7 +50,8 @@ class ClosedLoop:
         (log, data, memory) -> number, memory; the number is added up over the samples in the state ``score``. `data` is
         measured, one row a sample; `memory` is state of the score, zero at the start.
     correction : Correction, optional
-        How the counted positions (n,) [pulses], then in `data`, correct the simulated ones at every sample.
+        How the counted positions (n,) [pulses], then in `data` with a weight (1 or 0) behind them, correct the
+        simulated ones at every sample.
 
     Attributes
     ----------
@@ -122,14 +123,15 @@ class ClosedLoop:
 
     @property
     def time_names(self):
-        """What changes with time and is known beforehand: the reference, and the length of the coming sub-step."""
-        return [f"{name}[{i}]" for name in ("q_r", "qd_r", "qdd_r", "pulses_r") for i in range(self.n)] + ["h"]
+        """What changes with time and is known beforehand: the reference, a log, the length of the coming sub-step."""
+        columns = ("q_r", "qd_r", "qdd_r", "pulses_r", *(["logged"] if self.law.replays else []))
+        return [f"{name}[{i}]" for name in columns for i in range(self.n)] + ["h"]
 
     @property
     def n_data(self):
         """Measured numbers per sample that the score or the correction needs."""
         if self.correction is not None:
-            return self.n
+            return self.n + 1
         return 0 if self.score is None else self.score.nnz_in(1)
 
     @property
@@ -167,14 +169,15 @@ class ClosedLoop:
         motion = [time[i * n : (i + 1) * n] for i in range(4)]
         block = numbers[p : p + len(self._block.names)]
         rig = self.rig.with_numbers(block[len(self._block.names) - len(self.rig.number_values()) :])
-        return q, qd, impulse, torque, state[4 * n : -2], state[-2:], motion, time[-1], numbers[:p], block, rig
+        given = [block, time[4 * n : 5 * n]] if self.law.replays else [block]
+        return q, qd, impulse, torque, state[4 * n : -2], state[-2:], motion, time[-1], numbers[:p], given, rig
 
     # -- the three steps -----------------------------------------------------------------------------------------
     def _asked(self, q, dt):
         """Torque that the law asks for at q, after the amplifier's limit (which swallows NaN), its state, if finite."""
-        *_, torque, carried, _, motion, _, _, block_numbers, rig = self._parts
+        *_, torque, carried, _, motion, _, _, given, rig = self._parts
         own = len(self._block.initial)
-        asked, following = self._block.step(carried[:own], *motion, rig.pulses(q), torque, dt, block_numbers)
+        asked, following = self._block.step(carried[:own], *motion, rig.pulses(q), torque, dt, *given)
         return rig.drive.limited(asked), ca.vertcat(following, carried[own:]), ca.sum1(ca.fabs(asked)) < ca.inf
 
     def _function(self, name, following, log=None, data=None):
@@ -210,10 +213,11 @@ class ClosedLoop:
         if self.correction is None:
             log = ca.vertcat(motion[3] - rig.pulses(q), at_sample, q, qd)
         else:
-            surprise = data - rig.position(q)
+            shares = self.correction.with_numbers(self._symbols[2][-3 * self.n :])
+            surprise = data[:-1] + rig.position(shares.zero) - rig.position(q)
             log = ca.vertcat(surprise, at_sample, q, qd)
-            shares = self.correction.with_numbers(self._symbols[2][-2 * self.n :])
-            q, qd = q + rig.turned(shares.position * surprise), qd + rig.turned(shares.speed * surprise) / rig.period
+            known = data[-1] * surprise
+            q, qd = q + rig.turned(shares.position * known), qd + rig.turned(shares.speed * known) / rig.period
         score, own = status[0], len(self._block.initial)
         if self.score is not None:
             added, memory = self.score(log, data, carried[own:])

@@ -13,9 +13,9 @@ from plant.kernel import Structure
 __all__ = ["by_casadi"]
 
 
-def by_casadi(loop, tables, state, numbers):
+def by_casadi(loop, tables, clock, state, numbers):
     """The same loop by casadi: `mapaccum` over chunks in which law and log come round once, then the rest."""
-    law_time, sample_time, step_time, _ = tables
+    law_time, sample_time, step_time = tables
     per_sample, per_law = loop.steps_per_sample, loop.steps_per_law
     chunk = math.lcm(per_sample, per_law or per_sample)
     chunks, n = len(step_time) // chunk, loop.n

@@ -10,6 +10,7 @@ import numpy as np
 
 from plant.arm import Arm
 from plant.check import array, choice, instance, known_options, real
+from plant.clock import Clock
 from plant.kernel import LoopKernel, Structure
 from plant.law import Law
 from plant.loop import ClosedLoop, bounded
@@ -17,9 +18,9 @@ from plant.record import Record
 from plant.referee import by_casadi
 from plant.reference import Reference
 from plant.rig import Rig
-from plant.tables import Path, time_tables
+from plant.tables import Path, logged_for, path_of, start_of, time_tables
 
-__all__ = ["Trace", "loop_kernel", "run", "simulate"]
+__all__ = ["Trace", "loop_kernel", "replay", "run", "simulate"]
 
 
 @known_options
@@ -84,26 +85,21 @@ def run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, 
         ("reference", reference, Reference),
     ):
         instance(name, value, kind, order)
+    if law.replays:
+        raise ValueError(f"the law must be a controller; {type(law).__name__} repeats a log. Use replay(arm, record).")
     loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, sweeps=sweeps)
     duration = reference.duration if duration is None else duration
     duration = real("duration", duration, "Leave it out for one period of the reference.", positive=True)
-    samples = math.ceil(duration / rig.period - 1e-9)
+    clock = Clock.regular(math.ceil(duration / rig.period - 1e-9), rig.period)
     path = Path(reference, rig)
-    tables = (*time_tables(loop, path, samples), np.empty((samples, 0)))
     if initial is not None:
         initial = array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
-    state = loop.initial_state(*(path.start() if initial is None else initial))
-    numbers = loop.number_values(arm.f)
-    evaluate = _by_kernel if backend == "numba" else by_casadi
-    final, steps, log, true_error = evaluate(loop, tables, state, numbers)
-    n = rig.n
-    if not (final[-1] > 0 and bounded(final[: 2 * loop.n])):
-        _refuse(loop, arm, log, final, steps)
-    error, torque, q, qd = (log[:, i * n : (i + 1) * n] for i in range(4))
-    t = np.arange(samples) * rig.period
+    start = path.start() if initial is None else initial
+    log, true_error = _evaluated(loop, arm, time_tables(loop, path, clock), clock, start, backend)
+    error, torque, q, qd = np.hsplit(log, 4)
     record = Record(
-        t=t,
-        reference_pulses=path(t)[1],
+        t=clock.t,
+        reference_pulses=path(clock.t)[1],
         error_pulses=error,
         torque=torque,
         current=rig.drive.current(torque),
@@ -117,21 +113,73 @@ def run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, 
     return Trace(record, true_error)
 
 
+@known_options
+def replay(arm, record, *, rig=None, law=None, steps_per_sample=4, sweeps=3, backend="numba"):
+    """Simulate the experiment of a record with another arm: what the log would have been, were the arm this one.
+
+    Parameters
+    ----------
+    arm : Arm
+    record : Record
+        Its law is simulated on what the record commanded, or repeats its torque or current (`LoggedTorque`); its time
+        stamps are kept, also where they are uneven.
+    rig, law : optional
+        In place of the record's, as `found.rig`.
+    steps_per_sample, sweeps, backend
+        As for `simulate`.
+
+    Returns
+    -------
+    Record
+        With the samples, the reference and the weights of the given one.
+
+    Raises
+    ------
+    ValueError
+        Bad input, or a loop that diverges (with time and joint).
+    """
+    choice("backend", backend, ("numba", "casadi"))
+    instance("arm", arm, Arm, "The order is arm, record.")
+    instance("record", record, Record, "The order is arm, record.")
+    rig, law = record.rig if rig is None else rig, record.law if law is None else law
+    instance("law", law, Law, "Pass law= here or with the record.")
+    record = dataclasses.replace(record, rig=rig, law=law)
+    loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, sweeps=sweeps)
+    clock = Clock.of(record)
+    path = path_of(record, clock)
+    tables = time_tables(loop, path, clock, logged_for(law, record))
+    log, _ = _evaluated(loop, arm, tables, clock, start_of(record, path), backend)
+    error, torque, q, qd = np.hsplit(log[clock.rows], 4)
+    return dataclasses.replace(
+        record, error_pulses=error, torque=torque, current=rig.drive.current(torque), true_q=q, true_qd=qd
+    )
+
+
+def _evaluated(loop, arm, tables, clock, start, backend):
+    """Log and true errors of a run from a start, or a refusal where it diverges."""
+    evaluate = _by_kernel if backend == "numba" else by_casadi
+    state, numbers = loop.initial_state(*start), loop.number_values(arm.f)
+    final, steps, log, true_error = evaluate(loop, tables, clock, state, numbers)
+    if not (final[-1] > 0 and bounded(final[: 2 * loop.n])):
+        _refuse(loop, arm, log, final, steps)
+    return log, true_error
+
+
 @functools.lru_cache(maxsize=64)
-def _kernel(key, lanes):
-    return LoopKernel(key.loop, lanes)
+def _kernel(key, lanes, uneven):
+    return LoopKernel(key.loop, lanes, uneven=uneven)
 
 
-def loop_kernel(loop, lanes=()):
+def loop_kernel(loop, lanes=(), *, uneven=False):
     """Compiled kernel of a closed loop; `lanes` are the numbers that differ between individuals."""
-    return _kernel(Structure(loop), tuple(lanes))
+    return _kernel(Structure(loop), tuple(lanes), uneven)
 
 
-def _by_kernel(loop, tables, state, numbers):
+def _by_kernel(loop, tables, clock, state, numbers):
     samples, steps = len(tables[1]), len(tables[2])
     log, true_error = np.full((samples, 4 * loop.n), np.nan), np.full((steps, loop.n), np.nan)
-    kernel = loop_kernel(loop)
-    tables = kernel.prepared(tables, logged=True)
+    kernel = loop_kernel(loop, uneven=clock.even is None)
+    tables = kernel.prepared((*tables, np.empty((samples, 0))), logged=True)
     final, done = kernel.run(tables, state[:, None], np.empty((0, 1)), numbers, (log, true_error))
     return final[:, 0], done, log, true_error
 

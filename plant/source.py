@@ -55,23 +55,23 @@ def map_source(function, outer):
     return head() + text + _MAP, len(program.results)
 
 
-def loop_source(loop, lanes, uniform, width):
+def loop_source(loop, lanes, uniform, width, uneven):
     """Text of ``single`` and ``population``, and the columns that each needs of its tables.
 
     `lanes` and `uniform` are positions in ``loop.number_names``. The length of a step is the same for all, and stands
-    behind the uniform numbers.
+    behind the uniform numbers; with uneven time it is in the tables.
     """
-    single, columns = _loop(loop, lanes, uniform, "single", 1, LONG_PIECE)
-    population, fewer = _loop(loop, lanes, uniform, "population", width, PIECE if width > 1 else LONG_PIECE)
+    single, columns = _loop(loop, lanes, uniform, uneven, "single", 1, LONG_PIECE)
+    population, fewer = _loop(loop, lanes, uniform, uneven, "population", width, PIECE if width > 1 else LONG_PIECE)
     return head() + single + population, {"single": columns, "population": fewer}
 
 
-def _loop(loop, lanes, uniform, name, width, size):
+def _loop(loop, lanes, uniform, uneven, name, width, size):
     """Text of one loop, and the columns (law, sample, step, data) that it reads; a single individual is logged."""
     states, vector = len(loop.state_names), math.gcd(width, VECTOR)
     rows = itertools.count(states + len(lanes))
     kept = {f"s{i}": i for i in range(states)} | {f"l{i}": states + i for i in range(len(lanes))}
-    programs = _programs(loop, lanes, uniform, lambda: next(rows), None if name == "single" else states)
+    programs = _programs(loop, lanes, uniform, uneven, lambda: next(rows), None if name == "single" else states)
     given = {number: kind for program in programs.values() for number, kind in program.used.items()}
     text, columns = [], {"law": [], "sample": [], "step": [], "data": []}
 
@@ -127,14 +127,15 @@ def _loop(loop, lanes, uniform, name, width, size):
     return "".join(text) + _LOOP.format(**settings, **blocks), columns
 
 
-def _programs(loop, lanes, uniform, fresh, wanted):
+def _programs(loop, lanes, uniform, uneven, fresh, wanted):
     """The translated law (if it has a period), log and sub-step; of each only what the wanted outputs need."""
     names = Names()
     where = {number: (f"l{i}", LANE) for i, number in enumerate(lanes)}
     where |= {number: (f"u{i}", UNIFORM) for i, number in enumerate(uniform)}
+    last = len(loop.time_names) - 1
     inputs = [
         [(f"s{i}", STATE) for i in range(len(loop.state_names))],
-        [*((f"t{i}", TIME) for i in range(len(loop.time_names) - 1)), (f"u{len(uniform)}", UNIFORM)],
+        [*((f"t{i}", TIME) for i in range(last)), (f"t{last}", TIME) if uneven else (f"u{len(uniform)}", UNIFORM)],
         [where[i] for i in range(len(where))],
         [(f"d{i}", TIME) for i in range(loop.n_data)],
     ]

@@ -1,8 +1,9 @@
 """What the loop is asked to follow, worked out beforehand for every step of the law, the log and the plant.
 
-Samples are at t_k = k period, from 0. The sub-steps read the reference at their middle. The reference counts are
+Samples are at the times of a `Clock`. The sub-steps read the reference at their middle. The reference counts are
 rounded by `fix` to whole pulses, also between samples, as the control card does. A record that comes without a
-reference is replayed from its logged counts: straight lines between two samples, rounded by `fix`.
+reference is replayed from its logged counts: straight lines between two samples, rounded by `fix`. A logged torque or
+current is held from its sample to the next.
 """
 
 from __future__ import annotations
@@ -11,10 +12,15 @@ import dataclasses
 
 import numpy as np
 
+from plant.clock import Clock
 from plant.encoder import fix
 from plant.reference import Motion
 
-__all__ = ["Logged", "Path", "path_of", "smooth_rig", "start_of", "time_tables"]
+__all__ = ["Logged", "Path", "logged_for", "path_of", "smooth_rig", "start_of", "time_tables"]
+
+
+_FIRST = 10
+"""Samples through which the first speed is drawn."""
 
 
 class Path:
@@ -36,19 +42,18 @@ class Path:
 
 
 class Logged:
-    """The reference of a record that has none but its logged pulses (N, n), one row per `period` [s]."""
+    """The reference of a record that has none but its logged pulses (N, n), at the samples of a clock."""
 
-    def __init__(self, reference_pulses, rig):
-        self.pulses, self.rig = reference_pulses, rig
+    def __init__(self, reference_pulses, rig, clock):
+        self.pulses, self.rig, self.clock = reference_pulses, rig, clock
 
     def __call__(self, t):
-        place = np.asarray(t) / self.rig.period
-        place = np.where(np.abs(place - np.round(place)) < 1e-9, np.round(place), place)
+        place = self.clock.place(t)
         row = np.clip(np.floor(place).astype(int), 0, len(self.pulses) - 1)
         following = np.minimum(row + 1, len(self.pulses) - 1)
         step = self.pulses[following] - self.pulses[row]
         pulses = self.pulses[row] + step * np.maximum(place - row, 0)[:, None]
-        motion = Motion(self.rig.turned(pulses), self.rig.turned(step / self.rig.period), np.zeros_like(pulses))
+        motion = Motion(self.rig.turned(pulses), self.rig.turned(step / self.clock.apart(row)), np.zeros_like(pulses))
         return motion, pulses if self.rig.encoder.smooth else fix(pulses)
 
     def start(self):
@@ -61,7 +66,7 @@ def smooth_rig(rig):
     return dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, smooth=True))
 
 
-def path_of(record, *, smooth=False):
+def path_of(record, clock=None, *, smooth=False):
     """What a record's loop was asked to follow: its reference where it has one, its logged counts otherwise.
 
     Smooth: not rounded to pulses; counts then stand for the middle of their cell.
@@ -71,11 +76,12 @@ def path_of(record, *, smooth=False):
     ValueError
         The logged counts are not those of the reference.
     """
+    clock = clock or Clock.of(record)
     if record.reference is None:
-        counts = record.reference_pulses
-        return Logged(record.rig.counted(counts), smooth_rig(record.rig)) if smooth else Logged(counts, record.rig)
+        rig, counts = record.rig, record.reference_pulses
+        return Logged(rig.counted(counts), smooth_rig(rig), clock) if smooth else Logged(counts, rig, clock)
     path = Path(record.reference, record.rig)
-    off = np.abs(path(np.arange(len(record)) * record.rig.period)[1] - record.reference_pulses).max(axis=1)
+    off = np.abs(path(clock.t[clock.rows])[1] - record.reference_pulses).max(axis=1)
     wrong = np.flatnonzero(off > 1)
     if len(wrong):
         raise ValueError(
@@ -85,39 +91,70 @@ def path_of(record, *, smooth=False):
     return Path(record.reference, smooth_rig(record.rig)) if smooth else path
 
 
+def logged_for(law, record):
+    """What a law replays of a record (N, n), or None for a controller.
+
+    Raises
+    ------
+    ValueError
+        A record without that column.
+    """
+    if law.replays is None:
+        return None
+    logged = getattr(record, law.replays)
+    if logged is None:
+        raise ValueError(f"{type(law).__name__} needs the record's {law.replays}; it has none. Give that column.")
+    return logged
+
+
 def start_of(record, path):
     """Position and velocity (n,) from which a record is replayed.
 
     As the record says; or the reference's, but a joint whose first error is a pulse or more (an arm that hangs in its
-    P loop before it starts) is where its encoder says, in the middle of that cell.
+    P loop before it starts) is where its encoder says, in the middle of that cell. What replays a torque starts at the
+    speed of its first counts.
     """
     if record.initial is not None:
         return record.initial
     q, qd = path.start()
     counted = record.rig.angle(record.reference_pulses[0] - record.error_pulses[0])
     coupling = record.rig.drive.coupling
-    return coupling.joint(np.where(np.abs(record.error_pulses[0]) >= 1, *map(coupling.shaft, (counted, q)))), qd
+    q = coupling.joint(np.where(np.abs(record.error_pulses[0]) >= 1, *map(coupling.shaft, (counted, q))))
+    return q, qd if record.law is None or record.law.replays is None else _first_speed(record)
 
 
-def time_tables(loop, path, samples):
+def _first_speed(record):
+    """Speed (n,) [rad/s] of a straight line through the first counts; zero where they hardly move."""
+    t, counts = record.t[:_FIRST] - record.t[:_FIRST].mean(), record.counts[:_FIRST]
+    if len(t) < _FIRST or (np.ptp(counts, axis=0) <= 1).all():
+        return np.zeros(record.n)
+    return record.rig.turned((t[:, None] * counts).sum(axis=0) / (t @ t))
+
+
+def time_tables(loop, path, clock, logged=None):
     """Rows of `loop.time_names` for every step of the law, the log and the plant.
 
     Parameters
     ----------
     loop : ClosedLoop
     path : Path or Logged
-    samples : int
+    clock : Clock
+    logged : (N, n) numpy.ndarray, optional
+        What the law replays, a row for each sample of the log.
 
     Returns
     -------
     law_time, sample_time, step_time : numpy.ndarray
     """
-    h, steps = loop.h, samples * loop.steps_per_sample
-    period = h * loop.steps_per_law
-    law = np.arange(-(-steps // loop.steps_per_law)) * period if loop.steps_per_law else np.empty(0)
-    times = (law, np.arange(samples) * loop.rig.period, (np.arange(steps) + 0.5) * h)
+    steps, every = loop.steps_per_sample, loop.steps_per_law
+    owner = np.repeat(np.arange(len(clock)), steps)  # the sample that each sub-step belongs to
+    lengths = clock.step_lengths(steps)
+    rows = [slice(None, None, every) if every else slice(0), slice(None, None, steps), slice(None)]
+    times = clock.starts(steps, every) if every else np.empty(0), clock.t, clock.middles(steps)
     tables = []
-    for t in times:
+    for t, some in zip(times, rows, strict=True):
+        sample, h = owner[some], lengths[some]
         motion, pulses = path(t)
-        tables.append(np.ascontiguousarray(np.column_stack([*motion, pulses, np.full(len(t), h)])))
+        replayed = [] if logged is None else [clock.held(logged)[sample]]
+        tables.append(np.ascontiguousarray(np.column_stack([*motion, pulses, *replayed, h])))
     return tuple(tables)

@@ -17,6 +17,7 @@ import tempfile
 
 import numpy as np
 
+from plant.clock import Clock
 from plant.loop import ClosedLoop
 from plant.record import Record
 from plant.tables import path_of, start_of, time_tables
@@ -59,7 +60,7 @@ class Experiment:
     def __post_init__(self):
         rig, law, path = self.record.rig, self.record.law, path_of(self.record)
         loop = ClosedLoop(dynamics=self.dynamics, rig=rig, law=law, steps_per_sample=self.steps_per_sample)
-        _, at_samples, at_steps = time_tables(loop, path, len(self.record))
+        _, at_samples, at_steps = time_tables(loop, path, Clock.of(self.record))
         pulses = [loop.time_names.index(f"pulses_r[{i}]") for i in range(2)]
         self.tables = [np.ascontiguousarray(x) for x in (at_samples[:, pulses], at_steps[:, pulses])]
         self.tables.append(np.ascontiguousarray(self.record.error_pulses))

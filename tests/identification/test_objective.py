@@ -287,7 +287,6 @@ def late(record, sample=100, by=0.2):
         (lambda: Objective(puma560.dynamics(), [robot(), "log.csv"]), "at least one Record; got str"),
         (lambda: objective(dataclasses.replace(robot(), law=None)), "name the law"),
         (lambda: Objective(one_joint(), robot()), "must have 1 joints; it has 2"),
-        (lambda: objective(late(robot())), "sample 100"),
         (lambda: objective(dataclasses.replace(robot(), rig=slower())), "rig's period"),
         (lambda: objective(unknown=(*NAMES, "drive.viscus[0]")), "drive.viscus"),
         (lambda: objective(unknown=(*NAMES, "drive.viscous")), "drive.viscous"),

@@ -17,7 +17,7 @@ def record():
 def test_the_true_arm_is_surprised_by_rounding_alone(record):
     """1 / sqrt(12) = 0.289 pulses, and hardly more; without memory, so that their squares are a likelihood."""
     prediction = Prediction(puma560.dynamics(), record)
-    surprise = prediction.surprises(np.append(puma560.PUBLISHED, prediction.initial_shares)).reshape(-1, 2)
+    surprise = prediction.surprises(np.append(puma560.PUBLISHED, prediction.nuisances)).reshape(-1, 2)
     weight = prediction.weights.reshape(-1, 2)
     rms = np.sqrt((surprise**2).sum(axis=0) / (weight**2).sum(axis=0))
     assert ((rms > 0.28) & (rms < 0.32)).all()
@@ -40,7 +40,7 @@ def test_samples_weigh_by_the_cells_they_cross():
 def test_several_records_and_threads_give_the_same_surprises(record):
     short = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(2.5), duration=0.3)
     both = Prediction(puma560.dynamics(), [record, short], threads=1)
-    values = np.append(puma560.PUBLISHED, both.initial_shares)
+    values = np.append(puma560.PUBLISHED, both.nuisances)
     apart = [Prediction(puma560.dynamics(), each).surprises(values) for each in (record, short)]
     np.testing.assert_array_equal(both.surprises(values), np.concatenate(apart))
     many = [values * (1 + 0.01 * i) for i in range(5)]
@@ -50,7 +50,7 @@ def test_several_records_and_threads_give_the_same_surprises(record):
 
 def test_an_arm_that_is_none_is_infinitely_surprised(record):
     prediction = Prediction(puma560.dynamics(), record)
-    impossible = np.append(-puma560.PUBLISHED, prediction.initial_shares)
+    impossible = np.append(-puma560.PUBLISHED, prediction.nuisances)
     assert np.isinf(prediction.surprises(impossible)).all()
     with pytest.raises(ValueError, match="must start from an arm that follows the log"):
         gauss_newton(prediction, impossible, np.ones(13), np.array([(-np.inf, np.inf)] * 13))
@@ -64,7 +64,7 @@ class Curve:
     def __init__(self, noise, seed=0):
         self.t = np.linspace(0, 3, 400)
         self.y = 2.0 * np.exp(-0.7 * self.t) + noise * np.random.default_rng(seed).normal(size=400)
-        self.weights = np.ones(400)
+        self.weights, self.scales = np.ones(400), np.ones(400)
 
     def surprises(self, x):
         return self.y - x[0] * np.exp(-x[1] * self.t) + 0 * x[2] if x[1] < 5 else np.full(400, np.inf)

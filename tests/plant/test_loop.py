@@ -9,6 +9,7 @@ from closed_loops import Filtered, NoTorque, SampledP, direct_rig, joint, stiff
 from test_dynamics import random_arm
 
 from plant import Arm, P, PointToPoint, puma560
+from plant.clock import Clock
 from plant.kernel import LANES, LoopKernel
 from plant.loop import FAR, ClosedLoop, bounded
 from plant.simulator import loop_kernel
@@ -30,7 +31,8 @@ def loop_of(law, rig=RIG, dynamics=None, **options):
 
 
 def tables_of(loop, samples, reference=PATH):
-    return *time_tables(loop, Path(reference, loop.rig), samples), np.empty((samples, 0))
+    clock = Clock.regular(samples, loop.rig.period)
+    return *time_tables(loop, Path(reference, loop.rig), clock), np.empty((samples, 0))
 
 
 def visited(loop, samples):
@@ -279,7 +281,7 @@ def test_tables_hold_each_at_its_own_times():
 
 def test_logged_counts_are_joined_by_straight_lines_and_rounded_towards_zero():
     pulses = np.array([[0.0, 0.0], [4.0, -8.0], [-4.0, -8.0]])
-    path = Logged(pulses, RIG)
+    path = Logged(pulses, RIG, Clock.regular(3, PERIOD))
     motion, counts = path(np.array([0.0, 0.25, 0.5, 1.0, 1.6, 2.0, 2.5, 9.0]) * PERIOD)
     expected = [[0, 0], [1, -2], [2, -4], [4, -8], [0, -8], [-4, -8], [-4, -8], [-4, -8]]
     np.testing.assert_array_equal(counts, expected)
@@ -303,6 +305,6 @@ def test_steps_of_different_lengths_are_refused(population):
     uneven = [table.copy() for table in tables]
     uneven[2][7, -1] *= 1.01
     with pytest.raises(
-        ValueError, match=r"all steps must have one length; got 0\.000175 to 0\.00017675 s\. Resample\.$"
+        ValueError, match=r"all steps must have one length; got 0\.000175 to 0\.00017675 s\. Say uneven\.$"
     ):
         kernel.prepared(uneven)
