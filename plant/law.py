@@ -119,6 +119,29 @@ class Law(Part):
         write_c(self, folder, rig, name=name, output=output, counts_per_ampere=counts_per_ampere,
                 largest_count=largest_count)  # fmt: skip
 
+    def to_control(self, rig):
+        """This law as a python-control system: reference and pulses in, joint torque out.
+
+        Parameters
+        ----------
+        rig : Rig
+
+        Returns
+        -------
+        control.NonlinearIOSystem
+            Inputs ``q_r[i]``, ``qd_r[i]``, ``qdd_r[i]``, ``pulses[i]``, outputs ``asked[i]``, before the amplifier's
+            limit. A law with a period is discrete; its states are ``law[i]``, at first ``law.block(rig).initial``, and
+            the torque applied last, ``torque[i]``. One without is continuous, or of any time if it has no state.
+
+        Raises
+        ------
+        ValueError
+            A law without a period that has no limit for a short step.
+        """
+        from plant.control_systems import law_system
+
+        return law_system(self, rig)
+
     def block(self, rig):
         """This law as a symbolic step for a rig.
 

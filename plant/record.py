@@ -154,6 +154,19 @@ class Record:
             for row in np.hstack(columns):
                 file.write(",".join(f"{x:.17g}" for x in row) + "\n")
 
+    def to_timeresponse(self):
+        """This record for python-control's plots and analysis, with named signals.
+
+        Returns
+        -------
+        control.TimeResponseData
+            Input ``reference_pulses[i]``; outputs ``error_pulses[i]`` and whatever of torque, current and true motion
+            the record holds.
+        """
+        from plant.control_systems import response
+
+        return response(self)
+
     @classmethod
     @known_options
     def from_csv(cls, path, *, rig=None, law=None, reference=None, initial=None):
