@@ -1,7 +1,7 @@
 """Computed torque: from an identified arm to a controller, and to a verdict in encoder pulses.
 
 Reading order: `observer` (what the encoder tells of the tracking error) -> `computed_torque` (the law, Fig. 2) ->
-`evaluation` (the verdict) -> `error_loop`, `margins`, `design` (the loop linearised, how far it is from instability, and
+`evaluation` (the verdict) -> `error_loop`, `margins`, `design` (the loop linearised, how far it is from instability,
 gains for it) -> `plots` (figures). ``python -m ctc`` runs the paper from end to end.
 """
 

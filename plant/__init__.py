@@ -5,7 +5,8 @@ with `lumping` (what f means) and `base` (which f a chain has) -> `arm` (dynamic
 `friction`, `encoder`, `rig` -> `reference`, `law`, `laws`, `running` (a law in a control script) -> `loop` (the
 symbolic closed loop) -> `rewrite`, `translate`, `pieces`, `elementary`, `source`, `kernel`, `compile` (the same loop
 as machine code) -> `tables`, `simulator`, `referee` (the loop by casadi), `record`; `c_source`, `c_numbers`, `c_text`,
-`c_export` (a law as C); `linear` (the loop linearised), `control_systems` (arm, rig and law for python-control), `gains` (P for any arm), `inertia` (can this be an arm?), `puma560` (the paper's example) and `arms` (others).
+`c_export` (a law as C); `linear` (the loop linearised), `control_systems` (arm, rig and law for python-control),
+`gains` (P for any arm), `inertia` (can this be an arm?), `puma560` (the paper's example) and `arms` (others).
 """
 
 from plant import puma560
