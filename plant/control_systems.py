@@ -90,6 +90,7 @@ def law_system(law, rig):
         asked, following = ca.substitute([asked, following], [dt], [ca.SX(block.period)])
         names = [f"law[{i}]" for i in range(len(block.initial))] + [f"torque[{i}]" for i in range(n)]
         return _system("law", ca.vertcat(own, torque), inputs, following, {"asked": asked}, block.period, names)
+    asked = ca.substitute(asked, dt, 0)
     if ca.depends_on(asked, torque):
         raise ValueError(
             f"a law without a period must not ask for what depends on the torque applied last; {type(law).__name__} "
@@ -97,7 +98,6 @@ def law_system(law, rig):
         )
     following = ca.substitute(following, torque, rig.drive.limited(asked))
     rate = ca.substitute(ca.jacobian(following, dt), dt, 0)
-    asked = ca.substitute(asked, dt, 0)
     zeros = [np.zeros(n)] * 4
     found = ca.Function("rate", [own, *inputs.values()], [asked, rate])(block.initial, *zeros)
     if not all(np.isfinite(each.full()).all() for each in found):

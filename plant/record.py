@@ -155,14 +155,7 @@ class Record:
                 file.write(",".join(f"{x:.17g}" for x in row) + "\n")
 
     def to_timeresponse(self):
-        """This record for python-control's plots and analysis, with named signals.
-
-        Returns
-        -------
-        control.TimeResponseData
-            Input ``reference_pulses[i]``; outputs ``error_pulses[i]`` and whatever of torque, current and true motion
-            the record holds.
-        """
+        """A control.TimeResponseData: inputs reference_pulses[i]; outputs error_pulses[i], and what else was logged."""
         from plant.control_systems import response
 
         return response(self)

@@ -113,11 +113,7 @@ class Everything(Law):
 def test_every_operation_is_casadis(tmp_path):
     """A law made of all of them, against casadi evaluating its block: to rounding, 1e-13 of the largest."""
     law = Everything(weight=(1.0, -2.0))
-    record = simulated("P")
-    record = dataclasses.replace(
-        record, t=record.t[:400], torque=None, current=None, true_q=None, true_qd=None,
-        reference_pulses=record.reference_pulses[:400], error_pulses=record.error_pulses[:400],
-    )  # fmt: skip
+    record = simulate(ARM, RIG, LAWS["P"], PATH, duration=0.28)
     torque = replayed(built(tmp_path, law), record)
     block, motion = law.block(RIG), PATH(record.t)
     counts, state, given, expected = record.reference_pulses - record.error_pulses, block.initial, np.zeros(2), []
