@@ -75,7 +75,7 @@ def open_loops(law, rig, arm=None, pose=None):
     pose = array("pose", np.zeros(n) if pose is None else pose, (n,), advice="Give one angle per joint [rad].")
     block = law.block(rig)
     if block.period is None:
-        raise ValueError(f"law must have a period; {type(law).__name__} has none. Use plant.linearise for it.")
+        raise ValueError(f"law must have a period; {type(law).__name__} has none. Give it one, or use plant.linearise.")
     q, own, torque, pulses = held(law, block, rig, arm, pose)
 
     # The arm, from one step of the law to the next: so many sub-steps under one torque.

@@ -13,6 +13,9 @@ __all__ = ["Margins", "margins"]
 
 _POINTS = 4000
 
+_KEPT = 1e-9
+"""How far outside 1 rounding may put the eigenvalue of what a law keeps, such as parameters that do not adapt now."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Margins:
@@ -120,7 +123,7 @@ def margins(law, rig, *, arm=None, pose=None):
             }
         )
     return Margins(
-        stable=bool(np.abs(np.linalg.eigvals(A + B @ C)).max() < 1),
+        stable=bool(np.abs(np.linalg.eigvals(A + B @ C)).max() < 1 + _KEPT),
         period=period,
         frequency=omega / (2 * np.pi),
         **{name: np.array([each[name] for each in found]) for name in found[0]},

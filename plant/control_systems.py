@@ -102,8 +102,8 @@ def law_system(law, rig):
     found = ca.Function("rate", [own, *inputs.values()], [asked, rate])(block.initial, *zeros)
     if not all(np.isfinite(each.full()).all() for each in found):
         raise ValueError(
-            f"a law without a period must have a limit for a short step; {type(law).__name__} has none. Give it a "
-            "period."
+            f"a law without a period must have equations that hold for dt = 0; those of {type(law).__name__} do not. "
+            "Give it a period."
         )
     names = [f"law[{i}]" for i in range(len(block.initial))]
     return _system("law", own, inputs, rate, {"asked": asked}, 0 if names else None, names)

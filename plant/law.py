@@ -136,7 +136,7 @@ class Law(Part):
         Raises
         ------
         ValueError
-            A law without a period that has no limit for a short step.
+            A law without a period whose equations do not hold for dt = 0.
         """
         from plant.control_systems import law_system
 

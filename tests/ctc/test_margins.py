@@ -3,6 +3,7 @@
 import dataclasses
 from functools import cache
 
+import casadi as ca
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -143,6 +144,24 @@ def test_table_and_figure_show_each_joint():
     assert len(text) == 3
     assert f"{found(0).phase[1]:.1f}" in text[2]
     assert isinstance(found(0).plot(), Figure)
+
+
+@part
+class Remembering(ComputedTorque):
+    """Computed torque that keeps a number for ever, as an adaptive law at rest keeps its parameters."""
+
+    def initial_state(self, n):
+        return np.append(0.7, super().initial_state(n))
+
+    def equations(self, rig, state, setpoint, pulses, torque, dt):
+        asked, following = super().equations(rig, state[1:], setpoint, pulses, torque, dt)
+        return asked, ca.vertcat(state[0], following)
+
+
+def test_what_a_law_keeps_is_no_instability():
+    result = margins(Remembering(ARM, RIG), RIG, pose=POSE)
+    assert result.stable
+    np.testing.assert_allclose(result.phase, found(0).phase, rtol=1e-6)
 
 
 @part

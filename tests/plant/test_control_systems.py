@@ -166,7 +166,7 @@ class Differencing(Law):
         (lambda: ARM.to_control(RIG, sampled=True, steps_per_sample=0), "steps_per_sample must be a whole number"),
         (lambda: LAW.to_control(ARM), "rig must be of type Rig"),
         (lambda: Remembering().to_control(RIG), "Remembering does, and there is no last torque"),
-        (lambda: Differencing().to_control(RIG), "Differencing has none. Give it a period"),
+        (lambda: Differencing().to_control(RIG), "hold for dt = 0; those of Differencing do not"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(call, said):
