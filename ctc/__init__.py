@@ -1,7 +1,8 @@
 """Computed torque: from an identified arm to a controller, and to a verdict in encoder pulses.
 
 Reading order: `observer` (what the encoder tells of the tracking error) -> `computed_torque` (the law, Fig. 2) ->
-`evaluation` (the verdict) -> `plots` (figures). ``python -m ctc`` runs the paper from end to end.
+`evaluation` (the verdict) -> `error_loop`, `margins`, `design` (the loop linearised, how far it is from instability,
+gains for it) -> `plots` (figures). ``python -m ctc`` runs the paper from end to end.
 """
 
 from importlib.util import find_spec
@@ -17,6 +18,8 @@ for _name in ("plant", "identification"):
         )
 
 from ctc.computed_torque import ComputedTorque  # noqa: E402
+from ctc.error_loop import error_loop  # noqa: E402
 from ctc.evaluation import Evaluation, evaluate  # noqa: E402
+from ctc.margins import Margins, margins  # noqa: E402
 
-__all__ = ["ComputedTorque", "Evaluation", "evaluate"]
+__all__ = ["ComputedTorque", "Evaluation", "Margins", "error_loop", "evaluate", "margins"]

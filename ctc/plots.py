@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["plot_comparison", "plot_evaluation", "plot_identification", "plot_record"]
+__all__ = ["plot_comparison", "plot_evaluation", "plot_identification", "plot_margins", "plot_record"]
 
 _COLOURS = ("#1f6f8b", "#c8553d", "#5a7d2a", "#7b4b94", "#b8860b", "#444444", "#d87ca8")
 _BAND = "#e9e4d4"
@@ -171,4 +171,41 @@ def plot_identification(measured, first, best, others=(), joints=()):
             axis.legend(loc="upper right", fontsize=7, ncols=3, frameon=False)
         axes[0, column].set_title(title, fontsize=10)
     _equal_rows(axes, headroom=1.3)
+    return figure
+
+
+def plot_margins(margins):
+    """Bode diagram of the loop of each joint, and its sensitivity; all over frequency, up to half the sampling rate.
+
+    Parameters
+    ----------
+    margins : Margins
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    figure, axes = _figure(3, 1, width=7.0)
+    f = margins.frequency
+    for joint, loop in enumerate(margins.response):
+        phase = np.unwrap(np.angle(loop))
+        phase -= 2 * np.pi * np.ceil(phase[np.abs(np.abs(loop) - 1).argmin()] / (2 * np.pi))
+        options = {"color": _COLOURS[joint % len(_COLOURS)], "linewidth": 1.2, "label": _name(None, joint)}
+        options["linestyle"] = ("-", "--", ":", "-.")[joint % 4]  # joints under one law often lie on one another
+        axes[0, 0].plot(f, 20 * np.log10(np.abs(loop)), **options)
+        axes[1, 0].plot(f, np.rad2deg(phase), **options)
+        axes[2, 0].plot(f, 20 * np.log10(np.abs(1 / (1 + loop))), **options)
+    for axis, level in zip(axes[:, 0], (0, -180, 0), strict=True):
+        axis.axhline(level, color="0.35", linewidth=0.6, linestyle="--")
+    near = slice(np.searchsorted(f, f[-1] / 1000), None)
+    for axis, name in zip(axes[:, 0], ("loop [dB]", "its phase [deg]", "sensitivity [dB]"), strict=True):
+        axis.set_ylabel(name)
+        axis.set_xscale("log")
+        axis.set_xlim(f[near][0], f[-1])
+    axes[0, 0].set_ylim(-40, 60)
+    axes[1, 0].set_yticks(np.arange(-360, 1, 90))
+    axes[1, 0].set_ylim(-400, 10)
+    axes[2, 0].set_ylim(-60, 15)
+    axes[0, 0].legend(frameon=False, fontsize=8)
+    axes[-1, 0].set_xlabel("frequency [Hz]")
     return figure

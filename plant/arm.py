@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from plant.check import array
+from plant.check import array, known_options
 from plant.part import Part, number, part, structure
 
 __all__ = ["Arm"]
@@ -65,6 +65,36 @@ class Arm(Part):
         tau = array("tau", tau, (self.n,), advice="One torque per joint [N m].")
         self.require_positive(q)
         return np.linalg.solve(self.D(q), tau - self.h(q, qd))
+
+    @known_options
+    def to_control(self, rig=None, *, sampled=False, steps_per_sample=4):
+        """This arm as a python-control system: joint torques in, joint motion out.
+
+        Parameters
+        ----------
+        rig : Rig, optional
+            Its drives limit the torque, and their friction acts on the joints; without it, neither does.
+        sampled : bool
+            One sample of the simulator: torque held over the rig's period, friction set-valued. Otherwise a continuous
+            system, friction regularised.
+        steps_per_sample : int
+            Sub-steps of a sampled arm, as in `simulate`.
+
+        Returns
+        -------
+        control.NonlinearIOSystem
+            Outputs ``q[i]``, ``qd[i]``, which are its states too. Without a rig, inputs ``tau[i]`` [N m]; with it,
+            inputs ``asked[i]`` and outputs ``tau[i]``, after the amplifier's limit. A sampled arm has also the states
+            ``impulse[i]`` of its friction (0 at the start). `plant.control_systems` says what it is joined with.
+
+        Raises
+        ------
+        ValueError
+            A sampled arm without a rig, or a rig that does not fit.
+        """
+        from plant.control_systems import arm_system
+
+        return arm_system(self, rig, sampled, steps_per_sample)
 
     def require_positive(self, q, least=0.0):
         """Refuse an arm whose D(q) - diag(least) is not positive definite."""

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from plant.check import known_options
 from plant.part import Part
 from plant.running import Running
 
@@ -99,6 +100,61 @@ class Law(Part):
         if self.replays:
             raise ValueError(f"a law at work must be a controller; {type(self).__name__} repeats a log. Use another.")
         return Running(self, rig, pulses)
+
+    @known_options
+    def to_c(
+        self, folder, rig=None, *, name="controller", output="torque", counts_per_ampere=None, largest_count=32767
+    ):
+        """This law as self-contained C99: a header, a source, a main that replays a record, and a Makefile.
+
+        Parameters
+        ----------
+        folder : str or Path
+            Made if it is not there; an earlier export of the same name in it is overwritten, nothing else is.
+        rig : Rig, optional
+            What the controller drives; by default the rig that the law holds, if it does.
+        name : str
+            Of the files and the functions; small letters, digits and underscores.
+        output : {"torque", "dac"}
+            Joint torque [N m], or counts of the converter that commands the motor currents.
+        counts_per_ampere : (n,) array_like, optional
+            Of that converter, signed as it is wired; counts are rounded to whole ones.
+        largest_count : int
+            The converter takes counts within +- this.
+
+        Raises
+        ------
+        ValueError
+            No rig; a name that C could not have; a converter that ends below the amplifier's limit; a file in the
+            folder that is not an earlier export.
+        """
+        from plant.c_export import write_c
+
+        write_c(self, folder, rig, name=name, output=output, counts_per_ampere=counts_per_ampere,
+                largest_count=largest_count)  # fmt: skip
+
+    def to_control(self, rig):
+        """This law as a python-control system: reference and pulses in, joint torque out.
+
+        Parameters
+        ----------
+        rig : Rig
+
+        Returns
+        -------
+        control.NonlinearIOSystem
+            Inputs ``q_r[i]``, ``qd_r[i]``, ``qdd_r[i]``, ``pulses[i]``, outputs ``asked[i]``, before the amplifier's
+            limit. A law with a period is discrete; its states are ``law[i]``, at first ``law.block(rig).initial``, and
+            the torque applied last, ``torque[i]``. One without is continuous, or of any time if it has no state.
+
+        Raises
+        ------
+        ValueError
+            A law without a period whose equations do not hold for dt = 0.
+        """
+        from plant.control_systems import law_system
+
+        return law_system(self, rig)
 
     def block(self, rig):
         """This law as a symbolic step for a rig.

@@ -154,6 +154,12 @@ class Record:
             for row in np.hstack(columns):
                 file.write(",".join(f"{x:.17g}" for x in row) + "\n")
 
+    def to_timeresponse(self):
+        """A control.TimeResponseData: inputs reference_pulses[i]; outputs error_pulses[i], and what else was logged."""
+        from plant.control_systems import response
+
+        return response(self)
+
     @classmethod
     @known_options
     def from_csv(cls, path, *, rig=None, law=None, reference=None, initial=None):

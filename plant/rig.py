@@ -73,3 +73,16 @@ class Rig(Part):
     def angle(self, pulses):
         """Joint position [rad] in the middle of the cell that these counts stand for."""
         return self.drive.joint_angle(self.encoder.angle(pulses))
+
+    def to_control(self):
+        """The encoders as a python-control system without state; the drives are in ``arm.to_control(rig)``.
+
+        Returns
+        -------
+        control.NonlinearIOSystem
+            Inputs ``q[i]`` [rad], outputs ``pulses[i]``. A solver of differential equations wants an encoder with
+            ``smooth=True``.
+        """
+        from plant.control_systems import rig_system
+
+        return rig_system(self)

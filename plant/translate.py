@@ -11,7 +11,7 @@ from plant.elementary import OPERATIONS
 from plant.pieces import Line
 from plant.rewrite import LANE, STATE, TIME, UNIFORM, Node, kind_of, needed, rewritten
 
-__all__ = ["LANE", "STATE", "TIME", "UNIFORM", "Names", "Program", "translate"]
+__all__ = ["LANE", "STATE", "TIME", "UNIFORM", "Names", "Program", "single_assignment", "translate"]
 
 _BY_CODE = {getattr(ca, f"OP_{name}"): name for name in OPERATIONS if hasattr(ca, f"OP_{name}")}
 _CALL = [None, "{}({{0}})", "{}({{0}}, {{1}})", "{}({{0}}, {{1}}, {{2}})"]
@@ -82,7 +82,7 @@ def translate(function, inputs, names, rows, *, free=False, wanted=None):
         raise ValueError(
             f"function must be built from SX; got {function.class_name()} {function.name()}. Use expand()."
         )
-    nodes, outputs = rewritten(*_single_assignment(function, inputs), free=free)
+    nodes, outputs = rewritten(*single_assignment(function, inputs), free=free)
     outputs = outputs[:wanted]
     lines = {UNIFORM: [], LANE: [], TIME: [], STATE: []}
     crossing, made, used, text = {}, set(), {}, {}
@@ -118,8 +118,11 @@ def _literal(value):
     return repr(value) if math.isfinite(value) else f'float("{value!r}")'
 
 
-def _single_assignment(function, inputs):
-    """Nodes of a function, each after those it needs, and the indices of the nodes that are its outputs, joined."""
+def single_assignment(function, inputs):
+    """Nodes of an SX Function, each after those it needs, and the indices of those that are its outputs, joined.
+
+    `inputs` are as in `translate`. ValueError for an operation that has no translation (named).
+    """
     starts = [sum(function.nnz_out(i) for i in range(k)) for k in range(function.n_out() + 1)]
     nodes, outputs, latest = [Node("CONST", 0.0, 0)], [0] * starts[-1], {}
     for k in range(function.n_instructions()):
