@@ -5,7 +5,8 @@ with `lumping` (what f means) and `base` (which f a chain has) -> `arm` (dynamic
 `friction`, `encoder`, `rig` -> `reference`, `law`, `laws`, `running` (a law in a control script) -> `loop` (the
 symbolic closed loop) -> `rewrite`, `translate`, `pieces`, `elementary`, `source`, `kernel`, `compile` (the same loop
 as machine code) -> `tables`, `simulator`, `referee` (the loop by casadi), `record`; `linear` (the loop linearised),
-`gains` (P for any arm), `inertia` (can this be an arm?), `puma560` (the paper's example) and `arms` (others).
+`scaled`, `demand`, `scaling` (how fast a path may
+be), `gains` (P for any arm), `inertia` (can this be an arm?), `puma560` (the paper's example) and `arms` (others).
 """
 
 from plant import puma560
@@ -13,6 +14,7 @@ from plant.arm import Arm
 from plant.base import visibility
 from plant.body import Body
 from plant.coupling import Coupling
+from plant.demand import shortest_duration, torque_share
 from plant.drive import Drive
 from plant.dynamics import Dynamics
 from plant.encoder import Encoder
@@ -27,6 +29,8 @@ from plant.placement import Placement
 from plant.record import Record
 from plant.reference import Harmonics, Motion, PointToPoint, Reference, Spline, Table
 from plant.rig import Rig
+from plant.scaled import Scaled, slowed
+from plant.scaling import fastest
 from plant.siblings import check_siblings
 from plant.simulator import simulate
 
@@ -36,6 +40,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Arm", "Block", "Body", "Chain", "Coupling", "Drive", "Dynamics", "Encoder", "FrictionCurve", "Harmonics", "Law",
-    "Link", "Lumping", "Motion", "P", "Placement", "PointToPoint", "Record", "Reference", "Rig", "Setpoint", "Spline",
-    "Table", "linearise", "p_gains", "puma560", "simulate", "visibility",
+    "Link", "Lumping", "Motion", "P", "Placement", "PointToPoint", "Record", "Reference", "Rig", "Scaled", "Setpoint",
+    "Spline", "Table", "fastest", "linearise", "p_gains", "puma560", "shortest_duration", "simulate", "slowed",
+    "torque_share", "visibility",
 ]  # fmt: skip
