@@ -61,7 +61,7 @@ class Scaled(Reference):
 
     @functools.cached_property
     def _law(self):
-        """s and its two derivatives as functions of time."""
+        """Functions of time: s and its two derivatives."""
         from scipy.interpolate import BPoly  # 0.2 s, for those who use it
 
         law = BPoly.from_derivatives(self.times, np.column_stack([self.places, self.speeds, self.accelerations]))

@@ -87,16 +87,7 @@ def fastest(arm, rig, reference, *, share=0.9, motor_speed=None, torque_rate=Non
     x = ca.SX.sym("x", spline.count)
     b, a = unit * (spline.matrix(0) @ x), unit / 2 * (spline.matrix(1) @ x)
     v = ca.sqrt(b + _LEAST * unit * 1e-3)  # whose slope is finite where the motion starts from rest
-    friction = ca.horzcat(*(rig.drive.friction(ca.DM(along) * speed) for along, speed in zip(motion.qd, v.nz)))
-    torque = needed.torque(a, v, rig.drive.coupling.shaft_torque(friction).T)
-    smooth = torque - needed.dry_friction()
-    rate = (smooth[1:, :] - smooth[:-1, :]) * (v[1:] + v[:-1]) / (2 * np.diff(spline.places))
-    turning = rig.drive.motor_angle(needed.along) * v
-    limit = share * rig.drive.torque_limit()
-    held = ca.vertcat(*(
-        values[:, joint] / bound[joint] for values, bound in ((torque, limit), (rate, torque_rate), (turning, motor_speed))
-        for joint in range(rig.n) if np.isfinite(bound[joint])
-    ))  # fmt: skip
+    held = _held(needed, spline.places, a, v, share * rig.drive.torque_limit(), torque_rate, motor_speed)
     problem = {"x": x, "f": ca.dot(spline.weights, 1 / v) / uniform, "g": held}
     quiet = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-7}}
     solver = ca.nlpsol("fastest", "ipopt", problem, quiet)
@@ -108,7 +99,7 @@ def fastest(arm, rig, reference, *, share=0.9, motor_speed=None, torque_rate=Non
     found = solver(x0=0.9, lbx=least, ubx=most, lbg=-1, ubg=1)
     if not solver.stats()["success"]:
         raise ValueError(
-            f"path must have a time law; with {intervals} intervals none was found ({solver.stats()['return_status']}). "
+            f"path must have a time law; with {intervals} intervals none was found, {solver.stats()['return_status']}. "
             "Try fewer, or a smoother path."
         )
     law = spline.law(reference, unit * found["x"].full().ravel())
@@ -116,6 +107,23 @@ def fastest(arm, rig, reference, *, share=0.9, motor_speed=None, torque_rate=Non
     too_fast = np.abs(rig.drive.motor_angle(law(closely).qd) / motor_speed).max()
     longer = max(shortest_duration(arm, rig, law, share=share) / law.duration, too_fast)
     return slowed(law, longer) if longer > 1 else law
+
+
+def _held(needed, places, a, v, limit, torque_rate, motor_speed):
+    """What must stay within +-1: torque, its rate and motor speeds (n at each of N places), over their bounds."""
+    drive = needed.rig.drive
+    friction = [
+        drive.friction(ca.DM(along) * speed) for along, speed in zip(needed.along, ca.vertsplit(v), strict=True)
+    ]
+    frictionless = needed.torque(a, v, 0.0)
+    torque = frictionless + drive.coupling.shaft_torque(ca.horzcat(*friction)).T
+    ends = frictionless[[0, -1], :]  # where it stands still, and dry friction does not help to brake
+    smooth = torque - needed.dry_friction()
+    rate = (smooth[1:, :] - smooth[:-1, :]) * (v[1:] + v[:-1]) / (2 * np.diff(places))
+    turning = drive.motor_angle(needed.along) * v
+    pairs = ((torque, limit), (ends, limit), (rate, torque_rate), (turning, motor_speed))
+    shares = [value[:, i] / bound[i] for value, bound in pairs for i in np.flatnonzero(np.isfinite(bound))]
+    return ca.vertcat(*shares)
 
 
 def _bound(name, value, n):
