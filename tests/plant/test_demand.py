@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from demands import joint_torque, one_joint
 
 from plant import Dynamics, Harmonics, PointToPoint, puma560, shortest_duration, slowed, torque_share
 from plant.arms import planar
@@ -11,24 +12,6 @@ from plant.coupling import Coupling
 
 ARM, RIG = puma560.arm(), puma560.rig()
 LIMIT = 12 * np.array([0.228 * 107.8, 0.238 * 53.7])
-
-
-def joint_torque(arm, rig, motion):
-    """Inverse dynamics and friction, point by point."""
-    rigid = np.array([arm.inverse(*row) for row in zip(*motion, strict=True)])
-    return rigid + rig.drive.friction(motion.qd)
-
-
-def one_joint(limit=10.0, viscous=0.0, coulomb=0.0):
-    """An arm of one joint without gravity, its inertia, and a rig whose amplifier gives so much joint torque."""
-    dynamics = Dynamics.from_chain(dataclasses.replace(planar(1), gravity=(0.0, 0.0, 0.0)))
-    arm, rig = dynamics.arm(dynamics.f()), puma560.rig()
-    drive = type(rig.drive)(
-        gear=(-50.0,), motor_inertia=(2e-5,), viscous=(viscous / 50**2,), coulomb=(coulomb / 50,), motor_gain=(0.2,),
-        current_limit=(limit / 50 / 0.2,),
-    )  # fmt: skip
-    rig = dataclasses.replace(rig, drive=drive, encoder=type(rig.encoder)(resolution=(1000,)))
-    return arm, arm.D([0.0])[0, 0], rig
 
 
 @pytest.mark.parametrize("period", [3.65, 2.0])

@@ -5,7 +5,7 @@ import functools
 
 import numpy as np
 import pytest
-from test_demand import joint_torque, one_joint
+from demands import joint_torque, one_joint
 
 from ctc import ComputedTorque, evaluate
 from plant import (
