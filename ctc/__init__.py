@@ -1,7 +1,7 @@
 """Computed torque: from an identified arm to a controller, and to a verdict in encoder pulses.
 
 Reading order: `observer` (what the encoder tells of the tracking error) -> `computed_torque` (the law, Fig. 2) ->
-`evaluation` (the verdict) -> `plots` (figures). ``python -m ctc`` runs the paper from end to end.
+`evaluation` (the verdict) -> `plots`, `animation` (figures). ``python -m ctc`` runs the paper from end to end.
 """
 
 from importlib.util import find_spec

@@ -111,6 +111,16 @@ def test_the_phase_plot_has_the_rate_of_the_error():
     matplotlib.pyplot.close("all")
 
 
+def test_the_limit_of_the_amplifier_is_beside_the_torque():
+    """Source: 12 A, motor gain and gear; two dashed lines per joint, inside what is shown."""
+    for joint, limit in enumerate(12 * np.array([0.228 * 107.8, 0.238 * 53.7])):
+        axis = run().plot().axes[2 * joint + 1]
+        dashed = [line.get_ydata()[0] for line in axis.get_lines() if line.get_linestyle() == "--"]
+        np.testing.assert_allclose(dashed, [limit, -limit], rtol=1e-12)
+        assert axis.get_ylim()[1] > limit
+        matplotlib.pyplot.close("all")
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [

@@ -80,6 +80,15 @@ def test_after_its_end_it_stays_or_goes_on():
     np.testing.assert_allclose(goes_on.qd, expected.qd * speed, atol=1e-12)
 
 
+def test_after_its_end_nothing_accelerates():
+    """A law that comes to rest with an acceleration drops it there, and keeps none of its polynomial's."""
+    law = Scaled(path=WAVE, times=(0, 1), places=(0, 0.5), speeds=(0, 0), accelerations=(2, -2))
+    assert np.abs(law([1.0]).qdd).max() > 0.1
+    for motion in (law([1.001, 2.0]), law([-0.001, -2.0])):
+        np.testing.assert_array_equal(motion.qd, 0)
+        np.testing.assert_array_equal(motion.qdd, 0)
+
+
 def test_it_goes_through_a_file(tmp_path):
     reference = warped(PointToPoint(start=(0.0, 0.0), goal=(-0.3, 0.2), duration=0.8))
     assert restore(json.loads(json.dumps(reference.describe()))) == reference
