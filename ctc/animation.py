@@ -96,8 +96,8 @@ def animate(evaluation, path, *, arm, tip=None, fps=15, speed=1.0):
     from matplotlib.animation import PillowWriter
 
     scene = _Scene(arm, tip)
-    figure = plt.figure(figsize=(8.5, max(3.6, 1.4 * record.n)), layout="constrained")
-    grid = figure.add_gridspec(record.n, 2, width_ratios=(1, 1.25))
+    figure = plt.figure(figsize=(8.5, max(3.6, 1.1 * record.n)), layout="constrained")
+    grid = figure.add_gridspec(record.n, 2, width_ratios=(1, 1) if scene.projection else (1, 1.25))
     scene.prepare(figure.add_subplot(grid[:, 0], projection=scene.projection), record.true_q)
     cursors = [_error_axis(figure.add_subplot(grid[i, 1]), evaluation, i) for i in range(record.n)]
     title = figure.suptitle(" ", fontsize=10)
@@ -127,7 +127,9 @@ def _error_axis(axis, evaluation, joint):
     axis.plot(record.t, values, drawstyle="steps-post", color="0.7", linewidth=0.6)
     (line,) = axis.plot([], [], drawstyle="steps-post", color=colour, linewidth=0.9)
     draw_band(axis)
-    axis.set_ylabel(f"{joint_name(evaluation.joints, joint)}\nerror [pulses]")
+    axis.set_ylabel(joint_name(evaluation.joints, joint))
+    if joint == 0:
+        axis.set_title("encoder error [pulses]", fontsize=10)
     if joint < record.n - 1:
         axis.tick_params(labelbottom=False)
     else:
@@ -167,10 +169,11 @@ class _Scene:
         middle, half = (low + high) / 2, 0.55 * max((high - low).max(), 1e-3)
         for name, centre in zip("xyz", middle, strict=False):
             getattr(axis, f"set_{name}lim")(centre - half, centre + half)
-            getattr(axis, f"set_{name}label")("[m]")
+        axis.set_xlabel("[m]")
+        axis.set_ylabel("[m]")
         axis.set_aspect("equal")
         if self.projection:
-            axis.set_box_aspect(None, zoom=0.85)  # or the labels are cut off
+            axis.set_box_aspect(None, zoom=0.88)  # or the labels are cut off
         axis.grid(alpha=0.25, linewidth=0.5)
 
     def draw(self, q):
