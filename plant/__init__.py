@@ -1,12 +1,12 @@
 """The plant: a geared arm, its drives and encoders, control laws, and the simulator that joins them.
 
 Reading order: `links`, `body`, `placement`, `urdf` (geometry) -> `dynamics` (one torque, D, h, C and Y read off it)
-with `lumping` (what f means) and `base` (which f a chain has) -> `arm` (dynamics + f) -> `drive`, `coupling`,
-`friction`, `encoder`, `rig` -> `reference`, `law`, `laws`, `running` (a law in a control script) -> `loop` (the
-symbolic closed loop) -> `rewrite`, `translate`, `pieces`, `elementary`, `source`, `kernel`, `compile` (the same loop
-as machine code) -> `tables`, `simulator`, `referee` (the loop by casadi), `record`; `linear` (the loop linearised),
-`scaled`, `demand`, `scaling` (how fast a path may
-be), `gains` (P for any arm), `inertia` (can this be an arm?), `puma560` (the paper's example) and `arms` (others).
+with `lumping` (what f means), `base` (which f a chain has) and `kinematics` -> `arm` (dynamics + f) -> `drive`,
+`coupling`, `friction`, `encoder`, `rig` -> `reference`, `law`, `laws`, `running` (a law in a control script) ->
+`loop` (the symbolic closed loop) -> `rewrite`, `translate`, `pieces`, `elementary`, `source`, `kernel`, `compile`
+(the same loop as machine code) -> `tables`, `simulator`, `referee` (the loop by casadi), `record`; `linear` (the loop
+linearised), `scaled`, `demand`, `scaling` (how fast a path may be), `gains` (P for any arm), `inertia` (can this be
+an arm?), `puma560` (the paper's example) and `arms` (others).
 """
 
 from plant import puma560
