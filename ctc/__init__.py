@@ -22,4 +22,6 @@ from ctc.error_loop import error_loop  # noqa: E402
 from ctc.evaluation import Evaluation, evaluate  # noqa: E402
 from ctc.margins import Margins, margins  # noqa: E402
 
-__all__ = ["ComputedTorque", "Evaluation", "Margins", "error_loop", "evaluate", "margins"]
+__all__ = [
+    "ComputedTorque", "Evaluation", "Margins", "error_loop", "evaluate", "margins",
+]  # fmt: skip

@@ -7,9 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["plot_comparison", "plot_evaluation", "plot_identification", "plot_margins", "plot_record"]
+__all__ = [
+    "COLOURS", "draw_band", "joint_name", "plot_comparison", "plot_evaluation", "plot_identification", "plot_margins",
+    "plot_phase", "plot_record",
+]  # fmt: skip
 
-_COLOURS = ("#1f6f8b", "#c8553d", "#5a7d2a", "#7b4b94", "#b8860b", "#444444", "#d87ca8")
+COLOURS = ("#1f6f8b", "#c8553d", "#5a7d2a", "#7b4b94", "#b8860b", "#444444", "#d87ca8")
+"""Of the joints, in turn."""
 _BAND = "#e9e4d4"
 
 
@@ -27,7 +31,8 @@ def _figure(rows, columns, width=9.0, height=2.3):
     return figure, axes
 
 
-def _name(names, joint):
+def joint_name(names, joint):
+    """What to call a joint: by its link's name, or by its number."""
     return f"joint {names[joint] if names else joint + 1}"
 
 
@@ -35,7 +40,7 @@ def _pulses(axis, t, error, colour, **options):
     axis.plot(t, error, drawstyle="steps-post", color=colour, linewidth=0.7, **options)
 
 
-def _band(axis, pulses=1):
+def draw_band(axis, pulses=1):
     """The promised band, and whole pulses on the axis, which never ends at the band."""
     from matplotlib.ticker import MaxNLocator
 
@@ -47,6 +52,17 @@ def _band(axis, pulses=1):
                   textcoords="offset points", ha="right", va="bottom", fontsize=7, color="0.35")  # fmt: skip
 
 
+def _limit(axis, drive, joint):
+    """The amplifier's limit as dashed lines, where it has one; coupled motors have theirs on the shafts."""
+    limit = drive.torque_limit()[joint]
+    if np.isfinite(limit) and not drive.coupling.matrix:
+        for sign in (1, -1):
+            axis.axhline(sign * limit, color="0.35", linewidth=0.7, linestyle="--")
+        axis.annotate("amplifier's limit", (1.0, limit), (-2, 2), xycoords=axis.get_yaxis_transform(),
+                      textcoords="offset points", ha="right", va="bottom", fontsize=7, color="0.35")  # fmt: skip
+        axis.set_ylim(-1.2 * limit, 1.2 * limit)
+
+
 def _equal_rows(axes, headroom=1.0):
     """One scale per row, so that columns can be compared; `headroom` above one leaves place for a legend."""
     for row in axes:
@@ -56,7 +72,7 @@ def _equal_rows(axes, headroom=1.0):
 
 
 def plot_evaluation(evaluation, axes=None):
-    """Encoder error with the +-1 pulse band (left) and torque (right), one row per joint.
+    """Encoder error with the +-1 pulse band (left), torque and the amplifier's limit (right), one row per joint.
 
     Parameters
     ----------
@@ -71,14 +87,46 @@ def plot_evaluation(evaluation, axes=None):
     record = evaluation.record
     figure, axes = _figure(record.n, 2, width=11) if axes is None else (np.asarray(axes).flat[0].figure, axes)
     for joint, (left, right) in enumerate(axes):
-        colour = _COLOURS[joint % len(_COLOURS)]
+        colour = COLOURS[joint % len(COLOURS)]
         _pulses(left, record.t, record.error_pulses[:, joint], colour)
-        _band(left)
-        left.set_ylabel(f"{_name(evaluation.joints, joint)}\nerror [pulses]")
+        draw_band(left)
+        left.set_ylabel(f"{joint_name(evaluation.joints, joint)}\nerror [pulses]")
         right.plot(record.t, record.torque[:, joint], color=colour, linewidth=0.7)
         right.set_ylabel("torque [N m]")
+        _limit(right, record.rig.drive, joint)
     axes[0][0].set_title(f"{evaluation.share_within(1)} of the samples within ±1 pulse", fontsize=10)
     axes[0][1].set_title("joint torque", fontsize=10)
+    return figure
+
+
+def plot_phase(evaluation):
+    """Rate of the true error over the true error, one panel per joint: what swings is a ring, what is held a spot.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    import matplotlib.pyplot as plt
+
+    record, error = evaluation.record, evaluation.true_error_pulses
+    rate = np.gradient(error, record.rig.period * len(record) / len(error), axis=0)
+    figure, axes = plt.subplots(1, record.n, figsize=(4.5 * record.n, 4), squeeze=False, layout="constrained")
+    for joint, axis in enumerate(axes[0]):
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.grid(alpha=0.25, linewidth=0.5)
+        axis.axvspan(-1, 1, color=_BAND, zorder=0)
+        axis.plot(error[:, joint], rate[:, joint], color=COLOURS[joint % len(COLOURS)], linewidth=0.4, alpha=0.6)
+        axis.plot(error[0, joint], rate[0, joint], "o", color="0.2", markersize=4, label="start")
+        reach = 1.1 * max(np.abs(error[:, joint]).max(), 2.0)
+        axis.set_xlim(-reach, reach)
+        axis.set_xlabel("true error [pulses]; shaded: ±1 pulse")
+        axis.set_title(joint_name(evaluation.joints, joint), fontsize=10)
+    axes[0, 0].set_ylabel("rate of the error [pulses/s]")
+    axes[0, 0].legend(loc="upper right", fontsize=8, frameon=False)
     return figure
 
 
@@ -101,10 +149,10 @@ def plot_comparison(evaluations):
         record = evaluation.record
         for joint in range(record.n):
             axis = axes[joint, column]
-            _pulses(axis, record.t, record.error_pulses[:, joint], _COLOURS[joint % len(_COLOURS)])
-            _band(axis)
+            _pulses(axis, record.t, record.error_pulses[:, joint], COLOURS[joint % len(COLOURS)])
+            draw_band(axis)
             if column == 0:
-                axis.set_ylabel(f"{_name(evaluation.joints, joint)}\nerror [pulses]")
+                axis.set_ylabel(f"{joint_name(evaluation.joints, joint)}\nerror [pulses]")
         axes[0, column].set_title(f"{name}: {evaluation.share_within(1)} within ±1 pulse", fontsize=10)
     _equal_rows(axes)
     return figure
@@ -126,9 +174,9 @@ def plot_record(record, joints=()):
     columns = 1 if record.current is None else 2
     figure, axes = _figure(record.n, columns, width=5.5 * columns)
     for joint in range(record.n):
-        colour = _COLOURS[joint % len(_COLOURS)]
+        colour = COLOURS[joint % len(COLOURS)]
         axes[joint, 0].plot(record.t, record.error_pulses[:, joint], color=colour, linewidth=0.7)
-        axes[joint, 0].set_ylabel(f"{_name(joints, joint)}\nerror [pulses]")
+        axes[joint, 0].set_ylabel(f"{joint_name(joints, joint)}\nerror [pulses]")
         if columns == 2:
             axes[joint, 1].plot(record.t, record.current[:, joint], color=colour, linewidth=0.7)
             axes[joint, 1].set_ylabel("current [A]")
@@ -165,9 +213,9 @@ def plot_identification(measured, first, best, others=(), joints=()):
                 label = f"next {len(others)} models" if i == 0 else None
                 axis.plot(other.t, other.error_pulses[:, joint], color="0.8", linewidth=0.5, label=label)
             axis.plot(measured.t, measured.error_pulses[:, joint], color="0.35", linewidth=0.7, label="robot")
-            colour = _COLOURS[joint % len(_COLOURS)]
+            colour = COLOURS[joint % len(COLOURS)]
             axis.plot(model.t, model.error_pulses[:, joint], color=colour, linewidth=0.7, label="best model")
-            axis.set_ylabel(f"{_name(joints, joint)}\nerror [pulses]" if column == 0 else "")
+            axis.set_ylabel(f"{joint_name(joints, joint)}\nerror [pulses]" if column == 0 else "")
             axis.legend(loc="upper right", fontsize=7, ncols=3, frameon=False)
         axes[0, column].set_title(title, fontsize=10)
     _equal_rows(axes, headroom=1.3)

@@ -14,6 +14,7 @@ from plant.arm import Arm
 from plant.base import visibility
 from plant.body import Body
 from plant.coupling import Coupling
+from plant.demand import shortest_duration, torque_share
 from plant.drive import Drive
 from plant.dynamics import Dynamics
 from plant.encoder import Encoder
@@ -29,6 +30,8 @@ from plant.placement import Placement
 from plant.record import Record
 from plant.reference import Harmonics, Motion, PointToPoint, Reference, Spline, Table
 from plant.rig import Rig
+from plant.scaled import Scaled, slowed
+from plant.scaling import fastest
 from plant.siblings import check_siblings
 from plant.simulator import replay, simulate
 
@@ -39,6 +42,6 @@ __version__ = "0.1.0"
 __all__ = [
     "Arm", "Block", "Body", "Chain", "Coupling", "Drive", "Dynamics", "Encoder", "FrictionCurve", "Harmonics", "Law",
     "Link", "LoggedCurrent", "LoggedTorque", "Lumping", "Motion", "P", "Placement", "PointToPoint", "Record",
-    "Reference", "Rig", "Setpoint", "Spline", "Table", "linearise", "p_gains", "puma560", "replay", "simulate",
-    "visibility",
+    "Reference", "Rig", "Scaled", "Setpoint", "Spline", "Table", "fastest", "linearise", "p_gains", "puma560",
+    "replay", "shortest_duration", "simulate", "slowed", "torque_share", "visibility",
 ]  # fmt: skip

@@ -12,7 +12,7 @@ import numpy as np
 from plant.check import array, known_options, real
 from plant.part import Part, part, structure
 
-__all__ = ["Harmonics", "Motion", "PointToPoint", "Reference", "Spline", "Table"]
+__all__ = ["Harmonics", "Motion", "PointToPoint", "Reference", "Spline", "Table", "require_increasing"]
 
 
 class Motion(NamedTuple):
@@ -146,7 +146,7 @@ class Spline(Reference):
     def __post_init__(self):
         times = self._keep("times", ("N",), "Give the time of each point [s].")
         self._keep("points", (len(times), "n"), "One row per time, one column per joint.")
-        _increasing("times", times)
+        require_increasing("times", times)
         if len(times) < 2 or times[0] != 0:
             raise ValueError(f"times must be two or more, from 0; got {times[:3]}. Start the path at t = 0.")
 
@@ -194,7 +194,7 @@ class Table(Reference):
     def __post_init__(self):
         times = self._keep("times", ("N",), "Give the time of each point [s].")
         self._keep("points", (len(times), "n"), "One row per time, one column per joint.")
-        _increasing("times", times)
+        require_increasing("times", times)
         if len(times) < 2:
             raise ValueError(f"times must be two or more; got {len(times)}. Give the whole path.")
 
@@ -239,7 +239,8 @@ class Table(Reference):
         return points[row] + slope * (s - times[row])[:, None], inside * slope, np.zeros((len(t), self.n))
 
 
-def _increasing(name, times):
+def require_increasing(name, times):
+    """Refuse times that do not increase."""
     stuck = np.flatnonzero(np.diff(times) <= 0)
     if len(stuck):
         i = int(stuck[0]) + 1
