@@ -238,7 +238,7 @@ def plot_margins(margins):
     for joint, loop in enumerate(margins.response):
         phase = np.unwrap(np.angle(loop))
         phase -= 2 * np.pi * np.ceil(phase[np.abs(np.abs(loop) - 1).argmin()] / (2 * np.pi))
-        options = {"color": _COLOURS[joint % len(_COLOURS)], "linewidth": 1.2, "label": _name(None, joint)}
+        options = {"color": COLOURS[joint % len(COLOURS)], "linewidth": 1.2, "label": joint_name(None, joint)}
         options["linestyle"] = ("-", "--", ":", "-.")[joint % 4]  # joints under one law often lie on one another
         axes[0, 0].plot(f, 20 * np.log10(np.abs(loop)), **options)
         axes[1, 0].plot(f, np.rad2deg(phase), **options)
