@@ -5,8 +5,9 @@ with `lumping` (what f means) and `base` (which f a chain has) -> `arm` (dynamic
 `friction`, `encoder`, `rig` -> `reference`, `law`, `laws`, `logged` (laws that repeat a log), `running` (a law in a
 control script) -> `loop` (the symbolic closed loop) -> `rewrite`, `translate`, `pieces`, `elementary`, `source`,
 `kernel`, `compile` (the same loop as machine code) -> `clock`, `tables`, `simulator`, `referee` (the loop by casadi),
-`record`; `linear` (the loop linearised), `gains` (P for any arm), `inertia` (can this be an arm?), `puma560` (the
-paper's example) and `arms` (others).
+`record`, `record_csv`, `resampling`; `logfile` (files of others: `csv_rows`, `npz`, `isolation`, `child`), `mapping`,
+`units`, `record_files` (as a record); `linear` (the loop linearised), `gains` (P for any arm), `inertia` (can this be
+an arm?), `puma560` (the paper's example) and `arms` (others).
 """
 
 from plant import puma560
@@ -24,6 +25,7 @@ from plant.law import Block, Law, Setpoint
 from plant.laws import P
 from plant.linear import linearise
 from plant.links import Chain, Link
+from plant.logfile import LoadError, read_table
 from plant.logged import LoggedCurrent, LoggedTorque
 from plant.lumping import Lumping
 from plant.placement import Placement
@@ -41,7 +43,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Arm", "Block", "Body", "Chain", "Coupling", "Drive", "Dynamics", "Encoder", "FrictionCurve", "Harmonics", "Law",
-    "Link", "LoggedCurrent", "LoggedTorque", "Lumping", "Motion", "P", "Placement", "PointToPoint", "Record",
-    "Reference", "Rig", "Scaled", "Setpoint", "Spline", "Table", "fastest", "linearise", "p_gains", "puma560",
-    "replay", "shortest_duration", "simulate", "slowed", "torque_share", "visibility",
+    "Link", "LoadError", "LoggedCurrent", "LoggedTorque", "Lumping", "Motion", "P", "Placement", "PointToPoint",
+    "Record", "Reference", "Rig", "Scaled", "Setpoint", "Spline", "Table", "fastest", "linearise", "p_gains", "puma560",
+    "read_table", "replay", "shortest_duration", "simulate", "slowed", "torque_share", "visibility",
 ]  # fmt: skip

@@ -7,26 +7,33 @@ another arm. A file from a real robot enters exactly where a simulation does.
 from __future__ import annotations
 
 import dataclasses
-import json
 
 import numpy as np
 
-from plant.check import array, known_options
+from plant import record_csv
+from plant.check import array, instance, known_options, real
 from plant.law import Law
-from plant.part import restore
+from plant.logfile import load_errors, read_file
+from plant.mapping import mapped_names, record_fields
 from plant.reference import Reference
+from plant.resampling import resampled_fields
 from plant.rig import Rig
 
 __all__ = ["Record"]
 
-_COLUMNS = (
-    ("reference_pulses", "reference", "pulses"),
-    ("error_pulses", "error", "pulses"),
-    ("torque", "torque", "N m"),
-    ("current", "current", "A"),
-    ("true_q", "true_q", "rad"),
-    ("true_qd", "true_qd", "rad/s"),
-)
+_COLUMNS = ("reference_pulses", "error_pulses", "torque", "current", "true_q", "true_qd")
+
+
+def _reader(kind, what):
+    """Class method that reads mapped columns of one format."""
+
+    def read(cls, path, *, rig, columns, units=None, wrap=None, prefix="", law=None, reference=None, initial=None):
+        log = {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix}
+        return cls._from_file(kind, path, rig=rig, law=law, reference=reference, initial=initial, **log)
+
+    read.__name__ = f"from_{kind}"
+    read.__doc__ = f"Read mapped columns of {what}: keywords as in `from_csv`, mapping as in `from_table`."
+    return classmethod(known_options(read))
 
 
 @known_options
@@ -91,7 +98,7 @@ class Record:
             raise ValueError(f"t must increase; got {t[i]} after {t[i - 1]} at index {i}. Sort the rows or drop one.")
         shape = (len(t), self.rig.n)
         values = {"t": t}
-        for name, *_ in _COLUMNS:
+        for name in _COLUMNS:
             value = getattr(self, name)
             if value is not None:
                 values[name] = array(name, value, shape, advice="Give one row per sample, one column per joint.")
@@ -132,27 +139,8 @@ class Record:
         return f"Record({len(self)} samples of {self.n} joints, {self.t[-1] - self.t[0]:.3f} s, under {made})"
 
     def to_csv(self, path):
-        """Write a CSV file that `from_csv` reads back without loss.
-
-        Line 1 is ``#`` and a JSON object with rig, law, reference and initial; line 2 names columns and units.
-        """
-        header = {
-            "onepulse": 1,
-            "rig": self.rig.describe(),
-            "law": None if self.law is None else self.law.describe(),
-            "reference": None if self.reference is None else self.reference.describe(),
-            "initial": None if self.initial is None else self.initial.tolist(),
-        }
-        names, columns = ["t [s]"], [self.t[:, None]]
-        for field, name, unit in _COLUMNS:
-            value = getattr(self, field)
-            if value is not None:
-                names += [f"{name}_{i + 1} [{unit}]" for i in range(self.n)]
-                columns.append(value)
-        with open(path, "w", encoding="utf-8") as file:
-            file.write(f"# {json.dumps(header)}\n{','.join(names)}\n")
-            for row in np.hstack(columns):
-                file.write(",".join(f"{x:.17g}" for x in row) + "\n")
+        """Write a CSV file that `from_csv` reads back without loss, with rig, law, reference and initial in line 1."""
+        record_csv.write(self, path)
 
     def to_timeresponse(self):
         """A control.TimeResponseData: inputs reference_pulses[i]; outputs error_pulses[i], and what else was logged."""
@@ -162,8 +150,10 @@ class Record:
 
     @classmethod
     @known_options
-    def from_csv(cls, path, *, rig=None, law=None, reference=None, initial=None):
-        """Read what `to_csv` wrote, or a plain CSV of t [s], n reference and n error columns [pulses].
+    def from_csv(
+        cls, path, *, rig=None, law=None, reference=None, initial=None, columns=None, units=None, wrap=None, prefix=""
+    ):
+        """Read what `to_csv` wrote, a plain CSV of t [s], n reference and n error columns [pulses], or a log of others.
 
         Parameters
         ----------
@@ -173,83 +163,92 @@ class Record:
             of those named in the file otherwise.
         initial : (2, n) array_like, optional
             Position [rad] and velocity [rad/s] at t = 0.
+        columns : dict, optional
+            With it, the file is a table of named columns, which this maps to the fields of a record; `from_table` says
+            how, and what `units` and `wrap` are.
+        prefix : str
+            What the names of the mapped columns begin with in the file, as in ``run_07/``.
+
+        Raises
+        ------
+        LoadError
+            A file that cannot be read; a cell that is no number, a short row, an unknown column, a header that cannot
+            be read; with the line.
+        """
+        if columns is not None:
+            log = {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix}
+            return cls._from_file("csv", path, rig=rig, law=law, reference=reference, initial=initial, **log)
+        if units is not None or wrap is not None or prefix:
+            raise ValueError("units, wrap and prefix are for mapped columns; got no mapping. Pass columns= as well.")
+        with load_errors(path):
+            return cls(**record_csv.read(path, rig=rig, law=law, reference=reference, initial=initial))
+
+    from_npz = _reader("npz", "an NPZ archive; pickled objects are refused")
+    from_mat = _reader("mat", "a MAT file of version 5 (saved with -v6 or -v7)")
+    from_hdf5 = _reader("hdf5", "an HDF5 file, or a MAT file of version 7.3 (extra ``hdf5``)")
+    from_parquet = _reader("parquet", "a Parquet file (extra ``parquet``)")
+
+    @classmethod
+    def _from_file(cls, kind, path, *, prefix, **log):
+        names = mapped_names(log["columns"], log["units"])
+        instance("rig", log["rig"], Rig, "Pass rig=.")
+        with load_errors(path):
+            return cls.from_table(read_file(kind, path, names, prefix), **log)
+
+    @classmethod
+    @known_options
+    def from_table(cls, table, *, rig, columns, units=None, wrap=None, law=None, reference=None, initial=None):
+        """Make a record of named columns, such as `read_table` reads or several files give together.
+
+        Parameters
+        ----------
+        table : dict of str to (N,) or (N, n) array_like
+        rig : Rig
+            Its gear and resolution turn angles into counts, its period is held against the times.
+        columns : dict
+            Field of the record -> name of its column, or names, one per joint. Exactly one of ``position`` (joint
+            angles), ``motor_position``, ``counts`` and ``error_pulses``; and if there are, ``t``, ``valid``,
+            ``torque``, ``current`` and one of ``reference_pulses``, ``reference_position``,
+            ``reference_motor_position``.
+        units : dict
+            Field -> unit: ``s``, ``ms`` or ``us`` of t, ``rad``, ``deg`` or ``pulses`` of positions, ``N m`` (of the
+            joint) or ``motor N m`` of torque, ``A`` or ``mA`` of current.
+        wrap : float or (n,) array_like, optional
+            Where the measured position starts again, in its own unit: 2**16 counts, 2 pi rad. It is unwrapped by whole
+            wraps, each the one nearest to the sample before.
+        law, reference, initial : optional
+            As in `Record`; a reference also gives the commanded counts where no column does.
+
+        Notes
+        -----
+        Time starts at zero; without a column it is k period. Of rows with one time the first is kept, with a warning.
+        A row with NaN in any mapped column has no weight (`valid` is 0) and holds the values of the row before; rows
+        that are missing altogether are long time steps. Angles become whole pulses: where they are on a grid of one
+        pulse, up to a shift per joint, these, otherwise what the rig's encoder would count, with a warning.
 
         Raises
         ------
         ValueError
-            A cell that is no number, a short row, an unknown column, a header that cannot be read; with the line.
+            A column that is missing, has another length or holds anything but real numbers; a unit that is not stated,
+            or does not fit the rig. Whatever `Record` refuses.
         """
-        header, names, rows = {}, None, []
-        with open(path, encoding="utf-8-sig") as file:
-            for count, line in enumerate(file, 1):
-                line = line.strip()
-                if not line:
-                    continue
-                if line.startswith("#"):
-                    header = header or _header(path, count, line)
-                    continue
-                cells = line.split(",")
-                if names is None and not rows and any(c.strip()[:1].isalpha() for c in cells):
-                    names = [cell.strip() for cell in cells]
-                    continue
-                try:
-                    rows.append([float(cell) for cell in cells])
-                except ValueError:
-                    raise ValueError(f"{path} line {count} must be numbers; got {line[:60]!r}. Correct it.") from None
-                if len(rows[-1]) != len(names or rows[0]):
-                    expected = len(names or rows[0])
-                    raise ValueError(f"{path} line {count} must have {expected} cells; got {len(cells)}. Complete it.")
-        if not rows:
-            raise ValueError(f"{path} must hold samples; got no row of numbers. Check that it was written to the end.")
-        rig = rig or _part(path, header, "rig")
-        if rig is None:
-            raise ValueError(f"{path} does not name its rig; a plain file needs one. Pass rig= and law=.")
-        if not isinstance(rig, Rig):
-            raise ValueError(f"rig of a record must be a Rig; got {rig!r:.60}. Pass rig=.")
-        table, n = np.array(rows), rig.n
-        fields = {"t": table[:, 0]}
-        if names is None or not any("[" in name for name in names):
-            if table.shape[1] != 1 + 2 * n:
-                got = f"got {table.shape[1]} columns"
-                raise ValueError(f"{path} must hold t, {n} reference and {n} error columns; {got}. Leave out others.")
-            fields |= {"reference_pulses": table[:, 1 : 1 + n], "error_pulses": table[:, 1 + n :]}
-            broken = np.argwhere(np.abs(table[:, 1:] - np.trunc(table[:, 1:])) > 0)
-            if len(broken):
-                row, column = broken[0] + (0, 1)
-                value = f"got {table[row, column]:g} in row {row}, column {column + 1}"
-                raise ValueError(f"{path} must hold whole pulses; {value}. Turn angles into counts with rig.pulses(q).")
-        else:
-            known = {f"{name}_{i + 1} [{unit}]": (field, i) for field, name, unit in _COLUMNS for i in range(n)}
-            for column, name in enumerate(names[1:], 1):
-                if name not in known:
-                    raise ValueError(f"{path} has an unknown column {name!r}; known are {', '.join(known)}. Rename it.")
-                if name in names[1:column]:
-                    raise ValueError(f"{path} has column {name!r} twice; each may come once. Drop one.")
-                field, joint = known[name]
-                fields.setdefault(field, np.full((len(table), n), np.nan))[:, joint] = table[:, column]
-        return cls(
-            **fields,
-            rig=rig,
-            law=law or _part(path, header, "law"),
-            reference=reference or _part(path, header, "reference"),
-            initial=header.get("initial") if initial is None else initial,
-        )
+        fields = record_fields(table, rig=rig, columns=columns, units=units, wrap=wrap, reference=reference)
+        return cls(**fields, rig=rig, law=law, reference=reference, initial=initial)
 
+    @known_options
+    def resampled(self, period):
+        """The same experiment at uniform times, its counts interpolated linearly and rounded to whole pulses.
 
-def _header(path, count, line):
-    try:
-        header = json.loads(line[1:])
-    except (ValueError, RecursionError):
-        return {}  # a comment
-    if isinstance(header, dict) and header.get("onepulse", 1) != 1:
-        raise ValueError(f"{path} line {count} must be version 1; got {header['onepulse']!r}. Use a newer library.")
-    return header if isinstance(header, dict) else {}
+        Torque, current and the true motion are interpolated too. A sample between two logged ones has the smaller
+        weight of theirs, and none where they are more than 1.5 nominal (median) intervals apart.
 
+        Parameters
+        ----------
+        period : float
+            Of the new samples, and of the rig that the new record has [s].
 
-def _part(path, header, name):
-    try:
-        return restore(header.get(name))
-    except RecursionError:
-        raise ValueError(
-            f"{path} must describe its {name} as to_csv does; it is nested too deep. Correct it."
-        ) from None
+        Returns
+        -------
+        Record
+        """
+        return Record(**resampled_fields(self, real("period", period, "Give seconds.", positive=True)))

@@ -1,0 +1,75 @@
+"""Reading a file in a child process, so that a corrupt one can take neither this process nor its memory with it."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+from importlib.util import find_spec
+
+import numpy as np
+
+from plant import child
+
+__all__ = ["read_isolated"]
+
+_SECONDS = 4.5  # with what comes before and after, a failure takes less than 5
+_MEMORY = 2 << 30  # address space of the child, libraries and the copy that it sends included
+_LIBRARIES = {"hdf5": "h5py", "parquet": "pyarrow"}  # optional; named like the extras of this project
+_ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "HDF5_PLUGIN_PATH": os.devnull}
+
+
+def read_isolated(kind, path, names, prefix, most):
+    """Read columns of a MAT, HDF5 or Parquet file.
+
+    Parameters
+    ----------
+    kind : str
+        mat, hdf5 or parquet.
+    path : str
+    names : list of str, or None
+        The columns; None reads all that start with `prefix`.
+    most : int
+        Bytes that they may have.
+
+    Returns
+    -------
+    known : list of str
+        Names in the file.
+    columns : dict of numpy.ndarray
+
+    Raises
+    ------
+    ValueError
+        Whatever went wrong, without the path.
+    """
+    library = _LIBRARIES.get(kind)
+    if library and find_spec(library) is None:
+        raise ValueError(f"needs {library} to be read; it is not installed. Run pip install 'onepulse[{kind}]'.")
+    order = {"kind": kind, "path": path, "names": names, "prefix": prefix}
+    order |= {"seconds": int(np.ceil(_SECONDS)), "memory": _MEMORY, "bytes": most}
+    try:
+        # -P: the folder of child.py holds files whose names other libraries import.
+        done = subprocess.run(  # noqa: S603 - this interpreter and this package's own file
+            [sys.executable, "-P", child.__file__, json.dumps(order)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=os.environ | _ENVIRONMENT,
+            timeout=_SECONDS,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise ValueError(f"must be read within {_SECONDS} s; it was not. Cut it, or save it as NPZ.") from None
+    if done.returncode == child.REFUSED:
+        raise ValueError(done.stdout.decode(errors="replace"))
+    if done.returncode:
+        end = signal.Signals(-done.returncode).name if done.returncode < 0 else f"status {done.returncode}"
+        raise ValueError(f"must be a sound {kind} file; its reader ended with {end}. Write the file again.")
+    with np.load(io.BytesIO(done.stdout)) as answer:
+        label, *arrays = (answer[name] for name in answer.files)
+    known, found = json.loads(label.tobytes())
+    return known, dict(zip(found, arrays, strict=True))

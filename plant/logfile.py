@@ -1,0 +1,130 @@
+"""A log file as a table of named columns, whatever its format; every failure to read it is one `LoadError`."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from pathlib import Path
+
+import numpy as np
+
+from plant.check import choice, known_options
+from plant.csv_rows import read_rows
+from plant.isolation import read_isolated
+from plant.npz import read_npz
+
+__all__ = ["LoadError", "load_errors", "read_file", "read_table"]
+
+_SUFFIXES = {
+    ".csv": "csv", ".txt": "csv", ".tsv": "csv", ".npz": "npz", ".mat": "mat", ".h5": "hdf5", ".hdf5": "hdf5",
+    ".parquet": "parquet", ".pq": "parquet",
+}  # fmt: skip
+_MOST = 256 << 20  # bytes of all columns together
+
+
+class LoadError(ValueError):
+    """A file that cannot be read: which, what was expected, what came, and what to do."""
+
+
+@contextlib.contextmanager
+def load_errors(path):
+    """Turn whatever goes wrong with a file into one `LoadError` of one line that names it."""
+    try:
+        yield
+    except LoadError:
+        raise
+    except FileNotFoundError:
+        raise LoadError(f"{path} must be a file; there is none. Check the path.") from None
+    except ValueError as error:
+        raise LoadError(_line(f"{path} {error}")) from None
+    except Exception as error:
+        said = f"{type(error).__name__}: {error}"
+        raise LoadError(_line(f"{path} must be a sound file; reading it gave {said:.200}. Write it again.")) from None
+
+
+def _line(text):
+    return " ".join(text.split())
+
+
+@known_options
+def read_table(path, *, names=None, prefix=""):
+    """Read the columns of a log: CSV with a line of names, NPZ, MAT version 5, HDF5 or Parquet, by the file's ending.
+
+    MAT, HDF5 and Parquet files are read in a child process with limits of time and memory; HDF5 and Parquet need the
+    extras ``hdf5`` and ``parquet``. Columns of a group or a structure are named ``group/name`` and ``structure.name``.
+
+    Parameters
+    ----------
+    path : str or Path
+    names : sequence of str, optional
+        Columns to read; by default all, which then must all be real numbers.
+    prefix : str
+        What the names in the file begin with, as in ``run_07/``; it is left out of those of the table.
+
+    Returns
+    -------
+    dict of str to numpy.ndarray
+        Columns (N,) or blocks of columns (N, n); floats, or integers as they were. A missing cell is NaN.
+
+    Raises
+    ------
+    LoadError
+        A file that is missing, corrupt, or larger than 256 MiB once expanded; a column that is not there, or that
+        holds anything but real numbers. Within 5 s.
+    """
+    with load_errors(path):
+        suffix = Path(path).suffix.lower()
+        if suffix not in _SUFFIXES:
+            raise ValueError(
+                f"must end in one of {', '.join(_SUFFIXES)}; got {suffix!r}. Rename it, or save it as one."
+            )
+        return read_file(_SUFFIXES[suffix], path, names, prefix)
+
+
+def read_file(kind, path, names, prefix):
+    """Read columns of a file of a known kind, as `read_table` does."""
+    with load_errors(path):
+        _require_file(path)
+        wanted = None if names is None else [f"{prefix}{name}" for name in names]
+        if kind == "csv":
+            known, columns = _csv(path, wanted, prefix)
+        else:
+            read = read_npz if kind == "npz" else lambda *order: read_isolated(kind, *order)
+            known, columns = read(os.fspath(path), wanted, prefix, _MOST)
+        for name in wanted or ():
+            if name not in columns:
+                choice("must have the mapped columns; a column", name, known or ["..."])
+        if not columns:
+            raise ValueError(f"must hold columns whose names begin with {prefix!r}; got {known[:5]}. Check prefix.")
+        return {name[len(prefix) :]: _numbers(name, column) for name, column in columns.items()}
+
+
+def _require_file(path):
+    if Path(path).is_dir() or (Path(path).exists() and not Path(path).is_file()):
+        raise ValueError("must be a file; got a folder or a device. Give the path of the file itself.")
+    if os.path.getsize(path) > _MOST:
+        size = f"{os.path.getsize(path) >> 20} MiB"
+        raise ValueError(f"must have at most {_MOST >> 20} MiB; got {size}. Cut the log into several files.")
+
+
+def _csv(path, wanted, prefix):
+    names, rows = read_rows(path, table=True)
+    if names is None:
+        raise ValueError("must name its columns in a line above the numbers; got none. Add that line.")
+    if len(set(names)) < len(names):
+        twice = next(name for i, name in enumerate(names) if name in names[:i])
+        raise ValueError(f"has column {twice!r} twice; each may come once. Rename one.")
+    chosen = [name for name in names if (name.startswith(prefix) if wanted is None else name in wanted)]
+    return names, {name: rows[:, names.index(name)] for name in chosen}
+
+
+def _numbers(name, column):
+    """A column as float64 or int64 of this machine, one-dimensional or (N, n)."""
+    column = np.atleast_1d(column)
+    if column.ndim > 2 or column.size == 0:
+        raise ValueError(f"must hold columns (N,) or (N, n); got shape {column.shape} in {name!r}. Leave it out.")
+    if column.dtype.kind == "f":
+        return column.astype(float)
+    if column.dtype.kind == "u" and (column > np.iinfo(np.int64).max).any():
+        raise ValueError(f"must hold whole numbers below 2^63; got {column.max()} in column {name!r}. Correct it.")
+    return column.astype(np.int64)

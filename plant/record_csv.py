@@ -1,0 +1,122 @@
+"""A record as a CSV file, which gives back every bit; and plain files of time, reference and error in pulses."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from plant.csv_rows import read_rows
+from plant.part import restore
+from plant.rig import Rig
+
+__all__ = ["read", "write"]
+
+_COLUMNS = (
+    ("reference_pulses", "reference", "pulses"),
+    ("error_pulses", "error", "pulses"),
+    ("torque", "torque", "N m"),
+    ("current", "current", "A"),
+    ("true_q", "true_q", "rad"),
+    ("true_qd", "true_qd", "rad/s"),
+)
+
+
+def write(record, path):
+    """Write a record. Line 1 is ``#`` and a JSON object, line 2 names columns and units."""
+    header = {
+        "onepulse": 1,
+        "rig": record.rig.describe(),
+        "law": None if record.law is None else record.law.describe(),
+        "reference": None if record.reference is None else record.reference.describe(),
+        "initial": None if record.initial is None else record.initial.tolist(),
+    }
+    names, columns = ["t [s]"], [record.t[:, None]]
+    for field, name, unit in _COLUMNS:
+        value = getattr(record, field)
+        if value is not None:
+            names += [f"{name}_{i + 1} [{unit}]" for i in range(record.n)]
+            columns.append(value)
+    if (record.valid != 1).any():
+        names.append("valid [1]")
+        columns.append(record.valid[:, None])
+    with open(path, "w", encoding="utf-8") as file:
+        file.write(f"# {json.dumps(header)}\n{','.join(names)}\n")
+        for row in np.hstack(columns):
+            file.write(",".join(f"{x:.17g}" for x in row) + "\n")
+
+
+def read(path, *, rig, law, reference, initial):
+    """Read what `write` wrote, or a plain file, as the fields of a record.
+
+    Raises
+    ------
+    ValueError
+        Without the path.
+    """
+    header = {}
+    names, table = read_rows(path, comment=lambda count, line: header.update(header or _header(count, line)))
+    rig = rig or _part(header, "rig")
+    if rig is None:
+        raise ValueError("does not name its rig; a plain file needs one. Pass rig= and law=.")
+    if not isinstance(rig, Rig):
+        raise ValueError(f"must have a Rig; got {rig!r:.60}, but rig of a record must be a Rig. Pass rig=.")
+    named = names is not None and any("[" in name for name in names)
+    return {
+        "t": table[:, 0],
+        **(_named(names, table, rig.n) if named else _plain(table, rig.n)),
+        "rig": rig,
+        "law": law or _part(header, "law"),
+        "reference": reference or _part(header, "reference"),
+        "initial": header.get("initial") if initial is None else initial,
+    }
+
+
+def _plain(table, n):
+    if table.shape[1] != 1 + 2 * n:
+        got = f"got {table.shape[1]} columns"
+        raise ValueError(
+            f"must hold t, {n} reference and {n} error columns; {got}. Leave out others, or name them with columns=."
+        )
+    broken = np.argwhere(np.abs(table[:, 1:] - np.trunc(table[:, 1:])) > 0)
+    if len(broken):
+        row, column = broken[0] + (0, 1)
+        value = f"got {table[row, column]:g} in row {row}, column {column + 1}"
+        raise ValueError(f"must hold whole pulses; {value}. Turn angles into counts with rig.pulses(q).")
+    return {"reference_pulses": table[:, 1 : 1 + n], "error_pulses": table[:, 1 + n :]}
+
+
+def _named(names, table, n):
+    known = {f"{name}_{i + 1} [{unit}]": (field, i) for field, name, unit in _COLUMNS for i in range(n)}
+    known["valid [1]"] = "valid", ...
+    fields = {}
+    for column, name in enumerate(names[1:], 1):
+        if name not in known:
+            raise ValueError(f"has an unknown column {name!r}; known are {', '.join(known)}. Rename it.")
+        if name in names[1:column]:
+            raise ValueError(f"has column {name!r} twice; each may come once. Drop one.")
+        field, joint = known[name]
+        if field == "valid":
+            fields[field] = table[:, column]
+        else:
+            fields.setdefault(field, np.full((len(table), n), np.nan))[:, joint] = table[:, column]
+    if "error_pulses" not in fields:
+        raise ValueError(f"must hold columns error_1 [pulses] to error_{n} [pulses]; got none. Add them.")
+    return fields
+
+
+def _header(count, line):
+    try:
+        header = json.loads(line[1:])
+    except (ValueError, RecursionError):
+        return {}  # a comment
+    if isinstance(header, dict) and header.get("onepulse", 1) != 1:
+        raise ValueError(f"line {count} must be version 1; got {header['onepulse']!r}. Use a newer library.")
+    return header if isinstance(header, dict) else {}
+
+
+def _part(header, name):
+    try:
+        return restore(header.get(name))
+    except RecursionError:
+        raise ValueError(f"must describe its {name} as to_csv does; it is nested too deep. Correct it.") from None
