@@ -48,7 +48,11 @@ def main(order):
             np.savez(answer, label, *arrays)
     except BaseException as error:  # the parent wants one line, whatever it was
         text = str(error) if isinstance(error, _RefusalError) else f"{type(error).__name__} {error}"
-        said = text if isinstance(error, _RefusalError) else f"must be a sound file; reading it gave {text:.200}"
+        said = (
+            text
+            if isinstance(error, _RefusalError)
+            else f"must be a sound file; reading it gave {text:.200}. Write it again."
+        )
         with contextlib.suppress(ValueError):
             answer.write(said.encode(errors="replace"))
             answer.close()
@@ -122,6 +126,10 @@ def _require_bounded_mat(path, most):
         while len(tag := file.read(8)) == 8:
             kind, length = struct.unpack(f"{order}II", tag)
             start = file.tell()
+            if start + length > size:
+                raise _RefusalError(
+                    f"must be complete; an element of {length} bytes goes beyond its end. Write it again."
+                )
             if kind == 15:  # miCOMPRESSED
                 inner = zlib.decompressobj().decompress(file.read(min(length, 512)), 8)
                 declared = 8 + struct.unpack(f"{order}II", inner)[1] if len(inner) == 8 else 0
@@ -132,10 +140,6 @@ def _require_bounded_mat(path, most):
                 expanded = length
             total += expanded
             _require_size(total, most)
-            if start + length > size:
-                raise _RefusalError(
-                    f"must be complete; an element of {length} bytes goes beyond its end. Write it again."
-                )
             file.seek(start + length)
 
 

@@ -74,7 +74,7 @@ def _lines(file):
                 raise ValueError(f"line {count} must be shorter than {_LONGEST} characters. Check the line ends.")
             yield line
     except UnicodeDecodeError as error:
-        got = f"byte 0x{error.object[error.start]:02x} after line {count}"
+        got = f"byte 0x{error.object[error.start]:02x}"
         raise ValueError(f"must be text in UTF-8; got {got}. Save it as CSV in UTF-8.") from None
 
 

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import difflib
 import os
 from pathlib import Path
 
 import numpy as np
 
-from plant.check import choice, known_options
+from plant.check import known_options
 from plant.csv_rows import read_rows
 from plant.isolation import read_isolated
 from plant.npz import read_npz
 
-__all__ = ["LoadError", "load_errors", "read_file", "read_table"]
+__all__ = ["LoadError", "load_errors", "read_file", "read_table", "require_columns"]
 
 _SUFFIXES = {
     ".csv": "csv", ".txt": "csv", ".tsv": "csv", ".npz": "npz", ".mat": "mat", ".h5": "hdf5", ".hdf5": "hdf5",
@@ -91,12 +92,26 @@ def read_file(kind, path, names, prefix):
         else:
             read = read_npz if kind == "npz" else lambda *order: read_isolated(kind, *order)
             known, columns = read(os.fspath(path), wanted, prefix, _MOST)
-        for name in wanted or ():
-            if name not in columns:
-                choice("must have the mapped columns; a column", name, known or ["..."])
+        require_columns(wanted or (), columns, known)
         if not columns:
             raise ValueError(f"must hold columns whose names begin with {prefix!r}; got {known[:5]}. Check prefix.")
         return {name[len(prefix) :]: _numbers(name, column) for name, column in columns.items()}
+
+
+def require_columns(names, columns, known=None):
+    """Refuse a table that lacks one of these columns, and offer the nearest of those that it knows.
+
+    Raises
+    ------
+    ValueError
+    """
+    known = list(dict.fromkeys(columns if known is None else known))
+    for name in names:
+        if name not in columns:
+            near = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
+            hint = f"Did you mean {near[0]!r}?" if near else "Correct the mapping."
+            some = ", ".join(repr(other) for other in known[:6]) + (", ..." if len(known) > 6 else "")
+            raise ValueError(f"column {name!r} must be there; got {len(known)} others: {some:.200}. {hint}")
 
 
 def _require_file(path):

@@ -7,6 +7,7 @@ import warnings
 import numpy as np
 
 from plant.check import choice, instance, real
+from plant.logfile import require_columns
 from plant.rig import Rig
 from plant.units import (
     ANGLE,
@@ -60,9 +61,10 @@ def record_fields(table, *, rig, columns, units, wrap, reference):
     ------
     ValueError
     """
-    mapped_names(columns, units)
+    names = mapped_names(columns, units)
     instance("rig", rig, Rig, "Pass rig=.")
     units = {field: (units or {}).get(field, UNITS[field][0]) for field in columns if field in UNITS}
+    require_columns(names, table)
     values = {field: _block(table, field, columns[field], rig.n) for field in columns}
     N = {len(value) for value in values.values()}
     if len(N) > 1:
@@ -95,7 +97,6 @@ def _block(table, field, value, n):
     single = field in ("t", "valid")
     parts = []
     for name in _names(value):
-        choice("a column of the table", name, tuple(table))
         part = np.asarray(table[name])
         if part.dtype.kind not in "biuf" or part.ndim not in (1, 2):
             raise ValueError(f"column {name!r} must be real numbers, (N,) or (N, n); got {part.dtype} {part.shape}.")
