@@ -6,9 +6,9 @@ import io
 import json
 import os
 import signal
-import subprocess
 import sys
 from importlib.util import find_spec
+from subprocess import DEVNULL, PIPE, TimeoutExpired, run
 
 import numpy as np
 
@@ -53,16 +53,16 @@ def read_isolated(kind, path, names, prefix, most):
     order |= {"seconds": int(np.ceil(_SECONDS)), "memory": _MEMORY, "bytes": most}
     try:
         # -P: the folder of child.py holds files whose names other libraries import.
-        done = subprocess.run(  # noqa: S603 - this interpreter and this package's own file
+        done = run(  # noqa: S603 - this interpreter and this package's own file
             [sys.executable, "-P", child.__file__, json.dumps(order)],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
+            stdin=DEVNULL,
+            stdout=PIPE,
+            stderr=DEVNULL,
             env=os.environ | _ENVIRONMENT,
             timeout=_SECONDS,
             check=False,
         )
-    except subprocess.TimeoutExpired:
+    except TimeoutExpired:
         raise ValueError(f"must be read within {_SECONDS} s; it was not. Cut it, or save it as NPZ.") from None
     if done.returncode == child.REFUSED:
         raise ValueError(done.stdout.decode(errors="replace"))

@@ -2,9 +2,10 @@
 
     python tests/benchmarks/corrupt_files.py [mutations] [--cold]
 
-One small log per format, compressed and not, and 500 files made from them: bits flipped, cut off, zeros, a block twice, something behind
-the end. Each must give a record or one `LoadError` of one line, within 5 s, and leave this process alive. MAT, HDF5 and
-Parquet are read by children that are forked from one that has imported their libraries; --cold starts each anew.
+One small log per format, compressed and not, and 500 files made from them: bits flipped, cut off, zeros, a block twice,
+something behind the end. Each must give a record or one `LoadError` of one line, within 5 s, and leave this process
+alive. MAT, HDF5 and Parquet are read by children that are forked from one that has imported their libraries; --cold
+starts each anew.
 """
 
 import contextlib

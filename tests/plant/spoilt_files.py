@@ -4,7 +4,6 @@ A child process spends nearly all of its time importing h5py, pyarrow and scipy.
 forks for every file: each is still read by the library's own code in a process of its own, under its limits.
 """
 
-import contextlib
 import json
 import subprocess
 import sys
@@ -112,7 +111,7 @@ for line in sys.stdin:
 
 
 class WarmChildren:
-    """In place of `subprocess.run` in `plant.isolation`; `.peak` is the largest memory of a child so far [kB]."""
+    """In place of `run` in `plant.isolation`; `.peak` is the largest memory of a child so far [kB]."""
 
     def __init__(self):
         self.server = subprocess.Popen(  # noqa: S603 - this interpreter and the code above
@@ -131,12 +130,11 @@ class WarmChildren:
             return subprocess.CompletedProcess(command, status, Path(out.name).read_bytes(), b"")
 
     def __enter__(self):
-        self.cold, isolation.subprocess.run = isolation.subprocess.run, self
+        self.cold, isolation.run = isolation.run, self
         return self
 
     def __exit__(self, *_):
-        isolation.subprocess.run = self.cold
-        with contextlib.suppress(OSError):
-            self.server.stdin.close()
+        isolation.run = self.cold
+        self.server.stdin.close()
         self.server.wait()
         self.server.stdout.close()
