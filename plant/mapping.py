@@ -148,7 +148,10 @@ def _held(values):
 
 def _unwrapped(value, wrap, n):
     """Values whose steps are never more than half a wrap: whole wraps, counted in integers, are added."""
-    wrap = np.array([real("wrap", w, "Give counts per wrap, or an angle.", positive=True) for w in _each(wrap, n)])
+    wrap = np.broadcast_to(wrap, n) if np.ndim(wrap) == 0 else np.asarray(wrap)
+    if wrap.shape != (n,):
+        raise ValueError(f"wrap must be one number, or {n}, one per joint; got shape {wrap.shape}. Give as many.")
+    wrap = np.array([real("wrap", w, "Give counts per wrap, or an angle.", positive=True) for w in wrap.tolist()])
     if (np.ptp(value, axis=0) > wrap * (1 + 1e-9)).any():
         joint = int(np.argmax(np.ptp(value, axis=0) / wrap))
         got = f"joint {joint} spans {np.ptp(value[:, joint]):g}"
@@ -158,10 +161,6 @@ def _unwrapped(value, wrap, n):
     value, wrap = value.astype(kind), wrap.astype(kind)
     turns = -np.cumsum(np.round(np.diff(value, axis=0) / wrap).astype(np.int64), axis=0)
     return value + np.vstack([np.zeros((1, n), np.int64), turns]) * wrap
-
-
-def _each(wrap, n):
-    return list(wrap) if np.ndim(wrap) else [wrap] * n
 
 
 def _converted(field, value, unit, rig):

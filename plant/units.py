@@ -6,7 +6,7 @@ import numpy as np
 
 from plant.check import choice
 
-__all__ = ["require_grid", "require_limit", "require_period", "require_span", "require_units"]
+__all__ = ["on_grid", "require_grid", "require_limit", "require_period", "require_span", "require_units"]
 
 TIME = {"s": 1.0, "ms": 1e3, "us": 1e6}  # of them in a second: a quotient of whole numbers is rounded once
 ANGLE = {"rad": 1.0, "deg": np.pi / 180}  # radians of each
@@ -104,9 +104,13 @@ def require_grid(name, unit, readings):
 
 
 def on_grid(position):
-    """Position in pulses (N, n) -> shift (n,) from whole pulses, and whether all samples have it within a tenth."""
-    shift = np.angle(np.exp(2j * np.pi * position).mean(axis=0)) / (2 * np.pi)
-    off = position - shift
+    """Position in pulses (N, n) -> shift (n,) from whole pulses, and whether all samples have it within a tenth.
+
+    Zero is always on the grid: it is the middle of the cell around it, which is two pulses wide.
+    """
+    away = np.abs(position) > 0.1
+    shift = np.angle((np.exp(2j * np.pi * position) * away).sum(axis=0)) / (2 * np.pi)
+    off = (position - shift) * away
     return shift, np.abs(off - np.round(off)).max(axis=0) < 0.1
 
 

@@ -1,0 +1,313 @@
+"""From named columns to a record: units, wrap, missing samples, repeated times; wrong units are named."""
+
+import dataclasses
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from plant import Coupling, Drive, Encoder, Harmonics, LoadError, Record, Rig, puma560, read_table
+
+GEAR, RESOLUTION = np.array([60.0, -45.0]), np.array([1000.0, 2000.0])
+DRIVE = Drive(gear=GEAR, motor_inertia=(1e-4,) * 2, viscous=(0,) * 2, coulomb=(0,) * 2, motor_gain=(0.2, 0.3),
+              current_limit=(10, 8))  # fmt: skip
+RIG = Rig(drive=DRIVE, encoder=Encoder(resolution=RESOLUTION), period=2e-3)
+N = 400
+T = RIG.period * np.arange(N)
+COUNTS = np.round(np.column_stack([4000 * np.sin(3 * T), 3000 * np.cos(5 * T) - 500]))
+ANGLE = COUNTS / RESOLUTION * 2 * np.pi / GEAR  # of the joint, typed here a second time on purpose
+
+
+def record(table, columns, units=None, **changes):
+    return Record.from_table(table, **{"rig": RIG, "columns": columns, "units": units} | changes)
+
+
+def angles(unit, value=ANGLE, rig=RIG, **columns):
+    return record({"q": value, **columns}, {"position": "q"}, {"position": unit}, rig=rig)
+
+
+# -- angles into counts ---------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("field", "factor"), [("position", 1.0), ("motor_position", GEAR)])
+@pytest.mark.parametrize(("unit", "per"), [("rad", 1.0), ("deg", 180 / np.pi)])
+def test_angles_become_the_counts_they_came_from(field, factor, unit, per):
+    found = record({"q": ANGLE * factor * per}, {field: "q"}, {field: unit})
+    np.testing.assert_array_equal(found.counts, COUNTS)
+    np.testing.assert_array_equal(found.reference_pulses, 0)
+    np.testing.assert_array_equal(found.t, T)
+
+
+@settings(derandomize=True, max_examples=50, deadline=None)
+@given(shift=st.floats(-3, 3))
+def test_a_grid_that_is_shifted_is_still_counted_without_a_miss(shift):
+    """Whatever the zero of the angle is, two neighbours on the grid are never counted as one, but for the cell of two
+    pulses around zero, and no count is a pulse from where it was measured."""
+    found = angles("rad", (COUNTS + shift) / RESOLUTION * 2 * np.pi / GEAR).counts
+    assert (np.abs(found - (COUNTS + shift)) <= 1).all()
+    away = np.abs(COUNTS + shift) > 1
+    for j in range(2):
+        keep = away[:, j] & (COUNTS[:, j] > 0)
+        assert len(set((found - COUNTS)[keep, j])) == 1
+
+
+def test_the_middle_of_a_cell_is_the_count_of_that_cell():
+    """As the rig says it: angle() is the middle of the cell, and loading it gives the count back."""
+    np.testing.assert_array_equal(angles("rad", RIG.angle(COUNTS)).counts, COUNTS)
+
+
+def test_five_digits_of_an_angle_are_enough_to_find_the_count():
+    rounded = np.array([[float(f"{x:.5g}") for x in row] for row in ANGLE])
+    np.testing.assert_array_equal(angles("rad", rounded).counts, COUNTS)
+
+
+def test_coupled_joints_are_counted_on_their_motors():
+    coupling = Coupling(matrix=((1, 0), (1, 1)))
+    rig = dataclasses.replace(RIG, drive=dataclasses.replace(DRIVE, coupling=coupling))
+    shaft = COUNTS / RESOLUTION * 2 * np.pi / GEAR
+    joint = np.column_stack([shaft[:, 0], shaft[:, 1] - shaft[:, 0]])
+    np.testing.assert_array_equal(angles("rad", joint, rig=rig).counts, COUNTS)
+
+
+def test_a_resolution_that_is_not_the_log_s_is_noted():
+    with pytest.warns(UserWarning, match=r"no whole pulses of rig.encoder.resolution \(smallest step 1\.31 pulses\)"):
+        found = angles("rad", ANGLE * np.array([1.31, 1.0]))
+    np.testing.assert_array_equal(found.counts[:, 1], COUNTS[:, 1])
+    np.testing.assert_array_equal(found.counts[:, 0], np.trunc(1.31 * COUNTS[:, 0]))
+
+
+def test_a_smooth_encoder_keeps_the_angle():
+    rig = dataclasses.replace(RIG, encoder=Encoder(resolution=RESOLUTION, smooth=True))
+    q = np.random.default_rng(0).normal(size=(N, 2))
+    np.testing.assert_allclose(angles("rad", q, rig=rig).counts, q * GEAR * RESOLUTION / (2 * np.pi), rtol=1e-14)
+
+
+# -- other fields ---------------------------------------------------------------------------------------------------
+def test_torque_and_current_are_brought_to_the_joint_and_to_ampere():
+    u = np.random.default_rng(0).normal(size=(N, 2)).clip(-1.5, 1.5)
+    columns = {"counts": "c", "torque": "u"}
+    table = {"c": COUNTS, "u": u}
+    np.testing.assert_allclose(record(table, columns, {"torque": "motor N m"}).torque, u * GEAR, rtol=1e-15)
+    np.testing.assert_array_equal(record(table, columns, {"torque": "N m"}).torque, u)
+    columns = {"counts": "c", "current": "u"}
+    np.testing.assert_array_equal(record(table, columns, {"current": "A"}).current, u)
+    np.testing.assert_allclose(record({"c": COUNTS, "u": 1e3 * u}, columns, {"current": "mA"}).current, u, rtol=1e-15)
+
+
+def test_the_reference_comes_as_counts_as_angles_or_as_a_reference():
+    table = {"c": COUNTS, "r": COUNTS + 7, "q": (COUNTS + 7) / RESOLUTION * 2 * np.pi / GEAR}
+    for columns, units in (
+        ({"counts": "c", "reference_pulses": "r"}, {}),
+        ({"counts": "c", "reference_position": "q"}, {"reference_position": "rad"}),
+    ):
+        found = record(table, columns, units)
+        np.testing.assert_array_equal(found.reference_pulses, COUNTS + 7)
+        np.testing.assert_array_equal(found.error_pulses, 7)
+    path = Harmonics(period=1.0, offset=(0.3, -0.2), cosine=((0.1,), (0.2,)), sine=((0.0,), (0.1,)))
+    found = record({"e": np.ones((N, 2))}, {"error_pulses": "e"}, reference=path)
+    np.testing.assert_array_equal(found.reference_pulses, RIG.pulses(path(T).q))
+    np.testing.assert_array_equal(found.error_pulses, 1)
+    assert found.reference == path
+
+
+def test_names_may_be_one_per_joint():
+    found = record({"a": COUNTS[:, 0], "b": COUNTS[:, 1]}, {"counts": ["b", "a"]})
+    np.testing.assert_array_equal(found.counts, COUNTS[:, ::-1])
+
+
+# -- time -----------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("unit", "per"), [("s", 1.0), ("ms", 1e3), ("us", 1e6)])
+def test_time_starts_at_zero_in_seconds(unit, per):
+    stamp = np.round(T * 1e6).astype(np.int64) if unit == "us" else T * per
+    found = record({"t": stamp + 1_700_000 * int(per), "c": COUNTS}, {"t": "t", "counts": "c"}, {"t": unit})
+    np.testing.assert_allclose(found.t, T, atol=1e-9)
+    assert found.t[0] == 0
+
+
+def test_whole_microseconds_since_1970_lose_nothing():
+    stamp = 1_700_000_000_000_000 + np.arange(N) * 2000
+    found = record({"t": stamp, "c": COUNTS}, {"t": "t", "counts": "c"}, {"t": "us"})
+    np.testing.assert_array_equal(found.t, np.arange(N) * 2000 / 1e6)
+
+
+def test_rows_that_repeat_a_time_are_left_out_and_said():
+    rows = np.sort(np.append(np.arange(N), [3, 3, 9]))
+    with pytest.warns(UserWarning, match="3 rows repeat the time of the row before and are left out, from row 4 on"):
+        found = record({"t": T[rows], "c": COUNTS[rows]}, {"t": "t", "counts": "c"}, {"t": "s"})
+    np.testing.assert_array_equal(found.counts, COUNTS)
+
+
+def test_missing_cells_hold_the_row_before_and_weigh_nothing():
+    c, u = COUNTS.copy(), np.ones((N, 2))
+    c[0, 0], c[5:8, 1], u[20, 0] = np.nan, np.nan, np.nan
+    weights = np.ones(N)
+    weights[30], weights[31] = 0.25, np.nan
+    found = record({"c": c, "u": u, "w": weights}, {"counts": "c", "torque": "u", "valid": "w"}, {"torque": "N m"})
+    np.testing.assert_array_equal(np.flatnonzero(found.valid < 1), [0, 5, 6, 7, 20, 30, 31])
+    np.testing.assert_array_equal(found.valid[[5, 30, 31]], [0, 0.25, 0])
+    np.testing.assert_array_equal(found.counts[5:9, 1], COUNTS[[4, 4, 4, 8], 1])
+    assert found.counts[0, 0] == COUNTS[1, 0]
+    assert found.torque[20, 0] == 1
+
+
+# -- wrap -----------------------------------------------------------------------------------------------------------
+@settings(derandomize=True, max_examples=60, deadline=None)
+@given(
+    steps=st.lists(st.integers(-2047, 2047), min_size=1, max_size=60),
+    start=st.integers(0, 4095),
+    low=st.sampled_from([0, -2048]),
+)
+def test_unwrapping_is_exact(steps, start, low):
+    """Steps below half a wrap come back to the last count, whatever range the counter has."""
+    truth = start + low + np.cumsum([0, *steps])
+    wrapped = (truth - low) % 4096 + low
+    table = {"c": np.column_stack([wrapped, wrapped.astype(float)])}
+    found = record(table, {"counts": "c"}, wrap=4096).counts
+    np.testing.assert_array_equal(found, np.column_stack([truth, truth]))
+
+
+def test_angles_are_unwrapped_before_they_are_counted():
+    motor = COUNTS / RESOLUTION * 2 * np.pi
+    for unit, wrap in (("rad", 2 * np.pi), ("deg", 360.0)):
+        wrapped = np.degrees(np.angle(np.exp(1j * motor)))
+        wrapped = wrapped if unit == "deg" else np.radians(wrapped)
+        found = record({"q": wrapped}, {"motor_position": "q"}, {"motor_position": unit}, wrap=wrap).counts
+        whole = (found - COUNTS)[0] / RESOLUTION
+        np.testing.assert_array_equal(whole, np.round(whole))
+        np.testing.assert_array_equal(found - found[0], COUNTS - COUNTS[0])
+
+
+# -- refusals -------------------------------------------------------------------------------------------------------
+COLUMNS = {"t": "t", "position": "q"}
+TABLE = {"t": T, "q": ANGLE, "u": np.full((N, 2), 20.0), "c": COUNTS, "s": np.full(N, "a")}
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: angles("deg"), r"position in 'deg' must be whole pulses .* as 'position' in 'rad' they would be"),
+        (lambda: angles("rad", np.degrees(4 * ANGLE)), r"spans .* turns of joint 0; at most 10\. 'deg' would fit"),
+        (lambda: angles("rad", np.degrees(ANGLE)), r"must be whole pulses of the rig; .* as 'position' in 'deg' they"),
+        (
+            lambda: record({"q": ANGLE}, {"motor_position": "q"}, {"motor_position": "rad"}),
+            r"motor_position in 'rad' must be whole pulses of the rig; they are not, as 'position' in 'rad'",
+        ),
+        (lambda: angles("pulses"), r"'position' must be whole pulses; got .* in row 0, joint 1. Map angles"),
+        (lambda: record(TABLE, COLUMNS, {"t": "ms", "position": "rad"}), r"step of 2e-06 s; .*'s' would fit"),
+        (
+            lambda: record(TABLE | {"t": 1e3 * T}, COLUMNS, {"t": "s", "position": "rad"}),
+            r"t in 's' has a step of 2 s; rig.period is 0.002 s. 'ms' would fit",
+        ),
+        (lambda: record(TABLE | {"t": 30 * T}, COLUMNS, {"t": "s", "position": "rad"}), "Give the rig the log's"),
+        (
+            lambda: record(TABLE, {"counts": "c", "torque": "u"}, {"torque": "motor N m"}),
+            r"torque in 'motor N m' reaches 20 at joint 1?0?; the amplifier drives .* 'N m' would fit",
+        ),
+        (
+            lambda: record(TABLE | {"u": 1000 * TABLE["u"]}, {"counts": "c", "torque": "u"}, {"torque": "N m"}),
+            r"torque in 'N m' reaches 20000 .*Correct the log, or the rig's limit",
+        ),
+        (
+            lambda: record(TABLE | {"u": 100 * TABLE["u"]}, {"counts": "c", "current": "u"}, {"current": "A"}),
+            r"current in 'A' reaches 2000 .* 'mA' would fit",
+        ),
+        (lambda: record(TABLE, COLUMNS, {"t": "s"}), r"units must state that of 'position'; got none"),
+        (lambda: record(TABLE, COLUMNS, {"t": "s", "position": "grad"}), "unit of 'position' must be one of .*'rad'"),
+        (lambda: record(TABLE, COLUMNS, {"t": "s", "postion": "rad"}), "Did you mean 'position'"),
+        (lambda: record(TABLE, {"t": "t", "pos": "q"}, {"t": "s"}), "what a column is mapped to must be one of"),
+        (lambda: record(TABLE, {"t": "t"}, {"t": "s"}), "columns must hold exactly one of position"),
+        (lambda: record(TABLE, {"counts": "c", "error_pulses": "c"}), "columns must hold exactly one of position"),
+        (lambda: record(TABLE, {"error_pulses": "c"}), "error_pulses need what was commanded"),
+        (lambda: record(TABLE, {"counts": ["c", "c"]}), "'counts' must have 2 columns, one per joint; got 4"),
+        (lambda: record(TABLE, {"counts": "d"}), "column 'd' must be there; got 5 others"),
+        (lambda: record(TABLE, {"counts": ["s", "s"]}), "column 's' must be real numbers"),
+        (lambda: record(TABLE | {"t": T[:-1]}, COLUMNS, {"t": "s", "position": "rad"}), "columns must have one length"),
+        (lambda: record({"c": np.full((9, 2), np.nan)}, {"counts": "c"}), "must hold numbers; joint 0 has none"),
+        (lambda: record({"c": np.full((9, 2), np.inf)}, {"counts": "c"}), "must be finite, or NaN where it is missing"),
+        (lambda: record(TABLE, {"counts": "c"}, wrap=4096), "wrap must be as large as what is logged; got 4096"),
+        (lambda: record(TABLE, {"counts": "c"}, wrap=-1), "wrap must be a positive number"),
+        (lambda: record(TABLE, {"counts": "c"}, wrap=(9, 9, 9)), "wrap must be one number, or 2"),
+        (lambda: record(TABLE | {"t": np.r_[np.nan, T[1:]]}, COLUMNS, {"t": "s", "position": "rad"}), "nan in row 0"),
+        (lambda: record(TABLE | {"t": T[::-1]}, COLUMNS, {"t": "s", "position": "rad"}), "t must increase"),
+    ],
+)  # fmt: skip
+def test_wrong_units_and_mappings_are_refused_in_one_line(call, message):
+    with pytest.raises(ValueError, match=message) as refusal:
+        call()
+    assert "\n" not in str(refusal.value)
+    assert len(str(refusal.value)) < 400
+
+
+# -- resampling -----------------------------------------------------------------------------------------------------
+def test_resampling_at_the_logged_times_changes_nothing():
+    log = record(TABLE, {"t": "t", "counts": "c", "torque": "u"}, {"t": "s", "torque": "N m"})
+    again = log.resampled(RIG.period)
+    for name in ("t", "counts", "valid", "torque", "reference_pulses"):
+        np.testing.assert_allclose(getattr(again, name), getattr(log, name), atol=1e-12)
+
+
+def test_resampled_counts_are_within_half_a_pulse_of_the_line():
+    """A ramp sampled with jitter is the same ramp at uniform times; half a pulse is the rounding."""
+    rng = np.random.default_rng(0)
+    t = T + np.r_[0, rng.uniform(-3e-4, 3e-4, N - 1)]
+    ramp = np.column_stack([5000 * t, -300 * t])
+    log = Record(t=t, error_pulses=-ramp, reference_pulses=np.zeros((N, 2)), torque=ramp, rig=RIG)
+    again = log.resampled(1e-3)
+    assert (np.abs(again.counts - np.outer(again.t, [5000, -300])) <= 0.5 + 1e-9).all()
+    np.testing.assert_allclose(again.torque, np.outer(again.t, [5000, -300]), atol=1e-9)
+    np.testing.assert_allclose(np.diff(again.t), 1e-3)
+    assert again.rig.period == 1e-3
+    assert again.t[-1] <= t[-1] < again.t[-1] + 1e-3
+
+
+def test_resampled_gaps_and_dropped_samples_weigh_nothing():
+    t = np.array([0, 1, 2, 3, 6, 7, 8, 9.0]) * 2e-3
+    valid = np.array([1, 1, 1, 1, 1, 0, 1, 0.5])
+    log = Record(t=t, error_pulses=np.zeros((8, 2)), valid=valid, rig=RIG)
+    again = log.resampled(1e-3)
+    np.testing.assert_array_equal(again.t, 1e-3 * np.arange(19))
+    np.testing.assert_array_equal(again.valid, [1, 1, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 0.5, 0.5])
+
+
+def test_resampling_needs_a_period():
+    log = record(TABLE, {"counts": "c"})
+    with pytest.raises(ValueError, match="period must be a positive number; got 0"):
+        log.resampled(0)
+
+
+# -- real logs ------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("design", ["A.0", "C.0", "C.1"])
+def test_every_run_of_a_real_double_pendulum_is_read_to_the_last_count(design):
+    """Its position has steps of 25/65535 rad, logged in the middle of them: 6 motor turns per joint turn."""
+    folder = os.environ.get("CTC_DATA")
+    if not folder:
+        pytest.skip("CTC_DATA is not set: no real logs to read")
+    path = Path(folder) / "dfki_double_pendulum" / f"sysid_{design}.npz"
+    if not path.is_file():
+        pytest.skip(f"{path} is not there")
+    step = 25 / 65535
+    drive = Drive(gear=(6, 6), motor_inertia=(6.07e-5,) * 2, viscous=(0,) * 2, coulomb=(0,) * 2,
+                  motor_gain=(0.091,) * 2, current_limit=(np.inf,) * 2)  # fmt: skip
+    rig = Rig(drive=drive, encoder=Encoder(resolution=(2 * np.pi / step / 6,) * 2), period=2e-3)
+    columns = {"t": "time", "position": ["pos_meas1", "pos_meas2"], "torque": ["tau_meas1", "tau_meas2"]}
+    units = {"t": "s", "position": "rad", "torque": "N m"}
+    table = read_table(path)
+    runs = sorted({name.split("/")[0] for name in table})
+    assert len(runs) >= 9
+    for run in runs:
+        log = Record.from_npz(path, rig=rig, columns=columns, units=units, prefix=f"{run}/")
+        logged = np.column_stack([table[f"{run}/{name}"] for name in columns["position"]])
+        cells = logged / step - 0.5 * np.sign(logged)
+        np.testing.assert_allclose(log.counts, cells, atol=1e-6)
+        np.testing.assert_array_equal(log.t, table[f"{run}/time"])
+    with pytest.raises(LoadError, match="as 'position' in 'rad' they would be"):
+        Record.from_npz(path, rig=rig, columns=columns, units=units | {"position": "deg"}, prefix=f"{run}/")
+
+
+def test_the_paper_s_rig_takes_a_log_in_degrees():
+    rig = puma560.rig()
+    counts = np.array([[0, 0], [100, -50], [260, -120]])
+    q = np.degrees(rig.angle(counts))
+    found = Record.from_table({"q": q}, rig=rig, columns={"position": "q"}, units={"position": "deg"})
+    np.testing.assert_array_equal(found.counts, counts)
