@@ -47,7 +47,7 @@ def read_rows(path, *, comment=None, table=False):
             if table and width is None and names is None:
                 separator = max(",;\t", key=line.count)
             cells = line.split(separator)
-            if names is None and not values and any(c.strip()[:1].isalpha() and not _number(c) for c in cells):
+            if names is None and not values and any(_is_name(cell, table) for cell in cells):
                 names, width = [cell.strip().strip('"') for cell in cells], len(cells)
                 continue
             try:
@@ -78,10 +78,11 @@ def _lines(file):
         raise ValueError(f"must be text in UTF-8; got {got}. Save it as CSV in UTF-8.") from None
 
 
-def _number(cell):
-    """Whether a cell that starts with a letter is one: nan or inf."""
+def _is_name(cell, table):
+    """Whether a cell of the first line is a name: it is no number, and in a file of ours begins with a letter."""
+    cell = cell.strip()
     try:
-        float(cell)
+        float(cell or "nan")
     except ValueError:
-        return False
-    return True
+        return table or cell[0].isalpha()
+    return False

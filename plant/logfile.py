@@ -125,7 +125,7 @@ def _require_file(path):
 def _csv(path, wanted, prefix):
     names, rows = read_rows(path, table=True)
     if names is None:
-        raise ValueError("must name its columns in a line above the numbers; got none. Add that line.")
+        raise ValueError("must name its columns in a line above the numbers, without #; got none. Add that line.")
     if len(set(names)) < len(names):
         twice = next(name for i, name in enumerate(names) if name in names[:i])
         raise ValueError(f"has column {twice!r} twice; each may come once. Rename one.")

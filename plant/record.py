@@ -250,5 +250,9 @@ class Record:
         Returns
         -------
         Record
+
+        Raises
+        ------
+        ValueError
         """
         return Record(**resampled_fields(self, real("period", period, "Give seconds.", positive=True)))

@@ -60,7 +60,7 @@ def read(path, *, rig, law, reference, initial):
     if rig is None:
         raise ValueError("does not name its rig; a plain file needs one. Pass rig= and law=.")
     if not isinstance(rig, Rig):
-        raise ValueError(f"must have a Rig; got {rig!r:.60}, but rig of a record must be a Rig. Pass rig=.")
+        raise ValueError(f"cannot be read: rig of a record must be a Rig; got {rig!r:.60}. Pass rig=.")
     named = names is not None and any("[" in name for name in names)
     return {
         "t": table[:, 0],

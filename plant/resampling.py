@@ -9,11 +9,20 @@ import numpy as np
 __all__ = ["resampled_fields"]
 
 _GAP = 1.5  # nominal intervals
+_MOST = 1 << 25  # samples
 
 
 def resampled_fields(record, period):
-    """Fields of `Record.resampled`."""
+    """Fields of `Record.resampled`.
+
+    Raises
+    ------
+    ValueError
+        A period so short that it must be in another unit.
+    """
     t = record.t
+    if (t[-1] - t[0]) / period > _MOST:
+        raise ValueError(f"period must give at most {_MOST} samples; got {period:g} s. Give seconds.")
     new = t[0] + period * np.arange(int(np.floor((t[-1] - t[0]) / period * (1 + 1e-12))) + 1)
     left = np.clip(np.searchsorted(t, new, side="right") - 1, 0, len(t) - 1)
     right = np.minimum(left + 1, len(t) - 1)

@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import re
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -66,7 +67,7 @@ def test_groups_structures_and_archives_are_one_prefix_away(tmp_path):
 def test_a_csv_may_have_semicolons_tabs_quotes_and_empty_cells(tmp_path):
     path = tmp_path / "log.csv"
     for separator in ",;\t":
-        rows = ['"time [s]"#c1#c2', "0#1#2", "0.1##-4", "0.2#3#nan"]
+        rows = ['"time [s]"#"c1"#"c2"', "0#1#2", "0.1##-4", "0.2#3#nan"]
         path.write_text("# by hand\n" + "\n".join(rows).replace("#", separator) + "\n")
         np.testing.assert_array_equal(read_table(path)["c1"], [1, np.nan, 3])
         np.testing.assert_array_equal(read_table(path)["c2"], [2, -4, np.nan])
@@ -124,6 +125,7 @@ def test_text_in_another_encoding_is_refused_with_its_path(tmp_path):
     [
         ("", "must hold samples; got no row"),
         ("0,1,2\n", "must name its columns in a line above the numbers"),
+        ("# time,c1,c2\n0,1,2\n", "must name its columns in a line above the numbers, without #"),
         ("time,c1,c1\n0,1,2\n", "has column 'c1' twice"),
         ("time,c1,c2\n0,1\n", "line 2 must have 3 cells; got 2"),
         ("time,c1,c2\n0,1,1;5\n", "line 2 must be numbers"),
@@ -202,3 +204,17 @@ def test_limits_reach_the_child(tmp_path, monkeypatch):
     assert seen["order"]["seconds"] <= 5
     assert seen["order"]["memory"] == 2 << 30
     assert seen["order"]["bytes"] == 256 << 20
+
+
+# -- the page -------------------------------------------------------------------------------------------------------
+def test_the_page_on_your_own_log_is_true(tmp_path, monkeypatch, capsys):
+    """Its code runs as it stands, in an empty folder, and prints what it says it prints."""
+    page = (Path(__file__).parents[2] / "docs" / "logs.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    code = "\n".join(re.findall(r"```python\n(.*?)```", page, re.DOTALL))
+    exec(code, {})  # noqa: S102 - our own page
+    printed = capsys.readouterr().out.splitlines()
+    said = re.findall(r"^# (.*)$", code, re.MULTILINE)
+    assert printed[: len(said)] == said
+    assert len(printed) == len(said) + 1
+    assert printed[-1].startswith("log.mat must be ")

@@ -255,6 +255,7 @@ def test_resampled_counts_are_within_half_a_pulse_of_the_line():
     log = Record(t=t, error_pulses=-ramp, reference_pulses=np.zeros((N, 2)), torque=ramp, rig=RIG)
     again = log.resampled(1e-3)
     assert (np.abs(again.counts - np.outer(again.t, [5000, -300])) <= 0.5 + 1e-9).all()
+    np.testing.assert_array_equal(again.counts, np.round(again.counts))
     np.testing.assert_allclose(again.torque, np.outer(again.t, [5000, -300]), atol=1e-9)
     np.testing.assert_allclose(np.diff(again.t), 1e-3)
     assert again.rig.period == 1e-3
@@ -274,6 +275,8 @@ def test_resampling_needs_a_period():
     log = record(TABLE, {"counts": "c"})
     with pytest.raises(ValueError, match="period must be a positive number; got 0"):
         log.resampled(0)
+    with pytest.raises(ValueError, match="period must give at most 33554432 samples; got 1e-12 s"):
+        log.resampled(1e-12)
 
 
 # -- real logs ------------------------------------------------------------------------------------------------------
