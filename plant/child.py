@@ -175,7 +175,8 @@ def _hdf5(path, chosen, most):
                     f"must hold real numbers; got {item.dtype} in column {name!r}. Leave it out with names=."
                 )
         _require_size(sum(math.prod(item.shape or ()) * item.dtype.itemsize for item in wanted.values()), most)
-        return list(known), {name: item[()] for name, item in wanted.items()}
+        # MATLAB writes its arrays with the axes in reverse.
+        return list(known), {n: item[()].T if "MATLAB_class" in item.attrs else item[()] for n, item in wanted.items()}
 
 
 # -- Parquet --------------------------------------------------------------------------------------------------------

@@ -11,10 +11,11 @@ import dataclasses
 import numpy as np
 
 from plant import record_csv
-from plant.check import array, instance, known_options, real
+from plant.check import array, known_options, real
 from plant.law import Law
-from plant.logfile import load_errors, read_file
-from plant.mapping import mapped_names, record_fields
+from plant.logfile import load_errors
+from plant.mapping import record_fields
+from plant.record_files import read_mapped, reader
 from plant.reference import Reference
 from plant.resampling import resampled_fields
 from plant.rig import Rig
@@ -22,18 +23,6 @@ from plant.rig import Rig
 __all__ = ["Record"]
 
 _COLUMNS = ("reference_pulses", "error_pulses", "torque", "current", "true_q", "true_qd")
-
-
-def _reader(kind, what):
-    """Class method that reads mapped columns of one format."""
-
-    def read(cls, path, *, rig, columns, units=None, wrap=None, prefix="", law=None, reference=None, initial=None):
-        log = {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix}
-        return cls._from_file(kind, path, rig=rig, law=law, reference=reference, initial=initial, **log)
-
-    read.__name__ = f"from_{kind}"
-    read.__doc__ = f"Read mapped columns of {what}: keywords as in `from_csv`, mapping as in `from_table`."
-    return classmethod(known_options(read))
 
 
 @known_options
@@ -177,23 +166,16 @@ class Record:
         """
         if columns is not None:
             log = {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix}
-            return cls._from_file("csv", path, rig=rig, law=law, reference=reference, initial=initial, **log)
+            return read_mapped(cls, "csv", path, rig=rig, law=law, reference=reference, initial=initial, **log)
         if units is not None or wrap is not None or prefix:
             raise ValueError("units, wrap and prefix are for mapped columns; got no mapping. Pass columns= as well.")
         with load_errors(path):
             return cls(**record_csv.read(path, rig=rig, law=law, reference=reference, initial=initial))
 
-    from_npz = _reader("npz", "an NPZ archive; pickled objects are refused")
-    from_mat = _reader("mat", "a MAT file of version 5 (saved with -v6 or -v7)")
-    from_hdf5 = _reader("hdf5", "an HDF5 file, or a MAT file of version 7.3 (extra ``hdf5``)")
-    from_parquet = _reader("parquet", "a Parquet file (extra ``parquet``)")
-
-    @classmethod
-    def _from_file(cls, kind, path, *, prefix, **log):
-        names = mapped_names(log["columns"], log["units"])
-        instance("rig", log["rig"], Rig, "Pass rig=.")
-        with load_errors(path):
-            return cls.from_table(read_file(kind, path, names, prefix), **log)
+    from_npz = reader("npz", "an NPZ archive; pickled objects are refused")
+    from_mat = reader("mat", "a MAT file of version 5 (saved with -v6 or -v7)")
+    from_hdf5 = reader("hdf5", "an HDF5 file, or a MAT file of version 7.3 (extra ``hdf5``)")
+    from_parquet = reader("parquet", "a Parquet file (extra ``parquet``)")
 
     @classmethod
     @known_options

@@ -86,6 +86,19 @@ def test_blocks_of_columns_and_other_byte_orders(tmp_path):
         np.testing.assert_array_equal(table["q"], q)
 
 
+def test_arrays_that_matlab_wrote_as_hdf5_have_their_axes_in_order(tmp_path):
+    """As -v7.3 does it: (N, n) is stored as (n, N), with an attribute that names the class."""
+    q = np.arange(12.0).reshape(6, 2)
+    with h5py.File(tmp_path / "a.h5", "w", userblock_size=512) as file:
+        file["q"] = q.T
+        file["t"] = np.arange(6.0)[None, :]
+        for name in "qt":
+            file[name].attrs["MATLAB_class"] = np.bytes_("double")
+    table = read_table(tmp_path / "a.h5")
+    np.testing.assert_array_equal(table["q"], q)
+    np.testing.assert_array_equal(table["t"], np.arange(6.0)[:, None])
+
+
 def test_missing_cells_of_parquet_are_nan(tmp_path):
     pq.write_table(pa.table({"c": pa.array([1, None, 3], pa.int32())}), tmp_path / "a.parquet")
     np.testing.assert_array_equal(read_table(tmp_path / "a.parquet")["c"], [1, np.nan, 3])
