@@ -2,17 +2,18 @@
 
 Reading order: `links`, `body`, `placement`, `urdf` (geometry) -> `dynamics` (one torque, D, h, C and Y read off it)
 with `lumping` (what f means) and `base` (which f a chain has) -> `arm` (dynamics + f) -> `drive`, `coupling`,
-`friction`, `encoder`, `rig` -> `reference`, `law`, `laws`, `logged` (laws that repeat a log), `running` (a law in a
-control script) -> `loop` (the symbolic closed loop) -> `rewrite`, `translate`, `pieces`, `elementary`, `source`,
-`kernel`, `compile` (the same loop as machine code) -> `clock`, `tables`, `simulator`, `referee` (the loop by casadi),
-`record`; `linear` (the loop linearised), `gains` (P for any arm), `inertia` (can this be an arm?), `puma560` (the
-paper's example) and `arms` (others).
+`friction`, `encoder`, `rig` -> `reference`, `law`, `velocity`, `integral`, `laws`, `cascade`, `logged` (laws that
+repeat a log), `running` (a law in a control script) -> `loop` (the symbolic closed loop) -> `rewrite`, `translate`,
+`pieces`, `elementary`, `source`, `kernel`, `compile` (the same loop as machine code) -> `clock`, `tables`, `simulator`,
+`referee` (the loop by casadi), `record`; `linear` (the loop linearised), `gains` (P for any arm), `inertia` (can this
+be an arm?), `puma560` (the paper's example) and `arms` (others).
 """
 
 from plant import puma560
 from plant.arm import Arm
 from plant.base import visibility
 from plant.body import Body
+from plant.cascade import Cascade
 from plant.coupling import Coupling
 from plant.demand import shortest_duration, torque_share
 from plant.drive import Drive
@@ -21,7 +22,7 @@ from plant.encoder import Encoder
 from plant.friction import FrictionCurve
 from plant.gains import p_gains
 from plant.law import Block, Law, Setpoint
-from plant.laws import P
+from plant.laws import PD, PID, P
 from plant.linear import linearise
 from plant.links import Chain, Link
 from plant.logged import LoggedCurrent, LoggedTorque
@@ -33,15 +34,16 @@ from plant.rig import Rig
 from plant.scaled import Scaled, slowed
 from plant.scaling import fastest
 from plant.siblings import check_siblings
-from plant.simulator import replay, simulate
+from plant.simulator import DivergenceError, replay, simulate
 
 check_siblings()
 
 __version__ = "0.1.0"
 
 __all__ = [
-    "Arm", "Block", "Body", "Chain", "Coupling", "Drive", "Dynamics", "Encoder", "FrictionCurve", "Harmonics", "Law",
-    "Link", "LoggedCurrent", "LoggedTorque", "Lumping", "Motion", "P", "Placement", "PointToPoint", "Record",
-    "Reference", "Rig", "Scaled", "Setpoint", "Spline", "Table", "fastest", "linearise", "p_gains", "puma560",
-    "replay", "shortest_duration", "simulate", "slowed", "torque_share", "visibility",
+    "PD", "PID", "Arm", "Block", "Body", "Cascade", "Chain", "Coupling", "DivergenceError", "Drive", "Dynamics",
+    "Encoder", "FrictionCurve", "Harmonics", "Law", "Link", "LoggedCurrent", "LoggedTorque", "Lumping", "Motion", "P",
+    "Placement", "PointToPoint", "Record", "Reference", "Rig", "Scaled", "Setpoint", "Spline", "Table", "fastest",
+    "linearise", "p_gains", "puma560", "replay", "shortest_duration", "simulate", "slowed", "torque_share",
+    "visibility",
 ]  # fmt: skip
