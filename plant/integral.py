@@ -32,4 +32,4 @@ def integrated(integral, slope, missing, tracking, dt):
 
     Source: back-calculation; Astrom and Hagglund, Advanced PID Control (2006), 3.5.
     """
-    return integral + dt * slope + (1 - ca.exp(-tracking * dt)) * missing
+    return integral + dt * slope + ca.fmin(tracking * dt, 1) * missing
