@@ -88,6 +88,30 @@ def test_f_hat_follows_gamma_y_s():
     assert np.abs(after - before).max() > 1e-3
 
 
+def test_the_torque_is_that_of_the_corrected_reference():
+    """At a second reading: D vd + C(q, qd) v + gravity + K s + friction, with qd from the two readings.
+
+    The filter is far above the sampling, so the rate of the error is its difference over the period, to exp(-70).
+    """
+    controller, still = law(RIG), np.zeros(2)
+    block, counts, q_r = controller.block(RIG), np.array([[900, -700], [940, -760]]), np.array([0.1, -0.2])
+    qd_r, qdd_r = np.array([0.5, 0.4]), np.array([1.0, -1.0])
+    state, torque = block.initial, still
+    for pulses in counts:
+        f = np.array(state).ravel()[:9]
+        arguments = q_r, qd_r, qdd_r, RIG.pulses(q_r), pulses, torque, RIG.period
+        torque, state = block.step(state, *arguments, block.values)
+    e, before = q_r - RIG.angle(counts[1]), q_r - RIG.angle(counts[0])
+    rate, q = (e - before) / RIG.period, RIG.angle(counts[1])
+    v, vd, qd = qd_r + 20 * e, qdd_r + 20 * rate, qd_r - rate
+    D, C, weight = (
+        x.full() for x in (WRONG.dynamics.D(q, f), WRONG.dynamics.C(q, qd, f), WRONG.dynamics.gravity(q, f))
+    )
+    expected = D @ vd + C @ v + weight.ravel() + GAIN * (v - qd) + RIG.drive.friction(qd_r)
+    np.testing.assert_allclose(torque.full().ravel(), expected, rtol=1e-9)
+    assert np.abs(C @ v).max() > 1
+
+
 def test_f_hat_rests_while_a_torque_is_cut():
     before, after = once(law(RIG), torque=lambda asked: asked * (1, 0.99))
     np.testing.assert_array_equal(after, before)
