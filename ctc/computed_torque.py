@@ -5,17 +5,17 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from ctc.model_law import ModelLaw
 from ctc.observer import correct, predict
-from plant import Arm, Law, Rig
+from plant.check import signs
 from plant.factor import inverse
-from plant.inertia import require_inertia
 from plant.part import number, part, structure
 
 __all__ = ["ComputedTorque"]
 
 
 @part
-class ComputedTorque(Law):
+class ComputedTorque(ModelLaw):
     """tau = D-hat(q_r) (qdd_r + v) + h-hat(q_r, qd_r) + friction(qd_r), with v from an observer of the tracking error.
 
     Once per sample: the encoder counts, read as the middle of their cell, give the measured error; an extended-state
@@ -55,8 +55,6 @@ class ComputedTorque(Law):
     Source: paper Fig. 2.
     """
 
-    arm: Arm = structure(Arm, positional=True)
-    rig: Rig = structure(Rig, positional=True)
     bandwidth: float = number((), default=250.0)
     observer_ratio: float = number((), default=1.5)
     start_boost: float = number((), default=3.0)
@@ -67,25 +65,9 @@ class ComputedTorque(Law):
 
     def __post_init__(self):
         super().__post_init__()
-        if self.arm.n != self.rig.n:
-            raise ValueError(
-                f"arm and rig must have equal joints; got {self.arm.n} and {self.rig.n}. Pass found.arm and found.rig."
-            )
-        for name in ("bandwidth", "observer_ratio", "start_boost", "start_time"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive; got {getattr(self, name)}. Leave it out for the default.")
+        signs(self, positive=("bandwidth", "observer_ratio", "start_boost", "start_time"))
         if self.delay not in (0, 1):
             raise ValueError(f"delay must be 0 or 1 sample; got {self.delay!r}. Longer delays need another design.")
-        require_inertia(self.arm, self.rig)
-
-    @property
-    def period(self):
-        """Once per sample of the rig [s]."""
-        return self.rig.period
-
-    def block(self, rig):
-        rig.require_fit(self.arm.dynamics.chain)
-        return super().block(rig)
 
     def initial_state(self, n):
         """Observer at rest on the reference, nothing asked for yet, and the boost of the observer at its full."""

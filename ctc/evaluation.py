@@ -35,6 +35,8 @@ class Evaluation:
         Of the integer encoder error.
     peak_torque : (n,) numpy.ndarray
         Joint side, magnitude [N m].
+    rms_torque : (n,) numpy.ndarray
+        Joint side [N m].
     chatter : (n,) numpy.ndarray
         Mean change of the torque from one sample to the next, magnitude [N m].
     saturation : (n,) numpy.ndarray
@@ -60,6 +62,10 @@ class Evaluation:
     @property
     def peak_torque(self):
         return np.abs(self.record.torque).max(axis=0)
+
+    @property
+    def rms_torque(self):
+        return np.sqrt(np.mean(self.record.torque**2, axis=0))
 
     @property
     def chatter(self):

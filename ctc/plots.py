@@ -15,6 +15,7 @@ __all__ = [
 COLOURS = ("#1f6f8b", "#c8553d", "#5a7d2a", "#7b4b94", "#b8860b", "#444444", "#d87ca8")
 """Of the joints, in turn."""
 _BAND = "#e9e4d4"
+_ABREAST = 4
 
 
 def _figure(rows, columns, width=9.0, height=2.3):
@@ -131,7 +132,10 @@ def plot_phase(evaluation):
 
 
 def plot_comparison(evaluations):
-    """Tracking errors of several laws on the same arm, one column per law, equal scales.
+    """Tracking errors of several laws on the same arm.
+
+    Up to four laws stand side by side at equal scales; more stand one below the other, each at its own scale, with the
+    +-1 pulse band to compare by.
 
     Parameters
     ----------
@@ -144,17 +148,23 @@ def plot_comparison(evaluations):
     if not evaluations:
         raise ValueError("evaluations must hold one per law; got none. Pass {name: evaluate(...)}.")
     first = next(iter(evaluations.values())).record
-    figure, axes = _figure(first.n, len(evaluations), width=5.2 * len(evaluations))
+    abreast = len(evaluations) <= _ABREAST
+    if abreast:
+        figure, axes = _figure(first.n, len(evaluations), width=5.2 * len(evaluations))
+    else:
+        figure, axes = _figure(len(evaluations), first.n, width=5.2 * first.n, height=1.5)
+        axes = axes.T
     for column, (name, evaluation) in enumerate(evaluations.items()):
         record = evaluation.record
         for joint in range(record.n):
             axis = axes[joint, column]
             _pulses(axis, record.t, record.error_pulses[:, joint], COLOURS[joint % len(COLOURS)])
             draw_band(axis)
-            if column == 0:
+            if column == 0 or not abreast:
                 axis.set_ylabel(f"{joint_name(evaluation.joints, joint)}\nerror [pulses]")
         axes[0, column].set_title(f"{name}: {evaluation.share_within(1)} within ±1 pulse", fontsize=10)
-    _equal_rows(axes)
+    if abreast:
+        _equal_rows(axes)
     return figure
 
 

@@ -14,6 +14,7 @@ from plant import puma560
 from plant.arm import Arm
 from plant.base import visibility
 from plant.body import Body
+from plant.cascade import Cascade
 from plant.coupling import Coupling
 from plant.demand import shortest_duration, torque_share
 from plant.drive import Drive
@@ -22,7 +23,7 @@ from plant.encoder import Encoder
 from plant.friction import FrictionCurve
 from plant.gains import p_gains
 from plant.law import Block, Law, Setpoint
-from plant.laws import P
+from plant.laws import PD, PID, P
 from plant.linear import linearise
 from plant.links import Chain, Link
 from plant.logfile import LoadError, read_table
@@ -35,15 +36,53 @@ from plant.rig import Rig
 from plant.scaled import Scaled, slowed
 from plant.scaling import fastest
 from plant.siblings import check_siblings
-from plant.simulator import replay, simulate
+from plant.simulator import DivergenceError, replay, simulate
 
 check_siblings()
 
 __version__ = "0.1.0"
 
 __all__ = [
-    "Arm", "Block", "Body", "Chain", "Coupling", "Drive", "Dynamics", "Encoder", "FrictionCurve", "Harmonics", "Law",
-    "Link", "LoadError", "LoggedCurrent", "LoggedTorque", "Lumping", "Motion", "P", "Placement", "PointToPoint",
-    "Record", "Reference", "Rig", "Scaled", "Setpoint", "Spline", "Table", "fastest", "linearise", "p_gains", "puma560",
-    "read_table", "replay", "shortest_duration", "simulate", "slowed", "torque_share", "visibility",
+    "PD",
+    "PID",
+    "Arm",
+    "Block",
+    "Body",
+    "Cascade",
+    "Chain",
+    "Coupling",
+    "DivergenceError",
+    "Drive",
+    "Dynamics",
+    "Encoder",
+    "FrictionCurve",
+    "Harmonics",
+    "Law",
+    "Link",
+    "LoadError",
+    "LoggedCurrent",
+    "LoggedTorque",
+    "Lumping",
+    "Motion",
+    "P",
+    "Placement",
+    "PointToPoint",
+    "Record",
+    "Reference",
+    "Rig",
+    "Scaled",
+    "Setpoint",
+    "Spline",
+    "Table",
+    "fastest",
+    "linearise",
+    "p_gains",
+    "puma560",
+    "read_table",
+    "replay",
+    "shortest_duration",
+    "simulate",
+    "slowed",
+    "torque_share",
+    "visibility",
 ]  # fmt: skip

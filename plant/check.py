@@ -9,7 +9,7 @@ import numbers
 
 import numpy as np
 
-__all__ = ["array", "choice", "instance", "known_options", "real"]
+__all__ = ["array", "choice", "instance", "known_options", "optional_period", "real", "signs"]
 
 
 def array(name, value, shape, *, advice, finite=True):
@@ -95,6 +95,35 @@ def real(name, value, advice, *, positive=False):
     raise ValueError(f"{name} must be a {'positive' if positive else 'finite'} number; got {value!r:.60}. {advice}")
 
 
+def signs(owner, *, positive=(), not_negative=()):
+    """Refuse a part of which one of these numbers, or one entry of them, has the wrong sign.
+
+    Raises
+    ------
+    ValueError
+    """
+    for names, sound, rule in (
+        (positive, np.greater, "be positive"),
+        (not_negative, np.greater_equal, "not be negative"),
+    ):
+        for name in names:
+            if not sound(value := getattr(owner, name), 0).all():
+                advice = "Gains and poles are magnitudes; the sign of the gear is in the drive."
+                raise ValueError(f"{name} must {rule}; got {value}. {advice}")
+
+
+def optional_period(law):
+    """Keep the period of a law as a float, or None for fast hardware; refuse anything else.
+
+    Raises
+    ------
+    ValueError
+    """
+    if law.period is not None:
+        advice = "Give seconds, such as rig.period; leave it out for fast hardware."
+        object.__setattr__(law, "period", real("period", law.period, advice, positive=True))
+
+
 def known_options(callable_):
     """Decorate a function or class so that a call that does not fit is a ValueError, with the nearest name offered."""
     signature = inspect.signature(callable_)
@@ -123,7 +152,6 @@ def known_options(callable_):
             initialise(self, *args, **kwargs)
 
         callable_.__init__ = __init__
-        callable_.__signature__ = signature
         return callable_
 
     @functools.wraps(callable_)

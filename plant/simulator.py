@@ -20,7 +20,11 @@ from plant.reference import Reference
 from plant.rig import Rig
 from plant.tables import Path, logged_for, path_of, start_of, time_tables
 
-__all__ = ["Trace", "loop_kernel", "replay", "run", "simulate"]
+__all__ = ["DivergenceError", "Trace", "loop_kernel", "replay", "run", "simulate"]
+
+
+class DivergenceError(ValueError):
+    """A closed loop that did not stay bounded; the message says when, and which joint first."""
 
 
 @known_options
@@ -53,7 +57,7 @@ def simulate(arm, rig, law, reference, *, duration=None, steps_per_sample=4, swe
     Raises
     ------
     ValueError
-        Bad input, or a loop that diverges (with time and joint).
+        Bad input, or, as `DivergenceError`, a loop that does not stay bounded (with time and joint).
     """
     choice("backend", backend, ("numba", "casadi"))
     trace = run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, sweeps)
@@ -194,7 +198,7 @@ def _refuse(loop, arm, log, final, steps):
     time = (finite[-1] if len(finite) else 0) * loop.rig.period
     start = q[0] if len(finite) else final[:n]
     arm.require_positive(start)
-    raise ValueError(
+    raise DivergenceError(
         f"the closed loop must stay bounded; it diverges after t = {time:.4f} s, joint {name} first. "
         "Lower the gains, shorten the law's period, or check that f belongs to this arm."
     )

@@ -11,7 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from plant import (
+    PD,
+    PID,
     Body,
+    Cascade,
     Chain,
     Coupling,
     Encoder,
@@ -51,6 +54,9 @@ EXAMPLES = {
     "P": puma560.p_law(),
     "LoggedTorque": LoggedTorque(),
     "LoggedCurrent": LoggedCurrent(),
+    "PD": PD(gain=(0.2, 0.15), derivative=(1e-3, 0), filter=2000.0),
+    "PID": PID(gain=(0.2, 0.15), integral=(2, 0), derivative=(1e-3, 0), filter=2000.0, period=0.7e-3),
+    "Cascade": Cascade(position=(50, 60), speed=(2e-3, 1e-3), integral=(0.1, 0), filter=2000.0),
     "Harmonics": puma560.reference(),
     "PointToPoint": PointToPoint(start=(0.0, 0.1), goal=(1.0, 2.0), duration=0.3),
     "Spline": Spline(times=(0, 1, 2), points=((0, 0), (1, 1 / 3), (2, 0))),
@@ -180,7 +186,8 @@ MISSPELT = {
     "Link": "alhpa", "Chain": "gravitiy", "Body": "inertai", "Lumping": "matirx", "Dynamics": "range", "Arm": "ff",
     "Drive": "gaer", "Encoder": "smoth", "Rig": "priod", "P": "gian", "Harmonics": "cosin", "PointToPoint": "gaol",
     "Spline": "point", "Table": "time", "Placement": "positon", "FrictionCurve": "ofset",
-    "Coupling": "matirx", "Correction": "positoin",
+    "Coupling": "matirx", "Correction": "positoin", "PD": "derivativ", "PID": "intergal",
+    "Cascade": "sped",
 }  # fmt: skip
 
 

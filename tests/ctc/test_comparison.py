@@ -1,0 +1,97 @@
+"""Comparison of laws: a row per law with the numbers of its evaluation, one that diverges, and the figure."""
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ctc import Comparison, ComputedTorque, compare, evaluate
+from plant import DivergenceError, puma560
+
+ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
+UNLIMITED = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, current_limit=(np.inf, np.inf)))
+LAWS = {"P": puma560.p_law(), "wild": puma560.p_law((1e5, 1e5)), "computed torque": ComputedTorque(ARM, UNLIMITED)}
+
+
+@cache
+def compared():
+    return compare(LAWS, ARM, UNLIMITED, PATH, duration=0.3, steps_per_sample=4)
+
+
+def test_every_row_holds_the_numbers_of_its_evaluation():
+    got = compared()
+    assert isinstance(got, Comparison)
+    assert list(got.evaluations) == ["P", "computed torque"]
+    head, *rows, last = str(got).splitlines()
+    assert head.split()[0] == "law"
+    assert last == "a / b: joints 2, 3"
+    assert len({len(row) for row in rows[:2]} | {len(head)}) == 1
+    for name, row in zip(got.evaluations, rows, strict=False):
+        alone = evaluate(
+            ARM, UNLIMITED, LAWS[name], PATH, backend="numba", duration=0.3, steps_per_sample=4
+        )  # the same run
+        torque = alone.record.torque
+        expected = [
+            alone.share_within(1),
+            "{:.0f} / {:.0f}".format(*np.abs(alone.record.error_pulses).max(axis=0)),
+            "{:.2f} / {:.2f}".format(*np.sqrt(np.mean(alone.record.error_pulses**2, axis=0))),
+            "{:.1f} / {:.1f}".format(*np.sqrt(np.mean(torque**2, axis=0))),
+            "{:.1f} / {:.1f}".format(*np.abs(np.diff(torque, axis=0)).mean(axis=0)),
+            "0.00%",
+        ]
+        assert row.split() == " ".join([name, *expected]).split()
+
+
+def test_a_law_that_diverges_is_a_row_that_says_so():
+    got = compared()
+    assert list(got.diverged) == ["wild"]
+    assert "diverges after t = 0." in got.diverged["wild"]
+    assert f"wild             {got.diverged['wild']}" in str(got).splitlines()
+    with pytest.raises(DivergenceError, match="diverges"):
+        evaluate(ARM, UNLIMITED, LAWS["wild"], PATH, backend="numba", duration=0.3)
+
+
+def test_a_table_of_divergences_alone():
+    got = compare({"wild": LAWS["wild"]}, ARM, UNLIMITED, PATH, duration=0.1)
+    assert len(str(got).splitlines()) == 2
+    with pytest.raises(ValueError, match="evaluations must hold one per law"):
+        got.plot()
+
+
+@pytest.mark.parametrize("count", [2, 6])
+def test_the_figure_draws_every_error(count):
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("Agg")
+    law = LAWS["P"]
+    got = compare({f"P{i}": law for i in range(count)}, ARM, RIG, PATH, duration=0.1, steps_per_sample=4)
+    figure = got.plot()
+    width, height = figure.get_size_inches()
+    assert max(width, height) < 13
+    for i, (name, evaluation) in enumerate(got.evaluations.items()):
+        at = [axis for axis in figure.axes if axis.get_title().startswith(f"{name}:")]
+        assert len(at) == 1, name
+        drawn = [line.get_ydata() for axis in figure.axes for line in axis.get_lines()]
+        for joint in range(2):
+            assert sum(np.array_equal(y, evaluation.record.error_pulses[:, joint]) for y in drawn) == count, i
+    matplotlib.pyplot.close("all")
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: compare({}, ARM, RIG, PATH), "laws must be a dict of name -> Law; got {}"),
+        (lambda: compare([LAWS["P"]], ARM, RIG, PATH), "laws must be a dict"),
+        (lambda: compare({1: LAWS["P"]}, ARM, RIG, PATH), "laws must be a dict"),
+        (lambda: compare({"P": 0.2}, ARM, RIG, PATH), "law 'P' must be of type Law; got a value of type float"),
+        (lambda: compare(LAWS, RIG, ARM, PATH), "arm must be of type Arm"),
+        (lambda: compare(LAWS, ARM, RIG, PATH, backend="nunba"), "Did you mean 'numba'"),
+        (lambda: compare(LAWS, ARM, RIG, PATH, durations=1), "Did you mean 'duration'"),
+        (lambda: compare(LAWS, ARM, RIG), "missing a required argument: 'reference'"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(call, said):
+    with pytest.raises(ValueError, match=said) as refusal:
+        call()
+    assert "\n" not in str(refusal.value)
+    assert not isinstance(refusal.value, DivergenceError)
