@@ -11,8 +11,9 @@ import dataclasses
 
 import numpy as np
 
+from identification.gauss_newton import slopes
 from identification.least_squares import least_squares
-from identification.prediction import Prediction, slopes
+from identification.prediction import Prediction
 from plant import simulate
 from plant.check import known_options
 

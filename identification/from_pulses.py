@@ -13,7 +13,9 @@ import numpy as np
 from identification.equation_error import LINEAR, equations, weighted
 from plant.linear import jacobians, modes
 
-__all__ = ["equation_error", "mode_in", "pass_band", "sides_in", "torque_of"]
+__all__ = [
+    "equation_error", "fit_sides", "linear", "mode_in", "over_bands", "pass_band", "sides_in", "torque_of",
+]  # fmt: skip
 
 _BAND = 2.0
 """Pass band, in frequencies of the slow mode."""
@@ -24,10 +26,16 @@ _BEYOND, _FAR_MORE = 8.0, 1000.0
 _CUTOFF = 2.5
 """Low-pass before differentiation, in pass bands."""
 
+_CUTOFF_MOST = 0.4 / _CUTOFF
+"""Highest pass band, in sample rates."""
+
 _LOWEST, _HIGHEST = 3.0, 0.1
 """Where a mode is looked for: from so many Hz to this share of the sample rate."""
 
 _POSES = 8
+
+_BANDS = 2.0 ** np.arange(-1, 6, 0.5)
+"""Bands that are tried where a torque was logged [Hz]."""
 
 
 def torque_of(record):
@@ -36,7 +44,7 @@ def torque_of(record):
     A torque that a sampled law holds counts half at both ends of its sample.
     """
     law, rig = record.law, record.rig
-    if law is not None and not law.has_memory(record.n):
+    if law is not None and not law.has_memory(record.n) and not law.replays:
         block, zero = law.block(rig), np.zeros((record.n, len(record)))
         counts = record.counts.T
         asked, _ = block.step.map(len(record))(
@@ -52,7 +60,7 @@ def torque_of(record):
         logged = record.torque
     else:
         logged = rig.drive.joint_torque(rig.drive.motor_gain * record.current)
-    if law is None or law.period is None:
+    if law is None or (law.period is None and not law.replays):
         return logged
     return (logged + np.vstack([logged[:1], logged[:-1]])) / 2  # held from its sample to the next: at one, both act
 
@@ -92,7 +100,7 @@ def pass_band(record, arm=None):
     return round(_BAND * float(np.max(slow)), 1) if slow else band
 
 
-def equation_error(dynamics, records, unknown):
+def equation_error(dynamics, records, unknown, known=None):
     """Fit of the torque equation to records, in their pass bands.
 
     Parameters
@@ -101,16 +109,23 @@ def equation_error(dynamics, records, unknown):
     records : sequence of Record
     unknown : tuple of str
         All of f, and linear numbers of the drive; others keep what the record says of them.
+    known : dict of str to float, optional
+        What some of them are.
 
     Returns
     -------
     TorqueFit
+        Of those that are not known.
     """
-    unknown = tuple(name for name in unknown if name in dynamics.names or name.startswith(LINEAR))
+    known = known or {}
+    if any(record.law is not None and record.law.replays for record in records):
+        return min(over_bands(dynamics, records, unknown, known).values(), key=lambda fit: fit.relative_error)
+    unknown = linear(dynamics, unknown)
     bands, fit = [pass_band(record) for record in records], None
     for attempt in range(2):
         if attempt:
-            arm = dynamics.arm(fit.values[[unknown.index(name) for name in dynamics.names]])
+            values = known | dict(zip(fit.names, fit.values, strict=True))
+            arm = dynamics.arm([values[name] for name in dynamics.names])
             try:
                 bands = [pass_band(record, arm) for record in records]
             except (ValueError, np.linalg.LinAlgError):  # no arm yet that has a mode
@@ -119,14 +134,52 @@ def equation_error(dynamics, records, unknown):
         for record, band in zip(records, bands, strict=True):
             q = record.rig.angle(record.counts)
             sides.append(sides_in(dynamics, record, band, unknown, q))
-        fit = weighted(unknown, sides)
+        fit = fit_sides(unknown, known, sides)
     return fit
+
+
+def over_bands(dynamics, records, unknown, known=None):
+    """Fits of the torque equation to logged torques, band [Hz] -> TorqueFit.
+
+    Too low a band holds too little of the motion; in too high a one the accelerations are those of the counts'
+    rounding, and of what the torque does not know of: everything comes out too small. In between the equation holds
+    best.
+    """
+    unknown, fits = linear(dynamics, unknown), {}
+    even = [record.resampled(record.rig.period) for record in records]
+    highest = min(_CUTOFF_MOST / record.rig.period for record in even)
+    for band in _BANDS[highest > _BANDS]:
+        try:
+            sides = [sides_in(dynamics, record, band, unknown, record.rig.angle(record.counts)) for record in even]
+            fits[float(band)] = fit_sides(unknown, known or {}, sides)
+        except ValueError:  # a band without equations, or in which unknowns cannot be told apart
+            continue
+    if not fits:
+        raise ValueError("a torque must show what is unknown in some band; it does in none. Log a livelier motion.")
+    return fits
+
+
+def linear(dynamics, unknown):
+    """Those of the unknowns that enter the torque linearly."""
+    return tuple(name for name in unknown if name in dynamics.names or name.startswith(LINEAR))
+
+
+def fit_sides(unknown, known, sides):
+    """Weighted fit of what is not known to equations of all the unknowns."""
+    given = [i for i, name in enumerate(unknown) if name in known]
+    open_ = [i for i, name in enumerate(unknown) if name not in known]
+    values = np.array([known[unknown[i]] for i in given])
+    less = [
+        (wanted - (columns[:, :, given] * values).sum(axis=2), columns[:, :, open_], used)
+        for wanted, columns, used in sides
+    ]
+    return weighted(tuple(unknown[i] for i in open_), less)
 
 
 def sides_in(dynamics, record, band, unknown, q):
     """The torque equation of a record along a motion q (N, n) [rad], in a band [Hz]."""
     rig = record.rig
-    band = min(band, 0.4 / _CUTOFF / rig.period)
+    band = min(band, _CUTOFF_MOST / rig.period)
     every = max(1, int(1 / (2 * band * rig.period)))
     slowest = _speed_noise(rig, band)
     return equations(dynamics, q, torque_of(record), rig, _CUTOFF * band, band, every, unknown, slowest, {})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 
 import numpy as np
@@ -9,6 +10,7 @@ from tqdm import tqdm
 
 import plant
 from identification.experiment import checked
+from identification.from_pulses import over_bands
 from identification.genetic import GeneticSettings
 from identification.methods import METHODS
 from identification.objective import Objective
@@ -16,7 +18,7 @@ from identification.quality import require_informative
 from identification.result import Identification
 from identification.search import Search
 from identification.timing import delay_of
-from plant.check import array, choice, known_options
+from plant.check import array, choice, instance, known_options
 
 __all__ = ["identify"]
 
@@ -36,6 +38,7 @@ def identify(
     sweeps=3,
     threads=None,
     held_out=None,
+    zeros=False,
 ):
     """Find the parameters with which the model repeats the tracking errors of the robot.
 
@@ -69,6 +72,9 @@ def identify(
     held_out : Record or sequence of Record, optional
         Records that are not searched, only repeated with what was found; by default the last of several, except by the
         paper's method. Give () to search them all.
+    zeros : bool
+        In logs that replay their torque: the counters were set to zero where the arm happened to hang, so where the
+        joints are then is found as well, for each record (``found.zeros``). Held-out records are taken as they are.
 
     Returns
     -------
@@ -82,6 +88,7 @@ def identify(
     Source: paper 3.2, 3.7.
     """
     choice("method", method, tuple(METHODS))
+    instance("zeros", zeros, bool, "Give True or False.")
     started = time.perf_counter()
     options = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "threads": threads}
     records, _ = checked(dynamics, records, unknown)
@@ -106,6 +113,8 @@ def identify(
         given = type(settings).__name__
         raise ValueError(f"settings must be GeneticSettings; got {given}. Leave it out for those of the paper.")
     first = objective.records[0]
+    if zeros and not all(record.law.replays for record in objective.records):
+        raise ValueError("zeros can be found only of logs that replay their torque; got a controller. Leave it out.")
     known = dict(zip(first.rig.number_names(), first.rig.number_values(), strict=True))
     known |= dict(zip(first.law.number_names("law."), first.law.number_values(), strict=True))
     nominal = np.array([known.get(name, np.nan) for name in objective.unknown])
@@ -117,10 +126,12 @@ def identify(
 
         search = Search(
             dynamics=dynamics, records=objective.records, unknown=objective.unknown, objective=objective,
-            nominal=nominal, ranges=ranges, settings=settings, seed=seed, options=options, show=show,
+            nominal=nominal, ranges=ranges, settings=settings, seed=seed, zeros=zeros, options=options, show=show,
         )  # fmt: skip
         outcome = METHODS[method](search)
     genetic, k = outcome.genetic, objective.p
+    if outcome.zeros is not None:
+        objective = Objective(dynamics, _moved(objective.records, outcome.zeros), unknown, **options)
     cost = genetic.cost if method in ("paper", "genetic") else float(objective(outcome.values[None])[0])
     if not np.isfinite(cost) and genetic is not None:
         raise ValueError(
@@ -130,7 +141,7 @@ def identify(
     named = dict(zip(objective.unknown, outcome.values, strict=True))
     f = np.array([named[name] for name in dynamics.names])
     delay, delay_std = np.nan, np.inf
-    if outcome.covariance is not None:  # what is not known to be near says nothing of timing
+    if outcome.covariance is not None and not first.law.replays:  # what is not known to be near says nothing of timing
         delay, delay_std = delay_of(dynamics, objective.records, objective.unknown, outcome.values, **options)
     return Identification(
         method=method,
@@ -145,6 +156,8 @@ def identify(
         trouble=outcome.trouble,
         ranges=ranges,
         stages=outcome.stages,
+        zeros=outcome.zeros,
+        bands=_bands(dynamics, search, outcome.values),
         delay=delay,
         delay_std=delay_std,
         records=objective.records,
@@ -163,6 +176,25 @@ def identify(
         version=plant.__version__,
         message=outcome.message,
     )
+
+
+def _moved(records, zeros):
+    """The same records with their counters' zeros where they are."""
+    pairs = zip(records, zeros, strict=True)
+    return [dataclasses.replace(r, error_pulses=r.error_pulses - r.rig.position(zero)) for r, zero in pairs]
+
+
+def _bands(dynamics, search, values):
+    """Least squares on logged torques in bands of their own, as a share of what was found: band [Hz] -> mean share."""
+    if not all(record.law.replays for record in search.records):
+        return {}
+    found, shares = dict(zip(search.unknown, values, strict=True)), {}
+    for band, fit in over_bands(dynamics, search.records, search.unknown, search.known).items():
+        names = [name for name in dynamics.names if name in fit.names and found[name]]
+        ours, least = np.array([found[name] for name in names]), np.array([fit[name] for name in names])
+        std = fit.std[[fit.names.index(name) for name in names]]
+        shares[band] = float(np.average(least / ours, weights=(ours / std) ** 2))
+    return shares
 
 
 def _difference(cost, objective):

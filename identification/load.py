@@ -6,7 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from identification.prediction import Prediction, gauss_newton
+from identification.gauss_newton import gauss_newton
+from identification.prediction import Prediction
 from plant import Arm, Body, Record
 from plant.check import array, instance, known_options
 

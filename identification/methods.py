@@ -18,11 +18,12 @@ import dataclasses
 
 import numpy as np
 
-from identification.equation_error import TorqueFit, weighted
+from identification.equation_error import TorqueFit
 from identification.from_pulses import equation_error as fit_pulses
-from identification.from_pulses import pass_band, sides_in
+from identification.from_pulses import fit_sides, linear, pass_band, sides_in
+from identification.gauss_newton import gauss_newton
 from identification.genetic import minimize_genetic
-from identification.prediction import Prediction, gauss_newton
+from identification.prediction import Prediction
 from identification.search import Outcome
 from plant.inertia import least_inertia_margin
 
@@ -70,7 +71,7 @@ def _genetic(search, ranges):
 
 def equation_error(search):
     """Least squares on the torque equation."""
-    return _of_fit(search, fit_pulses(search.dynamics, search.records, search.unknown))
+    return _of_fit(search, _fit(search))
 
 
 def didim(search):
@@ -79,9 +80,10 @@ def didim(search):
     It is compared below the slow mode: how that swings depends on the rounding of single counts, which a simulation
     does not repeat.
     """
-    fit = fit_pulses(search.dynamics, search.records, search.unknown)
+    fit = _fit(search)
     stages = {"equation error": _complete(search, fit)[0]}
     simulated = Prediction(search.dynamics, search.records, search.unknown, free=True, **search.options)
+    unknown = linear(search.dynamics, search.unknown)
     bands = [_BELOW * pass_band(record) for record in search.records]
     while simulated.evaluations < _ROUNDS:
         motions = simulated.motions(_complete(search, fit)[0])
@@ -90,8 +92,8 @@ def didim(search):
                 "the simulated arm must stay on its path; what was found so far diverges. Log a slower motion."
             )
         log = zip(search.records, bands, motions, strict=True)
-        sides = [sides_in(search.dynamics, record, band, fit.names, q) for record, band, q in log]
-        before, fit = fit, weighted(fit.names, sides)
+        sides = [sides_in(search.dynamics, record, band, unknown, q) for record, band, q in log]
+        before, fit = fit, fit_sides(unknown, search.known, sides)
         if (np.abs(fit.values - before.values) < _SETTLED * fit.std).all():
             break
     return dataclasses.replace(_of_fit(search, fit), evaluations=simulated.evaluations, stages=stages)
@@ -100,25 +102,29 @@ def didim(search):
 def output_error(search):
     """Gauss-Newton on simulated positions."""
     _require_fast(search)
-    values, step = _complete(search, fit_pulses(search.dynamics, search.records, search.unknown))
+    values, step = _complete(search, _fit(search))
     return _polished(search, values, step, {"equation error": values}, free=True)
 
 
 def prediction_error(search):
     """Gauss-Newton on predicted positions."""
     _require_fast(search)
-    values, step = _complete(search, fit_pulses(search.dynamics, search.records, search.unknown))
+    values, step = _complete(search, _fit(search))
     return _polished(search, values, step, {"equation error": values})
 
 
 def seeded(search):
     """Equation error, genetic algorithm around it, prediction error from there.
 
+    Without a controller in the log there is no genetic algorithm between: a free run adds up all that the model lacks.
+
     Last, of some vectors within some hundredths of a standard deviation, which the log cannot tell apart, the one whose
     simulated errors repeat the measured ones best: objective (4) depends on single counts.
     """
+    if any(record.law.replays for record in search.records):
+        return prediction_error(search)
     _require_fast(search)
-    values, step = _complete(search, fit_pulses(search.dynamics, search.records, search.unknown))
+    values, step = _complete(search, _fit(search))
     box = np.column_stack([values - _BOX * step, values + _BOX * step])
     low, high = search.bounds.T
     box = np.column_stack([np.clip(box[:, 0], low, high), np.clip(box[:, 1], low, high)])
@@ -157,9 +163,16 @@ METHODS = {
 
 
 # -- helpers ---------------------------------------------------------------------------------------------------------
+def _fit(search):
+    """The torque equation's fit."""
+    return fit_pulses(search.dynamics, search.records, search.unknown, search.known)
+
+
 def _complete(search, fit: TorqueFit):
-    """Values (k,) of all unknowns, those that the fit lacks as the record has them; and a step for each."""
+    """Values (k,) of all unknowns, those that the fit lacks as range or record have them; and a step for each."""
     values, step = search.nominal.copy(), np.abs(search.nominal) * 0.02
+    for name, value in search.known.items():
+        values[search.unknown.index(name)] = value
     for i, name in enumerate(search.unknown):
         if name in fit.names:
             place = fit.names.index(name)
@@ -191,7 +204,9 @@ def _require_fast(search):
 
 def _polished(search, start, step, stages, *, free=False):
     """The prediction error's fit from a start; the start itself where no arm comes of it."""
-    prediction = Prediction(search.dynamics, search.records, search.unknown, free=free, **search.options)
+    prediction = Prediction(
+        search.dynamics, search.records, search.unknown, free=free, zeros=search.zeros, **search.options
+    )
     k, bounds = len(start), np.vstack([search.bounds, prediction.nuisance_bounds])
     steps = np.append(_SMALL * step, prediction.nuisance_steps)
     fit = gauss_newton(prediction, np.append(start, prediction.nuisances), steps, bounds)
@@ -216,6 +231,7 @@ def _polished(search, start, step, stages, *, free=False):
         message=f"Surprises of {fit.scatter:.3f} pulses (rounding alone gives 0.289).",
         trouble=trouble,
         stages=stages,
+        zeros=prediction.zeros_in(fit.values) if search.zeros else None,
     )
 
 

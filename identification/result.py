@@ -26,6 +26,9 @@ _FAR = 0.9
 _WORSE = 1.5
 """How much worse a record kept aside may be repeated."""
 
+_BIASED = 0.08
+"""Share by which least squares may miss f in a band."""
+
 _INSEPARABLE = 0.995
 """Correlation above which two unknowns are one."""
 
@@ -56,6 +59,11 @@ class Identification:
         Those that were given.
     stages : dict
         What each stage before the last found: name -> (k,) values.
+    zeros : (R, n) numpy.ndarray or None
+        Where the joints of each record are when its counters say zero [rad], if that was unknown.
+    bands : dict
+        Of logged torques: pass band [Hz] -> mean share that least squares in that band finds of f, each counted by how
+        well that fit knows it.
     delay, delay_std : float
         By how many samples the counts are read late, against a simulation with what was found, and its deviation.
     records, held_out : tuple of Record
@@ -92,6 +100,8 @@ class Identification:
     trouble: str | None
     ranges: np.ndarray | None
     stages: dict
+    zeros: np.ndarray | None
+    bands: dict
     delay: float
     delay_std: float
     records: tuple
@@ -109,6 +119,12 @@ class Identification:
     settings: GeneticSettings
     version: str
     message: str
+
+    @property
+    def _least_biased(self):
+        """Highest band [Hz] up to which least squares finds nearly all of f."""
+        unbiased = [band for band, share in self.bands.items() if abs(share - 1) < _BIASED]
+        return max(unbiased, default=0.0)
 
     @property
     def std(self):
@@ -154,6 +170,13 @@ class Identification:
                 if low < high and min(value - low, high - value) < _AT_END * (high - low):
                     end = "lower" if value - low < high - value else "upper"
                     found.append(f"{name} ends at the {end} end of its range; widen it.")
+        replayed = self.law.replays is not None
+        small = [f"{share:.2f} at {band:.3g}" for band, share in self.bands.items() if band > self._least_biased]
+        if small:
+            found.append(
+                f"least squares on these torques is biased in bands above {self._least_biased:.3g} Hz: it finds "
+                f"{', '.join(small)} Hz of what repeats the motion."
+            )
         if self.scatter is not None and self.scatter > _STRANGE:
             found.append(
                 f"the model follows the log no closer than {self.scatter:.2f} pulses; rounding alone gives 0.29. Was "
@@ -169,7 +192,7 @@ class Identification:
             found.append(f"a delay of the log cannot be told from {', '.join(absorbing)}; be sure of the timing.")
         if not np.isfinite(self.difference):
             found.append("the arm cannot repeat the record in a simulation: it diverges, or D(q) is no arm's.")
-        elif self.difference > _FAR:
+        elif self.difference > _FAR and not replayed:
             found.append(
                 f"simulated and measured errors differ by {self.difference:.2f} pulses (rms); two roundings alone give "
                 "0.58. Check signs (error = reference minus counted), friction, gains, gears, the order of joints."

@@ -32,6 +32,8 @@ class Search:
     ranges : (k, 2) numpy.ndarray or None
     settings : GeneticSettings
     seed : int
+    zeros : bool
+        Where each record's counters have their zero is unknown.
     options : dict
         Sub-steps, sweeps and threads of the model.
     show : callable
@@ -46,6 +48,7 @@ class Search:
     ranges: np.ndarray | None
     settings: GeneticSettings
     seed: int
+    zeros: bool
     options: dict
     show: Callable
 
@@ -55,6 +58,13 @@ class Search:
         if self.ranges is None and self.unknown == self.dynamics.names and self.dynamics.ranges is not None:
             return np.array(self.dynamics.ranges)
         return self.ranges
+
+    @property
+    def known(self):
+        """What needs no search, because both ends of its range are one: name -> value."""
+        if self.ranges is None:
+            return {}
+        return {name: low for name, (low, high) in zip(self.unknown, self.ranges.tolist(), strict=True) if low == high}
 
     @property
     def bounds(self):
@@ -83,6 +93,8 @@ class Outcome:
     genetic : GeneticResult or None
     stages : dict
         Name of a stage -> its values (k,).
+    zeros : (R, n) numpy.ndarray or None
+        Where the joints of each record are when their counters say zero [rad].
     """
 
     values: np.ndarray
@@ -93,3 +105,4 @@ class Outcome:
     trouble: str | None = None
     genetic: GeneticResult | None = None
     stages: dict = dataclasses.field(default_factory=dict)
+    zeros: np.ndarray | None = None

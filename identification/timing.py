@@ -11,7 +11,8 @@ import dataclasses
 
 import numpy as np
 
-from identification.prediction import Prediction, memory_of
+from identification.gauss_newton import memory_of
+from identification.prediction import Prediction
 from plant import Record
 from plant.check import instance, known_options, real
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from ctc import ComputedTorque, evaluate
 from identification import Objective, design_motion, identify, nearest_physical, pulse_budget
-from identification.prediction import Prediction, gauss_newton
+from identification.gauss_newton import gauss_newton
+from identification.prediction import Prediction
 from plant import Body, Dynamics, FrictionCurve, Harmonics, P, puma560, simulate
 from plant import arms as arms_of_others
 

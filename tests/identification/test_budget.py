@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from identification import pulse_budget
-from identification.prediction import Prediction, gauss_newton
+from identification.gauss_newton import gauss_newton
+from identification.prediction import Prediction
 from plant import PointToPoint, puma560, simulate
 from plant.tables import smooth_rig
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from identification.prediction import Prediction, gauss_newton
+from identification.gauss_newton import gauss_newton
+from identification.prediction import Prediction
 from plant import PointToPoint, puma560, simulate
 
 NAMES = puma560.dynamics().names
