@@ -55,7 +55,8 @@ def compiled(law, rig, block, guards):
     Core
     """
     n, states = rig.n, len(block.initial)
-    kernel = Kernel(_source(_pieces(law, rig, block, has_weight(law, guards))), ["step"])
+    weight = has_weight(law, guards)
+    kernel = Kernel(_source(_pieces(law, rig, block)), ["step"])
     rows, scalars = np.zeros((shell.ROWS, n)), np.zeros(shell.SCALARS)
     rows[shell.JUMP : shell.FRICTION + 1] = np.inf
     scalars[[shell.LATE, shell.DURATION]] = np.inf, 1.0
@@ -64,6 +65,7 @@ def compiled(law, rig, block, guards):
         scalars[[shell.GUARDED, shell.PATIENCE, shell.LATE]] = 1.0, guards.patience, guards.late
         scalars[[shell.STOP, shell.DURATION]] = float(guards.stop != "hold"), guards.duration
     scalars[[shell.NOW, shell.PERIOD, shell.STATES]] = np.nan, block.period or rig.period, states
+    scalars[shell.WEIGHT] = float(weight)
     memory = np.concatenate([scalars, rows.ravel(), *[block.initial] * 3, block.values])
     trial = [np.zeros(n) for _ in range(4)]
     return Core(kernel.function("step", *trial, np.nan, memory.copy(), np.zeros(n)), memory)
@@ -76,19 +78,23 @@ def row(index, n):
 
 def has_weight(law, guards):
     """Whether a ramp ends at the torque of gravity."""
-    known = getattr(law, "arm", None) is not None
+    known = _knows_arm(law)
     if guards is not None and guards.stop == "gravity" and not known:
         given = f"stop must be 'hold' or 'zero' for a law that knows no arm; got 'gravity' for {type(law).__name__}"
         raise ValueError(f"{given}. Give such a law its arm, or stop otherwise.")
     return known and (guards is None or guards.stop != "zero")
 
 
-def _pieces(law, rig, block, weight):
+def _knows_arm(law):
+    return getattr(law, "arm", None) is not None
+
+
+def _pieces(law, rig, block):
     """Name -> (function, places in the memory of each input, places of each output)."""
     n, s, own = rig.n, len(block.initial), len(law.number_names())
     per_joint = ("COUNTS", "SPEED", "ANGLE", "Q", "QD", "QDD", "REFERENCE", "TORQUE", "FROM_Q", "FROM_QD")
     places = {name: row(getattr(shell, name), n) for name in (*per_joint, "WANTED", "GIVEN", "REST")}
-    places |= {name: [getattr(shell, name)] for name in ("DT", "SINCE", "DURATION")}
+    places |= {name: [getattr(shell, name)] for name in ("DT", "SINCE", "DURATION", "WEIGHT")}
     end = shell.SCALARS + shell.ROWS * n
     places |= {"STATE": range(end + s, end + 2 * s), "FOLLOWING": range(end + 2 * s, end + 3 * s)}
     places["NUMBERS"] = range(end + 3 * s, end + 3 * s + len(block.values))
@@ -99,7 +105,7 @@ def _pieces(law, rig, block, weight):
     asked, following = block.step(
         at["STATE"], *motion, at["REFERENCE"], at["COUNTS"], at["TORQUE"], at["DT"], at["NUMBERS"]
     )
-    gravity = law.arm.dynamics.gravity(at["ANGLE"], law.arm.f) if weight else ca.SX.zeros(n)
+    gravity = at["WEIGHT"] * law.arm.dynamics.gravity(at["ANGLE"], law.arm.f) if _knows_arm(law) else 0
     written = {
         "ahead": dict(zip(("Q", "QD", "QDD"), _ahead(*motion, at["DT"]), strict=True)),
         "moving": {"SPEED": rig.position(at["QD"])},
@@ -107,7 +113,7 @@ def _pieces(law, rig, block, weight):
         "standing": {"FROM_Q": at["ANGLE"], "FROM_QD": rig.turned(at["SPEED"])},
         "slowing": dict(zip(("Q", "QD", "QDD"), _slowing(at), strict=True)),
         "law": {"WANTED": asked, "GIVEN": rig.drive.limited(asked), "FOLLOWING": following},
-        "rest": {"REST": rig.drive.limited(gravity)},
+        "rest": {"REST": rig.drive.limited(gravity - _brake(rig, at))},
     }
     pieces = {}
     for name, results in written.items():
@@ -132,6 +138,12 @@ def _slowing(at):
     slowing = ca.Function("slowing", [since, duration], [travelled, speed, ca.jacobian(speed, since)])
     travelled, speed, acceleration = slowing(ca.fmin(at["SINCE"], at["DURATION"]), at["DURATION"])
     return at["FROM_Q"] + travelled * at["FROM_QD"], speed * at["FROM_QD"], acceleration * at["FROM_QD"]
+
+
+def _brake(rig, at):
+    """Torque of a damping under which the motors alone would come to rest in a quarter of the duration."""
+    speed = rig.drive.coupling.shaft(rig.turned(at["SPEED"]))
+    return rig.drive.coupling.joint_torque(rig.drive.reflected_inertia() * speed / (at["DURATION"] / 4))
 
 
 def _source(pieces):

@@ -1,4 +1,4 @@
-"""Guards of a running controller: what they watch for, when they stop the arm, how they stop it, and how they say so."""
+"""Guards of a running controller: what they watch for, and when and how they stop the arm."""
 
 from __future__ import annotations
 
@@ -39,11 +39,12 @@ class Guards:
     patience : int
         Bad samples in a row that are bridged.
     stop : {"hold", "gravity", "zero"}
-        Brake to a standstill under the law and hold there; or ramp the torque to that of gravity at the pose of the
-        moment (of laws with an ``arm``), or to zero. Where the law gives no finite torque, or the counts go on jumping
-        while it holds, a hold becomes a ramp.
+        Brake to a standstill under the law and hold there; or ramp the torque, within a tenth of `duration`, to that of
+        gravity at the pose of the moment (of laws with an ``arm``), or to zero, with a damping that brakes what the
+        encoders see moving. A hold becomes such a ramp (to gravity where the law has an arm) where there is nothing to
+        hold by: an encoder stands still, goes on jumping, or the law gives no finite torque.
     duration : float
-        Of the braking or the ramp [s].
+        Of the braking [s].
 
     Raises
     ------
@@ -88,14 +89,8 @@ class Guards:
         value = getattr(self, name)
         if value is None:
             return default
-        advice = "Give one number, or one per joint."
-        return array(
-            name,
-            np.full(len(default), value) if np.ndim(value) == 0 else value,
-            default.shape,
-            advice=advice,
-            finite=False,
-        )
+        value = np.full(len(default), value) if np.ndim(value) == 0 else value
+        return array(name, value, default.shape, finite=False, advice="Give one number, or one per joint.")
 
 
 def wording(cause, joint, amount):

@@ -29,8 +29,8 @@ class Running:
     guards : Guards, optional
         None for none: then a call that cannot be answered is refused, and nothing else is watched.
     torque_limit : (n,) array_like, optional
-        Largest torque [N m], magnitude, joint side (of coupled joints: on the shaft), where it is below the amplifier's.
-        Like the amplifier's it is known to the law, whose observer sees what was cut.
+        Largest torque [N m], magnitude, joint side (of coupled joints: on the shaft), where the amplifier can give
+        more. Like the amplifier's limit it is known to the law, whose observer sees what was cut.
 
     Attributes
     ----------
@@ -42,6 +42,8 @@ class Running:
         Joint torque of the last call [N m].
     state : numpy.ndarray
         State of the law.
+    reference : (n,) numpy.ndarray
+        Joint position [rad] that the law was asked for in the last call; in a stop its own.
     stopped : bool
         Whether a guard has stopped the arm.
     bridged : int
@@ -129,6 +131,10 @@ class Running:
     @property
     def torque(self):
         return self._row(shell.TORQUE)
+
+    @property
+    def reference(self):
+        return self._row(shell.Q)
 
     @property
     def state(self):

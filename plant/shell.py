@@ -17,10 +17,13 @@ FAR = 1e5
 SMOOTHING = 0.25
 """Share of a new change of the counts in the speed, one pulse of rounding being much of a change."""
 
+RAMP = 0.1
+"""Share of the duration of a stop in which the torque goes to that at rest: short, since it may begin at the limit."""
+
 GUARDED, PATIENCE, LATE, PERIOD, STOP, DURATION, STATES = range(7)
 CALLS, NOW, DT, LATE_CALLS, JUMPS, GAPS, CAUSE, SINCE, RELEASED = range(7, 16)
-EVENT, EVENT_JOINT, EVENT_AMOUNT, EVENT_CALL, BRIDGED = range(16, 21)
-SCALARS = 21
+EVENT, EVENT_JOINT, EVENT_AMOUNT, EVENT_CALL, BRIDGED, WEIGHT = range(16, 22)
+SCALARS = 22
 
 COUNTS, BEFORE, EXPECTED, SPEED, ANGLE, Q, QD, QDD, REFERENCE = range(9)
 WANTED, GIVEN, TORQUE, REST, FROM_Q, FROM_QD, FROM_TORQUE, MARK, MARK_TORQUE = range(9, 18)
@@ -54,7 +57,7 @@ def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
     first, earlier = own[CALLS] == 0.0, own[NOW]
     own[CALLS] += 1.0
     in_time(now, own)
-    if own[CAUSE] == RUNNING:
+    if own[CAUSE] == RUNNING or own[SINCE] < 0.0:
         follow(q_r, qd_r, qdd_r, own, joints, memory)
     if first:
         moving(memory)
@@ -85,7 +88,7 @@ def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
             release(own, joints)
     if own[RELEASED] == 1.0:
         rest(memory)
-        share = min(1.0, own[SINCE] / own[DURATION])
+        share = min(1.0, own[SINCE] / (RAMP * own[DURATION]))
         for i in range(n):
             joints[TORQUE, i] = joints[FROM_TORQUE, i] + share * (joints[REST, i] - joints[FROM_TORQUE, i])
     for i in range(n):
@@ -164,6 +167,7 @@ def read(pulses, first, own, joints):
                 joints[SPEED, i] += SMOOTHING * ((joints[COUNTS, i] - joints[BEFORE, i]) / dt - joints[SPEED, i])
         else:
             joints[COUNTS, i] = pulses[i]
+            joints[SPEED, i] *= 1.0 - own[RELEASED]  # unknown from here on
 
 
 def watch(first, own, joints):
@@ -207,7 +211,7 @@ def begin_stop(own, joints, memory):
     """A stop begins at the reference where the arm followed it, and at the arm, with a law as new, where it did not."""
     own[SINCE] = own[JUMPS] = 0.0
     counted(memory)
-    if own[STOP] != HOLD:
+    if own[STOP] != HOLD or own[CAUSE] == IS_STUCK:  # a law that sees no motion would push on
         release(own, joints)
     elif own[CAUSE] == WAS_LATE or own[CAUSE] == HAD_GAPS:
         copy(Q, FROM_Q, joints)
