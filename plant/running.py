@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 
 import numpy as np
@@ -69,7 +70,8 @@ class Running:
         self.core = compiled(law, rig, block, guards)
         self._step, self._memory = self.core
         self._shape, self._initial = (rig.n,), self._memory.copy()
-        self._arguments = tuple(np.empty(rig.n) for _ in _ARGUMENTS)
+        self._block = np.empty((len(_ARGUMENTS), rig.n))
+        self._arguments = tuple(self._block)
         self._torque, self._rows = np.empty(rig.n), slice(shell.SCALARS, shell.SCALARS + shell.ROWS * rig.n)
         self._set(counts)
 
@@ -174,13 +176,19 @@ class Running:
     def _row(self, index):
         return self._memory[self._rows][index * self.n : (index + 1) * self.n].copy()
 
-    # -- the slow way: what is no array of the right shape, and what is wrong -----------------------------------------
+    # -- what is no array of the right shape, and what is wrong -------------------------------------------------------
     def _set(self, counts):
         self._memory[:] = self._initial
         self._memory[row(shell.COUNTS, self.n)] = counts
 
     def _take(self, given, now, unknown):
         """Read arguments of any kind; the time."""
+        if now is None and not unknown:
+            with contextlib.suppress(TypeError, ValueError):  # lists of numbers, in half the time
+                block = np.array(given, float)
+                if block.shape == (len(_ARGUMENTS), self.n):
+                    self._block[:] = block
+                    return np.nan
         for name in unknown:
             choice("an argument of step", name, (*_ARGUMENTS, "now"))
         for name, value, place in zip(_ARGUMENTS, given, self._arguments, strict=True):

@@ -205,6 +205,31 @@ def test_a_late_call_is_told_to_the_law():
     np.testing.assert_allclose(running.state, expected.full().ravel(), rtol=1e-9)
 
 
+def test_what_is_wrong_now_and_then_does_not_add_up():
+    """Every third sample is wrong, in turn by a late call, by NaN and by a jump: bridged each, thirty of them."""
+    running, now = LAW.start(RIG, (0, 0), guards=Guards(patience=1)), 0.0
+    for k in range(91):
+        wrong = k // 3 % 3 if k and k % 3 == 0 else None
+        now += RIG.period * (2 if wrong == 0 else 1)
+        pulses = (500, 0) if wrong == 2 else (0, 0)
+        running.step(pulses, np.full(2, np.nan) if wrong == 1 else ZERO, ZERO, ZERO, now=now)
+        np.testing.assert_array_equal(running.pulses, (0, 0))
+        np.testing.assert_array_equal(running.reference, ZERO)
+    assert running.bridged == 30
+    assert not running.stopped
+
+
+def test_what_is_wrong_twice_in_a_row_stops_with_a_patience_of_one():
+    late, gap, jump = (LAW.start(RIG, (0, 0), guards=Guards(patience=1)) for _ in range(3))
+    for k in range(3):
+        late.step((0, 0), ZERO, ZERO, ZERO, now=2 * k * RIG.period)
+        gap.step((0, 0), np.full(2, np.nan if k else 0.0), ZERO, ZERO)
+        jump.step((0, 500 if k else 0), ZERO, ZERO, ZERO)
+    assert late.status == "safe stop, holding: a call that came 0.7 ms late, at call 3"
+    assert gap.status == ("safe stop, holding: a reference that is no finite position, 2 times in a row, at call 3")
+    assert jump.status == "safe stop, holding: a jump of 500 pulses of joint index 1, 2 times in a row, at call 3"
+
+
 def test_one_joint_with_an_unlimited_amplifier_and_no_motor_inertia_has_no_bound_for_jumps():
     rig = direct_rig((0.1,), (0.1,))
     jump, stuck, error, friction = Guards().limits(rig)[:, 0]
