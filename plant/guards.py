@@ -26,8 +26,9 @@ class Guards:
     ----------
     jump : float or (n,) array_like, optional
         Pulses by which a count may miss where it was going; as much again as the joint moves in a sample is allowed.
-        By default 8 and four times what the amplifier can add to the motion within one sample, on the motors' own
-        inertia. Bridged by where the joint was going.
+        By default 8 and four times what the amplifiers can add to the motion within one sample, on the motors' own
+        inertia; a tenth of a turn of the motor where one of these is not known (infinite, or zero). Bridged by where
+        the joint was going.
     stuck : float or (n,) array_like, optional
         Pulses by which the reference may move while the counts do not and the torque leaves the band of static
         friction, three times its level. By default a fortieth of a turn of the motor. Stops at once.
@@ -77,11 +78,12 @@ class Guards:
     def limits(self, rig):
         """What jump, stuck and error allow on this rig [pulses], and the band of static friction [N m]: (4, n)."""
         drive, turn = rig.drive, rig.encoder.resolution
-        with np.errstate(divide="ignore"):
-            root = 1 / np.sqrt(drive.reflected_inertia())
-        # D is at least the motors' own inertia, so D^-1 at most its inverse: |qdd_i| <= sum_j tau_j / sqrt(J_i J_j).
-        added = drive.coupling.joint(root * np.sum(root * drive.torque_limit())) * rig.period**2
-        jump, friction = 8 + 4 * np.abs(rig.position(added)), drive.coupling.joint_torque(drive.joint_coulomb())
+        inertia, torque = drive.reflected_inertia(), drive.torque_limit()
+        jump, friction = turn / 10, drive.coupling.joint_torque(drive.joint_coulomb())
+        if (inertia > 0).all() and np.isfinite(torque).all():
+            # D is at least the motors' inertia, so D^-1 at most its inverse: |qdd_i| <= sum_j tau_j / sqrt(J_i J_j).
+            added = np.sum(torque / np.sqrt(inertia)) / np.sqrt(inertia) * rig.period**2
+            jump = 8 + 4 * np.abs(rig.position(drive.coupling.joint(added)))
         given = [self._each(name, default) for name, default in (("jump", jump), ("stuck", turn / 40), ("error", turn))]
         return np.array([*given, 3 * np.abs(friction)])
 

@@ -10,7 +10,7 @@ import casadi as ca
 import numba
 import numpy as np
 import pytest
-from closed_loops import Filtered, direct_rig, joint
+from closed_loops import Filtered, direct_rig
 from numba.core.runtime import _nrt_python, rtsys
 
 from plant import Guards, Law, PointToPoint, puma560
@@ -194,6 +194,20 @@ def test_the_braking_of_a_stop_is_a_motion():
     np.testing.assert_array_equal(qd[-1], 0)
 
 
+def test_a_bridged_reference_goes_on_with_its_acceleration():
+    """Against the parabola itself, over three samples, to rounding; then the reference is back."""
+    running, dt = LAW.start(RIG, (0, 0)), RIG.period
+    speed, acceleration, nothing = np.array([0.05, -0.02]), np.array([30.0, -40.0]), np.full(2, np.nan)
+    running.step((0, 0), ZERO, speed, acceleration)
+    for k in (1, 2, 3):
+        t = k * dt
+        running.step((0, 0), nothing, speed, acceleration)
+        np.testing.assert_allclose(running.reference, speed * t + acceleration * t**2 / 2, rtol=1e-12)
+    running.step((0, 0), ZERO, ZERO, ZERO)
+    np.testing.assert_array_equal(running.reference, 0)
+    assert (running.bridged, running.stopped) == (3, False)
+
+
 def test_a_late_call_is_told_to_the_law():
     """Against the law's own step over three periods, of which two were missed."""
     running, block = LAW.start(RIG, (0, 0)), LAW.block(RIG)
@@ -230,12 +244,11 @@ def test_what_is_wrong_twice_in_a_row_stops_with_a_patience_of_one():
     assert jump.status == "safe stop, holding: a jump of 500 pulses of joint index 1, 2 times in a row, at call 3"
 
 
-def test_one_joint_with_an_unlimited_amplifier_and_no_motor_inertia_has_no_bound_for_jumps():
+def test_a_joint_with_an_unlimited_amplifier_may_jump_by_a_tenth_of_a_turn():
     rig = direct_rig((0.1,), (0.1,))
     jump, stuck, error, friction = Guards().limits(rig)[:, 0]
-    assert jump == np.inf
-    np.testing.assert_allclose((stuck, error, friction), (rig.encoder.resolution[0] / 40, error, 0.3))
-    assert joint(1.0, 0.1, 0.1).n == rig.n
+    turn = rig.encoder.resolution[0]
+    np.testing.assert_allclose((jump, stuck, error, friction), (turn / 10, turn / 40, turn, 0.3))
 
 
 def test_the_default_bound_for_jumps_is_what_the_amplifier_can_do():
