@@ -48,8 +48,7 @@ where a stop begins at the arm; the reference of a stop; the law; the torque at 
 
 def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
     """One sample: torque (n,) [N m] from counts (n,) and reference (n,) each; `now` [s] is NaN without a clock."""
-    n = torque.shape[0]
-    own = memory[:SCALARS]
+    n, own = torque.shape[0], memory[:SCALARS]
     joints = memory[SCALARS : SCALARS + ROWS * n].reshape(ROWS, n)
     refusal = refused(pulses, q_r, qd_r, qdd_r, now, own)
     if refusal != DONE:
@@ -104,9 +103,8 @@ def refused(pulses, q_r, qd_r, qdd_r, now, own):
     if now <= own[NOW] or abs(now) == np.inf:
         return BAD_CLOCK
     mendable = own[GUARDED] == 1.0 and own[CALLS] > 0.0
-    if not mendable and own[CAUSE] == RUNNING and not usable(q_r, qd_r, qdd_r):
-        return BAD_REFERENCE
-    return DONE
+    bad = not mendable and own[CAUSE] == RUNNING and not usable(q_r, qd_r, qdd_r)
+    return BAD_REFERENCE if bad else DONE
 
 
 def usable(q_r, qd_r, qdd_r):
@@ -161,13 +159,11 @@ def read(pulses, first, own, joints):
             release(own, joints)  # a stop that nothing can be read in
         bridge(HAS_JUMPED, joint, largest, lost, own)
     for i in range(len(pulses)):
-        if not lost:
-            joints[COUNTS, i] = joints[EXPECTED, i]
-            if not first:
-                joints[SPEED, i] += SMOOTHING * ((joints[COUNTS, i] - joints[BEFORE, i]) / dt - joints[SPEED, i])
-        else:
-            joints[COUNTS, i] = pulses[i]
+        joints[COUNTS, i] = pulses[i] if lost else joints[EXPECTED, i]
+        if lost:
             joints[SPEED, i] *= 1.0 - own[RELEASED]  # unknown from here on
+        elif not first:
+            joints[SPEED, i] += SMOOTHING * ((joints[COUNTS, i] - joints[BEFORE, i]) / dt - joints[SPEED, i])
 
 
 def watch(first, own, joints):
