@@ -79,7 +79,6 @@ def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
             take_state(2, own, joints, memory)
         elif own[GUARDED] == 0.0:
             copy(BEFORE, COUNTS, joints)
-            own[CALLS] -= 1.0
             own[NOW] = earlier
             return BAD_LAW
         else:

@@ -154,10 +154,10 @@ def test_a_law_without_a_torque_is_refused_or_stopped():
     bare = law.start(RIG, (0, 0), guards=None)
     bare.step(*good)
     with pytest.raises(ValueError, match="the law must give finite torques; it does not at pulses"):
-        bare.step(*bad)
+        bare.step(*bad, now=1.0)
     for kept in ("pulses", "torque", "state"):
         np.testing.assert_array_equal(getattr(bare, kept), {"pulses": (0, 0), "torque": (3, 4), "state": ZERO}[kept])
-    np.testing.assert_array_equal(bare.step(*good), (3, 4))
+    np.testing.assert_array_equal(bare.step(*good, now=1.0), (3, 4))
 
     guarded = law.start(RIG, (0, 0), guards=Guards(duration=0.07))
     np.testing.assert_array_equal(guarded.step(*good), (3, 4))
@@ -217,6 +217,37 @@ def test_a_late_call_is_told_to_the_law():
     assert running.status == "running; bridged a call that came 1.4 ms late at call 2"
     expected = block.step(state, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, 3 * RIG.period, block.values)[1]
     np.testing.assert_allclose(running.state, expected.full().ravel(), rtol=1e-9)
+
+
+@pytest.mark.parametrize(("gain", "stops"), [(0.003, False), (0.2, True)])
+def test_a_joint_that_its_friction_holds_is_not_stuck(gain, stops):
+    """Counts stand still while the reference goes 60 pulses, under P: 19 N m on joint 2, or as much as there is.
+
+    Static friction of 13.4 N m holds a joint over a band of 26.7 N m; the guard waits for 40.
+    """
+    running = puma560.p_law((gain, gain)).start(RIG, (0, 0))
+    for pulses in range(60):
+        running.step((0, 0), RIG.turned(np.array([pulses + 0.5, 0.0])), ZERO, ZERO)
+    assert running.stopped == stops
+    if stops:
+        assert running.status.startswith("safe stop, ramp to zero: the encoder of joint index 0 stands still")
+
+
+def test_a_stop_at_the_arm_begins_with_the_law_as_new():
+    """State after the call that stops: one step of the law from its initial state, on the arm, with nothing applied."""
+    counts, motion = recorded()
+    running, block = LAW.start(RIG, counts[0]), LAW.block(RIG)
+    run(running, counts[:50], [x[:50] for x in motion])
+    leap = motion.q[50] + (0.2, 0.0)
+    running.step(counts[50], leap, motion.qd[50], motion.qdd[50])
+    assert running.status.startswith("safe stop, holding: joint index 0 is 27")
+    q, qd, qdd = (running._row(i) for i in (5, 6, 7))
+    np.testing.assert_allclose(q, RIG.angle(counts[50]), rtol=1e-12)
+    np.testing.assert_allclose(qd, motion.qd[50], atol=0.2)  # three pulses of noise a sample, smoothed: 0.1 rad/s
+    given = (q, qd, qdd, RIG.pulses(q), counts[50], ZERO, RIG.period, block.values)
+    asked, following = (x.full().ravel() for x in block.step(block.initial, *given))
+    np.testing.assert_allclose(running.torque, np.clip(asked, -LIMIT, LIMIT), rtol=1e-9)
+    np.testing.assert_allclose(running.state, following, rtol=1e-9, atol=1e-12)
 
 
 def test_what_is_wrong_now_and_then_does_not_add_up():
