@@ -3,11 +3,11 @@
 Reading order: `links`, `body`, `placement`, `urdf` (geometry) -> `dynamics` (one torque, D, h, C and Y read off it)
 with `lumping` (what f means) and `base` (which f a chain has) -> `arm` (dynamics + f) -> `drive`, `coupling`,
 `friction`, `encoder`, `rig` -> `reference`, `law`, `laws`, `logged` (laws that repeat a log), `running` (a law in a
-control script) -> `loop` (the symbolic closed loop) -> `rewrite`, `translate`, `pieces`, `elementary`, `source`,
-`kernel`, `compile` (the same loop as machine code) -> `clock`, `tables`, `simulator`, `referee` (the loop by casadi),
-`record`, `record_csv`, `resampling`; `logfile` (files of others: `csv_rows`, `npz`, `isolation`, `child`), `mapping`,
-`units`, `record_files` (as a record); `linear` (the loop linearised), `gains` (P for any arm), `inertia` (can this be
-an arm?), `puma560` (the paper's example) and `arms` (others).
+control script: `guards`, `shell`, `core`) -> `loop` (the symbolic closed loop) -> `rewrite`, `translate`, `pieces`,
+`elementary`, `source`, `kernel`, `compile` (the same loop as machine code) -> `clock`, `tables`, `simulator`,
+`referee` (the loop by casadi), `record`, `record_csv`, `resampling`; `logfile` (files of others: `csv_rows`, `npz`,
+`isolation`, `child`), `mapping`, `units`, `record_files` (as a record); `linear` (the loop linearised), `gains` (P
+for any arm), `inertia` (can this be an arm?), `puma560` (the paper's example) and `arms` (others).
 """
 
 from plant import puma560
@@ -22,6 +22,7 @@ from plant.dynamics import Dynamics
 from plant.encoder import Encoder
 from plant.friction import FrictionCurve
 from plant.gains import p_gains
+from plant.guards import Guards
 from plant.law import Block, Law, Setpoint
 from plant.laws import PD, PID, P
 from plant.linear import linearise
@@ -56,6 +57,7 @@ __all__ = [
     "Dynamics",
     "Encoder",
     "FrictionCurve",
+    "Guards",
     "Harmonics",
     "Law",
     "Link",

@@ -104,6 +104,11 @@ class Kernel:
             self._fresh.discard(name)
         return result
 
+    def function(self, name, *arguments):
+        """The compiled function itself, for those who call it often; it is first called with these arguments."""
+        self.call(name, *arguments)
+        return self._function(name)
+
     def _function(self, name):
         if self.hash not in _MODULES:
             with _LOCK:

@@ -9,6 +9,8 @@ asks for.
 
 from __future__ import annotations
 
+import dataclasses
+
 import casadi as ca
 import numpy as np
 
@@ -106,6 +108,11 @@ class Drive(Part):
     def torque_limit(self):
         """Largest torque that the amplifier can drive [N m], on the joint (of coupled ones: on the shaft)."""
         return self.motor_gain * self.current_limit * _magnitude(self.gear)
+
+    def limited_to(self, torque):
+        """This drive with an amplifier that gives at most these torques [N m], on the joint (or shaft)."""
+        current = np.minimum(self.current_limit, torque / (self.motor_gain * np.abs(self.gear)))
+        return dataclasses.replace(self, current_limit=current)
 
     def limited(self, tau):
         """Joint torque after the amplifier's limit [N m]."""

@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from plant.check import known_options
+from plant.guards import Guards
 from plant.part import Part
 from plant.running import Running
 
@@ -78,7 +79,8 @@ class Law(Part):
         """Whether the torque of n joints depends on more than counts and reference now: a period, or a state."""
         return self.period is not None or len(self.initial_state(n)) > 0
 
-    def start(self, rig, pulses):
+    @known_options
+    def start(self, rig, pulses, *, guards=Guards(), torque_limit=None):  # noqa: B008 - frozen
         """This law as a running controller for a control script.
 
         Parameters
@@ -86,6 +88,10 @@ class Law(Part):
         rig : Rig
         pulses : (n,) array_like
             Encoder counts now.
+        guards : Guards or None
+            What is watched, and how the arm is stopped; None for nothing.
+        torque_limit : (n,) array_like, optional
+            Below the amplifier's [N m], magnitude, joint side.
 
         Returns
         -------
@@ -99,7 +105,7 @@ class Law(Part):
         """
         if self.replays:
             raise ValueError(f"a law at work must be a controller; {type(self).__name__} repeats a log. Use another.")
-        return Running(self, rig, pulses)
+        return Running(self, rig, pulses, guards, torque_limit)
 
     @known_options
     def to_c(

@@ -198,7 +198,7 @@ def test_a_running_p_controller_is_gear_times_gain_times_error():
 def test_a_refused_call_changes_nothing():
     record = evaluate(arm(), RIG, law(), puma560.reference(), duration=0.1, backend="numba").record
     undisturbed, _ = replay(law(), record)
-    running = law().start(RIG, (0, 0))
+    running = law().start(RIG, (0, 0), guards=None)
     motion, pulses = record.reference(record.t), record.reference_pulses - record.error_pulses
     for k in range(len(record)):
         before = (running.state.copy(), running.torque.copy(), running.pulses.copy())
