@@ -26,8 +26,8 @@ _MEMORY = 10
 """Samples over which the correction forgets, to begin with."""
 
 _REPLAYED = 8
-"""The same where a law repeats a log, and kept: what such a model lacks is friction, not noise, and has a memory. Left
-to the log, the shares would follow the counts so closely that little else shows."""
+"""The same where a law repeats a log, and the least: what such a model lacks is friction, not noise, and has a memory.
+With a shorter one it would follow the counts so closely that little else shows."""
 
 _SMALL = 0.01
 """Step of the shares, relative."""
@@ -87,10 +87,11 @@ class Prediction:
         turns = [f"record[{k}].zero[{i}]" for k in range(len(records) if zeros else 0) for i in range(n)]
         self.unknown, self._own = (*unknown, *shares, *turns), len(unknown) + len(shares)
         self.nuisances = np.append(correction.number_values()[: len(shares)], np.zeros(len(turns)))
-        self.nuisance_steps = np.append(0.0 if replayed else _SMALL, _TURN)[[0] * len(shares) + [1] * len(turns)]
-        self.nuisance_steps[: len(shares)] *= self.nuisances[: len(shares)]
+        self.nuisance_steps = np.append(_SMALL * self.nuisances[: len(shares)], np.full(len(turns), _TURN))
         limits = ([_POSITION] * n + [_SPEED] * n)[: len(shares)] + [(-_TURNED, _TURNED)] * len(turns)
         self.nuisance_bounds = np.array(limits).reshape(-1, 2)
+        if replayed:
+            self.nuisance_bounds[: len(shares), 1] = self.nuisances[: len(shares)]
         names = (*unknown, *shares, *(correction.number_names("correction.")[2 * n :] if zeros else ()))
         options = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "correction": correction}
         self._followed = [_Followed(dynamics, record, names, options) for record in records]

@@ -120,7 +120,8 @@ def start_of(record, path):
     counted = record.rig.angle(record.reference_pulses[0] - record.error_pulses[0])
     coupling = record.rig.drive.coupling
     q = coupling.joint(np.where(np.abs(record.error_pulses[0]) >= 1, *map(coupling.shaft, (counted, q))))
-    return q, qd if record.law is None or record.law.replays is None else _first_speed(record)
+    unknown = record.reference is None and record.law is not None and record.law.replays
+    return q, _first_speed(record) if unknown else qd
 
 
 def _first_speed(record):
