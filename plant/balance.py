@@ -1,0 +1,92 @@
+"""The torque of a motor explained by its motion, without a model of the arm.
+
+Motor torque is a constant times the acceleration of each motor, plus viscous and dry friction, plus what depends on the
+pose (sines and cosines of the joint angles and of their sums: all of a planar arm's gravity, most of another's). The
+constants are averages over the log; their signs and sizes tell whether a log can be an arm's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+__all__ = ["Balance", "least_squares"]
+
+_SLOW = 0.05
+"""Share of the usual speed below which a joint may stick, and its friction is anything."""
+
+_SINGULAR = 1e-6
+"""Relative size below which a direction of the regression is not known."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Balance:
+    """Coefficients of the torque of one motor, with standard deviations.
+
+    Attributes
+    ----------
+    inertia, inertia_std : (n,) numpy.ndarray
+        Of the acceleration of every motor [kg m^2].
+    viscous, viscous_std : float
+        Of its own speed [N m s/rad].
+    dry, dry_std : float
+        Of the sign of its speed [N m].
+    delay, delay_std : float
+        Counts behind torque [samples].
+    """
+
+    inertia: np.ndarray
+    inertia_std: np.ndarray
+    viscous: float
+    viscous_std: float
+    dry: float
+    dry_std: float
+    delay: float
+    delay_std: float
+
+    @classmethod
+    def of(cls, signals, torque, i):
+        """Fit the torque (M, n) [N m] of motor i; None where too few rows show it."""
+        n, encoder = signals.n, signals.rig.encoder
+        counts, speed, acceleration = signals.motion
+        jerk = np.gradient(acceleration, signals.interval, axis=0)
+        own = speed[:, i]
+        rows = signals.clear & (np.abs(own) > _SLOW * np.sqrt(np.mean(own[signals.clear] ** 2)))
+        if rows.sum() < 10 * signals.window:
+            return None
+        angle = np.cumsum(signals.rig.angle(counts), axis=1)
+        dry = signals.smooth_even(np.sign(own))
+        columns = np.column_stack([
+            encoder.turned(acceleration), encoder.turned(jerk), encoder.turned(speed)[:, i], dry, np.ones(len(own)),
+            np.sin(angle), np.cos(angle),
+        ])[rows]  # fmt: skip
+        wanted = signals.smooth(torque)[rows, i]
+        value, std = least_squares(columns, wanted, memory=signals.window)
+        inertia = value[i]
+        late = value[n + i] / inertia / signals.interval
+        late_std = abs(std[n + i] / inertia / signals.interval)
+        return cls(
+            inertia=value[:n], inertia_std=std[:n], viscous=value[2 * n], viscous_std=std[2 * n],
+            dry=value[2 * n + 1], dry_std=std[2 * n + 1], delay=late, delay_std=late_std,
+        )  # fmt: skip
+
+
+def least_squares(columns, wanted, memory):
+    """Values and standard deviations; residuals of neighbouring rows are one piece of news per `memory` rows.
+
+    Parameters
+    ----------
+    columns : (N, k) numpy.ndarray
+    wanted : (N,) numpy.ndarray
+    memory : int
+    """
+    scale = np.sqrt(np.mean(columns**2, axis=0))
+    scale[scale == 0] = 1.0
+    left, singular, right = np.linalg.svd(columns / scale, full_matrices=False)
+    known = singular > _SINGULAR * singular[0]
+    inverse = right.T[:, known] / singular[known]
+    value = inverse @ (left.T[known] @ wanted)
+    rest = wanted - (columns / scale) @ value
+    std = np.sqrt((inverse**2).sum(axis=1) * np.mean(rest**2) * memory)
+    return value / scale, std / scale

@@ -1,0 +1,181 @@
+"""Are the torques a motor's: saturation, clipping, sign, units, swapped joints, backlash."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plant.doctor_reference import against_law
+from plant.finding import Finding
+
+__all__ = ["torque_findings"]
+
+_AT_LIMIT, _BEYOND = 0.999, 1.05
+"""Share of the amplifier's limit that counts as being at it; and that no amplifier gives."""
+
+_SATURATED, _LOST = 1.0, 50.0
+"""Share of the samples [%] at the limit to look at, and from which on nothing but the limit is measured."""
+
+_PILED, _LEAST_PILE = 4.0, 0.5
+"""An extreme value is clipped if it comes so many times as often as the next ones, in so many % of the samples."""
+
+_SURE = 5.0
+"""Standard deviations from which on a sign is believed."""
+
+_EXPLAINED, _STRANGER = 0.9, 0.5
+"""Share of a torque that another joint's law must explain, and its own at most, if the two are swapped."""
+
+_MINOR = 1.5
+"""Products of the inertia matrix across joints may not exceed those of its diagonal; with this margin."""
+
+_LIGHT = 0.5
+"""Share of the motor's stated inertia that torque per acceleration must reach."""
+
+
+def torque_findings(signals):
+    """Yield the findings about torque and current, check by check.
+
+    Parameters
+    ----------
+    signals : Signals
+    """
+    names = ("saturation", "clipped torque", "drive sign", "swapped torques", "units of torque", "backlash")
+    if signals.drives is None:
+        for name in names:
+            yield Finding.unknown(name, None, "neither torque nor current, and no law that tells it")
+        return
+    for check in (_saturated, _clipped, _sign, _swapped, _units):
+        for i in range(signals.n):
+            yield check(signals, i)
+
+
+def _current(signals, i):
+    return signals.drives[:, i] / signals.rig.drive.motor_gain[i]
+
+
+def _saturated(signals, i):
+    limit = signals.rig.drive.current_limit[i]
+    if not np.isfinite(limit):
+        return Finding.unknown("saturation", i, "no current limit stated")
+    share = 100 * np.mean(np.abs(_current(signals, i)) >= _AT_LIMIT * limit)
+    return Finding.graded(
+        "saturation", i, share, "%", look=_SATURATED, wrong=_LOST,
+        advice=f"The amplifier is at its limit of {limit:g} A: slow the motion down, or lower the gains.",
+    )  # fmt: skip
+
+
+def _clipped(signals, i):
+    """Share of samples that pile up at an extreme which is not the amplifier's limit [%]."""
+    torque, limit = signals.drives[:, i], signals.rig.drive.current_limit[i]
+    levels, often = np.unique(torque, return_counts=True)
+    piled = 0
+    for k, inner in ((0, slice(1, 4)), (-1, slice(-4, -1))):
+        amplifier = np.abs(levels[k]) / signals.rig.drive.motor_gain[i] >= _AT_LIMIT * limit
+        if len(levels) > 10 and not amplifier and often[k] > _PILED * often[inner].mean():
+            piled += often[k]
+    return Finding.graded(
+        "clipped torque", i, 100 * piled / len(torque), "%", look=_LEAST_PILE, wrong=_LOST,
+        advice=f"The torque is cut off at {np.abs(torque).max():.4g} N m (motor), not by the amplifier: "
+        "the log's range is too small; leave these rows out.",
+    )  # fmt: skip
+
+
+def _law(signals, i):
+    """Slope and explained share of the logged torque against its law; None where the record does not allow it."""
+    if signals.asked is None or signals.torque is None or not signals.long_enough:
+        return None
+    slope, _, _, explained = against_law(signals, i, i)
+    return slope, explained
+
+
+def _sign(signals, i):
+    name, unit = "drive sign", "kg m^2"
+    law, balance = _law(signals, i), None if signals.balances is None else signals.balances[i]
+    if law is not None and law[0] < 0 and law[1] > _EXPLAINED:
+        return Finding(
+            check=name, joint=i, value=float(law[0]), unit="of the law's", verdict="wrong",
+            advice="The torque is the opposite of what the law asks: change the sign of the torque, or of the error "
+            "(reference minus counted).",
+        )  # fmt: skip
+    if balance is None:
+        return Finding.unknown(name, i, "too little motion")
+    against = signals.run[i] < 0  # the counts are known to be upside down, which says nothing of the torque
+    if against and signals.torque is None:
+        return Finding.unknown(name, i, "the counts run against the reference")
+    side = -1 if against else 1
+    inertia, std = side * balance.inertia[i], balance.inertia_std[i]
+    if inertia < -_SURE * std:
+        verdict, advice = "wrong", "Torque accelerates the counts backwards: change the sign of torque, counts or gear."
+    elif balance.dry < -_SURE * balance.dry_std and not against:
+        verdict, advice = "wrong", "Friction drives the arm: change the sign of the error (reference minus counted)."
+    elif inertia < _SURE * std:
+        return Finding.unknown(name, i, "no acceleration that torque explains", value=inertia, unit=unit)
+    else:
+        verdict, advice = "fine", ""
+    return Finding(check=name, joint=i, value=float(inertia), unit=unit, verdict=verdict, advice=advice)
+
+
+def _swapped(signals, i):
+    """The joint whose motion the torque belongs to."""
+    name, others = "swapped torques", [j for j in range(signals.n) if j != i]
+    if not others:
+        return Finding.unknown(name, i, "one joint")
+    law = _law(signals, i)
+    if law is not None:
+        explained = 100 * max(law[1], 0.0)
+        if law[1] < _STRANGER:
+            for j in others:
+                if against_law(signals, i, j)[3] > _EXPLAINED:
+                    return _exchange(name, i, j, explained, "% explained by its law")
+        return Finding(check=name, joint=i, value=explained, unit="% explained by its law", verdict="fine")
+    if signals.balances is None or any(balance is None for balance in signals.balances):
+        return Finding.unknown(name, i, "too little motion")
+    M = np.array([balance.inertia for balance in signals.balances])
+    sure = np.abs(M) > _SURE * np.array([balance.inertia_std for balance in signals.balances])
+    worst = max(others, key=lambda j: M[i, j] * M[j, i] / max(abs(M[i, i] * M[j, j]), 1e-300))
+    ratio = M[i, worst] * M[worst, i] / max(abs(M[i, i] * M[worst, worst]), 1e-300)
+    both = M[i, worst] > 0 and M[worst, i] > 0 and sure[i, worst] and sure[worst, i]
+    if both and ratio > _MINOR:
+        return _exchange(name, i, worst, ratio, "of its inertia")
+    if not sure[i, i]:
+        return Finding.unknown(name, i, "no acceleration that torque explains")
+    return Finding(check=name, joint=i, value=float(ratio), unit="of its inertia", verdict="fine")
+
+
+def _exchange(name, i, j, value, unit):
+    advice = f"Torque {i} belongs to the motion of joint {j}: exchange the columns of torque, or of counts."
+    return Finding(check=name, joint=i, value=float(value), unit=unit, verdict="wrong", advice=advice)
+
+
+def _units(signals, i):
+    name, drive = "units of torque", signals.rig.drive
+    share = np.abs(_current(signals, i)).max() / drive.current_limit[i]
+    if share > _BEYOND:
+        return Finding(
+            check=name, joint=i, value=float(share), unit="of the limit", verdict="wrong",
+            advice=f"The torque needs {share:.3g} times the amplifier's current: {_guess(share, drive.gear[i])}.",
+        )  # fmt: skip
+    law = _law(signals, i)
+    if law is not None and law[1] > _EXPLAINED:
+        slope = abs(law[0])
+        verdict = "fine" if 0.9 < slope < 1.1 else "wrong"
+        advice = f"The torque is {slope:.3g} times what the law asks: {_guess(slope, drive.gear[i])}."
+        return Finding(check=name, joint=i, value=float(slope), unit="of the law's", verdict=verdict,
+                       advice=advice * (verdict != "fine"))  # fmt: skip
+    stated = drive.motor_inertia[i]
+    balance = None if signals.balances is None else signals.balances[i]
+    if not stated or balance is None or abs(balance.inertia[i]) < _SURE * balance.inertia_std[i]:
+        return Finding.unknown(name, i, "no law, and no motor inertia to compare with")
+    found = abs(balance.inertia[i]) / stated
+    verdict = "wrong" if found < _LIGHT else "fine"
+    advice = f"Torque per acceleration is {found:.2g} of the motor's own inertia: {_guess(found, drive.gear[i])}."
+    return Finding(check=name, joint=i, value=float(found), unit="motor inertias", verdict=verdict,
+                   advice=advice * (verdict != "fine"))  # fmt: skip
+
+
+def _guess(ratio, gear):
+    """The likeliest reason for a wrong factor."""
+    reasons = {
+        1e3: "it may be in mN m", 1e-3: "it may be in kN m", abs(gear): "it may have crossed the gear twice",
+        1 / abs(gear): "it may be the motor's torque, not the joint's",
+    }  # fmt: skip
+    return reasons[min(reasons, key=lambda factor: abs(np.log(ratio / factor)))]

@@ -1,0 +1,167 @@
+"""The columns of a record as an examination needs them: left-out samples dropped, evenly spaced, smoothed alike.
+
+Everything is on the motor's side and needs no model of the arm. Counts, reference and torque pass the same smoothing,
+so that equations between them and their derivatives stay true.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from plant.balance import Balance
+
+__all__ = ["Signals", "asked_torque"]
+
+_WINDOW = 0.02
+"""Length of the smoothing window [s], but never less than so many samples:"""
+
+_LEAST = 21
+
+_GAP = 1.5
+"""Median intervals from which on two samples have something missing between them."""
+
+
+def asked_torque(record):
+    """Joint torques (N, n) [N m] that a law without memory asked for, after the amplifier's limit; None for others."""
+    law, rig = record.law, record.rig
+    if law is None or law.has_memory(record.n):
+        return None
+    N, zero = len(record), np.zeros((record.n, len(record)))
+    block = law.block(rig)
+    asked, _ = block.step.map(N)(
+        np.empty((0, N)), zero, zero, zero, record.reference_pulses.T, record.counts.T, zero,
+        np.full((1, N), rig.period), np.repeat(block.values[:, None], N, axis=1),
+    )  # fmt: skip
+    return rig.drive.limited(asked.full().T)
+
+
+class Signals:
+    """Views of a record.
+
+    Attributes
+    ----------
+    t (M,), counts (M, n), reference (M, n) or None
+        Samples with weight [s], [pulses]; no reference where all of it is zero.
+    torque, asked : (M, n) or None
+        *Motor* torque [N m]: logged (or from logged currents), and what a law without memory asks for.
+    interval : float
+        Median time between two samples [s].
+    """
+
+    def __init__(self, record):
+        self.record, self.rig, self.n = record, record.rig, record.n
+        keep = record.valid > 0
+        self.t, self.counts = record.t[keep], record.counts[keep]
+        self.reference = record.reference_pulses[keep] if record.reference_pulses.any() else None
+        drive = record.rig.drive
+        torque = None
+        if record.torque is not None:
+            torque = drive.motor_torque(record.torque)
+        elif record.current is not None:
+            torque = drive.motor_gain * record.current
+        asked = asked_torque(record) if self.reference is not None else None
+        self.torque = None if torque is None else torque[keep]
+        self.asked = None if asked is None else drive.motor_torque(asked)[keep]
+        self.interval = float(np.median(np.diff(record.t))) if len(record) > 1 else record.rig.period
+
+    @property
+    def drives(self):
+        """Motor torque as logged, or else as the law asked; None without either."""
+        return self.asked if self.torque is None else self.torque
+
+    @functools.cached_property
+    def window(self):
+        """Samples of the smoothing window, odd."""
+        return 2 * (max(_LEAST, round(_WINDOW / self.interval)) // 2) + 1
+
+    @property
+    def long_enough(self):
+        """Whether there is anything left to compare after smoothing."""
+        return len(self.t) > 10 * self.window
+
+    @functools.cached_property
+    def _grid(self):
+        """Evenly spaced times, and which of them lie clear of gaps and ends."""
+        span = self.t[-1] - self.t[0]
+        grid = self.t[0] + np.arange(int(span / self.interval + 1e-6) + 1) * self.interval
+        clear = np.ones(len(grid))
+        for i in np.flatnonzero(np.diff(self.t) > _GAP * self.interval):
+            clear[(grid > self.t[i]) & (grid < self.t[i + 1])] = 0
+        clear = np.convolve(clear, np.ones(self.window) / self.window, mode="same") > 1 - 1e-9
+        clear[: self.window] = clear[-self.window :] = False
+        return grid, clear
+
+    @property
+    def clear(self):
+        """Rows (G,) of what `smooth` and `rates` give that are to be trusted."""
+        return self._grid[1]
+
+    def smooth(self, values):
+        """Values (M, n) at evenly spaced times, averaged over the window."""
+        grid, _ = self._grid
+        return np.column_stack([self.smooth_even(np.interp(grid, self.t, column)) for column in values.T])
+
+    def smooth_even(self, values):
+        """Evenly spaced values (G,), averaged over the window."""
+        kernel = np.hanning(self.window + 2)
+        return np.convolve(values, kernel / kernel.sum(), mode="same")
+
+    def rates(self, smoothed):
+        """First and second derivative in time of smoothed values (G, n)."""
+        rate = np.gradient(smoothed, self.interval, axis=0)
+        second = np.zeros_like(smoothed)
+        second[1:-1] = np.diff(smoothed, 2, axis=0) / self.interval**2
+        return rate, second
+
+    @functools.cached_property
+    def motion(self):
+        """Smoothed counts, their speeds and accelerations, each (G, n) [pulses, 1/s, 1/s^2]."""
+        smoothed = self.smooth(self.counts)
+        return smoothed, *self.rates(smoothed)
+
+    @functools.cached_property
+    def asked_for(self):
+        """Smoothed reference and its speed, each (G, n) [pulses, 1/s]; None without a reference."""
+        if self.reference is None:
+            return None
+        smoothed = self.smooth(self.reference)
+        return smoothed, self.rates(smoothed)[0]
+
+    @functools.cached_property
+    def run(self):
+        """Slope (n,) between the speeds of counts and reference: 1 in a loop that works, NaN if nothing is asked."""
+        if self.reference is None:
+            return np.full(self.n, np.nan)
+        asked, made = self.asked_for[1][self.clear], self.motion[1][self.clear]
+        power = (asked**2).sum(axis=0)
+        moves = np.sqrt(power * self.interval) > 0
+        return np.where(moves, (asked * made).sum(axis=0) / np.where(moves, power, 1.0), np.nan)
+
+    @functools.cached_property
+    def balances(self):
+        """`Balance` of each motor (n of them, None where it cannot be had); None without any torque."""
+        if self.drives is None or not self.long_enough:
+            return None
+        return [Balance.of(self, self.drives, i) for i in range(self.n)]
+
+    @functools.cached_property
+    def noise(self):
+        """Scatter (n,) of the counts about parabolas through 9 samples, in the quietest tenth of the log [pulses]."""
+        if len(self.t) < 90:
+            return np.full(self.n, np.nan)
+        x = np.linspace(-1, 1, 9)
+        basis, _ = np.linalg.qr(np.vander(x, 3))
+        residual = np.lib.stride_tricks.sliding_window_view(self.counts, 9, axis=0)
+        residual = residual - (residual @ basis) @ basis.T
+        return np.sqrt(np.quantile((residual**2).sum(axis=2) / 6, 0.1, axis=0))
+
+    @functools.cached_property
+    def grain(self):
+        """Smallest difference of counts that means something (n,): a pulse, or of unrounded counts their own."""
+        if not self.rig.encoder.smooth:
+            return np.ones(self.n)
+        steps = np.abs(np.diff(self.counts, axis=0))
+        smallest = [np.quantile(column[column > 0], 0.01) if column.any() else 1.0 for column in steps.T]
+        return np.maximum(smallest, 4 * np.nan_to_num(self.noise))
