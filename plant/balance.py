@@ -16,8 +16,10 @@ __all__ = ["Balance", "least_squares"]
 _SLOW = 0.05
 """Share of the usual speed below which a joint may stick, and its friction is anything."""
 
-_SINGULAR = 1e-6
-"""Relative size below which a direction of the regression is not known."""
+_SINGULAR = 1e-10
+"""Relative size below which a direction of the normal equations is not known."""
+
+_TENTHS = 10
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,7 +75,10 @@ class Balance:
 
 
 def least_squares(columns, wanted, memory):
-    """Values and standard deviations; residuals of neighbouring rows are one piece of news per `memory` rows.
+    """Values and standard deviations of a regression on rows that are neither independent nor quite of this form.
+
+    Residuals of neighbouring rows are one piece of news per `memory` rows; and leaving out one tenth of the log after
+    the other shows what averages over its poses are worth. The larger standard deviation counts.
 
     Parameters
     ----------
@@ -83,10 +88,17 @@ def least_squares(columns, wanted, memory):
     """
     scale = np.sqrt(np.mean(columns**2, axis=0))
     scale[scale == 0] = 1.0
-    left, singular, right = np.linalg.svd(columns / scale, full_matrices=False)
-    known = singular > _SINGULAR * singular[0]
-    inverse = right.T[:, known] / singular[known]
-    value = inverse @ (left.T[known] @ wanted)
-    rest = wanted - (columns / scale) @ value
-    std = np.sqrt((inverse**2).sum(axis=1) * np.mean(rest**2) * memory)
-    return value / scale, std / scale
+    columns = columns / scale
+    tenths = np.array_split(np.arange(len(wanted)), _TENTHS)
+    squares = np.array([columns[rows].T @ columns[rows] for rows in tenths])
+    products = np.array([columns[rows].T @ wanted[rows] for rows in tenths])
+    inverse = np.linalg.pinv(squares.sum(axis=0), _SINGULAR, hermitian=True)
+    value = inverse @ products.sum(axis=0)
+    rest = np.mean((wanted - columns @ value) ** 2)
+    variance = np.diag(inverse) * rest * memory
+    without = np.array([
+        np.linalg.pinv(squares.sum(axis=0) - A, _SINGULAR, hermitian=True) @ (products.sum(axis=0) - b)
+        for A, b in zip(squares, products, strict=True)
+    ])  # fmt: skip
+    scatter = (_TENTHS - 1) * np.mean((without - value) ** 2, axis=0)
+    return value / scale, np.sqrt(np.maximum(variance, scatter)) / scale

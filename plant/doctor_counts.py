@@ -14,6 +14,9 @@ _LEAST_MOTION = 20
 _SPIKE = 4.0
 """Departure of one count from its neighbours: so many pulses, and so many times what 98 % of the samples show."""
 
+_MISTIMED = 0.2
+"""Share of a sample by which a count may be taken early or late; by as much as the intervals about it differ, too."""
+
 _RUN = 0.02
 """Standstill [s] that is worth a look at what should have moved the arm."""
 
@@ -163,12 +166,12 @@ def _noise(signals, i):
 
 def _events(signals, i):
     """Glitches, jumps, and the largest of each [pulses]."""
-    counts, spans = signals.counts[:, i], np.diff(signals.t)
-    speed = np.diff(counts) / spans
-    around = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(speed, 3, mode="edge"), 7), axis=1)
-    surprise = (speed - around) * spans
+    around, spans = signals.local_speed[:, i], np.diff(signals.t)
+    surprise = np.diff(signals.counts[:, i]) - around * spans
     usual = np.quantile(np.abs(surprise), 0.98)
-    limit = _SPIKE * max(signals.grain[i], usual)
+    odd = np.abs(np.pad(spans, 1, mode="edge") - signals.interval)
+    mistimed = _MISTIMED * signals.interval + np.maximum(np.maximum(odd[:-2], odd[1:-1]), odd[2:])
+    limit = _SPIKE * max(signals.grain[i], usual) + np.abs(around) * mistimed
     strange = np.flatnonzero(np.abs(surprise) > limit)
     glitches, jumps, sizes, last = 0, 0, [0.0, 0.0], -2
     for k in strange:

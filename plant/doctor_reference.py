@@ -128,13 +128,12 @@ def _delay(signals, i):
         return Finding.unknown(name, i, "neither reference nor torque")
     if balance is None or balance.inertia[i] < _SURE * balance.inertia_std[i]:
         return Finding.unknown(name, i, "no acceleration that torque explains")
-    if balance.delay_std > _VERY_LATE:
-        why = f"known to {balance.delay_std:.1f} samples only"
-        return Finding.unknown(name, i, why, value=balance.delay, unit=unit)
     return _judged(i, balance.delay, balance.delay_std, "Motion comes after the torque that made it")
 
 
 def _judged(i, late, std, why):
+    if std > _LATE and abs(late) <= _SURE * std:
+        return Finding.unknown("delay", i, f"known to +-{std:.1f} samples only", value=late, unit="samples")
     size = f"{abs(late):.2g} samples (+-{std:.1g}) {'late' if late > 0 else 'early'}"
     return Finding.graded(
         "delay", i, late, "samples", look=max(_LATE, _SURE * std), wrong=max(_VERY_LATE, _SURE * std),

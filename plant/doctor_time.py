@@ -45,7 +45,7 @@ def time_findings(signals):
         advice="Many samples have weight 0; see why they were dropped.",
     )  # fmt: skip
     if N < 3:
-        for name in ("period", "missing samples", "crowded samples", "time jitter", "repeated rows"):
+        for name in ("period", "missing samples", "crowded samples", "time jitter", "rows and stamps", "repeated rows"):
             yield Finding.unknown(name, None, "fewer than three samples")
         return
     steps = np.diff(record.t) / signals.interval
@@ -65,6 +65,7 @@ def time_findings(signals):
         "time jitter", None, 100 * np.std(steps[(steps < _GAP) & (steps > _CROWD)]), "%", look=_JITTER, wrong=_UNTIMED,
         advice="Intervals scatter; use the logged times, or let the controller's clock stamp the samples.",
     )  # fmt: skip
+    yield _stamps(signals)
     yield _repeated(signals)
 
 
@@ -79,6 +80,22 @@ def _period(signals):
         advice = f"The rig says {signals.rig.period * 1e3:.6g} ms; correct rig.period, or resample the log."
     finding = Finding.graded("period", None, ratio - 1, "ms", look=_OFF, wrong=_OTHER, advice=advice)
     return Finding(**{**vars(finding), "value": signals.interval * 1e3})
+
+
+def _stamps(signals):
+    """Whether the counts were taken when their time stamps say."""
+    name, unit = "rows and stamps", "rows"
+    shift = np.nan if len(signals.t) < 20 else signals.row_shift
+    if shift is None:
+        advice = "The stamps scatter, the samples do not: the counts come evenly; put t = row times interval."
+        return Finding(check=name, joint=None, value=None, unit=unit, verdict="look", advice=advice)
+    if np.isnan(shift):
+        return Finding.unknown(name, None, "intervals are too alike")
+    return Finding.graded(
+        name, None, shift, unit, look=0,
+        advice=f"At odd intervals the counts come {abs(shift)} row(s) {'after' if shift > 0 else 'before'} the stamps: "
+        "clock and counter are not read together; leave out the rows at gaps (valid = 0).",
+    )  # fmt: skip
 
 
 def _repeated(signals):

@@ -21,6 +21,9 @@ _PILED, _LEAST_PILE = 4.0, 0.5
 _SURE = 5.0
 """Standard deviations from which on a sign is believed."""
 
+_WEAK = 0.25
+"""Share of the largest torque among the motors below which one may just be carried along."""
+
 _EXPLAINED, _STRANGER = 0.9, 0.5
 """Share of a torque that another joint's law must explain, and its own at most, if the two are swapped."""
 
@@ -103,7 +106,10 @@ def _sign(signals, i):
         return Finding.unknown(name, i, "the counts run against the reference")
     side = -1 if against else 1
     inertia, std = side * balance.inertia[i], balance.inertia_std[i]
-    if inertia < -_SURE * std:
+    size = np.std(signals.drives, axis=0)
+    if inertia < -_SURE * std and law is None and size[i] < _WEAK * size.max():
+        verdict, advice = "look", "Torque brakes what other joints move: its sign is wrong, or the motor is not driven."
+    elif inertia < -_SURE * std:
         verdict, advice = "wrong", "Torque accelerates the counts backwards: change the sign of torque, counts or gear."
     elif balance.dry < -_SURE * balance.dry_std and not against:
         verdict, advice = "wrong", "Friction drives the arm: change the sign of the error (reference minus counted)."

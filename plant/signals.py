@@ -19,6 +19,10 @@ _WINDOW = 0.02
 
 _LEAST = 21
 
+_SHIFTS, _SHIFT_SURE, _RELATED = 2, 400.0, 0.9
+"""Rows by which stamps and counts are tried to match; squared departure of the intervals [noise^2] from which on a
+match is believed; and what it leaves at most of the departures of the counts."""
+
 _GAP = 1.5
 """Median intervals from which on two samples have something missing between them."""
 
@@ -122,6 +126,35 @@ class Signals:
         return smoothed, *self.rates(smoothed)
 
     @functools.cached_property
+    def local_speed(self):
+        """Median speed of the counts over seven intervals, (M - 1, n) [pulses/s]; an odd count does not move it."""
+        speed = np.diff(self.counts, axis=0) / np.diff(self.t)[:, None]
+        wide = np.pad(speed, ((3, 3), (0, 0)), mode="edge")
+        return np.median(np.lib.stride_tricks.sliding_window_view(wide, 7, axis=0), axis=2)
+
+    @functools.cached_property
+    def row_shift(self):
+        """Rows by which counts come after the time stamps, as intervals of other length show in a moving arm.
+
+        None where the counts know nothing of the intervals, NaN where intervals are too alike to tell.
+        """
+        longer = (np.diff(self.t) - self.interval)[:, None]
+        rest = np.diff(self.counts, axis=0) - self.local_speed * self.interval
+        noise = np.maximum(np.quantile(np.abs(rest), 0.9, axis=0), 0.3 * self.grain)
+        inner = slice(_SHIFTS, -_SHIFTS)
+        rest, expected = rest / noise, longer * self.local_speed / noise
+        signal = np.sum(expected[inner] ** 2)
+        if signal < _SHIFT_SURE:
+            return np.nan
+        # Huber's loss: a lost count is no matter of time.
+        left = {
+            shift: np.sum(_huber((rest - np.roll(expected, shift, axis=0))[inner]))
+            for shift in range(-_SHIFTS, _SHIFTS + 1)
+        }
+        best = min(left, key=left.get)
+        return best if left[best] < _RELATED * np.sum(_huber(rest[inner])) else None
+
+    @functools.cached_property
     def asked_for(self):
         """Smoothed reference and its speed, each (G, n) [pulses, 1/s]; None without a reference."""
         if self.reference is None:
@@ -165,3 +198,8 @@ class Signals:
         steps = np.abs(np.diff(self.counts, axis=0))
         smallest = [np.quantile(column[column > 0], 0.01) if column.any() else 1.0 for column in steps.T]
         return np.maximum(smallest, 4 * np.nan_to_num(self.noise))
+
+
+def _huber(x):
+    size = np.abs(x)
+    return np.where(size < 1, x**2, 2 * size - 1)
