@@ -21,6 +21,9 @@ _SINGULAR = 1e-10
 
 _TENTHS = 10
 
+_PER_WINDOW = 7
+"""Rows taken from a smoothing window: more say the same."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Balance:
@@ -55,7 +58,8 @@ class Balance:
         jerk = np.gradient(acceleration, signals.interval, axis=0)
         own = speed[:, i]
         rows = signals.clear & (np.abs(own) > _SLOW * np.sqrt(np.mean(own[signals.clear] ** 2)))
-        if rows.sum() < 10 * signals.window:
+        rows = np.flatnonzero(rows)[:: max(1, signals.window // _PER_WINDOW)]
+        if len(rows) < 10 * _PER_WINDOW:
             return None
         angle = np.cumsum(signals.rig.angle(counts), axis=1)
         dry = signals.smooth_even(np.sign(own))
@@ -64,7 +68,7 @@ class Balance:
             np.sin(angle), np.cos(angle),
         ])[rows]  # fmt: skip
         wanted = signals.smooth(torque)[rows, i]
-        value, std = least_squares(columns, wanted, memory=signals.window)
+        value, std = least_squares(columns, wanted, memory=_PER_WINDOW)
         inertia = value[i]
         late = value[n + i] / inertia / signals.interval
         late_std = abs(std[n + i] / inertia / signals.interval)

@@ -14,6 +14,9 @@ _LEAST_MOTION = 20
 _SPIKE = 4.0
 """Departure of one count from its neighbours: so many pulses, and so many times what 98 % of the samples show."""
 
+_MANY = 20
+"""Jumps, all alike, from which on they are steps of a coarse grid."""
+
 _MISTIMED = 0.2
 """Share of a sample by which a count may be taken early or late; by as much as the intervals about it differ, too."""
 
@@ -34,6 +37,12 @@ _PLATEAU = 5
 
 _COMB = 0.8
 """Regularity (0 to 1) of the counts from which on they lie on a coarser grid."""
+
+_FINEST = 1.43
+"""Smallest step [pulses] that still leaves a comb after rounding; below, it looks like another, coarser one."""
+
+_COMB_WHOLE = 1.7
+"""What the regularity comes to when only every second count is there, and a little; more has another cause."""
 
 _CHANCE = 5.0
 """Times what random counts would show, in standard deviations."""
@@ -65,6 +74,10 @@ def counts_findings(signals):
             advice=f"Single counts are off by up to {size[0]:.0f} pulses; leave them out (valid = 0), check the cable.",
         )  # fmt: skip
     for i, (_, jumps, size) in enumerate(events):
+        if size[2]:
+            advice = f"In places the counts go in steps of {size[2]:.3g} pulses; log them with more digits."
+            yield Finding(check="jumps", joint=i, value=float(jumps), unit="", verdict="look", advice=advice)
+            continue
         yield Finding.graded(
             "jumps", i, jumps, "", look=0, wrong=0,
             advice=f"The counts jump by up to {size[1]:.0f} pulses and stay there, faster than any arm; unwrap the "
@@ -99,11 +112,10 @@ def _units(signals, i):
     broken = 100 * np.mean(counts != np.round(counts))
     if not broken:
         return Finding(check="units of counts", joint=i, value=0.0, unit="% not whole", verdict="fine")
-    reach, turn = np.ptp(counts), signals.rig.encoder.resolution[i]
     verdict, advice = "look", "Counts are whole; these were shifted or scaled after counting."
-    if reach < _LEAST_MOTION * 100 and reach < turn * 2:
-        unit = "radians" if reach < 4 * np.pi else "degrees"
-        verdict, advice = "wrong", f"These look like {unit}, not counts; turn angles of the joint into rig.position(q)."
+    if signals.angular[i]:
+        unit = "radians" if np.ptp(counts) < 4 * np.pi else "degrees"
+        verdict, advice = "wrong", f"These look like {unit}, not counts; turn angles of the joints into rig.pulses(q)."
     return Finding(check="units of counts", joint=i, value=broken, unit="% not whole", verdict=verdict, advice=advice)
 
 
@@ -146,8 +158,9 @@ def comb(counts):
     best, regular = 1.0, _COMB
     for folded in (frequency, 1 - frequency):  # a step between 1 and 2 shows beyond half a cycle per count, folded
         step = 1 / np.maximum(folded, 1e-9)
-        allowed = (step > 1.1) & (step <= smallest + 1) & (power > _CHANCE / np.sqrt(len(levels)))
-        share = np.where(allowed, power / np.sinc(1 / step), 0)  # rounding again leaves that much of a comb
+        allowed = (step >= _FINEST) & (step <= smallest + 1) & (power > _CHANCE / np.sqrt(len(levels)))
+        share = power / np.sinc(np.minimum(1 / step, 1 / _FINEST))  # rounding again leaves that much of a comb
+        share = np.where(allowed & (share < _COMB_WHOLE), share, 0)
         k = int(np.argmax(share))
         if share[k] > regular:
             best, regular = float(step[k]), share[k]
@@ -155,17 +168,20 @@ def comb(counts):
 
 
 def _noise(signals, i):
-    if not np.isfinite(signals.noise[i]):
-        return Finding.unknown("noise", i, "too few samples")
-    advice = "The counts scatter more than rounding does, even where the arm is slowest; look for interference."
     noise = signals.noise[i]
+    if not np.isfinite(noise):
+        return Finding.unknown("noise", i, "too few samples")
     if signals.rig.encoder.smooth:
         return Finding(check="noise", joint=i, value=float(noise), unit="pulses", verdict="fine")
-    return Finding.graded("noise", i, noise, "pulses", look=_NOISY, wrong=10, advice=advice)
+    grid = _step(signals, i).value or 1.0
+    return Finding.graded(
+        "noise", i, noise, "pulses", look=_NOISY * grid, wrong=10 * grid,
+        advice="The counts scatter more than rounding does, even where the arm is slowest; look for interference.",
+    )  # fmt: skip
 
 
 def _events(signals, i):
-    """Glitches, jumps, and the largest of each [pulses]."""
+    """Glitches, jumps, and the largest of each [pulses]; last, the step of a grid that only looks like jumps, or 0."""
     around, spans = signals.local_speed[:, i], np.diff(signals.t)
     surprise = np.diff(signals.counts[:, i]) - around * spans
     usual = np.quantile(np.abs(surprise), 0.98)
@@ -173,7 +189,11 @@ def _events(signals, i):
     mistimed = _MISTIMED * signals.interval + np.maximum(np.maximum(odd[:-2], odd[1:-1]), odd[2:])
     limit = _SPIKE * max(signals.grain[i], usual) + np.abs(around) * mistimed
     strange = np.flatnonzero(np.abs(surprise) > limit)
-    glitches, jumps, sizes, last = 0, 0, [0.0, 0.0], -2
+    glitches, jumps, sizes, last = 0, 0, [0.0, 0.0, 0.0], -2
+    steps = np.abs(surprise[strange])
+    common = np.median(steps) if len(steps) > _MANY else 0.0
+    if common and np.mean(np.abs(steps - common) < 0.05 * common) > 0.8:  # no accident: a grid, coarse in places
+        return 0, len(steps), [0.0, common, common]
     for k in strange:
         if k == last:  # the way back from a glitch
             continue
@@ -244,9 +264,9 @@ def _clipped(signals, i):
         for a, b in zip(first, last, strict=True):
             if counts[a] != extreme or b - a + 1 < _PLATEAU:
                 continue
-            before = abs(counts[a] - counts[max(a - 3, 0)]) / 3
-            after = abs(counts[min(b + 3, len(t) - 1)] - counts[b]) / 3
-            if min(before, after) > _PLATEAU * signals.grain[i] / 2:
+            before, after = np.abs(np.diff(counts[max(a - 3, 0) : a + 1])), np.abs(np.diff(counts[b : b + 4]))
+            fast = _PLATEAU / 2 * signals.grain[i]
+            if all(len(side) and side.min() > 0 and side.mean() > fast for side in (before, after)):
                 spent += t[b] - t[a]
     return Finding.graded(
         "clipped counts", i, spent, "s", look=0, wrong=0.05 * (t[-1] - t[0]),

@@ -6,11 +6,9 @@ import numpy as np
 
 from plant.balance import least_squares
 from plant.finding import Finding
+from plant.signals import FOLLOWS
 
 __all__ = ["against_law", "reference_findings"]
-
-_FOLLOWS = 0.2
-"""Departure of the counts' speed from the reference's, relative, that is no tracking any more."""
 
 _CLOSER = 0.5
 """Another joint's reference is the right one if it is closer by this factor."""
@@ -50,9 +48,9 @@ def _sign(signals, i):
     if not np.isfinite(run):
         return Finding.unknown(name, i, "the reference does not move")
     advice = f"The counts move {run:.3g} times as far as the reference: check resolution, gear and units of both."
-    if run < -_FOLLOWS:
+    if run < -FOLLOWS:
         advice = "The counts run against the reference: change the sign of the gear, or of the counts."
-    verdict = "fine" if abs(run - 1) <= _FOLLOWS else "wrong"
+    verdict = "fine" if abs(run - 1) <= FOLLOWS else "wrong"
     advice *= verdict != "fine"
     return Finding(check=name, joint=i, value=float(run), unit=unit, verdict=verdict, advice=advice)
 
@@ -82,7 +80,7 @@ def against_law(signals, i, j):
     Returns
     -------
     slope, delay, delay_std, explained : float
-        Logged per asked torque; counts behind torque [samples]; share of the logged torque's variance.
+        Logged per asked torque; counts behind torque [samples]; share of the logged torque's variance, explained so.
     """
     error = (signals.reference - signals.counts)[:, j]
     gain = (error @ signals.asked[:, j]) / max(error @ error, 1e-300)  # motor torque per pulse of a law without memory
@@ -99,8 +97,8 @@ def against_law(signals, i, j):
 def _delay(signals, i):
     """How many samples the counts are late, by the sharpest way that the record allows."""
     name, unit = "delay", "samples"
-    run, law, rig = signals.run[i], signals.record.law, signals.rig
-    if signals.reference is not None and not abs(run - 1) <= _FOLLOWS:
+    law, rig = signals.record.law, signals.rig
+    if not signals.follows[i]:
         return Finding.unknown(name, i, "the counts do not follow the reference")
     if signals.asked is not None and signals.torque is not None:
         slope, late, std, explained = against_law(signals, i, i)
@@ -116,7 +114,9 @@ def _delay(signals, i):
         per_sample = gain * signals.interval / rig.encoder.turned(np.ones(signals.n))[i]
         late = (balance.viscous - rig.drive.viscous[i]) / per_sample
         return _judged(i, late, balance.viscous_std / per_sample, "The error grows with speed, beyond stated friction")
-    if signals.reference is not None:
+    driven = signals.torque is not None and balance is not None
+    driven = driven and balance.inertia[i] > _SURE * balance.inertia_std[i]
+    if signals.reference is not None and not (driven and law is None):
         speed = signals.asked_for[1][signals.clear, i]
         error = (signals.asked_for[0] - signals.motion[0])[signals.clear, i]
         value, std = least_squares(np.column_stack([speed, np.ones(len(speed))]), error, signals.window)
@@ -126,16 +126,16 @@ def _delay(signals, i):
         return _judged(i, late, std, "The counts lag behind the reference")
     if signals.torque is None:
         return Finding.unknown(name, i, "neither reference nor torque")
-    if balance is None or balance.inertia[i] < _SURE * balance.inertia_std[i]:
+    if not driven:
         return Finding.unknown(name, i, "no acceleration that torque explains")
-    return _judged(i, balance.delay, balance.delay_std, "Motion comes after the torque that made it")
+    return _judged(i, balance.delay, balance.delay_std, "Motion comes after the torque that made it", wrong=np.inf)
 
 
-def _judged(i, late, std, why):
+def _judged(i, late, std, why, wrong=_VERY_LATE):
     if std > _LATE and abs(late) <= _SURE * std:
         return Finding.unknown("delay", i, f"known to +-{std:.1f} samples only", value=late, unit="samples")
     size = f"{abs(late):.2g} samples (+-{std:.1g}) {'late' if late > 0 else 'early'}"
     return Finding.graded(
-        "delay", i, late, "samples", look=max(_LATE, _SURE * std), wrong=max(_VERY_LATE, _SURE * std),
+        "delay", i, late, "samples", look=max(_LATE, _SURE * std), wrong=max(wrong, _SURE * std),
         advice=f"{why}: the counts are {size}; shift them before viscous friction is believed.",
     )  # fmt: skip

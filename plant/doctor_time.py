@@ -23,6 +23,9 @@ _OFF, _OTHER = 1e-3, 2e-2
 _MOVING = 2.0
 """Counts per sample from which on two rows of a log cannot be equal."""
 
+_MATCH = 0.5
+"""Share of the odd intervals that counts have to show in their own rows."""
+
 _SHORT = 200
 """Fewer samples hold no motion worth a fit."""
 
@@ -85,17 +88,18 @@ def _period(signals):
 def _stamps(signals):
     """Whether the counts were taken when their time stamps say."""
     name, unit = "rows and stamps", "rows"
-    shift = np.nan if len(signals.t) < 20 else signals.row_shift
+    shift, explained = (np.nan, 0.0) if len(signals.t) < 20 else signals.row_shift
     if shift is None:
         advice = "The stamps scatter, the samples do not: the counts come evenly; put t = row times interval."
         return Finding(check=name, joint=None, value=None, unit=unit, verdict="look", advice=advice)
     if np.isnan(shift):
         return Finding.unknown(name, None, "intervals are too alike")
-    return Finding.graded(
-        name, None, shift, unit, look=0,
-        advice=f"At odd intervals the counts come {abs(shift)} row(s) {'after' if shift > 0 else 'before'} the stamps: "
-        "clock and counter are not read together; leave out the rows at gaps (valid = 0).",
-    )  # fmt: skip
+    if shift == 0 and explained > _MATCH:
+        return Finding(check=name, joint=None, value=0.0, unit=unit, verdict="fine")
+    when = f"{abs(shift)} row(s) {'after' if shift > 0 else 'before'} the stamps" if shift else "partly in other rows"
+    advice = f"At odd intervals the counts come {when}: clock and counter are not read together; leave out the rows "
+    advice += "at gaps (valid = 0)."
+    return Finding(check=name, joint=None, value=float(shift), unit=unit, verdict="look", advice=advice)
 
 
 def _repeated(signals):

@@ -15,6 +15,9 @@ _AT_LIMIT, _BEYOND = 0.999, 1.05
 _SATURATED, _LOST = 1.0, 50.0
 """Share of the samples [%] at the limit to look at, and from which on nothing but the limit is measured."""
 
+_ALIKE = 0.01
+"""Share of its range by which a torque that is not clipped may differ from its law's."""
+
 _PILED, _LEAST_PILE = 4.0, 0.5
 """An extreme value is clipped if it comes so many times as often as the next ones, in so many % of the samples."""
 
@@ -24,14 +27,14 @@ _SURE = 5.0
 _WEAK = 0.25
 """Share of the largest torque among the motors below which one may just be carried along."""
 
-_EXPLAINED, _STRANGER = 0.9, 0.5
-"""Share of a torque that another joint's law must explain, and its own at most, if the two are swapped."""
+_EXPLAINED, _CLOSER = 0.9, 0.2
+"""Share of a torque that its law explains; and what another joint's leaves of the rest at most, if they are swapped."""
 
 _MINOR = 1.5
 """Products of the inertia matrix across joints may not exceed those of its diagonal; with this margin."""
 
-_LIGHT = 0.5
-"""Share of the motor's stated inertia that torque per acceleration must reach."""
+_LIGHT, _USUAL = 0.5, 3.0
+"""Share of the motor's stated inertia that torque per acceleration must reach; and what an arm makes of it."""
 
 
 def torque_findings(signals):
@@ -72,8 +75,13 @@ def _clipped(signals, i):
     levels, often = np.unique(torque, return_counts=True)
     piled = 0
     for k, inner in ((0, slice(1, 4)), (-1, slice(-4, -1))):
-        amplifier = np.abs(levels[k]) / signals.rig.drive.motor_gain[i] >= _AT_LIMIT * limit
-        if len(levels) > 10 and not amplifier and often[k] > _PILED * often[inner].mean():
+        if len(levels) < 10 or np.abs(levels[k]) / signals.rig.drive.motor_gain[i] >= _AT_LIMIT * limit:
+            continue
+        if signals.torque is not None and signals.asked is not None:
+            cut, asked = torque == levels[k], signals.asked[:, i]
+            alike = np.quantile(np.abs(asked - torque)[~cut], 0.9) < _ALIKE * np.ptp(torque)
+            piled += alike * np.sum(cut & (np.abs(asked) > _BEYOND * np.abs(levels[k])))
+        elif often[k] > _PILED * often[inner].mean():
             piled += often[k]
     return Finding.graded(
         "clipped torque", i, 100 * piled / len(torque), "%", look=_LEAST_PILE, wrong=_LOST,
@@ -90,10 +98,18 @@ def _law(signals, i):
     return slope, explained
 
 
+def _likeness(signals, i, j):
+    """Squared correlation of the logged torque of motor i with what the law asked of motor j."""
+    logged, asked = signals.torque[:, i], signals.asked[:, j]
+    if not (np.ptp(logged) and np.ptp(asked)):
+        return 0.0
+    return float(np.corrcoef(logged, asked)[0, 1] ** 2)
+
+
 def _sign(signals, i):
     name, unit = "drive sign", "kg m^2"
     law, balance = _law(signals, i), None if signals.balances is None else signals.balances[i]
-    if law is not None and law[0] < 0 and law[1] > _EXPLAINED:
+    if law is not None and law[0] < -_LIGHT and law[1] > _EXPLAINED:
         return Finding(
             check=name, joint=i, value=float(law[0]), unit="of the law's", verdict="wrong",
             advice="The torque is the opposite of what the law asks: change the sign of the torque, or of the error "
@@ -106,7 +122,9 @@ def _sign(signals, i):
         return Finding.unknown(name, i, "the counts run against the reference")
     side = -1 if against else 1
     inertia, std = side * balance.inertia[i], balance.inertia_std[i]
-    size = np.std(signals.drives, axis=0)
+    size, stated = np.std(signals.drives, axis=0), signals.rig.drive.motor_inertia[i]
+    if abs(inertia) + _SURE * std < _LIGHT * stated:
+        return Finding.unknown(name, i, "the torque is in other units", value=inertia, unit=unit)
     if inertia < -_SURE * std and law is None and size[i] < _WEAK * size.max():
         verdict, advice = "look", "Torque brakes what other joints move: its sign is wrong, or the motor is not driven."
     elif inertia < -_SURE * std:
@@ -125,26 +143,22 @@ def _swapped(signals, i):
     name, others = "swapped torques", [j for j in range(signals.n) if j != i]
     if not others:
         return Finding.unknown(name, i, "one joint")
-    law = _law(signals, i)
-    if law is not None:
-        explained = 100 * max(law[1], 0.0)
-        if law[1] < _STRANGER:
-            for j in others:
-                if against_law(signals, i, j)[3] > _EXPLAINED:
-                    return _exchange(name, i, j, explained, "% explained by its law")
-        return Finding(check=name, joint=i, value=explained, unit="% explained by its law", verdict="fine")
+    if signals.asked is not None and signals.torque is not None:
+        own, found = _likeness(signals, i, i), max(others, key=lambda j: _likeness(signals, i, j))
+        if 1 - _likeness(signals, i, found) < _CLOSER * (1 - own) and own < _EXPLAINED:
+            return _exchange(name, i, found, 100 * own, "% like its law's")
+        return Finding(check=name, joint=i, value=100 * own, unit="% like its law's", verdict="fine")
     if signals.balances is None or any(balance is None for balance in signals.balances):
         return Finding.unknown(name, i, "too little motion")
     M = np.array([balance.inertia for balance in signals.balances])
     sure = np.abs(M) > _SURE * np.array([balance.inertia_std for balance in signals.balances])
     worst = max(others, key=lambda j: M[i, j] * M[j, i] / max(abs(M[i, i] * M[j, j]), 1e-300))
     ratio = M[i, worst] * M[worst, i] / max(abs(M[i, i] * M[worst, worst]), 1e-300)
-    both = M[i, worst] > 0 and M[worst, i] > 0 and sure[i, worst] and sure[worst, i]
-    if both and ratio > _MINOR:
-        return _exchange(name, i, worst, ratio, "of its inertia")
+    if ratio > _MINOR and sure[i, worst] and sure[worst, i]:
+        return _exchange(name, i, worst, ratio, "of the diagonal")
     if not sure[i, i]:
         return Finding.unknown(name, i, "no acceleration that torque explains")
-    return Finding(check=name, joint=i, value=float(ratio), unit="of its inertia", verdict="fine")
+    return Finding(check=name, joint=i, value=float(ratio), unit="of the diagonal", verdict="fine")
 
 
 def _exchange(name, i, j, value, unit):
@@ -155,7 +169,7 @@ def _exchange(name, i, j, value, unit):
 def _units(signals, i):
     name, drive = "units of torque", signals.rig.drive
     share = np.abs(_current(signals, i)).max() / drive.current_limit[i]
-    if share > _BEYOND:
+    if share > _BEYOND and signals.torque is not None:
         return Finding(
             check=name, joint=i, value=float(share), unit="of the limit", verdict="wrong",
             advice=f"The torque needs {share:.3g} times the amplifier's current: {_guess(share, drive.gear[i])}.",
@@ -173,7 +187,9 @@ def _units(signals, i):
         return Finding.unknown(name, i, "no law, and no motor inertia to compare with")
     found = abs(balance.inertia[i]) / stated
     verdict = "wrong" if found < _LIGHT else "fine"
-    advice = f"Torque per acceleration is {found:.2g} of the motor's own inertia: {_guess(found, drive.gear[i])}."
+    advice = (
+        f"Torque per acceleration is {found:.2g} of the motor's own inertia: {_guess(found / _USUAL, drive.gear[i])}."
+    )
     return Finding(check=name, joint=i, value=float(found), unit="motor inertias", verdict=verdict,
                    advice=advice * (verdict != "fine"))  # fmt: skip
 

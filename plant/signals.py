@@ -12,23 +12,29 @@ import numpy as np
 
 from plant.balance import Balance
 
-__all__ = ["Signals", "asked_torque"]
+__all__ = ["FOLLOWS", "Signals", "asked_torque"]
 
 _WINDOW = 0.02
 """Length of the smoothing window [s], but never less than so many samples:"""
 
 _LEAST = 21
 
-_SHIFTS, _SHIFT_SURE, _RELATED = 2, 400.0, 0.9
+_SHIFTS, _SHIFT_SURE, _ODD, _EVEN = 2, 400.0, 0.02, 0.3
 """Rows by which stamps and counts are tried to match; squared departure of the intervals [noise^2] from which on a
-match is believed; and what it leaves at most of the departures of the counts."""
+match is believed; departure [intervals] of an odd one; and what the counts show of it at most if they come evenly."""
+
+FOLLOWS = 0.2
+"""Departure of the counts' speed from the reference's, relative, that is no tracking any more."""
+
+_ANGLES = 2000
+"""Range of counts from which on they cannot be angles."""
 
 _GAP = 1.5
 """Median intervals from which on two samples have something missing between them."""
 
 
 def asked_torque(record):
-    """Joint torques (N, n) [N m] that a law without memory asked for, after the amplifier's limit; None for others."""
+    """Joint torques (N, n) [N m] that a law without memory asks for, whatever the amplifier gives; None for others."""
     law, rig = record.law, record.rig
     if law is None or law.has_memory(record.n):
         return None
@@ -38,7 +44,7 @@ def asked_torque(record):
         np.empty((0, N)), zero, zero, zero, record.reference_pulses.T, record.counts.T, zero,
         np.full((1, N), rig.period), np.repeat(block.values[:, None], N, axis=1),
     )  # fmt: skip
-    return rig.drive.limited(asked.full().T)
+    return asked.full().T
 
 
 class Signals:
@@ -48,8 +54,8 @@ class Signals:
     ----------
     t (M,), counts (M, n), reference (M, n) or None
         Samples with weight [s], [pulses]; no reference where all of it is zero.
-    torque, asked : (M, n) or None
-        *Motor* torque [N m]: logged (or from logged currents), and what a law without memory asks for.
+    torque : (M, n) or None
+        *Motor* torque [N m], logged, or from logged currents.
     interval : float
         Median time between two samples [s].
     """
@@ -65,10 +71,29 @@ class Signals:
             torque = drive.motor_torque(record.torque)
         elif record.current is not None:
             torque = drive.motor_gain * record.current
-        asked = asked_torque(record) if self.reference is not None else None
         self.torque = None if torque is None else torque[keep]
-        self.asked = None if asked is None else drive.motor_torque(asked)[keep]
+        self._keep = keep
         self.interval = float(np.median(np.diff(record.t))) if len(record) > 1 else record.rig.period
+
+    @functools.cached_property
+    def follows(self):
+        """Whether the counts of each joint go where the reference goes, (n,); true where none moves."""
+        return ~(np.abs(self.run - 1) > FOLLOWS)
+
+    @functools.cached_property
+    def asked(self):
+        """Motor torque (M, n) that a law without memory asks for; None where the errors are not to be believed."""
+        if self.reference is None or not self.follows.all():
+            return None
+        asked = asked_torque(self.record)
+        return None if asked is None else self.rig.drive.motor_torque(asked)[self._keep]
+
+    @functools.cached_property
+    def angular(self):
+        """Whether the counts of each joint are angles rather than counts, (n,): not whole, and within two turns."""
+        broken = (self.counts != np.round(self.counts)).any(axis=0)
+        small = np.ptp(self.counts, axis=0) < np.minimum(_ANGLES, 2 * self.rig.encoder.resolution)
+        return broken & small & (not self.rig.encoder.smooth)
 
     @property
     def drives(self):
@@ -134,25 +159,26 @@ class Signals:
 
     @functools.cached_property
     def row_shift(self):
-        """Rows by which counts come after the time stamps, as intervals of other length show in a moving arm.
+        """Rows by which counts come after the time stamps, and how much of odd intervals they then explain (0 to 1).
 
-        None where the counts know nothing of the intervals, NaN where intervals are too alike to tell.
+        As intervals of other length show in a moving arm; None where the counts come evenly whatever the stamps say,
+        NaN where the intervals are too alike to tell.
         """
         longer = (np.diff(self.t) - self.interval)[:, None]
         rest = np.diff(self.counts, axis=0) - self.local_speed * self.interval
         noise = np.maximum(np.quantile(np.abs(rest), 0.9, axis=0), 0.3 * self.grain)
-        inner = slice(_SHIFTS, -_SHIFTS)
         rest, expected = rest / noise, longer * self.local_speed / noise
-        signal = np.sum(expected[inner] ** 2)
-        if signal < _SHIFT_SURE:
-            return np.nan
-        # Huber's loss: a lost count is no matter of time.
-        left = {
-            shift: np.sum(_huber((rest - np.roll(expected, shift, axis=0))[inner]))
-            for shift in range(-_SHIFTS, _SHIFTS + 1)
-        }
-        best = min(left, key=left.get)
-        return best if left[best] < _RELATED * np.sum(_huber(rest[inner])) else None
+        near = np.convolve(np.abs(longer[:, 0]) > _ODD * self.interval, np.ones(2 * _SHIFTS + 1), mode="same") > 0
+        near[:_SHIFTS] = near[-_SHIFTS:] = False
+        if np.sum(expected[near] ** 2) < _SHIFT_SURE:
+            return np.nan, 0.0
+        whole, even = np.sum(_huber(expected[near])), np.sum(_huber(rest[near]))
+        shifts = range(-_SHIFTS, _SHIFTS + 1)
+        left = [np.sum(_huber((rest - np.roll(expected, shift, axis=0))[near])) for shift in shifts]
+        best = int(np.argmin(left))
+        if even < _EVEN * whole and min(left) > 0.8 * even:
+            return None, 0.0
+        return shifts[best], max(0.0, 1 - left[best] / even)
 
     @functools.cached_property
     def asked_for(self):
@@ -177,18 +203,19 @@ class Signals:
         """`Balance` of each motor (n of them, None where it cannot be had); None without any torque."""
         if self.drives is None or not self.long_enough:
             return None
-        return [Balance.of(self, self.drives, i) for i in range(self.n)]
+        return [None if self.angular[i] else Balance.of(self, self.drives, i) for i in range(self.n)]
 
     @functools.cached_property
     def noise(self):
-        """Scatter (n,) of the counts about parabolas through 9 samples, in the quietest tenth of the log [pulses]."""
+        """Scatter (n,) of the counts about parabolas through 9 samples, in the slowest tenth of the log [pulses]."""
         if len(self.t) < 90:
             return np.full(self.n, np.nan)
-        x = np.linspace(-1, 1, 9)
-        basis, _ = np.linalg.qr(np.vander(x, 3))
-        residual = np.lib.stride_tricks.sliding_window_view(self.counts, 9, axis=0)
-        residual = residual - (residual @ basis) @ basis.T
-        return np.sqrt(np.quantile((residual**2).sum(axis=2) / 6, 0.1, axis=0))
+        basis, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, 9), 3))
+        window = np.lib.stride_tricks.sliding_window_view(self.counts, 9, axis=0)
+        share = window @ basis
+        square = ((window - share @ basis.T) ** 2).sum(axis=2) / 6
+        slow = np.abs(share[..., 1]) <= np.quantile(np.abs(share[..., 1]), 0.1, axis=0)
+        return np.sqrt((square * slow).sum(axis=0) / slow.sum(axis=0))
 
     @functools.cached_property
     def grain(self):
@@ -201,5 +228,6 @@ class Signals:
 
 
 def _huber(x):
+    """Squares of what is small, lengths of what is large: a lost count is no matter of time."""
     size = np.abs(x)
     return np.where(size < 1, x**2, 2 * size - 1)
