@@ -29,6 +29,9 @@ _BEYOND = 3.0
 _STICTION = 2.5
 """A joint at rest holds torques over a range of twice its dry friction; above so many times it should have moved."""
 
+_LONG = 0.1
+"""Standstill [s] under too much torque that no stated friction, however rough, explains."""
+
 _HELD = 0.2
 """Share of the log that a joint may rest, nothing said of why, while others move."""
 
@@ -224,7 +227,8 @@ def _stuck(signals, i):
     stuck = max((signals.t[run.stop - 1] - signals.t[run.start] for run in strange), default=0.0)
     if stuck or signals.reference is not None:
         advice = f"The counts stand still {advice}; leave these rows out (valid = 0), check the encoder."
-        return Finding.graded("stuck encoder", i, stuck, "s", look=0, wrong=0, advice=advice)
+        wrong = 0 if signals.reference is not None else _LONG
+        return Finding.graded("stuck encoder", i, stuck, "s", look=0, wrong=wrong, advice=advice)
     others = np.delete(signals.counts, i, axis=1)
     whole = signals.t[-1] - signals.t[0]
     for run in rows:

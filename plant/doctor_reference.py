@@ -18,6 +18,9 @@ _LATE, _VERY_LATE = 0.25, 2.0
 
 _SURE = 4.0
 
+_HELD = 1.25
+"""Delay [samples] that torque and motion may show: half a sample if the torque was held, and drives take time, too."""
+
 _EXPLAINED = 0.8
 """Share of a torque that its law has to explain before its delay is read off it."""
 
@@ -121,21 +124,22 @@ def _delay(signals, i):
         error = (signals.asked_for[0] - signals.motion[0])[signals.clear, i]
         value, std = least_squares(np.column_stack([speed, np.ones(len(speed))]), error, signals.window)
         late, std = value[0] / signals.interval, std[0] / signals.interval
-        if law is None and abs(late) > _LATE:
-            return Finding.unknown(name, i, "no law, the arm itself may lag", value=late, unit=unit)
+        if (law is None or not law.has_memory(signals.n)) and abs(late) > _LATE:
+            return Finding.unknown(name, i, "the loop itself may lag", value=late, unit=unit)
         return _judged(i, late, std, "The counts lag behind the reference")
     if signals.torque is None:
         return Finding.unknown(name, i, "neither reference nor torque")
     if not driven:
         return Finding.unknown(name, i, "no acceleration that torque explains")
-    return _judged(i, balance.delay, balance.delay_std, "Motion comes after the torque that made it", wrong=np.inf)
+    why = "Motion comes after the torque that made it"
+    return _judged(i, balance.delay, balance.delay_std, why, look=_HELD, wrong=np.inf)
 
 
-def _judged(i, late, std, why, wrong=_VERY_LATE):
-    if std > _LATE and abs(late) <= _SURE * std:
+def _judged(i, late, std, why, look=_LATE, wrong=_VERY_LATE):
+    if std > look and abs(late) <= _SURE * std:
         return Finding.unknown("delay", i, f"known to +-{std:.1f} samples only", value=late, unit="samples")
     size = f"{abs(late):.2g} samples (+-{std:.1g}) {'late' if late > 0 else 'early'}"
     return Finding.graded(
-        "delay", i, late, "samples", look=max(_LATE, _SURE * std), wrong=max(wrong, _SURE * std),
+        "delay", i, late, "samples", look=max(look, _SURE * std), wrong=max(wrong, _SURE * std),
         advice=f"{why}: the counts are {size}; shift them before viscous friction is believed.",
     )  # fmt: skip

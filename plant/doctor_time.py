@@ -23,8 +23,8 @@ _OFF, _OTHER = 1e-3, 2e-2
 _MOVING = 2.0
 """Counts per sample from which on two rows of a log cannot be equal."""
 
-_MATCH = 0.5
-"""Share of the odd intervals that counts have to show in their own rows."""
+_MATCH, _EVEN = 0.7, 0.3
+"""Share of what odd intervals promise that the counts show in their own rows; and less than that in any: none."""
 
 _SHORT = 200
 """Fewer samples hold no motion worth a fit."""
@@ -88,14 +88,14 @@ def _period(signals):
 def _stamps(signals):
     """Whether the counts were taken when their time stamps say."""
     name, unit = "rows and stamps", "rows"
-    shift, explained = (np.nan, 0.0) if len(signals.t) < 20 else signals.row_shift
-    if shift is None:
-        advice = "The stamps scatter, the samples do not: the counts come evenly; put t = row times interval."
-        return Finding(check=name, joint=None, value=None, unit=unit, verdict="look", advice=advice)
+    shift, share = (np.nan, 0.0) if len(signals.t) < 20 else signals.row_shift
     if np.isnan(shift):
         return Finding.unknown(name, None, "intervals are too alike")
-    if shift == 0 and explained > _MATCH:
+    if shift == 0 and share > _MATCH:
         return Finding(check=name, joint=None, value=0.0, unit=unit, verdict="fine")
+    if share < _EVEN:
+        advice = "The stamps scatter, the samples do not: the counts come evenly; put t = row times interval."
+        return Finding(check=name, joint=None, value=None, unit=unit, verdict="look", advice=advice)
     when = f"{abs(shift)} row(s) {'after' if shift > 0 else 'before'} the stamps" if shift else "partly in other rows"
     advice = f"At odd intervals the counts come {when}: clock and counter are not read together; leave out the rows "
     advice += "at gaps (valid = 0)."

@@ -33,6 +33,12 @@ _EXPLAINED, _CLOSER = 0.9, 0.2
 _MINOR = 1.5
 """Products of the inertia matrix across joints may not exceed those of its diagonal; with this margin."""
 
+_FACTOR, _GAIN_OFF = 3.0, 0.1
+"""Factor between torques that is no matter of noise, but of units; departure of a gain that is worth a look."""
+
+_USED = 0.3
+"""Share of the amplifier's limit that a log uses."""
+
 _LIGHT, _USUAL = 0.5, 3.0
 """Share of the motor's stated inertia that torque per acceleration must reach; and what an arm makes of it."""
 
@@ -83,8 +89,9 @@ def _clipped(signals, i):
             piled += alike * np.sum(cut & (np.abs(asked) > _BEYOND * np.abs(levels[k])))
         elif often[k] > _PILED * often[inner].mean():
             piled += often[k]
+    least = _LEAST_PILE if signals.asked is None else _LEAST_PILE / 5  # beside its law's, a cut torque is plain to see
     return Finding.graded(
-        "clipped torque", i, 100 * piled / len(torque), "%", look=_LEAST_PILE, wrong=_LOST,
+        "clipped torque", i, 100 * piled / len(torque), "%", look=least, wrong=_LOST,
         advice=f"The torque is cut off at {np.abs(torque).max():.4g} N m (motor), not by the amplifier: "
         "the log's range is too small; leave these rows out.",
     )  # fmt: skip
@@ -109,7 +116,7 @@ def _likeness(signals, i, j):
 def _sign(signals, i):
     name, unit = "drive sign", "kg m^2"
     law, balance = _law(signals, i), None if signals.balances is None else signals.balances[i]
-    if law is not None and law[0] < -_LIGHT and law[1] > _EXPLAINED:
+    if law is not None and law[0] < -1 / _FACTOR and law[1] > _EXPLAINED:
         return Finding(
             check=name, joint=i, value=float(law[0]), unit="of the law's", verdict="wrong",
             advice="The torque is the opposite of what the law asks: change the sign of the torque, or of the error "
@@ -129,13 +136,19 @@ def _sign(signals, i):
         verdict, advice = "look", "Torque brakes what other joints move: its sign is wrong, or the motor is not driven."
     elif inertia < -_SURE * std:
         verdict, advice = "wrong", "Torque accelerates the counts backwards: change the sign of torque, counts or gear."
-    elif balance.dry < -_SURE * balance.dry_std and not against:
+    elif _drives(balance, signals.rig.drive.coulomb[i]) and not against:
         verdict, advice = "wrong", "Friction drives the arm: change the sign of the error (reference minus counted)."
     elif inertia < _SURE * std:
         return Finding.unknown(name, i, "no acceleration that torque explains", value=inertia, unit=unit)
     else:
         verdict, advice = "fine", ""
     return Finding(check=name, joint=i, value=float(inertia), unit=unit, verdict=verdict, advice=advice)
+
+
+def _drives(balance, stated):
+    """Whether friction drives the arm: surely, or as much as stated friction should brake it."""
+    sure = balance.dry < -_SURE * balance.dry_std
+    return sure or (balance.dry < -2 * balance.dry_std and 0.5 * stated < -balance.dry < 1.5 * stated)
 
 
 def _swapped(signals, i):
@@ -172,13 +185,15 @@ def _units(signals, i):
     if share > _BEYOND and signals.torque is not None:
         return Finding(
             check=name, joint=i, value=float(share), unit="of the limit", verdict="wrong",
-            advice=f"The torque needs {share:.3g} times the amplifier's current: {_guess(share, drive.gear[i])}.",
+            advice=f"The torque is beyond the amplifier: {_guess(share / _USED, drive.gear[i])}.",
         )  # fmt: skip
     law = _law(signals, i)
     if law is not None and law[1] > _EXPLAINED:
         slope = abs(law[0])
-        verdict = "fine" if 0.9 < slope < 1.1 else "wrong"
+        verdict = "fine" if 1 / _FACTOR < slope < _FACTOR else "wrong"
         advice = f"The torque is {slope:.3g} times what the law asks: {_guess(slope, drive.gear[i])}."
+        if verdict == "fine" and abs(slope - 1) > _GAIN_OFF and _likeness(signals, i, i) > 1 - _GAIN_OFF / 10:
+            verdict, advice = "look", f"The torque is {slope:.3g} times what the law asks: check gain and motor gain."
         return Finding(check=name, joint=i, value=float(slope), unit="of the law's", verdict=verdict,
                        advice=advice * (verdict != "fine"))  # fmt: skip
     stated = drive.motor_inertia[i]
@@ -195,9 +210,11 @@ def _units(signals, i):
 
 
 def _guess(ratio, gear):
-    """The likeliest reason for a wrong factor."""
+    """The likeliest reasons for a wrong factor."""
     reasons = {
         1e3: "it may be in mN m", 1e-3: "it may be in kN m", abs(gear): "it may have crossed the gear twice",
         1 / abs(gear): "it may be the motor's torque, not the joint's",
     }  # fmt: skip
-    return reasons[min(reasons, key=lambda factor: abs(np.log(ratio / factor)))]
+    off = {reason: abs(np.log(ratio / factor)) for factor, reason in reasons.items()}
+    near = sorted((reason for reason in off if off[reason] < min(off.values()) + np.log(_FACTOR)), key=off.get)
+    return ", or ".join(near)

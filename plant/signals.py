@@ -19,15 +19,18 @@ _WINDOW = 0.02
 
 _LEAST = 21
 
-_SHIFTS, _SHIFT_SURE, _ODD, _EVEN = 2, 400.0, 0.02, 0.3
+_SHIFTS, _SHIFT_SURE, _WILD = 2, 400.0, 5.0
 """Rows by which stamps and counts are tried to match; squared departure of the intervals [noise^2] from which on a
-match is believed; departure [intervals] of an odd one; and what the counts show of it at most if they come evenly."""
+match is believed; and departure of a count [noise] that is no matter of time."""
 
 FOLLOWS = 0.2
 """Departure of the counts' speed from the reference's, relative, that is no tracking any more."""
 
 _ANGLES = 2000
 """Range of counts from which on they cannot be angles."""
+
+_MEDIAN = 0.89
+"""Median of chi-squared with six degrees of freedom, divided by six."""
 
 _GAP = 1.5
 """Median intervals from which on two samples have something missing between them."""
@@ -159,26 +162,23 @@ class Signals:
 
     @functools.cached_property
     def row_shift(self):
-        """Rows by which counts come after the time stamps, and how much of odd intervals they then explain (0 to 1).
+        """Rows by which counts come after the time stamps, and their share (0 to 1) in what odd intervals promise.
 
-        As intervals of other length show in a moving arm; None where the counts come evenly whatever the stamps say,
-        NaN where the intervals are too alike to tell.
+        As intervals of other length show in a moving arm. NaN rows: the intervals are too alike to tell.
         """
         longer = (np.diff(self.t) - self.interval)[:, None]
         rest = np.diff(self.counts, axis=0) - self.local_speed * self.interval
         noise = np.maximum(np.quantile(np.abs(rest), 0.9, axis=0), 0.3 * self.grain)
         rest, expected = rest / noise, longer * self.local_speed / noise
-        near = np.convolve(np.abs(longer[:, 0]) > _ODD * self.interval, np.ones(2 * _SHIFTS + 1), mode="same") > 0
-        near[:_SHIFTS] = near[-_SHIFTS:] = False
-        if np.sum(expected[near] ** 2) < _SHIFT_SURE:
+        expected[:_SHIFTS] = expected[-_SHIFTS:] = 0
+        power = np.sum(expected**2)
+        if power < _SHIFT_SURE:
             return np.nan, 0.0
-        whole, even = np.sum(_huber(expected[near])), np.sum(_huber(rest[near]))
+        rest = np.clip(rest, -_WILD - np.abs(expected).max(), _WILD + np.abs(expected).max())
         shifts = range(-_SHIFTS, _SHIFTS + 1)
-        left = [np.sum(_huber((rest - np.roll(expected, shift, axis=0))[near])) for shift in shifts]
-        best = int(np.argmin(left))
-        if even < _EVEN * whole and min(left) > 0.8 * even:
-            return None, 0.0
-        return shifts[best], max(0.0, 1 - left[best] / even)
+        shares = [np.sum(rest * np.roll(expected, shift, axis=0)) / power for shift in shifts]
+        best = int(np.argmax(shares))
+        return shifts[best], float(np.clip(shares[best], 0.0, 1.0))
 
     @functools.cached_property
     def asked_for(self):
@@ -215,7 +215,8 @@ class Signals:
         share = window @ basis
         square = ((window - share @ basis.T) ** 2).sum(axis=2) / 6
         slow = np.abs(share[..., 1]) <= np.quantile(np.abs(share[..., 1]), 0.1, axis=0)
-        return np.sqrt((square * slow).sum(axis=0) / slow.sum(axis=0))
+        median = [np.median(column[rows]) for column, rows in zip(square.T, slow.T, strict=True)]
+        return np.sqrt(np.array(median) / _MEDIAN)
 
     @functools.cached_property
     def grain(self):
@@ -225,9 +226,3 @@ class Signals:
         steps = np.abs(np.diff(self.counts, axis=0))
         smallest = [np.quantile(column[column > 0], 0.01) if column.any() else 1.0 for column in steps.T]
         return np.maximum(smallest, 4 * np.nan_to_num(self.noise))
-
-
-def _huber(x):
-    """Squares of what is small, lengths of what is large: a lost count is no matter of time."""
-    size = np.abs(x)
-    return np.where(size < 1, x**2, 2 * size - 1)
