@@ -39,6 +39,10 @@ class Balance:
         Of the sign of its speed [N m].
     delay, delay_std : float
         Counts behind torque [samples].
+    play, play_std : float
+        How far the motor runs ahead where the torque on its load changes sign [pulses].
+    reversals : int
+        How often that torque does.
     """
 
     inertia: np.ndarray
@@ -49,13 +53,15 @@ class Balance:
     dry_std: float
     delay: float
     delay_std: float
+    play: float
+    play_std: float
+    reversals: int
 
     @classmethod
     def of(cls, signals, torque, i):
         """Fit the torque (M, n) [N m] of motor i; None where too few rows show it."""
         n, encoder = signals.n, signals.rig.encoder
         counts, speed, acceleration = signals.motion
-        jerk = np.gradient(acceleration, signals.interval, axis=0)
         own = speed[:, i]
         rows = signals.clear & (np.abs(own) > _SLOW * np.sqrt(np.mean(own[signals.clear] ** 2)))
         rows = np.flatnonzero(rows)[:: max(1, signals.window // _PER_WINDOW)]
@@ -64,17 +70,29 @@ class Balance:
         angle = np.cumsum(signals.rig.angle(counts), axis=1)
         dry = signals.smooth_even(np.sign(own))
         columns = np.column_stack([
-            encoder.turned(acceleration), encoder.turned(jerk), encoder.turned(speed)[:, i], dry, np.ones(len(own)),
-            np.sin(angle), np.cos(angle),
-        ])[rows]  # fmt: skip
-        wanted = signals.smooth(torque)[rows, i]
-        value, std = least_squares(columns, wanted, memory=_PER_WINDOW)
-        inertia = value[i]
-        late = value[n + i] / inertia / signals.interval
-        late_std = abs(std[n + i] / inertia / signals.interval)
+            encoder.turned(acceleration), encoder.turned(speed)[:, i], dry, np.ones(len(own)), np.sin(angle),
+            np.cos(angle),
+        ])  # fmt: skip
+        wanted = signals.smooth(torque)[:, i]
+
+        def fitted(*more):
+            return least_squares(np.column_stack([columns, *more])[rows], wanted[rows], memory=_PER_WINDOW)
+
+        # Late counts: the torque goes with the jerk, too.
+        jerk = encoder.turned(np.gradient(acceleration, signals.interval, axis=0))
+        value, std = fitted()
+        with_jerk, with_jerk_std = fitted(jerk)
+        late, late_std = (x[-n + i] / with_jerk[i] / signals.interval for x in (with_jerk, with_jerk_std))
+        # Play: where the torque on the load changes sign, the motor turns alone.
+        alone = signals.rig.drive.motor_inertia[i]
+        load = columns @ value - value[n] * columns[:, n] - value[n + 1] * dry - alone * columns[:, i]
+        side = signals.smooth_even(np.sign(load))
+        ahead, ahead_std = fitted(signals.rates(side[:, None])[1])
+        scale = 2 / max(abs(value[i] - alone), 1e-300) / encoder.turned(np.ones(n))[i]
         return cls(
-            inertia=value[:n], inertia_std=std[:n], viscous=value[2 * n], viscous_std=std[2 * n],
-            dry=value[2 * n + 1], dry_std=std[2 * n + 1], delay=late, delay_std=late_std,
+            inertia=value[:n], inertia_std=std[:n], viscous=value[n], viscous_std=std[n], dry=value[n + 1],
+            dry_std=std[n + 1], delay=late, delay_std=abs(late_std), play=ahead[-1] * scale,
+            play_std=ahead_std[-1] * scale, reversals=int(np.sum(np.diff(np.sign(load)) != 0)),
         )  # fmt: skip
 
 

@@ -6,6 +6,7 @@ It knows no model of the arm. What the rig and the law of the record state is co
 from __future__ import annotations
 
 from plant.doctor_counts import counts_findings
+from plant.doctor_quantisation import quantisation_findings
 from plant.doctor_reference import reference_findings
 from plant.doctor_time import time_findings
 from plant.doctor_torque import torque_findings
@@ -27,5 +28,5 @@ def examine(record):
     Checkup
     """
     signals = Signals(record)
-    parts = (time_findings, counts_findings, reference_findings, torque_findings)
+    parts = (time_findings, counts_findings, quantisation_findings, reference_findings, torque_findings)
     return Checkup(findings=tuple(finding for part in parts for finding in part(signals)))

@@ -30,31 +30,13 @@ _STICTION = 2.5
 """A joint at rest holds torques over a range of twice its dry friction; above so many times it should have moved."""
 
 _LONG = 0.1
-"""Standstill [s] under too much torque that no stated friction, however rough, explains."""
+"""Standstill [s] under too much torque that is more than the turning point of a motion."""
 
 _HELD = 0.2
 """Share of the log that a joint may rest, nothing said of why, while others move."""
 
 _PLATEAU = 5
 """Samples at an extreme, and so many counts per sample on the way there, that make a clipped peak."""
-
-_COMB = 0.8
-"""Regularity (0 to 1) of the counts from which on they lie on a coarser grid."""
-
-_FINEST = 1.43
-"""Smallest step [pulses] that still leaves a comb after rounding; below, it looks like another, coarser one."""
-
-_COMB_WHOLE = 1.7
-"""What the regularity comes to when only every second count is there, and a little; more has another cause."""
-
-_CHANCE = 5.0
-"""Times what random counts would show, in standard deviations."""
-
-_DISTINCT = 50
-"""Different counts from which a step can be told."""
-
-_NOISY = 0.6
-"""Scatter [pulses] that rounding (0.29) does not explain."""
 
 
 def counts_findings(signals):
@@ -68,9 +50,8 @@ def counts_findings(signals):
         yield Finding.unknown("motion", None, "fewer than ten samples")
         return
     events = [_events(signals, i) for i in range(signals.n)]
-    for check in (_motion, _units, _step, _noise):
-        for i in range(signals.n):
-            yield check(signals, i)
+    for i in range(signals.n):
+        yield _motion(signals, i)
     for i, (glitches, _, size) in enumerate(events):
         yield Finding.graded(
             "glitches", i, glitches, "", look=0, wrong=0.01 * len(signals.t),
@@ -105,82 +86,6 @@ def _motion(signals, i):
             )
     return Finding(check="motion", joint=i, value=float(moved * signals.grain[i]), unit="pulses", verdict=verdict,
                    advice=advice)  # fmt: skip
-
-
-def _units(signals, i):
-    """Counts are whole; angles are not."""
-    counts = signals.counts[:, i]
-    if signals.rig.encoder.smooth:
-        return Finding.unknown("units of counts", i, "the encoder is said not to round")
-    broken = 100 * np.mean(counts != np.round(counts))
-    if not broken:
-        return Finding(check="units of counts", joint=i, value=0.0, unit="% not whole", verdict="fine")
-    verdict, advice = "look", "Counts are whole; these were shifted or scaled after counting."
-    if signals.angular[i]:
-        unit = "radians" if np.ptp(counts) < 4 * np.pi else "degrees"
-        verdict, advice = "wrong", f"These look like {unit}, not counts; turn angles of the joints into rig.pulses(q)."
-    return Finding(check="units of counts", joint=i, value=broken, unit="% not whole", verdict=verdict, advice=advice)
-
-
-def _step(signals, i):
-    """The grid that the counts lie on, in pulses; 1 is what was stated."""
-    if signals.rig.encoder.smooth:
-        return Finding.unknown("quantisation step", i, "the encoder is said not to round")
-    levels = np.unique(np.round(signals.counts[:, i]))
-    if len(levels) < _DISTINCT:
-        return Finding.unknown("quantisation step", i, f"only {len(levels)} different counts")
-    step, clear = comb(signals.counts[:, i])
-    if not clear:
-        return Finding.unknown("quantisation step", i, f"always faster than {step:.0f} pulses per sample")
-    return Finding.graded(
-        "quantisation step", i, step, "pulses", look=1.02,
-        advice=f"Counts come in steps of {step:.4g}: the encoder has {signals.rig.encoder.resolution[i] / step:.6g} "
-        f"pulses per turn, not {signals.rig.encoder.resolution[i]:g}, or was rounded to another step before.",
-    )  # fmt: skip
-
-
-def comb(counts):
-    """Step of the grid that whole counts (N,) lie on, and whether the motion is ever slow enough to tell.
-
-    Counts of a coarser encoder, whole or rounded again, leave a comb in the histogram. Its period is the frequency at
-    which the visited counts are most alike in phase; it cannot exceed the smallest steps of the motion by more than
-    the rounding.
-    """
-    counts = np.round(counts)
-    steps = np.abs(np.diff(counts))
-    smallest = np.quantile(steps[steps > 0], 0.02)
-    levels = np.unique(counts)
-    levels = levels[: 1 << 16] - levels[0]
-    if smallest > 50 or levels[-1] > 5e7:
-        return smallest, False
-    length = 1 << int(np.ceil(np.log2(4 * levels[-1] + 8)))
-    visited = np.zeros(length)
-    visited[levels.astype(int)] = 1
-    power = np.abs(np.fft.rfft(visited)) / len(levels)
-    frequency = np.arange(len(power)) / length
-    best, regular = 1.0, _COMB
-    for folded in (frequency, 1 - frequency):  # a step between 1 and 2 shows beyond half a cycle per count, folded
-        step = 1 / np.maximum(folded, 1e-9)
-        allowed = (step >= _FINEST) & (step <= smallest + 1) & (power > _CHANCE / np.sqrt(len(levels)))
-        share = power / np.sinc(np.minimum(1 / step, 1 / _FINEST))  # rounding again leaves that much of a comb
-        share = np.where(allowed & (share < _COMB_WHOLE), share, 0)
-        k = int(np.argmax(share))
-        if share[k] > regular:
-            best, regular = float(step[k]), share[k]
-    return best, True
-
-
-def _noise(signals, i):
-    noise = signals.noise[i]
-    if not np.isfinite(noise):
-        return Finding.unknown("noise", i, "too few samples")
-    if signals.rig.encoder.smooth:
-        return Finding(check="noise", joint=i, value=float(noise), unit="pulses", verdict="fine")
-    grid = _step(signals, i).value or 1.0
-    return Finding.graded(
-        "noise", i, noise, "pulses", look=_NOISY * grid, wrong=10 * grid,
-        advice="The counts scatter more than rounding does, even where the arm is slowest; look for interference.",
-    )  # fmt: skip
 
 
 def _events(signals, i):
@@ -227,8 +132,7 @@ def _stuck(signals, i):
     stuck = max((signals.t[run.stop - 1] - signals.t[run.start] for run in strange), default=0.0)
     if stuck or signals.reference is not None:
         advice = f"The counts stand still {advice}; leave these rows out (valid = 0), check the encoder."
-        wrong = 0 if signals.reference is not None else _LONG
-        return Finding.graded("stuck encoder", i, stuck, "s", look=0, wrong=wrong, advice=advice)
+        return Finding.graded("stuck encoder", i, stuck, "s", look=0, wrong=0, advice=advice)
     others = np.delete(signals.counts, i, axis=1)
     whole = signals.t[-1] - signals.t[0]
     for run in rows:
@@ -256,7 +160,9 @@ def _against_torque(signals, i, rows):
     friction = signals.rig.drive.coulomb[i]
     if signals.torque is None or not friction:
         return []
-    return [run for run in rows if np.ptp(signals.torque[run, i]) > 2 * _STICTION * friction]
+    least = _LONG / signals.interval
+    long = [run for run in rows if run.stop - run.start > least]
+    return [run for run in long if np.ptp(signals.torque[run, i]) > 2 * _STICTION * friction]
 
 
 def _clipped(signals, i):

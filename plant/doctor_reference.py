@@ -136,7 +136,7 @@ def _delay(signals, i):
 
 
 def _judged(i, late, std, why, look=_LATE, wrong=_VERY_LATE):
-    if std > look and abs(late) <= _SURE * std:
+    if max(std, abs(late)) > look and abs(late) <= _SURE * std:
         return Finding.unknown("delay", i, f"known to +-{std:.1f} samples only", value=late, unit="samples")
     size = f"{abs(late):.2g} samples (+-{std:.1g}) {'late' if late > 0 else 'early'}"
     return Finding.graded(

@@ -33,6 +33,9 @@ _EXPLAINED, _CLOSER = 0.9, 0.2
 _MINOR = 1.5
 """Products of the inertia matrix across joints may not exceed those of its diagonal; with this margin."""
 
+_REVERSALS, _PLAY, _PLAY_SURE = 6, 0.5, 3.5
+"""Changes of the load's side that a log must hold; play [pulses], and in deviations, that can be told from rounding."""
+
 _FACTOR, _GAIN_OFF = 3.0, 0.1
 """Factor between torques that is no matter of noise, but of units; departure of a gain that is worth a look."""
 
@@ -55,7 +58,7 @@ def torque_findings(signals):
         for name in names:
             yield Finding.unknown(name, None, "neither torque nor current, and no law that tells it")
         return
-    for check in (_saturated, _clipped, _sign, _swapped, _units):
+    for check in (_saturated, _clipped, _sign, _swapped, _units, _backlash):
         for i in range(signals.n):
             yield check(signals, i)
 
@@ -207,6 +210,28 @@ def _units(signals, i):
     )
     return Finding(check=name, joint=i, value=float(found), unit="motor inertias", verdict=verdict,
                    advice=advice * (verdict != "fine"))  # fmt: skip
+
+
+def _backlash(signals, i):
+    """How far the motor runs ahead where the torque on its load changes sign [pulses]; less than the play itself."""
+    name, unit = "backlash", "pulses"
+    balance = None if signals.balances is None else signals.balances[i]
+    if balance is None or balance.inertia[i] < _SURE * balance.inertia_std[i]:
+        return Finding.unknown(name, i, "no acceleration that torque explains")
+    if balance.reversals < _REVERSALS:
+        return Finding.unknown(name, i, f"the load changes sides {balance.reversals} times")
+    play, std = balance.play, balance.play_std
+    if play > max(_PLAY * signals.grain[i], _PLAY_SURE * std):
+        return Finding(
+            check=name, joint=i, value=float(play), unit=unit, verdict="look",
+            advice="The motor runs ahead where the load changes sides: the gear has play of this and more; expect no "
+            "better than that from the model there.",
+        )  # fmt: skip
+    if std > _PLAY * signals.grain[i] or abs(play) > _PLAY_SURE * std and play < 0:
+        return Finding.unknown(name, i, f"known to +-{std:.2g} pulses only", value=play, unit=unit)
+    if signals.reference is not None:
+        return Finding.unknown(name, i, "none seen, but a position loop hides it", value=play, unit=unit)
+    return Finding(check=name, joint=i, value=float(play), unit=unit, verdict="fine")
 
 
 def _guess(ratio, gear):
