@@ -1,4 +1,4 @@
-"""Are the counts an encoder's: glitches, jumps, standstill, clipping, units, quantisation, noise."""
+"""Are the counts an encoder's: motion, glitches, jumps, standstill, clipping."""
 
 from __future__ import annotations
 

@@ -18,8 +18,8 @@ _LATE, _VERY_LATE = 0.25, 2.0
 
 _SURE = 4.0
 
-_HELD = 1.25
-"""Delay [samples] that torque and motion may show: half a sample if the torque was held, and drives take time, too."""
+_HELD = 2.0
+"""Delay [samples] that torque and motion alone do not tell: torque may be held, drives take time, feedback has noise."""
 
 _EXPLAINED = 0.8
 """Share of a torque that its law has to explain before its delay is read off it."""

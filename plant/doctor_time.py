@@ -108,7 +108,7 @@ def _repeated(signals):
     columns = [record.counts, record.reference_pulses, *(x for x in (record.torque, record.current) if x is not None)]
     same = (np.diff(np.hstack(columns), axis=0) == 0).all(axis=1)
     steps = np.abs(np.diff(record.counts, axis=0)).max(axis=1) / signals.grain.min()
-    moving = np.array([np.median(w) for w in np.lib.stride_tricks.sliding_window_view(np.pad(steps, 4, "edge"), 9)])
+    moving = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(steps, 4, "edge"), 9), axis=1)
     repeated = int((same & (moving >= _MOVING)).sum())
     return Finding.graded(
         "repeated rows", None, repeated, "", look=0, wrong=0.05 * len(record),

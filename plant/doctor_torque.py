@@ -227,7 +227,7 @@ def _backlash(signals, i):
             advice="The motor runs ahead where the load changes sides: the gear has play of this and more; expect no "
             "better than that from the model there.",
         )  # fmt: skip
-    if std > _PLAY * signals.grain[i] or abs(play) > _PLAY_SURE * std and play < 0:
+    if std > _PLAY * signals.grain[i] or (abs(play) > _PLAY_SURE * std and play < 0):
         return Finding.unknown(name, i, f"known to +-{std:.2g} pulses only", value=play, unit=unit)
     if signals.reference is not None:
         return Finding.unknown(name, i, "none seen, but a position loop hides it", value=play, unit=unit)
