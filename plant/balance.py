@@ -65,7 +65,7 @@ class Balance:
         own = speed[:, i]
         rows = signals.clear & (np.abs(own) > _SLOW * np.sqrt(np.mean(own[signals.clear] ** 2)))
         rows = np.flatnonzero(rows)[:: max(1, signals.window // _PER_WINDOW)]
-        if len(rows) < 10 * _PER_WINDOW:
+        if len(rows) < 10 * _PER_WINDOW or not np.ptp(torque[:, i]):
             return None
         angle = np.cumsum(signals.rig.angle(counts), axis=1)
         dry = signals.smooth_even(np.sign(own))

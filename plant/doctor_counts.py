@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from plant.finding import Finding
+from plant.signals import LEAST_MOTION
 
 __all__ = ["counts_findings"]
-
-_LEAST_MOTION = 20
-"""Counts that a motor has to move, at least."""
 
 _SPIKE = 4.0
 """Departure of one count from its neighbours: so many pulses, and so many times what 98 % of the samples show."""
@@ -46,9 +44,6 @@ def counts_findings(signals):
     ----------
     signals : Signals
     """
-    if len(signals.t) < 10:
-        yield Finding.unknown("motion", None, "fewer than ten samples")
-        return
     events = [_events(signals, i) for i in range(signals.n)]
     for i in range(signals.n):
         yield _motion(signals, i)
@@ -76,10 +71,10 @@ def _motion(signals, i):
     moved = np.ptp(signals.counts[:, i]) / signals.grain[i]
     others = np.delete(np.ptp(signals.counts, axis=0) / signals.grain, i)
     verdict, advice = "fine", ""
-    if moved < _LEAST_MOTION:
+    if moved < LEAST_MOTION:
         verdict = "wrong"
         advice = "The motor hardly moves: log a motion of all joints."
-        if len(others) and others.max() > 10 * _LEAST_MOTION:
+        if len(others) and others.max() > 10 * LEAST_MOTION:
             advice = (
                 "The motor stands still while others move: it sticks, its brake is on, or its encoder is dead or in "
                 "other units."
@@ -137,7 +132,7 @@ def _stuck(signals, i):
     whole = signals.t[-1] - signals.t[0]
     for run in rows:
         seconds = signals.t[run.stop - 1] - signals.t[run.start]
-        if others.size and seconds > _HELD * whole and np.ptp(others[run], axis=0).max() > 10 * _LEAST_MOTION:
+        if others.size and seconds > _HELD * whole and np.ptp(others[run], axis=0).max() > 10 * LEAST_MOTION:
             stuck = max(stuck, seconds)
     return Finding.graded(
         "stuck encoder", i, stuck, "s", look=0,

@@ -34,9 +34,6 @@ def quantisation_findings(signals):
     ----------
     signals : Signals
     """
-    if len(signals.t) < 10:
-        yield Finding.unknown("quantisation step", None, "fewer than ten samples")
-        return
     for check in (_units, _step, _noise):
         for i in range(signals.n):
             yield check(signals, i)

@@ -19,7 +19,7 @@ _LATE, _VERY_LATE = 0.25, 2.0
 _SURE = 4.0
 
 _HELD = 2.0
-"""Delay [samples] that torque and motion alone do not tell: torque may be held, drives take time, feedback has noise."""
+"""Delay [samples] that torque and motion alone do not tell: torque is held, drives take time, feedback has noise."""
 
 _EXPLAINED = 0.8
 """Share of a torque that its law has to explain before its delay is read off it."""
@@ -93,6 +93,8 @@ def against_law(signals, i, j):
     value, std = least_squares(columns, logged, signals.window)
     rest = logged - columns @ value
     slope = value[0]
+    if not slope:
+        return 0.0, 0.0, np.inf, 0.0
     explained = 1 - np.var(rest) / max(np.var(logged), 1e-300)
     return slope, -value[1] / slope / signals.interval, abs(std[1] / slope) / signals.interval, explained
 

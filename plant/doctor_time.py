@@ -64,8 +64,9 @@ def time_findings(signals):
         "crowded samples", None, crowded, "", look=0, wrong=0.05 * N,
         advice="Samples follow each other within half an interval; drop the second of each pair.",
     )  # fmt: skip
+    even = (steps < _GAP) & (steps > _CROWD)
     yield Finding.graded(
-        "time jitter", None, 100 * np.std(steps[(steps < _GAP) & (steps > _CROWD)]), "%", look=_JITTER, wrong=_UNTIMED,
+        "time jitter", None, 100 * np.std(steps[even] if even.any() else steps), "%", look=_JITTER, wrong=_UNTIMED,
         advice="Intervals scatter; use the logged times, or let the controller's clock stamp the samples.",
     )  # fmt: skip
     yield _stamps(signals)

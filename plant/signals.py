@@ -12,7 +12,7 @@ import numpy as np
 
 from plant.balance import Balance
 
-__all__ = ["FOLLOWS", "Signals", "asked_torque"]
+__all__ = ["FOLLOWS", "LEAST_MOTION", "Signals", "asked_torque"]
 
 _WINDOW = 0.02
 """Length of the smoothing window [s], but never less than so many samples:"""
@@ -25,6 +25,9 @@ match is believed; and departure of a count [noise] that is no matter of time.""
 
 FOLLOWS = 0.2
 """Departure of the counts' speed from the reference's, relative, that is no tracking any more."""
+
+LEAST_MOTION = 20
+"""Counts that a motor has to move, at least."""
 
 _ANGLES = 2000
 """Range of counts from which on they cannot be angles."""
@@ -111,7 +114,7 @@ class Signals:
     @property
     def long_enough(self):
         """Whether there is anything left to compare after smoothing."""
-        return len(self.t) > 10 * self.window
+        return len(self.t) > 10 * self.window and self.clear.sum() > 5 * self.window
 
     @functools.cached_property
     def _grid(self):
@@ -203,7 +206,8 @@ class Signals:
         """`Balance` of each motor (n of them, None where it cannot be had); None without any torque."""
         if self.drives is None or not self.long_enough:
             return None
-        return [None if self.angular[i] else Balance.of(self, self.drives, i) for i in range(self.n)]
+        still = np.ptp(self.counts, axis=0) < LEAST_MOTION * self.grain
+        return [None if still[i] or self.angular[i] else Balance.of(self, self.drives, i) for i in range(self.n)]
 
     @functools.cached_property
     def noise(self):

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
 from ctc import ComputedTorque
 from identification import design_motion
@@ -196,6 +195,7 @@ def exchanged(table):
 
 P_RECORDS, CT = ("P 3.65", "planar 3"), ("quiet computed torque",)
 ALL = P_RECORDS + CT
+OPEN = ("P 3.65", "heavy")
 DEFECTS = {
     # name: (records, defect, check, joint, value, tolerance as a share of it; None: not asked)
     "half a sample late": (ALL, lambda r: late(r, 1, 0.5), "delay", 1, 0.5, 0.05),
@@ -228,10 +228,10 @@ DEFECTS = {
     "torques swapped": (P_RECORDS, lambda r: replace(r, torque=exchanged(r.torque), current=None), "swapped torques",
                         0, None, None),
     "torques swapped, open loop": (
-        P_RECORDS, lambda r: without(replace(r, torque=exchanged(r.torque), current=None), "reference"),
+        OPEN, lambda r: without(replace(r, torque=exchanged(r.torque), current=None), "reference"),
         "swapped torques", 1, None, None,
     ),
-    "counts swapped, open loop": (P_RECORDS, lambda r: without(counting(r, exchanged(r.counts)), "reference"),
+    "counts swapped, open loop": (OPEN, lambda r: without(counting(r, exchanged(r.counts)), "reference"),
                                   "swapped torques", 0, None, None),
     "half the resolution": (ALL, lambda r: stepped(r, 0, 2), "quantisation step", 0, 2.0, 0.0),
     "rounded to 1.6": (P_RECORDS, lambda r: stepped(r, 0, 1.6), "quantisation step", 0, 1.6, 0.01),
@@ -332,23 +332,27 @@ def test_play_is_seen_where_the_motor_runs_free(play):
 @given(step=st.one_of(st.integers(1, 6), st.floats(1.62, 6.0)), phase=st.floats(0, 6), rate=st.floats(0.3, 3))
 def test_comb_finds_the_step_of_any_swing(step, phase, rate):
     """Position of a swing, on a grid of this step, then rounded to whole counts."""
+    assume(isinstance(step, int) or abs(8 * step - round(8 * step)) > 0.1)  # simple fractions tie when rounded
     position = 900 * np.sin(rate * np.arange(4000) * 1e-3 * 2 * np.pi + phase)
     found, clear = comb(np.round(step * np.round(position / step)))
     assert clear
-    assert abs(found - step) < 0.02 * step or abs(step - round(2 * step) / 2) < 0.03  # halves tie when rounded
+    assert abs(found - step) < 0.02 * step
 
 
-finite = st.floats(-1e6, 1e6)
+def columns(kind, N, n):
+    random = np.random.default_rng(N + n)
+    values = {"none": np.zeros((N, n)), "any": random.uniform(-1e6, 1e6, (N, n)), "real": random.normal(size=(N, n))}
+    return values.get(kind, np.cumsum(random.integers(-3, 4, (N, n)), axis=0))
 
 
-@settings(derandomize=True, max_examples=80, deadline=None)
-@given(data=st.data(), N=st.integers(1, 60), n=st.integers(1, 2))
+@settings(derandomize=True, max_examples=100, deadline=None)
+@given(data=st.data(), N=st.sampled_from([1, 2, 3, 60, 300]), n=st.integers(1, 2))
 def test_any_record_can_be_examined(data, N, n):
     """However short, still or wild: a checkup, each value finite, each verdict one of the four."""
-    table = st.one_of(arrays(float, (N, n), elements=finite), st.just(np.zeros((N, n))))
-    steps = data.draw(arrays(float, N, elements=st.floats(1e-6, 1.0)))
+    table = st.sampled_from(("none", "any", "walk", "real")).map(lambda kind: columns(kind, N, n))
+    steps = np.random.default_rng(N).uniform(1e-6, 1.0, N) ** data.draw(st.sampled_from([0, 1, 3]))
     torque = data.draw(st.none() | table)
-    valid = data.draw(arrays(float, N, elements=st.sampled_from([0.0, 1.0])))
+    valid = np.random.default_rng(n).random(N) < data.draw(st.sampled_from([0.0, 0.5, 1.0]))
     law = data.draw(st.sampled_from([None, P(gain=np.ones(n))]))
     record = Record(t=np.cumsum(steps), error_pulses=data.draw(table), reference_pulses=data.draw(table), law=law,
                     torque=torque, valid=valid, rig=planar_rig(n))  # fmt: skip
