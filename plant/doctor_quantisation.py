@@ -90,16 +90,15 @@ def comb(counts):
     visited[levels.astype(int)] = 1
     power = np.abs(np.fft.rfft(visited)) / len(levels)
     frequency = np.arange(len(power)) / length
-    best, regular = 1.0, _COMB
     for folded in (frequency, 1 - frequency):  # a step between 1 and 2 shows beyond half a cycle per count, folded
         step = 1 / np.maximum(folded, 1e-9)
         allowed = (step >= _FINEST) & (step <= smallest + 1) & (power > _CHANCE / np.sqrt(len(levels)))
         share = power / np.sinc(np.minimum(1 / step, 1 / _FINEST))  # rounding again leaves that much of a comb
         share = np.where(allowed & (share < _COMB_WHOLE), share, 0)
         k = int(np.argmax(share))
-        if share[k] > regular:
-            best, regular = float(step[k]), share[k]
-    return best, True
+        if share[k] > _COMB:
+            return float(step[k]), True
+    return 1.0, True
 
 
 def _noise(signals, i):

@@ -42,7 +42,7 @@ _GAP = 1.5
 def asked_torque(record):
     """Joint torques (N, n) [N m] that a law without memory asks for, whatever the amplifier gives; None for others."""
     law, rig = record.law, record.rig
-    if law is None or law.has_memory(record.n):
+    if law is None or law.replays or law.has_memory(record.n):
         return None
     N, zero = len(record), np.zeros((record.n, len(record)))
     block = law.block(rig)
