@@ -95,9 +95,12 @@ def comb(counts):
         allowed = (step >= _FINEST) & (step <= smallest + 1) & (power > _CHANCE / np.sqrt(len(levels)))
         share = power / np.sinc(np.minimum(1 / step, 1 / _FINEST))  # rounding again leaves that much of a comb
         share = np.where(allowed & (share < _COMB_WHOLE), share, 0)
-        k = int(np.argmax(share))
-        if share[k] > _COMB:
-            return float(step[k]), True
+        peaks = np.flatnonzero(share > _COMB)
+        if len(peaks):  # the widest step that fits: every part of it fits, too
+            peak = peaks[np.abs(1 / step[peaks] - 1 / step[peaks].max()) < 16 / length]
+            found = float(step[peak[np.argmax(power[peak])]])
+            if np.mean(np.diff(levels) < np.floor(found + 0.01)) < 0.01:  # else it is the other one of the pair
+                return found, True
     return 1.0, True
 
 
