@@ -12,6 +12,7 @@ import numpy as np
 
 from identification.equation_error import LINEAR, equations, weighted
 from plant.linear import jacobians, modes
+from plant.signals import asked_torque
 
 __all__ = [
     "equation_error", "fit_sides", "linear", "mode_in", "over_bands", "pass_band", "sides_in", "torque_of",
@@ -44,14 +45,9 @@ def torque_of(record):
     A torque that a sampled law holds counts half at both ends of its sample.
     """
     law, rig = record.law, record.rig
-    if law is not None and not law.has_memory(record.n) and not law.replays:
-        block, zero = law.block(rig), np.zeros((record.n, len(record)))
-        counts = record.counts.T
-        asked, _ = block.step.map(len(record))(
-            np.empty((0, len(record))), zero, zero, zero, record.reference_pulses.T, counts, zero,
-            np.full((1, len(record)), rig.period), np.repeat(block.values[:, None], len(record), axis=1),
-        )  # fmt: skip
-        return rig.drive.limited(asked.full().T)
+    asked = asked_torque(record)
+    if asked is not None:
+        return rig.drive.limited(asked)
     if record.torque is None and record.current is None:
         raise ValueError(
             f"the record must hold torques or currents; the counts under {type(law).__name__} do not tell. Log them."

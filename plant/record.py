@@ -120,6 +120,12 @@ class Record:
         """What the encoders counted, (N, n) [pulses]."""
         return self.reference_pulses - self.error_pulses
 
+    def check(self):
+        """Examine this log before anything is made of it; the `Checkup` prints as a table."""
+        from plant.doctor import examine
+
+        return examine(self)
+
     def __len__(self):
         return len(self.t)
 

@@ -1,0 +1,38 @@
+"""The examination of a record before anything is identified from it: a table with a verdict per line.
+
+It knows no model of the arm. What the rig and the law of the record state is compared with what the columns show.
+"""
+
+from __future__ import annotations
+
+from plant.doctor_counts import counts_findings
+from plant.doctor_quantisation import quantisation_findings
+from plant.doctor_reference import reference_findings
+from plant.doctor_time import time_findings
+from plant.doctor_torque import torque_findings
+from plant.finding import Checkup, Finding
+from plant.signals import Signals
+
+__all__ = ["examine"]
+
+_LEAST = 50
+"""Samples with weight, below which only their times are looked at."""
+
+
+def examine(record):
+    """Examine a record; ``record.check()`` does.
+
+    Parameters
+    ----------
+    record : Record
+
+    Returns
+    -------
+    Checkup
+    """
+    signals = Signals(record)
+    if len(signals.t) < _LEAST:
+        few = Finding.unknown("counts, torque", None, f"only {len(signals.t)} samples have weight")
+        return Checkup(findings=(*time_findings(signals), few))
+    parts = (time_findings, counts_findings, quantisation_findings, reference_findings, torque_findings)
+    return Checkup(findings=tuple(finding for part in parts for finding in part(signals)))

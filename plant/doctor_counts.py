@@ -1,0 +1,179 @@
+"""Are the counts an encoder's: motion, glitches, jumps, standstill, clipping."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plant.finding import Finding
+from plant.signals import LEAST_MOTION
+
+__all__ = ["counts_findings"]
+
+_SPIKE = 4.0
+"""Departure of one count from its neighbours: so many pulses, and so many times what 98 % of the samples show."""
+
+_MANY = 20
+"""Jumps, all alike, from which on they are steps of a coarse grid."""
+
+_MISTIMED = 0.2
+"""Share of a sample by which a count may be taken early or late; by as much as the intervals about it differ, too."""
+
+_RUN = 0.02
+"""Standstill [s] that is worth a look at what should have moved the arm."""
+
+_BEYOND = 3.0
+"""Standstill is strange when the reference goes on by so many times the error usual in this log."""
+
+_STICTION = 2.5
+"""A joint at rest holds torques over a range of twice its dry friction; above so many times it should have moved."""
+
+_LONG = 0.1
+"""Standstill [s] under too much torque that is more than the turning point of a motion."""
+
+_HELD = 0.2
+"""Share of the log that a joint may rest, nothing said of why, while others move."""
+
+_PLATEAU = 5
+"""Samples at an extreme, and so many counts per sample on the way there, that make a clipped peak."""
+
+
+def counts_findings(signals):
+    """Yield the findings about counts, check by check.
+
+    Parameters
+    ----------
+    signals : Signals
+    """
+    events = [_events(signals, i) for i in range(signals.n)]
+    for i in range(signals.n):
+        yield _motion(signals, i)
+    for i, (glitches, _, size) in enumerate(events):
+        yield Finding.graded(
+            "glitches", i, glitches, "", look=0, wrong=0.01 * len(signals.t),
+            advice=f"Single counts are off by up to {size[0]:.0f} pulses; leave them out (valid = 0), check the cable.",
+        )  # fmt: skip
+    for i, (_, jumps, size) in enumerate(events):
+        if size[2]:
+            advice = f"In places the counts go in steps of {size[2]:.3g} pulses; log them with more digits."
+            yield Finding(check="jumps", joint=i, value=float(jumps), unit="", verdict="look", advice=advice)
+            continue
+        yield Finding.graded(
+            "jumps", i, jumps, "", look=0, wrong=0,
+            advice=f"The counts jump by up to {size[1]:.0f} pulses and stay there, faster than any arm; unwrap the "
+            "counter, or cut the log there.",
+        )  # fmt: skip
+    for check in (_stuck, _clipped):
+        for i in range(signals.n):
+            yield check(signals, i)
+
+
+def _motion(signals, i):
+    moved = np.ptp(signals.counts[:, i]) / signals.grain[i]
+    others = np.delete(np.ptp(signals.counts, axis=0) / signals.grain, i)
+    verdict, advice = "fine", ""
+    if moved < LEAST_MOTION:
+        verdict = "wrong"
+        advice = "The motor hardly moves: log a motion of all joints."
+        if len(others) and others.max() > 10 * LEAST_MOTION:
+            advice = (
+                "The motor stands still while others move: it sticks, its brake is on, or its encoder is dead or in "
+                "other units."
+            )
+    return Finding(check="motion", joint=i, value=float(moved * signals.grain[i]), unit="pulses", verdict=verdict,
+                   advice=advice)  # fmt: skip
+
+
+def _events(signals, i):
+    """Glitches, jumps, and the largest of each [pulses]; last, the step of a grid that only looks like jumps, or 0."""
+    around, spans = signals.local_speed[:, i], np.diff(signals.t)
+    surprise = np.diff(signals.counts[:, i]) - around * spans
+    usual = np.quantile(np.abs(surprise), 0.98)
+    odd = np.abs(np.pad(spans, 1, mode="edge") - signals.interval)
+    mistimed = _MISTIMED * signals.interval + np.maximum(np.maximum(odd[:-2], odd[1:-1]), odd[2:])
+    limit = _SPIKE * max(signals.grain[i], usual) + np.abs(around) * mistimed
+    strange = np.flatnonzero(np.abs(surprise) > limit)
+    glitches, jumps, sizes, last = 0, 0, [0.0, 0.0, 0.0], -2
+    steps = np.abs(surprise[strange])
+    common = np.median(steps) if len(steps) > _MANY else 0.0
+    if common and np.mean(np.abs(steps - common) < 0.05 * common) > 0.8:  # no accident: a grid, coarse in places
+        return 0, len(steps), [0.0, common, common]
+    for k in strange:
+        if k == last:  # the way back from a glitch
+            continue
+        back = k + 1 < len(surprise) and surprise[k + 1] * surprise[k] < 0
+        if back and abs(surprise[k + 1] + surprise[k]) < 0.5 * abs(surprise[k]):
+            glitches, sizes[0], last = glitches + 1, max(sizes[0], abs(surprise[k])), k + 1
+        else:
+            jumps, sizes[1] = jumps + 1, max(sizes[1], abs(surprise[k]))
+    return glitches, jumps, sizes
+
+
+def _runs(counts):
+    """First and last row of every stretch of equal counts."""
+    edges = np.flatnonzero(np.diff(counts) != 0)
+    return np.concatenate([[0], edges + 1]), np.concatenate([edges, [len(counts) - 1]])
+
+
+def _stuck(signals, i):
+    """The longest standstill that nothing explains [s]."""
+    first, last = _runs(signals.counts[:, i])
+    length = signals.t[last] - signals.t[first]
+    long = length >= max(_RUN, 5 * signals.interval)
+    rows = [slice(a, b + 1) for a, b in zip(first[long], last[long], strict=True)]
+    if signals.reference is not None:
+        strange, advice = _against_reference(signals, i, rows), "while the reference moves on"
+    else:
+        strange, advice = _against_torque(signals, i, rows), "under torques that its friction cannot hold"
+    stuck = max((signals.t[run.stop - 1] - signals.t[run.start] for run in strange), default=0.0)
+    if stuck or signals.reference is not None:
+        advice = f"The counts stand still {advice}; leave these rows out (valid = 0), check the encoder."
+        return Finding.graded("stuck encoder", i, stuck, "s", look=0, wrong=0, advice=advice)
+    others = np.delete(signals.counts, i, axis=1)
+    whole = signals.t[-1] - signals.t[0]
+    for run in rows:
+        seconds = signals.t[run.stop - 1] - signals.t[run.start]
+        if others.size and seconds > _HELD * whole and np.ptp(others[run], axis=0).max() > 10 * LEAST_MOTION:
+            stuck = max(stuck, seconds)
+    return Finding.graded(
+        "stuck encoder", i, stuck, "s", look=0,
+        advice="The joint rests for a large part of the log while others move; does it stick, or its encoder?",
+    )  # fmt: skip
+
+
+def _against_reference(signals, i, rows):
+    """Standstills in which the reference goes further than friction lets it elsewhere."""
+    reference, running = signals.reference[:, i], np.ones(len(signals.t), bool)
+    for run in rows:
+        running[run] = False
+    error = np.abs(reference - signals.counts[:, i])[running]
+    usual = 10 * signals.grain[i] + _BEYOND * (np.quantile(error, 0.99) if len(error) else 0.0)
+    return [run for run in rows if np.ptp(reference[run]) > usual]
+
+
+def _against_torque(signals, i, rows):
+    """Standstills over a range of torques that stated friction cannot hold; none where no friction is stated."""
+    friction = signals.rig.drive.coulomb[i]
+    if signals.torque is None or not friction:
+        return []
+    least = _LONG / signals.interval
+    long = [run for run in rows if run.stop - run.start > least]
+    return [run for run in long if np.ptp(signals.torque[run, i]) > 2 * _STICTION * friction]
+
+
+def _clipped(signals, i):
+    """Time at an extreme that was reached at full speed [s]."""
+    counts, t = signals.counts[:, i], signals.t
+    first, last = _runs(counts)
+    spent = 0.0
+    for extreme in (counts.min(), counts.max()):
+        for a, b in zip(first, last, strict=True):
+            if counts[a] != extreme or b - a + 1 < _PLATEAU:
+                continue
+            before, after = np.abs(np.diff(counts[max(a - 3, 0) : a + 1])), np.abs(np.diff(counts[b : b + 4]))
+            fast = _PLATEAU / 2 * signals.grain[i]
+            if all(len(side) and side.min() > 0 and side.mean() > fast for side in (before, after)):
+                spent += t[b] - t[a]
+    return Finding.graded(
+        "clipped counts", i, spent, "s", look=0, wrong=0.05 * (t[-1] - t[0]),
+        advice="Peaks are cut off at one value: the converter's range, or a mechanical stop; leave these rows out.",
+    )  # fmt: skip

@@ -1,0 +1,117 @@
+"""Are the counts whole, on the grid of the stated encoder, and quiet."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plant.finding import Finding
+
+__all__ = ["comb", "quantisation_findings"]
+
+_COMB = 0.8
+"""Regularity (0 to 1) of the counts from which on they lie on a coarser grid."""
+
+_FINEST = 1.43
+"""Smallest step [pulses] that still leaves a comb after rounding; below, it looks like another, coarser one."""
+
+_COMB_WHOLE = 1.7
+"""What the regularity comes to when only every second count is there, and a little; more has another cause."""
+
+_CHANCE = 5.0
+"""Times what random counts would show, in standard deviations."""
+
+_DISTINCT = 50
+"""Different counts from which a step can be told."""
+
+_NOISY = 0.6
+"""Scatter [pulses] that rounding (0.29) does not explain."""
+
+
+def quantisation_findings(signals):
+    """Yield the findings about units, quantisation and noise of the counts.
+
+    Parameters
+    ----------
+    signals : Signals
+    """
+    for check in (_units, _step, _noise):
+        for i in range(signals.n):
+            yield check(signals, i)
+
+
+def _units(signals, i):
+    """Counts are whole; angles are not."""
+    counts = signals.counts[:, i]
+    if signals.rig.encoder.smooth:
+        return Finding.unknown("units of counts", i, "the encoder is said not to round")
+    broken = 100 * np.mean(counts != np.round(counts))
+    if not broken:
+        return Finding(check="units of counts", joint=i, value=0.0, unit="% not whole", verdict="fine")
+    verdict, advice = "look", "Counts are whole; these were shifted or scaled after counting."
+    if signals.angular[i]:
+        unit = "radians" if np.ptp(counts) < 4 * np.pi else "degrees"
+        verdict, advice = "wrong", f"These look like {unit}, not counts; turn angles of the joints into rig.pulses(q)."
+    return Finding(check="units of counts", joint=i, value=broken, unit="% not whole", verdict=verdict, advice=advice)
+
+
+def _step(signals, i):
+    """The grid that the counts lie on, in pulses; 1 is what was stated."""
+    if signals.rig.encoder.smooth:
+        return Finding.unknown("quantisation step", i, "the encoder is said not to round")
+    levels = np.unique(np.round(signals.counts[:, i]))
+    if len(levels) < _DISTINCT:
+        return Finding.unknown("quantisation step", i, f"only {len(levels)} different counts")
+    step, clear = comb(signals.counts[:, i])
+    if not clear:
+        return Finding.unknown("quantisation step", i, f"always faster than {step:.0f} pulses per sample")
+    return Finding.graded(
+        "quantisation step", i, step, "pulses", look=1.02,
+        advice=f"Counts come in steps of {step:.4g}: the encoder has {signals.rig.encoder.resolution[i] / step:.6g} "
+        f"pulses per turn, not {signals.rig.encoder.resolution[i]:g}, or was rounded to another step before.",
+    )  # fmt: skip
+
+
+def comb(counts):
+    """Step of the grid that whole counts (N,) lie on, and whether the motion is ever slow enough to tell.
+
+    Counts of a coarser encoder, whole or rounded again, leave a comb in the histogram. Its period is the frequency at
+    which the visited counts are most alike in phase; it cannot exceed the smallest steps of the motion by more than
+    the rounding.
+    """
+    counts = np.round(counts)
+    steps = np.abs(np.diff(counts))
+    smallest = np.quantile(steps[steps > 0], 0.02)
+    levels = np.unique(counts)
+    levels = levels[: 1 << 16] - levels[0]
+    if smallest > 50 or levels[-1] > 5e7:
+        return smallest, False
+    length = 1 << int(np.ceil(np.log2(4 * levels[-1] + 8)))
+    visited = np.zeros(length)
+    visited[levels.astype(int)] = 1
+    power = np.abs(np.fft.rfft(visited)) / len(levels)
+    frequency = np.arange(len(power)) / length
+    for folded in (frequency, 1 - frequency):  # a step between 1 and 2 shows beyond half a cycle per count, folded
+        step = 1 / np.maximum(folded, 1e-9)
+        allowed = (step >= _FINEST) & (step <= smallest + 1) & (power > _CHANCE / np.sqrt(len(levels)))
+        share = power / np.sinc(np.minimum(1 / step, 1 / _FINEST))  # rounding again leaves that much of a comb
+        share = np.where(allowed & (share < _COMB_WHOLE), share, 0)
+        peaks = np.flatnonzero(share > _COMB)
+        if len(peaks):  # the widest step that fits: every part of it fits, too
+            peak = peaks[np.abs(1 / step[peaks] - 1 / step[peaks].max()) < 16 / length]
+            found = float(step[peak[np.argmax(power[peak])]])
+            if np.mean(np.diff(levels) < np.floor(found + 0.01)) < 0.01:  # else it is the other one of the pair
+                return found, True
+    return 1.0, True
+
+
+def _noise(signals, i):
+    noise = signals.noise[i]
+    if not np.isfinite(noise):
+        return Finding.unknown("noise", i, "too few samples")
+    if signals.rig.encoder.smooth:
+        return Finding(check="noise", joint=i, value=float(noise), unit="pulses", verdict="fine")
+    grid = _step(signals, i).value or 1.0
+    return Finding.graded(
+        "noise", i, noise, "pulses", look=_NOISY * grid, wrong=10 * grid,
+        advice="The counts scatter more than rounding does, even where the arm is slowest; look for interference.",
+    )  # fmt: skip

@@ -1,0 +1,118 @@
+"""Is the time of a log what it says: missing and repeated samples, jitter, period, length."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plant.finding import Finding
+
+__all__ = ["time_findings"]
+
+_GAP, _CROWD = 1.5, 0.5
+"""Median intervals above which a sample is missing, and below which one is repeated."""
+
+_LOST = 5.0
+"""Missing samples [%] above which the log is broken rather than patchy."""
+
+_JITTER, _UNTIMED = 1.0, 20.0
+"""Scatter of the intervals [%] to look at, and from which on time stamps are no sample times."""
+
+_OFF, _OTHER = 1e-3, 2e-2
+"""Relative difference of periods: a thousandth is one sample in a thousand by the end."""
+
+_MOVING = 2.0
+"""Counts per sample from which on two rows of a log cannot be equal."""
+
+_MATCH, _EVEN = 0.7, 0.3
+"""Share of what odd intervals promise that the counts show in their own rows; and less than that in any: none."""
+
+_SHORT = 200
+"""Fewer samples hold no motion worth a fit."""
+
+
+def time_findings(signals):
+    """Yield the findings about time.
+
+    Parameters
+    ----------
+    signals : Signals
+    """
+    record = signals.record
+    N = len(record)
+    advice = f"{N} samples hold little; log at least {_SHORT}, and a few periods of the motion."
+    short = "wrong" if N < _SHORT else "fine"
+    yield Finding(check="samples", joint=None, value=float(N), unit="", verdict=short, advice=advice * (N < _SHORT))
+    left_out = 100 * (1 - np.mean(record.valid > 0))
+    yield Finding.graded(
+        "samples left out", None, left_out, "%", look=_LOST, wrong=50,
+        advice="Many samples have weight 0; see why they were dropped.",
+    )  # fmt: skip
+    if N < 3:
+        for name in ("period", "missing samples", "crowded samples", "time jitter", "rows and stamps", "repeated rows"):
+            yield Finding.unknown(name, None, "fewer than three samples")
+        return
+    steps = np.diff(record.t) / signals.interval
+    yield _period(signals)
+    lost = np.round(steps[steps > _GAP]).sum() - (steps > _GAP).sum()
+    yield Finding.graded(
+        "missing samples", None, 100 * lost / (lost + N), "%", look=0, wrong=_LOST,
+        advice=f"{lost:.0f} rows are missing in {(steps > _GAP).sum()} gaps of up to {steps.max():.1f} intervals; use "
+        "the time stamps, do not count rows.",
+    )  # fmt: skip
+    crowded = int((steps < _CROWD).sum())
+    yield Finding.graded(
+        "crowded samples", None, crowded, "", look=0, wrong=0.05 * N,
+        advice="Samples follow each other within half an interval; drop the second of each pair.",
+    )  # fmt: skip
+    even = (steps < _GAP) & (steps > _CROWD)
+    yield Finding.graded(
+        "time jitter", None, 100 * np.std(steps[even] if even.any() else steps), "%", look=_JITTER, wrong=_UNTIMED,
+        advice="Intervals scatter; use the logged times, or let the controller's clock stamp the samples.",
+    )  # fmt: skip
+    yield _stamps(signals)
+    yield _repeated(signals)
+
+
+def _period(signals):
+    """Median interval against the rig's period [ms]."""
+    ratio = signals.interval / signals.rig.period
+    thousand = np.log10(ratio) / 3
+    if abs(thousand) > 0.5 and abs(thousand - round(thousand)) < 0.03:
+        factor = 1e3 ** round(thousand)
+        advice = f"Times are {factor:g} times what the rig's period says: give seconds (divide t by {factor:g})."
+    else:
+        advice = f"The rig says {signals.rig.period * 1e3:.6g} ms; correct rig.period, or resample the log."
+    finding = Finding.graded("period", None, ratio - 1, "ms", look=_OFF, wrong=_OTHER, advice=advice)
+    return Finding(**{**vars(finding), "value": signals.interval * 1e3})
+
+
+def _stamps(signals):
+    """Whether the counts were taken when their time stamps say."""
+    name, unit = "rows and stamps", "rows"
+    shift, share = (np.nan, 0.0) if len(signals.t) < 20 else signals.row_shift
+    if np.isnan(shift):
+        return Finding.unknown(name, None, "intervals are too alike")
+    if shift == 0 and share > _MATCH:
+        return Finding(check=name, joint=None, value=0.0, unit=unit, verdict="fine")
+    if share < _EVEN:
+        advice = "The stamps scatter, the samples do not: the counts come evenly; put t = row times interval."
+        return Finding(check=name, joint=None, value=None, unit=unit, verdict="look", advice=advice)
+    when = f"{abs(shift)} row(s) {'after' if shift > 0 else 'before'} the stamps" if shift else "partly in other rows"
+    advice = f"At odd intervals the counts come {when}: clock and counter are not read together; leave out the rows "
+    advice += "at gaps (valid = 0)."
+    return Finding(check=name, joint=None, value=float(shift), unit=unit, verdict="look", advice=advice)
+
+
+def _repeated(signals):
+    """Rows that equal the one before while the arm moves."""
+    record = signals.record
+    columns = [record.counts, record.reference_pulses, *(x for x in (record.torque, record.current) if x is not None)]
+    same = (np.diff(np.hstack(columns), axis=0) == 0).all(axis=1)
+    steps = np.abs(np.diff(record.counts, axis=0)).max(axis=1) / signals.grain.min()
+    moving = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(steps, 4, "edge"), 9), axis=1)
+    repeated = int((same & (moving >= _MOVING)).sum())
+    return Finding.graded(
+        "repeated rows", None, repeated, "", look=0, wrong=0.05 * len(record),
+        advice="Rows repeat the one before although the arm moves; the logger read faster than the controller "
+        "wrote: drop them (valid = 0).",
+    )  # fmt: skip
