@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from plant import replay
+
 DATA = os.environ.get("CTC_DATA")
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
@@ -35,6 +37,55 @@ def test_tx40_fit_is_the_published_one():
     assert (off <= 1).sum() >= 55
     assert off.max() <= 3
     assert found.relative_error <= 0.054
+
+
+PENDULUM = "8_real_double_pendulum"
+
+
+@pytest.fixture(scope="module", params=["C.0", "A.0"])
+def pendulum(request):
+    """The example, the design, what was identified of it, and the runs kept aside."""
+    there, module = folder("dfki_double_pendulum"), example(PENDULUM)
+    return module, request.param, *module.study(there, request.param)
+
+
+def test_double_pendulum_repeats_the_runs_kept_aside(pendulum):
+    """10 s in open loop from t = 0, pooled over the runs; the authors' models: 0.049, 0.076 and a turn of the elbow."""
+    module, design, found, kept = pendulum
+    assert (module.misses(found, kept) <= {"C.0": (0.0345, 0.0579), "A.0": (0.053, 0.129)}[design]).all()
+    for record in kept:
+        free = replay(found.arm, record, rig=found.rig)
+        assert np.abs(free.counts - record.counts).max() * module.STEP < 1.0  # no elbow turns over
+
+
+def test_double_pendulum_has_the_published_terms(pendulum):
+    """All within 7 %, and three of four within 5 %: m2 r2 of A.0 is 6.7 % and I2 of C.0 5.8 % above the published."""
+    module, design, found, _ = pendulum
+    ours, theirs = module.four_terms(design, found)
+    off = np.abs(ours / theirs - 1)
+    assert (off <= 0.05).sum() >= 3
+    assert off.max() <= 0.07
+
+
+def test_double_pendulum_warns_of_least_squares_above_some_hertz(pendulum):
+    """By comparison, band by band: nearly right from 2 to 4 Hz, 10 % short at 5.7 Hz, a third missing at 11 Hz."""
+    *_, found, _ = pendulum
+    assert any("least squares on these torques is biased in bands above 4 Hz" in text for text in found.warnings)
+    assert min(abs(share - 1) for share in found.bands.values()) < 0.08
+    assert found.bands[16.0] < 0.5
+
+
+def test_double_pendulum_is_controlled_within_one_pulse(pendulum):
+    """On the arm that the runs kept aside show, which is another."""
+    module, _, found, kept = pendulum
+    again = module.fit(found.arm.dynamics, kept)
+    assert module.controlled(found, again).within(1)
+
+
+def test_double_pendulum_example_says_where_the_log_is_when_there_is_none(monkeypatch, capsys):
+    monkeypatch.delenv("CTC_DATA", raising=False)
+    assert example(PENDULUM).main() == 0
+    assert "CTC_DATA is not set" in capsys.readouterr().out
 
 
 def test_tx40_example_says_where_the_log_is_when_there_is_none(monkeypatch, capsys):

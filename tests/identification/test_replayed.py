@@ -74,8 +74,8 @@ def test_the_arm_its_friction_and_the_zeros_are_found():
 def test_it_repeats_a_run_that_it_has_not_seen():
     other = log(3)
     seen = replay(found().arm, other, rig=found().rig)
-    turned = other.rig.turned(np.sqrt(np.mean((seen.counts - other.counts) ** 2, axis=0)))
-    assert (np.abs(turned) < 0.02).all(), turned
+    off = np.sqrt(np.mean((seen.counts - other.counts) ** 2, axis=0))
+    assert (off < 0.02 * np.ptp(other.counts, axis=0)).all(), off / np.ptp(other.counts, axis=0)
 
 
 def test_zeros_that_are_there_and_not_looked_for_do_harm():
@@ -86,10 +86,10 @@ def test_zeros_that_are_there_and_not_looked_for_do_harm():
 
 
 def test_least_squares_is_compared_band_by_band():
-    """In some band it is nearly right, far above the motion it finds next to nothing, and the warning says so."""
+    """In some band it is nearly right, far above the motion it finds less, and the warning says so."""
     bands = found().bands
-    assert max(bands.values()) > 0.9
-    assert bands[max(bands)] < 0.5
+    assert max(bands.values()) > 0.97
+    assert bands[max(bands)] < 0.9
     assert any("least squares on these torques is biased in bands above" in text for text in found().warnings)
 
 
@@ -136,8 +136,9 @@ def test_a_log_of_computed_torque_tells_f_by_its_torques():
     made = simulate(arm, robot_rig, ComputedTorque(arm, robot_rig), puma560.reference(), steps_per_sample=16)
     bare = dataclasses.replace(made, law=LoggedTorque(), true_q=None, true_qd=None)
     fit = identify(puma560.dynamics(), bare, progress=False)
-    assert (np.abs(fit.f - arm.f) < 4 * fit.std).all()
-    assert fit.scatter < 0.6
+    width = np.ptp(puma560.dynamics().ranges, axis=1)
+    assert (np.abs(fit.f - arm.f) < 0.003 * width).all(), (fit.f - arm.f) / width
+    assert fit.scatter < 0.3
 
 
 class Line:
