@@ -18,14 +18,11 @@ import dataclasses
 
 import numpy as np
 
-from identification.equation_error import TorqueFit
-from identification.from_pulses import equation_error as fit_pulses
 from identification.from_pulses import fit_sides, linear, pass_band, sides_in
-from identification.gauss_newton import gauss_newton
 from identification.genetic import minimize_genetic
+from identification.polish import polished, require_fast, start_of_fit, torque_fit
 from identification.prediction import Prediction
 from identification.search import Outcome
-from plant.inertia import least_inertia_margin
 
 __all__ = ["METHODS"]
 
@@ -37,12 +34,6 @@ _NEAR, _NEIGHBOURS = 0.03, 119
 
 _AT_MOST = 1.5
 """Objective (4) that the prediction error's fit may have, in that of the genetic algorithm's best."""
-
-_SMALL = 0.01
-"""Step of the derivatives, in standard deviations of the equation error."""
-
-_WEIGHINGS = 2
-"""How often records and joints are weighted anew."""
 
 _ROUNDS = 10
 """Of `didim`, at most."""
@@ -71,7 +62,7 @@ def _genetic(search, ranges):
 
 def equation_error(search):
     """Least squares on the torque equation."""
-    return _of_fit(search, _fit(search))
+    return _of_fit(search, torque_fit(search))
 
 
 def didim(search):
@@ -80,13 +71,13 @@ def didim(search):
     It is compared below the slow mode: how that swings depends on the rounding of single counts, which a simulation
     does not repeat.
     """
-    fit = _fit(search)
-    stages = {"equation error": _complete(search, fit)[0]}
+    fit = torque_fit(search)
+    stages = {"equation error": start_of_fit(search, fit)[0]}
     simulated = Prediction(search.dynamics, search.records, search.unknown, free=True, **search.options)
     unknown = linear(search.dynamics, search.unknown)
     bands = [_BELOW * pass_band(record) for record in search.records]
     while simulated.evaluations < _ROUNDS:
-        motions = simulated.motions(_complete(search, fit)[0])
+        motions = simulated.motions(start_of_fit(search, fit)[0])
         if not all(np.isfinite(q).all() for q in motions):
             raise ValueError(
                 "the simulated arm must stay on its path; what was found so far diverges. Log a slower motion."
@@ -101,16 +92,16 @@ def didim(search):
 
 def output_error(search):
     """Gauss-Newton on simulated positions."""
-    _require_fast(search)
-    values, step = _complete(search, _fit(search))
-    return _polished(search, values, step, {"equation error": values}, free=True)
+    require_fast(search)
+    values, step = start_of_fit(search, torque_fit(search))
+    return polished(search, values, step, {"equation error": values}, free=True)
 
 
 def prediction_error(search):
     """Gauss-Newton on predicted positions."""
-    _require_fast(search)
-    values, step = _complete(search, _fit(search))
-    return _polished(search, values, step, {"equation error": values})
+    require_fast(search)
+    values, step = start_of_fit(search, torque_fit(search))
+    return polished(search, values, step, {"equation error": values})
 
 
 def seeded(search):
@@ -123,8 +114,8 @@ def seeded(search):
     """
     if any(record.law.replays for record in search.records):
         return prediction_error(search)
-    _require_fast(search)
-    values, step = _complete(search, _fit(search))
+    require_fast(search)
+    values, step = start_of_fit(search, torque_fit(search))
     box = np.column_stack([values - _BOX * step, values + _BOX * step])
     low, high = search.bounds.T
     box = np.column_stack([np.clip(box[:, 0], low, high), np.clip(box[:, 1], low, high)])
@@ -134,7 +125,7 @@ def seeded(search):
     stages = {"equation error": values, "genetic": result.x}
     if not np.isfinite(result.cost):
         return Outcome(values=values, genetic=result, evaluations=result.evaluations, stages=stages)
-    outcome = _polished(search, result.x, step, stages)
+    outcome = polished(search, result.x, step, stages)
     stages["prediction error"] = outcome.values
     moves = np.random.default_rng(search.seed).normal(size=(_NEIGHBOURS, len(step)))
     moves = _NEAR * (moves[:, None, :] * _root(outcome.covariance)).sum(axis=2)
@@ -162,77 +153,13 @@ METHODS = {
 }
 
 
-# -- helpers ---------------------------------------------------------------------------------------------------------
-def _fit(search):
-    """The torque equation's fit."""
-    return fit_pulses(search.dynamics, search.records, search.unknown, search.known)
-
-
-def _complete(search, fit: TorqueFit):
-    """Values (k,) of all unknowns, those that the fit lacks as range or record have them; and a step for each."""
-    values, step = search.nominal.copy(), np.abs(search.nominal) * 0.02
-    for name, value in search.known.items():
-        values[search.unknown.index(name)] = value
-    for i, name in enumerate(search.unknown):
-        if name in fit.names:
-            place = fit.names.index(name)
-            values[i], step[i] = fit.values[place], fit.std[place]
-    if search.ranges is not None:
-        step = np.where(step > 0, step, 0.01 * (search.ranges[:, 1] - search.ranges[:, 0]))
-        step = np.where(search.ranges[:, 0] == search.ranges[:, 1], 0.0, step)
-    return np.clip(values, *search.bounds.T), step
-
-
 def _of_fit(search, fit):
-    values, _ = _complete(search, fit)
+    values, _ = start_of_fit(search, fit)
     covariance = np.zeros((len(values), len(values)))
     places = [search.unknown.index(name) for name in fit.names]
     covariance[np.ix_(places, places)] = fit.covariance
     message = f"{fit.rows} equations, relative torque error {fit.relative_error:.1%}."
     return Outcome(values=values, covariance=covariance, message=message)
-
-
-def _require_fast(search):
-    """Refuse a law whose memory cannot be followed: its own state is not in the log."""
-    for record in search.records:
-        if record.law.has_memory(record.n):
-            raise ValueError(
-                f"the law of the log must be fast and without memory, like P; got {type(record.law).__name__}. Use "
-                "method='equation_error', which reads its torques, or log a motion under P."
-            )
-
-
-def _polished(search, start, step, stages, *, free=False):
-    """The prediction error's fit from a start; the start itself where no arm comes of it."""
-    prediction = Prediction(
-        search.dynamics, search.records, search.unknown, free=free, zeros=search.zeros, **search.options
-    )
-    k, bounds = len(start), np.vstack([search.bounds, prediction.nuisance_bounds])
-    steps = np.append(_SMALL * step, prediction.nuisance_steps)
-    fit = gauss_newton(prediction, np.append(start, prediction.nuisances), steps, bounds)
-    for _ in range(_WEIGHINGS):
-        if not prediction.reweigh(fit.values):
-            break
-        fit = gauss_newton(prediction, fit.values, steps, bounds)
-    arm, rig, _ = _parts(search, fit.values[:k])
-    sound = least_inertia_margin(search.dynamics, rig, arm.f[None])[0] >= 0
-    trouble = (
-        None
-        if sound
-        else (
-            "D(q) of the fit falls short of the motors' own inertia, Jm k^2; check motor_inertia, gears and motor_gain"
-        )
-    )
-    return Outcome(
-        values=fit.values[:k] if sound else start,
-        covariance=fit.covariance[:k, :k],
-        scatter=fit.scatter,
-        evaluations=prediction.evaluations,
-        message=f"Surprises of {fit.scatter:.3f} pulses (rounding alone gives 0.289).",
-        trouble=trouble,
-        stages=stages,
-        zeros=prediction.zeros_in(fit.values) if search.zeros else None,
-    )
 
 
 def _root(covariance):
@@ -244,11 +171,3 @@ def _root(covariance):
                 root[i, j] = (covariance[i, j] - (root[i, :j] * root[j, :j]).sum()) / root[j, j]
         root[i, i] = np.sqrt(max(0.0, covariance[i, i] - (root[i, :i] ** 2).sum()))
     return root
-
-
-def _parts(search, values):
-    """Arm, rig and law of the first record with these values in place."""
-    named = dict(zip(search.unknown, values, strict=True))
-    record = search.records[0]
-    arm = search.dynamics.arm([named[name] for name in search.dynamics.names])
-    return arm, record.rig.filled(named), record.law.filled(named, "law.")

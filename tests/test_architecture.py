@@ -143,8 +143,6 @@ LONG = {
     "ctc/plots.py": "every figure of a verdict, in one style",
     "identification/genetic.py": "every operator of the toolbox in one file that knows nothing of robots",
     "plant/dynamics.py": "one torque and all that is read off it",
-    "plant/reference.py": "five small motions with one interface",
-    "plant/record.py": "one log: what it holds, the file that it is kept in, and the checks of both",
     "plant/loop.py": "one loop: its state, its numbers and its three steps",
     "plant/urdf.py": "one reader, half of it the checks of what it reads",
     "plant/elementary.py": "every operation of a kernel; its text stands in each",

@@ -91,7 +91,7 @@ def test_shares_are_numbers_of_the_loop_and_share_its_kernel():
     ]
     own = [f"correction.{k}[{i}]" for k in ("position", "speed", "zero") for i in (0, 1)]
     assert loops[0].number_names[-6:] == own
-    np.testing.assert_array_equal(loops[0].number_values(ARM.f)[-4:], (0.3, 0.2, 0.05, 0.04))
+    np.testing.assert_array_equal(loops[0].number_values(ARM.f)[-6:], (0.3, 0.2, 0.05, 0.04, 0, 0))
     assert Structure(loops[0]) == Structure(loops[1])
     assert Structure(loops[0]) != Structure(loops[2])
 
