@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from identification.equation_error import LINEAR, equations, weighted
+from plant.checkup.signals import asked_torque
 from plant.linear import jacobians, modes
-from plant.signals import asked_torque
 
 __all__ = [
     "equation_error", "fit_sides", "linear", "mode_in", "over_bands", "pass_band", "sides_in", "torque_of",

@@ -2,12 +2,13 @@
 
 Reading order: `links`, `body`, `placement`, `urdf` (geometry) -> `dynamics` (one torque, D, h, C and Y read off it)
 with `lumping` (what f means) and `base` (which f a chain has) -> `arm` (dynamics + f) -> `drive`, `coupling`,
-`friction`, `encoder`, `rig` -> `reference`, `law`, `laws`, `logged` (laws that repeat a log), `running` (a law in a
-control script: `guards`, `shell`, `core`) -> `loop` (the symbolic closed loop) -> `rewrite`, `translate`, `pieces`,
-`elementary`, `source`, `kernel`, `compile` (the same loop as machine code) -> `clock`, `tables`, `simulator`,
-`referee` (the loop by casadi), `record`, `record_csv`, `resampling`; `logfile` (files of others: `csv_rows`, `npz`,
-`isolation`, `child`), `mapping`, `units`, `record_files` (as a record); `linear` (the loop linearised), `gains` (P
-for any arm), `inertia` (can this be an arm?), `puma560` (the paper's example) and `arms` (others).
+`friction`, `encoder`, `rig` -> `reference`, `scaled` (the same path at other times; `demand`, `scaling`: how fast) ->
+`law`, `laws` and `cascade` (with `velocity`, `integral`), `logged` (laws that repeat a log), `running` (a law in a
+control script: `guards`, `shell`, `core`), `c` (as C) -> `loop` (the symbolic closed loop) -> `rewrite`, `translate`,
+`pieces`, `elementary`, `source`, `kernel`, `compile` (the same loop as machine code) -> `clock`, `tables`,
+`simulator`, `referee` (the loop by casadi), `record`, `logs` (files), `checkup` (is it what its rig says?); `linear`
+(the loop linearised), `control_systems` (for python-control), `gains` (P for any arm), `inertia` (can this be an
+arm?), `kinematics`, `puma560` (the paper's example) and `arms` (others).
 """
 
 from plant import puma560
@@ -27,8 +28,8 @@ from plant.law import Block, Law, Setpoint
 from plant.laws import PD, PID, P
 from plant.linear import linearise
 from plant.links import Chain, Link
-from plant.logfile import LoadError, read_table
 from plant.logged import LoggedCurrent, LoggedTorque
+from plant.logs.logfile import LoadError, read_table
 from plant.lumping import Lumping
 from plant.placement import Placement
 from plant.record import Record

@@ -134,7 +134,7 @@ class Law(Part):
             No rig; a name that C could not have; a converter that ends below the amplifier's limit; a file in the
             folder that is not an earlier export.
         """
-        from plant.c_export import write_c
+        from plant.c.export import write_c
 
         write_c(self, folder, rig, name=name, output=output, counts_per_ampere=counts_per_ampere,
                 largest_count=largest_count)  # fmt: skip

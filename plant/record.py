@@ -10,14 +10,14 @@ import dataclasses
 
 import numpy as np
 
-from plant import record_csv
 from plant.check import array, known_options, real
 from plant.law import Law
-from plant.logfile import load_errors
-from plant.mapping import record_fields
-from plant.record_files import read_mapped, reader
+from plant.logs import record_csv
+from plant.logs.logfile import load_errors
+from plant.logs.mapping import record_fields
+from plant.logs.record_files import read_mapped, reader
+from plant.logs.resampling import resampled_fields
 from plant.reference import Reference
-from plant.resampling import resampled_fields
 from plant.rig import Rig
 
 __all__ = ["Record"]
@@ -122,7 +122,7 @@ class Record:
 
     def check(self):
         """Examine this log before anything is made of it; the `Checkup` prints as a table."""
-        from plant.doctor import examine
+        from plant.checkup.examine import examine
 
         return examine(self)
 

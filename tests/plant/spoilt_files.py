@@ -16,7 +16,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import scipy.io
 
-from plant import Record, child, isolation, puma560
+from plant import Record, puma560
+from plant.logs import child, isolation
 
 RIG = puma560.rig()
 FORMATS = ("csv", "npz", "mat", "hdf5", "parquet")
@@ -111,7 +112,7 @@ for line in sys.stdin:
 
 
 class WarmChildren:
-    """In place of `run` in `plant.isolation`; `.peak` is the largest memory of a child so far [kB]."""
+    """In place of `run` in `plant.logs.isolation`; `.peak` is the largest memory of a child so far [kB]."""
 
     def __init__(self):
         self.server = subprocess.Popen(  # noqa: S603 - this interpreter and the code above

@@ -13,8 +13,8 @@ import pytest
 
 from ctc import ComputedTorque
 from plant import Law, P, puma560, simulate
-from plant.c_export import write_replay
-from plant.c_source import statements
+from plant.c.export import write_replay
+from plant.c.source import statements
 from plant.part import number, part
 from plant.rewrite import STATE
 

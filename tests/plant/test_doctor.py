@@ -15,8 +15,8 @@ from ctc import ComputedTorque
 from identification import design_motion
 from plant import Drive, Dynamics, Encoder, Harmonics, P, PointToPoint, Record, Rig, Spline, p_gains, puma560, simulate
 from plant.arms import planar
-from plant.doctor_quantisation import comb
-from plant.finding import Checkup, Finding
+from plant.checkup.finding import Checkup, Finding
+from plant.checkup.quantisation import comb
 
 ARM, RIG, LAW, PATH = puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference()
 

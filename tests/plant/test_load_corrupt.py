@@ -13,7 +13,8 @@ import pyarrow.parquet as pq
 import pytest
 from spoilt_files import FORMATS, RIG, WarmChildren, log, read, spoil, write
 
-from plant import LoadError, Record, child, isolation, puma560, read_table
+from plant import LoadError, Record, puma560, read_table
+from plant.logs import child, isolation
 
 MUTATIONS = 50
 

@@ -13,7 +13,8 @@ import pytest
 import scipy.io
 from spoilt_files import COLUMNS, FORMATS, RIG, UNITS, WarmChildren, log, read, write
 
-from plant import LoadError, Record, isolation, puma560, read_table
+from plant import LoadError, Record, puma560, read_table
+from plant.logs import isolation
 
 SUFFIX = {"csv": "csv", "npz": "npz", "mat": "mat", "hdf5": "h5", "parquet": "parquet"}
 

@@ -5,13 +5,13 @@ It knows no model of the arm. What the rig and the law of the record state is co
 
 from __future__ import annotations
 
-from plant.doctor_counts import counts_findings
-from plant.doctor_quantisation import quantisation_findings
-from plant.doctor_reference import reference_findings
-from plant.doctor_time import time_findings
-from plant.doctor_torque import torque_findings
-from plant.finding import Checkup, Finding
-from plant.signals import Signals
+from plant.checkup.counts import counts_findings
+from plant.checkup.finding import Checkup, Finding
+from plant.checkup.quantisation import quantisation_findings
+from plant.checkup.signals import Signals
+from plant.checkup.stamps import time_findings
+from plant.checkup.torques import torque_findings
+from plant.checkup.tracking import reference_findings
 
 __all__ = ["examine"]
 

@@ -15,9 +15,9 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from plant.c_numbers import braced, comment, constant, constants, identifier
-from plant.c_source import SIGN, literal, statements
-from plant.c_text import HEADER, MAIN, MAKEFILE, SOURCE
+from plant.c.numbers import braced, comment, constant, constants, identifier
+from plant.c.source import SIGN, literal, statements
+from plant.c.text import HEADER, MAIN, MAKEFILE, SOURCE
 from plant.check import array, choice, instance, real
 from plant.rewrite import STATE, TIME, UNIFORM
 from plant.rig import Rig

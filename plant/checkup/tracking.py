@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from plant.balance import least_squares
-from plant.finding import Finding
-from plant.signals import FOLLOWS
+from plant.checkup.balance import least_squares
+from plant.checkup.finding import Finding
+from plant.checkup.signals import FOLLOWS
 
 __all__ = ["against_law", "reference_findings"]
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from plant.check import instance, known_options
-from plant.logfile import load_errors, read_file
-from plant.mapping import mapped_names
+from plant.logs.logfile import load_errors, read_file
+from plant.logs.mapping import mapped_names
 from plant.rig import Rig
 
 __all__ = ["read_mapped", "reader"]

@@ -8,7 +8,7 @@ import textwrap
 
 import numpy as np
 
-from plant.c_source import literal
+from plant.c.source import literal
 
 __all__ = ["braced", "comment", "constant", "constants", "identifier"]
 

@@ -12,7 +12,7 @@ from subprocess import DEVNULL, PIPE, TimeoutExpired, run
 
 import numpy as np
 
-from plant import child
+from plant.logs import child
 
 __all__ = ["read_isolated"]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from plant.finding import Finding
-from plant.signals import LEAST_MOTION
+from plant.checkup.finding import Finding
+from plant.checkup.signals import LEAST_MOTION
 
 __all__ = ["counts_findings"]
 

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 
-from plant.csv_rows import read_rows
+from plant.logs.csv_rows import read_rows
 from plant.part import restore
 from plant.rig import Rig
 

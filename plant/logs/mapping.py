@@ -7,9 +7,8 @@ import warnings
 import numpy as np
 
 from plant.check import choice, instance, real
-from plant.logfile import require_columns
-from plant.rig import Rig
-from plant.units import (
+from plant.logs.logfile import require_columns
+from plant.logs.units import (
     ANGLE,
     CURRENT,
     TIME,
@@ -21,6 +20,7 @@ from plant.units import (
     require_span,
     require_units,
 )
+from plant.rig import Rig
 
 __all__ = ["mapped_names", "record_fields"]
 

@@ -10,7 +10,7 @@ import functools
 
 import numpy as np
 
-from plant.balance import Balance
+from plant.checkup.balance import Balance
 
 __all__ = ["FOLLOWS", "LEAST_MOTION", "Signals", "asked_torque"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from plant.finding import Finding
+from plant.checkup.finding import Finding
 
 __all__ = ["time_findings"]
 

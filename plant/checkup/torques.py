@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from plant.doctor_reference import against_law
-from plant.finding import Finding
+from plant.checkup.finding import Finding
+from plant.checkup.tracking import against_law
 
 __all__ = ["torque_findings"]
 
