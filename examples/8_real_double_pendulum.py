@@ -101,6 +101,33 @@ def misses(found, records):
     return np.sqrt(np.mean(np.vstack(missed) ** 2, axis=0)) * STEP
 
 
+def draw(found, record, name):
+    """A run kept aside: what the encoders counted, and a free simulation from the torques alone."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    free = replay(found.arm, record, rig=found.rig)
+    figure, axes = plt.subplots(2, 1, figsize=(9, 4.5), sharex=True, layout="constrained")
+    for joint, axis in enumerate(axes):
+        for log, colour, label in (
+            (record, "#444444", "measured"),
+            (free, "#c8553d", "simulated from its torques alone"),
+        ):
+            axis.plot(log.t, log.counts[:, joint] * STEP, color=colour, linewidth=1.0, label=label)
+        axis.set_ylabel(f"joint {joint + 1} [rad]")
+        axis.spines[["top", "right"]].set_visible(False)
+    axes[0].set_title(f"{name}: a run that the identification has not seen", fontsize=10, loc="left")
+    axes[0].legend(frameon=False, fontsize=8, ncols=2, loc="upper right")
+    axes[1].set_xlabel("time [s]")
+    path = Path("figures") / f"{name.replace(' ', '_')}_run.png"
+    path.parent.mkdir(exist_ok=True)
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
+    return path
+
+
 def study(folder, design):
     """Identification of one design, and the runs kept aside."""
     lengths, learn, aside = DESIGNS[design]
@@ -132,7 +159,8 @@ def main():
         for name, ours, theirs in zip(TERMS, *four_terms(design, found), strict=True):
             print(f"{name:16}{ours:10.5f}{theirs:11.5f}{ours / theirs:8.3f}")
         off = misses(found, kept)
-        print(f"runs kept aside, simulated freely for 10 s: off by {off[0]:.4f} and {off[1]:.4f} rad (rms)\n")
+        print(f"runs kept aside, simulated freely for 10 s: off by {off[0]:.4f} and {off[1]:.4f} rad (rms)")
+        print(f"drawn in {draw(found, kept[0], f'design {design}')}\n")
         again = fit(found.arm.dynamics, kept)  # the same arm from other runs: as good a stand-in for it as there is
         print("the law from the runs learned from, on the arm that the runs kept aside show:")
         print(controlled(found, again), "\n")
