@@ -46,7 +46,7 @@ def require_fast(search):
         if record.law.has_memory(record.n):
             raise ValueError(
                 f"the law of the log must be fast and without memory, like P; got {type(record.law).__name__}. Use "
-                "method='equation_error', which reads its torques, or log a motion under P."
+                "method='equation_error', or give the record law=LoggedTorque(): both read its logged torques."
             )
 
 
