@@ -16,6 +16,7 @@ import numpy as np
 from identification import Objective
 from identification.objective import squared_error
 from plant import puma560, simulate
+from plant.clock import Clock
 from plant.kernel import LoopKernel
 from plant.loop import ClosedLoop
 from plant.tables import path_of, start_of, time_tables
@@ -35,8 +36,9 @@ class Experiment:
             score=squared_error(2),
         )  # fmt: skip
         path = path_of(self.record)
-        error = np.ascontiguousarray(self.record.error_pulses[: self.samples])
-        self.tables = (*time_tables(self.loop, path, self.samples), error)
+        data = np.column_stack([self.record.error_pulses, self.record.valid])[: self.samples]
+        clock = Clock.regular(self.samples, self.record.rig.period)
+        self.tables = (*time_tables(self.loop, path, clock), np.ascontiguousarray(data))
         self.state = self.loop.initial_state(*start_of(self.record, path))
         self.fixed = self.loop.number_values(puma560.PUBLISHED)[9:]
 

@@ -67,7 +67,7 @@ def kernel_time(chain, bodies, samples=500):
     f = np.repeat(dynamics.f(bodies)[:, None], LANES, axis=1)
     uniform = loop.number_values(dynamics.f(bodies))[list(kernel.uniform)]
 
-    prepared = kernel.prepared((*tables, np.zeros((samples, n))))
+    prepared = kernel.prepared((*tables, np.ones((samples, n + 1))))
 
     def run():
         final, steps = kernel.run(prepared, state, f, uniform)
