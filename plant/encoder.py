@@ -62,7 +62,7 @@ class Encoder(Part):
         return q_m * (self.resolution * (1 / (2 * np.pi)))
 
     def pulses(self, q_m):
-        """Pulses counted at a motor angle [rad], whole numbers. Source: paper Fig. 4."""
+        """Pulses of a motor angle [rad], whole numbers, without the phase. Source: paper Fig. 4."""
         return self.count(self.position(q_m))
 
     def count(self, position):

@@ -192,8 +192,8 @@ MISSPELT = {
     "Link": "alhpa", "Chain": "gravitiy", "Body": "inertai", "Lumping": "matirx", "Dynamics": "range", "Arm": "ff",
     "Drive": "gaer", "Encoder": "smoth", "Rig": "priod", "P": "gian", "Harmonics": "cosin", "PointToPoint": "gaol",
     "Spline": "point", "Table": "time", "Placement": "positon", "FrictionCurve": "ofset",
-    "Coupling": "matirx", "Correction": "positoin", "Scaled": "palces", "PD": "derivativ", "PID": "intergal",
-    "Cascade": "sped",
+    "Coupling": "matirx", "Phase": "shfit", "Transport": "dealy", "Correction": "positoin", "Scaled": "palces",
+    "PD": "derivativ", "PID": "intergal", "Cascade": "sped",
 }  # fmt: skip
 
 
