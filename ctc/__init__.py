@@ -2,9 +2,10 @@
 
 Reading order: `model_law` (what all laws with an arm share) -> `observer` (what the encoder tells of the tracking
 error) -> `computed_torque` (the law, Fig. 2) -> its rivals `feed_forward`, `computed_torque_integral`, `adaptive`,
-`sliding_mode` -> `evaluation` (the verdict) -> `comparison` (of several laws) -> `error_loop`, `margins`, `design` (the
-loop linearised, how far it is from instability, gains for it) -> `plots` (figures). ``python -m ctc`` runs the paper
-from end to end.
+`sliding_mode` -> `evaluation` (the verdict) -> `comparison` (of several laws) -> `certify` (the verdict over what is
+not known: `uncertainty`, `plants`, `population`, `certificate`, `sensitivity`, `reserves`) -> `error_loop`, `margins`,
+`design` (the loop linearised, how far it is from instability, gains for it) -> `plots`, `certificate_figure` (figures).
+``python -m ctc`` runs the paper from end to end.
 """
 
 from importlib.util import find_spec
@@ -20,6 +21,8 @@ for _name in ("plant", "identification"):
         )
 
 from ctc.adaptive import Adaptive  # noqa: E402
+from ctc.certificate import Certificate, clopper_pearson  # noqa: E402
+from ctc.certify import certify  # noqa: E402
 from ctc.comparison import Comparison, compare  # noqa: E402
 from ctc.computed_torque import ComputedTorque  # noqa: E402
 from ctc.computed_torque_integral import ComputedTorqueIntegral  # noqa: E402
@@ -30,6 +33,6 @@ from ctc.margins import Margins, margins  # noqa: E402
 from ctc.sliding_mode import SlidingMode  # noqa: E402
 
 __all__ = [
-    "Adaptive", "Comparison", "ComputedTorque", "ComputedTorqueIntegral", "Evaluation", "FeedForward", "Margins",
-    "PDGravity", "SlidingMode", "compare", "error_loop", "evaluate", "margins",
+    "Adaptive", "Certificate", "Comparison", "ComputedTorque", "ComputedTorqueIntegral", "Evaluation", "FeedForward",
+    "Margins", "PDGravity", "SlidingMode", "certify", "clopper_pearson", "compare", "error_loop", "evaluate", "margins",
 ]  # fmt: skip

@@ -2,7 +2,8 @@
 
 Reading order: `links`, `body`, `placement`, `urdf` (geometry) -> `dynamics` (one torque, D, h, C and Y read off it)
 with `lumping` (what f means) and `base` (which f a chain has) -> `arm` (dynamics + f) -> `drive`, `coupling`,
-`friction`, `encoder`, `rig` -> `reference`, `scaled` (the same path at other times; `demand`, `scaling`: how fast) ->
+`friction`, `encoder`, `transport` (late torque, lost counts), `rig` -> `reference`, `scaled` (the same path at other
+times; `demand`, `scaling`: how fast) ->
 `law`, `laws` and `cascade` (with `velocity`, `integral`), `logged` (laws that repeat a log), `running` (a law in a
 control script: `guards`, `shell`, `core`), `c` (as C) -> `loop` (the symbolic closed loop) -> `rewrite`, `translate`,
 `pieces`, `elementary`, `source`, `kernel`, `compile` (the same loop as machine code) -> `clock`, `tables`,
@@ -20,7 +21,7 @@ from plant.coupling import Coupling
 from plant.demand import shortest_duration, torque_share
 from plant.drive import Drive
 from plant.dynamics import Dynamics
-from plant.encoder import Encoder
+from plant.encoder import Encoder, Phase
 from plant.friction import FrictionCurve
 from plant.gains import p_gains
 from plant.guards import Guards
@@ -39,6 +40,7 @@ from plant.scaled import Scaled, slowed
 from plant.scaling import fastest
 from plant.siblings import check_siblings
 from plant.simulator import DivergenceError, replay, simulate
+from plant.transport import Transport
 
 check_siblings()
 
@@ -68,6 +70,7 @@ __all__ = [
     "Lumping",
     "Motion",
     "P",
+    "Phase",
     "Placement",
     "PointToPoint",
     "Record",
@@ -77,6 +80,7 @@ __all__ = [
     "Setpoint",
     "Spline",
     "Table",
+    "Transport",
     "fastest",
     "linearise",
     "p_gains",

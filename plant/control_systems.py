@@ -18,6 +18,8 @@ equations; the sampled one makes as many of those sub-steps as `simulate` does, 
 
 from __future__ import annotations
 
+import dataclasses
+
 import casadi as ca
 import numpy as np
 
@@ -54,7 +56,7 @@ def arm_system(arm, rig, sampled, steps_per_sample):
     instance("rig", rig, Rig, "Pass the rig that drives the arm.")
     loop = ClosedLoop(
         dynamics=arm.dynamics,
-        rig=rig,
+        rig=dataclasses.replace(rig, transport=None),
         law=_Held(period=rig.period),
         steps_per_sample=steps_per_sample,
         smooth=not sampled,
@@ -74,7 +76,7 @@ def arm_system(arm, rig, sampled, steps_per_sample):
 def rig_system(rig):
     """Do what `Rig.to_control` says."""
     q, none = ca.SX.sym("q", rig.n), ca.SX(0, 1)
-    return _system("rig", none, {"q": q}, none, {"pulses": rig.pulses(q)}, None, ())
+    return _system("rig", none, {"q": q}, none, {"pulses": rig.read(q)}, None, ())
 
 
 def law_system(law, rig):

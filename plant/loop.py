@@ -78,10 +78,15 @@ class ClosedLoop:
                     f"{name} must be a whole number of at least 1; got {value!r}. The defaults are 4 and 3."
                 )
         self.rig.require_fit(self.dynamics.chain)
-        if self.smooth and not self.rig.encoder.smooth:
+        if self.smooth:
             encoder = dataclasses.replace(self.rig.encoder, smooth=True)
-            object.__setattr__(self, "rig", dataclasses.replace(self.rig, encoder=encoder))
+            object.__setattr__(self, "rig", dataclasses.replace(self.rig, encoder=encoder, transport=None))
         self.steps_per_law  # noqa: B018 - refuses a period that does not fit
+        if self.rig.transport is not None and not self.rig.transport.delay <= (self._block.period or -1):
+            raise ValueError(
+                f"a rig with a transport needs a law whose period is at least its delay {self.rig.transport.delay:g} "
+                f"s; got {self._block.period} s. Use a sampled law, or a shorter delay."
+            )
 
     @property
     def n(self):
@@ -113,19 +118,24 @@ class ClosedLoop:
     # -- layout of the vectors ---------------------------------------------------------------------------------
     @property
     def state_names(self):
-        """Joint state, friction impulse, torque, state of law and score, the score, and if all is well (1 or 0)."""
+        """Joint state, friction impulse, torque, state of law and so on, the score, and if all is well (1 or 0)."""
         per_joint = [f"{name}[{i}]" for name in ("q", "qd", "impulse", "torque") for i in range(self.n)]
         carried = [
             *(f"law[{i}]" for i in range(len(self._block.initial))),
+            *(f"{name}[{i}]" for name in ("before", "seen") for i in range(self.n_passing // 2)),
             *(f"memory[{i}]" for i in range(self.n_memory)),
         ]
         return [*per_joint, *carried, "score", "ok"]
 
     @property
     def time_names(self):
-        """What changes with time and is known beforehand: the reference, a log, the length of the coming sub-step."""
+        """What changes with time and is known beforehand: the reference, a log, the length of the coming sub-step.
+
+        With a transport also the place of the sub-step after the law's, and which loops lose their counts.
+        """
         columns = ("q_r", "qd_r", "qdd_r", "pulses_r", *(["logged"] if self.law.replays else []))
-        return [f"{name}[{i}]" for name in columns for i in range(self.n)] + ["h"]
+        passing = [] if self.rig.transport is None else ["place", "lost"]
+        return [*(f"{name}[{i}]" for name in columns for i in range(self.n)), *passing, "h"]
 
     @property
     def n_data(self):
@@ -133,6 +143,11 @@ class ClosedLoop:
         if self.correction is not None:
             return self.n + 1
         return 0 if self.score is None else self.score.nnz_in(1)
+
+    @property
+    def n_passing(self):
+        """State of the transport: the torque before, and the counts that the law saw."""
+        return 0 if self.rig.transport is None else 2 * self.n
 
     @property
     def n_memory(self):
@@ -152,7 +167,8 @@ class ClosedLoop:
 
     def initial_state(self, q, qd):
         """State (s,) of an arm at q, qd (n,) with nothing applied yet."""
-        return np.concatenate([q, qd, np.zeros(2 * self.n), self._block.initial, np.zeros(self.n_memory), [0.0, 1.0]])
+        more = np.zeros(self.n_passing + self.n_memory)
+        return np.concatenate([q, qd, np.zeros(2 * self.n), self._block.initial, more, [0.0, 1.0]])
 
     @cached_property
     def _symbols(self):
@@ -176,9 +192,13 @@ class ClosedLoop:
     def _asked(self, q, dt):
         """Torque that the law asks for at q, after the amplifier's limit (which swallows NaN), its state, if finite."""
         *_, torque, carried, _, motion, _, _, given, rig = self._parts
-        own = len(self._block.initial)
-        asked, following = self._block.step(carried[:own], *motion, rig.pulses(q), torque, dt, *given)
-        return rig.drive.limited(asked), ca.vertcat(following, carried[own:]), ca.sum1(ca.fabs(asked)) < ca.inf
+        own, n, pulses = len(self._block.initial), self.n, rig.read(q)
+        rest = carried[own:]
+        if rig.transport is not None:
+            pulses = rig.transport.arrived(pulses, rest[n : 2 * n], self._symbols[1][-2])
+            rest = ca.vertcat(torque, pulses, rest[2 * n :])
+        asked, following = self._block.step(carried[:own], *motion, pulses, torque, dt, *given)
+        return rig.drive.limited(asked), ca.vertcat(following, rest), ca.sum1(ca.fabs(asked)) < ca.inf
 
     def _function(self, name, following, log=None, data=None):
         outputs = [ca.densify(ca.vertcat(*following))] + ([] if log is None else [ca.densify(log)])
@@ -211,17 +231,18 @@ class ClosedLoop:
         ok = _if(bounded(ca.vertsplit(ca.vertcat(q, qd))), ok)
         data = ca.SX.sym("data", self.n_data)
         if self.correction is None:
-            log = ca.vertcat(motion[3] - rig.pulses(q), at_sample, q, qd)
+            log = ca.vertcat(motion[3] - rig.read(q), at_sample, q, qd)
         else:
             shares = self.correction.with_numbers(self._symbols[2][-3 * self.n :])
             surprise = data[:-1] + rig.position(shares.zero) - rig.position(q)
             log = ca.vertcat(surprise, at_sample, q, qd)
             known = data[-1] * surprise
             q, qd = q + rig.turned(shares.position * known), qd + rig.turned(shares.speed * known) / rig.period
-        score, own = status[0], len(self._block.initial)
+        score = status[0]
         if self.score is not None:
-            added, memory = self.score(log, data, carried[own:])
-            score, carried = score + added, ca.vertcat(carried[:own], memory)
+            kept = carried.shape[0] - self.n_memory
+            added, memory = self.score(log, data, carried[kept:])
+            score, carried = score + added, ca.vertcat(carried[:kept], memory)
         return self._function("sample", [q, qd, impulse, torque, carried, score, ok], log, data)
 
     @cached_property
@@ -231,11 +252,14 @@ class ClosedLoop:
         middle = q + h / 2 * qd
         if not self.steps_per_law:
             torque, carried, _ = self._asked(middle, h)
+        acting, own = torque, len(self._block.initial)
+        if rig.transport is not None:
+            acting = rig.transport.acting(torque, carried[own : own + self.n], self._symbols[1][-3], h)
         # What follows is on the motors' shafts, where friction acts; without coupling they are the joints.
         coupling, viscous = rig.drive.coupling, rig.drive.joint_viscous()
         speed = coupling.shaft(qd)
         mobility = inverse(coupling.shaft_inertia(self.dynamics.D(middle, f)) + ca.diag(h / 2 * viscous))
-        pushing = coupling.shaft_torque(torque - self.dynamics.gravity(middle, f))
+        pushing = coupling.shaft_torque(acting - self.dynamics.gravity(middle, f))
         pushing = pushing - viscous * speed - rig.drive.joint_offset()
 
         def left(at):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from plant.check import real
+from plant.check import instance, real
 from plant.drive import Drive
 from plant.encoder import Encoder
 from plant.part import Part, part, structure
+from plant.transport import Transport
 
 __all__ = ["Rig"]
 
@@ -20,14 +21,19 @@ class Rig(Part):
     encoder : Encoder
     period : float
         Time between two samples of the log [s].
+    transport : Transport, optional
+        Torque that acts late, counts that are lost.
     """
 
     drive: Drive = structure(Drive)
     encoder: Encoder = structure(Encoder)
     period: float = structure(float)
+    transport: Transport | None = structure(default=None)
 
     def __post_init__(self):
         real("period", self.period, "Give seconds; the paper logs every 0.7e-3.", positive=True)
+        if self.transport is not None:
+            instance("transport", self.transport, Transport, "Give Transport(delay=..., lost=...).")
         if len(self.encoder.resolution) != self.drive.n:
             raise ValueError(
                 f"encoder must have {self.drive.n} joints like the drive; got {len(self.encoder.resolution)}. "
@@ -55,8 +61,12 @@ class Rig(Part):
             )
 
     def pulses(self, q):
-        """Encoder counts at a joint position [rad], whole numbers with the motor's sign."""
+        """Encoder counts of a joint position [rad] as a controller knows them, whole numbers with the motor's sign."""
         return self.encoder.count(self.position(q))
+
+    def read(self, q):
+        """Encoder counts at a joint position [rad] as they are: those of `pulses`, but for a phase of the encoder."""
+        return self.encoder.read(self.position(q))
 
     def position(self, q):
         """Joint position [rad] in pulses of the motor shaft, before rounding."""

@@ -148,6 +148,10 @@ def time_tables(loop, path, clock, logged=None):
     law_time, sample_time, step_time : numpy.ndarray
     """
     steps, every = loop.steps_per_sample, loop.steps_per_law
+    transport, passing = loop.rig.transport, np.empty((len(clock) * steps, 0))
+    if transport is not None:
+        step = np.arange(len(passing))
+        passing = np.column_stack([step % every, transport.words(-(-len(passing) // every))[step // every]])
     owner = np.repeat(np.arange(len(clock)), steps)  # the sample that each sub-step belongs to
     lengths = clock.step_lengths(steps)
     rows = [slice(None, None, every) if every else slice(0), slice(None, None, steps), slice(None)]
@@ -157,5 +161,5 @@ def time_tables(loop, path, clock, logged=None):
         sample, h = owner[some], lengths[some]
         motion, pulses = path(t)
         replayed = [] if logged is None else [clock.held(logged)[sample]]
-        tables.append(np.ascontiguousarray(np.column_stack([*motion, pulses, *replayed, h])))
+        tables.append(np.ascontiguousarray(np.column_stack([*motion, pulses, *replayed, passing[some], h])))
     return tuple(tables)

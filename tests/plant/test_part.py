@@ -24,11 +24,13 @@ from plant import (
     LoggedTorque,
     Lumping,
     P,
+    Phase,
     Placement,
     PointToPoint,
     Rig,
     Spline,
     Table,
+    Transport,
     puma560,
     simulate,
     slowed,
@@ -51,6 +53,8 @@ EXAMPLES = {
     "Correction": Correction(position=(0.1, 0.2), speed=(0.01, 0.02), zero=(0.1, 0)),
     "Coupling": Coupling(matrix=((1, 0), (0.5, -1))),
     "Encoder": Encoder(resolution=(800, 1000), smooth=True),
+    "Phase": Phase(shift=(0.1, -0.3)),
+    "Transport": Transport(delay=2e-4, lost=(3, 7), bit=0.5),
     "Rig": puma560.rig(),
     "P": puma560.p_law(),
     "LoggedTorque": LoggedTorque(),
@@ -188,8 +192,8 @@ MISSPELT = {
     "Link": "alhpa", "Chain": "gravitiy", "Body": "inertai", "Lumping": "matirx", "Dynamics": "range", "Arm": "ff",
     "Drive": "gaer", "Encoder": "smoth", "Rig": "priod", "P": "gian", "Harmonics": "cosin", "PointToPoint": "gaol",
     "Spline": "point", "Table": "time", "Placement": "positon", "FrictionCurve": "ofset",
-    "Coupling": "matirx", "Correction": "positoin", "Scaled": "palces", "PD": "derivativ", "PID": "intergal",
-    "Cascade": "sped",
+    "Coupling": "matirx", "Phase": "shfit", "Transport": "dealy", "Correction": "positoin", "Scaled": "palces",
+    "PD": "derivativ", "PID": "intergal", "Cascade": "sped",
 }  # fmt: skip
 
 
