@@ -35,6 +35,9 @@ _LOWEST, _HIGHEST = 3.0, 0.1
 
 _POSES = 8
 
+_ENOUGH = 5
+"""Equations per unknown below which a band says too little."""
+
 _BANDS = 2.0 ** np.arange(-1, 6, 0.5)
 """Bands that are tried where a torque was logged [Hz]."""
 
@@ -147,9 +150,11 @@ def over_bands(dynamics, records, unknown, known=None):
     for band in _BANDS[highest > _BANDS]:
         try:
             sides = [sides_in(dynamics, record, band, unknown, record.rig.angle(record.counts)) for record in even]
-            fits[float(band)] = fit_sides(unknown, known or {}, sides)
+            fit = fit_sides(unknown, known or {}, sides)
         except ValueError:  # a band without equations, or in which unknowns cannot be told apart
             continue
+        if fit.rows >= _ENOUGH * len(fit.names):
+            fits[float(band)] = fit
     if not fits:
         raise ValueError("a torque must show what is unknown in some band; it does in none. Log a livelier motion.")
     return fits

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque
-from identification import Objective, identify
+from identification import Objective, identify, polish
 from identification.gauss_newton import gauss_newton
 from identification.prediction import Prediction
 from plant import Chain, Drive, Dynamics, Encoder, Link, LoggedTorque, Record, Rig, puma560, replay, simulate
@@ -16,6 +16,7 @@ LINKS = (Link(name="1", alpha=np.pi / 2, theta=-np.pi / 2), Link(name="2", a=0.3
 DYNAMICS = Dynamics.from_chain(Chain(links=LINKS))
 F = np.array([0.35, 0.0, 0.11, 0.12, 0.0, 0.026, 0.004])
 """mx1 + a2 m2, my1, J1 + Izz1 + a2^2 m2, mx2, my2, Izz2, J2: an arm of two symmetric links that hangs at q = 0."""
+SHOWN = [0, 2, 3, 5]
 FRICTION = ("drive.viscous[0]", "drive.viscous[1]", "drive.coulomb[0]", "drive.coulomb[1]")
 TRUE = np.array([2e-4, 1e-4, 0.02, 0.01])
 UNKNOWN = (*DYNAMICS.names, *FRICTION)
@@ -69,6 +70,36 @@ def test_the_arm_its_friction_and_the_zeros_are_found():
     np.testing.assert_allclose(found().zeros, [(0.05, -0.1), (-0.03, 0.04)], atol=3e-3)
     assert (found().values[~free] == 0).all()
     assert found().scatter < 0.6
+
+
+def test_the_simulated_runs_begin_where_the_zeros_are():
+    """Free runs are compared with the records moved to where they began: far closer than without."""
+    assert found().difference < 0.5 * found(zeros=False).difference
+
+
+def test_the_torque_equation_begins_near_the_truth():
+    """In the band where it holds best; what is known is not searched but taken into account."""
+    equal = ranges()
+    for name in ("J2", "mx2"):
+        equal[UNKNOWN.index(name)] = np.append(F, TRUE)[UNKNOWN.index(name)]
+    for limits in (ranges(), equal):
+        fit = identify(
+            DYNAMICS, [log(1), log(2)], unknown=UNKNOWN, ranges=limits, method="equation_error", held_out=(),
+            progress=False,
+        )  # fmt: skip
+        assert (np.abs(fit.f[SHOWN] / F[SHOWN] - 1) < 0.05).all()
+
+
+def test_weights_by_scatter_bring_the_values_nearer(monkeypatch):
+    """One of two runs has two and a half times the friction, which no model of both can have."""
+    off = []
+    for times in (2, 0):
+        monkeypatch.setattr(polish, "_WEIGHINGS", times)
+        fit = identify(
+            DYNAMICS, [log(1), log(4, friction=2.5)], unknown=UNKNOWN, ranges=ranges(), held_out=(), progress=False
+        )
+        off.append(np.abs(fit.f[SHOWN] / F[SHOWN] - 1).max())
+    assert off[0] < off[1]
 
 
 def test_it_repeats_a_run_that_it_has_not_seen():
