@@ -171,7 +171,9 @@ class Uncertainty:
             covariance = self.covariance
         if covariance is None:
             why = getattr(found, "trouble", None) or "it comes without a covariance"
-            raise ValueError(f"found must say how well it knows: {why}. Pass covariance=, or plants= (M, p).")
+            raise ValueError(
+                f"found must say how well it knows: {why}. Pass covariance=, or plants= such as found.candidates."
+            )
         k = len(names)
         covariance = array("covariance", covariance, (k, k), advice="Give one row per name of found.unknown.")
         plant = [i for i, name in enumerate(names) if not name.startswith("law.")]

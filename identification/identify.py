@@ -151,6 +151,7 @@ def identify(
         f=f,
         unknown=objective.unknown,
         values=outcome.values,
+        candidates=outcome.values[None] if outcome.candidates is None else outcome.candidates,
         covariance=outcome.covariance,
         scatter=outcome.scatter,
         trouble=outcome.trouble,

@@ -35,6 +35,9 @@ _NEAR, _NEIGHBOURS = 0.03, 119
 _AT_MOST = 1.5
 """Objective (4) that the prediction error's fit may have, in that of the genetic algorithm's best."""
 
+_NOISE = 0.05
+"""Share by which objective (4) moves with the last digit of a candidate: single counts decide."""
+
 _ROUNDS = 10
 """Of `didim`, at most."""
 
@@ -53,7 +56,18 @@ def paper(search):
             "Dynamics its ranges."
         )
     result = _genetic(search, search.everywhere)
-    return Outcome(values=result.x, evaluations=result.evaluations, message=result.message, genetic=result)
+    candidates = _as_good(np.vstack([result.x, result.final_population]), np.append(result.cost, result.final_costs))
+    return Outcome(
+        values=result.x, candidates=candidates, evaluations=result.evaluations, message=result.message, genetic=result
+    )
+
+
+def _as_good(vectors, costs):
+    """Those within the noise of the best, once each, best first."""
+    order = np.argsort(costs, kind="stable")
+    order = order[costs[order] <= (1 + _NOISE) * costs[order[0]]]
+    _, first = np.unique(vectors[order], axis=0, return_index=True)
+    return vectors[order[np.sort(first)]]
 
 
 def _genetic(search, ranges):
@@ -132,14 +146,19 @@ def seeded(search):
     near = np.clip(np.vstack([outcome.values, outcome.values + moves]), *search.bounds.T)
     costs = search.objective(near)
     evaluations = result.evaluations + outcome.evaluations + len(near)
-    found = dataclasses.replace(outcome, values=near[int(np.argmin(costs))], genetic=result, evaluations=evaluations)
+    found = dataclasses.replace(
+        outcome, values=near[int(np.argmin(costs))], candidates=_as_good(near, costs), genetic=result,
+        evaluations=evaluations,
+    )  # fmt: skip
     if outcome.trouble is None and costs.min() <= _AT_MOST * result.cost:
         return found
     trouble = outcome.trouble or (
         "the fit that follows the counts does not repeat the errors when simulated; check rig, law and signs"
     )
     message = "The genetic algorithm's best, in a box around the equation error."
-    return dataclasses.replace(found, values=result.x, covariance=None, scatter=None, message=message, trouble=trouble)
+    return dataclasses.replace(
+        found, values=result.x, candidates=None, covariance=None, scatter=None, message=message, trouble=trouble
+    )
 
 
 METHODS = {

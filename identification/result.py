@@ -47,6 +47,9 @@ class Identification:
     f : (p,) numpy.ndarray
     unknown : tuple of str
         Names of what was searched; `values` (k,) are what was found for them.
+    candidates : (C, k) numpy.ndarray
+        Vectors that repeat the records as well as the values do, but for the noise of objective (4), best first; the
+        values alone where a method tries no others. ``certify(..., plants=...)`` takes them where there is no covariance.
     covariance : (k, k) numpy.ndarray or None
         Of the values; None for a method that does not know it. Quantisation and what the model lacks show in the
         scatter from which it is made, and the memory of that scatter is counted.
@@ -95,6 +98,7 @@ class Identification:
     f: np.ndarray
     unknown: tuple
     values: np.ndarray
+    candidates: np.ndarray
     covariance: np.ndarray | None
     scatter: float | None
     trouble: str | None

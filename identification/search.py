@@ -93,6 +93,8 @@ class Outcome:
     genetic : GeneticResult or None
     stages : dict
         Name of a stage -> its values (k,).
+    candidates : (C, k) numpy.ndarray or None
+        Vectors that repeat the records as well as the best, but for the noise of objective (4); best first.
     zeros : (R, n) numpy.ndarray or None
         Where the joints of each record are when their counters say zero [rad].
     """
@@ -105,4 +107,5 @@ class Outcome:
     trouble: str | None = None
     genetic: GeneticResult | None = None
     stages: dict = dataclasses.field(default_factory=dict)
+    candidates: np.ndarray | None = None
     zeros: np.ndarray | None = None

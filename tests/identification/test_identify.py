@@ -198,3 +198,15 @@ def test_no_possible_candidate_is_an_error_and_not_a_result():
     with pytest.raises(ValueError, match=r"all 48 diverged or had no sound inertia\. Widen") as refusal:
         quick(ranges=impossible)
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(("method", "least"), [("paper", 2), ("seeded", 1)])
+def test_candidates_repeat_the_log_as_well_as_the_best_but_for_noise(method, least):
+    """Best first, each once, all within five per cent."""
+    record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.7)
+    found = identify(puma560.dynamics(), record, method=method, progress=False)
+    costs = Objective(puma560.dynamics(), record)(found.candidates)
+    assert costs.max() <= 1.05 * costs[0]
+    assert (np.diff(costs) >= 0).all()
+    assert len(np.unique(found.candidates, axis=0)) == len(found.candidates) >= least
+    np.testing.assert_array_equal(found.candidates[0], found.values)
