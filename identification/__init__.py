@@ -4,9 +4,10 @@ Reading order: `experiment` (a record, ready to be repeated), `objective` (equat
 `ranges` (where to search, 3.6) -> `genetic` (the genetic algorithm, 3.7) -> `equation_error` (torques, by
 `least_squares` behind `filtering`), `from_pulses` (the same from counts alone) -> `prediction` (prediction error),
 `gauss_newton` (its least squares) -> `search`, `polish`, `methods` (seven ways, one interface), `identify` (the
-procedure of 3.2), `result`, `plots` -> `quality` (can this log say anything?), `budget` (what will a motion say?),
-`physical` (bodies that have these f), `load` (in the hand of a known arm), `timing` (is the log late?), `oscillation`
-(Figs. 10-11), `motor` (gain and friction before the arm), `spread` (how much the result varies, 4.2).
+procedure of 3.2), `result`, `trust` (what to mind about it), `plots` -> `quality` (can this log say anything?),
+`budget` (what will a motion say?), `physical` (bodies that have these f), `load` (in the hand of a known arm),
+`timing` (is the log late?), `oscillation` (Figs. 10-11), `motor` (gain and friction before the arm), `spread` (how
+much the result varies, 4.2).
 """
 
 from importlib.util import find_spec

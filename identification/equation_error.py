@@ -153,8 +153,11 @@ def fit_torque(dynamics, q, torque, *, rig, cutoff, band, every=1, unknown=None,
     return weighted((*unknown, *extra), [sides])
 
 
-def equations(dynamics, q, torque, rig, cutoff, band, every, unknown, slowest, extra):
-    """Both sides of the equation and which rows count: (N', n), (N', n, k), (N', n)."""
+def equations(dynamics, q, torque, rig, cutoff, band, every, unknown, slowest, extra, valid=None):
+    """Both sides of the equation and which rows count: (N', n), (N', n, k), (N', n).
+
+    Rows whose filters feel the ends of the log, or a sample without weight in `valid` (N,), do not.
+    """
     motion = derivatives(q, rig.period, cutoff)
     slopes, given = _columns(dynamics, rig, unknown, motion)
     more = [array(name, column(*motion), q.shape, advice="Give (N, n).") for name, column in extra.items()]
@@ -163,6 +166,10 @@ def equations(dynamics, q, torque, rig, cutoff, band, every, unknown, slowest, e
     rows = slice(-(-margin // every) * every, len(q) - margin, every)
     wanted, *columns = (low_pass(side, rig.period, band)[rows] for side in sides)
     used = (np.abs(low_pass(motion.qd, rig.period, band)[rows]) > slowest) | (slowest == 0)
+    if valid is not None:
+        lost = np.append(0, np.cumsum(valid == 0))
+        near = np.clip(np.arange(len(q))[:, None] + (-margin, margin + 1), 0, len(q))
+        used &= (lost[near[:, 1]] == lost[near[:, 0]])[rows, None]
     return wanted, np.stack(columns, axis=-1), used
 
 

@@ -117,8 +117,6 @@ def equation_error(dynamics, records, unknown, known=None):
         Of those that are not known.
     """
     known = known or {}
-    if any(record.law is not None and record.law.replays for record in records):
-        return min(over_bands(dynamics, records, unknown, known).values(), key=lambda fit: fit.relative_error)
     unknown = linear(dynamics, unknown)
     bands, fit = [pass_band(record) for record in records], None
     for attempt in range(2):
@@ -183,7 +181,9 @@ def sides_in(dynamics, record, band, unknown, q):
     band = min(band, _CUTOFF_MOST / rig.period)
     every = max(1, int(1 / (2 * band * rig.period)))
     slowest = _speed_noise(rig, band)
-    return equations(dynamics, q, torque_of(record), rig, _CUTOFF * band, band, every, unknown, slowest, {})
+    return equations(
+        dynamics, q, torque_of(record), rig, _CUTOFF * band, band, every, unknown, slowest, {}, record.valid
+    )
 
 
 def _speed_noise(rig, band):

@@ -71,7 +71,8 @@ def gauss_newton(prediction, start, step, bounds, *, rounds=15, tolerance=1e-5):
     residual = prediction.surprises(values)
     if not np.isfinite(residual).all():
         raise ValueError(
-            f"the search must start from an arm that follows the log; {values} diverges. Check the ranges."
+            "the search must start from an arm that follows the log; the one that it was given diverges. Check signs, "
+            "units and the order of joints, or give ranges."
         )
     for _ in range(rounds):
         change = _change(prediction, values, residual, step, bounds)

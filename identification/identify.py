@@ -52,7 +52,8 @@ def identify(
     dynamics : Dynamics
         The equations with f open.
     records : Record or sequence of Record
-        From `plant.simulate` or `Record.from_csv`; only pulses are read.
+        From `plant.simulate` or one of `Record`'s readers. Of a log under a fast law only pulses are read;
+        `LoggedTorque` and `LoggedCurrent` repeat its torques or currents.
     seed : int
         Same seed, same result, to the bit, on any number of threads.
     method : {"seeded", "paper", "genetic", "equation_error", "didim", "output_error", "prediction_error"}
@@ -115,6 +116,8 @@ def identify(
     first = objective.records[0]
     if zeros and not all(record.law.replays for record in objective.records):
         raise ValueError("zeros can be found only of logs that replay their torque; got a controller. Leave it out.")
+    if zeros and method not in ("seeded", "prediction_error", "output_error"):
+        raise ValueError(f"zeros must be found by prediction or output error; got method={method!r}. Use the default.")
     known = dict(zip(first.rig.number_names(), first.rig.number_values(), strict=True))
     known |= dict(zip(first.law.number_names("law."), first.law.number_values(), strict=True))
     nominal = np.array([known.get(name, np.nan) for name in objective.unknown])
@@ -141,7 +144,8 @@ def identify(
     named = dict(zip(objective.unknown, outcome.values, strict=True))
     f = np.array([named[name] for name in dynamics.names])
     delay, delay_std = np.nan, np.inf
-    if outcome.covariance is not None and not first.law.replays:  # what is not known to be near says nothing of timing
+    replayed = any(record.law.replays for record in objective.records)
+    if outcome.covariance is not None and not replayed:  # what is not known to be near says nothing of timing
         delay, delay_std = delay_of(dynamics, objective.records, objective.unknown, outcome.values, **options)
     return Identification(
         method=method,

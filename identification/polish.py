@@ -6,6 +6,7 @@ import numpy as np
 
 from identification.equation_error import TorqueFit
 from identification.from_pulses import equation_error as fit_pulses
+from identification.from_pulses import over_bands
 from identification.gauss_newton import gauss_newton
 from identification.prediction import Prediction
 from identification.search import Outcome
@@ -21,8 +22,19 @@ _WEIGHINGS = 2
 
 
 def torque_fit(search):
-    """The torque equation's fit."""
-    return fit_pulses(search.dynamics, search.records, search.unknown, search.known)
+    """The torque equation's fit; of logged torques, in the band where it holds best and gives an arm."""
+    if not any(record.law.replays for record in search.records):
+        return fit_pulses(search.dynamics, search.records, search.unknown, search.known)
+    prediction = Prediction(search.dynamics, search.records, search.unknown, **search.options)
+    fits = over_bands(search.dynamics, search.records, search.unknown, search.known).values()
+    for fit in sorted(fits, key=lambda fit: fit.relative_error):
+        values, _ = start_of_fit(search, fit)
+        if np.isfinite(prediction.surprises(np.append(values, prediction.nuisances))).all():
+            return fit
+    raise ValueError(
+        "the torque equation must give an arm that can follow the log; it does in no band. Ask record.check() for "
+        "order, signs and units of torques and positions, or give ranges."
+    )
 
 
 def start_of_fit(search, fit: TorqueFit):

@@ -35,6 +35,9 @@ _SMALL = 0.01
 _TURN, _TURNED = 1e-4, 0.5
 """Step of a counter's zero, and its largest magnitude [rad]."""
 
+_LOST, _SETTLING = 4.5, 80
+"""Periods that may be missing, and samples after a longer gap that are not compared."""
+
 _UNEQUAL = 1.5
 """Ratio of scatters from which on records and joints are weighted by them."""
 
@@ -157,7 +160,20 @@ class _Followed(Experiment):
         after = np.minimum(np.arange(len(counts)) + _WINDOW, len(counts) - 1)
         steps = np.vstack([np.zeros(record.n), np.abs(np.diff(counts, axis=0)).cumsum(axis=0)])
         moved = (steps[after] - steps[before]) / np.maximum(after - before, 1)[:, None]
-        self.weight = np.sqrt(np.minimum(1.0, moved) * record.valid[:, None])
+        self.weight = np.sqrt(np.minimum(1.0, moved) * (record.valid * self._settled())[:, None])
+
+    def _settled(self):
+        """0 (N,) while a replay has not found the log again: after a gap, and a start at a speed that nobody knows."""
+        settled, record = np.ones(len(self.record)), self.record
+        if not record.law.replays:
+            return settled
+        measured = np.flatnonzero(record.valid)
+        begins = measured[1:][np.diff(record.t[measured]) > _LOST * record.rig.period].tolist()
+        if record.reference is None and record.initial is None and self.state[self.loop.n : 2 * self.loop.n].any():
+            begins.append(0)
+        for row in begins:
+            settled[row : row + _SETTLING] = 0
+        return settled
 
     def run(self, values):
         """Log (N, 4n) and final state of a run with these values."""

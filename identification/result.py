@@ -7,30 +7,10 @@ import dataclasses
 import numpy as np
 
 from identification.genetic import GeneticSettings
+from identification.trust import warnings_of
 from plant import Arm, Law, Rig
 
 __all__ = ["Identification"]
-
-_AT_END = 0.002
-"""Share of a range within which a value lies at its end."""
-
-_STRANGE = 0.4
-"""Scatter [pulses] that rounding does not explain."""
-
-_LATE = 0.02
-"""Delay [samples] that matters."""
-
-_FAR = 0.9
-"""Difference [pulses] between simulated and measured errors that rounding does not explain."""
-
-_WORSE = 1.5
-"""How much worse a record kept aside may be repeated."""
-
-_BIASED = 0.08
-"""Share by which least squares may miss f in a band."""
-
-_INSEPARABLE = 0.995
-"""Correlation above which two unknowns are one."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,7 +29,7 @@ class Identification:
         Names of what was searched; `values` (k,) are what was found for them.
     candidates : (C, k) numpy.ndarray
         Vectors that repeat the records as well as the values do, but for the noise of objective (4), best first; the
-        values alone where a method tries no others. ``certify(..., plants=...)`` takes them where there is no covariance.
+        values alone where a method tries no others. ``certify(..., plants=...)`` takes them for want of a covariance.
     covariance : (k, k) numpy.ndarray or None
         Of the values; None for a method that does not know it. Quantisation and what the model lacks show in the
         scatter from which it is made, and the memory of that scatter is counted.
@@ -125,12 +105,6 @@ class Identification:
     message: str
 
     @property
-    def _least_biased(self):
-        """Highest band [Hz] up to which least squares finds nearly all of f."""
-        unbiased = [band for band, share in self.bands.items() if abs(share - 1) < _BIASED]
-        return max(unbiased, default=0.0)
-
-    @property
     def std(self):
         """Standard deviations (k,) of the values."""
         if self.covariance is None:
@@ -167,49 +141,8 @@ class Identification:
 
     @property
     def warnings(self):
-        """What a user should know before trusting the values, one line each."""
-        found = [] if self.trouble is None else [f"{self.trouble}."]
-        if self.ranges is not None:
-            for name, value, (low, high) in zip(self.unknown, self.values, self.ranges, strict=True):
-                if low < high and min(value - low, high - value) < _AT_END * (high - low):
-                    end = "lower" if value - low < high - value else "upper"
-                    found.append(f"{name} ends at the {end} end of its range; widen it.")
-        replayed = self.law.replays is not None
-        small = [f"{share:.2f} at {band:.3g}" for band, share in self.bands.items() if band > self._least_biased]
-        if small:
-            found.append(
-                f"least squares on these torques is biased in bands above {self._least_biased:.3g} Hz: it finds "
-                f"{', '.join(small)} Hz of what repeats the motion."
-            )
-        if self.scatter is not None and self.scatter > _STRANGE:
-            found.append(
-                f"the model follows the log no closer than {self.scatter:.2f} pulses; rounding alone gives 0.29. Was "
-                "it made with this rig, law and reference?"
-            )
-        if abs(self.delay) > max(_LATE, 3 * self.delay_std):
-            found.append(
-                f"the counts are {abs(self.delay):.2f} samples {'late' if self.delay > 0 else 'early'}, which ruins f. "
-                f"Identify without_delay(record, {self.delay:.3g}) and compare."
-            )
-        absorbing = [name for name in self.unknown if name.startswith(("drive.viscous", "law.gain"))]
-        if absorbing:
-            found.append(f"a delay of the log cannot be told from {', '.join(absorbing)}; be sure of the timing.")
-        if not np.isfinite(self.difference):
-            found.append("the arm cannot repeat the record in a simulation: it diverges, or D(q) is no arm's.")
-        elif self.difference > _FAR and not replayed:
-            found.append(
-                f"simulated and measured errors differ by {self.difference:.2f} pulses (rms); two roundings alone give "
-                "0.58. Check signs (error = reference minus counted), friction, gains, gears, the order of joints."
-            )
-        if self.held_out_difference is not None and self.held_out_difference > _WORSE * self.difference:
-            found.append(
-                f"a record kept aside differs by {self.held_out_difference:.2f} pulses, those searched by "
-                f"{self.difference:.2f}: the values do not hold for both."
-            )
-        if self.covariance is not None:
-            pairs = np.argwhere(np.triu(np.abs(self.correlation) > _INSEPARABLE, 1))
-            found += [f"{self.unknown[i]} and {self.unknown[j]} show together only; fix one of them." for i, j in pairs]
-        return found
+        """What a user should know before trusting the values, one line each; see `identification.trust`."""
+        return warnings_of(self)
 
     def summary(self):
         """A table: each value, its standard deviation, the bound, its 95 % interval, what it goes with most."""
@@ -222,15 +155,20 @@ class Identification:
                 bounds = self.bound()
             except ValueError:  # no reference, or numbers that cannot be told apart
                 bounds = np.full(len(self.values), np.nan)
-            head = f"{'value':>12} {'std':>9} {'bound':>9} {'95 % interval':>25}"
+            known = np.isfinite(bounds).all()
+            head = f"{'value':>12} {'std':>9} {'bound' if known else '':>{9 * known}} {'95 % interval':>25}"
             lines.append(f"{'':<{width}} {head}   goes most with")
             others = self.correlation - np.eye(len(self.values))
             rows = zip(self.unknown, self.values, self.std, bounds, strict=True)
             for i, (name, value, std, bound) in enumerate(rows):
+                if not std > 0:
+                    lines.append(f"{name:<{width}} {value:12.5g}     known")
+                    continue
                 most = int(np.argmax(np.abs(others[i])))
                 interval = f"[{value - 1.96 * std:.5g}, {value + 1.96 * std:.5g}]"
                 together = f"{self.unknown[most]} ({others[i, most]:+.2f})"
-                lines.append(f"{name:<{width}} {value:12.5g} {std:9.2g} {bound:9.2g} {interval:>25}   {together}")
+                least = f"{bound:9.2g}" if known else ""
+                lines.append(f"{name:<{width}} {value:12.5g} {std:9.2g} {least} {interval:>25}   {together}")
         lines.append(f"simulated and measured errors differ by {self.difference:.2f} pulses (rms)")
         if self.held_out_difference is not None:
             lines[-1] += f", in the record(s) kept aside by {self.held_out_difference:.2f}"

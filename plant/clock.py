@@ -90,9 +90,9 @@ class Clock:
             return self.even
         return np.append(np.diff(self.t[self.rows]), self.lengths[-1])[rows][:, None]
 
-    def held(self, values):
-        """Values (N, m) of the log's samples for all samples (M, m), each held until the next."""
-        return values[np.searchsorted(self.rows, np.arange(len(self)), side="right") - 1]
+    def bridged(self, values):
+        """Values (N, m) of the log's samples for all samples (M, m), on straight lines across gaps."""
+        return np.column_stack([np.interp(np.arange(len(self)), self.rows, column) for column in values.T])
 
     def measured(self, values):
         """Values (N, m) of the log's samples for all samples (M, m), zero between."""

@@ -3,7 +3,7 @@
 Samples are at the times of a `Clock`. The sub-steps read the reference at their middle. The reference counts are
 rounded by `fix` to whole pulses, also between samples, as the control card does. A record that comes without a
 reference is replayed from its logged counts: straight lines between two samples, rounded by `fix`. A logged torque or
-current is held from its sample to the next.
+current is held from its sample to the next, and goes on straight lines across gaps.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["Logged", "Path", "logged_for", "path_of", "smooth_rig", "start_of", 
 
 
 _FIRST = 10
-"""Samples through which the first speed is drawn."""
+"""Samples from which the first speed is taken."""
 
 
 class Path:
@@ -111,8 +111,8 @@ def start_of(record, path):
     """Position and velocity (n,) from which a record is replayed.
 
     As the record says; or the reference's, but a joint whose first error is a pulse or more (an arm that hangs in its
-    P loop before it starts) is where its encoder says, in the middle of that cell. What replays a torque starts at the
-    speed of its first counts.
+    P loop before it starts) is where its encoder says, in the middle of that cell. What replays a torque without a
+    reference starts at the speed of its first counts.
     """
     if record.initial is not None:
         return record.initial
@@ -125,11 +125,12 @@ def start_of(record, path):
 
 
 def _first_speed(record):
-    """Speed (n,) [rad/s] of a straight line through the first counts; zero where they hardly move."""
-    t, counts = record.t[:_FIRST] - record.t[:_FIRST].mean(), record.counts[:_FIRST]
+    """Speed (n,) [rad/s] at the start of a parabola through the first counts; zero where they hardly move."""
+    t, counts = record.t[:_FIRST] - record.t[0], record.counts[:_FIRST]
     if len(t) < _FIRST or (np.ptp(counts, axis=0) <= 1).all():
         return np.zeros(record.n)
-    return record.rig.turned((t[:, None] * counts).sum(axis=0) / (t @ t))
+    scale = t[-1]
+    return record.rig.turned(np.polynomial.polynomial.polyfit(t / scale, counts, 2)[1] / scale)
 
 
 def time_tables(loop, path, clock, logged=None):
@@ -160,6 +161,6 @@ def time_tables(loop, path, clock, logged=None):
     for t, some in zip(times, rows, strict=True):
         sample, h = owner[some], lengths[some]
         motion, pulses = path(t)
-        replayed = [] if logged is None else [clock.held(logged)[sample]]
+        replayed = [] if logged is None else [clock.bridged(logged)[sample]]
         tables.append(np.ascontiguousarray(np.column_stack([*motion, pulses, *replayed, passing[some], h])))
     return tuple(tables)

@@ -124,6 +124,32 @@ def test_least_squares_is_compared_band_by_band():
     assert any("least squares on these torques is biased in bands above" in text for text in found().warnings)
 
 
+@pytest.mark.parametrize("missing", [8, 60])
+def test_a_gap_costs_its_samples_and_no_more(missing):
+    """Across it the torque goes straight; after it the model finds the log again before it is compared."""
+    base = log(1)
+    kept = np.r_[0:700, 700 + missing : len(base)]
+    gap = dataclasses.replace(
+        base, t=base.t[kept], error_pulses=base.error_pulses[kept], torque=base.torque[kept],
+        reference_pulses=None, valid=None,
+    )  # fmt: skip
+    fit = identify(DYNAMICS, gap, unknown=UNKNOWN, ranges=ranges(), progress=False)
+    true = np.append(F, TRUE)
+    assert (np.abs(fit.values - true) <= 4.5 * fit.std).all(), (fit.values - true) / fit.std
+
+
+def test_a_start_in_motion_is_not_compared_until_it_is_found():
+    """Nobody knows the speed there; from a log that begins later the same values come."""
+    base = log(1)
+    later = dataclasses.replace(
+        base, t=base.t[500:], error_pulses=base.error_pulses[500:], torque=base.torque[500:],
+        reference_pulses=None, valid=None,
+    )  # fmt: skip
+    fit = identify(DYNAMICS, later, unknown=UNKNOWN, ranges=ranges(), progress=False)
+    true = np.append(F, TRUE)
+    assert (np.abs(fit.values - true) <= 4.5 * fit.std).all(), (fit.values - true) / fit.std
+
+
 def test_a_record_that_the_model_cannot_follow_counts_less():
     prediction = Prediction(DYNAMICS, [log(1), log(4, friction=2.5)], UNKNOWN)
     values = np.concatenate([F, TRUE, prediction.nuisances])
@@ -201,6 +227,10 @@ def test_a_value_at_its_bound_stays_and_the_others_make_up_for_it():
     [
         (lambda: identify(puma560.dynamics(), pulses(), zeros=True, progress=False), "only of logs that replay"),
         (lambda: identify(DYNAMICS, log(1), zeros="yes", progress=False), "zeros must be"),
+        (
+            lambda: identify(DYNAMICS, log(1), zeros=True, method="equation_error", progress=False),
+            "zeros must be found",
+        ),
         (lambda: identify(DYNAMICS, still(), progress=False), "every motor must move"),
     ],
 )

@@ -44,12 +44,12 @@ def test_steps_fill_the_time_between_the_samples(parts, steps, gap):
     np.testing.assert_allclose(starts[-1] + h[-1], t[-1] + RIG.period)
 
 
-def test_what_was_logged_is_held_over_a_gap_and_nothing_is_measured_in_it():
+def test_what_was_logged_goes_straight_across_a_gap_and_nothing_is_measured_in_it():
     t = np.array([0.0, 1.0, 4.2, 5.2, 6.2, 7.2, 8.2]) * RIG.period
     clock = Clock.of(record(t))
     np.testing.assert_array_equal(clock.rows, [0, 1, 4, 5, 6, 7, 8])
     values = np.arange(7.0)[:, None] + 1
-    np.testing.assert_array_equal(clock.held(values)[:, 0], [1, 2, 2, 2, 3, 4, 5, 6, 7])
+    np.testing.assert_allclose(clock.bridged(values)[:, 0], [1, 2, 2 + 1 / 3, 2 + 2 / 3, 3, 4, 5, 6, 7])
     np.testing.assert_array_equal(clock.measured(values)[:, 0], [1, 2, 0, 0, 3, 4, 5, 6, 7])
 
 
