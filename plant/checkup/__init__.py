@@ -1,7 +1,7 @@
 """Is a log what its rig says? One line per check.
 
-Reading order: `finding` (a line, and the table) -> `signals`, `balance` (what a log shows without a model) -> `stamps`,
-`counts`, `quantisation`, `tracking`, `torques` (the checks) -> `examine`.
+Reading order: `finding` (a line, and the table) -> `signals`, `balance`, `swing` (what a log shows without a model) ->
+`stamps`, `counts`, `quantisation`, `tracking`, `wiring`, `units`, `torques` (the checks) -> `examine`.
 """
 
 __all__: list[str] = []

@@ -12,6 +12,8 @@ from plant.checkup.signals import Signals
 from plant.checkup.stamps import time_findings
 from plant.checkup.torques import torque_findings
 from plant.checkup.tracking import reference_findings
+from plant.checkup.units import unit_findings
+from plant.checkup.wiring import wiring_findings
 
 __all__ = ["examine"]
 
@@ -34,5 +36,8 @@ def examine(record):
     if len(signals.t) < _LEAST:
         few = Finding.unknown("counts, torque", None, f"only {len(signals.t)} samples have weight")
         return Checkup(findings=(*time_findings(signals), few))
-    parts = (time_findings, counts_findings, quantisation_findings, reference_findings, torque_findings)
+    parts = (
+        time_findings, counts_findings, quantisation_findings, reference_findings, wiring_findings, unit_findings,
+        torque_findings,
+    )  # fmt: skip
     return Checkup(findings=tuple(finding for part in parts for finding in part(signals)))

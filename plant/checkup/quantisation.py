@@ -17,6 +17,9 @@ _FINEST = 1.43
 _COMB_WHOLE = 1.7
 """What the regularity comes to when only every second count is there, and a little; more has another cause."""
 
+_GEARED = 4.0
+"""Gear from which on counts within a pulse of its multiples are no coincidence: three in five, at the most."""
+
 _CHANCE = 5.0
 """Times what random counts would show, in standard deviations."""
 
@@ -61,6 +64,13 @@ def _step(signals, i):
     levels = np.unique(np.round(signals.counts[:, i]))
     if len(levels) < _DISTINCT:
         return Finding.unknown("quantisation step", i, f"only {len(levels)} different counts")
+    gear = abs(signals.rig.drive.gear[i])
+    if gear > _GEARED and (np.abs(_off(levels - levels[0], gear)) <= 1).all():
+        return Finding(
+            check="quantisation step", joint=i, value=float(gear), unit="pulses", verdict="wrong",
+            advice=f"Counts come in steps of {gear:g} like the gear: angles of the motor were given as those of the "
+            "joint; map them to motor_position.",
+        )  # fmt: skip
     step, clear = comb(signals.counts[:, i])
     if not clear:
         return Finding.unknown("quantisation step", i, f"always faster than {step:.0f} pulses per sample")
@@ -69,6 +79,11 @@ def _step(signals, i):
         advice=f"Counts come in steps of {step:.4g}: the encoder has {signals.rig.encoder.resolution[i] / step:.6g} "
         f"pulses per turn, not {signals.rig.encoder.resolution[i]:g}, or was rounded to another step before.",
     )  # fmt: skip
+
+
+def _off(counts, step):
+    """Distance of counts from the nearest multiple of a step."""
+    return counts - step * np.round(counts / step)
 
 
 def comb(counts):

@@ -11,6 +11,7 @@ import functools
 import numpy as np
 
 from plant.checkup.balance import Balance
+from plant.checkup.swing import Swing
 
 __all__ = ["FOLLOWS", "LEAST_MOTION", "Signals", "asked_torque"]
 
@@ -208,6 +209,21 @@ class Signals:
             return None
         still = np.ptp(self.counts, axis=0) < LEAST_MOTION * self.grain
         return [None if still[i] or self.angular[i] else Balance.of(self, self.drives, i) for i in range(self.n)]
+
+    @functools.cached_property
+    def swings(self):
+        """`Swing` of each motor where no law tells the torque; None where that cannot be had."""
+        if self.torque is None or self.asked is not None or self.balances is None or None in self.balances:
+            return None
+        return Swing.all_of(self, self.torque)
+
+    def shown(self, i):
+        """`Balance` or `Swing` of motor i, the one that knows its inertia better; None without either."""
+        if self.balances is None or self.swings is None:
+            return None if self.balances is None else self.balances[i]
+        return max(
+            self.balances[i], self.swings[i], key=lambda fit: abs(fit.inertia[i]) / max(fit.inertia_std[i], 1e-300)
+        )
 
     @functools.cached_property
     def noise(self):

@@ -8,7 +8,7 @@ from plant.checkup.balance import least_squares
 from plant.checkup.finding import Finding
 from plant.checkup.signals import FOLLOWS
 
-__all__ = ["against_law", "reference_findings"]
+__all__ = ["law_slope", "likeness", "reference_findings"]
 
 _CLOSER = 0.5
 """Another joint's reference is the right one if it is closer by this factor."""
@@ -20,6 +20,9 @@ _SURE = 4.0
 
 _HELD = 2.0
 """Delay [samples] that torque and motion alone do not tell: torque is held, drives take time, feedback has noise."""
+
+_ACCELERATION = 3
+"""Place of the reference's acceleration among the inputs of a law's step."""
 
 _EXPLAINED = 0.8
 """Share of a torque that its law has to explain before its delay is read off it."""
@@ -75,7 +78,7 @@ def _swapped(signals, i):
     return Finding(check=name, joint=i, value=value, unit=unit, verdict="wrong", advice=advice)
 
 
-def against_law(signals, i, j):
+def _against_law(signals, i, j):
     """Logged torque of motor i against what the law asked of motor j.
 
     Late counts show as torque that goes with the speed, so slope and delay are found together.
@@ -99,6 +102,22 @@ def against_law(signals, i, j):
     return slope, -value[1] / slope / signals.interval, abs(std[1] / slope) / signals.interval, explained
 
 
+def law_slope(signals, i):
+    """Slope and explained share of the logged torque against its law; None where the record does not allow it."""
+    if signals.asked is None or signals.torque is None or not signals.long_enough:
+        return None
+    slope, _, _, explained = _against_law(signals, i, i)
+    return slope, explained
+
+
+def likeness(signals, i, j):
+    """Squared correlation of the logged torque of motor i with what the law asked of motor j."""
+    logged, asked = signals.torque[:, i], signals.asked[:, j]
+    if not (np.ptp(logged) and np.ptp(asked)):
+        return 0.0
+    return float(np.corrcoef(logged, asked)[0, 1] ** 2)
+
+
 def _delay(signals, i):
     """How many samples the counts are late, by the sharpest way that the record allows."""
     name, unit = "delay", "samples"
@@ -106,7 +125,7 @@ def _delay(signals, i):
     if not signals.follows[i]:
         return Finding.unknown(name, i, "the counts do not follow the reference")
     if signals.asked is not None and signals.torque is not None:
-        slope, late, std, explained = against_law(signals, i, i)
+        slope, late, std, explained = _against_law(signals, i, i)
         if explained < _EXPLAINED:
             return Finding.unknown(name, i, "the logged torque is not its law's")
         return _judged(i, late, std, "Counts and torque were not logged at the same time")
@@ -119,22 +138,29 @@ def _delay(signals, i):
         per_sample = gain * signals.interval / rig.encoder.turned(np.ones(signals.n))[i]
         late = (balance.viscous - rig.drive.viscous[i]) / per_sample
         return _judged(i, late, balance.viscous_std / per_sample, "The error grows with speed, beyond stated friction")
-    driven = signals.torque is not None and balance is not None
-    driven = driven and balance.inertia[i] > _SURE * balance.inertia_std[i]
-    if signals.reference is not None and not (driven and law is None):
+    shown = signals.shown(i)
+    driven = signals.torque is not None and shown is not None
+    driven = driven and shown.inertia[i] > _SURE * shown.inertia_std[i]
+    leads = law is not None and _feeds_forward(law, rig)
+    if signals.reference is not None and (leads or not driven):
         speed = signals.asked_for[1][signals.clear, i]
         error = (signals.asked_for[0] - signals.motion[0])[signals.clear, i]
         value, std = least_squares(np.column_stack([speed, np.ones(len(speed))]), error, signals.window)
         late, std = value[0] / signals.interval, std[0] / signals.interval
-        if (law is None or not law.has_memory(signals.n)) and abs(late) > _LATE:
-            return Finding.unknown(name, i, "the loop itself may lag", value=late, unit=unit)
+        if not leads and abs(late) > _LATE:
+            return Finding.unknown(name, i, "the law may lag by itself", value=late, unit=unit)
         return _judged(i, late, std, "The counts lag behind the reference")
     if signals.torque is None:
         return Finding.unknown(name, i, "neither reference nor torque")
     if not driven:
         return Finding.unknown(name, i, "no acceleration that torque explains")
     why = "Motion comes after the torque that made it"
-    return _judged(i, balance.delay, balance.delay_std, why, look=_HELD, wrong=np.inf)
+    return _judged(i, shown.delay, shown.delay_std, why, look=_HELD, wrong=np.inf)
+
+
+def _feeds_forward(law, rig):
+    """Whether a law acts on the acceleration of its reference; one that does not has to fall behind before it acts."""
+    return law.block(rig).step.jac_sparsity(0, _ACCELERATION).nnz() > 0
 
 
 def _judged(i, late, std, why, look=_LATE, wrong=_VERY_LATE):

@@ -1,0 +1,108 @@
+"""Are the torques joint torques in N m: by their law, the amplifier, the rotor, and the stated friction."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plant.checkup.finding import Finding
+from plant.checkup.tracking import law_slope, likeness
+
+__all__ = ["unit_findings"]
+
+_SURE = 5.0
+"""Standard deviations from which on a number is believed."""
+
+_EXPLAINED = 0.9
+"""Share of a torque that its law explains."""
+
+_FACTOR, _GAIN_OFF = 3.0, 0.1
+"""Factor between torques that is no matter of noise, but of units; departure of a gain that is worth a look."""
+
+_BEYOND, _USED = 1.05, 0.3
+"""Share of the amplifier's limit that no amplifier gives; and that a log uses."""
+
+_LIGHT, _USUAL, _HEAVY, _ABSURD = 0.5, 3.0, 300.0, 3000.0
+"""Torque per acceleration [motor inertias]: the least that it must reach; what an arm makes of it; and from where on it
+is worth a look, and wrong: no arm is geared so badly."""
+
+_RUBS = 2.0
+"""Deviations by which dry friction must be off by that factor, too."""
+
+
+def unit_findings(signals):
+    """Yield the findings about the unit of torque.
+
+    Parameters
+    ----------
+    signals : Signals
+    """
+    if signals.drives is None:
+        yield Finding.unknown("units of torque", None, "neither torque nor current, and no law that tells it")
+        return
+    for i in range(signals.n):
+        yield _units(signals, i)
+
+
+def _units(signals, i):
+    name, drive = "units of torque", signals.rig.drive
+    share = np.abs(signals.drives[:, i]).max() / drive.motor_gain[i] / drive.current_limit[i]
+    if share > _BEYOND and signals.torque is not None:
+        return Finding(
+            check=name, joint=i, value=float(share), unit="of the limit", verdict="wrong",
+            advice=f"The torque is beyond the amplifier: {_guess(share / _USED, drive.gear[i])}.",
+        )  # fmt: skip
+    law = law_slope(signals, i)
+    if law is not None and law[1] > _EXPLAINED:
+        slope = abs(law[0])
+        verdict = "fine" if 1 / _FACTOR < slope < _FACTOR else "wrong"
+        advice = f"The torque is {slope:.3g} times what the law asks: {_guess(slope, drive.gear[i])}."
+        if verdict == "fine" and abs(slope - 1) > _GAIN_OFF and likeness(signals, i, i) > 1 - _GAIN_OFF / 10:
+            verdict, advice = "look", f"The torque is {slope:.3g} times what the law asks: check gain and motor gain."
+        return Finding(check=name, joint=i, value=float(slope), unit="of the law's", verdict=verdict,
+                       advice=advice * (verdict != "fine"))  # fmt: skip
+    stated, shown = drive.motor_inertia[i], signals.shown(i)
+    if shown is None:
+        return Finding.unknown(name, i, "too little motion, and no law that tells the torque")
+    if abs(shown.inertia[i]) < _SURE * shown.inertia_std[i]:
+        return Finding.unknown(name, i, "no acceleration that torque explains, and no law that tells the torque")
+    found = abs(shown.inertia[i]) / stated if stated else np.nan
+    rubs = _rubs(shown, drive.coulomb[i])
+    if found < _LIGHT or found > _HEAVY:
+        verdict = "look" if _HEAVY < found < _ABSURD else "wrong"
+        size = f"{found:.2g} of" if found < _LIGHT else f"{found:.3g} times"
+        guess = _guess(found / _USUAL if rubs is None else rubs, drive.gear[i])
+        if rubs is not None and 1 / _FACTOR < rubs < _FACTOR:
+            guess = "friction is as stated, so look at the counts: resolution, and angles of motor or joint"
+        return Finding(
+            check=name, joint=i, value=float(found), unit="motor inertias", verdict=verdict,
+            advice=f"Torque per acceleration is {size} the motor's own inertia: {guess}.",
+        )  # fmt: skip
+    if rubs is not None and not 1 / _FACTOR < rubs < _FACTOR:
+        return Finding(
+            check=name, joint=i, value=float(rubs), unit="of the dry friction", verdict="look",
+            advice=f"Dry friction is {rubs:.2g} of what the rig states: correct that if it was a guess; of the torque, "
+            f"{_guess(rubs, drive.gear[i])}.",
+        )  # fmt: skip
+    if not stated:
+        return Finding.unknown(name, i, "no motor inertia stated, and no law that tells the torque")
+    return Finding(check=name, joint=i, value=float(found), unit="motor inertias", verdict="fine")
+
+
+def _rubs(shown, stated):
+    """Dry friction found per stated; None where it is not known well enough."""
+    if not stated:
+        return None
+    ratio, std = abs(shown.dry) / stated, _RUBS * shown.dry_std / stated
+    surely = std < ratio / 2 or ratio + std < 1 / _FACTOR or ratio - std > _FACTOR
+    return max(ratio, 1e-9) if surely else None
+
+
+def _guess(ratio, gear):
+    """The likeliest reasons for a wrong factor."""
+    reasons = {
+        1e3: "it may be in mN m", 1e-3: "it may be in kN m", abs(gear): "it may have crossed the gear twice",
+        1 / abs(gear): "it may be the motor's torque, not the joint's",
+    }  # fmt: skip
+    off = {reason: abs(np.log(ratio / factor)) for factor, reason in reasons.items()}
+    near = sorted((reason for reason in off if off[reason] < min(off.values()) + np.log(_FACTOR)), key=off.get)
+    return ", or ".join(near)
