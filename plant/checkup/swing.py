@@ -31,8 +31,10 @@ class Swing:
     ----------
     inertia, inertia_std : (n,) numpy.ndarray
         Of the acceleration of every motor, mean over the log [kg m^2].
+    drag, drag_std : (n,) numpy.ndarray
+        Of the sign of the speed of every motor [N m].
     dry, dry_std : float
-        Of the sign of its speed [N m].
+        Of the sign of its own [N m].
     delay, delay_std : float
         Counts behind torque [samples].
     explained : float
@@ -41,6 +43,8 @@ class Swing:
 
     inertia: np.ndarray
     inertia_std: np.ndarray
+    drag: np.ndarray
+    drag_std: np.ndarray
     dry: float
     dry_std: float
     delay: float
@@ -59,9 +63,10 @@ class Swing:
         absolute = np.cumsum(angle, axis=1)
         shared = [
             *acceleration.T, *(p * column for p in pose for column in (*acceleration.T, *products)),
-            np.ones(len(angle)), *np.sin(absolute).T, *np.cos(absolute).T,
+            np.ones(len(angle)), *np.sin(absolute).T, *np.cos(absolute).T, *speed.T,
+            *(signals.smooth_even(np.sign(rate)) for rate in speed.T),
         ]  # fmt: skip
-        unknown = len(shared) + 3
+        unknown = len(shared) + 1
         length = 2 * int(min(_AVERAGE / interval, signals.clear.sum() / (unknown + 2)) / 2) + 1
         if length < signals.window:
             return None
@@ -78,8 +83,7 @@ class Swing:
         wanted, slope = averaged(smooth.T), averaged(np.gradient(smooth, interval, axis=0).T)
         found = []
         for i in range(n):
-            own = averaged([signals.smooth_even(np.sign(rates[0][:, i])), speed[:, i]])
-            columns, torques = np.column_stack([shared, own])[rows], wanted[rows, i]
+            columns, torques = shared[rows], wanted[rows, i]
             if not np.ptp(torques):
                 return None
             value, std = least_squares(columns, torques, memory=_PER_WINDOW)
@@ -87,7 +91,8 @@ class Swing:
             # Late counts: the model gives the torque of that time ago.
             late, late_std = least_squares(np.column_stack([columns, slope[rows, i]]), torques, memory=_PER_WINDOW)
             found.append(cls(
-                inertia=value[:n], inertia_std=std[:n], dry=value[-2], dry_std=std[-2], delay=late[-1] / interval,
+                inertia=value[:n], inertia_std=std[:n], drag=value[-n:], drag_std=std[-n:], dry=value[i - n],
+                dry_std=std[i - n], delay=late[-1] / interval,
                 delay_std=late_std[-1] / interval, explained=1 - np.var(rest) / np.var(torques),
             ))  # fmt: skip
         return found

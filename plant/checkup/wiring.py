@@ -102,7 +102,9 @@ def _sign(signals, i):
     if inertia < -_SURE * std and law is None and size[i] < _WEAK * size.max():
         verdict, advice = "look", "Torque brakes what other joints move: its sign is wrong, or the motor is not driven."
     elif inertia < -_SURE * std:
-        verdict, advice = "wrong", "Torque accelerates the counts backwards: change the sign of torque, counts or gear."
+        order = ", or the order of the columns" if signals.reference is None and signals.n > 1 else ""
+        verdict = "wrong"
+        advice = f"Torque accelerates the counts backwards: change the sign of torque, counts or gear{order}."
     elif signals.reference is None and shown.dry < -_SURE * shown.dry_std:
         verdict, advice = "look", "Friction drives the motor: its torque has the wrong sign, or is another motor's."
     elif signals.reference is not None and _drives(shown, signals.rig.drive.coulomb[i]) and not against:
@@ -140,6 +142,8 @@ def _swapped(signals, i):
         return _exchange(name, i, worst, ratio, "of the diagonal")
     if signals.swings is not None:
         for j in others:
+            if _crossed(signals.swings, i, j):
+                return _exchange(name, i, j, signals.swings[i].drag[j], "N m of another's friction")
             exchanged = _uneven(signals.swings, i, j)
             if exchanged:
                 return _exchange(name, i, j, exchanged, "of the diagonal")
@@ -150,6 +154,15 @@ def _swapped(signals, i):
         M = np.array([swing.inertia for swing in signals.swings])
         ratio = max(M[i, j] * M[j, i] / abs(M[i, i] * M[j, j]) for j in others)
     return Finding(check=name, joint=i, value=float(ratio), unit="of the diagonal", verdict="fine")
+
+
+def _crossed(swings, i, j):
+    """Whether each of two torques overcomes dry friction when the other motor turns, and not when its own does."""
+    return all(
+        abs(swings[a].drag[b]) > _SURE * swings[a].drag_std[b]
+        and abs(swings[a].drag[a]) + _EVEN * swings[a].drag_std[a] < abs(swings[a].drag[b]) / 2
+        for a, b in ((i, j), (j, i))
+    )
 
 
 def _uneven(swings, i, j):
