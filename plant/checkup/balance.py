@@ -83,6 +83,8 @@ class Balance:
         value, std = fitted()
         with_jerk, with_jerk_std = fitted(jerk)
         late, late_std = (x[-n + i] / with_jerk[i] / signals.interval for x in (with_jerk, with_jerk_std))
+        slope = fitted(np.gradient(wanted, signals.interval))[0][-1] / signals.interval  # another way to say the same
+        late_std = max(abs(late_std), abs(late - slope) / 2)
         # Play: where the torque on the load changes sign, the motor turns alone.
         alone = signals.rig.drive.motor_inertia[i]
         load = columns @ value - value[n] * columns[:, n] - value[n + 1] * dry - alone * columns[:, i]

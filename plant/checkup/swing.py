@@ -34,7 +34,7 @@ class Swing:
     drag, drag_std : (n,) numpy.ndarray
         Of the sign of the speed of every motor [N m].
     dry, dry_std : float
-        Of the sign of its own [N m].
+        Of the sign of its own, the only one that should rub [N m].
     delay, delay_std : float
         Counts behind torque [samples].
     explained : float
@@ -63,10 +63,9 @@ class Swing:
         absolute = np.cumsum(angle, axis=1)
         shared = [
             *acceleration.T, *(p * column for p in pose for column in (*acceleration.T, *products)),
-            np.ones(len(angle)), *np.sin(absolute).T, *np.cos(absolute).T, *speed.T,
-            *(signals.smooth_even(np.sign(rate)) for rate in speed.T),
+            np.ones(len(angle)), *np.sin(absolute).T, *np.cos(absolute).T,
         ]  # fmt: skip
-        unknown = len(shared) + 1
+        unknown = len(shared) + 3
         length = 2 * int(min(_AVERAGE / interval, signals.clear.sum() / (unknown + 2)) / 2) + 1
         if length < signals.window:
             return None
@@ -79,20 +78,23 @@ class Swing:
         def averaged(columns):
             return np.column_stack([np.convolve(x, kernel / kernel.sum(), mode="same") for x in columns])
 
-        shared, smooth = averaged(shared), signals.smooth(torque)
+        shared, smooth = averaged(shared)[rows], signals.smooth(torque)
+        viscous, dry = averaged(speed.T)[rows], averaged([signals.smooth_even(np.sign(rate)) for rate in speed.T])[rows]
         wanted, slope = averaged(smooth.T), averaged(np.gradient(smooth, interval, axis=0).T)
         found = []
         for i in range(n):
-            columns, torques = shared[rows], wanted[rows, i]
+            columns, torques = np.column_stack([shared, viscous[:, i], dry[:, i]]), wanted[rows, i]
             if not np.ptp(torques):
                 return None
             value, std = least_squares(columns, torques, memory=_PER_WINDOW)
             rest = torques - columns @ value
             # Late counts: the model gives the torque of that time ago.
             late, late_std = least_squares(np.column_stack([columns, slope[rows, i]]), torques, memory=_PER_WINDOW)
+            # Friction is its own motor's, so another's tells of a wrong column.
+            drag, drag_std = least_squares(np.column_stack([shared, viscous, dry]), torques, memory=_PER_WINDOW)
             found.append(cls(
-                inertia=value[:n], inertia_std=std[:n], drag=value[-n:], drag_std=std[-n:], dry=value[i - n],
-                dry_std=std[i - n], delay=late[-1] / interval,
+                inertia=value[:n], inertia_std=std[:n], drag=drag[-n:], drag_std=drag_std[-n:], dry=value[-1],
+                dry_std=std[-1], delay=late[-1] / interval,
                 delay_std=late_std[-1] / interval, explained=1 - np.var(rest) / np.var(torques),
             ))  # fmt: skip
         return found

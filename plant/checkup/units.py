@@ -71,7 +71,9 @@ def _units(signals, i):
         verdict = "look" if _HEAVY < found < _ABSURD else "wrong"
         size = f"{found:.2g} of" if found < _LIGHT else f"{found:.3g} times"
         guess = _guess(found / _USUAL if rubs is None else rubs, drive.gear[i])
-        if rubs is not None and 1 / _FACTOR < rubs < _FACTOR:
+        if rubs is None:
+            guess += ", or the counts are of angles of the " + ("motor" if found < _LIGHT else "joint")
+        elif 1 / _FACTOR < rubs < _FACTOR:
             guess = "friction is as stated, so look at the counts: resolution, and angles of motor or joint"
         return Finding(
             check=name, joint=i, value=float(found), unit="motor inertias", verdict=verdict,
