@@ -11,12 +11,12 @@ from plant.check import instance, known_options
 __all__ = ["Comparison", "compare"]
 
 _COLUMNS = (
-    ("within +-1", 12, lambda e: e.share_within(1)),
-    ("peak [pulses]", 15, lambda e: _each(e.max_error_pulses, ".0f")),
-    ("RMS [pulses]", 15, lambda e: _each(e.rms_error_pulses, ".2f")),
-    ("torque, RMS [N m]", 19, lambda e: _each(e.rms_torque, ".1f")),
-    ("chatter [N m]", 15, lambda e: _each(e.chatter, ".1f")),
-    ("at the limit", 14, lambda e: f"{e.saturation.max():.2%}"),
+    ("within +-1", lambda e: e.share_within(1)),
+    ("peak [pulses]", lambda e: _each(e.max_error_pulses, ".0f")),
+    ("RMS [pulses]", lambda e: _each(e.rms_error_pulses, ".2f")),
+    ("torque, RMS [N m]", lambda e: _each(e.rms_torque, ".1f")),
+    ("chatter [N m]", lambda e: _each(e.chatter, ".1f")),
+    ("at the limit", lambda e: f"{e.saturation.max():.2%}"),
 )
 
 
@@ -52,9 +52,13 @@ class Comparison:
         names = [*self.evaluations, *self.diverged]
         width = max(len(name) for name in [*names, "law"])
         joints = next((evaluation.joints for evaluation in self.evaluations.values()), ())
-        lines = [f"{'law':<{width}}" + "".join(f"{title:>{wide}}" for title, wide, _ in _COLUMNS)]
-        for name, evaluation in self.evaluations.items():
-            lines.append(f"{name:<{width}}" + "".join(f"{cell(evaluation):>{wide}}" for _, wide, cell in _COLUMNS))
+        rows = [[cell(evaluation) for _, cell in _COLUMNS] for evaluation in self.evaluations.values()]
+        columns = zip(*([title for title, _ in _COLUMNS], *rows), strict=True)
+        wide = [2 + max(map(len, column)) for column in columns]
+        lines = [
+            f"{name:<{width}}" + "".join(f"{cell:>{space}}" for cell, space in zip(cells, wide, strict=True))
+            for name, cells in zip(["law", *self.evaluations], [[title for title, _ in _COLUMNS], *rows], strict=True)
+        ]
         lines += [f"{name:<{width}}  {why}" for name, why in self.diverged.items()]
         return "\n".join([*lines, f"a / b: joints {', '.join(joints)}"] if len(joints) > 1 else lines)
 

@@ -28,6 +28,13 @@ class Aided(ModelLaw):
 
     feedback: Law = structure(Law)  # noqa: RUF009 - declares a field
 
+    def __post_init__(self):
+        super().__post_init__()
+        if isinstance(self.feedback, ModelLaw) or self.feedback.replays:
+            given = type(self.feedback).__name__
+            raise ValueError(f"feedback must be a simple law, such as PD; got {given}. Its model would count twice.")
+        self.feedback.block(self.rig)  # refuses gains for other joints
+
     @property
     def period(self):
         """That of the feedback [s], or None."""

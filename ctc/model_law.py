@@ -47,4 +47,9 @@ class ModelLaw(Law):
 
     def block(self, rig):
         rig.require_fit(self.arm.dynamics.chain)
+        if abs(rig.period - self.rig.period) > 1e-9 * self.rig.period:
+            raise ValueError(
+                f"the rig must be sampled as the law's own, every {self.rig.period:.6g} s; got {rig.period:.6g} s. "
+                "Make the law for this rig."
+            )
         return super().block(rig)

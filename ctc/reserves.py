@@ -50,7 +50,7 @@ class Reserves:
         most = int(self.allowed * self.samples)
         upper = clopper_pearson(most, self.samples, 0.9)[1]
         lines = [
-            f"holds: at most {most} of {self.samples} plants leave (95 % confidence: below {upper:.2%} of all)",
+            f"asked: at most {most} of {self.samples} plants may leave (95 % confidence: below {upper:.2%} of all)",
             *(
                 f"{name:<10} {value * scale:8.4g} {unit:<6} {left:>6} leave"
                 for name, scale, unit in (("bandwidth", 1, "rad/s"), ("period", 1e3, "ms"))

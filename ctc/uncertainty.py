@@ -176,6 +176,8 @@ class Uncertainty:
             )
         k = len(names)
         covariance = array("covariance", covariance, (k, k), advice="Give one row per name of found.unknown.")
+        if np.abs(covariance - covariance.T).max(initial=0) > 1e-6 * np.abs(covariance).max(initial=0):
+            raise ValueError("covariance must be symmetric; this one is not. Pass L L^T, not its factor L.")
         plant = [i for i, name in enumerate(names) if not name.startswith("law.")]
         for name in (names[i] for i in plant):
             if name.startswith(_KNOWN_TO_LAWS) and covariance[names.index(name), names.index(name)] > 0:

@@ -129,7 +129,9 @@ def known_options(callable_):
     signature = inspect.signature(callable_)
     if any(p.kind is p.VAR_KEYWORD for p in signature.parameters.values()):
         raise ValueError(f"{callable_} takes any keyword; known_options needs named ones. Name them.")
-    keywords = [k for k, p in signature.parameters.items() if p.kind is not p.POSITIONAL_ONLY]
+    keywords = [
+        k for k, p in signature.parameters.items() if p.kind is not p.POSITIONAL_ONLY and k not in ("self", "cls")
+    ]
 
     def verify(args, kwargs):
         for key in kwargs:

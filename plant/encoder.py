@@ -18,7 +18,7 @@ def fix(x):
 
 @part
 class Phase(Part):
-    """Where the counters' zero lies between two pulses, which no controller knows: they count fix(position + shift).
+    """Where the counters' zero lies between two pulses, which no controller knows: it is added before rounding.
 
     Parameters
     ----------
@@ -38,13 +38,17 @@ class Encoder(Part):
     resolution : (n,) array_like
         N_enc, pulses per turn of the *motor*.
     smooth : bool
-        True leaves out `fix`, for derivatives (through a quantiser they are zero).
+        True leaves out the rounding, for derivatives (through a quantiser they are zero).
+    floor : bool
+        True rounds down, as a quadrature counter does, whose cells are all one pulse wide. By default counts are
+        rounded towards zero (`fix`), as the paper's are: the cell around zero is two pulses wide.
     phase : Phase, optional
         By default zero is where a pulse begins.
     """
 
     resolution: np.ndarray = number(("n",))
     smooth: bool = structure(bool, default=False)
+    floor: bool = structure(bool, default=False)
     phase: Phase | None = structure(default=None)
 
     def __post_init__(self):
@@ -67,7 +71,11 @@ class Encoder(Part):
 
     def count(self, position):
         """Whole pulses of a position in pulses, without the phase; the position itself if the encoder is smooth."""
-        return position if self.smooth else fix(position)
+        if self.smooth:
+            return position
+        if self.floor:
+            return ca.floor(position) if isinstance(position, ca.SX) else np.floor(position)
+        return fix(position)
 
     def read(self, position):
         """Whole pulses that are counted at a position in pulses, with the phase."""
@@ -81,4 +89,6 @@ class Encoder(Part):
         """Motor angle [rad] in the middle of the cell that these counts stand for, as far as a controller knows."""
         if self.smooth:
             return self.turned(pulses)
+        if self.floor:
+            return self.turned(pulses + 0.5)
         return self.turned(pulses + 0.5 * (ca.sign(pulses) if isinstance(pulses, ca.SX) else np.sign(pulses)))

@@ -67,8 +67,8 @@ def require_inertia(arm, rig):
     if not margin >= 0:
         raise ValueError(
             f"D(q) must exceed the motors' own inertia diag(Jm_min k^2), Jm_min = {LEAST_MOTOR_INERTIA:g} Jm, at every "
-            f"q; f = {np.array2string(arm.f, precision=3)} falls short by {-margin:.3g} kg m^2. "
-            "Identify again, or check f and the gear ratios."
+            f"q; f = {np.array2string(arm.f, precision=3)} falls short by {-margin:.3g} kg m^2 (in a pivot). Identify "
+            "again, or check f, the gears, and that the chain's rotors are drive.reflected_inertia()."
         )
 
 

@@ -83,6 +83,8 @@ class Law(Part):
     def start(self, rig, pulses, *, guards=Guards(), torque_limit=None):  # noqa: B008 - frozen
         """This law as a running controller for a control script.
 
+        A law without a period (`P`) is fast hardware: held from call to call it needs calls far faster than the log's.
+
         Parameters
         ----------
         rig : Rig

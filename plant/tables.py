@@ -1,8 +1,8 @@
 """What the loop is asked to follow, worked out beforehand for every step of the law, the log and the plant.
 
 Samples are at the times of a `Clock`. The sub-steps read the reference at their middle. The reference counts are
-rounded by `fix` to whole pulses, also between samples, as the control card does. A record that comes without a
-reference is replayed from its logged counts: straight lines between two samples, rounded by `fix`. A logged torque or
+rounded as the encoder rounds, also between samples, as the control card does. A record that comes without a
+reference is replayed from its logged counts: straight lines between two samples, rounded likewise. A logged torque or
 current is held from its sample to the next, and goes on straight lines across gaps.
 """
 
@@ -13,7 +13,6 @@ import dataclasses
 import numpy as np
 
 from plant.clock import Clock
-from plant.encoder import fix
 from plant.reference import Motion
 
 __all__ = ["Logged", "Path", "logged_for", "path_of", "smooth_rig", "start_of", "time_tables"]
@@ -54,7 +53,7 @@ class Logged:
         step = self.pulses[following] - self.pulses[row]
         pulses = self.pulses[row] + step * np.maximum(place - row, 0)[:, None]
         motion = Motion(self.rig.turned(pulses), self.rig.turned(step / self.clock.apart(row)), np.zeros_like(pulses))
-        return motion, pulses if self.rig.encoder.smooth else fix(pulses)
+        return motion, self.rig.encoder.count(pulses)
 
     def start(self):
         """Position at t = 0, at rest: two counts say nothing of a velocity."""
