@@ -37,8 +37,6 @@ class Swing:
         Of the sign of its own, the only one that should rub [N m].
     delay, delay_std : float
         Counts behind torque [samples].
-    explained : float
-        Share of the torque's variance.
     """
 
     inertia: np.ndarray
@@ -49,7 +47,6 @@ class Swing:
     dry_std: float
     delay: float
     delay_std: float
-    explained: float
 
     @classmethod
     def all_of(cls, signals, torque):
@@ -87,7 +84,6 @@ class Swing:
             if not np.ptp(torques):
                 return None
             value, std = least_squares(columns, torques, memory=_PER_WINDOW)
-            rest = torques - columns @ value
             # Late counts: the model gives the torque of that time ago.
             late, late_std = least_squares(np.column_stack([columns, slope[rows, i]]), torques, memory=_PER_WINDOW)
             # Friction is its own motor's, so another's tells of a wrong column.
@@ -95,6 +91,6 @@ class Swing:
             found.append(cls(
                 inertia=value[:n], inertia_std=std[:n], drag=drag[-n:], drag_std=drag_std[-n:], dry=value[-1],
                 dry_std=std[-1], delay=late[-1] / interval,
-                delay_std=late_std[-1] / interval, explained=1 - np.var(rest) / np.var(torques),
+                delay_std=late_std[-1] / interval,
             ))  # fmt: skip
         return found
