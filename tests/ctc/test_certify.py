@@ -330,6 +330,7 @@ WRONG = {
     "both": (lambda: certified(plants=[puma560.PUBLISHED]), "got both"),
     "misspelt": (lambda: certified(frictoin=0.1), "Did you mean 'friction'"),
     "a covariance too small": (lambda: certified(covariance=np.eye(3)), r"must have shape \(9, 9\)"),
+    "a factor of one": (lambda: certified(covariance=np.tril(np.ones((9, 9)))), "must be symmetric"),
     "no covariance": (lambda: certified(covariance=SWAPPED), "positive semidefinite"),
     "hardly an arm": (
         lambda: certify(LAW, DYNAMICS.arm(-puma560.PUBLISHED), RIG, PATH, covariance=COVARIANCE),

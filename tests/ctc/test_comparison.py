@@ -43,6 +43,23 @@ def test_every_row_holds_the_numbers_of_its_evaluation():
         assert row.split() == " ".join([name, *expected]).split()
 
 
+def test_columns_stay_apart_however_many_the_joints():
+    """Every cell of every row is set off by two blanks, and rows have one length."""
+    one = next(iter(compared().evaluations.values()))
+    record = one.record
+    wide = {name: np.hstack([getattr(record, name)] * 4) * 1000 for name in ("error_pulses", "torque", "current")}
+
+    class Many:
+        joints = tuple("12345678")
+        share_within = one.share_within
+        max_error_pulses = np.abs(wide["error_pulses"]).max(axis=0)
+        rms_error_pulses = rms_torque = chatter = saturation = np.full(8, 12345.678)
+
+    lines = str(Comparison(evaluations={"some": Many(), "more": Many()}, diverged={})).splitlines()
+    assert len({len(line) for line in lines[:3]}) == 1
+    assert [len(line.split("  ")) - line.split("  ").count("") for line in lines[1:3]] == [7, 7]
+
+
 def test_a_law_that_diverges_is_a_row_that_says_so():
     got = compared()
     assert list(got.diverged) == ["wild"]

@@ -226,6 +226,13 @@ def test_an_arm_that_no_feedback_stabilises_is_refused(law):
 
 
 @EVERY
+def test_a_rig_of_another_period_is_refused(law):
+    """Its observer and filters were made for that period: at another one the arm swings, and nothing would say why."""
+    with pytest.raises(ValueError, match=r"sampled as the law's own, every 0\.0007 s; got 0\.002 s"):
+        law().block(dataclasses.replace(RIG, period=2e-3))
+
+
+@EVERY
 def test_a_rig_of_another_arm_is_refused(law):
     names = (field.name for field in dataclasses.fields(RIG.drive) if "number" in field.metadata)
     drive = dataclasses.replace(RIG.drive, **{name: getattr(RIG.drive, name)[:1] for name in names})
@@ -243,6 +250,8 @@ def test_a_rig_of_another_arm_is_refused(law):
         (lambda: FeedForward(arm(), RIG, feedback=0.2), "feedback of FeedForward must be of type Law"),
         (lambda: PDGravity(arm(), RIG, feedback=P), "got the class P"),
         (lambda: PDGravity(arm(), RIG, feedback=P(gain=(1,))).start(RIG, (0, 0)), "gain of P must have 2 values"),
+        (lambda: FeedForward(arm(), RIG, feedback=ComputedTorque(arm(), RIG)), "feedback must be a simple law"),
+        (lambda: FeedForward(arm(), RIG, feedback=P(gain=(1,))), "gain of P must have 2 values"),
         (lambda: PDGravity(arm(), RIG, pd=FEEDBACK), "an option of PDGravity must be one of"),
         (lambda: integral(bandwidth=0), "bandwidth must be positive; got 0"),
         (lambda: integral(filter=-1), "filter must be positive"),

@@ -75,6 +75,20 @@ def test_angle_at_count_zero_is_zero():
     np.testing.assert_array_equal(RIG.angle(np.zeros(2)), [0, 0])
 
 
+@settings(max_examples=200, deadline=None)
+@given(st.floats(-1e4, 1e4))
+def test_a_counter_that_rounds_down_has_cells_of_one_width(position):
+    """No cell is wider, also around zero; the angle of a count is the middle of its cell; casadi counts alike."""
+    encoder = Encoder(resolution=(1000,), floor=True)
+    x = np.array([position])
+    count = encoder.count(x)
+    assert count <= x < count + 1
+    assert count == float(ca.evalf(encoder.count(ca.SX(x))))
+    middle = encoder.position(encoder.angle(count))
+    np.testing.assert_allclose(middle, count + 0.5, atol=1e-9)
+    np.testing.assert_allclose(float(ca.evalf(encoder.angle(ca.SX(count)))), encoder.angle(count)[0], rtol=1e-12)
+
+
 def test_smooth_encoder_counts_fractions_and_angle_inverts_it():
     encoder = Encoder(resolution=(800, 1000), smooth=True)
     x = np.array([0.123, -4.5])
