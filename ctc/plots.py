@@ -72,6 +72,11 @@ def _equal_rows(axes, headroom=1.0):
             axis.set_ylim(-largest, largest * headroom)
 
 
+def _require_evaluation(name, evaluation):
+    if not hasattr(evaluation, "true_error_pulses"):
+        raise ValueError(f"{name} must be an Evaluation; got {type(evaluation).__name__}. Pass what evaluate gave.")
+
+
 def plot_evaluation(evaluation, axes=None):
     """Encoder error with the +-1 pulse band (left), torque and the amplifier's limit (right), one row per joint.
 
@@ -113,6 +118,7 @@ def plot_phase(evaluation):
     """
     import matplotlib.pyplot as plt
 
+    _require_evaluation("evaluation", evaluation)
     record, error = evaluation.record, evaluation.true_error_pulses
     rate = np.gradient(error, record.rig.period * len(record) / len(error), axis=0)
     figure, axes = plt.subplots(1, record.n, figsize=(4.5 * record.n, 4), squeeze=False, layout="constrained")
@@ -145,8 +151,12 @@ def plot_comparison(evaluations):
     -------
     matplotlib.figure.Figure
     """
-    if not evaluations:
-        raise ValueError("evaluations must hold one per law; got none. Pass {name: evaluate(...)}.")
+    if not isinstance(evaluations, dict) or not evaluations:
+        raise ValueError(
+            f"evaluations must be a dict, one per law; got {evaluations!r:.40}. Pass {{name: evaluate(...)}}."
+        )
+    for name, evaluation in evaluations.items():
+        _require_evaluation(f"evaluation {name!r}", evaluation)
     first = next(iter(evaluations.values())).record
     abreast = len(evaluations) <= _ABREAST
     if abreast:

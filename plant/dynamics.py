@@ -149,6 +149,9 @@ class Dynamics(Part):
     lumping: Lumping = structure(Lumping)
     ranges: tuple = structure(default=None)
 
+    def __repr__(self):
+        return f"Dynamics({self.n} joints, f: {', '.join(self.names)})"
+
     def __post_init__(self):
         width = len(STANDARD) * self.chain.n
         if len(self.lumping.matrix[0]) != width:
