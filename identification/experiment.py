@@ -51,7 +51,7 @@ class Experiment:
 
     def __init__(self, dynamics, record, unknown, *, smooth=False, **options):
         if record.law is None:
-            raise ValueError("the record must name the law that made it; got None. Pass law= to Record.from_csv.")
+            raise ValueError("the record must name the law that made it; got None. Pass law= when loading it.")
         if record.n != dynamics.n:
             raise ValueError(
                 f"the record must have {dynamics.n} joints; it has {record.n}. Use the record of this arm."

@@ -58,7 +58,8 @@ class Record:
     Raises
     ------
     ValueError
-        Wrong shapes, NaN, or time that does not increase; with the index where it happened.
+        Wrong shapes, NaN, or time that does not increase; with the index where it happened. A law that replays a
+        column which is not there.
     """
 
     t: np.ndarray
@@ -78,6 +79,9 @@ class Record:
         for name, kind in (("rig", Rig), ("law", (Law, type(None))), ("reference", (Reference, type(None)))):
             if not isinstance(getattr(self, name), kind):
                 raise ValueError(f"{name} of a record must be a {name.capitalize()}; got {getattr(self, name)!r:.60}.")
+        if self.law is not None and self.law.replays and getattr(self, self.law.replays) is None:
+            needs = f"{type(self.law).__name__} needs the record's {self.law.replays}"
+            raise ValueError(f"{needs}; it has none. Give that column.")
         t = array("t", self.t, ("N",), advice="Give the time of each sample [s].")
         if not len(t):
             raise ValueError("t must hold samples; got none. Check that the log was written to the end.")
@@ -227,8 +231,9 @@ class Record:
     def resampled(self, period):
         """The same experiment at uniform times, its counts interpolated linearly and rounded to whole pulses.
 
-        Torque, current and the true motion are interpolated too. A sample between two logged ones has the smaller
-        weight of theirs, and none where they are more than 1.5 nominal (median) intervals apart.
+        The true motion is interpolated too. Torque and current are held from their sample to the next, and go on
+        straight lines across gaps of more than 1.5 nominal (median) intervals; a new sample has their mean over the
+        period that it begins. A sample between two logged ones has the smaller weight of theirs, and none in a gap.
 
         Parameters
         ----------
@@ -242,5 +247,6 @@ class Record:
         Raises
         ------
         ValueError
+            A period more than 20 times longer or shorter than the nominal interval: it is in another unit.
         """
         return Record(**resampled_fields(self, real("period", period, "Give seconds.", positive=True)))

@@ -91,11 +91,16 @@ def _mat(path, chosen, most):
     _require_bounded_mat(path, most)
     from scipy.io import loadmat, whosmat
 
-    top = [name for name, *_ in whosmat(path)]
-    wanted = [name for name in top if chosen(name) or _has_fields(chosen, name)]
-    found = loadmat(path, simplify_cells=True, variable_names=wanted)
-    columns = dict(_flat({name: value for name, value in found.items() if name in wanted}))
-    return [*top, *columns], {name: value for name, value in columns.items() if chosen(name)}
+    def load(names):
+        found = loadmat(path, simplify_cells=True, variable_names=names)
+        return dict(_flat({name: value for name, value in found.items() if name in names}))
+
+    kinds = {name: kind for name, _, kind in whosmat(path)}
+    columns = known = load([name for name in kinds if chosen(name) or _has_fields(chosen, name)])
+    if not all(name in columns for name in getattr(chosen, "__self__", ())):  # what else there is, for the message
+        known = load([name for name, kind in kinds.items() if kind == "struct"])
+    plain = [name for name, kind in kinds.items() if kind != "struct"]
+    return [*plain, *known], {name: value for name, value in columns.items() if chosen(name)}
 
 
 def _has_fields(chosen, name):
@@ -118,7 +123,7 @@ def _require_bounded_mat(path, most):
         head = file.read(128)
         if head[:4] == b"\x89HDF" or head[124:128] in (b"\x00\x02IM", b"\x02\x00MI"):
             raise _RefusalError(
-                "must be MAT version 5; got 7.3, which is HDF5. Read it with from_hdf5, or save with -v7."
+                "must be MAT version 5; got 7.3, which is HDF5. Rename it to end in .h5, or use Record.from_hdf5."
             )
         if head[124:128] not in (b"\x00\x01IM", b"\x01\x00MI"):
             raise _RefusalError("must be MAT version 5; its first 128 bytes are not. Save it with -v7 or -v6.")
@@ -164,8 +169,14 @@ def _hdf5(path, chosen, most):
     import h5py
 
     with h5py.File(path, "r") as file:
-        known = {}
-        file.visititems(lambda name, item: known.update({name: item} if isinstance(item, h5py.Dataset) else {}))
+        items = {}
+        file.visititems(items.__setitem__)
+        known = {name: item for name, item in items.items() if isinstance(item, h5py.Dataset)}
+        for link in _links(file, items):
+            if chosen(link) or any(name.startswith(f"{link}/") for name in getattr(chosen, "__self__", ())):
+                raise _RefusalError(
+                    f"must hold its own data; {link!r} is a link to another file. Copy it in, or choose others."
+                )
         wanted = {name: item for name, item in known.items() if chosen(name)}
         for name, item in wanted.items():
             if item.is_virtual or item.external:
@@ -179,13 +190,24 @@ def _hdf5(path, chosen, most):
         return list(known), {n: item[()].T if "MATLAB_class" in item.attrs else item[()] for n, item in wanted.items()}
 
 
+def _links(file, items):
+    """Names of the links to other files; they are not followed."""
+    import h5py
+
+    for place, group in {"": file, **items}.items():
+        if isinstance(group, h5py.Group):
+            for name in group:
+                if isinstance(group.get(name, getlink=True), h5py.ExternalLink):
+                    yield f"{place}/{name}".lstrip("/")
+
+
 # -- Parquet --------------------------------------------------------------------------------------------------------
 def _parquet(path, chosen, most):
     os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # the others reserve more than they need
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    with pq.ParquetFile(path) as file:
+    with pq.ParquetFile(path, page_checksum_verification=True) as file:
         schema = file.schema_arrow
         wanted = [name for name in schema.names if chosen(name)]
         for name in wanted:

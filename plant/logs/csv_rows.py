@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array as packed
+import csv
 
 import numpy as np
 
@@ -12,7 +13,7 @@ _LONGEST = 1 << 20  # characters of a line
 _MOST = 1 << 25  # numbers of a file, 256 MiB
 
 
-def read_rows(path, *, comment=None, table=False):
+def read_rows(path, *, comment=None, chosen=None):
     """Read the numbers of a CSV file.
 
     Parameters
@@ -20,23 +21,27 @@ def read_rows(path, *, comment=None, table=False):
     path : str or Path
     comment : callable, optional
         Called with the number and the text of every line that starts with #.
-    table : bool
-        A log of others: cells may be empty (NaN), and may be separated by semicolons or tabs, as in the heading.
+    chosen : callable, optional
+        For a log of others: whether the column of a name is read; the other cells may be anything. Cells may be empty
+        (NaN), and may be separated by semicolons or tabs, as in the heading.
 
     Returns
     -------
     names : list of str, or None
         From the heading, if there is one.
     rows : (N, columns) numpy.ndarray
+        Of the chosen columns, in the order of the file.
 
     Raises
     ------
     ValueError
-        A cell that is no number, a short row, no row; with the line, without the path.
+        A cell that is no number, a short row, no row, a last number that is cut; with the line, without the path.
     """
-    names, width, separator, values = None, None, ",", packed.array("d")
+    table, names, picked, width, separator = chosen is not None, None, None, None, ","
+    values, rows, least = packed.array("d"), 0, 0
     with open(path, encoding="utf-8-sig") as file:
         for count, line in enumerate(_lines(file), 1):
+            ended = line.endswith("\n")
             line = line.strip() if not table else line.strip(" \r\n")
             if not line:
                 continue
@@ -44,24 +49,34 @@ def read_rows(path, *, comment=None, table=False):
                 if comment is not None:
                     comment(count, line)
                 continue
-            if table and width is None and names is None:
+            if table and width is None:
                 separator = max(",;\t", key=line.count)
-            cells = line.split(separator)
-            if names is None and not values and any(_is_name(cell, table) for cell in cells):
-                names, width = [cell.strip().strip('"') for cell in cells], len(cells)
-                continue
-            try:
-                values.extend([float(cell) if not table or cell.strip() else np.nan for cell in cells])
-            except ValueError:
-                raise ValueError(f"line {count} must be numbers; got {line[:60]!r}. Correct it.") from None
-            width = width or len(cells)
+            cells = next(csv.reader([line], delimiter=separator)) if '"' in line else line.split(separator)
+            if width is None:
+                width = len(cells)
+                if any(_is_name(cell, table) for cell in cells):
+                    names = [cell.strip().strip('"') for cell in cells]
+                picked = [i for i in range(width) if names is None or not table or chosen(names[i])]
+                if names is not None:
+                    continue
             if len(cells) != width:
-                raise ValueError(f"line {count} must have {width} cells; got {len(cells)}. Complete it.")
+                advice = "Complete it." if len(cells) < width else "Correct it; decimals are written with a point."
+                raise ValueError(f"line {count} must have {width} cells; got {len(cells)}. {advice}")
+            try:
+                values.extend([float(cells[i]) if not table or cells[i].strip() else np.nan for i in picked])
+            except ValueError:
+                said = _no_number(cells, picked, names, table, first=not rows)
+                raise ValueError(f"line {count} must be numbers; {said}") from None
+            decimals = len(cells[-1].partition(".")[2])
+            if not ended and rows and decimals < least and width - 1 in picked:
+                got = f"got {cells[-1]!r} without a line end, and more decimals in all lines before"
+                raise ValueError(f"line {count} must be complete; {got}. Write the file again, or end that line.")
+            least, rows = min(least, decimals) if rows else decimals, rows + 1
             if len(values) > _MOST:
                 raise ValueError(f"must hold at most {_MOST} numbers; got more. Cut the log into several files.")
-    if not values:
+    if not rows:
         raise ValueError("must hold samples; got no row of numbers. Check that it was written to the end.")
-    return names, np.array(values).reshape(-1, width)
+    return names, np.array(values).reshape(rows, len(picked))
 
 
 def _lines(file):
@@ -81,8 +96,27 @@ def _lines(file):
 def _is_name(cell, table):
     """Whether a cell of the first line is a name: it is no number, and in a file of ours begins with a letter."""
     cell = cell.strip()
+    return bool(cell) and not _is_number(cell) and (table or cell[0].isalpha())
+
+
+def _is_number(cell):
     try:
-        float(cell or "nan")
+        float(cell)
     except ValueError:
-        return table or cell[0].isalpha()
-    return False
+        return False
+    return True
+
+
+def _no_number(cells, picked, names, table, first):
+    """The first cell of a row that is no number, its column, and what to do."""
+    wrong = next(i for i in picked if not _is_number(cells[i]) and (cells[i].strip() or not table))
+    if "," in cells[wrong] and _is_number(cells[wrong].replace(",", ".")):
+        advice = "Write decimals with a point."
+    elif names and first and not any(_is_number(cells[i]) for i in picked):
+        advice = "If that is a row of units, put # before it."
+    elif table:
+        advice = "Correct it, leave the cell empty, or leave out that column."
+    else:
+        advice = "Correct it, or map the columns that are needed with columns=."
+    column = repr(names[wrong])[:60] if names else wrong
+    return f"got {cells[wrong].strip()!r:.60} in column {column}. {advice}"

@@ -111,7 +111,8 @@ def require_columns(names, columns, known=None):
             near = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
             hint = f"Did you mean {near[0]!r}?" if near else "Correct the mapping."
             some = ", ".join(repr(other) for other in known[:6]) + (", ..." if len(known) > 6 else "")
-            raise ValueError(f"column {name!r} must be there; got {len(known)} others: {some:.200}. {hint}")
+            some = f"{len(known)} others: {some}" if known else "none"
+            raise ValueError(f"column {name!r} must be there; got {some:.220}. {hint}")
 
 
 def _require_file(path):
@@ -123,14 +124,15 @@ def _require_file(path):
 
 
 def _csv(path, wanted, prefix):
-    names, rows = read_rows(path, table=True)
+    chosen = (lambda name: name.startswith(prefix)) if wanted is None else set(wanted).__contains__
+    names, rows = read_rows(path, chosen=chosen)
     if names is None:
         raise ValueError("must name its columns in a line above the numbers, without #; got none. Add that line.")
-    if len(set(names)) < len(names):
-        twice = next(name for i, name in enumerate(names) if name in names[:i])
+    read = [name for name in names if chosen(name)]
+    if len(set(read)) < len(read):
+        twice = next(name for i, name in enumerate(read) if name in read[:i])
         raise ValueError(f"has column {twice!r} twice; each may come once. Rename one.")
-    chosen = [name for name in names if (name.startswith(prefix) if wanted is None else name in wanted)]
-    return names, {name: rows[:, names.index(name)] for name in chosen}
+    return names, dict(zip(read, rows.T, strict=True))
 
 
 def _numbers(name, column):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 
 import numpy as np
@@ -28,6 +29,7 @@ _MEASURED = ("position", "motor_position", "counts", "error_pulses")
 _REFERENCE = ("reference_pulses", "reference_position", "reference_motor_position")
 _KNOWN = (*UNITS, "valid")
 _EXACT = 2.0**53
+_NEAR = 0.02  # of a pulse: a step that was meant to be one
 
 
 def mapped_names(columns, units):
@@ -51,7 +53,10 @@ def mapped_names(columns, units):
     names = [name for value in columns.values() for name in _names(value)]
     if not all(isinstance(name, str) for name in names):
         raise ValueError(f"columns must be mapped by their names; got {names!r:.80}. {advice}")
-    return list(dict.fromkeys(names))
+    twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
+    if twice is not None:
+        raise ValueError(f"columns must map each column once; got {twice!r} twice. Give each joint its own.")
+    return names
 
 
 def record_fields(table, *, rig, columns, units, wrap, reference):
@@ -88,6 +93,14 @@ def record_fields(table, *, rig, columns, units, wrap, reference):
     return fields
 
 
+def _warn(text):
+    """Warn at the line of the user's that called this package, through whichever reader."""
+    frame, level = sys._getframe(), 1
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "plant":
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, stacklevel=level)
+
+
 def _names(value):
     return value if isinstance(value, (list, tuple)) else [value]
 
@@ -122,7 +135,7 @@ def _in_time(values, units, rig):
     new = np.append(True, stamp[1:] != stamp[:-1])
     if not new.all():
         text = f"{(~new).sum()} rows repeat the time of the row before and are left out, from row {np.argmin(new)} on"
-        warnings.warn(text, stacklevel=5)
+        _warn(text)
     t = (stamp[new] - stamp[0]) / TIME[units["t"]]
     require_period(t, units["t"], rig.period)
     return {field: value[new] for field, value in values.items()}, t
@@ -211,8 +224,9 @@ def _counted(field, value, unit, rig):
         shift, grid = on_grid(position)
         if not whole:
             step = _smallest_step(position[:, np.argmin(grid)])
+            near = ": state the resolution more exactly" if abs(step - 1) < _NEAR else ""
             text = f"{field} of joint {np.argmin(grid)} is in no whole pulses of rig.encoder.resolution (smallest step "
-            warnings.warn(f"{text}{step:.3g} pulses); counted as that encoder would", stacklevel=6)
+            _warn(f"{text}{step:.{6 if near else 3}g} pulses{near}); counted as that encoder would")
     shift = np.where(np.abs(shift) < 0.1, 0.0, shift)
     return rig.encoder.count(np.where(grid, np.round(position - shift) + shift, position))
 

@@ -142,7 +142,12 @@ def test_text_in_another_encoding_is_refused_with_its_path(tmp_path):
         ("# time,c1,c2\n0,1,2\n", "must name its columns in a line above the numbers, without #"),
         ("time,c1,c1\n0,1,2\n", "has column 'c1' twice"),
         ("time,c1,c2\n0,1\n", "line 2 must have 3 cells; got 2"),
-        ("time,c1,c2\n0,1,1;5\n", "line 2 must be numbers"),
+        ("time,c1,c2\n0,1,1;5\n", "line 2 must be numbers; got '1;5' in column 'c2'. Correct it, leave the cell empty"),
+        ("time,c1,c2\n0,1,2,3,4\n", "line 2 must have 3 cells; got 5. Correct it; decimals are written with a point"),
+        ("time;c1;c2\n0;1;1\n0,5;2;2\n", "line 3 must be numbers; got '0,5' in column 'time'. Write decimals with a p"),
+        ("time,c1,c2\ns,pulses,\n0,1,1\n", "line 2 must be numbers; got 's' .* a row of units, put # before it"),
+        ("time,c1,c2\n0,1,1\nx,y,z\n", "line 3 must be numbers; got 'x' in column 'time'. Correct it"),
+        ("time,c1,c2\n0,1,2.50\n0.1,1,-0.28\n0.2,1,-0", "line 4 must be complete; got '-0' without a line end"),
         ("time,c1,C2\n0,1,1\n", r"column 'c2' must be there; got 3 others: 'time', 'c1', 'C2'\. Did you mean 'c1'\?"),
         ("time,c1,c2\n" + "1" * (1 << 20), "line 2 must be shorter than 1048576 characters"),
     ],
@@ -152,6 +157,45 @@ def test_bad_csv_is_refused_with_its_line(tmp_path, text, message):
     path.write_text(text)
     columns = {"t": "time", "counts": ["c1", "c2"]}
     refused(lambda: Record.from_csv(path, rig=RIG, columns=columns, units={"t": "s"}), r"log\.csv ", message)
+
+
+MODES = 'stamp;mode;time;c1;note;c2\n2026-01-01T00:00:00Z;RUN;0;1;;2\n2026-01-01T00:00:01Z;0,5;0.1;3;"a; b";4\n'
+
+
+def test_text_in_a_csv_matters_only_in_a_column_that_is_read(tmp_path):
+    """Stamps, modes, decimal commas and quoted separators elsewhere; so does a name that comes twice."""
+    path = tmp_path / "log.csv"
+    for text in (MODES, MODES.replace("mode", "stamp"), MODES.replace("note", "stamp")):
+        path.write_text(text)
+        table = read_table(path, names=["c2", "time"])
+        assert set(table) == {"c2", "time"}
+        np.testing.assert_array_equal(table["time"], [0, 0.1])
+        np.testing.assert_array_equal(table["c2"], [2, 4])
+        record = Record.from_csv(path, rig=RIG, columns={"counts": ["c1", "c2"]})
+        np.testing.assert_array_equal(record.counts, [[1, 2], [3, 4]])
+    path.write_text(MODES)
+    assert set(read_table(path, prefix="c")) == {"1", "2"}
+    refused(lambda: read_table(path), "line 2 must be numbers; got '2026-01-01T00:00:00Z' in column 'stamp'")
+    refused(lambda: read_table(path, names=["mode"]), "line 2 must be numbers; got 'RUN' in column 'mode'")
+    refused(lambda: read_table(path, names=["d"]), "column 'd' must be there; got 6 others")
+
+
+@pytest.mark.parametrize("end", ["2.5", "3", "-12.25\n", "7"])
+def test_a_whole_last_line_without_an_end_is_read(tmp_path, end):
+    """Only fewer decimals than in all lines before tell that it was cut."""
+    (tmp_path / "log.csv").write_text("t,c\n0,2.5\n1,0.75\n2," + end)
+    (tmp_path / "whole.csv").write_text("t,c\n0,200\n1,75\n2," + end)
+    assert read_table(tmp_path / "whole.csv")["c"][-1] == float(end)
+    if end in ("3", "7"):
+        refused(lambda: read_table(tmp_path / "log.csv"), "line 4 must be complete")
+    else:
+        assert read_table(tmp_path / "log.csv")["c"][-1] == float(end)
+
+
+def test_a_cut_cell_that_nobody_reads_does_not_matter(tmp_path):
+    (tmp_path / "log.csv").write_text("t,c,x\n0,2,1.25\n1,0,1.50\n2,5,1")
+    np.testing.assert_array_equal(read_table(tmp_path / "log.csv", names=["c"])["c"], [2, 0, 5])
+    refused(lambda: read_table(tmp_path / "log.csv"), "line 4 must be complete; got '1'")
 
 
 def test_only_real_numbers_are_read(tmp_path):
@@ -183,7 +227,7 @@ def test_a_missing_extra_says_what_to_install(tmp_path, monkeypatch):
 def test_matlab_7_3_is_sent_to_the_right_reader(tmp_path):
     path = tmp_path / "new.mat"
     path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(400))
-    refused(lambda: read("mat", path), "got 7.3, which is HDF5. Read it with from_hdf5")
+    refused(lambda: read("mat", path), "got 7.3, which is HDF5. Rename it to end in .h5, or use Record.from_hdf5")
 
 
 def test_hdf5_that_points_into_another_file_is_refused(tmp_path):
@@ -191,6 +235,41 @@ def test_hdf5_that_points_into_another_file_is_refused(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("t", (8,), float, external=[(str(tmp_path / "secret"), 0, 64)])
     refused(lambda: read_table(tmp_path / "a.h5"), "must hold its own data; column 't' points into another file")
+
+
+def test_links_to_another_file_are_refused_and_never_followed(tmp_path):
+    """Of a column and of a group that holds one; a link that is not wanted does not matter."""
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["run/t"] = np.arange(8.0)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["t"] = h5py.ExternalLink("other.h5", "run/t")
+        file["deep/run"] = h5py.ExternalLink("other.h5", "run")
+        file["c"] = np.arange(3)
+    with WarmChildren():
+        for names, link in ((["t"], "t"), (["deep/run/t"], "deep/run"), (None, "t")):
+            refused(lambda names=names: read_table(tmp_path / "a.h5", names=names), f"'{link}' is a link to another")
+        np.testing.assert_array_equal(read_table(tmp_path / "a.h5", names=["c"])["c"], [0, 1, 2])
+
+
+def test_a_column_that_is_not_there_is_answered_by_those_that_are(tmp_path):
+    """Fields of a structure by their whole names; and an empty file has none."""
+    scipy.io.savemat(tmp_path / "a.mat", {"run": {"time": [0, 1], "deep": {"c": [1, 2]}}, "x": [1, 2]})
+    h5py.File(tmp_path / "a.h5", "w").close()
+    with WarmChildren():
+        expected = r"column 'time' must be there; got 3 others: 'x', 'run\.time', 'run\.deep\.c'\. Did you mean 'run"
+        refused(lambda: read_table(tmp_path / "a.mat", names=["time"]), expected)
+        refused(lambda: read_table(tmp_path / "a.h5", names=["t"]), r"column 't' must be there; got none\. Correct")
+
+
+def test_checksums_of_parquet_pages_are_compared(tmp_path):
+    """One bit of plain data, which without a checksum would read as another number."""
+    path = tmp_path / "a.parquet"
+    options = {"use_dictionary": False, "compression": "none", "write_page_checksum": True}
+    pq.write_table(pa.table({"c": np.arange(100.0)}), path, **options)
+    sound = path.read_bytes()
+    at = sound.index(np.arange(40.0, 60.0).tobytes())
+    path.write_bytes(sound[:at] + b"\x01" + sound[at + 1 :])
+    refused(lambda: read_table(path), "must be a sound file; reading it gave .*could not verify page integrity")
 
 
 def test_wrong_calls_are_refused_before_the_file_is_opened():

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant import Coupling, Drive, Encoder, Harmonics, LoadError, Record, Rig, puma560, read_table
+from plant import Coupling, Drive, Encoder, Harmonics, LoadError, LoggedTorque, Record, Rig, puma560, read_table
 
 GEAR, RESOLUTION = np.array([60.0, -45.0]), np.array([1000.0, 2000.0])
 DRIVE = Drive(gear=GEAR, motor_inertia=(1e-4,) * 2, viscous=(0,) * 2, coulomb=(0,) * 2, motor_gain=(0.2, 0.3),
@@ -75,6 +75,35 @@ def test_a_resolution_that_is_not_the_log_s_is_noted():
         found = angles("rad", ANGLE * np.array([1.31, 1.0]))
     np.testing.assert_array_equal(found.counts[:, 1], COUNTS[:, 1])
     np.testing.assert_array_equal(found.counts[:, 0], np.trunc(1.31 * COUNTS[:, 0]))
+
+
+def test_a_resolution_with_too_few_digits_is_told_from_a_wrong_one():
+    """Steps of 25/65535 rad under a rig that says 3.815e-4 rad: 0.99994 pulses, which is not "1 pulse"."""
+    step = 25 / 65535
+    encoder = Encoder(resolution=2 * np.pi / 3.815e-4 / np.abs(GEAR))
+    said = r"smallest step 0\.999936 pulses: state the resolution more exactly"
+    assert f"{step / 3.815e-4:.6f}" == "0.999936"
+    with pytest.warns(UserWarning, match=said):
+        angles("rad", COUNTS * step, rig=dataclasses.replace(RIG, encoder=encoder))
+
+
+def test_warnings_point_at_the_line_that_loads(tmp_path):
+    """Through every reader, whatever is wrapped around it."""
+    table = {"q": ANGLE * 1.31, "t": np.repeat(T[::2], 2)}
+    np.savez(tmp_path / "log.npz", **table)
+    rows = np.column_stack([table["t"], table["q"]])
+    np.savetxt(tmp_path / "log.csv", rows, "%.17g", ",", header="t,a,b", comments="")
+    options = {"rig": RIG, "units": {"t": "s", "position": "rad"}}
+    block, cells = {"t": "t", "position": "q"}, {"t": "t", "position": ["a", "b"]}
+    for call in (
+        lambda: Record.from_table(table, columns=block, **options),
+        lambda: Record.from_npz(tmp_path / "log.npz", columns=block, **options),
+        lambda: Record.from_csv(tmp_path / "log.csv", columns=cells, **options),
+    ):
+        with pytest.warns(UserWarning, match="whole pulses|repeat the time") as noted:
+            call()
+        assert [Path(note.filename) for note in noted] == [Path(__file__)] * 2
+        assert {note.lineno for note in noted} == {call.__code__.co_firstlineno}
 
 
 def test_a_smooth_encoder_keeps_the_angle():
@@ -219,9 +248,18 @@ TABLE = {"t": T, "q": ANGLE, "u": np.full((N, 2), 20.0), "c": COUNTS, "s": np.fu
         (lambda: record(TABLE, {"t": "t"}, {"t": "s"}), "columns must hold exactly one of position"),
         (lambda: record(TABLE, {"counts": "c", "error_pulses": "c"}), "columns must hold exactly one of position"),
         (lambda: record(TABLE, {"error_pulses": "c"}), "error_pulses need what was commanded"),
-        (lambda: record(TABLE, {"counts": ["c", "c"]}), "'counts' must have 2 columns, one per joint; got 4"),
+        (lambda: record(TABLE, {"counts": ["c", "u"]}), "'counts' must have 2 columns, one per joint; got 4"),
+        (lambda: record(TABLE, {"counts": ["c", "c"]}), "columns must map each column once; got 'c' twice"),
+        (
+            lambda: record(TABLE, {"counts": "c", "torque": "c"}, {"torque": "N m"}),
+            "columns must map each column once; got 'c' twice. Give each joint its own",
+        ),
+        (
+            lambda: record(TABLE, {"counts": "c"}, law=LoggedTorque()),
+            "LoggedTorque needs the record's torque; it has none",
+        ),
         (lambda: record(TABLE, {"counts": "d"}), "column 'd' must be there; got 5 others"),
-        (lambda: record(TABLE, {"counts": ["s", "s"]}), "column 's' must be real numbers"),
+        (lambda: record(TABLE, {"counts": ["s", "c"]}), "column 's' must be real numbers"),
         (lambda: record(TABLE | {"t": T[:-1]}, COLUMNS, {"t": "s", "position": "rad"}), "columns must have one length"),
         (lambda: record({"c": np.full((9, 2), np.nan)}, {"counts": "c"}), "must hold numbers; joint 0 has none"),
         (lambda: record({"c": np.full((9, 2), np.inf)}, {"counts": "c"}), "must be finite, or NaN where it is missing"),
@@ -248,7 +286,8 @@ def test_resampling_at_the_logged_times_changes_nothing():
 
 
 def test_resampled_counts_are_within_half_a_pulse_of_the_line():
-    """A ramp sampled with jitter is the same ramp at uniform times; half a pulse is the rounding."""
+    """A ramp sampled with jitter is the same ramp at uniform times; half a pulse is the rounding. A torque is not
+    between its samples but held: the new ones have the same integral, sample by sample."""
     rng = np.random.default_rng(0)
     t = T + np.r_[0, rng.uniform(-3e-4, 3e-4, N - 1)]
     ramp = np.column_stack([5000 * t, -300 * t])
@@ -256,7 +295,10 @@ def test_resampled_counts_are_within_half_a_pulse_of_the_line():
     again = log.resampled(1e-3)
     assert (np.abs(again.counts - np.outer(again.t, [5000, -300])) <= 0.5 + 1e-9).all()
     np.testing.assert_array_equal(again.counts, np.round(again.counts))
-    np.testing.assert_allclose(again.torque, np.outer(again.t, [5000, -300]), atol=1e-9)
+    ends = np.append(again.t, again.t[-1] + 1e-3)
+    total = np.vstack([[0, 0], np.cumsum(ramp * np.diff(t, append=ends[-1])[:, None], axis=0)])
+    total = np.column_stack([np.interp(ends, np.append(t, ends[-1]), column) for column in total.T])
+    np.testing.assert_allclose(again.torque, np.diff(total, axis=0) / 1e-3, atol=1e-9)  # eps times 1e3 samples of 1e3
     np.testing.assert_allclose(np.diff(again.t), 1e-3)
     assert again.rig.period == 1e-3
     assert again.t[-1] <= t[-1] < again.t[-1] + 1e-3
@@ -271,12 +313,39 @@ def test_resampled_gaps_and_dropped_samples_weigh_nothing():
     np.testing.assert_array_equal(again.valid, [1, 1, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 0.5, 0.5])
 
 
+def test_resampled_torques_are_means_of_what_was_held():
+    """By hand: two to one gives means of pairs, one to two repeats, two to three mixes; the last is held on."""
+    u = np.array([[1.0, -2], [3, 0], [5, 7], [-4, 1], [2, 2]])
+    log = Record(t=T[:5], error_pulses=np.zeros((5, 2)), torque=u, current=-u, rig=RIG)
+    for period, expected in (
+        (2 * RIG.period, [[2, -1], [0.5, 4], [2, 2]]),
+        (RIG.period / 2, np.repeat(u, 2, axis=0)[:-1]),
+        (1.5 * RIG.period, [[5 / 3, -4 / 3], [13 / 3, 14 / 3], [-2, 4 / 3]]),
+    ):
+        again = log.resampled(period)
+        np.testing.assert_allclose(again.torque, expected, rtol=1e-12)
+        np.testing.assert_array_equal(again.current, -again.torque)
+
+
+def test_resampled_torques_go_straight_across_gaps():
+    """As they are replayed there: from 1 to 7 over three intervals, whose means are 2, 4 and 6."""
+    log = Record(t=RIG.period * np.array([0, 1, 4, 5]), error_pulses=np.zeros((4, 2)),
+                 torque=np.array([[9, 9], [1, 7], [7, 1], [5, 5.0]]), rig=RIG)  # fmt: skip
+    expected = [[9, 9], [2, 6], [4, 4], [6, 2], [7, 1], [5, 5]]
+    np.testing.assert_allclose(log.resampled(RIG.period).torque, expected, rtol=1e-12)
+
+
 def test_resampling_needs_a_period():
     log = record(TABLE, {"counts": "c"})
+    for period in (21 * RIG.period, RIG.period / 21, 2.0):
+        with pytest.raises(ValueError, match=r"period must be within 20 times the log's; got .* Give seconds"):
+            log.resampled(period)
+    assert len(log.resampled(19 * RIG.period)) == -(-N // 19)
     with pytest.raises(ValueError, match="period must be a positive number; got 0"):
         log.resampled(0)
-    with pytest.raises(ValueError, match="period must give at most 33554432 samples; got 1e-12 s"):
-        log.resampled(1e-12)
+    gap = Record(t=[0, 2e-3, 4e-3, 1e6], error_pulses=np.zeros((4, 2)), rig=RIG)
+    with pytest.raises(ValueError, match=r"period must give at most 33554432 samples; got 0\.002 s"):
+        gap.resampled(2e-3)
 
 
 # -- real logs ------------------------------------------------------------------------------------------------------

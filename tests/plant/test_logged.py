@@ -21,6 +21,7 @@ from plant import (
     replay,
     simulate,
 )  # fmt: skip
+from plant.tables import logged_for
 
 INERTIA = 0.3
 REST = PointToPoint(start=(0,), goal=(0,), duration=1)
@@ -48,7 +49,7 @@ def uneven(count, seed=3):
 
 def record(rig, t, torque, **changes):
     return Record(
-        t=t, error_pulses=np.zeros((len(t), 1)), torque=torque, rig=rig, law=LoggedTorque(), **changes
+        t=t, error_pulses=np.zeros((len(t), 1)), torque=torque, rig=rig, **{"law": LoggedTorque()} | changes
     )  # fmt: skip
 
 
@@ -73,8 +74,8 @@ def test_a_torque_that_is_held_between_samples_moves_a_free_joint_as_it_must():
 def test_a_current_gives_the_torque_of_the_motor():
     arm, rig = free_joint()
     t, current = uneven(40), np.random.default_rng(2).normal(size=(40, 1))
-    log = record(rig, t, None, current=current, initial=[[0], [0]])
-    made = replay(arm, dataclasses.replace(log, law=LoggedCurrent()))
+    log = record(rig, t, None, current=current, initial=[[0], [0]], law=LoggedCurrent())
+    made = replay(arm, log)
     np.testing.assert_allclose(made.torque, -50 * 0.2 * current, rtol=1e-14)
 
 
@@ -117,7 +118,10 @@ def test_without_a_start_the_first_counts_give_one():
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda arm, log: replay(arm, dataclasses.replace(log, torque=None)), "LoggedTorque needs the record's torque"),
+        (lambda arm, log: dataclasses.replace(log, torque=None), "LoggedTorque needs the record's torque; it has none"),
+        (lambda arm, log: dataclasses.replace(log, law=LoggedCurrent()), "LoggedCurrent needs the record's current"),
+        (lambda arm, log: replay(arm, log, law=LoggedCurrent()), "LoggedCurrent needs the record's current"),
+        (lambda arm, log: logged_for(LoggedCurrent(), log), "LoggedCurrent needs the record's current"),
         (lambda arm, log: replay(arm, dataclasses.replace(log, law=None)), "law"),
         (lambda arm, log: replay(log, arm), "The order is arm, record"),
         (lambda arm, log: replay(arm, log, backend="c"), "backend"),
