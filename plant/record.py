@@ -19,6 +19,7 @@ from plant.logs.record_files import read_mapped, reader
 from plant.logs.resampling import resampled_fields
 from plant.reference import Reference
 from plant.rig import Rig
+from plant.tables import logged_for
 
 __all__ = ["Record"]
 
@@ -58,8 +59,7 @@ class Record:
     Raises
     ------
     ValueError
-        Wrong shapes, NaN, or time that does not increase; with the index where it happened. A law that replays a
-        column which is not there.
+        Wrong shapes, NaN, time that does not increase, with the index; a law that repeats a column that is not there.
     """
 
     t: np.ndarray
@@ -79,9 +79,8 @@ class Record:
         for name, kind in (("rig", Rig), ("law", (Law, type(None))), ("reference", (Reference, type(None)))):
             if not isinstance(getattr(self, name), kind):
                 raise ValueError(f"{name} of a record must be a {name.capitalize()}; got {getattr(self, name)!r:.60}.")
-        if self.law is not None and self.law.replays and getattr(self, self.law.replays) is None:
-            needs = f"{type(self.law).__name__} needs the record's {self.law.replays}"
-            raise ValueError(f"{needs}; it has none. Give that column.")
+        if self.law is not None:
+            logged_for(self.law, self)
         t = array("t", self.t, ("N",), advice="Give the time of each sample [s].")
         if not len(t):
             raise ValueError("t must hold samples; got none. Check that the log was written to the end.")

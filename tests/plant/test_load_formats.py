@@ -180,7 +180,7 @@ def test_text_in_a_csv_matters_only_in_a_column_that_is_read(tmp_path):
     refused(lambda: read_table(path, names=["d"]), "column 'd' must be there; got 6 others")
 
 
-@pytest.mark.parametrize("end", ["2.5", "3", "-12.25\n", "7"])
+@pytest.mark.parametrize("end", ["2.5", "3", "3\n", "-12.25\n", "7"])
 def test_a_whole_last_line_without_an_end_is_read(tmp_path, end):
     """Only fewer decimals than in all lines before tell that it was cut."""
     (tmp_path / "log.csv").write_text("t,c\n0,2.5\n1,0.75\n2," + end)
