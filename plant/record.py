@@ -230,9 +230,8 @@ class Record:
     def resampled(self, period):
         """The same experiment at uniform times, its counts interpolated linearly and rounded to whole pulses.
 
-        The true motion is interpolated too. Torque and current are held from their sample to the next, and go on
-        straight lines across gaps of more than 1.5 nominal (median) intervals; a new sample has their mean over the
-        period that it begins. A sample between two logged ones has the smaller weight of theirs, and none in a gap.
+        The true motion too. Torque and current are the mean over each new period of what was held, or went straight
+        across a gap (above 1.5 median intervals). A sample between two has their smaller weight, and none in a gap.
 
         Parameters
         ----------

@@ -232,6 +232,7 @@ def test_a_value_at_its_bound_stays_and_the_others_make_up_for_it():
             "zeros must be found",
         ),
         (lambda: identify(DYNAMICS, still(), progress=False), "every motor must move"),
+        (lambda: Prediction(DYNAMICS, dataclasses.replace(log(1), law=None), UNKNOWN), "Pass law= when loading it"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(call, said):
