@@ -153,7 +153,7 @@ def plot_comparison(evaluations):
     """
     if not isinstance(evaluations, dict) or not evaluations:
         raise ValueError(
-            f"evaluations must be a dict, one per law; got {evaluations!r:.40}. Pass {{name: evaluate(...)}}."
+            f"evaluations must be a dict, one per law; got {evaluations or 'none'!r:.40}. Pass {{name: evaluate(...)}}."
         )
     for name, evaluation in evaluations.items():
         _require_evaluation(f"evaluation {name!r}", evaluation)
