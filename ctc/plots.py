@@ -152,9 +152,8 @@ def plot_comparison(evaluations):
     matplotlib.figure.Figure
     """
     if not isinstance(evaluations, dict) or not evaluations:
-        raise ValueError(
-            f"evaluations must be a dict, one per law; got {evaluations or 'none'!r:.40}. Pass {{name: evaluate(...)}}."
-        )
+        given = f"{evaluations!r:.40}" if evaluations else "none"
+        raise ValueError(f"evaluations must be a dict, one per law; got {given}. Pass {{name: evaluate(...)}}.")
     for name, evaluation in evaluations.items():
         _require_evaluation(f"evaluation {name!r}", evaluation)
     first = next(iter(evaluations.values())).record

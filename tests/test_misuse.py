@@ -48,7 +48,7 @@ CALLS = {
     "half a drive": (lambda r: Drive(gear=(1,)), "missing a required argument: 'motor_inertia'"),
     "no rig": (lambda r: ComputedTorque(ARM), "missing a required argument: 'rig'"),
     "text for a flag": (lambda r: ComputedTorque(ARM, RIG, friction="no"), "must be of type bool"),
-    "no laws": (lambda r: plot_comparison({}), "got 'none'"),
+    "no laws": (lambda r: plot_comparison({}), "got none"),
     "no samples": (lambda r: Record(t=[], reference_pulses=NOTHING, error_pulses=NOTHING, rig=RIG), "got none"),
     "misspelt column": (lambda r: Record.from_csv("log.csv", rigg=RIG), "Did you mean 'rig'"),
 }
