@@ -54,8 +54,9 @@ def record(rig, t, torque, **changes):
 
 
 def test_a_torque_that_is_held_between_samples_moves_a_free_joint_as_it_must():
-    """Under piecewise constant torque the motion is known, and the step is exact for it. Across a gap of four periods it
-    is taken in three steps, the torque a third of the way further in each."""
+    """Under piecewise constant torque the motion is known, and the step is exact for it. A gap of four periods is passed
+    in three steps, the torque a third of the way further in each.
+    """
     arm, rig = free_joint()
     t = uneven(200)
     torque = np.random.default_rng(1).normal(size=(200, 1))
