@@ -54,7 +54,7 @@ def record(rig, t, torque, **changes):
 
 
 def test_a_torque_that_is_held_between_samples_moves_a_free_joint_as_it_must():
-    """Under piecewise constant torque the motion is known, and the step is exact for it. A gap of four periods is passed
+    """Under piecewise constant torque the motion is known, and the step is exact for it. A gap of four periods is taken
     in three steps, the torque a third of the way further in each.
     """
     arm, rig = free_joint()
