@@ -72,7 +72,7 @@ def test_a_law_that_diverges_is_a_row_that_says_so():
 def test_a_table_of_divergences_alone():
     got = compare({"wild": LAWS["wild"]}, ARM, UNLIMITED, PATH, duration=0.1)
     assert len(str(got).splitlines()) == 2
-    with pytest.raises(ValueError, match="evaluations must hold one per law"):
+    with pytest.raises(ValueError, match="evaluations must be a dict, one per law; got none"):
         got.plot()
 
 
