@@ -1,10 +1,15 @@
 """Computed torque: from an identified arm to a controller, and to a verdict in encoder pulses.
 
-Reading order: `model_law` (what all laws with an arm share) -> `observer` (what the encoder tells of the tracking
-error) -> `computed_torque` (the law, Fig. 2) -> its rivals `feed_forward`, `computed_torque_integral`, `adaptive`,
-`sliding_mode` -> `evaluation` (the verdict) -> `comparison` (of several laws) -> `certify` (the verdict over what is
-not known: `uncertainty`, `plants`, `population`, `certificate`, `sensitivity`, `reserves`) -> `error_loop`, `margins`,
-`design` (the loop linearised, how far it is from instability, gains for it) -> `plots`, `certificate_figure` (figures).
+Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above all that it imports:
+
+=============== ====================================================================================================
+`certification` `certify`: probability of leaving a pulse limit under parameter uncertainty
+`stability`     the error loop linearised, its margins, gains by design (python-control)
+`verdict`       `evaluate` one arm under one law, `compare` several, animate
+`laws`          computed torque with observer, feed-forward, integral, adaptive, sliding mode
+`figures`       every figure of a verdict, in one style
+=============== ====================================================================================================
+
 ``python -m ctc`` runs the paper from end to end.
 """
 
@@ -20,19 +25,25 @@ for _name in ("plant", "identification"):
             f"{_found.origin if _found else 'nowhere'}. Uninstall the other distribution, or put {_home} first."
         )
 
-from ctc.adaptive import Adaptive  # noqa: E402
-from ctc.certificate import Certificate, clopper_pearson  # noqa: E402
-from ctc.certify import certify  # noqa: E402
-from ctc.comparison import Comparison, compare  # noqa: E402
-from ctc.computed_torque import ComputedTorque  # noqa: E402
-from ctc.computed_torque_integral import ComputedTorqueIntegral  # noqa: E402
-from ctc.error_loop import error_loop  # noqa: E402
-from ctc.evaluation import Evaluation, evaluate  # noqa: E402
-from ctc.feed_forward import FeedForward, PDGravity  # noqa: E402
-from ctc.margins import Margins, margins  # noqa: E402
-from ctc.sliding_mode import SlidingMode  # noqa: E402
+from ctc.certification.binomial import clopper_pearson
+from ctc.certification.certificate import Certificate
+from ctc.certification.certify import certify
+from ctc.figures import plot_comparison, plot_evaluation, plot_identification, plot_phase, plot_record
+from ctc.laws.adaptive import Adaptive
+from ctc.laws.computed_torque import ComputedTorque
+from ctc.laws.computed_torque_integral import ComputedTorqueIntegral
+from ctc.laws.feed_forward import FeedForward, PDGravity
+from ctc.laws.sliding_mode import SlidingMode
+from ctc.stability.design import kalman_gains, lqr_gains, motor_gain, observer_gains, pid_gains
+from ctc.stability.error_loop import error_loop
+from ctc.stability.margins import Margins, margins
+from ctc.verdict.animation import animate
+from ctc.verdict.comparison import Comparison, compare
+from ctc.verdict.evaluation import Evaluation, evaluate
 
 __all__ = [
-    "Adaptive", "Certificate", "Comparison", "ComputedTorque", "ComputedTorqueIntegral", "Evaluation", "FeedForward",
-    "Margins", "PDGravity", "SlidingMode", "certify", "clopper_pearson", "compare", "error_loop", "evaluate", "margins",
+    "Adaptive", "Certificate", "Comparison", "ComputedTorque", "ComputedTorqueIntegral", "Evaluation",
+    "FeedForward", "Margins", "PDGravity", "SlidingMode", "animate", "certify", "clopper_pearson", "compare",
+    "error_loop", "evaluate", "kalman_gains", "lqr_gains", "margins", "motor_gain", "observer_gains", "pid_gains",
+    "plot_comparison", "plot_evaluation", "plot_identification", "plot_phase", "plot_record",
 ]  # fmt: skip

@@ -63,7 +63,7 @@ def _save_figures(folder, robot, rig, path, measured, paper, found, verdicts):
     import matplotlib
 
     matplotlib.use("Agg")
-    from ctc.plots import plot_comparison, plot_evaluation, plot_identification, plot_record
+    from ctc.figures import plot_comparison, plot_evaluation, plot_identification, plot_record
 
     folder.mkdir(parents=True, exist_ok=True)
     dynamics, p, joints = robot.dynamics, measured.law, verdicts["P"].joints

@@ -5,7 +5,7 @@ import tempfile
 import numpy as np
 
 from plant import Record, linearise, puma560, simulate
-from plant.linear import modes
+from plant.analysis.linearise import modes
 
 arm, rig, p = puma560.arm(), puma560.rig(), puma560.p_law()
 

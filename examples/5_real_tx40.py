@@ -17,7 +17,7 @@ import numpy as np
 
 from identification import fit_torque
 from plant import Dynamics
-from plant.arms import tx40, tx40_rig
+from plant.robots.catalogue import tx40, tx40_rig
 
 LEAST_SPEED = (0.050, 0.050, 0.075, 0.072, 0.056, 0.122)  # [rad/s], as published
 

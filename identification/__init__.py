@@ -1,13 +1,16 @@
 """Identification: from records of pulses to the arm's parameters f.
 
-Reading order: `experiment` (a record, ready to be repeated), `objective` (equation (4) of a whole population) ->
-`ranges` (where to search, 3.6) -> `genetic` (the genetic algorithm, 3.7) -> `equation_error` (torques, by
-`least_squares` behind `filtering`), `from_pulses` (the same from counts alone) -> `prediction` (prediction error),
-`gauss_newton` (its least squares) -> `search`, `polish`, `methods` (seven ways, one interface), `identify` (the
-procedure of 3.2), `result`, `trust` (what to mind about it), `plots` -> `quality` (can this log say anything?),
-`budget` (what will a motion say?), `physical` (bodies that have these f), `load` (in the hand of a known arm),
-`timing` (is the log late?), `oscillation` (Figs. 10-11), `motor` (gain and friction before the arm), `spread` (how
-much the result varies, 4.2).
+Dynamics + Record(s) -> Arm, the same arm with f found. The rooms, each above all that it imports:
+
+================ ===================================================================================================
+`repeatability`  `spread`: how much the result varies from seed to seed (4.2)
+`procedure`      `identify`: prepare, search, assess (3.2)
+`results`        `Identification`, its warnings and figures; bodies that have these f; a load; Figs. 10-11
+`search`         the genetic algorithm (3.7), seven methods behind one interface
+`planning`       before the experiment: ranges (3.6), pulse budget, excitation, motor tests
+`replay`         the experiment repeated with other numbers: objective (4), prediction error, their least squares
+`equation_error` least squares on the torque equation, from logged torques or from counts alone
+================ ===================================================================================================
 """
 
 from importlib.util import find_spec
@@ -20,22 +23,22 @@ if _found is None or _found.origin is None or Path(_found.origin).resolve().pare
         f"{_found.origin if _found else 'nowhere'}. Uninstall the other distribution, or put {_home} first."
     )
 
-from identification.budget import Budget, pulse_budget  # noqa: E402
-from identification.equation_error import TorqueFit, fit_torque  # noqa: E402
-from identification.excitation import design_motion  # noqa: E402
-from identification.filtering import derivatives, low_pass  # noqa: E402
-from identification.genetic import GeneticResult, GeneticSettings, minimize_genetic  # noqa: E402
-from identification.identify import identify  # noqa: E402
-from identification.load import Load, find_load  # noqa: E402
-from identification.motor import MotorFit, friction_from_motor_test, gain_from_current  # noqa: E402
-from identification.objective import Objective  # noqa: E402
-from identification.oscillation import Oscillation, oscillation  # noqa: E402
-from identification.physical import Physical, nearest_physical  # noqa: E402
-from identification.ranges import Interval, LinkSize, puma560_ranges, ranges  # noqa: E402
-from identification.result import Identification  # noqa: E402
-from identification.spread import Spread, spread  # noqa: E402
-from identification.timing import without_delay  # noqa: E402
-from plant.check import known_options  # noqa: E402
+from identification.equation_error.filtering import derivatives, low_pass
+from identification.equation_error.torque_fit import TorqueFit, fit_torque
+from identification.planning.budget import Budget, pulse_budget
+from identification.planning.excitation import design_motion
+from identification.planning.motor import MotorFit, friction_from_motor_test, gain_from_current
+from identification.planning.ranges import Interval, LinkSize, puma560_ranges, ranges
+from identification.procedure import identify
+from identification.repeatability import Spread, spread
+from identification.replay.objective import Objective
+from identification.replay.timing import without_delay
+from identification.results.identification import Identification
+from identification.results.load import Load, find_load
+from identification.results.oscillation import Oscillation, oscillation
+from identification.results.physical import Physical, nearest_physical
+from identification.search.genetic import GeneticResult, GeneticSettings, minimize_genetic
+from plant.parts.arguments import known_options
 
 # The genetic algorithm imports nothing of this project, so a misspelt setting is caught from here.
 known_options(GeneticSettings)

@@ -1,50 +1,61 @@
 """The plant: a geared arm, its drives and encoders, control laws, and the simulator that joins them.
 
-Reading order: `links`, `body`, `placement`, `urdf` (geometry) -> `dynamics` (one torque, D, h, C and Y read off it)
-with `lumping` (what f means) and `base` (which f a chain has) -> `arm` (dynamics + f) -> `drive`, `coupling`,
-`friction`, `encoder`, `transport` (late torque, lost counts), `rig` -> `reference`, `scaled` (the same path at other
-times; `demand`, `scaling`: how fast) ->
-`law`, `laws` and `cascade` (with `velocity`, `integral`), `logged` (laws that repeat a log), `running` (a law in a
-control script: `guards`, `shell`, `core`), `c` (as C) -> `loop` (the symbolic closed loop) -> `rewrite`, `translate`,
-`pieces`, `elementary`, `source`, `kernel`, `compile` (the same loop as machine code) -> `clock`, `tables`,
-`simulator`, `referee` (the loop by casadi), `record`, `logs` (files), `checkup` (is it what its rig says?); `linear`
-(the loop linearised), `control_systems` (for python-control), `gains` (P for any arm), `inertia` (can this be an
-arm?), `kinematics`, `puma560` (the paper's example) and `arms` (others).
+What an experiment gives: Arm + Rig + Law + Reference -> Record. The rooms, each above all that it imports:
+
+=============== ====================================================================================================
+`robots`        arms to start from: the paper's two links, the whole PUMA 560, planar chains, the TX40
+`analysis`      the loop linearised, python-control, P gains
+`simulation`    the closed loop as one symbolic step, the kernels made of it, `simulate` and `replay`
+`logs`          `Record`, and the readers of files
+`checkup`       is a log what its rig says? (`Record.check`)
+`laws`          what a control law has to give; P, PD, PID, cascade, laws that repeat a log
+`realtime`      a law at work: guards, safe stop, the compiled step, its C
+`motion`        references, the fastest path, what a motion demands and shows
+`machine`       friction, drive, encoder, late torque; together the `Rig`
+`mechanics`     links and bodies -> one torque; `Dynamics` (D, h, C, Y read off it) and `Arm`
+`compiler`      a casadi Function as machine code or C; knows nothing of arms
+`parts`         descriptions with named numbers; checks of arguments
+=============== ====================================================================================================
+
+All that is public is exported here; `docs/architecture.md` shows the house in one picture.
 """
 
-from plant import puma560
-from plant.arm import Arm
-from plant.base import visibility
-from plant.body import Body
-from plant.cascade import Cascade
-from plant.coupling import Coupling
-from plant.demand import shortest_duration, torque_share
-from plant.drive import Drive
-from plant.dynamics import Dynamics
-from plant.encoder import Encoder, Phase
-from plant.friction import FrictionCurve
-from plant.gains import p_gains
-from plant.guards import Guards
-from plant.law import Block, Law, Setpoint
-from plant.laws import PD, PID, P
-from plant.linear import linearise
-from plant.links import Chain, Link
-from plant.logged import LoggedCurrent, LoggedTorque
+from plant.analysis.control_systems import to_control, to_timeresponse
+from plant.analysis.linearise import linearise, modes
+from plant.analysis.p_gains import p_gains
+from plant.laws.cascade import Cascade
+from plant.laws.law import Block, Law, Setpoint
+from plant.laws.pid import PD, PID, P
+from plant.laws.replayed import LoggedCurrent, LoggedTorque
 from plant.logs.logfile import LoadError, read_table
-from plant.lumping import Lumping
-from plant.placement import Placement
-from plant.record import Record
-from plant.reference import Harmonics, Motion, PointToPoint, Reference, Spline, Table
-from plant.rig import Rig
-from plant.scaled import Scaled, slowed
-from plant.scaling import fastest
+from plant.logs.record import Record
+from plant.machine.drive import Drive
+from plant.machine.encoder import Encoder, Phase
+from plant.machine.friction import FrictionCurve
+from plant.machine.rig import Rig
+from plant.machine.transport import Transport
+from plant.mechanics.arm import Arm
+from plant.mechanics.body import Body
+from plant.mechanics.chain import Chain
+from plant.mechanics.coupling import Coupling
+from plant.mechanics.dynamics import Dynamics
+from plant.mechanics.link import Link
+from plant.mechanics.lumping import Lumping
+from plant.mechanics.placement import Placement
+from plant.motion.demand import shortest_duration, torque_share
+from plant.motion.fastest import fastest
+from plant.motion.reference import Harmonics, Motion, PointToPoint, Reference, Spline, Table
+from plant.motion.scaled import Scaled, slowed
+from plant.motion.visibility import visibility
+from plant.parts.part import Part, number, part, structure
+from plant.realtime.guards import Guards
+from plant.robots import catalogue, puma560
 from plant.siblings import check_siblings
-from plant.simulator import DivergenceError, replay, simulate
-from plant.transport import Transport
+from plant.simulation.controller_log import write_replay
+from plant.simulation.simulator import DivergenceError, replay, simulate
+from plant.version import __version__ as __version__
 
 check_siblings()
-
-__version__ = "0.1.0"
 
 __all__ = [
     "PD",
@@ -70,6 +81,7 @@ __all__ = [
     "Lumping",
     "Motion",
     "P",
+    "Part",
     "Phase",
     "Placement",
     "PointToPoint",
@@ -81,15 +93,23 @@ __all__ = [
     "Spline",
     "Table",
     "Transport",
+    "catalogue",
     "fastest",
     "linearise",
+    "modes",
+    "number",
     "p_gains",
+    "part",
     "puma560",
     "read_table",
     "replay",
     "shortest_duration",
     "simulate",
     "slowed",
+    "structure",
+    "to_control",
+    "to_timeresponse",
     "torque_share",
     "visibility",
+    "write_replay",
 ]  # fmt: skip

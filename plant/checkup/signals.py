@@ -12,8 +12,9 @@ import numpy as np
 
 from plant.checkup.balance import Balance
 from plant.checkup.swing import Swing
+from plant.laws.law import asked_torque
 
-__all__ = ["FOLLOWS", "LEAST_MOTION", "Signals", "asked_torque"]
+__all__ = ["FOLLOWS", "LEAST_MOTION", "Signals"]
 
 _WINDOW = 0.02
 """Length of the smoothing window [s], but never less than so many samples:"""
@@ -38,20 +39,6 @@ _MEDIAN = 0.89
 
 _GAP = 1.5
 """Median intervals from which on two samples have something missing between them."""
-
-
-def asked_torque(record):
-    """Joint torques (N, n) [N m] that a law without memory asks for, whatever the amplifier gives; None for others."""
-    law, rig = record.law, record.rig
-    if law is None or law.replays or law.has_memory(record.n):
-        return None
-    N, zero = len(record), np.zeros((record.n, len(record)))
-    block = law.block(rig)
-    asked, _ = block.step.map(N)(
-        np.empty((0, N)), zero, zero, zero, record.reference_pulses.T, record.counts.T, zero,
-        np.full((1, N), rig.period), np.repeat(block.values[:, None], N, axis=1),
-    )  # fmt: skip
-    return asked.full().T
 
 
 class Signals:

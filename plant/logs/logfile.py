@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from plant.check import known_options
 from plant.logs.csv_rows import read_rows
 from plant.logs.isolation import read_isolated
 from plant.logs.npz import read_npz
+from plant.parts.arguments import known_options
 
 __all__ = ["LoadError", "load_errors", "read_file", "read_table", "require_columns"]
 

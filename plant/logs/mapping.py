@@ -7,7 +7,6 @@ import warnings
 
 import numpy as np
 
-from plant.check import choice, instance, real
 from plant.logs.logfile import require_columns
 from plant.logs.units import (
     ANGLE,
@@ -21,7 +20,8 @@ from plant.logs.units import (
     require_span,
     require_units,
 )
-from plant.rig import Rig
+from plant.machine.rig import Rig
+from plant.parts.arguments import choice, instance, real
 
 __all__ = ["mapped_names", "record_fields"]
 

@@ -7,8 +7,8 @@ import json
 import numpy as np
 
 from plant.logs.csv_rows import read_rows
-from plant.part import restore
-from plant.rig import Rig
+from plant.machine.rig import Rig
+from plant.parts.part import restore
 
 __all__ = ["read", "write"]
 

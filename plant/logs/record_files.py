@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from plant.check import instance, known_options
 from plant.logs.logfile import load_errors, read_file
 from plant.logs.mapping import mapped_names
-from plant.rig import Rig
+from plant.machine.rig import Rig
+from plant.parts.arguments import instance, known_options
 
 __all__ = ["read_mapped", "reader"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from plant.check import choice
+from plant.parts.arguments import choice
 
 __all__ = ["on_grid", "require_grid", "require_limit", "require_period", "require_span", "require_units"]
 

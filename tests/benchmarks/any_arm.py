@@ -20,7 +20,7 @@ import dataclasses, sys, time
 started = time.perf_counter()
 import numpy as np
 from plant import Chain, Coupling, Drive, Dynamics, Encoder, Harmonics, Link, P, Rig, simulate
-from plant.arms import puma560, puma560_rig
+from plant.robots.catalogue import puma560, puma560_rig
 from ctc import ComputedTorque
 imported = time.perf_counter()
 n, law, coupled = int(sys.argv[1]), sys.argv[2], sys.argv[3] == "coupled"

@@ -14,7 +14,7 @@ import numpy as np
 
 from ctc import ComputedTorque
 from plant import puma560, simulate
-from plant.c.export import write_replay
+from plant.simulation.controller_log import write_replay
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 LAWS = {

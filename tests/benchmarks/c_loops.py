@@ -17,10 +17,11 @@ import tempfile
 
 import numpy as np
 
-from plant.clock import Clock
-from plant.loop import ClosedLoop
-from plant.record import Record
-from plant.tables import path_of, start_of, time_tables
+from plant.logs.record import Record
+from plant.simulation.clock import Clock
+from plant.simulation.closed_loop import ClosedLoop
+from plant.simulation.followed_path import path_of, start_of
+from plant.simulation.time_tables import time_tables
 
 SOURCES = pathlib.Path(__file__).with_name("c")
 

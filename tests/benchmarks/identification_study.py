@@ -14,10 +14,10 @@ import numpy as np
 
 from ctc import ComputedTorque, evaluate
 from identification import Objective, design_motion, identify, nearest_physical, pulse_budget
-from identification.gauss_newton import gauss_newton
-from identification.prediction import Prediction
+from identification.replay.gauss_newton import gauss_newton
+from identification.replay.prediction import Prediction
 from plant import Body, Dynamics, FrictionCurve, Harmonics, P, puma560, simulate
-from plant import arms as arms_of_others
+from plant import catalogue as arms_of_others
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
 WIDTH = np.diff(puma560.PRINTED_RANGES, axis=1).ravel()

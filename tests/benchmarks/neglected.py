@@ -12,7 +12,7 @@ import numpy as np
 
 from identification import identify
 from plant import Law, puma560, simulate
-from plant.part import number, part
+from plant.parts.part import number, part
 
 WIDTH = np.diff(puma560.PRINTED_RANGES, axis=1).ravel()
 

@@ -24,14 +24,15 @@ import pinocchio as pin
 from closed_loops import direct_rig
 from pinocchio_arm import inertia_matrix, pinocchio_model, placement
 
-from identification.objective import squared_error
+from identification.replay.objective import squared_error
 from plant import P
-from plant.body import Body
-from plant.dynamics import Dynamics
-from plant.kernel import LANES, LoopKernel
-from plant.links import Chain, Link
-from plant.loop import ClosedLoop
-from plant.lumping import Lumping
+from plant.mechanics.body import Body
+from plant.mechanics.chain import Chain
+from plant.mechanics.dynamics import Dynamics
+from plant.mechanics.link import Link
+from plant.mechanics.lumping import Lumping
+from plant.simulation.closed_loop import ClosedLoop
+from plant.simulation.loop_kernel import LANES, LoopKernel
 
 HERE = Path(__file__).parent
 ROWS = ((0, 0, 0), (-1, 0, 0.15), (0, 0.43, -0.1), (1, -0.02, 0.43), (-1, 0, 0), (1, 0, 0))

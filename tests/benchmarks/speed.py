@@ -34,7 +34,7 @@ started = time.perf_counter()
 import numpy as np
 from identification import Objective
 from plant import Record, puma560
-from plant.tables import Path
+from plant.simulation.time_tables import Path
 rig, path = puma560.rig(), puma560.reference()
 t = np.arange(5215) * rig.period
 record = Record(t=t, reference_pulses=Path(path, rig)(t)[1], error_pulses=np.zeros((5215, 2)), rig=rig,

@@ -1,0 +1,20 @@
+"""The exact interval of a probability after so many counts."""
+
+from __future__ import annotations
+
+__all__ = ["clopper_pearson"]
+
+
+def clopper_pearson(failures, samples, confidence=0.95):
+    """Exact two-sided interval (low, high) of a probability, from how often something happened.
+
+    ``clopper_pearson(k, n, 2 * c - 1)[1]`` is the one-sided upper bound at confidence c.
+
+    Source: C. Clopper and E. Pearson, Biometrika 26 (1934), 404-413.
+    """
+    from scipy.stats import beta
+
+    tail = (1 - confidence) / 2
+    low = beta.ppf(tail, failures, samples - failures + 1) if failures else 0.0
+    high = beta.ppf(1 - tail, failures + 1, samples - failures) if failures < samples else 1.0
+    return float(low), float(high)

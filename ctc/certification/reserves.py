@@ -1,0 +1,134 @@
+"""How far from failing a verdict is: with less bandwidth, and with a longer sample period.
+
+The same plants are run again. A longer period is one of rig and law together: the law is the one of the same design for
+that period (its observer and its limits know of it), not the old one called late.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+from ctc.certification.binomial import clopper_pearson
+from ctc.certification.population import Population
+from plant import Law, Rig
+from plant.parts.arguments import real
+
+__all__ = ["Reserves", "reserves"]
+
+_BANDWIDTHS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
+_PERIODS = (1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Reserves:
+    """What the verdict bears; print it for a table.
+
+    Attributes
+    ----------
+    samples : int
+        Plants that were run at each setting.
+    allowed : float
+        Share of them that may leave.
+    holds : bool
+        Whether the law as it is holds with these plants; where not, there are no reserves.
+    bandwidth : float or None
+        Lowest bandwidth at which it still holds [rad/s], of those tried from above; None for a law without.
+    period : float or None
+        Longest sample period at which it still holds [s], of those tried from below; None for a law without.
+    tried : list of (str, float, int)
+        Everything that was run: ``bandwidth`` or ``period``, its value, and how many left.
+    """
+
+    samples: int
+    allowed: float
+    holds: bool
+    bandwidth: float | None
+    period: float | None
+    tried: list
+
+    def __str__(self):
+        most = int(self.allowed * self.samples)
+        upper = clopper_pearson(most, self.samples, 0.9)[1]
+        lines = [
+            f"asked: at most {most} of {self.samples} plants may leave (95 % confidence: below {upper:.2%} of all)",
+            *(
+                f"{name:<10} {value * scale:8.4g} {unit:<6} {left:>6} leave"
+                for name, scale, unit in (("bandwidth", 1, "rad/s"), ("period", 1e3, "ms"))
+                for kind, value, left in self.tried
+                if kind == name
+            ),
+        ]
+        if not self.holds:
+            return "\n".join([*lines, "It does not hold as it is."])
+        if self.bandwidth is not None:
+            lines.append(f"holds down to {self.bandwidth:.4g} rad/s")
+        if self.period is not None:
+            lines.append(f"holds up to {1e3 * self.period:.4g} ms")
+        return "\n".join(lines)
+
+
+def reserves(certificate, samples=400, allowed=0.0):
+    """Lowest bandwidth and longest period at which the verdict holds.
+
+    Parameters
+    ----------
+    certificate : Certificate
+    samples : int
+        How many of its plants are run at each setting.
+    allowed : float
+        Share of them that may leave.
+
+    Returns
+    -------
+    Reserves
+
+    Raises
+    ------
+    ValueError
+        More plants than there are, a share that is none.
+    """
+    law, plants = certificate.law, certificate.plants
+    if isinstance(samples, bool) or not isinstance(samples, int) or not 1 <= samples <= len(plants):
+        raise ValueError(f"samples must be a whole number from 1 to {len(plants)}; got {samples!r}. Draw more plants.")
+    if not 0 <= real("allowed", allowed, "Give a share, such as 0.") < 1:
+        raise ValueError(f"allowed must be from 0 to below 1; got {allowed}. Give a share.")
+    plants, tried = plants.first(samples), []
+
+    def left(kind, value, law, plants):
+        options = {name: certificate.settings[name] for name in ("steps_per_sample", "duration", "after")}
+        population = Population(law, plants, certificate.reference, within=certificate.within, **options)
+        count = int((population.run(certificate.threads).outside > 0).sum())
+        tried.append((kind, value, count))
+        return count <= allowed * samples
+
+    rig = plants.rig
+    bandwidth, period = getattr(law, "bandwidth", None), rig.period if law.period else None
+    holds = left("bandwidth" if bandwidth else "period", bandwidth or rig.period, law, plants)
+    for share in _BANDWIDTHS if holds and bandwidth else ():
+        lower = law.bandwidth * share
+        if not left("bandwidth", lower, dataclasses.replace(law, bandwidth=lower), plants):
+            break
+        bandwidth = lower
+    for factor in _PERIODS if holds and period else ():
+        slow = dataclasses.replace(plants, rig=dataclasses.replace(rig, period=rig.period * factor))
+        if not left("period", slow.rig.period, _slower(law, factor), slow):
+            break
+        period = slow.rig.period
+    return Reserves(
+        samples=samples, allowed=float(allowed), holds=holds, bandwidth=bandwidth if holds else None,
+        period=period if holds else None, tried=tried,
+    )  # fmt: skip
+
+
+def _slower(law, factor):
+    """The same design for a period that is longer by a factor."""
+    changes = {}
+    for field in dataclasses.fields(law):
+        value = getattr(law, field.name)
+        if isinstance(value, Rig):
+            changes[field.name] = dataclasses.replace(value, period=value.period * factor)
+        elif isinstance(value, Law):
+            changes[field.name] = _slower(value, factor)
+        elif field.name == "period" and value:
+            changes["period"] = value * factor
+    return dataclasses.replace(law, **changes)

@@ -1,0 +1,237 @@
+"""What is not known of a plant, and plants drawn from it.
+
+Drawn are the numbers that were identified (from their covariance, or from arms that are given), friction beyond that, a
+load in the hand, where the encoders' zeros lie between two pulses, how late the torque acts, and samples whose counts
+are lost. What is not listed here is not covered by any verdict made from it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from ctc.certification.plants import Plants
+from identification import Identification
+from plant import Arm, Body, Phase, Rig, Transport
+from plant.machine.motor_inertia import least_inertia_margin
+from plant.parts.arguments import array, instance, real
+
+__all__ = ["Uncertainty"]
+
+_PATIENCE = 20
+"""How many draws may be spent on one that can be an arm."""
+
+_NOT_NEGATIVE = ("drive.viscous", "drive.coulomb", "drive.curve.breakaway")
+
+_KNOWN_TO_LAWS = ("drive.gear", "encoder.resolution")
+"""Numbers of the rig by which a law reads its counts: it cannot have another one than the plant."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Uncertainty:
+    """What is drawn, and how.
+
+    Parameters
+    ----------
+    covariance : (k, k) array_like, optional
+        Of ``found.values``, normal; by default ``found.covariance``. With an `Arm` in place of ``found``, of its f.
+    plants : (M, p) array_like, optional
+        Instead: f of arms that are all possible, taken in turn.
+    friction : float
+        Relative standard deviation of every viscous coefficient and Coulomb level, normal, each on its own; of those
+        that were identified, their covariance is used instead.
+    load : float or (2,) array_like
+        Point mass in the hand [kg]: that one, or evenly between two.
+    load_position : (3,) array_like, optional
+        Where it is, in the frame of the last link's body [m].
+    phase : bool
+        Whether the encoders' zeros lie anywhere between two pulses, evenly in +-1/2 pulse, each on its own.
+    delay : float or (2,) array_like
+        Of the torque [s], constant during a run: that one, or evenly between two; at most one period of the law.
+    dropped : float
+        Probability that the counts of a sample do not arrive; the law then reads those of the sample before.
+
+    Raises
+    ------
+    ValueError
+    """
+
+    covariance: np.ndarray | None = None
+    plants: np.ndarray | None = None
+    friction: float = 0.1
+    load: tuple = (0.0, 0.0)
+    load_position: np.ndarray | None = None
+    phase: bool = True
+    delay: tuple = (0.0, 0.0)
+    dropped: float = 0.0
+
+    def __post_init__(self):
+        for name, unit in (("load", "kg"), ("delay", "s")):
+            object.__setattr__(self, name, _between(name, getattr(self, name), unit))
+        if not real("friction", self.friction, "Give a share, such as 0.1.") >= 0:
+            raise ValueError(f"friction must not be negative; got {self.friction}. Give a share, such as 0.1.")
+        if not 0 <= real("dropped", self.dropped, "Give a probability, such as 0.01.") < 1:
+            raise ValueError(f"dropped must be from 0 to below 1; got {self.dropped}. Give a probability.")
+        instance("phase", self.phase, bool, "Say True or False.")
+        if self.load[1] > 0 and self.load_position is None:
+            raise ValueError(
+                "load_position must be given with a load; got None. Give x, y and z in the last frame [m]."
+            )
+        if self.covariance is not None and self.plants is not None:
+            raise ValueError("one of covariance and plants must be given; got both. Leave one out.")
+
+    def draw(self, found, rig, samples, seed):
+        """So many plants.
+
+        Parameters
+        ----------
+        found : Identification or Arm
+        rig : Rig
+        samples, seed : int
+
+        Returns
+        -------
+        Plants
+
+        Raises
+        ------
+        ValueError
+            No covariance to draw from, or one so wide that hardly a draw can be an arm.
+        """
+        instance("rig", rig, Rig, "The order is law, found, rig, reference.")
+        arm, unknown, centre, root = self._identified(found)
+        dynamics, random = arm.dynamics, np.random.default_rng(seed)
+        rig = _with_found(rig, {n: v for n, v in zip(unknown, centre, strict=True) if n not in dynamics.names})
+        given = None if self.plants is None else _possible(dynamics, rig, self.plants)
+        direction, friction = self._load_direction(dynamics), self._friction(rig, unknown)
+
+        def some(rows):
+            """Draws (count, K), their f with the load (count, p), whether each can be, and the names."""
+            count = len(rows)
+            values = dict(
+                zip(unknown, (centre + random.standard_normal((count, root.shape[1])) @ root.T).T, strict=True)
+            )
+            if given is not None:
+                values = dict(zip(dynamics.names, given[rows % len(given)].T, strict=True))
+            for name, level in friction.items():
+                values[name] = level * (1 + self.friction * random.standard_normal(count))
+            values["load"] = random.uniform(*self.load, count)
+            f = np.tile(arm.f, (count, 1))
+            for i, name in enumerate(dynamics.names):
+                f[:, i] = values.get(name, f[:, i])
+            f = f + values["load"][:, None] * direction
+            sound = least_inertia_margin(dynamics, rig, f) >= 0
+            for name in values:
+                sound &= not name.startswith(_NOT_NEGATIVE) or values[name] >= 0
+            return np.column_stack([*values.values()]), f, sound, tuple(values)
+
+        values, f, sound, names = some(np.arange(samples))
+        redrawn = 0
+        while not sound.all():
+            again = np.flatnonzero(~sound)
+            redrawn += len(again)
+            if redrawn > _PATIENCE * samples:
+                raise ValueError(
+                    f"draws must be arms; {redrawn} were not (D(q) indefinite, or negative friction), and "
+                    f"{samples - len(again)} were. Give a smaller covariance, or identify with a better experiment."
+                )
+            values[again], f[again], sound[again], _ = some(again)
+        if self.phase:
+            names += tuple(f"encoder.phase.shift[{i}]" for i in range(rig.n))
+            values = np.hstack([values, random.uniform(-0.5, 0.5, (samples, rig.n))])
+            encoder = dataclasses.replace(rig.encoder, phase=Phase(shift=(0.0,) * rig.n))
+            rig = dataclasses.replace(rig, encoder=encoder)
+        if self.delay[1] or self.dropped:
+            names += ("transport.delay",)
+            values = np.column_stack([values, random.uniform(*self.delay, samples)])
+            rig = dataclasses.replace(rig, transport=Transport(delay=self.delay[1]))
+        varying = np.flatnonzero(np.ptp(values, axis=0) > 0)
+        return Plants(
+            arm=arm, rig=rig, f=f, names=tuple(names[i] for i in varying), values=values[:, varying],
+            dropped=float(self.dropped), redrawn=redrawn, seed=seed,
+        )  # fmt: skip
+
+    def _friction(self, rig, unknown):
+        """Name -> value of the friction that was not identified."""
+        known = dict(zip(rig.number_names(), rig.number_values(), strict=True)) if self.friction > 0 else {}
+        names = [name for name in known if name.startswith(("drive.viscous", "drive.coulomb"))]
+        return {name: known[name] for name in names if name not in unknown and known[name] > 0}
+
+    def _identified(self, found):
+        """Arm; names, values (k,) and a root (k, r) of the covariance of what was identified of the plant."""
+        if isinstance(found, Identification):
+            arm, names, values, covariance = found.arm, found.unknown, found.values, found.covariance
+        else:
+            arm = instance("found", found, Arm, "Pass what identify gave, or an Arm with covariance= or plants=.")
+            names, values, covariance = arm.dynamics.names, arm.f, None
+        if self.plants is not None:
+            return arm, (), np.empty(0), np.empty((0, 0))
+        if self.covariance is not None:
+            covariance = self.covariance
+        if covariance is None:
+            why = getattr(found, "trouble", None) or "it comes without a covariance"
+            raise ValueError(
+                f"found must say how well it knows: {why}. Pass covariance=, or plants= such as found.candidates."
+            )
+        k = len(names)
+        covariance = array("covariance", covariance, (k, k), advice="Give one row per name of found.unknown.")
+        if np.abs(covariance - covariance.T).max(initial=0) > 1e-6 * np.abs(covariance).max(initial=0):
+            raise ValueError("covariance must be symmetric; this one is not. Pass L L^T, not its factor L.")
+        plant = [i for i, name in enumerate(names) if not name.startswith("law.")]
+        for name in (names[i] for i in plant):
+            if name.startswith(_KNOWN_TO_LAWS) and covariance[names.index(name), names.index(name)] > 0:
+                raise ValueError(f"{name} cannot be drawn: laws read their counts by it. Identify with it fixed.")
+        covariance, scale = covariance[np.ix_(plant, plant)], np.sqrt(np.abs(np.diag(covariance)[plant]))
+        scale[scale == 0] = 1.0  # what is known exactly
+        sizes, axes = np.linalg.eigh((covariance + covariance.T) / 2 / np.outer(scale, scale))
+        if sizes.min() < -1e-6 * max(1.0, sizes.max()):
+            raise ValueError(
+                f"covariance must be positive semidefinite; its correlations have the eigenvalue {sizes.min():.3g}. "
+                "Check its order, or pass found.covariance."
+            )
+        root = scale[:, None] * axes * np.sqrt(np.maximum(sizes, 0))
+        return arm, tuple(names[i] for i in plant), np.asarray(values)[plant], root
+
+    def _load_direction(self, dynamics):
+        """Change (p,) of f per kg in the hand."""
+        if self.load[1] == 0:
+            return np.zeros(dynamics.p)
+        position = array("load_position", self.load_position, (3,), advice="Give x, y and z in the last frame [m].")
+        nothing = [Body(mass=0.0, com=(0, 0, 0)) for _ in range(dynamics.n - 1)]
+        return dynamics.f([*nothing, Body(mass=1.0, com=position)])
+
+
+def _between(name, value, unit):
+    """(low, high) of one number, or of two."""
+    if np.ndim(value) == 0:
+        value = (real(name, value, f"Give {unit}, or the two ends of a range."),) * 2
+    low, high = array(name, value, (2,), advice=f"Give one number [{unit}], or the two ends of a range.").tolist()
+    if not 0 <= low <= high:
+        raise ValueError(
+            f"{name} must be from 0 upwards, the lower end first; got ({low:g}, {high:g}). Swap or correct."
+        )
+    return low, high
+
+
+def _with_found(rig, values):
+    """The rig with what was found for its numbers."""
+    missing = [name for name in values if name not in rig.number_names()]
+    if missing:
+        raise ValueError(f"rig must have {missing[0]}, which was identified; it has no such number. Pass found.rig.")
+    return rig.filled(values)
+
+
+def _possible(dynamics, rig, plants):
+    """Given arms (M, p), or a refusal of the first that is none."""
+    plants = array(
+        "plants", plants, ("M", dynamics.p), advice=f"Give f of one arm per row: {', '.join(dynamics.names)}."
+    )
+    if not len(plants):
+        raise ValueError("plants must hold at least one arm; got none. Give f of one arm per row.")
+    wrong = np.flatnonzero(least_inertia_margin(dynamics, rig, plants) < 0)
+    if len(wrong):
+        raise ValueError(
+            f"plants must all be arms; row {wrong[0]} has D(q) below the motors' own inertia. Leave it out."
+        )
+    return plants

@@ -1,0 +1,99 @@
+"""Adaptive control on the passivity of the arm: f-hat follows from the tracking error."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from ctc.laws.model_law import ModelLaw
+from plant.laws.filtered_difference import filtered_difference, no_reading
+from plant.parts.arguments import array, signs
+from plant.parts.part import number, part, structure
+
+__all__ = ["Adaptive"]
+
+_AT_THE_LIMIT = 1e-9
+"""Share of the amplifier's limit by which a torque must be cut to count as cut; roundings are far below."""
+
+
+@part
+class Adaptive(ModelLaw):
+    """tau = Y(q, qd, v, vd) f-hat + K s + friction(qd_r), d f-hat / dt = Gamma Y' s.
+
+    v = qd_r + w e is the reference velocity, corrected by the error e = q_r - q, and s = v - qd = edot + w e. Once per
+    sample: q is the middle of the encoder's cell, edot the filtered difference of e and qd = qd_r - edot. While a
+    torque is at the amplifier's limit, f-hat rests.
+
+    Parameters
+    ----------
+    arm : Arm
+        Where f-hat starts.
+    rig : Rig
+        The identified rig, ``found.rig``: its friction is fed forward, and not adapted.
+    bandwidth : float
+        w: how fast e goes to zero once s is zero [rad/s].
+    gain : (n,) array_like
+        K, torque per s [N m s/rad].
+    adaptation : (p,) array_like
+        Gamma, one number per parameter [f / (N m rad)]; zero keeps a parameter as it is.
+    filter : float
+        Pole of the low-pass in front of the difference [rad/s] (`plant.laws.filtered_difference`).
+    ranges : (p, 2) array_like, optional
+        Where f-hat is kept; the arm's f must lie there.
+
+    Raises
+    ------
+    ValueError
+        As `ModelLaw`; negative gains, an arm outside the ranges.
+
+    Source: Slotine and Li, On the adaptive control of robot manipulators (1987).
+    """
+
+    bandwidth: float = number(())
+    gain: np.ndarray = number(("n",))
+    adaptation: np.ndarray = number(("p",))
+    filter: float = number(())
+    ranges: tuple | None = structure(default=None)
+
+    def __post_init__(self):
+        super().__post_init__()
+        signs(self, positive=("bandwidth", "filter"), not_negative=("gain", "adaptation"))
+        names = self.arm.dynamics.names
+        if len(self.adaptation) != len(names):
+            raise ValueError(
+                f"adaptation must have {len(names)} numbers, one for each of {names[0]}..{names[-1]}; "
+                f"got {len(self.adaptation)}. Zero keeps a parameter as it is."
+            )
+        if self.ranges is not None:
+            ranges = array("ranges", self.ranges, (len(names), 2), advice="Give a low and a high end for each f.")
+            outside = np.flatnonzero((self.arm.f < ranges[:, 0]) | (self.arm.f > ranges[:, 1]))
+            if len(outside):
+                i = outside[0]
+                raise ValueError(
+                    f"ranges must hold the arm's f, where the adaptation starts; {names[i]} = {self.arm.f[i]:g} is not "
+                    f"in [{ranges[i, 0]:g}, {ranges[i, 1]:g}]. Widen them."
+                )
+            object.__setattr__(self, "ranges", tuple(tuple(row) for row in ranges.tolist()))
+
+    def initial_state(self, n):
+        """The arm's f, no reading yet, nothing asked for."""
+        return np.concatenate([self.arm.f, no_reading(n), np.zeros(n)])
+
+    def equations(self, rig, state, setpoint, pulses, torque, dt):
+        """One sample: error and its rate -> s -> torque with f-hat as it was -> f-hat."""
+        n, model = self.arm.n, self.arm.dynamics
+        f, memory, asked = state[: model.p], state[model.p : -n], state[-n:]
+        q = rig.angle(pulses)
+        e = setpoint.q - q
+        rate, memory = filtered_difference(e, memory, self.filter, dt)
+        s = rate + self.bandwidth * e
+        v, vd = setpoint.qd + self.bandwidth * e, setpoint.qdd + self.bandwidth * rate
+        Y = model.Y(q, setpoint.qd - rate, v, vd)
+        wanted = Y @ f + self.gain * s + self.rig.drive.friction(setpoint.qd)
+        cut = ca.fabs(torque - asked) > _AT_THE_LIMIT * rig.drive.torque_limit()
+        learning = ca.if_else(ca.sum1(cut) > 0, 0, dt)
+        f = f + learning * self.adaptation * (Y.T @ s)
+        if self.ranges is not None:
+            low, high = np.transpose(self.ranges)
+            f = ca.fmin(ca.fmax(f, low), high)
+        return wanted, ca.vertcat(f, memory, wanted)

@@ -1,0 +1,97 @@
+"""Computed torque from identified parameters: D-hat and h-hat are the arm's own. Source: paper Fig. 2."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from ctc.laws.model_law import ModelLaw
+from ctc.laws.observer import correct, predict
+from plant.mechanics.symmetric_inverse import inverse
+from plant.parts.arguments import signs
+from plant.parts.part import number, part, structure
+
+__all__ = ["ComputedTorque"]
+
+
+@part
+class ComputedTorque(ModelLaw):
+    """tau = D-hat(q_r) (qdd_r + v) + h-hat(q_r, qd_r) + friction(qd_r), with v from an observer of the tracking error.
+
+    Once per sample: the encoder counts, read as the middle of their cell, give the measured error; an extended-state
+    observer per joint (`ctc.laws.observer`) estimates the error e, its rate and a disturbance acceleration x3, driven
+    by the torque that was really applied after the amplifier's limit; v = bandwidth^2 e + 2 bandwidth edot + x3.
+
+    Parameters
+    ----------
+    arm : Arm
+        The identified arm, ``found.arm``.
+    rig : Rig
+        The identified rig, ``found.rig``: its friction is fed forward.
+    bandwidth : float
+        Double pole of the error [rad/s]. The default hides inertias that are wrong by half, at the price of chatter;
+        with f known to 5 %, 150 is enough and five times quieter (tests/benchmarks/controller_defaults.py).
+    observer_ratio : float
+        Triple pole of the observer, as a multiple of the bandwidth.
+    friction : bool
+        Feed forward the friction of the rig, from the reference velocity.
+    start_boost, start_time : float
+        The observer starts `start_boost` times faster than it ends, and settles with the time constant `start_time`
+        [s]: at the first samples it knows nothing yet of the disturbance.
+    measured : bool
+        Evaluate D-hat and h-hat at the observed q and qd instead of the reference. Both are the computed torque of the
+        textbooks; with the reference no measurement noise enters the model, and the tracking error is so small that
+        the difference is below the encoder's resolution.
+    delay : int
+        Samples, 0 or 1, by which the torque acts later than its own sample (a controller that needs the whole period
+        to compute); the observer predicts across it.
+
+    Raises
+    ------
+    ValueError
+        An arm whose D(q) does not exceed the motors' own inertia everywhere (no feedback would be stable), joints that
+        do not match, poles that are not positive.
+
+    Source: paper Fig. 2.
+    """
+
+    bandwidth: float = number((), default=250.0)
+    observer_ratio: float = number((), default=1.5)
+    start_boost: float = number((), default=3.0)
+    start_time: float = number((), default=0.02)
+    friction: bool = structure(bool, default=True)
+    measured: bool = structure(bool, default=False)
+    delay: int = structure(default=0)
+
+    def __post_init__(self):
+        super().__post_init__()
+        signs(self, positive=("bandwidth", "observer_ratio", "start_boost", "start_time"))
+        if self.delay not in (0, 1):
+            raise ValueError(f"delay must be 0 or 1 sample; got {self.delay!r}. Longer delays need another design.")
+
+    def initial_state(self, n):
+        """Observer at rest on the reference, nothing asked for yet, and the boost of the observer at its full."""
+        return np.append(np.zeros((5 + 2 * self.delay) * n), 1.0)
+
+    def equations(self, rig, state, setpoint, pulses, torque, dt):
+        """One sample: what acted -> predict -> correct -> feed back -> torque. Source: paper Fig. 2."""
+        n, model, f = self.arm.n, self.arm.dynamics, self.arm.f
+        e, rate, disturbance, v, asked, *pending = (state[i * n : (i + 1) * n] for i in range(5 + 2 * self.delay))
+        fresh = state[-1]
+
+        # v and the torque asked for acted since the last sample; what the amplifier cut off is missing from v.
+        v = v + inverse(model.D(setpoint.q, f)).solve(torque - asked)
+        omega = self.bandwidth * self.observer_ratio * (1 + (self.start_boost - 1) * fresh)
+        measured = setpoint.q - rig.angle(pulses)
+        e, rate, disturbance = correct(*predict(e, rate, disturbance, v, dt), measured, omega, dt)
+
+        # With a delay, what is asked for now acts one sample later: look at the error there.
+        ahead = predict(e, rate, disturbance, pending[0], dt) if self.delay else (e, rate, disturbance)
+        feedback = self.bandwidth**2 * ahead[0] + 2 * self.bandwidth * ahead[1] + ahead[2]
+        q, qd = (setpoint.q - e, setpoint.qd - rate) if self.measured else (setpoint.q, setpoint.qd)
+        wanted = model.D(q, f) @ (setpoint.qdd + feedback) + model.h(q, qd, f)
+        if self.friction:
+            wanted = wanted + self.rig.drive.friction(setpoint.qd)
+        acting, coming = (pending[1], pending) if self.delay else (wanted, ())
+        following = [e, rate, disturbance, *coming, feedback, wanted, fresh * ca.exp(-dt / self.start_time)]
+        return acting, ca.vertcat(*following)

@@ -1,0 +1,67 @@
+"""The computed torque of the textbooks with integral action: measured position, differentiated speed."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from ctc.laws.model_law import ModelLaw
+from plant.laws.anti_windup import integrated
+from plant.laws.filtered_difference import filtered_difference, no_reading
+from plant.mechanics.symmetric_inverse import inverse
+from plant.parts.arguments import signs
+from plant.parts.part import number, part
+
+__all__ = ["ComputedTorqueIntegral"]
+
+
+@part
+class ComputedTorqueIntegral(ModelLaw):
+    """tau = D-hat(q) (qdd_r + 3 w edot + 3 w^2 e + w^3 (integral of e)) + h-hat(q, qd) + friction(qd_r).
+
+    Once per sample: q is the middle of the encoder's cell, e = q_r - q, edot its filtered difference and
+    qd = qd_r - edot. What the amplifier cuts off is taken back from the integral.
+
+    Parameters
+    ----------
+    arm : Arm
+        The identified arm, ``found.arm``.
+    rig : Rig
+        The identified rig, ``found.rig``: its friction is fed forward.
+    bandwidth : float
+        w, the triple pole of the error [rad/s].
+    filter : float
+        Pole of the low-pass in front of the difference [rad/s] (`plant.laws.filtered_difference`).
+
+    Raises
+    ------
+    ValueError
+        As `ModelLaw`; poles that are not positive.
+
+    Source: Lewis, Dawson and Abdallah, Robot Manipulator Control (2004), 4.4, PID computed torque.
+    """
+
+    bandwidth: float = number(())
+    filter: float = number(())
+
+    def __post_init__(self):
+        super().__post_init__()
+        signs(self, positive=("bandwidth", "filter"))
+
+    def initial_state(self, n):
+        """No reading yet, nothing integrated, nothing asked for."""
+        return np.concatenate([no_reading(n), np.zeros(2 * n)])
+
+    def equations(self, rig, state, setpoint, pulses, torque, dt):
+        """One sample: what was cut off -> error and its rate -> acceleration -> torque."""
+        n, model, f, w = self.arm.n, self.arm.dynamics, self.arm.f, self.bandwidth
+        memory, integral, asked = state[: n + 1], state[n + 1 : -n], state[-n:]
+        q = rig.angle(pulses)
+        e = setpoint.q - q
+        rate, memory = filtered_difference(e, memory, self.filter, dt)
+        qd, D = setpoint.qd - rate, model.D(q, f)
+        missing = inverse(D).solve(torque - asked)
+        integral = integrated(integral, w**3 * e, missing, w / 3, dt)
+        wanted = D @ (setpoint.qdd + 3 * w * rate + 3 * w**2 * e + integral) + model.h(q, qd, f)
+        wanted = wanted + self.rig.drive.friction(setpoint.qd)
+        return wanted, ca.vertcat(memory, integral, wanted)

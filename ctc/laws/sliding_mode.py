@@ -1,0 +1,68 @@
+"""Sliding mode with a boundary layer: what the model does not know is overruled, not learned."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from ctc.laws.model_law import ModelLaw
+from plant.laws.filtered_difference import filtered_difference, no_reading
+from plant.parts.arguments import signs
+from plant.parts.part import number, part
+
+__all__ = ["SlidingMode"]
+
+
+@part
+class SlidingMode(ModelLaw):
+    """tau = D-hat(q) (qdd_r + w edot + reach sat(s / layer)) + h-hat(q, qd) + friction(qd_r), s = edot + w e.
+
+    Once per sample: q is the middle of the encoder's cell, e = q_r - q, edot its filtered difference and
+    qd = qd_r - edot. Outside the layer s goes to it at `reach`, whatever the model has wrong by less than that; inside
+    it is held by a proportional feedback of reach / layer [1/s].
+
+    Parameters
+    ----------
+    arm : Arm
+        The identified arm, ``found.arm``.
+    rig : Rig
+        The identified rig, ``found.rig``: its friction is fed forward.
+    bandwidth : float
+        w: how fast e goes to zero on the surface s = 0 [rad/s].
+    reach : float
+        Acceleration towards the surface [rad/s^2]; above what the model has wrong.
+    layer : float
+        Half the width of the boundary layer, in s [rad/s].
+    filter : float
+        Pole of the low-pass in front of the difference [rad/s] (`plant.laws.filtered_difference`).
+
+    Raises
+    ------
+    ValueError
+        As `ModelLaw`; numbers that are not positive.
+
+    Source: Slotine and Li, Applied Nonlinear Control (1991), ch. 7.
+    """
+
+    bandwidth: float = number(())
+    reach: float = number(())
+    layer: float = number(())
+    filter: float = number(())
+
+    def __post_init__(self):
+        super().__post_init__()
+        signs(self, positive=("bandwidth", "reach", "layer", "filter"))
+
+    def initial_state(self, n):
+        """No reading yet."""
+        return no_reading(n)
+
+    def equations(self, rig, state, setpoint, pulses, torque, dt):
+        """One sample: error and its rate -> s -> torque."""
+        model, f = self.arm.dynamics, self.arm.f
+        q = rig.angle(pulses)
+        e = setpoint.q - q
+        rate, state = filtered_difference(e, state, self.filter, dt)
+        s = rate + self.bandwidth * e
+        towards = self.reach * ca.fmax(ca.fmin(s / self.layer, 1), -1)
+        wanted = model.D(q, f) @ (setpoint.qdd + self.bandwidth * rate + towards)
+        return wanted + model.h(q, setpoint.qd - rate, f) + self.rig.drive.friction(setpoint.qd), state

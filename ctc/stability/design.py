@@ -1,0 +1,166 @@
+"""Gains and observers from what is wanted of them: bandwidth and damping, poles, or weights.
+
+All are for one joint, whose error is a double integrator of minus the feedback acceleration once the model has taken
+care of the arm: feedback accelerations per error [rad], not torques. `motor_gain` turns one into what `P` and its like
+are given, motor torque per pulse, by the inertia that the joint feels.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from ctc.laws.observer import predict
+from plant import Rig
+from plant.parts.arguments import array, instance, real
+
+__all__ = ["kalman_gains", "lqr_gains", "motor_gain", "observer_gains", "pid_gains"]
+
+
+def pid_gains(bandwidth, damping=1.0, integral=0.0):
+    """Gains that give the error the poles of (s^2 + 2 damping bandwidth s + bandwidth^2) (s + integral).
+
+    Parameters
+    ----------
+    bandwidth : float
+        [rad/s]; `ComputedTorque` has a double pole there (damping 1).
+    damping : float
+    integral : float
+        Pole of the integral part [rad/s]; 0 for none.
+
+    Returns
+    -------
+    proportional, integral, derivative : float
+        Feedback acceleration per error [1/s^2], per its integral [1/s^3], and per its rate [1/s].
+
+    Raises
+    ------
+    ValueError
+        A bandwidth or a damping that is not positive, a negative integral.
+    """
+    w = real("bandwidth", bandwidth, "Give rad/s.", positive=True)
+    zeta = real("damping", damping, "1 is a double pole.", positive=True)
+    p = real("integral", integral, "Give rad/s, or 0 for no integral part.")
+    if p < 0:
+        raise ValueError(f"integral must not be negative; got {p}. Give rad/s, or 0 for no integral part.")
+    return w**2 + 2 * zeta * w * p, w**2 * p, 2 * zeta * w + p
+
+
+def lqr_gains(error, acceleration):
+    """Gains of the linear-quadratic regulator that weighs this error as much as this feedback acceleration.
+
+    Parameters
+    ----------
+    error : float
+        [rad]
+    acceleration : float
+        [rad/s^2]
+
+    Returns
+    -------
+    proportional, derivative : float
+        [1/s^2], [1/s]; the bandwidth is the root of the first, the damping 0.707.
+    """
+    import control
+
+    weights = [real(name, value, "Give its size.", positive=True) ** -2
+               for name, value in (("error", error), ("acceleration", acceleration))]  # fmt: skip
+    gains, *_ = control.lqr([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]], np.diag([weights[0], 0.0]), [[weights[1]]])
+    return float(gains[0, 0]), float(gains[0, 1])
+
+
+def motor_gain(rig, inertia, gain):
+    """Motor torque per pulse [N m] of an acceleration per error, as `P` is given it; per its rate and integral alike.
+
+    Parameters
+    ----------
+    rig : Rig
+    inertia : (n,) array_like
+        That each joint feels [kg m^2], such as the diagonal of ``arm.D(q)``.
+    gain : float or (n,) array_like
+        [1/s^2]
+
+    Returns
+    -------
+    (n,) numpy.ndarray
+    """
+    instance("rig", rig, Rig, "Pass the rig of the arm.")
+    inertia = array("inertia", inertia, (rig.n,), advice="Give the diagonal of arm.D(q).")
+    pulse = rig.turned(np.ones(rig.n))
+    if rig.drive.coupling.matrix:
+        raise ValueError("motor_gain is for motors that turn one joint each; got a coupling. Use arm.D(q) in full.")
+    return rig.drive.motor_torque(inertia * gain * pulse)
+
+
+def observer_gains(poles, period):
+    """Gains of the observer of error, rate and disturbance (`ctc.laws.observer`), from its three poles.
+
+    Parameters
+    ----------
+    poles : (3,) array_like
+        Continuous-time [rad/s], negative real parts; complex ones in pairs.
+    period : float
+        [s]
+
+    Returns
+    -------
+    (3,) numpy.ndarray
+        What a surprise in the measured error adds to error, rate [1/s] and disturbance [1/s^2].
+    """
+    import control
+
+    poles = np.asarray(poles, complex)
+    if (
+        poles.shape != (3,)
+        or not (poles.real < 0).all()
+        or abs(np.poly(poles).imag).max() > 1e-9 * abs(poles).max() ** 3
+    ):
+        raise ValueError(f"poles must be three, stable, complex ones in pairs; got {poles}. Give rad/s, below zero.")
+    real("period", period, "Give seconds.", positive=True)
+    step, seen = _model()
+    gains = control.acker(step.T, (seen @ step).T, np.exp(poles * period))
+    return np.asarray(gains).ravel() / period ** np.arange(3)
+
+
+def kalman_gains(rig, disturbance, period=None):
+    """Gains of the stationary Kalman filter (LQE) in place of `observer_gains`, one row for each joint.
+
+    Its measurement noise is that of the counts, a uniform error of one pulse.
+
+    Parameters
+    ----------
+    rig : Rig
+    disturbance : float or (n,) array_like
+        By how much the disturbance acceleration walks in one second (standard deviation) [rad/s^2].
+    period : float, optional
+        [s]; by default the rig's.
+
+    Returns
+    -------
+    (n, 3) numpy.ndarray
+        As `observer_gains`.
+    """
+    import control
+
+    instance("rig", rig, Rig, "Pass the rig of the arm.")
+    period = rig.period if period is None else real("period", period, "Give seconds.", positive=True)
+    step, seen = _model()
+    walk = np.broadcast_to(np.asarray(disturbance, float), (rig.n,)) * np.sqrt(period)
+    if not (np.isfinite(walk) & (walk > 0)).all():
+        raise ValueError(f"disturbance must be positive; got {disturbance}. Give rad/s^2 in one second.")
+    rows = []
+    for size, pulse in zip(walk, rig.turned(np.ones(rig.n)), strict=True):
+        ratio = (size * period**2) ** 2 / (pulse**2 / 12)
+        _, spread, _ = control.dlqe(step, [[0.0], [0.0], [1.0]], seen, [[ratio]], [[1.0]])
+        rows.append((spread @ seen.T / (seen @ spread @ seen.T + 1)).ravel())
+    return np.array(rows) / period ** np.arange(3)
+
+
+def _model():
+    """One sample of error, rate and disturbance, as `ctc.laws.observer.predict` steps them, and what is measured.
+
+    Time is counted in samples, so that all three are of one size; gains per second and its square are got from that.
+    """
+    x = ca.SX.sym("x", 3)
+    step = ca.Function("step", [x], [ca.jacobian(ca.vertcat(*predict(x[0], x[1], x[2], 0, 1.0)), x)])
+    return step(np.zeros(3)).full(), np.array([[1.0, 0.0, 0.0]])

@@ -1,0 +1,130 @@
+"""The loop of each joint under a sampled law, linearised: with sampling, delay and observer, for analysis.
+
+About an arm held at a pose, by the law's own equations and the simulator's own sub-step. The loop of a joint is opened
+where its encoder is read, all other loops stay closed: what goes in are the counts that the law sees, what comes out is
+minus the position, in pulses, so that the sensitivity is 1 / (1 + L). The encoder does not round, the joint slides
+without turning back (viscous friction acts, dry friction does not), and the amplifier is below its limit.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from plant import Arm, Law, Rig
+from plant.machine.rig import smooth_rig
+from plant.parts.arguments import array, instance
+from plant.simulation.closed_loop import ClosedLoop
+
+__all__ = ["error_loop", "open_loops"]
+
+_SUB_STEPS = 16
+
+
+def error_loop(law, rig, *, joint=0, arm=None, pose=None):
+    """Loop transfer function L of one joint, the loops of the others closed.
+
+    Parameters
+    ----------
+    law : Law
+        With a period, such as `ComputedTorque`.
+    rig : Rig
+    joint : int
+        Counted from 0.
+    arm : Arm, optional
+        What is controlled; by default the law's own, as if f were known.
+    pose : (n,) array_like, optional
+        q at rest [rad]; zeros by default.
+
+    Returns
+    -------
+    control.StateSpace
+        Discrete; from the counts that the law reads to minus the position, both in pulses.
+
+    Raises
+    ------
+    ValueError
+        A law without a period, a joint that is not there, an arm that the law cannot hold at the pose.
+    """
+    import control
+
+    A, B, C, dt = open_loops(law, rig, arm, pose)
+    if not isinstance(joint, (int, np.integer)) or not 0 <= joint < rig.n:
+        raise ValueError(f"joint must be a whole number from 0 to {rig.n - 1}; got {joint!r}. Joints count from 0.")
+    A, b, c = opened(A, B, C, joint)
+    return control.StateSpace(
+        A, b, -c, 0, dt, inputs=[f"pulses[{joint}]"], outputs=[f"position[{joint}]"], name=f"loop of joint {joint}"
+    )
+
+
+def opened(A, B, C, joint):
+    """Matrices of one open loop, the others closed: A (m, m), b (m, 1), c (1, m)."""
+    others = [i for i in range(len(C)) if i != joint]
+    return A + B[:, others] @ C[others], B[:, [joint]], C[[joint]]
+
+
+def open_loops(law, rig, arm=None, pose=None):
+    """Matrices A (m, m), B (m, n), C (n, m) from the counts read to the positions, in pulses, and the period [s].
+
+    States: q, qd, the law's, and the torque applied last. All loops are closed by A + B C.
+    """
+    instance("law", law, Law, "Give a law, such as ComputedTorque(arm, rig).")
+    instance("rig", rig, Rig, "Pass the rig that the law drives.")
+    arm = instance("arm", getattr(law, "arm", None) if arm is None else arm, Arm, "Pass arm=, what is controlled.")
+    n, rig = rig.n, smooth_rig(rig)
+    pose = array("pose", np.zeros(n) if pose is None else pose, (n,), advice="Give one angle per joint [rad].")
+    block = law.block(rig)
+    if block.period is None:
+        raise ValueError(f"law must have a period; {type(law).__name__} has none. Give it one, or use plant.linearise.")
+    q, own, torque, pulses = held(law, block, rig, arm, pose)
+
+    # The arm, from one step of the law to the next: so many sub-steps under one torque.
+    loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=_SUB_STEPS, smooth=True)
+    state, row = ca.SX.sym("state", len(loop.state_names)), np.append(np.zeros(4 * n), loop.h)
+    numbers = loop.number_values(arm.f)
+    for i, name in enumerate(loop.number_names):
+        if name.startswith(("drive.coulomb", "drive.curve.breakaway")):
+            numbers[i] = 0.0
+    at_rest = loop.initial_state(q, np.zeros(n))
+    at_rest[3 * n : 4 * n] = torque
+    slope = ca.Function("slope", [state], [ca.jacobian(loop.substep(state, row, numbers)[0], state)])(at_rest).full()
+    kept = np.r_[: 2 * n, 3 * n : 4 * n]
+    moved = np.linalg.matrix_power(slope[np.ix_(kept, kept)], loop.steps_per_law)[: 2 * n]
+
+    # The law: what it asks for now, and its next state.
+    s, t, p = ca.SX.sym("own", len(own)), ca.SX.sym("torque", n), ca.SX.sym("pulses", n)
+    step = ca.vertcat(*block.step(s, pose, 0, 0, rig.pulses(pose), p, t, block.period, block.values))
+    slopes = ca.Function("law", [s, t, p], [ca.jacobian(step, x) for x in (s, t, p)])(own, torque, pulses)
+    by_own, by_torque, by_pulses = (each.full() for each in slopes)
+
+    remembered = np.hstack([np.zeros((n + len(own), 2 * n)), by_own, by_torque])
+    arm_and_law = moved[:, : 2 * n], moved[:, 2 * n :]
+    A = np.vstack([arm_and_law[1] @ remembered[:n], remembered[n:], remembered[:n]])
+    A[: 2 * n, : 2 * n] += arm_and_law[0]
+    B = np.vstack([arm_and_law[1] @ by_pulses[:n], by_pulses[n:], by_pulses[:n]])
+    C = np.hstack([rig.position(np.eye(n)).T, np.zeros((n, len(A) - n))])
+    return A, B, C, block.period
+
+
+def held(law, block, rig, arm, pose):
+    """Where the arm comes to rest under the law with a reference at rest: q, the law's state, torque, and pulses.
+
+    Newton's method on: the law asks for what carries the arm, and its state stays.
+    """
+    n = rig.n
+    q, s = ca.SX.sym("q", n), ca.SX.sym("own", len(block.initial))
+    torque = arm.dynamics.h(q, ca.SX.zeros(n), arm.f) + rig.drive.friction(ca.SX.zeros(n))
+    asked, following = block.step(s, pose, 0, 0, rig.pulses(pose), rig.position(q), torque, block.period, block.values)
+    x, rest = ca.vertcat(q, s), ca.vertcat(asked - torque, following - s)
+    newton = ca.Function("newton", [x], [rest, ca.jacobian(rest, x), torque])
+    point = np.concatenate([pose, block.initial])
+    for _ in range(50):
+        left, slope, _ = (each.full() for each in newton(point))
+        change = np.linalg.lstsq(slope, left[:, 0], rcond=None)[0]
+        point = point - change
+        if np.abs(change).max() <= 1e-10 * (1 + np.abs(point).max()):
+            break
+    left, _, torque = (each.full().ravel() for each in newton(point))
+    if not np.abs(left).max() <= 1e-6 * (1 + np.abs(torque).max()):
+        raise ValueError(f"{type(law).__name__} must hold the arm at rest at {pose}; it cannot. Give another pose.")
+    return point[:n], point[n:], torque, rig.position(point[:n])

@@ -1,0 +1,3 @@
+"""One arm under one law, in encoder pulses; several laws compared; animated."""
+
+__all__: list[str] = []

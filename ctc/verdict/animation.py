@@ -1,0 +1,200 @@
+"""The arm in motion: its links in a pose, and a GIF of a run with the error in pulses beside it.
+
+matplotlib is imported only when something is drawn.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ctc.figures import COLOURS, draw_band, joint_name
+from ctc.verdict.evaluation import Evaluation
+from plant import Arm
+from plant.mechanics.kinematics import joint_positions
+from plant.parts.arguments import array, instance, known_options, real
+
+__all__ = ["animate", "plot_arm"]
+
+_POSES = 200
+"""From which the plane of a planar arm, and the room that a motion takes, are found."""
+
+
+@known_options
+def plot_arm(arm, q, *, tip=None, axes=None):
+    """Draw an arm in one pose: base, joints and tip joined by lines; in its plane if it has one, else in space.
+
+    Parameters
+    ----------
+    arm : Arm
+    q : (n,) array_like
+        [rad]
+    tip : (3,) array_like, optional
+        End of the last link, seen from its frame [m]; by default twice as far as its body's centre of mass.
+    axes : matplotlib axes, optional
+        Where to draw (three-dimensional for an arm without a plane); a new figure by default.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        Neither a tip nor bodies say where the last link ends.
+    """
+    instance("arm", arm, Arm, "The order is arm, q.")
+    q = array("q", q, (arm.n,), advice="Give one angle per joint [rad].")
+    scene = _Scene(arm, tip)
+    if axes is None:
+        import matplotlib.pyplot as plt
+
+        axes = plt.figure(figsize=(5, 5), layout="constrained").add_subplot(projection=scene.projection)
+    scene.prepare(axes, q[None])
+    scene.draw(q)
+    return axes.figure
+
+
+@known_options
+def animate(evaluation, path, *, arm, tip=None, fps=15, speed=1.0):
+    """Write a GIF of a run: the arm on its path, and the encoder error of every joint in pulses.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+    path : str or Path
+        Of the GIF.
+    arm : Arm
+        Whose links are drawn.
+    tip : (3,) array_like, optional
+        As for `plot_arm`.
+    fps : int
+        Pictures per second, 50 at most (what GIF viewers show).
+    speed : float
+        Of the film: 0.2 is slow motion, five times as long as the run.
+
+    Returns
+    -------
+    int
+        Number of pictures: one every speed / fps of the run, and its last sample.
+
+    Raises
+    ------
+    ValueError
+        Bad input; neither a tip nor bodies say where the last link ends.
+    """
+    instance("evaluation", evaluation, Evaluation, "Pass what evaluate(...) returned.")
+    instance("arm", arm, Arm, "Pass the arm that was evaluated.")
+    record = evaluation.record
+    if arm.n != record.n:
+        raise ValueError(f"arm must have {record.n} joints like the run; got {arm.n}. Pass the arm that was evaluated.")
+    if real("fps", fps, "15 is smooth enough.", positive=True) > 50:
+        raise ValueError(f"fps must be 50 at most; got {fps}. Viewers show a GIF no faster; lower speed instead.")
+    step = real("speed", speed, "1 is as fast as the arm.", positive=True) / fps / record.rig.period
+    shown = np.append(np.arange(0, len(record) - 1, max(step, 1.0)).astype(int), len(record) - 1)
+
+    import matplotlib.pyplot as plt
+    from matplotlib.animation import PillowWriter
+
+    scene = _Scene(arm, tip)
+    figure = plt.figure(figsize=(8.5, max(3.6, 1.1 * record.n)), layout="constrained")
+    grid = figure.add_gridspec(record.n, 2, width_ratios=(1, 1) if scene.projection else (1, 1.25))
+    scene.prepare(figure.add_subplot(grid[:, 0], projection=scene.projection), record.true_q)
+    cursors = [_error_axis(figure.add_subplot(grid[i, 1]), evaluation, i) for i in range(record.n)]
+    title = figure.suptitle(" ", fontsize=10)
+    scene.draw(record.true_q[0])
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # laid out once, not for every picture
+    writer = PillowWriter(fps=fps)
+    with writer.saving(figure, str(path), dpi=80):
+        for k in shown:
+            scene.draw(record.true_q[k])
+            for line, values in cursors:
+                line.set_data(record.t[: k + 1], values[: k + 1])
+            worst = np.abs(record.error_pulses[: k + 1]).max()
+            title.set_text(
+                f"{type(record.law).__name__}, t = {record.t[k]:.2f} s, largest error so far [pulses]: {worst:.0f}"
+            )
+            writer.grab_frame()
+    plt.close(figure)
+    return len(shown)
+
+
+def _error_axis(axis, evaluation, joint):
+    """An axis of one joint's error, the whole run pale; the line of what was seen so far, and its values."""
+    record, colour = evaluation.record, COLOURS[joint % len(COLOURS)]
+    values = record.error_pulses[:, joint]
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.plot(record.t, values, drawstyle="steps-post", color="0.7", linewidth=0.6)
+    (line,) = axis.plot([], [], drawstyle="steps-post", color=colour, linewidth=0.9)
+    draw_band(axis)
+    axis.set_ylabel(joint_name(evaluation.joints, joint))
+    if joint == 0:
+        axis.set_title("encoder error [pulses]", fontsize=10)
+    if joint < record.n - 1:
+        axis.tick_params(labelbottom=False)
+    else:
+        axis.set_xlabel("time [s]")
+    return line, values
+
+
+class _Scene:
+    """The links of an arm, as they are drawn: in the plane in which they always lie, or in space."""
+
+    def __init__(self, arm, tip):
+        chain = arm.dynamics.chain
+        if tip is None and not chain.bodies:
+            raise ValueError(
+                f"tip must be given, as no body says where link {chain.links[-1].name} ends. "
+                "Pass tip=(x, y, z) in its frame [m]."
+            )
+        if tip is None:
+            frame, com = chain.links[-1].frame, np.array(chain.bodies[-1].com)
+            tip = 2 * (np.array(frame.position) + np.array(frame.rotation) @ com)
+        self.positions = joint_positions(chain, tip)
+        poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSES, chain.n))
+        self.view = _plane(self.all(poses), -np.array(chain.gravity))
+        self.projection = "3d" if len(self.view) == 3 else None
+
+    def all(self, poses):
+        """Points (N, n + 2, 3) of poses (N, n) [m]."""
+        return np.array([self.positions(q).full().T for q in poses])
+
+    def prepare(self, axis, motion):
+        """Axes with room for a motion (N, n), and the path of the tip."""
+        points = self.all(motion[:: max(1, len(motion) // _POSES)]) @ self.view.T
+        self.links = axis.plot(*np.zeros((len(self.view), 1)), "-o", color="#444444", linewidth=4, markersize=6)[0]
+        axis.plot(*points[:1, 0].T, "s", color="#444444", markersize=10)
+        axis.plot(*points[:, -1].T, color=COLOURS[1], linewidth=1, alpha=0.6)
+        low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
+        middle, half = (low + high) / 2, 0.55 * max((high - low).max(), 1e-3)
+        for name, centre in zip("xyz", middle, strict=False):
+            getattr(axis, f"set_{name}lim")(centre - half, centre + half)
+        axis.set_xlabel("[m]")
+        axis.set_ylabel("[m]")
+        axis.set_aspect("equal")
+        if self.projection:
+            axis.set_box_aspect(None, zoom=0.88)  # or the labels are cut off
+        axis.grid(alpha=0.25, linewidth=0.5)
+
+    def draw(self, q):
+        """Move the links to a pose (n,)."""
+        points = self.view @ self.positions(q).full()
+        (self.links.set_data_3d if len(points) == 3 else self.links.set_data)(*points)
+
+
+def _plane(points, up):
+    """Rows of a view: the identity in space; of points that all lie in one plane through the base, its two axes.
+
+    The second axis is upwards where the plane is not level, the first to the side of positive x, or y.
+    """
+    _, spread, axes = np.linalg.svd(points.reshape(-1, 3), full_matrices=False)
+    if spread[2] > 1e-9 * spread[0]:
+        return np.eye(3)
+    normal = axes[2]
+    if np.linalg.norm(np.cross(normal, up)) <= 1e-6 * np.linalg.norm(up):  # level, or no gravity
+        up = np.eye(3)[1 if abs(normal[1]) < 0.9 else 2]
+    up = up - normal * (normal @ up)
+    up = up / np.linalg.norm(up)
+    side = np.cross(up, normal)
+    side = side * np.sign(side[np.argmax(np.abs(side[:2]) > 1e-6)] or 1.0)
+    return np.array([side, up])

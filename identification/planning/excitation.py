@@ -1,0 +1,173 @@
+"""A motion from which every parameter can be known: harmonics chosen so that the worst-known becomes known.
+
+The torque equation in f has one row per joint and sample, weighted by what one pulse of tracking error is worth in
+torque. The inverse of its normal matrix bounds the variance of each f; the largest of them, each in units of what is
+unknown about it, is made small over the amplitudes of a sum of harmonics, within limits of position, speed,
+acceleration and torque, by Ipopt with derivatives from casadi.
+
+Source: J. Swevers et al., Optimal robot excitation and identification, IEEE Transactions on Robotics and Automation 13
+(1997), for sums of harmonics.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from plant import Arm, Harmonics, Rig
+from plant.mechanics.symmetric_inverse import inverse
+from plant.parts.arguments import array, instance, known_options, real
+
+__all__ = ["design_motion"]
+
+_SAMPLES = 120
+"""Of a period, at which the equation is set up and the limits hold."""
+
+_SHARPNESS = 4
+"""Power of the mean that stands for the largest variance."""
+
+_MARGIN = 0.01
+"""Share of a limit's width that is kept free: between the samples the motion goes a little further."""
+
+_LEAST_PULSES = 100
+"""By which every motor has to move, at least."""
+
+_SLACK = 1e-3
+"""By how much a limit may be exceeded [SI]."""
+
+_TORQUE = 0.8
+"""Share of the amplifier's limit that the model's torque and friction may take."""
+
+
+@known_options
+def design_motion(
+    arm, rig, law, *, period, position, velocity, acceleration, harmonics=5, starts=3, seed=0, iterations=200
+):
+    """Harmonics that show the parameters of an arm.
+
+    Parameters
+    ----------
+    arm : Arm
+        Known roughly; its torques are kept below the amplifier's limit.
+    rig : Rig
+    law : Law
+        Of the position loop, without memory; says what a pulse is worth in torque.
+    period : float
+        [s]
+    position : (n, 2) array_like
+        Lowest and highest angle of each joint [rad].
+    velocity, acceleration : (n,) array_like
+        Largest magnitudes [rad/s], [rad/s^2].
+    harmonics : int
+    starts : int
+        Random motions from which the search begins; the best end counts.
+    seed : int
+    iterations : int
+        Of Ipopt, per start.
+
+    Returns
+    -------
+    Harmonics
+
+    Raises
+    ------
+    ValueError
+        Bad input, or limits in which no motion was found.
+    """
+    instance("arm", arm, Arm, "The order is arm, rig, law.")
+    instance("rig", rig, Rig, "The order is arm, rig, law.")
+    n, advice = arm.n, "Give one per joint."
+    position = array("position", position, (n, 2), advice="Give the lowest and highest angle of each joint.")
+    velocity = array("velocity", velocity, (n,), advice=advice)
+    acceleration = array("acceleration", acceleration, (n,), advice=advice)
+    period = real("period", period, "Give seconds.", positive=True)
+    if not (position[:, 0] < position[:, 1]).all() or not (velocity > 0).all() or not (acceleration > 0).all():
+        raise ValueError(
+            "position must be (low, high) with low < high, speeds and accelerations positive. Correct them."
+        )
+    angle = 2 * np.pi / period * np.arange(_SAMPLES)[:, None] * period / _SAMPLES * np.arange(1, harmonics + 1)
+    rate = 2 * np.pi / period * np.arange(1, harmonics + 1)
+    c, s = np.cos(angle), np.sin(angle)
+
+    opti = ca.Opti()
+    offset, cosine, sine = opti.variable(n), opti.variable(n, harmonics), opti.variable(n, harmonics)
+    q = ca.repmat(offset, 1, _SAMPLES) + cosine @ c.T + sine @ s.T
+    qd = cosine @ (-s * rate).T + sine @ (c * rate).T
+    qdd = cosine @ (-c * rate**2).T + sine @ (-s * rate**2).T
+    information, tau = _equation(arm, rig, law)
+    total, torques = information.map(_SAMPLES)(q, qd, qdd), tau.map(_SAMPLES)(q, qd, qdd)
+    p = arm.dynamics.p
+    total = ca.reshape(ca.sum2(total), p, p)
+    variance = _diagonal(p)(total / _SAMPLES + 1e-9 * ca.DM.eye(p))
+    opti.minimize(ca.log(ca.sum1(variance**_SHARPNESS)) / _SHARPNESS)
+    limit = _TORQUE * rig.drive.torque_limit()
+    for value, low, high in (
+        (q, position[:, 0], position[:, 1]), (qd, -velocity, velocity), (qdd, -acceleration, acceleration),
+        (torques, -limit, limit),
+    ):  # fmt: skip
+        for i in range(n):
+            if np.isfinite(high[i]):
+                room = _MARGIN * (high[i] - low[i])
+                opti.subject_to(opti.bounded(low[i] + room, value[i, :].T, high[i] - room))
+    quiet = {"print_time": False, "error_on_fail": False}
+    opti.solver("ipopt", quiet, {"print_level": 0, "sb": "yes", "max_iter": iterations, "tol": 1e-4})
+    best, random = None, np.random.default_rng(seed)
+    middle, room = position.mean(axis=1), np.diff(position, axis=1).ravel() / 2
+    for _ in range(starts):
+        reach = np.minimum(room, np.minimum(velocity / rate[0], acceleration / rate[0] ** 2))
+        share = random.normal(size=(2, n, harmonics)) / (np.arange(1, harmonics + 1) ** 2 * 3)
+        opti.set_initial(offset, middle)
+        opti.set_initial(cosine, share[0] * reach[:, None])
+        opti.set_initial(sine, share[1] * reach[:, None])
+        try:
+            found = opti.solve_limited()
+        except RuntimeError:  # this start leads nowhere
+            continue
+        sound = (
+            float(np.max(found.value(ca.vertcat(*(ca.vec(g) for g in (opti.g - opti.ubg, opti.lbg - opti.g)))))) < 1e-3
+        )
+        if sound and (best is None or found.value(opti.f) < best[0]):
+            best = found.value(opti.f), *(np.reshape(found.value(x), x.shape) for x in (offset, cosine, sine))
+    if best is None:
+        raise ValueError(f"limits must leave room for a motion; none of {starts} starts found one. Widen them.")
+    motion = Harmonics(period=period, offset=best[1].ravel(), cosine=best[2], sine=best[3])
+    moved = np.ptp(rig.position(motion(np.linspace(0, period, _SAMPLES)).q), axis=0)
+    if (moved < _LEAST_PULSES).any():
+        raise ValueError(f"limits must leave room for a motion; the motors move by {moved} pulses. Widen them.")
+    return motion
+
+
+def _equation(arm, rig, law):
+    """What one sample adds to the normal matrix, f in units of what is unknown of it; and its torque."""
+    n, dynamics = arm.n, arm.dynamics
+    q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
+    unit = np.abs(arm.f) if dynamics.ranges is None else np.diff(dynamics.ranges, axis=1).ravel()
+    unit = np.where(unit > 0, unit, unit.max())
+    scaled = (
+        dynamics.Y(q, qd, qdd)
+        * ca.repmat(ca.DM(unit).T, n, 1)
+        / ca.repmat(ca.DM(_torque_per_pulse(rig, law)), 1, dynamics.p)
+    )
+    arguments, names = [q, qd, qdd], ["q", "qd", "qdd"]
+    tau = dynamics.Y(q, qd, qdd) @ arm.f + rig.drive.joint_viscous() * qd
+    return (
+        ca.Function("information", arguments, [ca.vec(scaled.T @ scaled)], names, ["M"]),
+        ca.Function("tau", arguments, [tau], names, ["tau"]),
+    )
+
+
+def _torque_per_pulse(rig, law):
+    """Joint torque [N m] (n,) that one pulse of error on every motor makes, magnitude."""
+    if law.has_memory(rig.n):
+        raise ValueError(
+            f"law must be fast and without memory, like P; got {type(law).__name__}. Give that of the log."
+        )
+    block, zero = law.block(rig), np.zeros(rig.n)
+    asked = [block.step([], zero, zero, zero, zero + e, zero, zero, rig.period, block.values)[0] for e in (0.0, 1.0)]
+    return np.abs((asked[1] - asked[0]).full().ravel())
+
+
+def _diagonal(p):
+    """Diagonal (p,) of the inverse of a symmetric (p, p), as a function with derivatives."""
+    matrix = ca.SX.sym("M", p, p)
+    return ca.Function("variance", [matrix], [inverse(ca.tril2symm(ca.tril(matrix))).diagonal])

@@ -1,0 +1,131 @@
+"""What is measured on the motors before the arm: the P gain from currents and errors, friction from a motor test.
+
+Source: paper 4.2 (P from the current that belongs to a tracking error), reference [14] of the paper (friction from the
+current of a motor that turns at constant speed).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from identification.equation_error.least_squares import least_squares
+from plant import Record
+from plant.parts.arguments import array, instance, known_options, real
+
+__all__ = ["MotorFit", "friction_from_motor_test", "gain_from_current"]
+
+_BELOW_LIMIT = 0.98
+"""Share of the amplifier's limit up to which a current follows the error."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class MotorFit:
+    """Numbers found on motors, with their standard deviations; motor side.
+
+    Attributes
+    ----------
+    names : tuple of str
+    values, std : (k,) numpy.ndarray
+    """
+
+    names: tuple
+    values: np.ndarray
+    std: np.ndarray
+
+    def __str__(self):
+        rows = zip(self.names, self.values, self.std, strict=True)
+        return "\n".join(f"{name:<12} {value:11.5g} +- {std:.2g}" for name, value, std in rows)
+
+
+@known_options
+def gain_from_current(record):
+    """P gain of each motor [N m per pulse] from the currents and tracking errors of a record.
+
+    Only the product of the gain (amperes per pulse) and the motor constant K_i shows in the motion; with K_i wrong by a
+    factor, this gain is wrong by the same.
+
+    Parameters
+    ----------
+    record : Record
+        With `current`.
+
+    Returns
+    -------
+    MotorFit
+        Names ``law.gain[0]`` and so on.
+
+    Raises
+    ------
+    ValueError
+        No currents, or a motor without errors to speak of.
+    """
+    instance("record", record, Record, "Pass a log with currents.")
+    law = record.law
+    if law is not None and law.has_memory(record.n):
+        raise ValueError(f"the record must be one under P control; got {type(law).__name__}. It has no such gain.")
+    if record.current is None:
+        raise ValueError("the record must hold currents; it has none. Log them, or state the gain.")
+    drive, names, values, std = record.rig.drive, [], [], []
+    for i in range(record.n):
+        error, torque = record.error_pulses[:, i], drive.motor_gain[i] * record.current[:, i]
+        rows = np.abs(record.current[:, i]) < _BELOW_LIMIT * drive.current_limit[i]
+        if rows.sum() < 3 or np.ptp(error[rows]) < 2:
+            raise ValueError(
+                f"motor {i} must have errors of several pulses below its limit; it has none. Log a motion."
+            )
+        found, deviation = _line([f"law.gain[{i}]", "offset"], [error[rows], np.ones(rows.sum())], torque[rows])
+        names.append(f"law.gain[{i}]")
+        values.append(found[0])
+        std.append(deviation[0])
+    return MotorFit(names=tuple(names), values=np.array(values), std=np.array(std))
+
+
+@known_options
+def friction_from_motor_test(speed, current, motor_gain):
+    """Friction of a motor from its currents at constant speeds, in both directions, without the arm.
+
+    Parameters
+    ----------
+    speed : (N,) array_like
+        Of the motor [rad/s].
+    current : (N,) array_like
+        [A]
+    motor_gain : float
+        K_i [N m/A].
+
+    Returns
+    -------
+    MotorFit
+        viscous [N m s/rad], coulomb [N m] and offset [N m], for a `Drive` and its `FrictionCurve`.
+
+    Raises
+    ------
+    ValueError
+        Speeds in one direction only: friction and offset would be one.
+    """
+    speed = array("speed", speed, ("N",), advice="Give motor speeds [rad/s].")
+    current = array("current", current, speed.shape, advice="Give one current per speed [A].")
+    torque = real("motor_gain", motor_gain, "Give K_i [N m/A].", positive=True) * current
+    if not (speed.max(initial=0) > 0 > speed.min(initial=0)):
+        raise ValueError(f"speed must have both signs; got {speed.min()} to {speed.max()}. Turn the motor both ways.")
+    names = ("viscous", "coulomb", "offset")
+    values, std = _line(names, [speed, np.sign(speed), np.ones(len(speed))], torque)
+    if (values[:2] < -2 * std[:2]).any():
+        raise ValueError(
+            f"friction must be positive; found viscous {values[0]:.3g} and coulomb {values[1]:.3g}. Check the order "
+            "(speed, current) and the sign of the current: positive where the motor drives forwards."
+        )
+    return MotorFit(names=names, values=values, std=std)
+
+
+def _line(names, columns, target):
+    """Least squares and its standard deviations, from the scatter about it."""
+    rows = np.column_stack(columns)
+    if len(rows) <= len(names):
+        raise ValueError(f"a fit of {len(names)} numbers needs more readings; got {len(rows)}. Measure more.")
+    values, covariance, _ = least_squares(names, rows, target)
+    residual = target - (rows * values).sum(axis=1)
+    scatter = (residual @ residual) / (len(rows) - len(names))
+    return values, np.sqrt(np.diag(covariance) * scatter)

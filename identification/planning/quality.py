@@ -1,0 +1,56 @@
+"""Whether a log can say anything at all."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from identification.equation_error.pulse_fit import mode_in, torque_of
+
+__all__ = ["require_informative"]
+
+_LEAST_PULSES = 20
+"""Counts that every motor has to move, at least."""
+
+_LEAST_SAMPLES = 200
+"""Fewer hold no oscillation of a position loop that could be told from its noise."""
+
+_SATURATED = 0.5
+"""Share of the samples at the amplifier's limit from which on nothing but the limit is measured."""
+
+_PERIODS = 4
+"""Of the slow mode that a log has to hold."""
+
+
+def require_informative(record):
+    """Refuse a log in which the arm does not move, saturates most of the time, or is shorter than its mode.
+
+    Raises
+    ------
+    ValueError
+    """
+    counts = record.counts
+    moved = np.ptp(counts, axis=0)
+    if (moved < _LEAST_PULSES).any():
+        motor = int(np.argmin(moved))
+        raise ValueError(
+            f"every motor must move by at least {_LEAST_PULSES} pulses; motor {motor} moves by {moved[motor]:.0f}. "
+            "Log a motion of all joints."
+        )
+    if len(record) < _LEAST_SAMPLES:
+        raise ValueError(f"a log must have at least {_LEAST_SAMPLES} samples; got {len(record)}. Log longer.")
+    seconds = len(record) * record.rig.period
+    if seconds < _PERIODS / mode_in(record):
+        raise ValueError(
+            f"a log must last {_PERIODS} periods of its oscillation; {seconds:.3g} s hold "
+            f"{seconds * mode_in(record):.1f} of {mode_in(record):.1f} Hz. Log longer."
+        )
+    if record.law is not None and record.law.replays:
+        return  # the torque is known, also at the limit
+    drive = record.rig.drive
+    share = (np.abs(drive.current(torque_of(record))) >= drive.current_limit * (1 - 1e-9)).mean(axis=0)
+    if (share > _SATURATED).any():
+        motor = int(np.argmax(share))
+        raise ValueError(
+            f"a log must be below the amplifier's limit; motor {motor} is at it for {share[motor]:.0%} of the samples. "
+            "Slow the reference down or lower the gains."
+        )

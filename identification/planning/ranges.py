@@ -1,0 +1,160 @@
+"""Where to search: ranges of f from the size and the mass of the robot, by interval arithmetic. Source: paper 3.6."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from types import SimpleNamespace
+
+import numpy as np
+
+from plant import puma560
+from plant.parts.arguments import array, known_options
+
+__all__ = ["Interval", "LinkSize", "centre_range", "greatest_inertia", "puma560_ranges", "ranges"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Interval:
+    """All numbers from `low` to `high`; sums, products and powers of intervals hold all results that are possible.
+
+    The result is the exact range where every quantity occurs once, or always with the same sign of its influence, as
+    in equation (3).
+    """
+
+    low: float
+    high: float
+
+    def __post_init__(self):
+        if not (np.isfinite(self.low) and np.isfinite(self.high) and self.low <= self.high):
+            raise ValueError(f"an interval must be finite with low <= high; got [{self.low}, {self.high}]. Swap them.")
+
+    @staticmethod
+    def of(value):
+        """Interval of a number, a pair or an interval."""
+        if isinstance(value, Interval):
+            return value
+        ends = [value, value] if np.ndim(value) == 0 else value
+        low, high = array("interval", ends, (2,), advice="Give a number, or low and high.")
+        return Interval(float(low), float(high))
+
+    def __add__(self, other):
+        other = Interval.of(other)
+        return Interval(self.low + other.low, self.high + other.high)
+
+    def __mul__(self, other):
+        other = Interval.of(other)
+        products = [a * b for a in (self.low, self.high) for b in (other.low, other.high)]
+        return Interval(min(products), max(products))
+
+    def __pow__(self, exponent):
+        if not isinstance(exponent, int) or exponent < 1:
+            raise ValueError(f"exponent must be a whole number of at least 1; got {exponent!r}. Multiply otherwise.")
+        ends = [self.low**exponent, self.high**exponent]
+        inside = [0.0] if exponent % 2 == 0 and self.low < 0 < self.high else []
+        return Interval(min(ends + inside), max(ends))
+
+    def __neg__(self):
+        return Interval(-self.high, -self.low)
+
+    def __sub__(self, other):
+        return self + -Interval.of(other)
+
+    def __rsub__(self, other):
+        return -self + other
+
+    __radd__, __rmul__ = __add__, __mul__
+
+
+def centre_range(extent):
+    """Range of a coordinate of the centre of mass from the link's extent (l_min, l_max) [m]: its middle half.
+
+    Source: paper eq. (5).
+    """
+    low, high = array("extent", extent, (2,), advice="Give l_min and l_max of the link in its frame [m].")
+    return Interval(low / 2, high / 2)
+
+
+def greatest_inertia(mass, radius):
+    """Largest Izz [kg m^2] of a link: all of its greatest mass at its greatest radius [kg, m]. Source: paper 3.6."""
+    return mass * radius**2
+
+
+@known_options
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LinkSize:
+    """What can be seen and weighed of one link.
+
+    Parameters
+    ----------
+    mass : pair
+        Least and greatest mass [kg].
+    x, y : pair
+        Extent of the link in its frame, l_min and l_max [m].
+    radius : float, optional
+        Greatest distance of the centre of mass from the axis [m]; by default from x and y.
+    motor_inertia : pair
+        Least and greatest Jm, motor side [kg m^2].
+    """
+
+    mass: tuple
+    x: tuple
+    y: tuple
+    motor_inertia: tuple
+    radius: float | None = None
+
+    def intervals(self, reflect):
+        """Intervals of m, x, y, Izz (about the centre of mass) and J; `reflect` takes Jm to the joint."""
+        mass, x, y = Interval.of(self.mass), centre_range(self.x), centre_range(self.y)
+        radius = self.radius
+        if radius is None:
+            radius = float(np.hypot(max(-x.low, x.high), max(-y.low, y.high)))
+        inertia = Interval(0.0, greatest_inertia(mass.high, radius))
+        low, high = self.motor_inertia
+        return SimpleNamespace(m=mass, x=x, y=y, Izz=inertia, J=Interval(reflect(low), reflect(high)))
+
+
+def ranges(equation, sizes, drive, **lengths):
+    """Ranges (p, 2) of f from sizes and masses.
+
+    Parameters
+    ----------
+    equation : callable
+        f in physical parameters, such as `plant.robots.puma560.equation_3`.
+    sizes : sequence of LinkSize
+    drive : Drive
+        Its gears reflect the motor inertias.
+    **lengths : pair
+        Further arguments of the equation, such as a3=(0.3, 0.5) [m].
+
+    Returns
+    -------
+    (p, 2) numpy.ndarray
+        Every f that the intervals allow: each end is the least or greatest value that a combination of terms can give.
+
+    Raises
+    ------
+    ValueError
+        Not one size per joint, or an interval whose ends are not low <= high.
+
+    Source: paper 3.6.
+    """
+
+    def reflect(joint, motor_inertia):
+        return float(drive.reflected_inertia(motor_inertia)[joint])
+
+    if len(sizes) != drive.n:
+        raise ValueError(f"sizes must be {drive.n}, one per joint of the drive; got {len(sizes)}. Give each link's.")
+    links = [size.intervals(functools.partial(reflect, joint)) for joint, size in enumerate(sizes)]
+    f = equation(*links, **{name: Interval.of(length) for name, length in lengths.items()})
+    return np.array([(value.low, value.high) for value in f.values()])
+
+
+def puma560_ranges(drive=None):
+    """Ranges of f1..f9 derived from what 3.6 says of the robot; `puma560.PRINTED_RANGES` are the printed ones."""
+    motor = (1e-4, 1e-3)
+    sizes = (
+        LinkSize(mass=(5, 25), x=(-0.24, 0.50), y=(-0.14, 0.14), motor_inertia=motor),
+        LinkSize(mass=(1, 10), x=(-0.08, 0.08), y=(-0.50, 0.0), motor_inertia=motor, radius=0.25),
+    )
+    return ranges(puma560.equation_3, sizes, drive or puma560.rig().drive, a3=(0.3, 0.5))

@@ -1,0 +1,90 @@
+"""How much the result varies over a series of identifications: the paper's *alteration*. Source: paper 4.2."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from identification.procedure import identify
+from identification.results.identification import Identification
+from plant.parts.arguments import array
+
+__all__ = ["Spread", "alteration", "spread"]
+
+
+def alteration(f):
+    """(max - min) / (2 abs(mean)) of each column of f (S, p), as a fraction. Source: paper 4.2."""
+    f = np.asarray(f, float)
+    return (f.max(axis=0) - f.min(axis=0)) / (2 * np.abs(f.mean(axis=0)))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Spread:
+    """A series of identifications of the same records.
+
+    Attributes
+    ----------
+    names : tuple of str
+    runs : tuple of Identification
+    f : (S, p) numpy.ndarray
+    alteration : (p,) numpy.ndarray
+        As a fraction.
+    published : (p,) numpy.ndarray or None
+        Alterations to print beside it.
+    """
+
+    names: tuple
+    runs: tuple[Identification, ...]
+    f: np.ndarray
+    alteration: np.ndarray
+    published: np.ndarray | None
+
+    def __str__(self):
+        lines = [f"{'':>4} {'mean':>9} {'min':>9} {'max':>9} {'alteration':>11}" + self._beside("paper")]
+        for i, name in enumerate(self.names):
+            column = self.f[:, i]
+            row = f"{name:>4} {column.mean():9.3f} {column.min():9.3f} {column.max():9.3f} "
+            paper = "" if self.published is None else f"{self.published[i]:.0%}"
+            lines.append(row + f"{self.alteration[i]:11.0%}" + self._beside(paper))
+        first, last = (np.median([getattr(r, k) for r in self.runs]) for k in ("initial_objective", "objective"))
+        lines.append(f"objective, median of {len(self.runs)} runs: {first:.0f} -> {last:.0f} pulses^2")
+        return "\n".join(lines)
+
+    def _beside(self, text):
+        return "" if self.published is None else f" {text:>7}"
+
+
+def spread(dynamics, records, *, seeds=range(10), published=None, method="paper", **options):
+    """Identify the same records with several seeds and say how much each f varies.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+    records : Record or sequence of Record
+    seeds : iterable of int
+    published : (p,) array_like, optional
+        Alterations to print beside the result, such as `plant.robots.puma560.PUBLISHED_ALTERATION`.
+    method : str
+        The paper's by default: it is its series that varies; the default of `identify` varies far less.
+    **options
+        Of `identify`.
+
+    Returns
+    -------
+    Spread
+        Print it for the table.
+
+    Raises
+    ------
+    ValueError
+        Fewer than two seeds, or what `identify` refuses.
+    """
+    seeds = tuple(seeds) if np.iterable(seeds) else (seeds,)
+    if len(seeds) < 2:
+        raise ValueError(f"seeds must be two or more; got {len(seeds)}. A spread needs a series of runs.")
+    if published is not None:
+        published = array("published", published, (dynamics.p,), advice="Give one alteration per f.")
+    runs = tuple(identify(dynamics, records, seed=seed, method=method, **options) for seed in seeds)
+    f = np.array([run.f for run in runs])
+    return Spread(names=dynamics.names, runs=runs, f=f, alteration=alteration(f), published=published)

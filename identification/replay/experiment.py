@@ -1,0 +1,96 @@
+"""One record, ready to be repeated by a loop with other numbers; what objective and prediction have in common."""
+
+from __future__ import annotations
+
+import difflib
+
+import numpy as np
+
+from plant.logs.record import Record
+from plant.machine.rig import smooth_rig
+from plant.mechanics.dynamics import Dynamics
+from plant.parts.arguments import instance
+from plant.simulation.clock import Clock
+from plant.simulation.closed_loop import ClosedLoop
+from plant.simulation.followed_path import path_of, start_of
+from plant.simulation.loop_kernel import loop_kernel
+from plant.simulation.time_tables import time_tables
+
+__all__ = ["Experiment", "checked"]
+
+
+def checked(dynamics, records, unknown):
+    """Records and unknown names as tuples, or a refusal; by default all of f is unknown."""
+    records = tuple(records) if np.iterable(records) else (records,)
+    if not records or not all(isinstance(record, Record) for record in records):
+        given = type(next(r for r in records if not isinstance(r, Record))).__name__ if records else "none"
+        raise ValueError(f"records must be at least one Record; got {given}. Pass what simulate or from_csv gave.")
+    instance("dynamics", dynamics, Dynamics, "Pass the equations with f open, such as puma560.dynamics().")
+    if isinstance(unknown, str) or not (unknown is None or np.iterable(unknown)):
+        raise ValueError(f"unknown must be a sequence of names; got {unknown!r}. Write ({unknown!r},).")
+    unknown = tuple(dynamics.names if unknown is None else unknown)
+    twice = [name for i, name in enumerate(unknown) if name in unknown[:i]]
+    if twice:
+        raise ValueError(f"unknown must name each number once; {twice[0]} comes twice. Leave one out.")
+    return records, unknown
+
+
+class Experiment:
+    """The loop of a record and all that it needs to run.
+
+    Attributes
+    ----------
+    loop : ClosedLoop
+    places : list of int
+        Where the unknowns are among the loop's numbers.
+    times : tuple
+        Time tables of law, samples and sub-steps.
+    numbers, state : numpy.ndarray
+        As the record says; f is NaN.
+    """
+
+    def __init__(self, dynamics, record, unknown, *, smooth=False, **options):
+        if record.law is None:
+            raise ValueError("the record must name the law that made it; got None. Pass law= when loading it.")
+        if record.n != dynamics.n:
+            raise ValueError(
+                f"the record must have {dynamics.n} joints; it has {record.n}. Use the record of this arm."
+            )
+        rig = smooth_rig(record.rig) if smooth else record.rig
+        self.record = record
+        self.loop = ClosedLoop(dynamics=dynamics, rig=rig, law=record.law, **options)
+        names = self.loop.number_names
+        for name in unknown:
+            if name not in names:
+                near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.6)
+                hint = f"Did you mean {near[0]!r}? " if near else ""
+                if str(name).startswith("drive.curve"):
+                    hint = "Give the drive a FrictionCurve first. "
+                raise ValueError(
+                    f"unknown must name numbers of this experiment; got {name!r}. {hint}Known: {', '.join(names)}."
+                )
+        open_f = [name for name in dynamics.names if name not in unknown]
+        if open_f:
+            raise ValueError(
+                f"unknown must include all of f; {', '.join(open_f)} are missing. Add them to unknown, and fix what is "
+                "known by equal ends of its range."
+            )
+        self.places = [names.index(name) for name in unknown]
+        self.clock = Clock.of(record)
+        path = path_of(record, self.clock, smooth=smooth)
+        self.times = time_tables(self.loop, path, self.clock, record.law.replayed(record))
+        self.numbers = self.loop.number_values(np.full(dynamics.p, np.nan))
+        self.state = self.loop.initial_state(*start_of(record, path_of(record, self.clock)))
+
+    def kernel(self, lanes=()):
+        """The compiled loop; `lanes` are the numbers that differ between individuals."""
+        return loop_kernel(self.loop, lanes, uneven=self.clock.even is None)
+
+    def data(self, measured):
+        """What was measured (N, n), with the root of each sample's weight behind it, for all samples (M, n + 1)."""
+        return self.clock.measured(np.column_stack([measured, np.sqrt(self.record.valid)]))
+
+    @property
+    def steps(self):
+        """Sub-steps of a whole run."""
+        return len(self.clock) * self.loop.steps_per_sample

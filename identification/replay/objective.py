@@ -1,0 +1,160 @@
+"""Objective (4): how far a candidate arm's tracking errors are from the measured ones, a whole population at once."""
+
+from __future__ import annotations
+
+import functools
+
+import casadi as ca
+import numpy as np
+
+from identification.replay.experiment import Experiment, checked
+from plant.machine.motor_inertia import least_inertia_margin
+from plant.parts.arguments import array, known_options
+from plant.simulation.closed_loop import bounded
+from plant.simulation.loop_kernel import LANES
+from plant.simulation.threads import cores, shared_out
+
+__all__ = ["Objective", "squared_error"]
+
+
+@functools.lru_cache
+def squared_error(n, sections=()):
+    """The term that one sample adds, (log, data, memory) -> sum over joints of (e^r - e^m)^2, memory.
+
+    The data are the measured errors and the root of the sample's weight. With second-order `sections` (b0, b1, b2, 1,
+    a1, a2) both errors pass them first, alike.
+
+    Source: paper eq. (4).
+    """
+    log, data = ca.SX.sym("log", 4 * n), ca.SX.sym("data", n + 1)
+    memory, following = ca.SX.sym("memory", 2 * n * len(sections)), []
+    difference = data[n] * (data[:n] - log[:n])
+    for i, (b0, b1, b2, _, a1, a2) in enumerate(sections):
+        first, second = memory[2 * n * i : 2 * n * i + n], memory[2 * n * i + n : 2 * n * (i + 1)]
+        passed = b0 * difference + first
+        following += [b1 * difference - a1 * passed + second, b2 * difference - a2 * passed]
+        difference = passed
+    return ca.Function("squared_error", [log, data, memory], [ca.sumsqr(difference), ca.vertcat(*following)])
+
+
+def _sections(ignoring, period):
+    """A band-stop as second-order sections, run twice: the energy that passes is that of one run both ways."""
+    if ignoring is None:
+        return ()
+    from scipy.signal import butter
+
+    low, high = array("ignoring", ignoring, (2,), advice="Give the lowest and highest frequency to leave out [Hz].")
+    if not 0 < low < high < 0.5 / period:
+        raise ValueError(
+            f"ignoring must be a band below half of the sample rate, {0.5 / period:.4g} Hz; got {low:g} to {high:g}. "
+            "Give (low, high) in Hz."
+        )
+    once = butter(3, np.array([low, high]) * 2 * period, "bandstop", output="sos")
+    return tuple(tuple(section) for section in np.vstack([once, once]).tolist())
+
+
+@known_options
+class Objective:
+    """Sum of squared differences of tracking errors [pulses^2], for a population of candidates.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+    records : Record or sequence of Record
+        Each with its law; they may differ in rig, law and reference.
+    unknown : sequence of str, optional
+        Names of what a candidate gives, in its order; by default f. Any number of rig and law can be named too, as
+        ``drive.viscous[0]`` or ``law.gain[1]``.
+    steps_per_sample, sweeps : int
+        Sub-steps of the simulation, and sweeps of its friction law, as for `plant.simulate`.
+    threads : int, optional
+        By default one per core. The result is the same bits for any number.
+    ignoring : (2,) array_like, optional
+        Band of frequencies [Hz] in which errors are not compared, such as a nuisance that `oscillation` has found: both
+        sides pass the same band-stop.
+
+    Notes
+    -----
+    A candidate costs inf when it is not finite, when its rig or law would be refused, when its run diverges, or when
+    D(q) - diag(Jm_min k^2) is not positive semidefinite for all q: no controller could be built on such an arm.
+
+    Source: paper eq. (4).
+    """
+
+    def __init__(self, dynamics, records, unknown=None, *, steps_per_sample=4, sweeps=3, threads=None, ignoring=None):
+        if threads is not None and (not isinstance(threads, (int, np.integer)) or threads < 1):
+            raise ValueError(f"threads must be a whole number of at least 1; got {threads!r}. Leave it out for all.")
+        self.dynamics = dynamics
+        self.records, self.unknown = checked(dynamics, records, unknown)
+        self.threads = int(threads or cores())
+        settings = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "ignoring": ignoring}
+        self._experiments = [_Scored(dynamics, record, self.unknown, settings) for record in self.records]
+
+    @property
+    def p(self):
+        """Length of a candidate."""
+        return len(self.unknown)
+
+    def __call__(self, population):
+        """Costs (P,) [pulses^2] of candidates (P, p).
+
+        Raises
+        ------
+        ValueError
+            Not a (P, p) array of numbers.
+        """
+        population = array("population", population, ("P", self.p), finite=False, advice="Give one candidate per row.")
+        costs = np.zeros(len(population))
+        for experiment in self._experiments:
+            costs += experiment.costs(population, self.threads)
+        return costs
+
+
+class _Scored(Experiment):
+    """One record, ready to be replayed with any number of candidates."""
+
+    def __init__(self, dynamics, record, unknown, settings):
+        settings = dict(settings)
+        score = squared_error(dynamics.n, _sections(settings.pop("ignoring"), record.rig.period))
+        super().__init__(dynamics, record, unknown, score=score, **settings)
+        self._kernel = self.kernel(self.places)
+        self._tables = self._kernel.prepared((*self.times, self.data(record.error_pulses)))
+
+    def costs(self, population, threads):
+        """Costs (P,), inf for what cannot be."""
+        numbers = np.repeat(self.numbers[None], len(population), axis=0)
+        numbers[:, self.places] = population
+        costs = np.full(len(population), np.inf)
+
+        sound = np.flatnonzero(np.isfinite(population).all(axis=1))
+        sound = sound[self._margins(numbers[sound]) >= 0]
+        blocks = [sound[i : i + LANES] for i in range(0, len(sound), LANES)]
+        results = shared_out(lambda rows: self._block(population[rows]), blocks, threads)
+        costs[sound] = np.concatenate([np.empty(0), *results])
+        return costs
+
+    def _margins(self, numbers):
+        """Room (P,) that D leaves for the motors' own inertia, of candidates given by all their numbers (P, k)."""
+        p, f = self.loop.dynamics.p, numbers[:, : self.loop.dynamics.p]
+        if max(self.places) < p:
+            return least_inertia_margin(self.loop.dynamics, self.record.rig, f)
+        margins, rig_size = np.full(len(f), -np.inf), len(self.record.rig.number_values())
+        for i, row in enumerate(numbers):
+            try:
+                rig = self.record.rig.with_numbers(row[-rig_size:])
+                self.record.law.with_numbers(row[p:-rig_size])
+            except ValueError:  # such a rig, or such a law, there cannot be
+                continue
+            margins[i] = least_inertia_margin(self.loop.dynamics, rig, f[i : i + 1])[0]
+        return margins
+
+    def _block(self, candidates):
+        """Costs of at most `LANES` candidates; empty lanes repeat the last."""
+        lanes = np.empty((len(self.places), LANES))
+        lanes[:, : len(candidates)] = candidates.T
+        lanes[:, len(candidates) :] = candidates[-1][:, None]
+        state = np.repeat(self.state[:, None], LANES, axis=1)
+        final, steps = self._kernel.run(self._tables, state, lanes, self.numbers[list(self._kernel.uniform)])
+        score, ok = final[-2], final[-1]
+        complete = (ok > 0) & bounded(final[: 2 * self.loop.dynamics.n]) & np.isfinite(score) & (steps == self.steps)
+        return np.where(complete, score, np.inf)[: len(candidates)]

@@ -1,0 +1,77 @@
+"""Timing of a log: counts that are read a fraction of a sample late look like friction, and ruin everything else.
+
+A delay shifts every count by so many samples times the counts that pass in one. With f found and friction known, the
+difference between measured and simulated errors then goes with the speed; its slope is the delay. Unknown viscous
+friction, or an unknown gain, would take the delay upon itself.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from identification.replay.gauss_newton import memory_of
+from identification.replay.prediction import Prediction
+from plant import Record
+from plant.parts.arguments import instance, known_options, real
+
+__all__ = ["delay_of", "without_delay"]
+
+_WINDOW = 5
+"""Samples before and after, over which the speed of the counts is taken."""
+
+
+def delay_of(dynamics, records, unknown, values, **options):
+    """How many samples late the counts of records are, against a simulation with these values; and its deviation.
+
+    Returns
+    -------
+    delay, std : float
+        [samples]; a positive delay is a count that is read too late.
+    """
+    prediction = Prediction(dynamics, records, unknown, free=True, **options)
+    difference = prediction.surprises(values)
+    if not np.isfinite(difference).all():
+        return np.nan, np.inf
+    speed = np.concatenate([_speed(record.counts).ravel() for record in records])
+    weight = prediction.weights
+    slope = (difference @ (weight * speed)) / ((weight * speed) @ (weight * speed))
+    left = difference - slope * weight * speed
+    std = np.sqrt(np.mean(left**2) * memory_of(left) / ((weight * speed) @ (weight * speed)))
+    return float(-slope), float(std)
+
+
+@known_options
+def without_delay(record, samples):
+    """The same record with its counts moved to where they were so many samples later.
+
+    Parameters
+    ----------
+    record : Record
+    samples : float
+        By how much the counts are late, such as ``found.delay``; within one sample.
+
+    Returns
+    -------
+    Record
+        Errors are no longer whole pulses.
+
+    Raises
+    ------
+    ValueError
+        More than one sample: drop rows instead.
+    """
+    instance("record", record, Record, "The order is record, samples.")
+    samples = real("samples", samples, "Give found.delay.")
+    if abs(samples) > 1:
+        raise ValueError(f"samples must be within one; got {samples}. Shift the columns by whole rows first.")
+    counts = record.counts
+    return dataclasses.replace(record, error_pulses=record.error_pulses - samples * _speed(counts))
+
+
+def _speed(counts):
+    """Counts that pass in a sample (N, n), over a few of them."""
+    rows = np.arange(len(counts))
+    before, after = np.maximum(rows - _WINDOW, 0), np.minimum(rows + _WINDOW, len(counts) - 1)
+    return (counts[after] - counts[before]) / (after - before)[:, None]

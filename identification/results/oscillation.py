@@ -1,0 +1,120 @@
+"""The oscillation in the tracking errors: where it is, what it is, and how the paper filters it away.
+
+The paper takes the 27-32 Hz of its errors for a nuisance and filters it out (Figs. 10-11). Under P control it is the
+position loop's own mode: it holds the inertias, and belongs into the identification. Only a frequency that the
+linearised loop does not have (a flexible base, a loose sensor) is a nuisance.
+
+Source: paper Figs. 10-11, 4.2.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from identification.equation_error.pulse_fit import mode_in
+from plant import Arm, Record
+from plant.analysis.linearise import jacobians, modes
+from plant.parts.arguments import array, instance, known_options
+
+__all__ = ["Oscillation", "oscillation"]
+
+_WIDTH = 1.5
+"""The band-stop reaches from the frequency divided by this to the frequency times this."""
+
+_NEAR = 0.15
+"""Relative distance up to which a mode of the linearised loop is the oscillation."""
+
+_PERIODS = 8
+"""Of the oscillation, by which the errors are continued at their ends, so that it is filtered there too."""
+
+_POSES = 12
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Oscillation:
+    """What swings in the tracking errors of a record.
+
+    Attributes
+    ----------
+    frequency : float
+        [Hz]
+    amplitude : (n,) numpy.ndarray
+        Root mean square of what the filter takes out of each error [pulses].
+    modes : tuple of (float, float)
+        Lowest and highest frequency of each mode of the linearised loop along the motion [Hz]; none without an arm.
+    own : bool or None
+        Whether the oscillation is the position loop's own mode; None without an arm.
+    record : Record
+    """
+
+    frequency: float
+    amplitude: np.ndarray
+    modes: tuple
+    own: bool | None
+    record: Record
+
+    def removed(self, errors):
+        """Errors (N, n) without the oscillation, by a band-stop run forwards and backwards: no phase."""
+        from scipy.signal import butter, sosfiltfilt
+
+        shape = self.record.error_pulses.shape
+        errors = array("errors", errors, shape, advice="Give one row per sample of this record, one column per joint.")
+        band = np.array([self.frequency / _WIDTH, self.frequency * _WIDTH]) * 2 * self.record.rig.period
+        ends = min(len(errors) - 1, int(_PERIODS / (self.frequency * self.record.rig.period)))
+        return sosfiltfilt(butter(3, band, "bandstop", output="sos"), errors, axis=0, padlen=ends)
+
+    def __str__(self):
+        swing = ", ".join(f"{value:.2f}" for value in self.amplitude)
+        text = f"oscillation at {self.frequency:.1f} Hz, {swing} pulses (rms)"
+        if self.own is None:
+            return f"{text}; pass an arm to learn whether it is the loop's own"
+        found = ", ".join(f"{low:.1f}-{high:.1f}" for low, high in self.modes)
+        if self.own:
+            return f"{text}; the position loop's own mode ({found} Hz): it holds the inertias, keep it"
+        return f"{text}; no mode of this arm's position loop ({found} Hz): a nuisance, unless the arm is known badly"
+
+    def plot(self):
+        """Draw the errors as measured and without the oscillation (Figs. 10-11), and their spectrum."""
+        from identification.results.plots import plot_oscillation
+
+        return plot_oscillation(self)
+
+
+@known_options
+def oscillation(record, arm=None):
+    """Find what swings in the tracking errors of a record.
+
+    Parameters
+    ----------
+    record : Record
+    arm : Arm, optional
+        Known roughly: its linearised loop says whether the oscillation is its own mode.
+
+    Returns
+    -------
+    Oscillation
+        Print it.
+
+    Raises
+    ------
+    ValueError
+        Bad input, or a law that cannot be linearised.
+    """
+    instance("record", record, Record, "The order is record, arm.")
+    frequency = mode_in(record)
+    spans, own = (), None
+    if arm is not None:
+        instance("arm", arm, Arm, "Pass found.arm.")
+        record.rig.require_fit(arm.dynamics.chain)
+        angles = record.rig.angle(record.counts)
+        poses = angles[:: max(1, len(angles) // _POSES)]
+        found = [modes(jacobians(arm, record.rig, record.law, pose)[0])[:, 0] for pose in poses]
+        count = min(map(len, found))
+        lowest, highest = (extreme([each[:count] for each in found], axis=0) for extreme in (np.min, np.max))
+        spans = tuple(zip(lowest.tolist(), highest.tolist(), strict=True))
+        own = any(low * (1 - _NEAR) < frequency < high * (1 + _NEAR) for low, high in spans)
+    made = Oscillation(frequency=frequency, amplitude=np.zeros(record.n), modes=spans, own=own, record=record)
+    taken = record.error_pulses - made.removed(record.error_pulses)
+    return dataclasses.replace(made, amplitude=np.sqrt((taken**2).mean(axis=0)))

@@ -1,0 +1,3 @@
+"""The loop linearised, python-control, and P gains."""
+
+__all__: list[str] = []

@@ -1,0 +1,210 @@
+"""Arm, rig and law as python-control systems, joined by the names of their signals; python-control is imported here.
+
+======================== ======================== ============= ======================
+system                   inputs                   outputs       time
+======================== ======================== ============= ======================
+``to_control(law, rig)`` q_r, qd_r, qdd_r, pulses asked         its period; or any
+``to_control(arm, rig)`` asked                    q, qd, tau    continuous, or sampled
+``to_control(rig)``      q                        pulses        any
+======================== ======================== ============= ======================
+
+Every signal has one component per joint, ``q[0]``, ``q[1]``, ...; all are joint side but the pulses, SI. The drives are
+with the arm, where their friction and their limit act; python-control follows a signal through each system once only.
+
+A sampled law needs a sampled arm, since python-control joins no continuous system with a discrete one. The continuous
+arm is the limit of the simulator's sub-step for a short step, with regularised friction, for a solver of differential
+equations; the sampled one makes as many of those sub-steps as `simulate` does, with its set-valued friction.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import casadi as ca
+import numpy as np
+
+from plant.laws.law import Law
+from plant.logs.record import Record
+from plant.machine.rig import Rig
+from plant.mechanics.arm import Arm
+from plant.mechanics.symmetric_inverse import inverse
+from plant.parts.arguments import instance, known_options
+from plant.parts.part import part, structure
+from plant.simulation.closed_loop import ClosedLoop
+
+__all__ = ["to_control", "to_timeresponse"]
+
+
+@part
+class _Held(Law):
+    """Leaves the torque as it is, so that a loop has only arm and drives."""
+
+    period: float = structure(float)
+
+    def equations(self, rig, state, setpoint, pulses, torque, dt):
+        return torque, state
+
+
+@known_options
+def to_control(system, rig=None, *, sampled=False, steps_per_sample=4):
+    """An arm, a law or a rig as a python-control system; `control.interconnect` joins them by their signals' names.
+
+    Parameters
+    ----------
+    system : Arm, Law or Rig
+    rig : Rig, optional
+        Needed by a law. Of an arm: its drives limit the torque, and their friction acts on the joints; without it,
+        neither does.
+    sampled : bool
+        Of an arm, one sample of the simulator: torque held over the rig's period, friction set-valued. Otherwise a
+        continuous system, friction regularised.
+    steps_per_sample : int
+        Sub-steps of a sampled arm, as in `simulate`.
+
+    Returns
+    -------
+    control.NonlinearIOSystem
+        Arm: outputs ``q[i]``, ``qd[i]``, which are its states too. Without a rig, inputs ``tau[i]`` [N m]; with it,
+        inputs ``asked[i]`` and outputs ``tau[i]``, after the amplifier's limit. A sampled arm has also the states
+        ``impulse[i]`` of its friction (0 at the start).
+        Law: inputs ``q_r[i]``, ``qd_r[i]``, ``qdd_r[i]``, ``pulses[i]``, outputs ``asked[i]``, before the limit. With a
+        period it is discrete; its states are ``law[i]``, at first ``law.block(rig).initial``, and the torque applied
+        last, ``torque[i]``. Without one it is continuous, or of any time if it has no state.
+        Rig: inputs ``q[i]`` [rad], outputs ``pulses[i]``. A solver of differential equations wants an encoder with
+        ``smooth=True``.
+
+    Raises
+    ------
+    ValueError
+        A sampled arm or a law without a rig, a rig that does not fit, a law without a period whose equations do not
+        hold for dt = 0.
+    """
+    if isinstance(system, Arm):
+        return _arm_system(system, rig, sampled, steps_per_sample)
+    if sampled:
+        raise ValueError(f"sampled is for arms; got a {type(system).__name__}, whose time is its own. Leave it out.")
+    if isinstance(system, Law):
+        return _law_system(system, rig)
+    return _rig_system(instance("system", system, Rig, "Pass an Arm, a Law or a Rig."))
+
+
+def _arm_system(arm, rig, sampled, steps_per_sample):
+    """Joint torques in, joint motion out."""
+    n, torque, h = arm.n, ca.SX.sym("torque", arm.n), ca.SX.sym("h")
+    if rig is None:
+        if sampled:
+            raise ValueError("rig must be given for a sampled arm; got None. Period and friction are the rig's.")
+        state = ca.SX.sym("state", 2 * n)
+        q, qd = state[:n], state[n:]
+        qdd = inverse(arm.dynamics.D(q, arm.f)).solve(torque - arm.dynamics.h(q, qd, arm.f))
+        return _system("arm", state, {"tau": torque}, ca.vertcat(qd, qdd), {"q": q, "qd": qd}, 0, ("q", "qd"))
+    instance("rig", rig, Rig, "Pass the rig that drives the arm.")
+    loop = ClosedLoop(
+        dynamics=arm.dynamics,
+        rig=dataclasses.replace(rig, transport=None),
+        law=_Held(period=rig.period),
+        steps_per_sample=steps_per_sample,
+        smooth=not sampled,
+    )
+    names = ("q", "qd", "impulse") if sampled else ("q", "qd")
+    state, tau = ca.SX.sym("state", len(names) * n), rig.drive.limited(torque)
+    following = ca.vertcat(state, ca.SX.zeros((3 - len(names)) * n), tau, 0, 1)
+    for _ in range(steps_per_sample if sampled else 1):
+        following = loop.substep(following, ca.vertcat(ca.SX.zeros(4 * n), h), loop.number_values(arm.f))[0]
+    following = following[: state.shape[0]]
+    following = following if sampled else ca.jacobian(following, h)
+    following = ca.substitute(following, h, loop.h if sampled else 0)
+    outputs = {"q": state[:n], "qd": state[n : 2 * n], "tau": tau}
+    return _system("arm", state, {"asked": torque}, following, outputs, rig.period if sampled else 0, names)
+
+
+def _rig_system(rig):
+    """The encoders, without state; the drives are in the system of the arm."""
+    q, none = ca.SX.sym("q", rig.n), ca.SX(0, 1)
+    return _system("rig", none, {"q": q}, none, {"pulses": rig.read(q)}, None, ())
+
+
+def _law_system(law, rig):
+    """Reference and pulses in, joint torque out."""
+    instance("rig", rig, Rig, "Pass the rig that the law drives.")
+    block, n = law.block(rig), rig.n
+    q, qd, qdd, pulses = (ca.SX.sym(name, n) for name in ("q_r", "qd_r", "qdd_r", "pulses"))
+    own, torque, dt = ca.SX.sym("law", len(block.initial)), ca.SX.sym("torque", n), ca.SX.sym("dt")
+    asked, following = block.step(own, q, qd, qdd, rig.pulses(q), pulses, torque, dt, block.values)
+    inputs = {"q_r": q, "qd_r": qd, "qdd_r": qdd, "pulses": pulses}
+    if block.period is not None:
+        following = ca.vertcat(following, rig.drive.limited(asked))
+        asked, following = ca.substitute([asked, following], [dt], [ca.SX(block.period)])
+        names = [f"law[{i}]" for i in range(len(block.initial))] + [f"torque[{i}]" for i in range(n)]
+        return _system("law", ca.vertcat(own, torque), inputs, following, {"asked": asked}, block.period, names)
+    asked = ca.substitute(asked, dt, 0)
+    if ca.depends_on(asked, torque):
+        raise ValueError(
+            f"a law without a period must not ask for what depends on the torque applied last; {type(law).__name__} "
+            "does, and there is no last torque in continuous time. Give it a period."
+        )
+    following = ca.substitute(following, torque, rig.drive.limited(asked))
+    rate = ca.substitute(ca.jacobian(following, dt), dt, 0)
+    zeros = [np.zeros(n)] * 4
+    found = ca.Function("rate", [own, *inputs.values()], [asked, rate])(block.initial, *zeros)
+    if not all(np.isfinite(each.full()).all() for each in found):
+        raise ValueError(
+            f"a law without a period must have equations that hold for dt = 0; those of {type(law).__name__} do not. "
+            "Give it a period."
+        )
+    names = [f"law[{i}]" for i in range(len(block.initial))]
+    return _system("law", own, inputs, rate, {"asked": asked}, 0 if names else None, names)
+
+
+def to_timeresponse(record):
+    """A record as control.TimeResponseData, for python-control's plots.
+
+    Parameters
+    ----------
+    record : Record
+
+    Returns
+    -------
+    control.TimeResponseData
+        Inputs ``reference_pulses[i]``; outputs ``error_pulses[i]``, and what else was logged.
+    """
+    instance("record", record, Record, "Pass what simulate or a reader gave.")
+    import control
+
+    columns = [(name, getattr(record, name)) for name in ("error_pulses", "torque", "current", "true_q", "true_qd")]
+    columns = [(name, values) for name, values in columns if values is not None]
+    return control.TimeResponseData(
+        record.t,
+        np.hstack([values for _, values in columns]).T,
+        inputs=record.reference_pulses.T,
+        issiso=False,
+        output_labels=[label for name, _ in columns for label in _labels(name, record.n)],
+        input_labels=_labels("reference_pulses", record.n),
+        title=repr(record),
+        sysname="record",
+    )
+
+
+def _system(name, state, inputs, following, outputs, dt, states):
+    """A NonlinearIOSystem of casadi expressions; `following` is the derivative, or the state one sample later."""
+    import control
+
+    n = next(iter(inputs.values())).shape[0]
+    u = ca.vertcat(*inputs.values())
+    y = ca.Function("outputs", [state, u], ca.cse([ca.densify(ca.vertcat(*outputs.values()))]))
+    f = ca.Function("following", [state, u], ca.cse([ca.densify(following)]))
+    if len(states) != state.shape[0]:
+        states = [label for each in states for label in _labels(each, n)]
+    return control.NonlinearIOSystem(
+        (lambda t, x, u, params: f(x, u).full().ravel()) if states else None,
+        lambda t, x, u, params: y(x, u).full().ravel(),
+        inputs=[label for each in inputs for label in _labels(each, n)],
+        outputs=[label for each in outputs for label in _labels(each, n)],
+        states=list(states) or None,
+        dt=dt,
+        name=name,
+    )
+
+
+def _labels(name, n):
+    return [f"{name}[{i}]" for i in range(n)]

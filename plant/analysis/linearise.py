@@ -1,0 +1,97 @@
+"""The closed loop linearised about a pose, for analysis with python-control (imported only here, when asked for)."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from plant.parts.arguments import array
+from plant.simulation.closed_loop import ClosedLoop
+
+__all__ = ["linearise", "modes"]
+
+
+def linearise(arm, rig, law, pose):
+    """Linear model of a fast law's closed loop about an arm held at a pose.
+
+    The model is the derivative of the simulator's own sub-step, with the encoder as identity, in the limit of a short
+    step; Coulomb friction is left out, as for a joint that slides without turning back.
+
+    Parameters
+    ----------
+    arm : Arm
+    rig : Rig
+    law : Law
+        Without a period and without state, such as `P`.
+    pose : (n,) array_like
+        q [rad], at rest.
+
+    Returns
+    -------
+    control.StateSpace
+        States q, qd; inputs: reference [pulses]; outputs: tracking error [pulses]. Deviations from the pose.
+
+    Raises
+    ------
+    ValueError
+        A law with a period or with state.
+    """
+    import control
+
+    n = arm.n
+    A, B, C = jacobians(arm, rig, law, pose)
+    return control.StateSpace(
+        A, B, C, np.eye(n),
+        states=[f"q[{i}]" for i in range(n)] + [f"qd[{i}]" for i in range(n)],
+        inputs=[f"reference_pulses[{i}]" for i in range(n)],
+        outputs=[f"error_pulses[{i}]" for i in range(n)],
+    )  # fmt: skip
+
+
+def jacobians(arm, rig, law, pose):
+    """The matrices A (2n, 2n), B (2n, n) and C (n, 2n) of `linearise`, without python-control."""
+    n = arm.n
+    pose = array("pose", pose, (n,), advice="Give one angle per joint [rad].")
+    if law.has_memory(n):
+        raise ValueError(f"law must be fast and without state, like P; got {type(law).__name__}. Linearise it by hand.")
+    loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=1, smooth=True)
+    state, time, numbers = (ca.SX.sym(name, len(names)) for name, names in _vectors(loop))
+    following, error = loop.substep(state, time, numbers)
+    pulses = time[3 * n : 4 * n]
+    joint = state[: 2 * n]
+    # Counts that hold the pose: the stiffness of the loop carries the weight of the arm.
+    step = 1e-7  # [s]: of the derivative, d(following)/d(joint) = 1 + A step + O(step^2)
+    A = (ca.jacobian(following[: 2 * n], joint) - ca.DM.eye(2 * n)) / step
+    B = ca.jacobian(following[: 2 * n], pulses) / step
+    values = loop.number_values(arm.f)
+    for i, name in enumerate(loop.number_names):
+        if name.startswith(("drive.coulomb", "drive.curve.breakaway")):
+            values[i] = 0.0
+    at_rest = loop.initial_state(pose, np.zeros(n))
+    held = rig.position(pose) + _holding(arm, rig, loop, at_rest, values)
+    row = np.concatenate([pose, np.zeros(2 * n), held, [step]])
+    function = ca.Function("linear", [state, time, numbers], [A, B])
+    A, B = (matrix.full() for matrix in function(at_rest, row, values))
+    return A, B, -np.hstack([rig.position(np.eye(n)).T, np.zeros((n, n))])
+
+
+def modes(system):
+    """Frequency [Hz] and damping ratio of each oscillating mode of a linear model, or its A, slowest first: (k, 2)."""
+    poles = np.linalg.eigvals(getattr(system, "A", system))
+    poles = poles[poles.imag > 1e-9 * np.abs(poles).max()]
+    found = np.column_stack([np.abs(poles) / (2 * np.pi), -poles.real / np.abs(poles)])
+    return found[np.argsort(found[:, 0])]
+
+
+def _vectors(loop):
+    return ("state", loop.state_names), ("time", loop.time_names), ("numbers", loop.number_names)
+
+
+def _holding(arm, rig, loop, state, values):
+    """Error in pulses at which the law just carries the arm: tau(error) = h(q, 0), from the slope of the torque."""
+    n = arm.n
+    time = ca.SX.sym("time", len(loop.time_names))
+    log = loop.sample(state, time, values, [])[1][n : 2 * n]
+    row = np.concatenate([state[:n], np.zeros(2 * n), rig.position(state[:n]), [loop.h]])
+    slope = ca.Function("slope", [time], [ca.jacobian(log, time[3 * n : 4 * n])])(row).full()
+    return np.linalg.solve(slope, arm.h(state[:n], np.zeros(n)))

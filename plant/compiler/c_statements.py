@@ -1,0 +1,117 @@
+"""casadi Function -> the lines of a C99 function: straight, without a branch and without memory but its own variables.
+
+The instructions are those of the compiled kernels (`plant.compiler.translate`, `plant.compiler.instructions`), rounded
+where casadi rounds.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from plant.compiler.instructions import STATE, TIME, UNIFORM, needed, rewritten
+from plant.compiler.translate import single_assignment
+
+__all__ = ["SIGN", "literal", "statements"]
+
+_SUM, _PRODUCT, _SIGNED, _WHOLE = 1, 2, 3, 4
+"""How strongly an expression holds together; 0 is a choice."""
+
+_SPELLING = {
+    "ASSIGN": ("{}", 0, (0,)),
+    "ADD": ("{} + {}", _SUM, (_SUM, _PRODUCT)),
+    "SUB": ("{} - {}", _SUM, (_SUM, _PRODUCT)),
+    "MUL": ("{} * {}", _PRODUCT, (_PRODUCT, _SIGNED)),
+    "DIV": ("{} / {}", _PRODUCT, (_PRODUCT, _SIGNED)),
+    "SQ": ("{0} * {0}", _PRODUCT, (_WHOLE,)),
+    "TWICE": ("2.0 * {}", _PRODUCT, (_SIGNED,)),
+    "INV": ("1.0 / {}", _PRODUCT, (_SIGNED,)),
+    "NEG": ("-{}", _SIGNED, (_WHOLE,)),
+    "LT": ("(double)({} < {})", _SIGNED, (_SUM, _SUM)),
+    "LE": ("(double)({} <= {})", _SIGNED, (_SUM, _SUM)),
+    "EQ": ("(double)({} == {})", _SIGNED, (_SUM, _SUM)),
+    "NE": ("(double)({} != {})", _SIGNED, (_SUM, _SUM)),
+    "NOT": ("(double)({} == 0.0)", _SIGNED, (_SUM,)),
+    "AND": ("(double)({} != 0.0 && {} != 0.0)", _SIGNED, (_SUM, _SUM)),
+    "OR": ("(double)({} != 0.0 || {} != 0.0)", _SIGNED, (_SUM, _SUM)),
+    "IF_ELSE_ZERO": ("{} != 0.0 ? {} : 0.0", 0, (_SUM, _SUM)),
+    "FIRST": ("sin({})", _WHOLE, (0,)),
+    "SECOND": ("cos({})", _WHOLE, (0,)),
+    "CONSTPOW": ("pow({}, {})", _WHOLE, (0, 0)),
+    "LIMIT": ("fmin(fmax({0}, -{1}), {1})", _WHOLE, (0, _WHOLE)),
+}
+"""How C writes an operation, how strongly that holds together, and how strongly what it needs has to.
+
+The others are functions of its library, of the same name, and `SIGN`.
+"""
+
+_AGAIN = ("SQ", "LIMIT", "SINCOS")
+"""Operations that write their last argument twice."""
+
+_LONG = 64
+"""Characters from which on an expression gets a variable of its own."""
+
+SIGN = """/* -1, 0 or 1 */
+static double sign(double x)
+{
+    return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x;
+}
+
+"""
+
+
+def literal(value):
+    """A number as C writes it, without loss."""
+    return repr(float(value)).replace("inf", "INFINITY").replace("nan", "NAN")
+
+
+def statements(function, inputs):
+    """What an SX Function does, in C.
+
+    Parameters
+    ----------
+    function : casadi Function
+    inputs : list of list of (str, int)
+        For each input, for each component: the C expression that reads it, and its kind (UNIFORM, TIME or STATE).
+
+    Returns
+    -------
+    lines : dict
+        UNIFORM, TIME, STATE -> declarations, to stand in this order.
+    results : list of str
+        Expressions of all output components, outputs joined.
+    used : set of str
+        Input expressions that occur.
+
+    Raises
+    ------
+    ValueError
+        An operation that has no translation (named).
+    """
+    nodes, outputs = rewritten(*single_assignment(function, inputs), free=False)
+    order = needed(nodes, outputs)
+    uses = Counter(outputs)
+    for index in order:
+        op, of, _ = nodes[index]
+        if isinstance(of, tuple):
+            uses.update(of if op not in _AGAIN else (*of, of[-1]))
+    lines, used, text, strength = {UNIFORM: [], TIME: [], STATE: []}, set(), {}, {}
+    for index in order:
+        op, of, kind = nodes[index]
+        if op == "INPUT":
+            used.add(of)
+        if op == "SINCOS":
+            text[index], strength[index] = text[of[0]], strength[of[0]]
+            continue
+        if not isinstance(of, tuple):
+            text[index] = literal(of) if op == "CONST" else of
+            strength[index] = _SIGNED if text[index].startswith(("-", "(")) else _WHOLE
+            continue
+        call = f"{op.lower()}({', '.join(['{}'] * len(of))})", _WHOLE, [0] * len(of)
+        pattern, strength[index], needs = _SPELLING.get(op, call)
+        parts = [text[i] if strength[i] >= least else f"({text[i]})" for i, least in zip(of, needs, strict=True)]
+        text[index] = pattern.format(*parts)
+        if uses[index] > 1 or len(text[index]) > _LONG:
+            name = f"{'krx'[(UNIFORM, TIME, STATE).index(kind)]}{len(lines[kind]) + 1}"
+            lines[kind].append(f"const double {name} = {text[index]};")
+            text[index], strength[index] = name, _WHOLE
+    return lines, [text[index] for index in outputs], used

@@ -1,0 +1,209 @@
+"""Control laws: from pulses and a reference to a joint torque, written once as a symbolic step.
+
+A law says `period` (None: fast hardware, evaluated at every sub-step; otherwise seconds, a whole multiple of the
+sub-step), how much state it carries, and its `equations`. From them come the kernel that simulates it, the casadi
+referee, and the running controller of a control script.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from plant.parts.arguments import known_options
+from plant.parts.part import Part
+from plant.realtime.c_export import write_c
+from plant.realtime.guards import Guards
+from plant.realtime.running import Running
+
+__all__ = ["Block", "Law", "Setpoint", "asked_torque"]
+
+
+class Setpoint(NamedTuple):
+    """What a law is asked to do now: q, qd, qdd (n,) joint side [SI], and the same position in pulses (n,).
+
+    For a law that replays a column of its record, also what was logged (n,).
+    """
+
+    q: ca.SX
+    qd: ca.SX
+    qdd: ca.SX
+    pulses: ca.SX
+    logged: ca.SX | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Block:
+    """A law made symbolic for one rig.
+
+    Parameters
+    ----------
+    step : casadi Function
+        (state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers) -> (asked, following). Torque in is the joint
+        torque applied last, after the amplifier's limit; `asked` is the torque that the law wants now [N m]. A law
+        that replays its record has one more input, `logged`.
+    initial : (s,) numpy.ndarray
+        State at the start.
+    names : list of str
+        Names of `numbers`: the law's own (``law.``), then the rig's.
+    values : (k,) numpy.ndarray
+    period : float or None
+        [s]
+    """
+
+    step: ca.Function
+    initial: np.ndarray
+    names: list
+    values: np.ndarray
+    period: float | None
+
+
+class Law(Part):
+    """Base of all laws. A new law is a `@part` class with three things:
+
+    ``period`` (a property), ``initial_state(n)`` -> (s,), and ``equations(rig, state, setpoint, pulses, torque, dt)``
+    -> (torque, state) in casadi, where the fields of the law and of the rig are symbols.
+    """
+
+    period = None
+    replays = None
+    """Column of its record that the law repeats, or None."""
+
+    def initial_state(self, n):
+        """State at the start, (s,); none by default."""
+        return np.empty(0)
+
+    def has_memory(self, n):
+        """Whether the torque of n joints depends on more than counts and reference now: a period, or a state."""
+        return self.period is not None or len(self.initial_state(n)) > 0
+
+    def replayed(self, record):
+        """The column of a record that this law repeats, (N, n), or None for a controller.
+
+        Raises
+        ------
+        ValueError
+            A record without that column.
+        """
+        if self.replays is None:
+            return None
+        logged = getattr(record, self.replays)
+        if logged is None:
+            raise ValueError(f"{type(self).__name__} needs the record's {self.replays}; it has none. Give that column.")
+        return logged
+
+    @known_options
+    def start(self, rig, pulses, *, guards=Guards(), torque_limit=None):  # noqa: B008 - frozen
+        """This law as a running controller for a control script.
+
+        A law without a period (`P`) is fast hardware: held from call to call it needs calls far faster than the log's.
+
+        Parameters
+        ----------
+        rig : Rig
+        pulses : (n,) array_like
+            Encoder counts now.
+        guards : Guards or None
+            What is watched, and how the arm is stopped; None for nothing.
+        torque_limit : (n,) array_like, optional
+            Below the amplifier's [N m], magnitude, joint side.
+
+        Returns
+        -------
+        Running
+            ``.step(pulses, q_r, qd_r, qdd_r)`` -> joint torque (n,) [N m], once per period.
+
+        Raises
+        ------
+        ValueError
+            A law that only repeats a log.
+        """
+        if self.replays:
+            raise ValueError(f"a law at work must be a controller; {type(self).__name__} repeats a log. Use another.")
+        return Running(self, rig, pulses, guards, torque_limit)
+
+    @known_options
+    def to_c(
+        self, folder, rig=None, *, name="controller", output="torque", counts_per_ampere=None, largest_count=32767
+    ):
+        """This law as self-contained C99: a header, a source, a main that replays a record, and a Makefile.
+
+        Parameters
+        ----------
+        folder : str or Path
+            Made if it is not there; an earlier export of the same name in it is overwritten, nothing else is.
+        rig : Rig, optional
+            What the controller drives; by default the rig that the law holds, if it does.
+        name : str
+            Of the files and the functions; small letters, digits and underscores.
+        output : {"torque", "dac"}
+            Joint torque [N m], or counts of the converter that commands the motor currents.
+        counts_per_ampere : (n,) array_like, optional
+            Of that converter, signed as it is wired; counts are rounded to whole ones.
+        largest_count : int
+            The converter takes counts within +- this.
+
+        Raises
+        ------
+        ValueError
+            No rig; a name that C could not have; a converter that ends below the amplifier's limit; a file in the
+            folder that is not an earlier export.
+        """
+        write_c(self, folder, rig, name=name, output=output, counts_per_ampere=counts_per_ampere,
+                largest_count=largest_count)  # fmt: skip
+
+    def block(self, rig):
+        """This law as a symbolic step for a rig.
+
+        Returns
+        -------
+        Block
+        """
+        n = rig.n
+        for field in dataclasses.fields(self):
+            if field.metadata.get("number") == ("n",) and len(getattr(self, field.name)) != n:
+                given = f"{field.name} of {type(self).__name__} must have {n} values, one per joint of the rig"
+                raise ValueError(f"{given}; got {len(getattr(self, field.name))}. Give one for each joint.")
+        initial = np.asarray(self.initial_state(n), float)
+        own, rigs = self.number_names("law."), rig.number_names()
+        numbers = ca.SX.sym("numbers", len(own) + len(rigs))
+        law, symbolic_rig = self.with_numbers(numbers[: len(own)]), rig.with_numbers(numbers[len(own) :])
+        state, dt = ca.SX.sym("state", len(initial)), ca.SX.sym("dt")
+        q, qd, qdd, reference_pulses, pulses, torque = (
+            ca.SX.sym(name, n) for name in ("q", "qd", "qdd", "reference_pulses", "pulses", "torque")
+        )
+        logged = [ca.SX.sym("logged", n)] if self.replays else []
+        setpoint = Setpoint(q, qd, qdd, reference_pulses, *logged)
+        asked, following = law.equations(symbolic_rig, state, setpoint, pulses, torque, dt)
+        if asked.shape != (n, 1) or following.shape != (len(initial), 1):
+            raise ValueError(
+                f"{type(self).__name__} must give torque ({n}, 1) and state ({len(initial)}, 1); got {asked.shape} and "
+                f"{following.shape}. One number per joint of the rig."
+            )
+        names = ["state", "q", "qd", "qdd", "reference_pulses", "pulses", "torque", "dt", "numbers"]
+        step = ca.Function(
+            "law",
+            [state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers, *logged],
+            [asked, following],
+            names + ["logged"][: len(logged)],
+            ["asked", "following"],
+        )
+        values = np.concatenate([self.number_values(), rig.number_values()])
+        return Block(step=step, initial=initial, names=own + rigs, values=values, period=self.period)
+
+
+def asked_torque(record):
+    """Joint torques (N, n) [N m] that a law without memory asks for, whatever the amplifier gives; None for others."""
+    law, rig = record.law, record.rig
+    if law is None or law.replays or law.has_memory(record.n):
+        return None
+    N, zero = len(record), np.zeros((record.n, len(record)))
+    block = law.block(rig)
+    asked, _ = block.step.map(N)(
+        np.empty((0, N)), zero, zero, zero, record.reference_pulses.T, record.counts.T, zero,
+        np.full((1, N), rig.period), np.repeat(block.values[:, None], N, axis=1),
+    )  # fmt: skip
+    return asked.full().T

@@ -1,0 +1,151 @@
+"""The drive of each joint: motor, gear, friction and amplifier. The only file that crosses the gear.
+
+Source: paper Fig. 4 and appendix. Conventions: q_m = k q, tau = k tau_m, with k signed; friction is given motor side,
+as the paper measured it, and becomes b k^2 and c abs(k) on the joint. Where a motor turns with several joints, all this
+holds on its gear's output, the shaft (`plant.mechanics.coupling`), which otherwise is the joint. The current loop is
+neglected (paper 3.3, 4.2: its time constant is far below the mechanical one), so the motor torque is what the position
+controller asks for.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import casadi as ca
+import numpy as np
+
+from plant.machine.friction import FrictionCurve
+from plant.mechanics.coupling import Coupling
+from plant.parts.arguments import instance
+from plant.parts.part import Part, number, part, structure
+
+__all__ = ["Drive"]
+
+
+@part
+class Drive(Part):
+    """Motors and gears of all joints; every field has one number per joint and is *motor side*.
+
+    Parameters
+    ----------
+    gear : (n,) array_like
+        k, motor turns per turn of the joint, signed: negative where the motor turns against the joint.
+    motor_inertia : (n,) array_like
+        Jm [kg m^2]. Already inside f (f1 and f7 of the paper hold Jm k^2): never added to D a second time.
+    viscous : (n,) array_like
+        Kfr-visc [N m s/rad].
+    coulomb : (n,) array_like
+        Kfr-stat, static and sliding friction alike [N m].
+    motor_gain : (n,) array_like
+        K_i, motor torque per current [N m/A].
+    current_limit : (n,) array_like
+        Largest current of the amplifier [A]; may be infinite.
+    curve : FrictionCurve, optional
+        Offset (or unequal friction in the two directions) and Stribeck's excess at rest.
+    coupling : Coupling, optional
+        Where motors turn with several joints; the same as the chain's.
+    """
+
+    gear: np.ndarray = number(("n",))
+    motor_inertia: np.ndarray = number(("n",))
+    viscous: np.ndarray = number(("n",))
+    coulomb: np.ndarray = number(("n",))
+    motor_gain: np.ndarray = number(("n",))
+    current_limit: np.ndarray = number(("n",), finite=False)
+    curve: FrictionCurve | None = structure(default=None)
+    coupling: Coupling = structure(Coupling, default=Coupling())
+
+    def __post_init__(self):
+        super().__post_init__()
+        for name, wrong, rule in (
+            ("gear", self.gear == 0, "not be zero"),
+            ("motor_inertia", self.motor_inertia < 0, "not be negative"),
+            ("viscous", self.viscous < 0, "not be negative"),
+            ("coulomb", self.coulomb < 0, "not be negative"),
+            ("motor_gain", self.motor_gain <= 0, "be positive"),
+            ("current_limit", self.current_limit <= 0, "be positive"),
+        ):
+            if wrong.any():
+                joint = int(np.flatnonzero(wrong)[0])
+                value = getattr(self, name)[joint]
+                raise ValueError(
+                    f"{name} must {rule}; got {value} at joint {joint}. Friction and gains are magnitudes."
+                )
+
+        self.coupling.require_joints(self.n, "drive")
+        if self.curve is not None:
+            instance("curve", self.curve, FrictionCurve, "Give FrictionCurve(offset=..., breakaway=..., speed=...).")
+            if len(self.curve.offset) != self.n:
+                raise ValueError(
+                    f"curve must have {self.n} joints like the drive; got {len(self.curve.offset)}. Give one per joint."
+                )
+
+    @property
+    def n(self):
+        """Number of joints."""
+        return self.gear.shape[0]
+
+    def motor_angle(self, q):
+        """Motor angle q_m = k q [rad]."""
+        return self.gear * self.coupling.shaft(q)
+
+    def joint_angle(self, q_m):
+        """Joint angle q = q_m / k [rad]."""
+        return self.coupling.joint(q_m / self.gear)
+
+    def joint_torque(self, tau_m, times=1.0):
+        """Joint torque tau = k tau_m [N m] of motor torques, or of these torques per something, times so much of it."""
+        return self.coupling.joint_torque(self.gear * tau_m * times)
+
+    def motor_torque(self, tau):
+        """Motor torque tau_m = tau / k [N m]."""
+        return self.coupling.shaft_torque(tau) / self.gear
+
+    def current(self, tau):
+        """Motor current [A] behind a joint torque [N m]."""
+        return self.motor_torque(tau) / self.motor_gain
+
+    def torque_limit(self):
+        """Largest torque that the amplifier can drive [N m], on the joint (of coupled ones: on the shaft)."""
+        return self.motor_gain * self.current_limit * _magnitude(self.gear)
+
+    def limited_to(self, torque):
+        """This drive with an amplifier that gives at most these torques [N m], on the joint (or shaft)."""
+        current = np.minimum(self.current_limit, torque / (self.motor_gain * np.abs(self.gear)))
+        return dataclasses.replace(self, current_limit=current)
+
+    def limited(self, tau):
+        """Joint torque after the amplifier's limit [N m]."""
+        limit, shaft = self.torque_limit(), self.coupling.shaft_torque(tau)
+        if isinstance(shaft, np.ndarray):
+            return self.coupling.joint_torque(np.clip(shaft, -limit, limit))
+        limit = ca.fabs(limit)
+        return self.coupling.joint_torque(ca.fmin(ca.fmax(shaft, -limit), limit))
+
+    def joint_viscous(self):
+        """Viscous friction b k^2 [N m s/rad], on the joint (of coupled ones: on the shaft)."""
+        return self.viscous * self.gear * self.gear
+
+    def joint_coulomb(self, qd=0.0):
+        """Level of dry friction c abs(k) [N m] at speeds qd [rad/s], by default at rest; on the joint, or shaft."""
+        level = self.coulomb if self.curve is None else self.coulomb + self.curve.level(self.gear * qd)
+        return level * _magnitude(self.gear)
+
+    def joint_offset(self):
+        """Friction torque that does not turn with the motion [N m], on the joint (of coupled ones: on the shaft)."""
+        return 0.0 if self.curve is None else self.gear * self.curve.offset
+
+    def friction(self, qd):
+        """Friction torque [N m] of a joint that slides at qd, joint side; zero Coulomb part at rest (feed-forward)."""
+        qd = self.coupling.shaft(qd)
+        sign = np.sign(qd) if isinstance(qd, np.ndarray) else ca.sign(qd)
+        shaft = self.joint_viscous() * qd + self.joint_coulomb(qd) * sign + self.joint_offset()
+        return self.coupling.joint_torque(shaft)
+
+    def reflected_inertia(self, motor_inertia=None):
+        """Motor inertia as the joint (or shaft) feels it, Jm k^2 [kg m^2]; of this drive, or of another Jm there."""
+        return (self.motor_inertia if motor_inertia is None else motor_inertia) * self.gear * self.gear
+
+
+def _magnitude(x):
+    return ca.fabs(x) if isinstance(x, ca.SX) else np.abs(x)

@@ -1,0 +1,94 @@
+"""The incremental encoder on the motor shaft: the only file that crosses to pulses. Source: paper Fig. 4."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from plant.parts.arguments import instance
+from plant.parts.part import Part, number, part, structure
+
+__all__ = ["Encoder", "Phase", "fix"]
+
+
+def fix(x):
+    """Round towards zero, so the cell around zero is two pulses wide. Source: paper 3.3."""
+    return ca.copysign(ca.floor(ca.fabs(x)), x) if isinstance(x, ca.SX) else np.trunc(x)
+
+
+@part
+class Phase(Part):
+    """Where the counters' zero lies between two pulses, which no controller knows: it is added before rounding.
+
+    Parameters
+    ----------
+    shift : (n,) array_like
+        [pulses]
+    """
+
+    shift: np.ndarray = number(("n",))
+
+
+@part
+class Encoder(Part):
+    """Encoders of all joints.
+
+    Parameters
+    ----------
+    resolution : (n,) array_like
+        N_enc, pulses per turn of the *motor*.
+    smooth : bool
+        True leaves out the rounding, for derivatives (through a quantiser they are zero).
+    floor : bool
+        True rounds down, as a quadrature counter does, whose cells are all one pulse wide. By default counts are
+        rounded towards zero (`fix`), as the paper's are: the cell around zero is two pulses wide.
+    phase : Phase, optional
+        By default zero is where a pulse begins.
+    """
+
+    resolution: np.ndarray = number(("n",))
+    smooth: bool = structure(bool, default=False)
+    floor: bool = structure(bool, default=False)
+    phase: Phase | None = structure(default=None)
+
+    def __post_init__(self):
+        super().__post_init__()
+        if (self.resolution <= 0).any():
+            raise ValueError(f"resolution must be positive; got {self.resolution}. Give pulses per motor turn.")
+        if self.phase is not None:
+            instance("phase", self.phase, Phase, "Give Phase(shift=...).")
+            if len(self.phase.shift) != len(self.resolution):
+                given = f"{len(self.resolution)} joints like the encoder; got {len(self.phase.shift)}"
+                raise ValueError(f"phase must have {given}. Give one shift per joint.")
+
+    def position(self, q_m):
+        """Motor angle [rad] in pulses, before rounding."""
+        return q_m * (self.resolution * (1 / (2 * np.pi)))
+
+    def pulses(self, q_m):
+        """Pulses of a motor angle [rad], whole numbers, without the phase. Source: paper Fig. 4."""
+        return self.count(self.position(q_m))
+
+    def count(self, position):
+        """Whole pulses of a position in pulses, without the phase; the position itself if the encoder is smooth."""
+        if self.smooth:
+            return position
+        if self.floor:
+            return ca.floor(position) if isinstance(position, ca.SX) else np.floor(position)
+        return fix(position)
+
+    def read(self, position):
+        """Whole pulses that are counted at a position in pulses, with the phase."""
+        return self.count(position if self.phase is None else position + self.phase.shift)
+
+    def turned(self, position):
+        """Motor angle [rad] of a position in pulses; the way back from `position`."""
+        return position * (2 * np.pi / self.resolution)
+
+    def angle(self, pulses):
+        """Motor angle [rad] in the middle of the cell that these counts stand for, as far as a controller knows."""
+        if self.smooth:
+            return self.turned(pulses)
+        if self.floor:
+            return self.turned(pulses + 0.5)
+        return self.turned(pulses + 0.5 * (ca.sign(pulses) if isinstance(pulses, ca.SX) else np.sign(pulses)))

@@ -1,0 +1,95 @@
+"""Whether an arm can be an arm: D(q) must leave room for the motors' own inertia everywhere in the work space.
+
+A candidate for f may track well and still have a D that is nearly singular somewhere off the path; no computed torque
+built on it is stable. So D(q) - diag(Jm_min k^2) has to be positive semidefinite for all q, with Jm_min the smallest
+inertia that such a motor can have (of coupled motors: on their shafts, D seen from there).
+"""
+
+from __future__ import annotations
+
+import functools
+
+import casadi as ca
+import numpy as np
+
+from plant.compiler.map_kernel import MapKernel
+from plant.mechanics.symmetric_inverse import pivots
+
+__all__ = ["LEAST_MOTOR_INERTIA", "least_inertia_margin", "require_inertia"]
+
+LEAST_MOTOR_INERTIA = 0.5
+"""Jm_min as a share of the drive's motor inertia. Source: paper 3.6, 1e-4 of 2e-4 kg m^2."""
+
+_GRID = 360
+"""Poses of a joint when D depends on it alone; between two of them D changes by less than 4e-5 of its range."""
+
+_SCATTERED = 4096
+"""Poses (a Sobol sequence) when D depends on several joints."""
+
+_COLUMNS = 16384
+"""Poses of candidates that are looked at in one go: they stay in the cache."""
+
+
+def least_inertia_margin(dynamics, rig, f):
+    """Smallest pivot of D(q) - diag(Jm_min k^2) over all poses q, for each candidate.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+    rig : Rig
+    f : (P, p) numpy.ndarray
+
+    Returns
+    -------
+    (P,) numpy.ndarray
+        Negative where the matrix is indefinite somewhere [kg m^2].
+    """
+    f = np.asarray(f, dtype=float)
+    kernel, poses = _smallest_pivot(dynamics, rig.drive.coupling)
+    least = rig.drive.reflected_inertia(LEAST_MOTOR_INERTIA * rig.drive.motor_inertia)
+    candidates = np.vstack([np.repeat(least[:, None], len(f), axis=1), f.T])
+    margins, at_once = np.empty(len(f)), max(1, _COLUMNS // poses.shape[1])
+    for start in range(0, len(f), at_once):
+        some = slice(start, start + at_once)
+        margins[some] = kernel(poses, candidates[:, some])[0].min(axis=1)
+    return margins
+
+
+def require_inertia(arm, rig):
+    """Refuse an arm on which no controller can be built.
+
+    Raises
+    ------
+    ValueError
+    """
+    rig.require_fit(arm.dynamics.chain)
+    margin = least_inertia_margin(arm.dynamics, rig, arm.f[None])[0]
+    if not margin >= 0:
+        raise ValueError(
+            f"D(q) must exceed the motors' own inertia diag(Jm_min k^2), Jm_min = {LEAST_MOTOR_INERTIA:g} Jm, at every "
+            f"q; f = {np.array2string(arm.f, precision=3)} falls short by {-margin:.3g} kg m^2 (in a pivot). Identify "
+            "again, or check f, the gears, and that the chain's rotors are drive.reflected_inertia()."
+        )
+
+
+@functools.lru_cache(maxsize=32)
+def _smallest_pivot(dynamics, coupling):
+    """Compiled (q, least, f) -> smallest pivot, and the poses to look at."""
+    n = dynamics.n
+    q, least, f = ca.SX.sym("q", n), ca.SX.sym("least", n), ca.SX.sym("f", dynamics.p)
+    found = pivots(coupling.shaft_inertia(dynamics.D(q, f)) - ca.diag(least))
+    # A pivot after one that is not positive means nothing, so the first bad one decides.
+    smallest = found[n - 1]
+    for i in reversed(range(n - 1)):
+        smallest = ca.if_else(found[i] > 0, ca.fmin(found[i], smallest), ca.fmin(found[i], -1e-300))
+    joints = np.flatnonzero(ca.which_depends(ca.vec(dynamics.D(q, f)), q, 1, False))
+    angles = np.zeros((1, n))
+    if len(joints) == 1:
+        angles = np.zeros((_GRID, n))
+        angles[:, joints[0]] = np.arange(_GRID) * (2 * np.pi / _GRID)
+    elif len(joints):
+        from scipy.stats import qmc  # a third of a second, which the paper's arm does not need
+
+        angles = np.zeros((_SCATTERED, n))
+        angles[:, joints] = 2 * np.pi * qmc.Sobol(len(joints), seed=0).random(_SCATTERED)
+    return MapKernel(ca.Function("pivots", [q, least, f], ca.cse([ca.densify(smallest)])), outer=2), angles.T

@@ -1,0 +1,91 @@
+"""Body: mass, centre of mass and inertia of a link with all that is fixed to it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plant.parts.part import Part, number, part
+
+__all__ = ["Body", "parallel_axis"]
+
+
+@part
+class Body(Part):
+    """Physical parameters of one link with what is fixed to it.
+
+    Parameters
+    ----------
+    mass : float
+        [kg]
+    com : (3,) array_like
+        Centre of mass in the link's frame [m].
+    inertia : (6,) array_like
+        Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre of mass, axes of the link's frame [kg m^2]; entries of the
+        inertia matrix (Ixy = -integral of x y dm). Zero, that of a point mass, by default.
+    rotor : float
+        Motor inertia as the joint feels it, or the shaft of a coupled one, Jm k^2 [kg m^2] (`Drive.reflected_inertia`).
+
+    Notes
+    -----
+    Numbers that no body can have are accepted, since an equivalent body may have them; `require_physical` refuses them.
+    """
+
+    mass: float = number(())
+    com: np.ndarray = number((3,))
+    inertia: np.ndarray = number((6,), default=(0.0,) * 6)
+    rotor: float = number((), default=0.0)
+
+    def __post_init__(self):
+        super().__post_init__()
+        for name in ("mass", "rotor"):
+            if getattr(self, name) < 0:
+                raise ValueError(f"{name} of a body must not be negative; got {getattr(self, name)}. Check its sign.")
+
+    def joined(self, other):
+        """This body with another one (a tool, a load) fixed to it, both given in the same frame."""
+        if not self.mass + other.mass:
+            return Body(mass=0.0, com=self.com, inertia=self.inertia + other.inertia, rotor=self.rotor + other.rotor)
+        mass = self.mass + other.mass
+        com = (self.mass * self.com + other.mass * other.com) / mass
+        inertia = sum(b.inertia + b.mass * parallel_axis(b.com - com) for b in (self, other))
+        return Body(mass=mass, com=com, inertia=inertia, rotor=self.rotor + other.rotor)
+
+    def seen_from(self, placement):
+        """The same body given in another frame, in which its own one has this placement."""
+        rotation, matrix = np.array(placement.rotation), np.zeros((3, 3))
+        matrix[np.triu_indices(3)] = self.inertia
+        matrix = rotation @ (matrix + np.triu(matrix, 1).T) @ rotation.T
+        com = np.array(placement.position) + rotation @ self.com
+        return Body(mass=self.mass, com=com, inertia=matrix[np.triu_indices(3)], rotor=self.rotor)
+
+    def require_physical(self, name):
+        """Refuse what no body can have.
+
+        Raises
+        ------
+        ValueError
+            With the name of the link, and the rule: positive mass, an inertia that is positive semidefinite and whose
+            largest principal moment is at most the sum of the others.
+        """
+        matrix = np.zeros((3, 3))
+        matrix[np.triu_indices(3)] = self.inertia
+        moments = np.linalg.eigvalsh(matrix + np.triu(matrix, 1).T)
+        slack = 1e-9 * max(1e-300, np.abs(moments).max())
+        if not self.mass > 0:
+            raise ValueError(f"link {name} must have a positive mass; got {self.mass}. Give it in kg.")
+        if moments[0] < -slack:
+            raise ValueError(
+                f"link {name} must have a positive semidefinite inertia; got principal moments {moments}. Check the "
+                "signs of Ixy, Ixz and Iyz, and that it is given about the centre of mass."
+            )
+        if moments[2] > moments[0] + moments[1] + slack:
+            raise ValueError(
+                f"link {name} must have an inertia that a body can have (triangle inequality); got principal moments "
+                f"{moments}. Check its entries."
+            )
+
+
+def parallel_axis(r):
+    """Inertia (6,) about a point of a unit mass at r (3,): the parallel-axis theorem."""
+    x, y, z = r
+    return np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])

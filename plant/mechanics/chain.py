@@ -1,0 +1,152 @@
+"""Links of a serial chain: geometry as Denavit-Hartenberg rows or frames, and the bodies that hang on them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from plant.mechanics.body import Body
+from plant.mechanics.coupling import Coupling
+from plant.mechanics.link import Link
+from plant.mechanics.placement import Placement
+from plant.mechanics.urdf import links_from_urdf
+from plant.parts.arguments import choice, instance, real
+from plant.parts.part import Part, part, structure
+
+__all__ = ["Chain"]
+
+_KEYS = ("alpha", "a", "d", "theta", "prismatic", "name")
+
+
+@part
+class Chain(Part):
+    """Serial chain of revolute and prismatic joints.
+
+    Parameters
+    ----------
+    links : tuple of Link
+        From the base outwards.
+    gravity : (3,) array_like
+        Acceleration of gravity in the base frame [m/s^2]; another direction for a base that is tilted (`tilted`).
+    bodies : tuple of Body, optional
+        What is known of the links' masses, each in its link's ``frame``.
+    coupling : Coupling, optional
+        Where motors turn with several joints: their inertias move with the shafts (`Body.rotor` is then on the shaft).
+    """
+
+    links: tuple = structure()
+    gravity: np.ndarray = structure(default=(0.0, 0.0, -9.81))
+    bodies: tuple = structure(default=())
+    coupling: Coupling = structure(Coupling, default=Coupling())
+
+    def __post_init__(self):
+        links = tuple(self.links) if np.iterable(self.links) else (self.links,)
+        if not links or not all(isinstance(link, Link) for link in links):
+            raise ValueError(f"links must be at least one Link; got {self.links!r:.80}. Give a tuple of Link(...).")
+        names = [link.name for link in links]
+        twice = [name for i, name in enumerate(names) if name in names[:i]]
+        if twice:
+            raise ValueError(f"links must have names of their own; {twice[0]!r} comes twice. Rename one.")
+        gravity = np.asarray(self.gravity, float)
+        if gravity.shape != (3,) or not np.isfinite(gravity).all():
+            raise ValueError(f"gravity must be 3 finite numbers [m/s^2]; got {self.gravity!r}. Use (0, 0, -9.81).")
+        bodies = tuple(self.bodies) if np.iterable(self.bodies) else (self.bodies,)
+        if bodies and (len(bodies) != len(links) or not all(isinstance(body, Body) for body in bodies)):
+            raise ValueError(f"bodies must be {len(links)}, one Body per link; got {len(bodies)}. Add or leave out.")
+        self.coupling.require_joints(len(links), "chain")
+        object.__setattr__(self, "links", links)
+        object.__setattr__(self, "gravity", tuple(gravity.tolist()))
+        object.__setattr__(self, "bodies", bodies)
+
+    @property
+    def n(self):
+        """Number of joints."""
+        return len(self.links)
+
+    def tilted(self, rotation):
+        """The same chain on a base turned by a rotation (3, 3): its axes as columns, in a frame with z upwards."""
+        placement = Placement(rotation=rotation)
+        turned = np.array(placement.rotation).T @ np.array(self.gravity)
+        return dataclasses.replace(self, gravity=tuple(turned))
+
+    def coupled(self, coupling):
+        """The same chain with motors that turn with several joints, as its `Drive` says."""
+        return dataclasses.replace(self, coupling=coupling)
+
+    def carrying(self, body, link=-1):
+        """The same chain with another body fixed to a link, the last one by default.
+
+        Parameters
+        ----------
+        body : Body
+            A tool or a load, given in the frame of that link's own body.
+        link : int or str
+            Place in the chain, or name.
+        """
+        instance("body", body, Body, "Give mass and com; a point mass needs no inertia.")
+        if not self.bodies:
+            raise ValueError("bodies must be known to carry one more; this chain has none. Give the Chain its bodies.")
+        names = [each.name for each in self.links]
+        if isinstance(link, str):
+            link = names.index(choice("link", link, names))
+        if not isinstance(link, (int, np.integer)) or not -self.n <= link < self.n:
+            raise ValueError(f"link must be a name or a place below {self.n}; got {link!r}. Names: {', '.join(names)}.")
+        bodies = list(self.bodies)
+        bodies[link] = bodies[link].joined(body)
+        return dataclasses.replace(self, bodies=tuple(bodies))
+
+    @classmethod
+    def from_urdf(cls, path, joints=None, *, gravity=(0.0, 0.0, -9.81)):
+        """A chain, with bodies, from a URDF file.
+
+        Parameters
+        ----------
+        path : str or Path
+        joints : sequence of str, optional
+            Names of the joints of the chain, base first; by default all that move, if they lie behind each other. What
+            else moves (a gripper) is held at zero and lumped with the link that carries it, as fixed joints are.
+        gravity : (3,) array_like
+            In the frame of the file's base link.
+
+        Returns
+        -------
+        Chain
+            Bodies are given in the frames of the file's links; limits, meshes and transmissions are not read.
+
+        Raises
+        ------
+        ValueError
+            A file that is malformed, too large, declares entities, or describes no such chain; a body that no body can
+            be. The message names link or joint, and the rule.
+        """
+        links, bodies = links_from_urdf(path, joints)
+        return cls(links=links, gravity=gravity, bodies=bodies)
+
+    @classmethod
+    def standard(cls, rows, *, gravity=(0.0, 0.0, -9.81), bodies=()):
+        """A chain from rows of the *standard* Denavit-Hartenberg table.
+
+        Parameters
+        ----------
+        rows : sequence of dict
+            alpha_i, a_i, d_i, and optionally theta, prismatic and name, per joint: the frame i is
+            RotZ(theta + q) TransZ(d) TransX(a) RotX(alpha) in the frame i - 1.
+        gravity : (3,) array_like
+        bodies : tuple of Body, optional
+            Given in the frames of the standard table, which sit at the far end of their links.
+        """
+        links, reached = [], {"alpha": 0.0, "a": 0.0}
+        for i, row in enumerate(rows):
+            instance(f"row {i}", row, dict, "Give alpha, a and d by name; rows of the modified table are Links.")
+            for key in row:
+                choice(f"a key of row {i} (standard table; rows of the modified one are Links)", key, _KEYS)
+            for key in ("alpha", "a", "d"):
+                if key not in row:
+                    raise ValueError(f"row {i} must have {key}; it has {', '.join(row)}. Add it.")
+                real(f"{key} of row {i}", row[key], "Give it in SI units.")
+            rest = {"name": str(i + 1)} | {key: row[key] for key in ("name", "d", "theta", "prismatic") if key in row}
+            end = {"alpha": row["alpha"], "a": row["a"]}
+            links.append(Link(**reached, **rest, frame=Placement.of_row(**end)))
+            reached = end
+        return cls(links=tuple(links), gravity=gravity, bodies=bodies)

@@ -1,0 +1,96 @@
+"""Coupling between motors and joints: a wrist where one motor turns with several joints.
+
+Behind its gear every motor has a *shaft*. Without coupling the shaft is the joint; with it, shaft angles are C q, and
+torques on the joints are C^T times those on the shafts. Motor inertia and friction act on the shafts, links on the
+joints. Sides: q, tau joint; what is called shaft is the gear's output.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import casadi as ca
+import numpy as np
+
+from plant.mechanics.placement import exact
+from plant.parts.part import Part, part, structure
+
+__all__ = ["Coupling"]
+
+_NEARLY_SINGULAR = 1e6
+
+
+@part
+class Coupling(Part):
+    """Which joints turn the shaft of which motor.
+
+    Parameters
+    ----------
+    matrix : (n, n) array_like, optional
+        C: turns of shaft i per turn of joint j, shaft = C q. By default every motor turns its own joint alone.
+
+    Raises
+    ------
+    ValueError
+        A matrix that is not square, not finite, or singular.
+
+    Notes
+    -----
+    Angles, speeds and torques are (n,) or (N, n) numpy arrays, or casadi columns (n, 1). The same coupling belongs to
+    the `Chain` (motor inertias move with the shafts) and to its `Drive` (so do encoders and friction).
+    """
+
+    matrix: tuple = structure(default=())
+
+    def __post_init__(self):
+        super().__post_init__()
+        if isinstance(self.matrix, (tuple, list)) and not self.matrix:
+            object.__setattr__(self, "matrix", ())
+            return
+        advice = "Give a square matrix of numbers: shaft turns per joint turn."
+        try:
+            matrix = np.array(self.matrix, float)
+        except (TypeError, ValueError):
+            raise ValueError(f"matrix of a coupling must be numbers; got {self.matrix!r:.80}. {advice}") from None
+        if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix).all():
+            raise ValueError(f"matrix of a coupling must be finite, (n, n); got {matrix.tolist()!r:.80}. {advice}")
+        if not np.linalg.cond(matrix) < _NEARLY_SINGULAR:
+            raise ValueError(f"matrix of a coupling must not be singular; got {matrix.tolist()}. Check its rows.")
+        plain = (matrix == np.eye(len(matrix))).all()
+        object.__setattr__(self, "matrix", () if plain else tuple(tuple(row) for row in matrix.tolist()))
+
+    def require_joints(self, n, owner):
+        """Refuse a coupling of another number of joints."""
+        if self.matrix and len(self.matrix) != n:
+            raise ValueError(f"coupling of the {owner} must be ({n}, {n}); got {len(self.matrix)} rows. One per joint.")
+
+    def shaft(self, q):
+        """Shaft angles or speeds C q of joint angles or speeds."""
+        return self._times(np.array(self.matrix), q)
+
+    def joint(self, shaft):
+        """Joint angles or speeds of shaft angles or speeds."""
+        return self._times(self._inverse, shaft)
+
+    def joint_torque(self, shaft_torque):
+        """Joint torques C^T t of torques on the shafts."""
+        return self._times(np.array(self.matrix).T, shaft_torque)
+
+    def shaft_torque(self, tau):
+        """Torques on the shafts that make these joint torques."""
+        return self._times(self._inverse.T, tau)
+
+    def shaft_inertia(self, D):
+        """Inertia matrix (n, n) as the shafts feel it, C^-T D C^-1; casadi."""
+        return self.shaft_torque(self.shaft_torque(D).T)
+
+    @functools.cached_property
+    def _inverse(self):
+        return exact(np.linalg.inv(self.matrix)) if self.matrix else np.empty(0)
+
+    def _times(self, matrix, x):
+        if not self.matrix:
+            return x
+        if isinstance(x, (ca.SX, ca.DM, ca.MX)):
+            return ca.sparsify(ca.DM(matrix)) @ x
+        return (np.asarray(x)[..., None, :] * matrix).sum(axis=-1)  # no BLAS: the same bits everywhere

@@ -1,0 +1,212 @@
+"""Equations of motion D(q; f) qdd + h(q, qd; f) = tau of a serial chain, with f open.
+
+Source: paper eq. (2). The torque is `plant.mechanics.newton_euler`; D, h, C and Y are read off it.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from plant.mechanics.arm import Arm
+from plant.mechanics.base_parameters import base_lumping
+from plant.mechanics.body import Body
+from plant.mechanics.chain import Chain
+from plant.mechanics.collect import by_speeds, collected
+from plant.mechanics.lumping import STANDARD, Lumping, standard_parameters
+from plant.mechanics.newton_euler import torque
+from plant.parts.arguments import array, instance
+from plant.parts.checked_function import CheckedFunction
+from plant.parts.part import Part, part, structure
+
+__all__ = ["Dynamics"]
+
+
+_FEW = 3
+"""Joints up to which sums over f and over products of speeds are shorter than what the recursion gives."""
+
+
+@part
+class Dynamics(Part):
+    """The equations of an arm with f open.
+
+    Parameters
+    ----------
+    chain : Chain
+    lumping : Lumping
+        What f means.
+    ranges : (p, 2) nested tuple, optional
+        Where each f is searched for when nothing else is said.
+
+    Raises
+    ------
+    ValueError
+        The lumping does not describe the motion of this chain.
+
+    Notes
+    -----
+    Of a prismatic joint q is in m and tau a force [N].
+
+    `D(q, f)` (n, n), `h(q, qd, f)` (n, 1), `C(q, qd, f)` (n, n) with h = C qd + gravity and Ddot - 2 C skew, and
+    `Y(q, qd, qdd)` (n, p) with tau = Y f, or `Y(q, qd, qd_r, qdd_r)` with D qdd_r + C qd_r + gravity = Y f. All can be
+    called with numpy arrays (giving casadi DM) or with casadi symbols.
+    """
+
+    chain: Chain = structure(Chain)
+    lumping: Lumping = structure(Lumping)
+    ranges: tuple = structure(default=None)
+
+    def __repr__(self):
+        return f"Dynamics({self.n} joints, f: {', '.join(self.names)})"
+
+    def __post_init__(self):
+        width = len(STANDARD) * self.chain.n
+        if len(self.lumping.matrix[0]) != width:
+            raise ValueError(f"lumping must have {width} columns; got {len(self.lumping.matrix[0])}. Match the chain.")
+        if self.ranges is not None:
+            ranges = array("ranges", self.ranges, (self.p, 2), advice="Give a low and a high end for each f.")
+            object.__setattr__(self, "ranges", tuple(tuple(row) for row in ranges.tolist()))
+        self._prove()
+
+    @classmethod
+    def from_chain(cls, chain, *, rotors=True):
+        """The equations of a chain in its base parameters, with motor inertias or without (`base_parameters`)."""
+        return cls(chain=chain, lumping=base_lumping(chain, rotors=rotors))
+
+    @property
+    def n(self):
+        """Number of joints."""
+        return self.chain.n
+
+    @property
+    def p(self):
+        """Number of parameters f."""
+        return len(self.lumping.names)
+
+    @property
+    def names(self):
+        """Names of f."""
+        return self.lumping.names
+
+    def f(self, bodies=None):
+        """Parameters f (p,) of an arm whose links are these bodies, one per link; by default those of the chain."""
+        bodies = self.chain.bodies if bodies is None else tuple(bodies)
+        if not bodies:
+            raise ValueError("bodies must be known to work out f; this chain has none. Give the Chain its bodies.")
+        if len(bodies) != self.n:
+            raise ValueError(f"bodies must be {self.n}, one per link; got {len(bodies)}. Join a tool to its link.")
+        for body in bodies:
+            instance("each of the bodies", body, Body, "Give mass, com and inertia.")
+        in_place = [body.seen_from(link.frame) for body, link in zip(bodies, self.chain.links, strict=True)]
+        return np.array(self.lumping.matrix) @ standard_parameters(in_place)
+
+    def arm(self, f):
+        """The arm with these f (p,)."""
+        return Arm(dynamics=self, f=f)
+
+    # -- everything below is read off one torque ----------------------------------------------------------------
+    @cached_property
+    def _symbols(self):
+        q, qd, qdd = (ca.SX.sym(name, self.n) for name in ("q", "qd", "qdd"))
+        return q, qd, qdd, ca.SX.sym("f", self.p)
+
+    @cached_property
+    def _equations(self):
+        """D, Coriolis and gravity torque; with few joints collected in f, as sums of (d/df) f: what cancels is gone."""
+        q, qd, qdd, f = self._symbols
+        lumping, rest = self.lumping, ca.SX.zeros(self.n)
+        moving = torque(self.chain, q, qd, qdd, ca.SX(lumping.inertial_section()) @ f, (0, 0, 0))
+        strength = float(np.linalg.norm(self.chain.gravity))
+        down = np.array(self.chain.gravity) / strength if strength else np.zeros(3)
+        hanging = torque(self.chain, q, rest, rest, strength * (ca.SX(lumping.gravity_section()) @ f), down)
+        D, coriolis = ca.jacobian(moving, qdd), ca.substitute(moving, qdd, rest)
+        if self.n <= _FEW:
+            D = ca.reshape(collected(D, q, f), self.n, self.n)
+            coriolis = by_speeds(coriolis, q, qd, f)
+            unit = ca.substitute(hanging, f, f / strength) if strength else hanging
+            hanging = ca.substitute(collected(unit, q, f), f, strength * f)
+        return ca.tril2symm(ca.tril(D)), coriolis, hanging
+
+    @cached_property
+    def D(self):
+        """Inertia matrix D(q, f) (n, n) [kg m^2], motor inertias included. Source: paper eq. (2)."""
+        q, _, _, f = self._symbols
+        return CheckedFunction(ca.Function("D", [q, f], [self._equations[0]], ["q", "f"], ["D"]))
+
+    @cached_property
+    def h(self):
+        """Coriolis, centrifugal and gravity torque h(q, qd, f) (n, 1) [N m]. Source: paper eq. (2)."""
+        q, qd, _, f = self._symbols
+        _, coriolis, gravity = self._equations
+        return CheckedFunction(ca.Function("h", [q, qd, f], [coriolis + gravity], ["q", "qd", "f"], ["h"]))
+
+    @cached_property
+    def coriolis(self):
+        """Coriolis and centrifugal torque C(q, qd, f) qd (n, 1) [N m], the part of h that moving adds."""
+        q, qd, _, f = self._symbols
+        return CheckedFunction(
+            ca.Function("coriolis", [q, qd, f], [self._equations[1]], ["q", "qd", "f"], ["coriolis"])
+        )
+
+    @cached_property
+    def gravity(self):
+        """Torque of gravity (q, f) -> (n, 1) [N m], the part of h at rest. Source: paper eq. (2), last term."""
+        q, _, _, f = self._symbols
+        return CheckedFunction(ca.Function("gravity", [q, f], [self._equations[2]], ["q", "f"], ["gravity"]))
+
+    @cached_property
+    def C(self):
+        """Coriolis matrix C(q, qd, f) (n, n) from the Christoffel symbols of D: Ddot - 2 C is skew."""
+        q, qd, _, f = self._symbols
+        D = self._equations[0]
+        dD = [ca.jacobian(D[:, k], q) for k in range(self.n)]  # dD[k][i, j] = dD_ik / dq_j
+        rate = ca.reshape(ca.jacobian(ca.vec(D), q) @ qd, self.n, self.n)
+        skewed = ca.SX(self.n, self.n)
+        for i in range(self.n):
+            for j in range(self.n):
+                skewed[i, j] = sum(((dD[k][i, j] - dD[k][j, i]) * qd[k] for k in range(self.n)), ca.SX(0))
+        return CheckedFunction(ca.Function("C", [q, qd, f], [(rate + skewed) / 2], ["q", "qd", "f"], ["C"]))
+
+    @cached_property
+    def _regressor(self):
+        q, qd, qdd, f = self._symbols
+        D, coriolis, gravity = self._equations
+        Y = ca.jacobian(D @ qdd + coriolis + gravity, f)
+        return CheckedFunction(ca.Function("Y", [q, qd, qdd], [ca.densify(Y)], ["q", "qd", "qdd"], ["Y"]))
+
+    @cached_property
+    def _passive_regressor(self):
+        q, qd, _, f = self._symbols
+        qd_r, qdd_r = ca.SX.sym("qd_r", self.n), ca.SX.sym("qdd_r", self.n)
+        D, _, gravity = self._equations
+        Y = ca.jacobian(D @ qdd_r + self.C(q, qd, f) @ qd_r + gravity, f)
+        names = ["q", "qd", "qd_r", "qdd_r"]
+        return CheckedFunction(ca.Function("Y", [q, qd, qd_r, qdd_r], [ca.densify(Y)], names, ["Y"]))
+
+    def Y(self, q, qd, *accelerations):
+        """Regressor (n, p): tau = Y(q, qd, qdd) f, or D qdd_r + C qd_r + gravity = Y(q, qd, qd_r, qdd_r) f."""
+        return (self._passive_regressor if len(accelerations) == 2 else self._regressor)(q, qd, *accelerations)
+
+    def _prove(self):
+        """Refuse a lumping that says something else than the chain: compare both at random points.
+
+        A lumping that knows of no motor inertia at all is for an arm without.
+        """
+        random, matrix = np.random.default_rng(0), np.array(self.lumping.matrix)
+        rotors = slice(STANDARD.index("J"), None, len(STANDARD))
+        q, qd, qdd, f = self._symbols
+        pi = ca.SX.sym("pi", len(STANDARD) * self.n)
+        chain_torque = ca.Function("tau", [q, qd, qdd, pi], [torque(self.chain, q, qd, qdd, pi, self.chain.gravity)])
+        for _ in range(3):
+            point = [random.normal(size=self.n) for _ in range(3)]
+            links = random.uniform(0.5, 1.5, len(STANDARD) * self.n)
+            links[rotors] *= matrix[:, rotors].any()
+            expected = chain_torque(*point, links).full().ravel()
+            got = self.Y(*point).full() @ (matrix @ links)
+            if not np.allclose(got, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max()):
+                raise ValueError(
+                    f"lumping must describe the motion of the chain; its torque is {got}, the chain's {expected}. "
+                    "Correct the equation for f or the table of links."
+                )

@@ -1,0 +1,67 @@
+"""A link: one joint and its frame, by a row of the Denavit-Hartenberg table."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from plant.mechanics.placement import Placement, exact
+from plant.parts.part import Part, part, structure
+
+__all__ = ["Link"]
+
+
+@part
+class Link(Part):
+    """One joint and its link: its frame in that of the previous link, by a row of the *modified* table.
+
+    The frame is ``before`` RotX(alpha) TransX(a) RotZ(theta + q) TransZ(d), or with d + q for a prismatic joint; the
+    joint turns about, or slides along, its z axis. `Chain.standard` reads rows of the standard table.
+
+    Parameters
+    ----------
+    name : str
+        Number or name of the link as the literature counts it; it labels its parameters ("m3", "Izz3").
+    alpha : float
+        Twist alpha_{i-1} about x_{i-1} [rad].
+    a : float
+        Length a_{i-1} along x_{i-1} [m].
+    d : float
+        Offset d_i along z_i [m]; of a prismatic joint, where q = 0.
+    theta : float
+        Joint angle where q = 0, or the fixed angle of a prismatic joint [rad].
+    prismatic : bool
+        The joint slides: q is in m, and the torque a force [N].
+    before : Placement
+        What no row can say: a frame fixed to the previous link, in which the row begins.
+    frame : Placement
+        Where, seen from the link's frame, the frame is in which its body is given (`Body`).
+    """
+
+    name: str = structure(str)
+    alpha: float = structure(float, default=0.0)
+    a: float = structure(float, default=0.0)
+    d: float = structure(float, default=0.0)
+    theta: float = structure(float, default=0.0)
+    prismatic: bool = structure(bool, default=False)
+    before: Placement = structure(Placement, default=Placement())
+    frame: Placement = structure(Placement, default=Placement())
+
+    def __post_init__(self):
+        super().__post_init__()
+        for name in ("alpha", "theta"):
+            if abs(getattr(self, name)) > 2 * np.pi:
+                got = f"got {getattr(self, name)}. Use np.radians."
+                raise ValueError(f"{name} of link {self.name} must be an angle in radians, within one turn; {got}")
+
+    def rotation(self, q):
+        """Rotation (3, 3) from this link's frame to the previous one, and the origin's position (3,) there [m]."""
+        angle, offset = (self.theta, self.d + q) if self.prismatic else (q + self.theta, self.d)
+        ca_, sa = (float(exact(f(self.alpha))) for f in (np.cos, np.sin))
+        c, s = (float(exact(f(angle))) for f in (np.cos, np.sin)) if self.prismatic else (ca.cos(angle), ca.sin(angle))
+        rotation = ca.vertcat(ca.horzcat(c, -s, 0), ca.horzcat(s * ca_, c * ca_, -sa), ca.horzcat(s * sa, c * sa, ca_))
+        position = ca.vertcat(self.a, -sa * offset, ca_ * offset)
+        if self.before == Placement():
+            return rotation, position
+        before = ca.DM(exact(np.array(self.before.rotation)))
+        return ca.sparsify(before) @ rotation, ca.DM(self.before.position) + ca.sparsify(before) @ position

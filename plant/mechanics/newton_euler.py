@@ -1,0 +1,66 @@
+"""Recursive Newton-Euler over modified Denavit-Hartenberg frames: the one torque.
+
+Source: paper eq. (1); Craig, Introduction to Robotics, ch. 6.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from plant.mechanics.lumping import STANDARD
+
+__all__ = ["torque"]
+
+
+def torque(chain, q, qd, qdd, pi, gravity):
+    """Joint torques of a chain with given standard parameters.
+
+    Parameters
+    ----------
+    chain : Chain
+    q, qd, qdd : casadi SX (n, 1)
+        Joint side [rad, rad/s, rad/s^2].
+    pi : casadi SX or DM (11 n, 1)
+        Standard parameters in the order of `plant.mechanics.lumping.STANDARD`.
+    gravity : sequence of 3
+        [m/s^2] in the base frame.
+
+    Returns
+    -------
+    casadi SX (n, 1)
+        tau [N m], joint side, without friction; positive turns the joint in the positive sense of z.
+
+    Source: paper eq. (1), left side.
+    """
+    axis = ca.vertcat(0, 0, 1)
+    w, wd, acceleration = ca.SX(3, 1), ca.SX(3, 1), -ca.DM(list(gravity))
+    frames, forces, moments = [], [], []
+    for i, link in enumerate(chain.links):
+        rotation, origin = link.rotation(q[i])
+        frames.append((rotation, origin))
+        m, mc, inertia, _ = _standard(pi, i)
+        acceleration = rotation.T @ (ca.cross(wd, origin) + ca.cross(w, ca.cross(w, origin)) + acceleration)
+        w, wd = rotation.T @ w, rotation.T @ wd
+        if link.prismatic:
+            acceleration += axis * qdd[i] + 2 * ca.cross(w, axis * qd[i])
+        else:
+            wd += ca.cross(w, axis * qd[i]) + axis * qdd[i]
+            w += axis * qd[i]
+        forces.append(m * acceleration + ca.cross(wd, mc) + ca.cross(w, ca.cross(w, mc)))
+        moments.append(inertia @ wd + ca.cross(w, inertia @ w) + ca.cross(mc, acceleration))
+    tau, rotors = ca.SX(chain.n, 1), ca.SX(chain.n, 1)
+    force, moment = ca.SX(3, 1), ca.SX(3, 1)
+    for i in reversed(range(chain.n)):
+        force, moment = force + forces[i], moment + moments[i]
+        *_, rotors[i] = _standard(pi, i)
+        tau[i] = (force if chain.links[i].prismatic else moment)[2]
+        rotation, origin = frames[i]
+        force, moment = rotation @ force, rotation @ moment + ca.cross(origin, rotation @ force)
+    return tau + chain.coupling.joint_torque(rotors * chain.coupling.shaft(qdd))
+
+
+def _standard(pi, i):
+    """Mass, first moment (3,), inertia (3, 3) about the origin and reflected motor inertia of link i."""
+    m, mx, my, mz, ixx, ixy, ixz, iyy, iyz, izz, rotor = ca.vertsplit(pi[len(STANDARD) * i : len(STANDARD) * (i + 1)])
+    inertia = ca.vertcat(ca.horzcat(ixx, ixy, ixz), ca.horzcat(ixy, iyy, iyz), ca.horzcat(ixz, iyz, izz))
+    return m, ca.vertcat(mx, my, mz), inertia, rotor

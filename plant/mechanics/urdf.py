@@ -1,0 +1,280 @@
+"""A chain from a URDF file: fixed joints lumped, every number and body checked, nothing executed or fetched."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import xml.parsers.expat
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from plant.mechanics.body import Body
+from plant.mechanics.link import Link
+from plant.mechanics.placement import Placement
+from plant.parts.arguments import choice
+
+__all__ = ["links_from_urdf"]
+
+_LARGEST = 5_000_000
+"""Bytes; the largest real files have a few hundred thousand."""
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
+_MOVING = {"revolute": False, "continuous": False, "prismatic": True}  # -> whether it slides
+
+
+@dataclasses.dataclass
+class _Element:
+    tag: str
+    attributes: dict
+    children: list
+
+    def find(self, tag):
+        return next((child for child in self.children if child.tag == tag), None)
+
+    def all(self, tag):
+        return [child for child in self.children if child.tag == tag]
+
+
+@dataclasses.dataclass
+class _Joint:
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: Placement
+    axis: np.ndarray
+    mimics: bool
+
+
+def links_from_urdf(path, joints):
+    """Links and bodies (tuples) of the chain; see `Chain.from_urdf`."""
+    robot = _parsed(path)
+    bodies, every = _links(robot), _joints(robot)
+    _require_tree(bodies, every)
+    chosen = _chosen(every, joints)
+    links, made = [], []
+    at = Placement()  # where the last chosen joint's frame is, as seen from the link being walked
+    for i, joint in enumerate(chosen):
+        before, start = Placement(), chosen[i - 1].child if i else None
+        for step in _way(every, start, joint):
+            before = before @ step.origin
+        turned = Placement(rotation=_axis_frame(joint.axis))
+        links.append(
+            Link(name=joint.name, prismatic=_MOVING[joint.kind], before=at @ before @ turned, frame=turned.inverse())
+        )
+        at = turned.inverse()
+        made.append(_lumped(bodies, every, joint.child, {other.name for other in chosen}))
+    for link, body in zip(links, made, strict=True):
+        body.require_physical(f"behind joint {link.name}")
+    return tuple(links), tuple(made)
+
+
+# -- reading --------------------------------------------------------------------------------------------------------
+def _parsed(path):
+    if isinstance(path, str) and path.lstrip().startswith("<"):
+        raise ValueError("path must be the name of a URDF file; got its text. Write it to a file first.")
+    path = Path(path)
+    data = path.read_bytes()
+    if len(data) > _LARGEST:
+        raise ValueError(f"{path} must be a URDF file of at most {_LARGEST} bytes; it has {len(data)}. Give the file.")
+    root, open_elements = [], []
+
+    def start(tag, attributes):
+        element = _Element(tag, attributes, [])
+        (open_elements[-1].children if open_elements else root).append(element)
+        open_elements.append(element)
+
+    def refuse(*_):
+        raise ValueError(f"{path} must not declare a document type or entities; it does. Remove them.")
+
+    parser = xml.parsers.expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = start, lambda tag: open_elements.pop()
+    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
+    try:
+        parser.Parse(data, True)
+    except xml.parsers.expat.ExpatError as error:
+        raise ValueError(f"{path} must be well-formed XML; {error}. Correct the file.") from None
+    if root[0].tag != "robot":
+        raise ValueError(f"{path} must hold a <robot>; got <{root[0].tag}>. Give a URDF file, xacro expanded.")
+    return root[0]
+
+
+def _numbers(element, attribute, count, default, where):
+    """So many finite numbers of an attribute."""
+    text = default if element is None else element.attributes.get(attribute, default)
+    if text is None:
+        raise ValueError(f"{where} must have {attribute}; it has none. Add it.")
+    words = text.split()
+    values = np.array([float(word) for word in words if _NUMBER.fullmatch(word)])
+    if len(words) != count or values.shape != (count,) or not np.isfinite(values).all():
+        what = "one finite number" if count == 1 else f"{count} finite numbers"
+        raise ValueError(f"{where} must have {what} in {attribute}; got {text!r:.60}. Write them like 17.4 or 1e-3.")
+    return values
+
+
+def _origin(element, where):
+    origin = element.find("origin")
+    position = _numbers(origin, "xyz", 3, "0 0 0", f"{where}, origin")
+    return Placement.of_angles(*_numbers(origin, "rpy", 3, "0 0 0", f"{where}, origin"), position)
+
+
+def _links(robot):
+    """Name of a link -> its Body in its own frame, or None where it has no mass."""
+    bodies = {}
+    if not robot.all("link"):
+        raise ValueError("the file must have links; it has none. Give a URDF file, xacro expanded.")
+    for element in robot.all("link"):
+        name = element.attributes.get("name", "")
+        where = f"link {name}"
+        if not name or name in bodies:
+            raise ValueError(f"links must have names of their own; got {name!r} {'twice' if name else ''}. Name it.")
+        inertial, bodies[name] = element.find("inertial"), None
+        if len(element.all("inertial")) > 1:
+            raise ValueError(f"{where} must have one <inertial>; it has {len(element.all('inertial'))}. Join them.")
+        if inertial is not None:
+            mass = _numbers(inertial.find("mass"), "value", 1, None, f"{where}, mass")[0]
+            matrix = inertial.find("inertia")
+            inertia = [
+                _numbers(matrix, key, 1, None, f"{where}, inertia")[0]
+                for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+            ]
+            if mass < 0:
+                raise ValueError(f"{where} must have a positive mass; got {mass}. Correct it.")
+            if mass or any(inertia):
+                body = Body(mass=mass, com=np.zeros(3), inertia=inertia)
+                body.require_physical(name)
+                bodies[name] = body.seen_from(_origin(inertial, where))
+    return bodies
+
+
+def _joints(robot):
+    """Name of a joint -> _Joint."""
+    joints = {}
+    for element in robot.all("joint"):
+        name, kind = element.attributes.get("name", ""), element.attributes.get("type", "")
+        where = f"joint {name}"
+        if not name or name in joints:
+            raise ValueError(f"joints must have names of their own; got {name!r} {'twice' if name else ''}. Name it.")
+        if kind in ("floating", "planar"):
+            raise ValueError(f"{where} must move about or along one axis; it is {kind}. Replace it by single joints.")
+        choice(f"type of {where}", kind, (*_MOVING, "fixed"))
+        ends = [element.find(tag) for tag in ("parent", "child")]
+        if None in ends or not all(end.attributes.get("link") for end in ends):
+            raise ValueError(f"{where} must have a parent and a child link; one is missing. Add it.")
+        axis = _numbers(element.find("axis"), "xyz", 3, "1 0 0", f"{where}, axis")
+        if kind in _MOVING and np.linalg.norm(axis) < 1e-6:
+            raise ValueError(f"{where} must have an axis that is not zero; got {axis.tolist()}. Correct it.")
+        parent, child = (end.attributes["link"] for end in ends)
+        mimics = element.find("mimic") is not None
+        joints[name] = _Joint(name, kind, parent, child, _origin(element, where), axis, mimics)
+    return joints
+
+
+# -- the tree -------------------------------------------------------------------------------------------------------
+def _require_tree(bodies, joints):
+    """Refuse missing links, links with two parents, and loops."""
+    parents = {}
+    for joint in joints.values():
+        for link in (joint.parent, joint.child):
+            if link not in bodies:
+                choice(f"link of joint {joint.name}", link, tuple(bodies))
+        if joint.child in parents:
+            raise ValueError(
+                f"link {joint.child} must hang on one joint; it hangs on {parents[joint.child].name} and {joint.name}. "
+                "Only trees can be read."
+            )
+        parents[joint.child] = joint
+    for name in bodies:
+        seen, link = set(), name
+        while link in parents:
+            if link in seen:
+                raise ValueError(f"links must form a tree; {name} hangs on itself. Remove a joint of the loop.")
+            seen.add(link)
+            link = parents[link].parent
+
+
+def _chosen(every, names):
+    """The joints of the chain, from the base outwards."""
+    moving = [joint for joint in every.values() if joint.kind in _MOVING]
+    if names is None:
+        chosen = _ordered(every, moving)
+        if chosen is None:
+            raise ValueError(
+                f"joints must be named where the file has a tree; it has {', '.join(j.name for j in moving)}. "
+                "Pass joints=[...], base first."
+            )
+    else:
+        if isinstance(names, str) or not names:
+            raise ValueError(f"joints must be a list of at least one name; got {names!r}. Write ['name', ...].")
+        names = list(names)
+        for name in names:
+            if name in every and every[name].kind == "fixed":
+                raise ValueError(f"joints must move; {name} is fixed. Leave it out, its link is lumped.")
+            choice("joints", name, tuple(joint.name for joint in moving))
+        twice = [name for i, name in enumerate(names) if name in names[:i]]
+        if twice:
+            raise ValueError(f"joints must be named once each; {twice[0]} comes twice. Leave one out.")
+        chosen = _ordered(every, [every[name] for name in names])
+        if chosen is None or [joint.name for joint in chosen] != names:
+            raise ValueError(f"joints must lie behind each other, base first; got {', '.join(names)}. Reorder.")
+    if not chosen:
+        raise ValueError("the file must have at least one joint that moves; it has none. Give another one.")
+    for joint in chosen:
+        if joint.mimics:
+            raise ValueError(f"joints must move on their own; {joint.name} mimics another one. Leave it out.")
+    return chosen
+
+
+def _depth(every, joint):
+    """Joints between the base and this one, from the base outwards, with this one."""
+    parents, way = {other.child: other for other in every.values()}, [joint]
+    while way[0].parent in parents:
+        way.insert(0, parents[way[0].parent])
+    return way
+
+
+def _ordered(every, joints):
+    """These joints from the base outwards; None if they are not all on one way."""
+    ways = sorted((_depth(every, joint) for joint in joints), key=len)
+    if any(shorter != longer[: len(shorter)] for shorter, longer in pairwise(ways)):
+        return None
+    return [way[-1] for way in ways]
+
+
+def _way(every, start, joint):
+    """Joints from behind a link (None: the base) to this joint; those between are fixed, or held at zero."""
+    way = _depth(every, joint)
+    if start is not None:
+        way = way[next(i for i, other in enumerate(way) if other.child == start) + 1 :]
+    return way
+
+
+def _lumped(bodies, every, link, moving):
+    """Everything that moves with a link, as one Body in its frame."""
+    found, waiting = None, [(link, Placement())]
+    while waiting:
+        name, placement = waiting.pop()
+        if bodies[name] is not None:
+            body = bodies[name].seen_from(placement)
+            found = body if found is None else found.joined(body)
+        waiting += [
+            (joint.child, placement @ joint.origin)
+            for joint in every.values()
+            if joint.parent == name and joint.name not in moving
+        ]
+    if found is None:
+        raise ValueError(f"link {link} must have a mass, or something with a mass fixed to it; it has none. Add one.")
+    return found
+
+
+def _axis_frame(axis):
+    """A rotation whose z axis is this axis; the smallest turn that takes z there."""
+    z = axis / np.linalg.norm(axis)
+    if abs(z[0]) < 1e-12 and abs(z[1]) < 1e-12:
+        return np.eye(3) if z[2] > 0 else np.diag([1.0, -1.0, -1.0])
+    x = np.cross((0, 0, 1), z)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])

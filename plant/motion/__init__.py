@@ -1,0 +1,3 @@
+"""References: where the arm is to be, and what a motion demands of the drives and shows of f."""
+
+__all__: list[str] = []

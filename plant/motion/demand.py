@@ -1,0 +1,177 @@
+"""What a motion demands of the drives: peak torque as a share of the amplifier's limit, and how fast it may be.
+
+Along a path r(s), passed with speed v = ds/dt and acceleration a = dv/dt, q = r, qd = r' v and qdd = r'' v^2 + r' a, so
+the torque is affine in a and v^2 but for friction. Its coefficients are D, coriolis and gravity of `Dynamics` at the
+path's own motion. All torques are those on the shafts (`Drive.torque_limit`), without coupling on the joints.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import casadi as ca
+import numpy as np
+
+from plant.machine.rig import Rig
+from plant.mechanics.arm import Arm
+from plant.motion.reference import Motion, Reference
+from plant.parts.arguments import instance, known_options, real
+
+__all__ = ["Demand", "demand", "shortest_duration", "torque_share"]
+
+_POINTS = 4000
+"""At which a motion is looked at, at least; otherwise once per sample period."""
+
+_TINY = 1e-9
+"""Speed along the path at which friction is dry friction."""
+
+_FASTEST = 2.0**30
+"""A motion that may be so many times as fast meets no limit at all."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Demand:
+    """Torque along a path: D r' a + (D r'' + coriolis) v^2 + gravity + friction(r' v), at N of its points.
+
+    Attributes
+    ----------
+    rig : Rig
+    along : (N, n) numpy.ndarray
+        r' [rad/s].
+    inertial, centrifugal, holding : (N, n) numpy.ndarray
+        Torque per a, per v^2, and at rest [N m].
+    """
+
+    rig: Rig
+    along: np.ndarray
+    inertial: np.ndarray
+    centrifugal: np.ndarray
+    holding: np.ndarray
+
+    def torque(self, a, v, friction):
+        """Torque (N, n) [N m] at an acceleration and a speed along the path, numbers or (N, 1), also of casadi."""
+        return self.inertial * a + self.centrifugal * v**2 + self.holding + friction
+
+    def friction(self, v):
+        """Friction torque (N, n) [N m] at a speed along the path."""
+        return self.rig.drive.coupling.shaft_torque(self.rig.drive.friction(self.along * v))
+
+    def dry_friction(self):
+        """Friction torque (N, n) [N m] of a very slow motion along the path."""
+        return self.friction(_TINY)
+
+    def share(self, v):
+        """Peak share (n,) of the limits at a constant speed along the path."""
+        return np.abs(self.torque(0.0, v, self.friction(v))).max(axis=0) / self.rig.drive.torque_limit()
+
+
+def demand(arm, rig, motion):
+    """The demand of a path whose motion at its own speed (v = 1, a = 0) is this.
+
+    Parameters
+    ----------
+    arm : Arm
+    rig : Rig
+    motion : Motion
+
+    Returns
+    -------
+    Demand
+    """
+    q, along, bend = (ca.SX.sym(name, arm.n) for name in ("q", "along", "bend"))
+    model, f = arm.dynamics, ca.DM(arm.f)
+    D = model.D(q, f)
+    parts = [D @ along, D @ bend + model.coriolis(q, along, f), model.gravity(q, f)]
+    function = ca.Function("demand", [q, along, bend], [ca.densify(part) for part in ca.cse(parts)])
+    values = function.map(len(motion.q))(*(x.T for x in motion))
+    return Demand(rig, motion.qd, *(rig.drive.coupling.shaft_torque(value.full().T) for value in values))
+
+
+def _watched(arm, rig, reference):
+    """Closely spaced times, the motion of a reference there, and its demand."""
+    instance("arm", arm, Arm, "The order is arm, rig, reference.")
+    instance("rig", rig, Rig, "The order is arm, rig, reference.")
+    instance("reference", reference, Reference, "The order is arm, rig, reference.")
+    rig.require_fit(arm.dynamics.chain)
+    if reference.n != rig.n:
+        raise ValueError(f"reference must have {rig.n} joints like the rig; got {reference.n}. Use a matching one.")
+    points = max(_POINTS, round(reference.duration / rig.period)) + 1
+    t = np.linspace(0.0, reference.duration, points)
+    motion = Motion(*reference(t))
+    return t, motion, demand(arm, rig, motion)
+
+
+@known_options
+def torque_share(arm, rig, reference):
+    """How much of its amplifier's limit each joint needs to follow a reference exactly.
+
+    Parameters
+    ----------
+    arm : Arm
+        As identified, ``found.arm``.
+    rig : Rig
+        As identified, ``found.rig``: its friction counts.
+    reference : Reference
+
+    Returns
+    -------
+    (n,) numpy.ndarray
+        Largest magnitude of the torque over its limit, during one duration; above 1 no law can follow. Of coupled
+        motors, per shaft. What feedback adds comes on top.
+    """
+    return _watched(arm, rig, reference)[-1].share(1.0)
+
+
+@known_options
+def shortest_duration(arm, rig, reference, *, share=0.9):
+    """Shortest duration to which a motion may be scaled uniformly.
+
+    Parameters
+    ----------
+    arm : Arm
+    rig : Rig
+    reference : Reference
+    share : float
+        Of the amplifier's limit that the motion may take; what is left is for feedback.
+
+    Returns
+    -------
+    float
+        [s]; ``slowed(reference, duration / reference.duration)`` is that motion.
+
+    Raises
+    ------
+    ValueError
+        A path that the drives cannot hold, or one that meets no limit.
+    """
+    share = real("share", share, "Give the part of the limit to use, like 0.9.", positive=True)
+    t, motion, needed = _watched(arm, rig, reference)
+    names = [link.name for link in arm.dynamics.chain.links]
+    torque = np.abs(needed.holding + needed.dry_friction())
+    limit = share * rig.drive.torque_limit()
+    if (torque >= limit).any():
+        i, joint = np.unravel_index(np.argmax(torque / limit), torque.shape)
+        raise ValueError(
+            f"path must be one along which the drives can hold the arm and creep; joint {names[joint]} needs "
+            f"{torque[i, joint]:.4g} of {limit[joint]:.4g} N m at t = {t[i]:.3f} s, q = {np.round(motion.q[i], 3)}. "
+            "Raise share or the limit, or leave that place out."
+        )
+
+    def held(v):
+        return (needed.share(v) <= share).all()
+
+    low = 1.0
+    while not held(low):
+        low /= 2
+    high = 2 * low
+    while held(high):
+        low, high = high, 2 * high
+        if high > _FASTEST:
+            raise ValueError(
+                "motion must meet a limit somewhere; this one takes no torque, however fast. Give the drive its "
+                "current_limit, and the path some length."
+            )
+    while high - low > 1e-12 * high:
+        middle = (low + high) / 2
+        low, high = (middle, high) if held(middle) else (low, middle)
+    return reference.duration / low

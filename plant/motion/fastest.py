@@ -1,0 +1,172 @@
+"""The fastest time law of a path under torque limits.
+
+With v(s) the speed along the path and b = v^2, a = b'/2 and the time is the integral of ds / sqrt(b). Torque is affine
+in a and b but for friction (`plant.motion.demand`): without viscous friction the problem is convex. b is a cubic
+spline, positive, whose coefficients are found by Ipopt with derivatives from casadi. A cubic spline has a continuous
+slope, and so is the acceleration along the path. The given motion, uniformly scaled, is one such b, and the start.
+
+The path parameter is the given motion's own time. Where that motion rests the new one does, whatever b is there. Dry
+friction has at each point the sign of the path's direction there, so both sides of a turn hold the limit. Between the
+points, and by what Ipopt tolerates, the torque may be a little too large: the result is looked at more closely, and
+scaled uniformly until it holds everywhere.
+
+Source: D. Verscheure et al., Time-optimal path tracking for robots: a convex optimization approach, IEEE Transactions
+on Automatic Control 54 (2009).
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from plant.motion.demand import demand, shortest_duration
+from plant.motion.reference import Motion, Table
+from plant.motion.scaled import Scaled, slowed
+from plant.parts.arguments import array, known_options
+
+__all__ = ["fastest"]
+
+_INSIDE, _AT_ENDS = 4, 24
+"""Points per interval of the spline at which the torque is held below its limit and the time is counted; and in the
+first and the last, where b is steep: along a motion that ends without acceleration it grows like 1 / s."""
+
+_NODES = 4
+"""Points of the time law per interval of the spline."""
+
+_REST = 1e-6
+"""A motion slower than this share of its own peak rests."""
+
+_LEAST, _MOST = 1e-8, 1e8
+"""Bounds of b, in units of that of the uniform motion: a path that rests for a while is passed in no time there."""
+
+
+@known_options
+def fastest(arm, rig, reference, *, share=0.9, motor_speed=None, torque_rate=None, intervals=120):
+    """The fastest motion along the path of a reference that the amplifiers allow.
+
+    Parameters
+    ----------
+    arm : Arm
+        As identified, ``found.arm``.
+    rig : Rig
+        As identified, ``found.rig``: its friction and its limits count.
+    reference : Reference
+        The path, as a smooth motion along it (no `Table`). One that moves at its ends becomes one from rest to rest.
+    share : float
+        Of the amplifiers' limits that the motion may take; what is left is for feedback.
+    motor_speed : (n,) array_like, optional
+        Largest speeds of the motors [rad/s]; inf where there is no bound.
+    torque_rate : (n,) array_like, optional
+        Largest change of the torque [N m/s], but for dry friction, which jumps where a joint turns round. On the joint;
+        of coupled ones, on the shaft.
+    intervals : int
+        Of the spline; more come closer to the fastest, and switch the torque faster.
+
+    Returns
+    -------
+    Scaled
+        Its acceleration is continuous; at the ends it is what bend and speed of the path make it, zero if the reference
+        is a `PointToPoint` or a `Spline`.
+
+    Raises
+    ------
+    ValueError
+        A path along which the drives cannot hold the arm, that meets no limit, or that has corners.
+    """
+    if isinstance(reference, Table):
+        raise ValueError("reference must be smooth; a Table has corners. Use Spline(times=..., points=...).")
+    if not isinstance(intervals, (int, np.integer)) or intervals < 4:
+        raise ValueError(f"intervals must be a whole number of at least 4; got {intervals!r}. The default is 120.")
+    uniform = shortest_duration(arm, rig, reference, share=share)
+    motor_speed, torque_rate = _bound("motor_speed", motor_speed, rig.n), _bound("torque_rate", torque_rate, rig.n)
+
+    spline = _Spline(reference.duration, intervals)
+    motion = Motion(*reference(spline.places))
+    needed = demand(arm, rig, motion)
+    unit = (reference.duration / uniform) ** 2
+    x = ca.SX.sym("x", spline.count)
+    b, a = unit * (spline.matrix(0) @ x), unit / 2 * (spline.matrix(1) @ x)
+    v = ca.sqrt(b + _LEAST * unit * 1e-3)  # whose slope is finite where the motion starts from rest
+    held = _held(needed, spline.places, a, v, share * rig.drive.torque_limit(), torque_rate, motor_speed)
+    problem = {"x": x, "f": ca.dot(spline.weights, 1 / v) / uniform, "g": held}
+    quiet = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-7}}
+    solver = ca.nlpsol("fastest", "ipopt", problem, quiet)
+    least, most = np.full(spline.count, _LEAST), np.full(spline.count, _MOST)
+    speed = np.linalg.norm(motion.qd, axis=1)
+    for end in (0, -1):
+        if speed[end] > _REST * speed.max():
+            least[end] = most[end] = 0.0
+    found = solver(x0=0.9, lbx=least, ubx=most, lbg=-1, ubg=1)
+    if not solver.stats()["success"]:
+        raise ValueError(
+            f"path must have a time law; with {intervals} intervals none was found, {solver.stats()['return_status']}. "
+            "Try fewer, or a smoother path."
+        )
+    law = spline.law(reference, unit * found["x"].full().ravel())
+    closely = np.linspace(0.0, law.duration, 10 * len(law.times))
+    too_fast = np.abs(rig.drive.motor_angle(law(closely).qd) / motor_speed).max()
+    longer = max(shortest_duration(arm, rig, law, share=share) / law.duration, too_fast)
+    return slowed(law, longer) if longer > 1 else law
+
+
+def _held(needed, places, a, v, limit, torque_rate, motor_speed):
+    """What must stay within +-1: torque, its rate and motor speeds (n at each of N places), over their bounds."""
+    drive = needed.rig.drive
+    friction = [
+        drive.friction(ca.DM(along) * speed) for along, speed in zip(needed.along, ca.vertsplit(v), strict=True)
+    ]
+    frictionless = needed.torque(a, v, 0.0)
+    torque = frictionless + drive.coupling.shaft_torque(ca.horzcat(*friction)).T
+    ends = frictionless[[0, -1], :]  # where it stands still, and dry friction does not help to brake
+    smooth = torque - needed.dry_friction()
+    rate = (smooth[1:, :] - smooth[:-1, :]) * (v[1:] + v[:-1]) / (2 * np.diff(places))
+    turning = drive.motor_angle(needed.along) * v
+    pairs = ((torque, limit), (ends, limit), (rate, torque_rate), (turning, motor_speed))
+    shares = [value[:, i] / bound[i] for value, bound in pairs for i in np.flatnonzero(np.isfinite(bound))]
+    return ca.vertcat(*shares)
+
+
+def _bound(name, value, n):
+    if value is None:
+        return np.full(n, np.inf)
+    value = array(name, value, (n,), advice="Give one per joint.", finite=False)
+    if not (value > 0).all():
+        raise ValueError(f"{name} must be positive; got {value}. It is a magnitude, inf where there is no bound.")
+    return value
+
+
+class _Spline:
+    """b(s) as a cubic spline on equal intervals: as matrices at Gauss points and ends, and as a time law."""
+
+    def __init__(self, end, intervals):
+        from scipy.interpolate import BSpline  # 0.2 s, for those who use it
+
+        self.count, self.edges = intervals + 3, np.linspace(0.0, end, intervals + 1)
+        knots = np.concatenate([[0.0] * 3, self.edges, [end] * 3])
+        self._of = lambda coefficients: BSpline(knots, coefficients, 3)
+        orders = [_AT_ENDS] + [_INSIDE] * (intervals - 2) + [_AT_ENDS]
+        rules = {order: np.polynomial.legendre.leggauss(order) for order in set(orders)}
+        half = end / intervals / 2
+        inside = [low + half * (1 + rules[order][0]) for low, order in zip(self.edges[:-1], orders, strict=True)]
+        self.places = np.concatenate([[0.0], *inside, [end]])
+        self.weights = np.concatenate([[0.0], *(half * rules[order][1] for order in orders), [0.0]])
+
+    def matrix(self, derivative):
+        """Values (N, count) of the splines, or of their derivatives, at `places`."""
+        return ca.sparsify(ca.DM(self._of(np.eye(self.count)).derivative(derivative)(self.places)))
+
+    def law(self, path, coefficients):
+        """The time law of a path with these coefficients of b."""
+        b = self._of(coefficients)
+        s = np.linspace(0.0, self.edges[-1], _NODES * (len(self.edges) - 1) + 1)
+        # Within s = low + width x^2 (3 - 2 x): where b starts at zero, 1 / sqrt(b) is infinite, and this takes it away.
+        node, weight = np.polynomial.legendre.leggauss(12)
+        x, low, width = (1 + node) / 2, s[:-1, None], np.diff(s)[:, None]
+        lasting = (width * 3 * x * (1 - x) * weight / np.sqrt(b(low + width * x**2 * (3 - 2 * x)))).sum(axis=1)
+        return Scaled(
+            path=path,
+            times=np.concatenate([[0.0], np.cumsum(lasting)]),
+            places=s,
+            speeds=np.sqrt(np.maximum(b(s), 0.0)),
+            accelerations=b.derivative()(s) / 2,
+        )

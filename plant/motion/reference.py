@@ -1,0 +1,247 @@
+"""Motions to be followed: position, velocity and acceleration of every joint as functions of time.
+
+A reference called with times (N,) gives `Motion(q, qd, qdd)`, each (N, n), joint side, SI. Source: paper 3.5.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from plant.parts.arguments import array, known_options, real
+from plant.parts.part import Part, part, structure
+
+__all__ = ["Harmonics", "Motion", "PointToPoint", "Reference", "Spline", "Table", "require_increasing"]
+
+
+class Motion(NamedTuple):
+    """Position [rad], velocity [rad/s] and acceleration [rad/s^2], each (N, n), joint side."""
+
+    q: np.ndarray
+    qd: np.ndarray
+    qdd: np.ndarray
+
+
+class Reference(Part):
+    """Base of all references: `n` joints, `duration` [s], and a call with times.
+
+    The duration is what is simulated when nothing else is said; periodic references go on after it, the others rest
+    at their last point.
+    """
+
+    def __call__(self, t):
+        """Motion at times t (N,) [s] from the start."""
+        t = array("t", t, ("N",), advice="Give times in seconds from the start.")
+        return Motion(*(np.ascontiguousarray(x, dtype=float) for x in self.motion(t)))
+
+    def _keep(self, name, shape, advice):
+        """Check a field and hold it as nested tuples, so that the reference can be compared and written."""
+        value = array(name, getattr(self, name), shape, advice=advice)
+        object.__setattr__(self, name, _nested(value))
+        return value
+
+
+def _nested(value):
+    return tuple(_nested(v) for v in value) if np.ndim(value) else float(value)
+
+
+@part
+class Harmonics(Reference):
+    """Sum of harmonics: q = offset + sum over j of cosine[:, j] cos(j w t) + sine[:, j] sin(j w t), w = 2 pi / period.
+
+    Parameters
+    ----------
+    period : float
+        [s]
+    offset : (n,) array_like
+        [rad]
+    cosine, sine : (n, H) array_like
+        Amplitudes of the harmonics 1..H [rad].
+
+    The trajectory of eq. (6) is ``puma560.reference()``. Source: paper 3.5.
+    """
+
+    period: float = structure(float)
+    offset: tuple = structure()
+    cosine: tuple = structure()
+    sine: tuple = structure()
+
+    def __post_init__(self):
+        real("period", self.period, "Give it in seconds.", positive=True)
+        n = len(self._keep("offset", ("n",), "One angle per joint."))
+        shape = self._keep("cosine", (n, "H"), "One row per joint, one column per harmonic.").shape
+        self._keep("sine", shape, "The same shape as cosine.")
+
+    @property
+    def n(self):
+        """Number of joints."""
+        return len(self.offset)
+
+    @property
+    def duration(self):
+        """One period [s]."""
+        return self.period
+
+    def motion(self, t):
+        """Motion at times (N,), by derivatives of exp(i j w t)."""
+        rate = 2j * np.pi / self.period * np.arange(1, np.shape(self.cosine)[1] + 1)
+        amplitude = np.asarray(self.cosine) - 1j * np.asarray(self.sine)
+        waves = np.exp(t[:, None] * rate)
+        q, qd, qdd = (((amplitude * rate**k)[None] * waves[:, None, :]).sum(axis=2).real for k in range(3))
+        return q + np.asarray(self.offset), qd, qdd
+
+
+@part
+class PointToPoint(Reference):
+    """Move from rest to rest by a polynomial of degree 5 (acceleration zero at both ends), then stay.
+
+    Parameters
+    ----------
+    start, goal : (n,) array_like
+        [rad]
+    duration : float
+        [s]
+    """
+
+    start: tuple = structure()
+    goal: tuple = structure()
+    duration: float = structure(float)
+
+    def __post_init__(self):
+        real("duration", self.duration, "Give it in seconds.", positive=True)
+        n = len(self._keep("start", ("n",), "One angle per joint."))
+        self._keep("goal", (n,), "One angle per joint, like start.")
+
+    @property
+    def n(self):
+        """Number of joints."""
+        return len(self.start)
+
+    def motion(self, t):
+        """Motion at times (N,)."""
+        path = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
+        s = np.clip(t / self.duration, 0.0, 1.0)[:, None]
+        move = np.subtract(self.goal, self.start)
+        inside = ((t >= 0) & (t <= self.duration))[:, None]
+        qd, qdd = (inside * path.deriv(k)(s) * move / self.duration**k for k in (1, 2))
+        return np.asarray(self.start) + path(s) * move, qd, qdd
+
+
+@part
+class Spline(Reference):
+    """Quintic spline through points, from rest to rest, then at its last point.
+
+    Parameters
+    ----------
+    times : (N,) array_like
+        Strictly increasing, from 0 [s].
+    points : (N, n) array_like
+        [rad]
+    """
+
+    times: tuple = structure()
+    points: tuple = structure()
+
+    def __post_init__(self):
+        times = self._keep("times", ("N",), "Give the time of each point [s].")
+        self._keep("points", (len(times), "n"), "One row per time, one column per joint.")
+        require_increasing("times", times)
+        if len(times) < 2 or times[0] != 0:
+            raise ValueError(f"times must be two or more, from 0; got {times[:3]}. Start the path at t = 0.")
+
+    @property
+    def n(self):
+        """Number of joints."""
+        return len(self.points[0])
+
+    @property
+    def duration(self):
+        """Time of the last point [s]."""
+        return self.times[-1]
+
+    def motion(self, t):
+        """Motion at times (N,)."""
+        rest = [(1, np.zeros(self.n)), (2, np.zeros(self.n))]
+        from scipy.interpolate import make_interp_spline  # 0.2 s, for those who use it
+
+        spline = make_interp_spline(self.times, self.points, k=5, bc_type=(rest, rest))
+        inside = ((t >= 0) & (t <= self.duration))[:, None]
+        s = np.clip(t, 0, self.duration)
+        return spline(s), inside * spline(s, 1), inside * spline(s, 2)
+
+
+@part
+class Table(Reference):
+    """Positions from a file or another program; straight lines between them.
+
+    Between two samples the position is interpolated linearly, so the velocity is that of the line and the
+    acceleration is zero: right for replaying a logged P loop, too rough for computed torque (use `Spline`).
+
+    Parameters
+    ----------
+    times : (N,) array_like
+        Strictly increasing [s].
+    points : (N, n) array_like
+        [rad]
+
+    Source: paper 4.1 (reference trajectories from a file).
+    """
+
+    times: tuple = structure()
+    points: tuple = structure()
+
+    def __post_init__(self):
+        times = self._keep("times", ("N",), "Give the time of each point [s].")
+        self._keep("points", (len(times), "n"), "One row per time, one column per joint.")
+        require_increasing("times", times)
+        if len(times) < 2:
+            raise ValueError(f"times must be two or more; got {len(times)}. Give the whole path.")
+
+    @classmethod
+    @known_options
+    def from_csv(cls, path):
+        """Read columns t [s], q_1..q_n [rad]; lines that start with # or a letter are headings."""
+        rows = []
+        with open(path, encoding="utf-8") as file:
+            for count, line in enumerate(file, 1):
+                if not line.strip() or line.lstrip()[0] == "#" or line.lstrip()[0].isalpha():
+                    continue
+                try:
+                    rows.append([float(cell) for cell in line.split(",")])
+                except ValueError:
+                    text = line.strip()[:60]
+                    raise ValueError(f"{path} line {count} must be numbers; got {text!r}. Correct the file.") from None
+                if len(rows[-1]) != len(rows[0]) or len(rows[0]) < 2:
+                    raise ValueError(f"{path} line {count} must have t and angles; got {len(rows[-1])} cells. Fill it.")
+        if not rows:
+            raise ValueError(f"{path} must hold rows of t, q_1..q_n; got none. Check the path.")
+        table = np.array(rows)
+        return cls(times=table[:, 0], points=table[:, 1:])
+
+    @property
+    def n(self):
+        """Number of joints."""
+        return len(self.points[0])
+
+    @property
+    def duration(self):
+        """From 0 to the last sample [s]."""
+        return self.times[-1]
+
+    def motion(self, t):
+        """Motion at times (N,)."""
+        times, points = np.asarray(self.times), np.asarray(self.points)
+        row = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
+        slope = np.diff(points, axis=0)[row] / np.diff(times)[row][:, None]
+        inside = ((t >= times[0]) & (t < times[-1]))[:, None]
+        s = np.clip(t, times[0], times[-1])
+        return points[row] + slope * (s - times[row])[:, None], inside * slope, np.zeros((len(t), self.n))
+
+
+def require_increasing(name, times):
+    """Refuse times that do not increase."""
+    stuck = np.flatnonzero(np.diff(times) <= 0)
+    if len(stuck):
+        i = int(stuck[0]) + 1
+        raise ValueError(f"{name} must increase; got {times[i]} after {times[i - 1]} at index {i}. Sort or thin them.")

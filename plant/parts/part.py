@@ -1,0 +1,182 @@
+"""A part of an experiment: a frozen description made of numbers and structure.
+
+Arms, rigs, drives, encoders, laws and references are parts. The *numbers* of a part (gear ratios, friction, gains,
+f1..f9) can be listed by name, replaced by casadi symbols, or declared unknown; its *structure* (joints, periods,
+flags) is fixed once a model has been built from it. A part can be written as kind + fields and rebuilt from that.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import json
+
+import numpy as np
+
+from plant.parts.arguments import array, instance, known_options, real
+
+__all__ = ["Part", "number", "part", "restore", "structure"]
+
+_KINDS: dict[str, type] = {}
+
+
+def number(shape, *, default=dataclasses.MISSING, finite=True):
+    """Declare a field of numbers: `shape` is () for one number or ("n",) for one per joint (any name for a length)."""
+    return dataclasses.field(default=default, metadata={"number": shape, "finite": finite})
+
+
+def structure(kind=None, *, default=dataclasses.MISSING, positional=False):
+    """Declare a field that is structure: it decides the equations, so it cannot be unknown.
+
+    With a `kind` (a type; float for one finite number) anything else is refused.
+    """
+    return dataclasses.field(default=default, kw_only=not positional, metadata={"structure": True, "kind": kind})
+
+
+class Part:
+    """Base of all parts. Two parts are equal when their descriptions are."""
+
+    def __post_init__(self):
+        lengths = {}
+        for field in dataclasses.fields(self):
+            if "number" not in field.metadata:
+                continue
+            shape = field.metadata["number"]
+            known = tuple(lengths.get(s, s) for s in shape)
+            value = array(
+                f"{field.name} of {type(self).__name__}",
+                getattr(self, field.name),
+                known,
+                finite=field.metadata["finite"],
+                advice=f"Give {_amount(shape)}.",
+            )
+            if np.isnan(value).any():
+                raise ValueError(f"{field.name} of {type(self).__name__} must be numbers; got NaN. Give its value.")
+            lengths.update({s: got for s, got in zip(shape, value.shape, strict=True) if isinstance(s, str)})
+            value.setflags(write=False)
+            object.__setattr__(self, field.name, value if shape else float(value))
+
+    # -- numbers by name --------------------------------------------------------------------------------------
+    def _leaves(self, prefix=""):
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if "number" in field.metadata:
+                yield f"{prefix}{field.name}", self, field, value
+            elif isinstance(value, Part):
+                yield from value._leaves(f"{prefix}{field.name}.")
+
+    def number_names(self, prefix=""):
+        """Names of all numbers, in order: ``drive.gear[0]``; a single number has no index."""
+        names = []
+        for name, _, _, value in self._leaves(prefix):
+            names += [name] if np.ndim(value) == 0 else [f"{name}[{i}]" for i in range(len(value))]
+        return names
+
+    def number_values(self):
+        """Values of all numbers, (k,), in the order of `number_names`."""
+        return np.concatenate([np.atleast_1d(np.asarray(v, float)) for *_, v in self._leaves()] or [np.empty(0)])
+
+    def with_numbers(self, vector):
+        """Copy with its numbers taken from `vector` (k,): floats, or casadi symbols for use in an equation."""
+        symbolic = not isinstance(vector, np.ndarray)
+        return self._filled(vector, [0], symbolic)
+
+    def filled(self, values, prefix=""):
+        """Copy with some of its numbers replaced: name, as in `number_names(prefix)` -> float."""
+        names = self.number_names(prefix)
+        numbers = [values.get(name, given) for name, given in zip(names, self.number_values(), strict=True)]
+        return self.with_numbers(np.array(numbers))
+
+    def _filled(self, vector, position, symbolic):
+        changes = {}
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if "number" in field.metadata:
+                count = 1 if np.ndim(value) == 0 else len(value)
+                taken = vector[position[0] : position[0] + count]
+                changes[field.name] = taken if symbolic or np.ndim(value) else float(taken[0])
+                position[0] += count
+            elif isinstance(value, Part):
+                changes[field.name] = value._filled(vector, position, symbolic)
+        if not symbolic:
+            return dataclasses.replace(self, **changes)
+        copy = object.__new__(type(self))
+        for field in dataclasses.fields(self):
+            object.__setattr__(copy, field.name, changes.get(field.name, getattr(self, field.name)))
+        return copy
+
+    # -- description -----------------------------------------------------------------------------------------
+    def describe(self):
+        """Kind and fields as a dictionary that JSON can hold without loss; `restore` is the way back."""
+        fields = {f.name: _plain(getattr(self, f.name)) for f in dataclasses.fields(self)}
+        return {"kind": _kind(type(self)), **fields}
+
+    def __eq__(self, other):
+        return self is other or (type(self) is type(other) and self.describe() == other.describe())
+
+    def __hash__(self):
+        return self._hash
+
+    @functools.cached_property
+    def _hash(self):
+        return hash(json.dumps(self.describe()))
+
+
+def _amount(shape):
+    if not shape:
+        return "one number"
+    return "one number per joint" if isinstance(shape[0], str) else f"{shape[0]} numbers"
+
+
+def _kind(cls):
+    return f"{cls.__module__.split('.')[0]}.{cls.__name__}"
+
+
+def _plain(value):
+    if isinstance(value, Part):
+        return value.describe()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, (tuple, list)):
+        return [_plain(v) for v in value]
+    return value
+
+
+def part(cls):
+    """Class decorator: a frozen, keyword-only dataclass that can be described and restored, with checked options."""
+    complete = cls.__post_init__
+
+    @functools.wraps(complete)
+    def __post_init__(self):
+        for field in dataclasses.fields(self):
+            kind, name = field.metadata.get("kind"), f"{field.name} of {cls.__name__}"
+            if kind is float:
+                object.__setattr__(self, field.name, real(name, getattr(self, field.name), "Give it in SI units."))
+            elif kind is not None:
+                instance(name, getattr(self, field.name), kind, f"Give one {kind.__name__}.")
+        complete(self)
+
+    cls.__post_init__ = __post_init__
+    cls = dataclasses.dataclass(frozen=True, kw_only=True, eq=False)(cls)
+    _KINDS[_kind(cls)] = cls
+    return known_options(cls)
+
+
+def restore(description):
+    """Rebuild a part from what `Part.describe` gave.
+
+    Raises
+    ------
+    ValueError
+        Unknown kind (the message says which package to import), missing or unknown fields.
+    """
+    if isinstance(description, list):
+        return tuple(restore(d) for d in description)
+    if not isinstance(description, dict):
+        return description
+    kind = description.get("kind")
+    if not isinstance(kind, str) or kind not in _KINDS:
+        package = str(kind).split(".")[0]
+        hint = f"import {package} first" if package in ("plant", "identification", "ctc") else "check the file"
+        raise ValueError(f"kind must be one of {', '.join(sorted(_KINDS))}; got {kind!r}. Please {hint}.")
+    return _KINDS[kind](**{k: restore(v) for k, v in description.items() if k != "kind"})

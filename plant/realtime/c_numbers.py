@@ -1,0 +1,64 @@
+"""The numbers of a law and its rig as constants in C, each with what its class says of it."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import textwrap
+
+import numpy as np
+
+from plant.compiler.c_statements import literal
+
+__all__ = ["braced", "comment", "constant", "constants", "identifier"]
+
+
+def identifier(name):
+    """A number's name as C writes it: ``drive.gear[0]`` is ``drive_gear[0]``."""
+    return name.replace(".", "_")
+
+
+def comment(text, width=116):
+    """A C comment of one or more lines; what could end it, or is not ASCII, is left out."""
+    text = re.sub(r"[^\w\s()\[\]{}+\-^.,:;=*<>'/|%]", " ", text, flags=re.ASCII)
+    text = " ".join(text.replace("*/", "* /").replace("/*", "/ *").split())
+    return "/* " + "\n * ".join(textwrap.wrap(text, width)) + " */"
+
+
+def braced(values):
+    """Values of an array, on as many lines as they need."""
+    inner = "{" + ", ".join(literal(value) for value in values) + "}"
+    if len(inner) < 70:
+        return inner
+    return "{\n" + textwrap.fill(inner[1:-1], 112, initial_indent="    ", subsequent_indent="    ") + ",\n}"
+
+
+def constant(name, values, said):
+    """Declaration of a constant, or of an array of them, under a comment."""
+    if np.ndim(values):
+        return f"{comment(said)}\nstatic const double {name}[{len(values)}] = {braced(values)};\n"
+    return f"{comment(said)}\nstatic const double {name} = {literal(values)};\n"
+
+
+def constants(law, rig, used):
+    """Declarations of those numbers whose expressions are in `used`, in the order of `Law.block`."""
+    text = []
+    for name, owner, field, value in (*law._leaves("law."), *rig._leaves()):
+        name = identifier(name)
+        if name in used or any(each.startswith(f"{name}[") for each in used):
+            text.append(constant(name, value, _said(owner, field.name)))
+    return "\n".join(text)
+
+
+def _said(owner, field):
+    """What the docstring of a part, or of a class that it comes from, says of a field; for f also its names."""
+    for cls in type(owner).__mro__:
+        text = inspect.cleandoc(cls.__doc__ or "") + "\n"
+        entry = re.search(rf"^(?:\w+, )*{field}(?:, \w+)* : .*\n((?:[ \t]+\S.*\n|\n(?=[ \t]))+)", text, re.MULTILINE)
+        if entry:
+            said = entry[1]
+            break
+    else:
+        said = f"{field} of {type(owner).__name__}"
+    names = getattr(getattr(owner, "dynamics", None), "names", None)
+    return f"{said} {', '.join(names)}" if names and field == "f" else said

@@ -1,0 +1,168 @@
+"""The compiled core of a running controller: a law, its rig and the shell around them in one generated function.
+
+What the shell (`plant.realtime.safety`) needs of law and rig is written here in casadi, each piece as a function from
+places of the one vector `memory` to other places of it. All numbers stand in that vector, so that laws and rigs of one
+structure share a kernel.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from plant.compiler.instructions import STATE, UNIFORM
+from plant.compiler.intrinsics import head, intrinsic
+from plant.compiler.kernel_cache import Kernel
+from plant.compiler.translate import Names, translate
+from plant.realtime import safety
+
+__all__ = ["Core", "compiled", "has_weight", "row"]
+
+
+class Core(NamedTuple):
+    """A running controller for a loop that is itself compiled by numba.
+
+    Attributes
+    ----------
+    step : numba function
+        (pulses, q_r, qd_r, qdd_r, now, memory, torque) -> 0, or the reason (above 0) for which nothing was done. All
+        but `now` are (n,) arrays, contiguous; `now` is a float [s], NaN without a clock; torque is written [N m].
+        It allocates nothing, and does what `Running.step` does.
+    memory : (m,) numpy.ndarray
+        All that the controller remembers; shared with the `Running` that it belongs to.
+    """
+
+    step: object
+    memory: np.ndarray
+
+
+def compiled(law, rig, block, guards):
+    """Core of a law on a rig, at its start.
+
+    Parameters
+    ----------
+    law : Law
+    rig : Rig
+    block : Block
+        Of that law for that rig.
+    guards : Guards or None
+
+    Returns
+    -------
+    Core
+    """
+    n, states = rig.n, len(block.initial)
+    weight = has_weight(law, guards)
+    kernel = Kernel(_source(_pieces(law, rig, block)), ["step"])
+    rows, scalars = np.zeros((safety.ROWS, n)), np.zeros(safety.SCALARS)
+    rows[safety.JUMP : safety.FRICTION + 1] = np.inf
+    scalars[[safety.LATE, safety.DURATION]] = np.inf, 1.0
+    if guards is not None:
+        rows[safety.JUMP : safety.FRICTION + 1] = guards.limits(rig)
+        scalars[[safety.GUARDED, safety.PATIENCE, safety.LATE]] = 1.0, guards.patience, guards.late
+        scalars[[safety.STOP, safety.DURATION]] = float(guards.stop != "hold"), guards.duration
+    scalars[[safety.NOW, safety.PERIOD, safety.STATES]] = np.nan, block.period or rig.period, states
+    scalars[safety.WEIGHT] = float(weight)
+    memory = np.concatenate([scalars, rows.ravel(), *[block.initial] * 3, block.values])
+    trial = [np.zeros(n) for _ in range(4)]
+    return Core(kernel.function("step", *trial, np.nan, memory.copy(), np.zeros(n)), memory)
+
+
+def row(index, n):
+    """Places of one row of numbers per joint."""
+    return range(safety.SCALARS + index * n, safety.SCALARS + (index + 1) * n)
+
+
+def has_weight(law, guards):
+    """Whether a ramp ends at the torque of gravity."""
+    known = _knows_arm(law)
+    if guards is not None and guards.stop == "gravity" and not known:
+        given = f"stop must be 'hold' or 'zero' for a law that knows no arm; got 'gravity' for {type(law).__name__}"
+        raise ValueError(f"{given}. Give such a law its arm, or stop otherwise.")
+    return known and (guards is None or guards.stop != "zero")
+
+
+def _knows_arm(law):
+    return getattr(law, "arm", None) is not None
+
+
+def _pieces(law, rig, block):
+    """Name -> (function, places in the memory of each input, places of each output)."""
+    n, s, own = rig.n, len(block.initial), len(law.number_names())
+    per_joint = ("COUNTS", "SPEED", "ANGLE", "Q", "QD", "QDD", "REFERENCE", "TORQUE", "FROM_Q", "FROM_QD")
+    places = {name: row(getattr(safety, name), n) for name in (*per_joint, "WANTED", "GIVEN", "REST")}
+    places |= {name: [getattr(safety, name)] for name in ("DT", "SINCE", "DURATION", "WEIGHT")}
+    end = safety.SCALARS + safety.ROWS * n
+    places |= {"STATE": range(end + s, end + 2 * s), "FOLLOWING": range(end + 2 * s, end + 3 * s)}
+    places["NUMBERS"] = range(end + 3 * s, end + 3 * s + len(block.values))
+    at = {name: ca.SX.sym(name, len(places[name])) for name in places}
+    rig, law = rig.with_numbers(at["NUMBERS"][own:]), law.with_numbers(at["NUMBERS"][:own])
+
+    motion = [at["Q"], at["QD"], at["QDD"]]
+    asked, following = block.step(
+        at["STATE"], *motion, at["REFERENCE"], at["COUNTS"], at["TORQUE"], at["DT"], at["NUMBERS"]
+    )
+    gravity = at["WEIGHT"] * law.arm.dynamics.gravity(at["ANGLE"], law.arm.f) if _knows_arm(law) else 0
+    written = {
+        "ahead": dict(zip(("Q", "QD", "QDD"), _ahead(*motion, at["DT"]), strict=True)),
+        "moving": {"SPEED": rig.position(at["QD"])},
+        "counted": {"REFERENCE": rig.pulses(at["Q"]), "ANGLE": rig.angle(at["COUNTS"])},
+        "standing": {"FROM_Q": at["ANGLE"], "FROM_QD": rig.turned(at["SPEED"])},
+        "slowing": dict(zip(("Q", "QD", "QDD"), _slowing(at), strict=True)),
+        "law": {"WANTED": asked, "GIVEN": rig.drive.limited(asked), "FOLLOWING": following},
+        "rest": {"REST": rig.drive.limited(gravity - _brake(rig, at))},
+    }
+    pieces = {}
+    for name, results in written.items():
+        outputs = ca.cse([ca.densify(result) for result in results.values()])
+        needed = [symbol for symbol in places if ca.depends_on(ca.vertcat(*outputs), at[symbol])]
+        function = ca.Function(name, [at[symbol] for symbol in needed], outputs)
+        pieces[name] = function, [places[symbol] for symbol in needed], [places[result] for result in results]
+    return pieces
+
+
+def _ahead(q, qd, qdd, dt):
+    """A motion that goes on with its acceleration for a time dt."""
+    return q + dt * qd + dt * dt / 2 * qdd, qd + dt * qdd, qdd
+
+
+def _slowing(at):
+    """Motion of a stop: from a speed to rest, accelerations zero at both ends; q and qdd follow from qd."""
+    since, duration = ca.SX.sym("since"), ca.SX.sym("duration")
+    s = since / duration
+    travelled = duration * (s - s**3 + s**4 / 2)  # at unit speed: half of the duration in the end
+    speed = ca.jacobian(travelled, since)
+    slowing = ca.Function("slowing", [since, duration], [travelled, speed, ca.jacobian(speed, since)])
+    travelled, speed, acceleration = slowing(ca.fmin(at["SINCE"], at["DURATION"]), at["DURATION"])
+    return at["FROM_Q"] + travelled * at["FROM_QD"], speed * at["FROM_QD"], acceleration * at["FROM_QD"]
+
+
+def _brake(rig, at):
+    """Torque of a damping under which the motors alone would come to rest in a quarter of the duration."""
+    speed = rig.drive.coupling.shaft(rig.turned(at["SPEED"]))
+    return rig.drive.coupling.joint_torque(rig.drive.reflected_inertia() * speed / (at["DURATION"] / 4))
+
+
+def _source(pieces):
+    """Text of the shell with these pieces in place."""
+    text = inspect.getsource(safety)
+    functions = re.findall(r"^def (\w+)", text, re.MULTILINE)
+    text = re.sub(rf"\b({'|'.join(functions)})(?=\()", r"\1_{h}", text)
+    inlined = 'numba.njit(inline="always", error_model="numpy")'  # in half the time that calls take to compile
+    made = [f"{name}_{{h}} = {'compiled' if name == 'step' else inlined}({name}_{{h}})" for name in functions]
+    own = [_piece(name, *piece) for name, piece in pieces.items()]
+    return "\n".join([head(), text, *made, *own, *(f"{name} = {name}_{{h}}" for name in pieces)]) + "\n"
+
+
+def _piece(name, function, sources, targets):
+    inputs = [[(f"memory[{place}]", STATE) for place in places] for places in sources]
+    program = translate(function, inputs, Names(), None)
+    lines = ["memory = e.view(kinds[0], memory, 1, e.index(0, 0))"]
+    lines += map(str, program.lines[UNIFORM] + program.lines[STATE])
+    places = [place for each in targets for place in each]
+    lines += [f"memory[{place}] = {result}" for place, result in zip(places, program.results, strict=True)]
+    return intrinsic(name, ["memory"], lines)

@@ -1,0 +1,107 @@
+"""Guards of a running controller: what they watch for, and when and how they stop the arm."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from plant.parts.arguments import array, choice, known_options, real
+from plant.realtime import safety
+
+__all__ = ["Guards"]
+
+STOPS = ("hold", "gravity", "zero")
+
+
+@known_options
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Guards:
+    """Settings of the guards around a law at work; ``np.inf`` switches one of them off.
+
+    A sample in which something is wrong is bridged; after `patience` of them in a row the arm is stopped. A stop lasts
+    until `Running.reset`.
+
+    Parameters
+    ----------
+    jump : float or (n,) array_like, optional
+        Pulses by which a count may miss where it was going; as much again as the joint moves in a sample is allowed.
+        By default 8 and four times what the amplifiers can add to the motion within one sample, on the motors' own
+        inertia; a tenth of a turn of the motor where one of these is not known (infinite, or zero). Bridged by where
+        the joint was going.
+    stuck : float or (n,) array_like, optional
+        Pulses by which the reference may move while the counts do not and the torque leaves the band of static
+        friction, three times its level. By default a fortieth of a turn of the motor. Stops at once.
+    error : float or (n,) array_like, optional
+        Largest tracking error [pulses]. By default one turn of the motor. Stops at once.
+    late : float
+        Share of a period by which a call may come late, if it is given `now`. A later one counts as one bad sample for
+        every period that is missing, and the law is told the time that really passed.
+    patience : int
+        Bad samples in a row that are bridged.
+    stop : {"hold", "gravity", "zero"}
+        Brake to a standstill under the law and hold there; or ramp the torque, within a tenth of `duration`, to that of
+        gravity at the pose of the moment (of laws with an ``arm``), or to zero, with a damping that brakes what the
+        encoders see moving. A hold becomes such a ramp (to gravity where the law has an arm) where there is nothing to
+        hold by: an encoder stands still, goes on jumping, or the law gives no finite torque.
+    duration : float
+        Of the braking [s].
+
+    Raises
+    ------
+    ValueError
+    """
+
+    jump: np.ndarray | float | None = None
+    stuck: np.ndarray | float | None = None
+    error: np.ndarray | float | None = None
+    late: float = 0.5
+    patience: int = 3
+    stop: str = "hold"
+    duration: float = 0.2
+
+    def __post_init__(self):
+        for name in ("jump", "stuck", "error", "late"):
+            value = getattr(self, name)
+            if value is None and name != "late":
+                continue
+            given = array(name, value, np.shape(value)[:1], finite=False, advice="Give pulses; np.inf switches it off.")
+            if not (given > 0).all():
+                raise ValueError(f"{name} must be positive; got {value}. np.inf switches it off.")
+        if isinstance(self.patience, bool) or not isinstance(self.patience, (int, np.integer)) or self.patience < 0:
+            raise ValueError(f"patience must be a whole number of samples, 0 or more; got {self.patience!r}. Try 3.")
+        if np.ndim(self.late):
+            raise ValueError(f"late must be one number; got {self.late}. Give a share of the period.")
+        choice("stop", self.stop, STOPS)
+        real("duration", self.duration, "Give seconds.", positive=True)
+
+    def limits(self, rig):
+        """What jump, stuck and error allow on this rig [pulses], and the band of static friction [N m]: (4, n)."""
+        drive, turn = rig.drive, rig.encoder.resolution
+        inertia, torque = drive.reflected_inertia(), drive.torque_limit()
+        jump, friction = turn / 10, drive.coupling.joint_torque(drive.joint_coulomb())
+        if (inertia > 0).all() and np.isfinite(torque).all():
+            # D is at least the motors' inertia, so D^-1 at most its inverse: |qdd_i| <= sum_j tau_j / sqrt(J_i J_j).
+            added = np.sum(torque / np.sqrt(inertia)) / np.sqrt(inertia) * rig.period**2
+            jump = 8 + 4 * np.abs(rig.position(drive.coupling.joint(added)))
+        given = [self._each(name, default) for name, default in (("jump", jump), ("stuck", turn / 40), ("error", turn))]
+        return np.array([*given, 3 * np.abs(friction)])
+
+    def _each(self, name, default):
+        value = getattr(self, name)
+        if value is None:
+            return default
+        value = np.full(len(default), value) if np.ndim(value) == 0 else value
+        return array(name, value, default.shape, finite=False, advice="Give one number, or one per joint.")
+
+
+def wording(cause, joint, amount):
+    """A cause in words; `amount` is what the shell noted with it."""
+    return {
+        safety.WAS_LATE: f"a call that came {1e3 * amount:.3g} ms late",
+        safety.HAD_GAPS: "a reference that is no finite position",
+        safety.HAS_JUMPED: f"a jump of {abs(amount):.0f} pulses of {joint}",
+        safety.IS_STUCK: f"the encoder of {joint} stands still while its reference moved by {abs(amount):.0f} pulses",
+        safety.IS_OFF: f"{joint} is {abs(amount):.0f} pulses from its reference",
+        safety.NO_TORQUE: "the law gives no finite torque",
+    }[int(cause)]

@@ -1,0 +1,220 @@
+"""A law at work in a control script: the same equations as in the simulator, one sample at a time."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+
+import numpy as np
+
+from plant.machine.rig import Rig
+from plant.parts.arguments import array, choice, instance, real
+from plant.realtime import safety
+from plant.realtime.compiled_step import compiled, has_weight, row
+from plant.realtime.guards import Guards, wording
+
+__all__ = ["Running"]
+
+_ARGUMENTS = ("pulses", "q_r", "qd_r", "qdd_r")
+
+
+class Running:
+    """A running controller; made by `Law.start`.
+
+    Parameters
+    ----------
+    law : Law
+    rig : Rig
+    pulses : (n,) array_like
+        Encoder counts now.
+    guards : Guards, optional
+        None for none: then a call that cannot be answered is refused, and nothing else is watched.
+    torque_limit : (n,) array_like, optional
+        Largest torque [N m], magnitude, joint side (of coupled joints: on the shaft), where the amplifier can give
+        more. Like the amplifier's limit it is known to the law, whose observer sees what was cut.
+
+    Attributes
+    ----------
+    core : Core
+        The compiled step and its memory, for loops that are compiled by numba.
+    pulses : (n,) numpy.ndarray
+        Counts that the law was given in the last call.
+    torque : (n,) numpy.ndarray
+        Joint torque of the last call [N m].
+    state : numpy.ndarray
+        State of the law.
+    reference : (n,) numpy.ndarray
+        Joint position [rad] that the law was asked for in the last call; in a stop its own.
+    stopped : bool
+        Whether a guard has stopped the arm.
+    bridged : int
+        Calls in which something was wrong and was bridged.
+    status : str
+        "running", with what was bridged last, or "safe stop" and why.
+    """
+
+    def __init__(self, law, rig, pulses, guards=None, torque_limit=None):
+        instance("rig", rig, Rig, "Pass found.rig.")
+        if guards is not None:
+            instance("guards", guards, Guards, "Give Guards(...), or None for none.")
+        if torque_limit is not None:
+            advice = "Give one torque above 0 per joint [N m]."
+            limit = array("torque_limit", torque_limit, (rig.n,), advice=advice, finite=False)
+            if not (limit > 0).all():
+                raise ValueError(f"torque_limit must be positive; got {limit}. {advice}")
+            rig = dataclasses.replace(rig, drive=rig.drive.limited_to(limit))
+        block = law.block(rig)
+        self.law, self.rig, self.guards, self.n = law, rig, guards, rig.n
+        self.period = block.period or rig.period
+        counts = self._counts(pulses)
+        self.core = compiled(law, rig, block, guards)
+        self._step, self._memory = self.core
+        self._shape, self._initial = (rig.n,), self._memory.copy()
+        self._block = np.empty((len(_ARGUMENTS), rig.n))
+        self._arguments = tuple(self._block)
+        self._torque, self._rows = np.empty(rig.n), slice(safety.SCALARS, safety.SCALARS + safety.ROWS * rig.n)
+        self._set(counts)
+
+    def reset(self, pulses):
+        """Start anew, as after `Law.start`: with the law's initial state, and whatever stopped the arm forgotten.
+
+        After a safe stop: find out why (`status`), plan a reference that begins where the arm stands
+        (``rig.angle(pulses)``), and reset.
+
+        Parameters
+        ----------
+        pulses : (n,) array_like
+            Encoder counts now.
+        """
+        self._set(self._counts(pulses))
+
+    def step(self, pulses=None, q_r=None, qd_r=None, qdd_r=None, *, now=None, **unknown):
+        """Torque to be applied until the next call.
+
+        Parameters
+        ----------
+        pulses : (n,) array_like
+            Encoder counts, whole numbers, read now; to be called once per period.
+        q_r, qd_r, qdd_r : (n,) array_like
+            Reference for now, joint side [rad, rad/s, rad/s^2]. With guards, one that is not finite is continued from
+            the last one; only the first must be finite.
+        now : float, optional
+            Time of a steady clock [s] (``time.perf_counter()``), for the guard that sees calls come late.
+
+        Returns
+        -------
+        (n,) numpy.ndarray
+            Joint torque after the amplifier's limit [N m]; ``rig.drive.current(torque)`` is what to command.
+
+        Raises
+        ------
+        ValueError
+            Something missing, wrong shapes, counts that are not whole, a clock that does not advance; without guards
+            also NaN in the reference, or a law that gives no finite torque. Nothing has changed then.
+        """
+        ours = self._arguments
+        try:
+            if not pulses.shape == q_r.shape == qd_r.shape == qdd_r.shape == self._shape or unknown:
+                raise ValueError
+            ours[0][:], ours[1][:], ours[2][:], ours[3][:] = pulses, q_r, qd_r, qdd_r
+            time = np.nan if now is None else float(now)
+        except (AttributeError, TypeError, ValueError):
+            time = self._take((pulses, q_r, qd_r, qdd_r), now, unknown)
+        refusal = self._step(*ours, time, self._memory, self._torque)
+        if refusal:
+            self._refuse(refusal, time)
+        return self._torque.copy()
+
+    # -- what there is to know --------------------------------------------------------------------------------------
+    @property
+    def pulses(self):
+        return self._row(safety.COUNTS)
+
+    @property
+    def torque(self):
+        return self._row(safety.TORQUE)
+
+    @property
+    def reference(self):
+        return self._row(safety.Q)
+
+    @property
+    def state(self):
+        states = int(self._memory[safety.STATES])
+        return self._memory[self._rows.stop + states :][:states].copy()
+
+    @property
+    def stopped(self):
+        return self._memory[safety.CAUSE] != safety.RUNNING
+
+    @property
+    def bridged(self):
+        return int(self._memory[safety.BRIDGED])
+
+    @property
+    def status(self):
+        event, joint, amount, call = self._memory[safety.EVENT : safety.EVENT_CALL + 1]
+        if event == safety.RUNNING:
+            return "running"
+        said = wording(event, self._joint(int(joint)), amount)
+        if not self.stopped:
+            return f"running; bridged {said} at call {call:.0f}"
+        again = (
+            f", {self.guards.patience + 1} times in a row" if event in safety.PATIENT and self.guards.patience else ""
+        )
+        return f"safe stop, {self._end()}: {said}{again}, at call {call:.0f}"
+
+    def _end(self):
+        if not self._memory[safety.RELEASED]:
+            return "holding"
+        return "ramp to gravity" if has_weight(self.law, self.guards) else "ramp to zero"
+
+    def _joint(self, index):
+        arm = getattr(self.law, "arm", None)
+        return f"joint index {index}" if arm is None else f"joint {arm.dynamics.chain.links[index].name}"
+
+    def _row(self, index):
+        return self._memory[self._rows][index * self.n : (index + 1) * self.n].copy()
+
+    # -- what is no array of the right shape, and what is wrong -------------------------------------------------------
+    def _set(self, counts):
+        self._memory[:] = self._initial
+        self._memory[row(safety.COUNTS, self.n)] = counts
+
+    def _take(self, given, now, unknown):
+        """Read arguments of any kind; the time."""
+        if now is None and not unknown:
+            with contextlib.suppress(TypeError, ValueError):  # lists of numbers, in half the time
+                block = np.array(given, float)
+                if block.shape == (len(_ARGUMENTS), self.n):
+                    self._block[:] = block
+                    return np.nan
+        for name in unknown:
+            choice("an argument of step", name, (*_ARGUMENTS, "now"))
+        for name, value, place in zip(_ARGUMENTS, given, self._arguments, strict=True):
+            if value is None:
+                raise ValueError(f"step takes ({', '.join(_ARGUMENTS)}); {name} is missing. Give all four.")
+            advice = "Give the encoder count of each joint." if name == "pulses" else "Give one value per joint [SI]."
+            place[:] = array(name, value, (self.n,), advice=advice, finite=False)
+        return np.nan if now is None else real("now", now, "Give seconds of a steady clock.")
+
+    def _refuse(self, refusal, time):
+        counts, *motion = self._arguments
+        if refusal == safety.BAD_PULSES:
+            self._counts(counts)
+        if refusal == safety.BAD_REFERENCE:
+            for name, value in zip(_ARGUMENTS[1:], motion, strict=True):
+                array(name, value, (self.n,), advice="Give one value per joint [SI].")
+            raise ValueError(f"q_r must be below {safety.FAR:g} rad; got {motion[0]}. Take whole turns off.")
+        if refusal == safety.BAD_CLOCK:
+            last = self._memory[safety.NOW]
+            raise ValueError(
+                f"now must be finite and advance; got {time} after {last}. Give seconds of a steady clock."
+            )
+        raise ValueError(f"the law must give finite torques; it does not at pulses {counts}. Check its numbers.")
+
+    def _counts(self, pulses):
+        pulses = array("pulses", pulses, (self.n,), advice="Give the encoder count of each joint.")
+        if (pulses != np.trunc(pulses)).any():
+            raise ValueError(f"pulses must be whole encoder counts; got {pulses}. Give counts, not angles.")
+        return pulses

@@ -1,0 +1,249 @@
+"""What stands around a law at work, sample by sample: checks, guards and the safe stop, in the compiled core.
+
+The text of this module stands in every generated file of a running controller (`plant.realtime.compiled_step`), so it
+is Python that numba can compile: arrays and numbers, no objects, nothing allocated. The law, the amplifier's limit and
+all that crosses to pulses are generated from casadi and put in the place of `ahead` ... `rest` below; each reads
+`memory` and writes its results there. `memory` is one vector: `SCALARS` numbers, `ROWS` rows of one number per joint,
+then the law's initial state, its state, the state that follows, and its numbers.
+"""
+
+import numpy as np
+
+__all__ = ["step"]
+
+FAR = 1e5
+"""Angle [rad] up to which the kernels' sines are exact to rounding."""
+
+SMOOTHING = 0.25
+"""Share of a new change of the counts in the speed, one pulse of rounding being much of a change."""
+
+RAMP = 0.1
+"""Share of the duration of a stop in which the torque goes to that at rest: short, since it may begin at the limit."""
+
+GUARDED, PATIENCE, LATE, PERIOD, STOP, DURATION, STATES = range(7)
+CALLS, NOW, DT, LATE_CALLS, JUMPS, GAPS, CAUSE, SINCE, RELEASED = range(7, 16)
+EVENT, EVENT_JOINT, EVENT_AMOUNT, EVENT_CALL, BRIDGED, WEIGHT = range(16, 22)
+SCALARS = 22
+
+COUNTS, BEFORE, EXPECTED, SPEED, ANGLE, Q, QD, QDD, REFERENCE = range(9)
+WANTED, GIVEN, TORQUE, REST, FROM_Q, FROM_QD, FROM_TORQUE, MARK, MARK_TORQUE = range(9, 18)
+JUMP, STUCK, ERROR, FRICTION = range(18, 22)
+ROWS = 22
+
+DONE, BAD_PULSES, BAD_REFERENCE, BAD_CLOCK, BAD_LAW = range(5)
+"""What a step gives back; unless it is DONE, nothing has changed."""
+
+RUNNING, WAS_LATE, HAD_GAPS, HAS_JUMPED, IS_STUCK, IS_OFF, NO_TORQUE = range(7)
+"""Causes of a stop, and of what was bridged."""
+
+PATIENT = (HAD_GAPS, HAS_JUMPED)
+"""Those that were bridged so many times before they stopped the arm."""
+
+HOLD = 0.0
+
+ahead = moving = counted = standing = slowing = law = rest = None
+"""Generated: the reference one sample on; the speed that it means; counts of the reference and angle of the counts;
+where a stop begins at the arm; the reference of a stop; the law; the torque at which a stop ends."""
+
+
+def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
+    """One sample: torque (n,) [N m] from counts (n,) and reference (n,) each; `now` [s] is NaN without a clock."""
+    n, own = torque.shape[0], memory[:SCALARS]
+    joints = memory[SCALARS : SCALARS + ROWS * n].reshape(ROWS, n)
+    refusal = refused(pulses, q_r, qd_r, qdd_r, now, own)
+    if refusal != DONE:
+        return refusal
+    first, earlier = own[CALLS] == 0.0, own[NOW]
+    own[CALLS] += 1.0
+    in_time(now, own)
+    if own[CAUSE] == RUNNING or own[SINCE] < 0.0:
+        follow(q_r, qd_r, qdd_r, own, joints, memory)
+    if first:
+        moving(memory)
+    read(pulses, first, own, joints)
+    if own[CAUSE] == RUNNING:
+        counted(memory)
+        watch(first, own, joints)
+    if own[CAUSE] != RUNNING:
+        if own[SINCE] < 0.0:
+            begin_stop(own, joints, memory)
+        else:
+            own[SINCE] += own[DT]
+        if own[RELEASED] == 0.0:
+            slowing(memory)
+        counted(memory)
+    if own[RELEASED] == 0.0:
+        law(memory)
+        if finite(own, joints, memory):
+            copy(GIVEN, TORQUE, joints)
+            take_state(2, own, joints, memory)
+        elif own[GUARDED] == 0.0:
+            copy(BEFORE, COUNTS, joints)
+            own[NOW] = earlier
+            return BAD_LAW
+        else:
+            stop(NO_TORQUE, 0, 0.0, own)
+            release(own, joints)
+    if own[RELEASED] == 1.0:
+        rest(memory)
+        share = min(1.0, own[SINCE] / (RAMP * own[DURATION]))
+        for i in range(n):
+            joints[TORQUE, i] = joints[FROM_TORQUE, i] + share * (joints[REST, i] - joints[FROM_TORQUE, i])
+    for i in range(n):
+        torque[i] = joints[TORQUE, i]
+    return DONE
+
+
+def refused(pulses, q_r, qd_r, qdd_r, now, own):
+    """What is wrong with a call that no guard can mend."""
+    for count in pulses:
+        if not (abs(count) < np.inf and count == np.floor(count)):
+            return BAD_PULSES
+    if now <= own[NOW] or abs(now) == np.inf:
+        return BAD_CLOCK
+    mendable = own[GUARDED] == 1.0 and own[CALLS] > 0.0
+    bad = not mendable and own[CAUSE] == RUNNING and not usable(q_r, qd_r, qdd_r)
+    return BAD_REFERENCE if bad else DONE
+
+
+def usable(q_r, qd_r, qdd_r):
+    """Whether a reference is finite, and its angles are such that the kernels know their sines."""
+    sound = True
+    for i in range(len(q_r)):
+        sound = sound and abs(q_r[i]) <= FAR and abs(qd_r[i]) < np.inf and abs(qdd_r[i]) < np.inf
+    return sound
+
+
+def in_time(now, own):
+    """Guard of the clock; what is late is told to the law as the time that really passed."""
+    elapsed = now - own[NOW]
+    over = elapsed / own[PERIOD] - 1.0 - own[LATE]
+    own[NOW], own[DT] = now, own[PERIOD]
+    if over > 0.0:
+        own[DT] = elapsed
+        own[LATE_CALLS] += np.ceil(over)
+        bridge(WAS_LATE, 0, elapsed - own[PERIOD], own[LATE_CALLS] > own[PATIENCE], own)
+    else:
+        own[LATE_CALLS] = 0.0
+
+
+def follow(q_r, qd_r, qdd_r, own, joints, memory):
+    """Guard of the reference: one that cannot be used is continued from the last that could."""
+    if usable(q_r, qd_r, qdd_r):
+        own[GAPS] = 0.0
+        for i in range(len(q_r)):
+            joints[Q, i], joints[QD, i], joints[QDD, i] = q_r[i], qd_r[i], qdd_r[i]
+    else:
+        own[GAPS] += 1.0
+        ahead(memory)
+        bridge(HAD_GAPS, 0, own[GAPS], own[GAPS] > own[PATIENCE], own)
+
+
+def read(pulses, first, own, joints):
+    """Guard of the counts: what jumped is replaced by where it was going, unless it goes on doing so."""
+    dt, joint, largest = own[DT], -1, 0.0
+    for i in range(len(pulses)):
+        joints[BEFORE, i] = joints[COUNTS, i]
+        coming = joints[COUNTS, i] + joints[SPEED, i] * dt
+        surprise = pulses[i] - coming
+        joints[EXPECTED, i] = pulses[i]
+        if not first and abs(surprise) > joints[JUMP, i] + abs(joints[SPEED, i]) * dt:
+            joints[EXPECTED, i] = np.floor(coming + 0.5)
+            if abs(surprise) > abs(largest):
+                joint, largest = i, surprise
+    own[JUMPS] = own[JUMPS] + 1.0 if joint >= 0 else 0.0
+    lost = own[JUMPS] > own[PATIENCE]
+    if joint >= 0:
+        if lost and own[CAUSE] != RUNNING:
+            release(own, joints)  # a stop that nothing can be read in
+        bridge(HAS_JUMPED, joint, largest, lost, own)
+    for i in range(len(pulses)):
+        joints[COUNTS, i] = pulses[i] if lost else joints[EXPECTED, i]
+        if lost:
+            joints[SPEED, i] *= 1.0 - own[RELEASED]  # unknown from here on
+        elif not first:
+            joints[SPEED, i] += SMOOTHING * ((joints[COUNTS, i] - joints[BEFORE, i]) / dt - joints[SPEED, i])
+
+
+def watch(first, own, joints):
+    """Guards of the tracking error, and of an encoder that stands still.
+
+    Static friction holds a joint while the torque stays within a band of twice its level. Where the torque has left
+    that band since the counts last changed, the joint must have moved.
+    """
+    for i in range(joints.shape[1]):
+        error = joints[REFERENCE, i] - joints[COUNTS, i]
+        if abs(error) > joints[ERROR, i]:
+            stop(IS_OFF, i, error, own)
+        asked, pushed = joints[REFERENCE, i] - joints[MARK, i], joints[TORQUE, i] - joints[MARK_TORQUE, i]
+        if first or joints[COUNTS, i] != joints[BEFORE, i]:
+            joints[MARK, i], joints[MARK_TORQUE, i] = joints[REFERENCE, i], joints[TORQUE, i]
+        elif abs(asked) > joints[STUCK, i] and abs(pushed) > joints[FRICTION, i]:
+            stop(IS_STUCK, i, asked, own)
+
+
+def bridge(cause, joint, amount, too_often, own):
+    """Note what was bridged, or stop if it came too often in a row."""
+    if too_often:
+        stop(cause, joint, amount, own)
+    elif own[CAUSE] == RUNNING:
+        own[BRIDGED] += 1.0
+        note(cause, joint, amount, own)
+
+
+def note(cause, joint, amount, own):
+    own[EVENT], own[EVENT_JOINT], own[EVENT_AMOUNT], own[EVENT_CALL] = cause, joint, amount, own[CALLS]
+
+
+def stop(cause, joint, amount, own):
+    """Stop for the first cause that there is."""
+    if own[CAUSE] == RUNNING:
+        own[CAUSE], own[SINCE] = cause, -1.0
+        note(cause, joint, amount, own)
+
+
+def begin_stop(own, joints, memory):
+    """A stop begins at the reference where the arm followed it, and at the arm, with a law as new, where it did not."""
+    own[SINCE] = own[JUMPS] = 0.0
+    counted(memory)
+    if own[STOP] != HOLD or own[CAUSE] == IS_STUCK:  # a law that sees no motion would push on
+        release(own, joints)
+    elif own[CAUSE] == WAS_LATE or own[CAUSE] == HAD_GAPS:
+        copy(Q, FROM_Q, joints)
+        copy(QD, FROM_QD, joints)
+    else:
+        standing(memory)
+        for i in range(joints.shape[1]):
+            joints[TORQUE, i] = 0.0
+        take_state(0, own, joints, memory)
+
+
+def release(own, joints):
+    """From here on the torque goes to that at rest, whatever the counts say."""
+    if own[RELEASED] == 0.0:
+        own[RELEASED], own[SINCE] = 1.0, 0.0
+        copy(TORQUE, FROM_TORQUE, joints)
+
+
+def finite(own, joints, memory):
+    """Whether the torque that the law wants, and the state that would follow, are numbers."""
+    total, states = 0.0, int(own[STATES])
+    start = SCALARS + ROWS * joints.shape[1] + 2 * states
+    for i in range(joints.shape[1]):
+        total += abs(joints[WANTED, i])
+    for i in range(start, start + states):
+        total += abs(memory[i])
+    return total < np.inf
+
+
+def copy(source, target, joints):
+    for i in range(joints.shape[1]):
+        joints[target, i] = joints[source, i]
+
+
+def take_state(which, own, joints, memory):
+    """Make the law's initial state (0) or the one that follows (2) its state (1)."""
+    states = int(own[STATES])
+    start = SCALARS + ROWS * joints.shape[1]
+    for i in range(start, start + states):
+        memory[i + states] = memory[i + which * states]

@@ -1,0 +1,3 @@
+"""Arms to start from."""
+
+__all__: list[str] = []

@@ -1,0 +1,36 @@
+"""What a controller read in the course of an experiment, as a file that its exported C replays."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plant.simulation.followed_path import path_of
+
+__all__ = ["write_replay"]
+
+
+def write_replay(record, path):
+    """Write what a controller reads in the course of an experiment, as ``main.c`` replays it.
+
+    Parameters
+    ----------
+    record : Record
+        With one sample per step of the law.
+    path : str or Path
+        CSV file of encoder counts and q_r, qd_r, qdd_r of all joints, one row per sample.
+
+    Raises
+    ------
+    ValueError
+        Counts that are not whole.
+    """
+    motion, _ = path_of(record)(record.t)
+    pulses = record.reference_pulses - record.error_pulses
+    if (pulses != np.trunc(pulses)).any():
+        raise ValueError("pulses of the record must be whole; got fractions. Simulate with an encoder that counts.")
+    columns = (("pulses", ""), ("q_r", " [rad]"), ("qd_r", " [rad/s]"), ("qdd_r", " [rad/s^2]"))
+    names = [f"{name}_{i + 1}{unit}" for name, unit in columns for i in range(record.n)]
+    with open(path, "w", encoding="ascii", newline="\n") as file:
+        file.write(",".join(names) + "\n")
+        for counts, row in zip(pulses, np.hstack(motion), strict=True):
+            file.write(",".join([*(f"{count:.0f}" for count in counts), *(f"{x:.17g}" for x in row)]) + "\n")

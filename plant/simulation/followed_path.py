@@ -1,0 +1,108 @@
+"""What a loop is commanded: a reference as its rig sees it, or the counts of a log.
+
+The reference counts are rounded as the encoder rounds, also between samples, as the control card does. A record that
+comes without a reference is replayed from its logged counts: straight lines between two samples, rounded likewise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plant.machine.rig import smooth_rig
+from plant.motion.reference import Motion
+from plant.simulation.clock import Clock
+
+__all__ = ["Logged", "Path", "path_of", "start_of"]
+
+
+_FIRST = 10
+"""Samples from which the first speed is taken."""
+
+
+class Path:
+    """A reference as a rig sees it: motion and pulses."""
+
+    def __init__(self, reference, rig):
+        if reference.n != rig.n:
+            raise ValueError(f"reference must have {rig.n} joints like the rig; got {reference.n}. Use a matching one.")
+        self.reference, self.rig = reference, rig
+
+    def __call__(self, t):
+        motion = self.reference(t)
+        return motion, self.rig.pulses(motion.q)
+
+    def start(self):
+        """Position and velocity (n,) of the reference at t = 0."""
+        motion = self.reference(np.zeros(1))
+        return motion.q[0], motion.qd[0]
+
+
+class Logged:
+    """The reference of a record that has none but its logged pulses (N, n), at the samples of a clock."""
+
+    def __init__(self, reference_pulses, rig, clock):
+        self.pulses, self.rig, self.clock = reference_pulses, rig, clock
+
+    def __call__(self, t):
+        place = self.clock.place(t)
+        row = np.clip(np.floor(place).astype(int), 0, len(self.pulses) - 1)
+        following = np.minimum(row + 1, len(self.pulses) - 1)
+        step = self.pulses[following] - self.pulses[row]
+        pulses = self.pulses[row] + step * np.maximum(place - row, 0)[:, None]
+        motion = Motion(self.rig.turned(pulses), self.rig.turned(step / self.clock.apart(row)), np.zeros_like(pulses))
+        return motion, self.rig.encoder.count(pulses)
+
+    def start(self):
+        """Position at t = 0, at rest: two counts say nothing of a velocity."""
+        return self.rig.turned(self.pulses[0]), np.zeros(self.rig.n)
+
+
+def path_of(record, clock=None, *, smooth=False):
+    """What a record's loop was asked to follow: its reference where it has one, its logged counts otherwise.
+
+    Smooth: not rounded to pulses; counts then stand for the middle of their cell.
+
+    Raises
+    ------
+    ValueError
+        The logged counts are not those of the reference.
+    """
+    clock = clock or Clock.of(record)
+    if record.reference is None:
+        rig, counts = record.rig, record.reference_pulses
+        return Logged(rig.counted(counts), smooth_rig(rig), clock) if smooth else Logged(counts, rig, clock)
+    path = Path(record.reference, record.rig)
+    off = np.abs(path(clock.t[clock.rows])[1] - record.reference_pulses).max(axis=1)
+    wrong = np.flatnonzero(off > 1)
+    if len(wrong):
+        raise ValueError(
+            f"reference_pulses must be the reference's own, from t = 0; sample {wrong[0]} is {off[wrong[0]]:.0f} "
+            "pulses off. Correct the reference, or leave it out to replay the logged counts."
+        )
+    return Path(record.reference, smooth_rig(record.rig)) if smooth else path
+
+
+def start_of(record, path):
+    """Position and velocity (n,) from which a record is replayed.
+
+    As the record says; or the reference's, but a joint whose first error is a pulse or more (an arm that hangs in its
+    P loop before it starts) is where its encoder says, in the middle of that cell. What replays a torque without a
+    reference starts at the speed of its first counts.
+    """
+    if record.initial is not None:
+        return record.initial
+    q, qd = path.start()
+    counted = record.rig.angle(record.reference_pulses[0] - record.error_pulses[0])
+    coupling = record.rig.drive.coupling
+    q = coupling.joint(np.where(np.abs(record.error_pulses[0]) >= 1, *map(coupling.shaft, (counted, q))))
+    unknown = record.reference is None and record.law is not None and record.law.replays
+    return q, _first_speed(record) if unknown else qd
+
+
+def _first_speed(record):
+    """Speed (n,) [rad/s] at the start of a parabola through the first counts; zero where they hardly move."""
+    t, counts = record.t[:_FIRST] - record.t[0], record.counts[:_FIRST]
+    if len(t) < _FIRST or (np.ptp(counts, axis=0) <= 1).all():
+        return np.zeros(record.n)
+    scale = t[-1]
+    return record.rig.turned(np.polynomial.polynomial.polyfit(t / scale, counts, 2)[1] / scale)

@@ -1,0 +1,106 @@
+"""A closed loop compiled, for one individual or for many."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from plant.compiler.kernel_cache import Kernel
+from plant.simulation.loop_source import loop_source
+
+__all__ = ["LANES", "LoopKernel", "Structure", "loop_kernel"]
+
+
+LANES = 40
+"""Individuals side by side in the loop of a population, chosen by tests/benchmarks/speed.py."""
+
+
+class LoopKernel:
+    """A closed loop compiled: one individual with its log, or `width` individuals without.
+
+    Parameters
+    ----------
+    loop : ClosedLoop
+    lanes : sequence of int
+        Which numbers (positions in ``loop.number_names``) differ between individuals.
+    width : int
+        Individuals side by side.
+    uneven : bool
+        Steps of several lengths.
+    """
+
+    def __init__(self, loop, lanes, width=LANES, *, uneven=False):
+        self.loop, self.lanes, self._uneven = loop, tuple(lanes), uneven
+        self.uniform = tuple(i for i in range(len(loop.number_names)) if i not in set(self.lanes))
+        source, self._columns = loop_source(loop, self.lanes, self.uniform, width, uneven)
+        self._kernel = Kernel(source, ["single", "population"])
+
+    def prepared(self, tables, *, logged=False):
+        """Of the tables (law_time, sample_time, step_time, data) what a run with, or without, a log reads; and h."""
+        lengths = np.concatenate([table[:, -1] for table in tables[:3]])
+        if not self._uneven and len(lengths) and np.ptp(lengths) > 0:
+            raise ValueError(f"all steps must have one length; got {lengths.min()} to {lengths.max()} s. Say uneven.")
+        columns = self._columns["single" if logged else "population"].values()
+        used = [np.ascontiguousarray(table[:, some]) for table, some in zip(tables, columns, strict=True)]
+        return *used, lengths[0] if len(lengths) else 0.0
+
+    def run(self, tables, initial, lanes, uniform, logs=None):
+        """Run the loop.
+
+        Parameters
+        ----------
+        tables : tuple
+            From `prepared`.
+        initial : (s, W) numpy.ndarray
+            State at the start of each individual.
+        lanes : (L, W) numpy.ndarray
+            Their own numbers.
+        uniform : (U,) numpy.ndarray
+            The others.
+        logs : tuple of numpy.ndarray, optional
+            sample_log and step_log to be filled; W must be 1 then, and `width` otherwise.
+
+        Returns
+        -------
+        final : (s, W) numpy.ndarray
+        steps : int
+            Sub-steps done: fewer than asked when every individual has diverged.
+        """
+        final = np.empty_like(initial)
+        empty = np.empty((0, 0))
+        steps = self._kernel.call(
+            "population" if logs is None else "single",
+            initial,
+            lanes,
+            np.append(uniform, tables[-1]),
+            *tables[:-1],
+            *(logs or (empty, empty)),
+            final,
+        )
+        return final, steps
+
+
+class Structure:
+    """A loop compared by its structure alone: loops with other numbers share one kernel."""
+
+    def __init__(self, loop):
+        self.loop = loop
+        functions = (loop.law_step, loop.sample, loop.substep)
+        self.key = tuple(None if f is None else f.serialize() for f in functions), loop.steps_per_law
+
+    def __eq__(self, other):
+        return self.key == other.key and self.loop.steps_per_sample == other.loop.steps_per_sample
+
+    def __hash__(self):
+        return hash(self.key)
+
+
+@functools.lru_cache(maxsize=64)
+def _kernel(key, lanes, uneven):
+    return LoopKernel(key.loop, lanes, uneven=uneven)
+
+
+def loop_kernel(loop, lanes=(), *, uneven=False):
+    """Compiled kernel of a closed loop; `lanes` are the numbers that differ between individuals."""
+    return _kernel(Structure(loop), tuple(lanes), uneven)

@@ -1,0 +1,194 @@
+"""The one simulator: an arm with a rig under a law, following a reference, gives a record."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from plant.laws.law import Law
+from plant.logs.record import Record
+from plant.machine.rig import Rig
+from plant.mechanics.arm import Arm
+from plant.motion.reference import Reference
+from plant.parts.arguments import array, choice, instance, known_options, real
+from plant.simulation.casadi_loop import by_casadi
+from plant.simulation.clock import Clock
+from plant.simulation.closed_loop import ClosedLoop, bounded
+from plant.simulation.followed_path import Path, path_of, start_of
+from plant.simulation.loop_kernel import loop_kernel
+from plant.simulation.time_tables import time_tables
+
+__all__ = ["DivergenceError", "Trace", "replay", "run", "simulate"]
+
+
+class DivergenceError(ValueError):
+    """A closed loop that did not stay bounded; the message says when, and which joint first."""
+
+
+@known_options
+def simulate(arm, rig, law, reference, *, duration=None, steps_per_sample=4, sweeps=3, initial=None, backend="numba"):
+    """Simulate the closed loop and log it as the experiment does.
+
+    Parameters
+    ----------
+    arm : Arm
+    rig : Rig
+    law : Law
+    reference : Reference
+    duration : float, optional
+        [s]; by default the reference's own. There are ceil(duration / period) samples, at t_k = k period from 0.
+    steps_per_sample : int
+        Integration steps between two samples; 4 is accurate to the noise of the encoder, 16 is nearly converged.
+    sweeps : int
+        Of the friction law over the joints, per integration step; what fewer or more of both change in pulses is a
+        table in docs/speed.md.
+    initial : (2, n) array_like, optional
+        Position [rad] and velocity [rad/s] at t = 0; by default those of the reference.
+    backend : {"numba", "casadi"}
+        The compiled kernel, or casadi evaluating the same step.
+
+    Returns
+    -------
+    Record
+        With torque, current and the true joint motion.
+
+    Raises
+    ------
+    ValueError
+        Bad input, or, as `DivergenceError`, a loop that does not stay bounded (with time and joint).
+    """
+    choice("backend", backend, ("numba", "casadi"))
+    trace = run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, sweeps)
+    return trace.record
+
+
+@dataclasses.dataclass(frozen=True)
+class Trace:
+    """A record together with what happened between its samples.
+
+    Attributes
+    ----------
+    record : Record
+    true_error_pulses : (N steps_per_sample, n) numpy.ndarray
+        Reference minus position, unrounded, at the middle of every sub-step [pulses].
+    """
+
+    record: Record
+    true_error_pulses: np.ndarray
+
+
+def run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, sweeps=3):
+    """`simulate`, with the sub-steps kept."""
+    order = "The order is arm, rig, law, reference."
+    for name, value, kind in (
+        ("arm", arm, Arm),
+        ("rig", rig, Rig),
+        ("law", law, Law),
+        ("reference", reference, Reference),
+    ):
+        instance(name, value, kind, order)
+    if law.replays:
+        raise ValueError(f"the law must be a controller; {type(law).__name__} repeats a log. Use replay(arm, record).")
+    loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, sweeps=sweeps)
+    duration = reference.duration if duration is None else duration
+    duration = real("duration", duration, "Leave it out for one period of the reference.", positive=True)
+    clock = Clock.regular(math.ceil(duration / rig.period - 1e-9), rig.period)
+    path = Path(reference, rig)
+    if initial is not None:
+        initial = array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
+    start = path.start() if initial is None else initial
+    log, true_error = _evaluated(loop, arm, time_tables(loop, path, clock), clock, start, backend)
+    error, torque, q, qd = np.hsplit(log, 4)
+    record = Record(
+        t=clock.t,
+        reference_pulses=path(clock.t)[1],
+        error_pulses=error,
+        torque=torque,
+        current=rig.drive.current(torque),
+        rig=rig,
+        law=law,
+        reference=reference,
+        initial=initial,
+        true_q=q,
+        true_qd=qd,
+    )
+    return Trace(record, true_error)
+
+
+@known_options
+def replay(arm, record, *, rig=None, law=None, steps_per_sample=4, sweeps=3, backend="numba"):
+    """Simulate the experiment of a record with another arm: what the log would have been, were the arm this one.
+
+    Parameters
+    ----------
+    arm : Arm
+    record : Record
+        Its law is simulated on what the record commanded, or repeats its torque or current (`LoggedTorque`); its time
+        stamps are kept, also where they are uneven.
+    rig, law : optional
+        In place of the record's, as `found.rig`.
+    steps_per_sample, sweeps, backend
+        As for `simulate`.
+
+    Returns
+    -------
+    Record
+        With the samples, the reference and the weights of the given one.
+
+    Raises
+    ------
+    ValueError
+        Bad input, or a loop that diverges (with time and joint).
+    """
+    choice("backend", backend, ("numba", "casadi"))
+    instance("arm", arm, Arm, "The order is arm, record.")
+    instance("record", record, Record, "The order is arm, record.")
+    rig, law = record.rig if rig is None else rig, record.law if law is None else law
+    instance("law", law, Law, "Pass law= here or with the record.")
+    record = dataclasses.replace(record, rig=rig, law=law)
+    loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, sweeps=sweeps)
+    clock = Clock.of(record)
+    path = path_of(record, clock)
+    tables = time_tables(loop, path, clock, law.replayed(record))
+    log, _ = _evaluated(loop, arm, tables, clock, start_of(record, path), backend)
+    error, torque, q, qd = np.hsplit(log[clock.rows], 4)
+    return dataclasses.replace(
+        record, error_pulses=error, torque=torque, current=rig.drive.current(torque), true_q=q, true_qd=qd
+    )
+
+
+def _evaluated(loop, arm, tables, clock, start, backend):
+    """Log and true errors of a run from a start, or a refusal where it diverges."""
+    evaluate = _by_kernel if backend == "numba" else by_casadi
+    state, numbers = loop.initial_state(*start), loop.number_values(arm.f)
+    final, steps, log, true_error = evaluate(loop, tables, clock, state, numbers)
+    if not (final[-1] > 0 and bounded(final[: 2 * loop.n])):
+        _refuse(loop, arm, log, final, steps)
+    return log, true_error
+
+
+def _by_kernel(loop, tables, clock, state, numbers):
+    samples, steps = len(tables[1]), len(tables[2])
+    log, true_error = np.full((samples, 4 * loop.n), np.nan), np.full((steps, loop.n), np.nan)
+    kernel = loop_kernel(loop, uneven=clock.even is None)
+    tables = kernel.prepared((*tables, np.empty((samples, 0))), logged=True)
+    final, done = kernel.run(tables, state[:, None], np.empty((0, 1)), numbers, (log, true_error))
+    return final[:, 0], done, log, true_error
+
+
+def _refuse(loop, arm, log, final, steps):
+    """Say when and where a simulation diverged."""
+    n = loop.n
+    q = log[:, 2 * n : 3 * n]
+    values = np.abs(np.where(np.isfinite(final[: 2 * n]), final[: 2 * n], np.inf)).reshape(2, n)
+    name = arm.dynamics.chain.links[int(np.argmax(values.max(axis=0)))].name
+    finite = np.flatnonzero(np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1) < 1e3))
+    time = (finite[-1] if len(finite) else 0) * loop.rig.period
+    start = q[0] if len(finite) else final[:n]
+    arm.require_positive(start)
+    raise DivergenceError(
+        f"the closed loop must stay bounded; it diverges after t = {time:.4f} s, joint {name} first. "
+        "Lower the gains, shorten the law's period, or check that f belongs to this arm."
+    )

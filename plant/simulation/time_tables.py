@@ -1,0 +1,44 @@
+"""What the loop is commanded, worked out beforehand for every step of the law, the log and the plant.
+
+Samples are at the times of a `Clock`. The sub-steps read the reference at their middle. A logged torque or current is
+held from its sample to the next, and goes on straight lines across gaps.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+__all__ = ["time_tables"]
+
+
+def time_tables(loop, path, clock, logged=None):
+    """Rows of `loop.time_names` for every step of the law, the log and the plant.
+
+    Parameters
+    ----------
+    loop : ClosedLoop
+    path : Path or Logged
+    clock : Clock
+    logged : (N, n) numpy.ndarray, optional
+        What the law replays, a row for each sample of the log.
+
+    Returns
+    -------
+    law_time, sample_time, step_time : numpy.ndarray
+    """
+    steps, every = loop.steps_per_sample, loop.steps_per_law
+    transport, passing = loop.rig.transport, np.empty((len(clock) * steps, 0))
+    if transport is not None:
+        step = np.arange(len(passing))
+        passing = np.column_stack([step % every, transport.words(-(-len(passing) // every))[step // every]])
+    owner = np.repeat(np.arange(len(clock)), steps)  # the sample that each sub-step belongs to
+    lengths = clock.step_lengths(steps)
+    rows = [slice(None, None, every) if every else slice(0), slice(None, None, steps), slice(None)]
+    times = clock.starts(steps, every) if every else np.empty(0), clock.t, clock.middles(steps)
+    tables = []
+    for t, some in zip(times, rows, strict=True):
+        sample, h = owner[some], lengths[some]
+        motion, pulses = path(t)
+        replayed = [] if logged is None else [clock.bridged(logged)[sample]]
+        tables.append(np.ascontiguousarray(np.column_stack([*motion, pulses, *replayed, passing[some], h])))
+    return tuple(tables)

@@ -1,0 +1,212 @@
+"""Least squares on logged torques: filters against theory, known truths found again, and honest standard deviations."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from identification import TorqueFit, derivatives, fit_torque, low_pass
+from identification.equation_error.least_squares import least_squares
+from plant import Coupling, Drive, Dynamics, Encoder, FrictionCurve, Harmonics, Rig, puma560
+from plant.robots.catalogue import planar
+
+PERIOD = 1e-3
+WRIST = Coupling(matrix=((1, 0, 0), (0.4, 1, 0), (0, -0.7, 1)))
+FRICTION = ("drive.viscous[0]", "drive.coulomb[1]", "drive.coulomb[2]", "drive.curve.offset[2]")
+
+
+def rig_of():
+    drive = Drive(
+        gear=(80.0, -60.0, 50.0), motor_inertia=(2e-4,) * 3, viscous=(1e-3, 2e-3, 1e-3), coulomb=(0.1, 0.08, 0.05),
+        motor_gain=(0.2,) * 3, current_limit=(20.0,) * 3, coupling=WRIST,
+        curve=FrictionCurve(offset=(0.01, -0.02, 0.015), breakaway=(0, 0, 0), speed=(1, 1, 1)),
+    )  # fmt: skip
+    return Rig(drive=drive, encoder=Encoder(resolution=(1000,) * 3), period=PERIOD)
+
+
+def experiment(seconds=8.0):
+    """Exact positions and torques of a coupled planar arm with friction; its dynamics, rig and f."""
+    rig, chain = rig_of(), planar(3).coupled(WRIST)
+    rotors = rig.drive.reflected_inertia()
+    bodies = [dataclasses.replace(body, rotor=float(j)) for body, j in zip(chain.bodies, rotors, strict=True)]
+    dynamics = Dynamics.from_chain(chain)
+    arm = dynamics.arm(dynamics.f(bodies))
+    path = Harmonics(
+        period=4.0, offset=(0.3, -0.2, 0.1),
+        cosine=((-0.5, -0.1, 0.2, 0.1), (0.4, -0.5, 0.1, -0.1), (0.3, 0.4, -0.6, 0.1)),
+        sine=((0.3, 0.2, -0.3, 0.1), (-0.4, 0.3, 0.2, 0.1), (0.5, -0.2, 0.3, -0.1)),
+    )  # fmt: skip
+    motion = path(np.arange(0, seconds, PERIOD))
+    torque = np.array([arm.inverse(*state) for state in zip(*motion, strict=True)]) + rig.drive.friction(motion.qd)
+    return dynamics, rig, arm.f, motion, torque
+
+
+@pytest.fixture(scope="module")
+def made():
+    return experiment()
+
+
+# -- filters ---------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("frequency", [5.0, 20.0, 60.0])
+def test_low_pass_has_no_phase_and_the_gain_of_butterworth_twice(frequency):
+    t = np.arange(0, 4, PERIOD)
+    middle = slice(1500, 2500)
+    got = low_pass(np.sin(2 * np.pi * frequency * t), PERIOD, 20.0)[middle]
+    warped = np.tan(np.pi * frequency * PERIOD) / np.tan(np.pi * 20.0 * PERIOD)
+    gain = 1 / (1 + warped**8)  # once forwards, once backwards
+    np.testing.assert_allclose(got, gain * np.sin(2 * np.pi * frequency * t[middle]), atol=1e-9)
+
+
+def test_derivatives_are_those_of_the_motion(made):
+    _, rig, _, motion, _ = made
+    got = derivatives(motion.q, rig.period, 50.0)
+    inside = slice(200, -200)
+    for found, true in zip(got, motion, strict=True):
+        np.testing.assert_allclose(found[inside], true[inside], atol=2e-4 * np.abs(true).max())
+
+
+# -- truths ----------------------------------------------------------------------------------------------------------
+def test_known_arm_and_friction_are_found_again(made):
+    """What the rig knows is taken as given (here wrong numbers in the unknown places do not matter)."""
+    dynamics, rig, f, motion, torque = made
+    drive = dataclasses.replace(rig.drive, viscous=(7.0, 2e-3, 1e-3), coulomb=(0.1, 7.0, 7.0))
+    other = dataclasses.replace(rig, drive=drive)
+    unknown = (*FRICTION[2:], *dynamics.names, *FRICTION[:2])  # in any order
+    found = fit_torque(dynamics, motion.q, torque, rig=other, cutoff=100, band=20, every=20, unknown=unknown)
+    true = dict(zip(dynamics.names, f, strict=True)) | {"drive.viscous[0]": 1e-3, "drive.coulomb[1]": 0.08}
+    true |= {"drive.coulomb[2]": 0.05, "drive.curve.offset[2]": 0.015}
+    assert found.names == unknown
+    for name in unknown:
+        assert found[name] == pytest.approx(true[name], rel=2e-3, abs=2e-3 * 9.81)
+    assert found.relative_error < 2e-3
+    assert found.rows == 3 * 395  # 8 s, without 50 ms at both ends, every 20 ms
+
+
+def test_extra_columns_are_found_too(made):
+    dynamics, rig, f, motion, torque = made
+    last = np.array([0, 0, 1.0])
+    found = fit_torque(
+        dynamics, motion.q, torque + 3.0 * motion.qd * last, rig=rig, cutoff=100, band=20, every=20,
+        extra={"bearing": lambda q, qd, qdd: qd * last},
+    )  # fmt: skip
+    assert found["bearing"] == pytest.approx(3.0, rel=2e-3)
+    np.testing.assert_allclose(found.values[:-1], f, atol=2e-3 * np.abs(f).max())
+
+
+def test_slow_rows_are_left_out_joint_by_joint(made):
+    dynamics, rig, _, motion, torque = made
+    limit = np.array([0.3, 0.0, 0.5])
+    found = fit_torque(dynamics, motion.q, torque, rig=rig, cutoff=100, band=20, every=20, least_speed=limit)
+    speed = np.abs(low_pass(derivatives(motion.q, PERIOD, 100).qd, PERIOD, 20))[60:-50:20]
+    assert found.rows == (speed > limit).sum()
+    # With the true signs gone wrong below the limit, the fit does not notice; without the limit it does.
+    wrong = torque - 2 * rig.drive.friction(motion.qd) * (np.abs(motion.qd) < 0.05)
+    bad = fit_torque(dynamics, motion.q, wrong, rig=rig, cutoff=100, band=20, every=20)
+    good = fit_torque(dynamics, motion.q, wrong, rig=rig, cutoff=100, band=20, every=20, least_speed=0.3)
+    assert good.relative_error < 0.2 * bad.relative_error
+
+
+def test_standard_deviations_are_those_of_repeated_experiments(made):
+    """White torque noise, ten times as large on joint 1: the scatter of 60 fits is what each of them says."""
+    dynamics, rig, _, motion, torque = made
+    random, noise = np.random.default_rng(0), np.array([30.0, 3.0, 3.0])
+    fits = [
+        fit_torque(
+            dynamics,
+            motion.q,
+            torque + noise * random.normal(size=torque.shape),
+            rig=rig,
+            cutoff=100,
+            band=20,
+            every=25,
+        )
+        for _ in range(60)
+    ]
+    said = np.median([fit.std for fit in fits], axis=0)
+    scatter = np.std([fit.values for fit in fits], axis=0)
+    assert (np.abs(np.log(scatter / said)) < np.log(1.4)).all()
+    sigma = np.median([fit.sigma for fit in fits], axis=0)
+    np.testing.assert_allclose(sigma[0] / sigma[1:], 10, rtol=0.1)
+
+
+def test_scatter_is_that_of_the_noise_however_few_the_equations(made):
+    """33 equations for 11 numbers: what the fit takes up of the noise is given back."""
+    dynamics, rig, _, motion, torque = made
+    random = np.random.default_rng(2)
+    logs = [torque + random.normal(size=torque.shape) for _ in range(60)]
+    fits = [fit_torque(dynamics, motion.q, log, rig=rig, cutoff=100, band=20, every=700) for log in logs]
+    assert fits[0].rows == 33
+    noise = low_pass(random.normal(size=(50_000, 1)), PERIOD, 20).std()
+    np.testing.assert_allclose(np.sqrt(np.mean([fit.sigma**2 for fit in fits])), noise, rtol=0.06)
+
+
+def test_gram_schmidt_solves_what_numpy_solves():
+    random = np.random.default_rng(1)
+    rows, target = random.normal(size=(300, 7)) * 10.0 ** random.uniform(-6, 6, 7), random.normal(size=300)
+    rows[:, 3] += 1e4 * rows[:, 2]
+    values, covariance, _ = least_squares(tuple("abcdefg"), rows, target)
+    expected = np.linalg.lstsq(rows / np.linalg.norm(rows, axis=0), target, rcond=None)[0]
+    np.testing.assert_allclose(values * np.linalg.norm(rows, axis=0), expected, rtol=1e-9)
+    scaled = rows / np.linalg.norm(rows, axis=0)
+    expected = np.linalg.inv(scaled.T @ scaled) / np.outer(*2 * [np.linalg.norm(rows, axis=0)])
+    np.testing.assert_allclose(covariance, expected, rtol=1e-6)
+
+
+def test_fit_prints_a_table_and_offers_the_nearest_name(made):
+    dynamics, rig, _, motion, torque = made
+    found = fit_torque(dynamics, motion.q, torque, rig=rig, cutoff=100, band=20, every=20)
+    assert isinstance(found, TorqueFit)
+    lines = str(found).splitlines()
+    assert len(lines) == dynamics.p + 1
+    assert "relative torque error 0." in lines[-1]
+    with pytest.raises(ValueError, match="Did you mean 'my1'"):
+        found["mz1"]
+
+
+# -- bad input -------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"cutoff": 600.0}, r"cutoff must be below half of the sample rate, 500 Hz; got 600"),
+        ({"band": -1.0}, "band must be a positive number"),
+        ({"band": 0}, "band must be a positive number"),
+        ({"band": 200}, "band must not exceed cutoff"),
+        ({"least_speed": -1}, "least_speed must not be negative"),
+        ({"unknown": "drive.viscous[0]"}, "must be a sequence of names"),
+        ({"every": 2.5}, "every must be a whole number"),
+        ({"every": 2000}, "needs more equations"),
+        ({"unknown": ("my1",)}, "must name all of f"),
+        ({"unknown": None, "rig": puma560.rig()}, "rig must have 3 joints"),
+        ({"extra": {"x": lambda q, qd, qdd: qd[:5]}}, "x must have shape"),
+        ({"extra": {"x": lambda q, qd, qdd: 0 * qd}}, "x does not in this motion"),
+        ({"extra": {"x": lambda q, qd, qdd: qd, "y": lambda q, qd, qdd: 2 * qd}}, "y is one with x"),
+        ({"least_speed": (1.0, 2.0)}, "least_speed"),
+        ({"bnad": 20}, "Did you mean 'band'"),
+        ({"torque": np.zeros((5, 3))}, "torque must have shape"),
+    ],
+)
+def test_bad_input_is_refused(made, change, says):
+    dynamics, rig, _, motion, torque = made
+    given = {"dynamics": dynamics, "q": motion.q, "torque": torque, "rig": rig, "cutoff": 100, "band": 20, "every": 20}
+    with pytest.raises(ValueError, match=says):
+        fit_torque(**(given | change))
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("drive.gear[0]", "linearly"),
+        ("drive.viscus[0]", "Did you mean 'drive.viscous"),
+        ("drive.motor_gain[0]", "must act on the torque"),
+    ],
+)
+def test_unknowns_are_linear_numbers_of_the_drive(made, name, says):
+    dynamics, rig, _, motion, torque = made
+    with pytest.raises(ValueError, match=says):
+        fit_torque(dynamics, motion.q, torque, rig=rig, cutoff=100, band=20, every=20, unknown=(*dynamics.names, name))
+
+
+def test_short_log_is_refused(made):
+    dynamics, rig, _, motion, torque = made
+    with pytest.raises(ValueError, match="more than 24 samples"):
+        fit_torque(dynamics, motion.q[:20], torque[:20], rig=rig, cutoff=100, band=20)

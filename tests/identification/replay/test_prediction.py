@@ -1,0 +1,111 @@
+"""Prediction error: surprises of the true arm, Gauss-Newton on a problem with a known answer, honest refusals."""
+
+import numpy as np
+import pytest
+
+from identification.replay.gauss_newton import gauss_newton
+from identification.replay.prediction import Prediction
+from plant import PointToPoint, puma560, simulate
+
+NAMES = puma560.dynamics().names
+
+
+@pytest.fixture(scope="module")
+def record():
+    return simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), steps_per_sample=16)
+
+
+def test_the_true_arm_is_surprised_by_rounding_alone(record):
+    """1 / sqrt(12) = 0.289 pulses, and hardly more; without memory, so that their squares are a likelihood."""
+    prediction = Prediction(puma560.dynamics(), record)
+    surprise = prediction.surprises(np.append(puma560.PUBLISHED, prediction.nuisances)).reshape(-1, 2)
+    weight = prediction.weights.reshape(-1, 2)
+    rms = np.sqrt((surprise**2).sum(axis=0) / (weight**2).sum(axis=0))
+    assert ((rms > 0.28) & (rms < 0.32)).all()
+    for column in surprise.T:
+        assert abs(np.corrcoef(column[:-1], column[1:])[0, 1]) < 0.15
+
+
+def test_samples_weigh_by_the_cells_they_cross():
+    """Nothing moves: no reading but the first; many cells per sample: every sample one reading."""
+    still = PointToPoint(start=(-0.5, 0.5), goal=(-0.5, 0.5), duration=0.2)
+    held = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), still)
+    weight = Prediction(puma560.dynamics(), held).weights.reshape(-1, 2)
+    assert weight[-50:].max() < 0.3
+    moving = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=1.0)
+    weight = Prediction(puma560.dynamics(), moving).weights.reshape(-1, 2)
+    assert weight[300:1000].min() == weight.max() == 1.0
+    assert weight[0].max() < 1.0  # the reference starts at rest
+
+
+def test_several_records_and_threads_give_the_same_surprises(record):
+    short = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(2.5), duration=0.3)
+    both = Prediction(puma560.dynamics(), [record, short], threads=1)
+    values = np.append(puma560.PUBLISHED, both.nuisances)
+    apart = [Prediction(puma560.dynamics(), each).surprises(values) for each in (record, short)]
+    np.testing.assert_array_equal(both.surprises(values), np.concatenate(apart))
+    many = [values * (1 + 0.01 * i) for i in range(5)]
+    on_two = Prediction(puma560.dynamics(), [record, short], threads=2).all_surprises(many)
+    np.testing.assert_array_equal(both.all_surprises(many), on_two)
+
+
+def test_an_arm_that_is_none_is_infinitely_surprised(record):
+    prediction = Prediction(puma560.dynamics(), record)
+    impossible = np.append(-puma560.PUBLISHED, prediction.nuisances)
+    assert np.isinf(prediction.surprises(impossible)).all()
+    with pytest.raises(ValueError, match="must start from an arm that follows the log"):
+        gauss_newton(prediction, impossible, np.ones(13), np.array([(-np.inf, np.inf)] * 13))
+
+
+class Curve:
+    """y = a exp(-b t) + noise, as if it were a prediction; not linear in b."""
+
+    unknown = ("a", "b", "c")
+
+    def __init__(self, noise, seed=0):
+        self.t = np.linspace(0, 3, 400)
+        self.y = 2.0 * np.exp(-0.7 * self.t) + noise * np.random.default_rng(seed).normal(size=400)
+        self.weights, self.scales = np.ones(400), np.ones(400)
+
+    def surprises(self, x):
+        return self.y - x[0] * np.exp(-x[1] * self.t) + 0 * x[2] if x[1] < 5 else np.full(400, np.inf)
+
+    def all_surprises(self, many):
+        return [self.surprises(x) for x in many]
+
+
+EVERYWHERE = np.array([(-np.inf, np.inf)] * 3)
+
+
+def test_gauss_newton_finds_the_smallest_sum_of_squares():
+    fit = gauss_newton(Curve(0.0), (1.0, 0.1, 9.0), (1e-4, 1e-4, 0.0), EVERYWHERE, tolerance=1e-14)
+    np.testing.assert_allclose(fit.values, (2.0, 0.7, 9.0), rtol=1e-6)  # a step of zero leaves c alone
+    assert (fit.covariance[2] == 0).all()
+
+
+def test_its_covariance_is_the_scatter_of_repeated_noise():
+    fits = [gauss_newton(Curve(0.1, seed), (1.0, 0.1, 0.0), (1e-4, 1e-4, 0.0), EVERYWHERE) for seed in range(80)]
+    scatter = np.std([fit.values[:2] for fit in fits], axis=0)
+    said = np.median([np.sqrt(np.diag(fit.covariance))[:2] for fit in fits], axis=0)
+    assert (np.abs(np.log(said / scatter)) < np.log(1.35)).all()
+    assert np.median([fit.scatter for fit in fits]) == pytest.approx(0.1, rel=0.05)
+
+
+def test_values_stay_in_their_bounds_and_long_steps_are_shortened():
+    bounds = np.array([(-np.inf, np.inf), (0.8, 4.9), (0, 1)])
+    fit = gauss_newton(Curve(0.0), (1.0, 2.0, 0.0), (1e-4, 4.0, 0.0), bounds)  # a step of 4 from 2 is lost
+    assert fit.values[1] == 0.8
+
+
+def test_unknowns_without_effect_are_named():
+    with pytest.raises(ValueError, match="c does not"):
+        gauss_newton(Curve(0.1), (1.0, 0.1, 0.0), (1e-4, 1e-4, 1e-4), EVERYWHERE)
+
+
+def test_an_unknown_that_loses_the_log_however_small_its_change_is_named():
+    class Edge(Curve):
+        def surprises(self, x):
+            return np.full(400, np.inf) if x[1] != 0.1 else super().surprises(x)
+
+    with pytest.raises(ValueError, match="any change of b loses it"):
+        gauss_newton(Edge(0.1), (1.0, 0.1, 0.0), (1e-4, 1e-4, 0.0), EVERYWHERE)

@@ -1,0 +1,71 @@
+"""What a motion demands: against inverse dynamics at each point, and an arm of one joint by hand."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from demands import joint_torque, one_joint
+
+from plant import Dynamics, Harmonics, PointToPoint, puma560, shortest_duration, slowed, torque_share
+from plant.mechanics.coupling import Coupling
+from plant.robots.catalogue import planar
+
+ARM, RIG = puma560.arm(), puma560.rig()
+LIMIT = 12 * np.array([0.228 * 107.8, 0.238 * 53.7])
+
+
+@pytest.mark.parametrize("period", [3.65, 2.0])
+def test_share_of_the_limit_by_inverse_dynamics(period):
+    """Largest of 800 points against largest of 5,215: near its peak torque bends by less than 1e-5 of it."""
+    path = puma560.reference(period)
+    torque = joint_torque(ARM, RIG, path(np.linspace(0, period, 801)))
+    np.testing.assert_allclose(torque_share(ARM, RIG, path), np.abs(torque).max(axis=0) / LIMIT, rtol=1e-3)
+
+
+def test_share_of_coupled_motors_is_that_of_their_currents():
+    belt = Coupling(matrix=((1, 0), (1, 1)))
+    dynamics = Dynamics.from_chain(planar(2).coupled(belt))
+    arm, rig = dynamics.arm(dynamics.f()), dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, coupling=belt))
+    path = PointToPoint(start=(0.0, 0.3), goal=(1.0, -0.5), duration=1.0)
+    current = rig.drive.current(joint_torque(arm, rig, path(np.linspace(0, 1, 801))))
+    np.testing.assert_allclose(torque_share(arm, rig, path), np.abs(current).max(axis=0) / 12, rtol=1e-3)
+
+
+def test_shortest_duration_of_one_joint_by_hand():
+    """A quintic's peak acceleration is 10 / sqrt(3) d / T^2; at 4,001 points it is met to 1e-7."""
+    arm, inertia, rig = one_joint(limit=10.0)
+    path = PointToPoint(start=(0.2,), goal=(1.7,), duration=1.0)
+    expected = np.sqrt(10 / np.sqrt(3) * 1.5 * inertia / (0.9 * 10.0))
+    assert shortest_duration(arm, rig, path) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9])
+def test_shortest_duration_takes_just_that_share(share):
+    """Both look once per sample, at other points of the path: near its peak torque bends by 1e-6 of it."""
+    path = puma560.reference()
+    shortest = slowed(path, shortest_duration(ARM, RIG, path, share=share) / path.duration)
+    assert torque_share(ARM, RIG, shortest).max() == pytest.approx(share, rel=1e-6)
+    assert torque_share(ARM, RIG, slowed(shortest, 0.99)).max() > share
+
+
+def weak(current):
+    return dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, current_limit=current))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: shortest_duration(ARM, weak((3.0, 12.0)), puma560.reference()),
+         r"can hold the arm and creep; joint 2 needs 120\.4 of 66\.36 N m at t = .* s, q = \["),
+        (lambda: shortest_duration(ARM, weak((np.inf, np.inf)), puma560.reference()), "must meet a limit somewhere"),
+        (lambda: shortest_duration(ARM, RIG, puma560.reference(), share=-1), "share must be a positive number"),
+        (lambda: torque_share(RIG, ARM, puma560.reference()), "arm must be of type Arm"),
+        (lambda: torque_share(ARM, RIG, RIG), "reference must be of type Reference"),
+        (lambda: torque_share(ARM, RIG, Harmonics(period=1, offset=(0,), cosine=((1,),), sine=((0,),))),
+         "reference must have 2 joints like the rig; got 1"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_refused_in_one_line(call, message):
+    with pytest.raises(ValueError, match=message) as refusal:
+        call()
+    assert "\n" not in str(refusal.value)

@@ -1,0 +1,82 @@
+"""Checks of input: what passes unchanged, and what every refusal says."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from plant.parts.arguments import array, choice, known_options
+
+
+@settings(derandomize=True)
+@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), max_size=6))
+def test_array_keeps_every_finite_number_and_copies(values):
+    given_array = np.array(values)
+    result = array("x", given_array, ("n",), advice="")
+    np.testing.assert_array_equal(result, given_array)
+    assert result.dtype == np.float64
+    assert not np.shares_memory(result, given_array)
+
+
+@pytest.mark.parametrize(
+    ("value", "shape", "message"),
+    [
+        ([1, 2], (3,), r"^x must have shape \(3,\); got shape \(2,\)\. Do so\.$"),
+        ([[1, 2]], (2, "n"), r"^x must have shape \(2, n\); got shape \(1, 2\)\. Do so\.$"),
+        ([1, 2], (), r"^x must have shape \(\); got shape \(2,\)\. Do so\.$"),
+        ([[1, 2], [3]], (2, 2), r"^x must be numbers of shape \(2, 2\); got list \[\[1, 2\], \[3\]\]\. Do so\.$"),
+        ("one", (1,), r"^x must be numbers of shape \(1,\); got str 'one'\. Do so\.$"),
+        (None, (1,), r"got shape \(\)|got NoneType None"),
+        ([1, np.nan], (2,), r"^x must be finite; got nan at index 1\. Do so\.$"),
+        ([[1, 2], [-np.inf, 3]], (2, 2), r"^x must be finite; got -inf at index \(1, 0\)\. Do so\.$"),
+        ([1j], (1,), r"must be numbers"),
+    ],
+)
+def test_array_says_what_was_expected_what_came_and_what_to_do(value, shape, message):
+    with pytest.raises(ValueError, match=message) as error:
+        array("x", value, shape, advice="Do so.")
+    assert "\n" not in str(error.value)
+
+
+def test_array_lets_infinity_pass_when_asked_to():
+    np.testing.assert_array_equal(array("x", [np.inf], (1,), advice="", finite=False), [np.inf])
+
+
+def test_choice_offers_the_nearest():
+    assert choice("backend", "numba", ("numba", "casadi")) == "numba"
+    with pytest.raises(
+        ValueError, match=r"^backend must be one of 'numba', 'casadi'; got 'nubma'\. Did you mean 'numba'\?$"
+    ):
+        choice("backend", "nubma", ("numba", "casadi"))
+    with pytest.raises(ValueError, match=r"got 'q'\. Use 'numba'\.$"):
+        choice("backend", "q", ("numba", "casadi"))
+
+
+@known_options
+def function(a, b=2, *, gain=3):
+    """Doc."""
+    return a, b, gain
+
+
+@known_options
+@dataclasses.dataclass
+class Options:
+    gain: float = 1.0
+
+
+def test_misspelt_keyword_is_a_value_error_with_the_nearest_name():
+    assert function(1, gain=5) == (1, 2, 5)
+    assert function.__doc__ == "Doc."
+    assert Options(gain=2.0).gain == 2.0
+    with pytest.raises(
+        ValueError, match=r"an option of function must be one of .*; got 'gian'\. Did you mean 'gain'\?"
+    ):
+        function(1, gian=5)
+    with pytest.raises(
+        ValueError, match=r"an option of Options must be one of 'gain'; got 'gains'\. Did you mean 'gain'\?"
+    ):
+        Options(gains=1)
+    with pytest.raises(ValueError, match="takes any keyword"):
+        known_options(lambda **anything: None)

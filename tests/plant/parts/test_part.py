@@ -1,0 +1,234 @@
+"""Parts: numbers by name, round trips through numbers and through JSON, refusals."""
+
+import dataclasses
+import json
+import re
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from plant import (
+    PD,
+    PID,
+    Body,
+    Cascade,
+    Chain,
+    Coupling,
+    Encoder,
+    FrictionCurve,
+    Link,
+    LoggedCurrent,
+    LoggedTorque,
+    Lumping,
+    P,
+    Phase,
+    Placement,
+    PointToPoint,
+    Rig,
+    Spline,
+    Table,
+    Transport,
+    puma560,
+    simulate,
+    slowed,
+)
+from plant.parts.part import _KINDS, Part, number, part, restore, structure
+from plant.simulation.correction import Correction
+
+LINKS = (Link(name="1", alpha=0.1, a=0.2, d=0.3, theta=0.4), Link(name="2", alpha=-np.pi / 2, a=1 / 3, d=0.0))
+CHAIN = Chain(links=LINKS, gravity=(0.1, 0.2, -9.7))
+EXAMPLES = {
+    "Link": LINKS[0],
+    "Placement": Placement.of_angles(0.1, 0.2, 0.3, (1, 2, 3)),
+    "Chain": CHAIN,
+    "Body": Body(mass=1.1, com=(0.1, 0.2, 0.3), inertia=(1, 0.1, 0.2, 1.5, 0.3, 2), rotor=0.7),
+    "Lumping": Lumping.standard(CHAIN),
+    "Dynamics": puma560.dynamics(),
+    "Arm": puma560.arm(),
+    "Drive": puma560.rig().drive,
+    "FrictionCurve": FrictionCurve(offset=(0.1, -0.2), breakaway=(0.3, 0.0), speed=(5.0, 6.0)),
+    "Correction": Correction(position=(0.1, 0.2), speed=(0.01, 0.02), zero=(0.1, 0)),
+    "Coupling": Coupling(matrix=((1, 0), (0.5, -1))),
+    "Encoder": Encoder(resolution=(800, 1000), smooth=True),
+    "Phase": Phase(shift=(0.1, -0.3)),
+    "Transport": Transport(delay=2e-4, lost=(3, 7), bit=0.5),
+    "Rig": puma560.rig(),
+    "P": puma560.p_law(),
+    "LoggedTorque": LoggedTorque(),
+    "LoggedCurrent": LoggedCurrent(),
+    "PD": PD(gain=(0.2, 0.15), derivative=(1e-3, 0), filter=2000.0),
+    "PID": PID(gain=(0.2, 0.15), integral=(2, 0), derivative=(1e-3, 0), filter=2000.0, period=0.7e-3),
+    "Cascade": Cascade(position=(50, 60), speed=(2e-3, 1e-3), integral=(0.1, 0), filter=2000.0),
+    "Harmonics": puma560.reference(),
+    "PointToPoint": PointToPoint(start=(0.0, 0.1), goal=(1.0, 2.0), duration=0.3),
+    "Spline": Spline(times=(0, 1, 2), points=((0, 0), (1, 1 / 3), (2, 0))),
+    "Scaled": slowed(PointToPoint(start=(0.0,), goal=(1.0,), duration=0.3), 2.0),
+    "Table": Table(times=(0.1, 1), points=((0,), (0.1,))),
+}
+EVERY = pytest.mark.parametrize("example", EXAMPLES.values(), ids=EXAMPLES.keys())
+
+
+@part
+class Nested(Part):
+    rig: Rig = structure()
+    scale: float = number(())
+    table: np.ndarray = number(("m",), finite=False)
+    mode: str = structure(default="fast")
+
+
+def nested():
+    return Nested(rig=puma560.rig(), scale=2.5, table=(1.0, np.inf, -0.0))
+
+
+def test_every_kind_of_the_package_is_among_the_examples():
+    kinds = {kind.split(".")[1] for kind in _KINDS if kind.startswith("plant.") and not kind.startswith("plant._")}
+    assert kinds - {"P"} <= set(EXAMPLES), "add an example for the new part"
+
+
+def test_numbers_are_named_by_their_path():
+    rig = puma560.rig()
+    names = rig.number_names()
+    assert names[:3] == ["drive.gear[0]", "drive.gear[1]", "drive.motor_inertia[0]"]
+    assert names[-2:] == ["encoder.resolution[0]", "encoder.resolution[1]"]
+    assert rig.number_values()[names.index("drive.coulomb[1]")] == 0.146
+    assert puma560.p_law().number_names("law.") == ["law.gain[0]", "law.gain[1]"]
+    assert puma560.arm().number_names() == [f"f[{i}]" for i in range(9)]
+    assert nested().number_names()[-4:] == ["scale", "table[0]", "table[1]", "table[2]"]
+    assert PointToPoint(start=(0,), goal=(1,), duration=1).number_names() == []
+
+
+@EVERY
+def test_numbers_there_and_back(example):
+    values = example.number_values()
+    assert len(values) == len(example.number_names())
+    assert example.with_numbers(values) == example
+    if len(values):
+        changed = values * 1.25
+        assert example.with_numbers(changed) != example
+        np.testing.assert_array_equal(example.with_numbers(changed).number_values(), changed)
+
+
+def test_numbers_of_a_nested_part_there_and_back():
+    example = nested()
+    assert example.with_numbers(example.number_values()) == example
+    assert isinstance(example.with_numbers(example.number_values()).scale, float)
+
+
+def test_symbols_take_the_place_of_numbers_one_by_one():
+    example = nested()
+    symbols = ca.SX.sym("x", len(example.number_values()))
+    copy = example.with_numbers(symbols)
+    assert isinstance(copy.rig.drive.gear, ca.SX)
+    assert copy.mode == "fast"
+    leaves = [value for _, _, _, value in copy._leaves()]
+    values = np.arange(symbols.shape[0], dtype=float)
+    together = ca.Function("f", [symbols], [ca.vertcat(*leaves)])(values).full().ravel()
+    np.testing.assert_array_equal(together, values)
+
+
+@EVERY
+def test_description_survives_json_and_restores_an_equal_part(example):
+    text = json.dumps(example.describe())
+    again = restore(json.loads(text))
+    assert type(again) is type(example)
+    assert again == example
+    assert hash(again) == hash(example)
+    assert example.describe()["kind"] == f"plant.{type(example).__name__}"
+    np.testing.assert_array_equal(again.number_values(), example.number_values())
+
+
+@settings(derandomize=True, max_examples=50)
+@given(st.lists(st.floats(min_value=1e-300, max_value=1e300), min_size=1, max_size=4))
+def test_no_bit_is_lost_on_the_way(gain):
+    law = P(gain=gain)
+    assert restore(json.loads(json.dumps(law.describe()))).gain.tobytes() == law.gain.tobytes()
+
+
+def test_parts_with_other_numbers_or_structure_differ():
+    assert P(gain=(1.0, 2.0)) != P(gain=(1.0, 2.0 + 4e-16))
+    assert Encoder(resolution=(1,)) != Encoder(resolution=(1,), smooth=True)
+    assert P(gain=(1.0,)) != (1.0,)
+    assert len({P(gain=(1.0,)), P(gain=(1.0,)), P(gain=(2.0,))}) == 2
+
+
+def test_parts_are_frozen_and_do_not_keep_the_caller_s_array():
+    gain = np.array([1.0, 2.0])
+    law = P(gain=gain)
+    gain[0] = 9.0
+    assert law.gain[0] == 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        law.gain[0] = 3.0
+    with pytest.raises(AttributeError):
+        law.gain = gain
+
+
+# -- refusals --------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("package", "hint"), [("ctc", "import ctc first"), ("identification", "import identification first"),
+                          ("mine", "check the file")]
+)  # fmt: skip
+def test_unknown_kind_says_which_package_to_import(package, hint):
+    with pytest.raises(
+        ValueError, match=rf"kind must be one of .*plant\.P.*; got '{package}\.Magic'\. Please {hint}\."
+    ) as error:
+        restore({"kind": f"{package}.Magic"})
+    assert "\n" not in str(error.value)
+
+
+def test_description_with_missing_or_unknown_fields_is_refused():
+    with pytest.raises(ValueError, match="missing a required argument: 'gain'"):
+        restore({"kind": "plant.P"})
+    with pytest.raises(ValueError, match="Did you mean 'gain'"):
+        restore({"kind": "plant.P", "gains": [1.0]})
+    for kind in (None, 7, ["plant.P"]):
+        with pytest.raises(ValueError, match=r"kind must be one of .*; got .*\. Please check the file\."):
+            restore({"kind": kind, "gain": [1.0]})
+
+
+MISSPELT = {
+    "Link": "alhpa", "Chain": "gravitiy", "Body": "inertai", "Lumping": "matirx", "Dynamics": "range", "Arm": "ff",
+    "Drive": "gaer", "Encoder": "smoth", "Rig": "priod", "P": "gian", "Harmonics": "cosin", "PointToPoint": "gaol",
+    "Spline": "point", "Table": "time", "Placement": "positon", "FrictionCurve": "ofset",
+    "Coupling": "matirx", "Phase": "shfit", "Transport": "dealy", "Correction": "positoin", "Scaled": "palces",
+    "PD": "derivativ", "PID": "intergal", "Cascade": "sped",
+}  # fmt: skip
+
+
+@EVERY
+def test_misspelt_field_is_a_value_error_with_the_nearest_name(example):
+    if not dataclasses.fields(example):
+        with pytest.raises(ValueError, match=rf"{type(example).__name__} has no options; got 'hold'. Leave it out."):
+            type(example)(hold=1.0)
+        return
+    wrong = MISSPELT[type(example).__name__]
+    with pytest.raises(ValueError, match=rf"an option of {type(example).__name__} .*got '{wrong}'\. Did you mean '"):
+        type(example)(**{wrong: 1.0})
+
+
+def test_misspelt_option_of_simulate():
+    with pytest.raises(ValueError, match="Did you mean 'steps_per_sample'"):
+        simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), step_per_sample=4)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: P(gain=(1.0, np.nan)), "gain of P must be finite; got nan at index 1"),
+        (lambda: P(gain=1.0), r"gain of P must have shape \(n,\); got shape \(\)"),
+        (lambda: Nested(rig=puma560.rig(), scale=(1, 2), table=(1,)), r"scale of Nested must have shape \(\)"),
+        (lambda: Nested(rig=puma560.rig(), scale=1, table=(np.nan,)), "table of Nested must be numbers; got NaN"),
+        (lambda: Link(name="1", alpha="x", a=0, d=0), "alpha of Link must be a finite number"),
+        (lambda: Chain(links=()), r"links must be at least one Link; got \(\)"),
+        (lambda: Chain(links=(1, 2)), "links must be at least one Link"),
+        (lambda: Chain(links=LINKS, gravity=(0, 0)), "gravity must be 3 finite numbers"),
+        (lambda: Body(mass=1, com=(0, 0), inertia=(0,) * 6), r"com of Body must have shape \(3,\)"),
+        (lambda: puma560.dynamics().arm(np.ones(8)), re.escape("f has shape (8,); this arm has 9 parameters (f1..f9)")),
+    ],
+)
+def test_bad_field_is_refused_by_name(make, message):
+    with pytest.raises(ValueError, match=message) as error:
+        make()
+    assert "\n" not in str(error.value)

@@ -1,0 +1,61 @@
+"""When a loop is sampled: even and uneven time stamps, and gaps."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from plant import P, Record, puma560
+from plant.simulation.clock import Clock
+
+RIG = puma560.rig()
+
+
+def record(t, rig=RIG):
+    return Record(t=t, error_pulses=np.zeros((len(t), 2)), rig=rig, law=P(gain=(0.1, 0.1)))
+
+
+def test_time_stamps_next_to_the_period_are_even():
+    t = np.arange(50) * RIG.period
+    clock = Clock.of(record(3.0 + t + 1e-3 * RIG.period * np.sin(t * 1e4)))
+    assert clock.even == RIG.period
+    np.testing.assert_array_equal(clock.t, t)
+    np.testing.assert_array_equal(clock.starts(4), np.arange(200) * (RIG.period / 4))
+    np.testing.assert_array_equal(clock.starts(4, 8), np.arange(25) * (RIG.period / 4 * 8))
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.floats(0.92, 1.08), min_size=5, max_size=30), st.integers(1, 5), st.floats(1.0, 20.0))
+def test_steps_fill_the_time_between_the_samples(parts, steps, gap):
+    """Each sub-step begins where the last one ended, samples keep their own times, no interval exceeds 1.5 periods."""
+    lengths = np.array([0.5, *parts, gap, *parts]) * RIG.period
+    t = np.append(0, np.cumsum(lengths))
+    clock = Clock.of(record(t))
+    assert clock.even is None
+    np.testing.assert_allclose(clock.t[clock.rows], t, atol=1e-15)
+    assert clock.lengths.max() <= 1.5 * RIG.period * (1 + 1e-9)
+    assert len(clock) - len(t) == np.ceil(lengths / (1.5 * RIG.period) - 1e-9).sum() - len(lengths)
+    starts, h = clock.starts(steps), clock.step_lengths(steps)
+    np.testing.assert_allclose(starts[1:], (starts + h)[:-1], atol=1e-15)
+    np.testing.assert_allclose(clock.middles(steps), starts + h / 2, atol=1e-15)
+    np.testing.assert_allclose(starts[::steps], clock.t, atol=1e-15)
+    np.testing.assert_allclose(starts[-1] + h[-1], t[-1] + RIG.period)
+
+
+def test_what_was_logged_goes_straight_across_a_gap_and_nothing_is_measured_in_it():
+    t = np.array([0.0, 1.0, 4.2, 5.2, 6.2, 7.2, 8.2]) * RIG.period
+    clock = Clock.of(record(t))
+    np.testing.assert_array_equal(clock.rows, [0, 1, 4, 5, 6, 7, 8])
+    values = np.arange(7.0)[:, None] + 1
+    np.testing.assert_allclose(clock.bridged(values)[:, 0], [1, 2, 2 + 1 / 3, 2 + 2 / 3, 3, 4, 5, 6, 7])
+    np.testing.assert_array_equal(clock.measured(values)[:, 0], [1, 2, 0, 0, 3, 4, 5, 6, 7])
+
+
+def test_stamps_that_have_nothing_to_do_with_the_period_are_refused():
+    slower = dataclasses.replace(RIG, period=1e-3)
+    with pytest.raises(
+        ValueError, match=r"t must advance by the rig's period 0\.001 s, or nearly; sample 1 is -0\.0003"
+    ):
+        Clock.of(record(np.arange(9) * RIG.period, slower))
