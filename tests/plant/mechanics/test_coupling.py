@@ -32,7 +32,7 @@ from plant import (
 from plant.machine.motor_inertia import least_inertia_margin
 from plant.parts.part import restore
 from plant.robots.catalogue import planar
-from plant.simulation.followed_path import path_of, start_of
+from plant.simulation import followed_path
 
 MATRIX = ((1.0, 0.0, 0.0), (0.4, 1.0, 0.0), (0.3, -0.7, 1.0))
 WRIST = Coupling(matrix=MATRIX)
@@ -255,12 +255,12 @@ def test_record_without_reference_replays_its_counts():
     law = P(gain=(0.1, 0.08, 0.05))
     made = simulate(dynamics.arm(f), rig, law, path_of(), duration=0.3)
     counted = Record(t=made.t, reference_pulses=made.reference_pulses, error_pulses=made.error_pulses, rig=rig, law=law)
-    path = path_of(counted)
+    path = followed_path.path_of(counted)
     motion, pulses = path(made.t)
     np.testing.assert_array_equal(pulses, made.reference_pulses)
     np.testing.assert_allclose(rig.position(motion.q), made.reference_pulses, rtol=0, atol=1e-8)
     moved = dataclasses.replace(counted, error_pulses=made.error_pulses + np.array([0, 0, 30]))
-    q, _ = start_of(moved, path)
+    q, _ = followed_path.start_of(moved, path)
     off = rig.position(q) - made.reference_pulses[0]
     np.testing.assert_allclose(off, [0, 0, -30], atol=0.6)  # only the joints behind motor 3 start elsewhere
 
