@@ -24,7 +24,7 @@ from plant.analysis.control_systems import to_control, to_timeresponse
 from plant.analysis.linearise import linearise, modes
 from plant.analysis.p_gains import p_gains
 from plant.laws.cascade import Cascade
-from plant.laws.law import Block, Law, Setpoint
+from plant.laws.law import Block, Law, Setpoint, StatelessLaw
 from plant.laws.pid import PD, PID, P
 from plant.laws.replayed import LoggedCurrent, LoggedTorque
 from plant.logs.logfile import LoadError, read_table
@@ -91,6 +91,7 @@ __all__ = [
     "Scaled",
     "Setpoint",
     "Spline",
+    "StatelessLaw",
     "Table",
     "Transport",
     "catalogue",

@@ -29,8 +29,8 @@ class ModelLaw(Law):
         do not match; later, a rig with other joints than the arm's.
     """
 
-    arm: Arm = structure(Arm, positional=True)  # noqa: RUF009 - declares a field
-    rig: Rig = structure(Rig, positional=True)  # noqa: RUF009 - declares a field
+    arm: Arm = structure(Arm, kw_only=False)  # noqa: RUF009 - declares a field
+    rig: Rig = structure(Rig, kw_only=False)  # noqa: RUF009 - declares a field
 
     def __post_init__(self):
         super().__post_init__()

@@ -9,12 +9,13 @@ import numpy as np
 from identification.results.trust import warnings_of
 from identification.search.genetic import GeneticSettings
 from plant import Arm, Law, Rig
+from plant.parts.frozen import Frozen
 
 __all__ = ["Identification"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Identification:
+class Identification(Frozen):
     """What was found, and how.
 
     Attributes

@@ -23,7 +23,7 @@ import dataclasses
 import casadi as ca
 import numpy as np
 
-from plant.laws.law import Law
+from plant.laws.law import Law, StatelessLaw
 from plant.logs.record import Record
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
@@ -36,7 +36,7 @@ __all__ = ["to_control", "to_timeresponse"]
 
 
 @part
-class _Held(Law):
+class _Held(StatelessLaw):
     """Leaves the torque as it is, so that a loop has only arm and drives."""
 
     period: float = structure(float)

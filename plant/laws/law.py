@@ -7,19 +7,22 @@ referee, and the running controller of a control script.
 
 from __future__ import annotations
 
+import abc
 import dataclasses
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
+from plant.machine.rig import Rig
 from plant.parts.arguments import known_options
-from plant.parts.part import Part
+from plant.parts.part import Part, declared
 from plant.realtime.c_export import write_c
 from plant.realtime.guards import Guards
 from plant.realtime.running import Running
 
-__all__ = ["Block", "Law", "Setpoint", "asked_torque"]
+__all__ = ["Block", "Law", "Setpoint", "StatelessLaw", "asked_torque"]
 
 
 class Setpoint(NamedTuple):
@@ -61,20 +64,46 @@ class Block:
     period: float | None
 
 
-class Law(Part):
-    """Base of all laws. A new law is a `@part` class with three things:
+class Law(Part, abc.ABC):
+    """Base of all laws: a new law is a `@part` class that gives ``period``, ``initial_state`` and ``equations``.
 
-    ``period`` (a property), ``initial_state(n)`` -> (s,), and ``equations(rig, state, setpoint, pulses, torque, dt)``
-    -> (torque, state) in casadi, where the fields of the law and of the rig are symbols.
+    A law without state derives from `StatelessLaw` and gives its equations, and a period where it is sampled.
     """
 
-    period = None
-    replays = None
+    period: float | None = declared("Time between two steps [s], or None: fast hardware, evaluated at every sub-step.")
+    replays: str | None = None
     """Column of its record that the law repeats, or None."""
 
-    def initial_state(self, n):
-        """State at the start, (s,); none by default."""
-        return np.empty(0)
+    @abc.abstractmethod
+    def initial_state(self, n: int) -> NDArray[np.float64]:
+        """State (s,) of a law of n joints at the start; its length and its units are the law's own."""
+
+    @abc.abstractmethod
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> tuple[ca.SX, ca.SX]:
+        """One step in casadi; the numbers of the law's own fields and of the rig are symbols.
+
+        Parameters
+        ----------
+        rig : Rig
+            Its ``drive`` crosses the gear, its ``cell_centre`` the encoder.
+        state : casadi SX (s, 1)
+        setpoint : Setpoint
+        pulses : casadi SX (n, 1)
+            Encoder counts that the law reads.
+        torque : casadi SX (n, 1)
+            Joint torque that was applied last, after the amplifier's limit [N m].
+        dt : casadi SX (1, 1)
+            Time since the step before [s].
+
+        Returns
+        -------
+        torque : casadi SX (n, 1)
+            Joint torque that the law wants now [N m], before the limit.
+        state : casadi SX (s, 1)
+            The state that follows.
+        """
 
     def has_memory(self, n):
         """Whether the torque of n joints depends on more than counts and reference now: a period, or a state."""
@@ -155,7 +184,7 @@ class Law(Part):
         write_c(self, folder, rig, name=name, output=output, counts_per_ampere=counts_per_ampere,
                 largest_count=largest_count)  # fmt: skip
 
-    def block(self, rig):
+    def block(self, rig: Rig) -> Block:
         """This law as a symbolic step for a rig.
 
         Returns
@@ -207,3 +236,13 @@ def asked_torque(record):
         np.full((1, N), rig.period), np.repeat(block.values[:, None], N, axis=1),
     )  # fmt: skip
     return asked.full().T
+
+
+class StatelessLaw(Law):
+    """Base of laws without state: the torque depends on counts, reference and the torque applied last alone."""
+
+    period = None
+
+    def initial_state(self, n: int) -> NDArray[np.float64]:
+        """No state, (0,)."""
+        return np.empty(0)

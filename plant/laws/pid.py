@@ -7,7 +7,7 @@ import numpy as np
 
 from plant.laws.anti_windup import integrated
 from plant.laws.filtered_difference import filtered_difference, no_reading
-from plant.laws.law import Law
+from plant.laws.law import Law, StatelessLaw
 from plant.parts.arguments import optional_period, signs
 from plant.parts.part import number, part, structure
 
@@ -15,7 +15,7 @@ __all__ = ["PD", "PID", "P"]
 
 
 @part
-class P(Law):
+class P(StatelessLaw):
     """Position controller of the experiment: motor torque proportional to the error in pulses.
 
     It is fast hardware (a counter and an amplifier), evaluated at every sub-step: held over the 0.7 ms of the log the

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from plant.laws.law import Law
+from plant.laws.law import StatelessLaw
 from plant.parts.part import part
 
 __all__ = ["LoggedCurrent", "LoggedTorque"]
 
 
 @part
-class LoggedTorque(Law):
+class LoggedTorque(StatelessLaw):
     """The joint torque of the record, as its column `torque` has it [N m].
 
     The torque of a sample acts from there to the next: between two samples it is held.
@@ -23,7 +23,7 @@ class LoggedTorque(Law):
 
 
 @part
-class LoggedCurrent(Law):
+class LoggedCurrent(StatelessLaw):
     """The torque of the motor currents of the record, as its column `current` has them [A], by the rig's motor gain.
 
     The current of a sample acts from there to the next: between two samples it is held.

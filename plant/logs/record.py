@@ -20,6 +20,7 @@ from plant.logs.resampling import resampled_fields
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
 from plant.parts.arguments import array, known_options, real
+from plant.parts.frozen import Frozen
 
 __all__ = ["Record"]
 
@@ -28,7 +29,7 @@ _COLUMNS = ("reference_pulses", "error_pulses", "torque", "current", "true_q", "
 
 @known_options
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Record:
+class Record(Frozen):
     """Samples of one experiment.
 
     Parameters

@@ -5,12 +5,14 @@ A reference called with times (N,) gives `Motion(q, qd, qdd)`, each (N, n), join
 
 from __future__ import annotations
 
+import abc
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from plant.parts.arguments import array, known_options, real
-from plant.parts.part import Part, part, structure
+from plant.parts.part import Part, declared, part, structure
 
 __all__ = ["Harmonics", "Motion", "PointToPoint", "Reference", "Spline", "Table", "require_increasing"]
 
@@ -23,14 +25,21 @@ class Motion(NamedTuple):
     qdd: np.ndarray
 
 
-class Reference(Part):
-    """Base of all references: `n` joints, `duration` [s], and a call with times.
+class Reference(Part, abc.ABC):
+    """Base of all references: a new one is a `@part` class that gives ``n``, ``duration`` and ``motion``.
 
     The duration is what is simulated when nothing else is said; periodic references go on after it, the others rest
     at their last point.
     """
 
-    def __call__(self, t):
+    n: int = declared("Number of joints.")
+    duration: float = declared("How long the motion takes, or one period of it [s].")
+
+    @abc.abstractmethod
+    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Position [rad], velocity [rad/s], acceleration [rad/s^2], each (N, n), joint side, at times t (N,) [s]."""
+
+    def __call__(self, t: ArrayLike) -> Motion:
         """Motion at times t (N,) [s] from the start."""
         t = array("t", t, ("N",), advice="Give times in seconds from the start.")
         return Motion(*(np.ascontiguousarray(x, dtype=float) for x in self.motion(t)))

@@ -2,7 +2,8 @@
 
 Arms, rigs, drives, encoders, laws and references are parts. The *numbers* of a part (gear ratios, friction, gains,
 f1..f9) can be listed by name, replaced by casadi symbols, or declared unknown; its *structure* (joints, periods,
-flags) is fixed once a model has been built from it. A part can be written as kind + fields and rebuilt from that.
+flags) is fixed once a model has been built from it. A part can be written as kind + fields and rebuilt from that; it
+can be copied, and sent to another process.
 """
 
 from __future__ import annotations
@@ -10,27 +11,70 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
+from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform, overload
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from plant.parts.arguments import array, instance, known_options, real
 
-__all__ = ["Part", "number", "part", "restore", "structure"]
+__all__ = ["Declared", "Nested", "Part", "Vector", "declared", "number", "part", "restore", "structure"]
+
+T = TypeVar("T")
 
 _KINDS: dict[str, type] = {}
 
+if TYPE_CHECKING:
 
-def number(shape, *, default=dataclasses.MISSING, finite=True):
+    class Vector:
+        """A field of numbers: anything array-like goes in, a numpy.ndarray comes out."""
+
+        @overload
+        def __get__(self, part: None, owner: Any) -> Vector: ...
+        @overload
+        def __get__(self, part: object, owner: Any) -> NDArray[np.float64]: ...
+        def __get__(self, part: object | None, owner: Any = None) -> Any: ...
+        def __set__(self, part: object, value: ArrayLike) -> None: ...
+
+    class Nested:
+        """A field of numbers that is structure: anything array-like goes in, nested tuples of floats come out."""
+
+        @overload
+        def __get__(self, part: None, owner: Any) -> Nested: ...
+        @overload
+        def __get__(self, part: object, owner: Any) -> tuple[Any, ...]: ...
+        def __get__(self, part: object | None, owner: Any = None) -> Any: ...
+        def __set__(self, part: object, value: ArrayLike) -> None: ...
+
+else:
+    Vector, Nested = np.ndarray, tuple
+
+
+class Declared:
+    """An attribute that a subclass must give, as a class attribute, a property or a field."""
+
+    __isabstractmethod__ = True
+
+    def __init__(self, meaning: str) -> None:
+        self.__doc__ = meaning
+
+
+def declared(meaning: str) -> Any:
+    """Declare an attribute that a subclass must give; an abstract method declares a method likewise."""
+    return Declared(meaning)
+
+
+def number(shape: tuple[int | str, ...], *, default: Any = dataclasses.MISSING, finite: bool = True) -> Any:
     """Declare a field of numbers: `shape` is () for one number or ("n",) for one per joint (any name for a length)."""
     return dataclasses.field(default=default, metadata={"number": shape, "finite": finite})
 
 
-def structure(kind=None, *, default=dataclasses.MISSING, positional=False):
+def structure(kind: type | None = None, *, default: Any = dataclasses.MISSING, kw_only: bool = True) -> Any:
     """Declare a field that is structure: it decides the equations, so it cannot be unknown.
 
     With a `kind` (a type; float for one finite number) anything else is refused.
     """
-    return dataclasses.field(default=default, kw_only=not positional, metadata={"structure": True, "kind": kind})
+    return dataclasses.field(default=default, kw_only=kw_only, metadata={"structure": True, "kind": kind})
 
 
 class Part:
@@ -111,6 +155,17 @@ class Part:
         fields = {f.name: _plain(getattr(self, f.name)) for f in dataclasses.fields(self)}
         return {"kind": _kind(type(self)), **fields}
 
+    # -- copies -----------------------------------------------------------------------------------------------
+    def __getstate__(self) -> dict[str, Any]:
+        """The fields alone: symbols and compiled functions are worked out again where the copy is."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in state.items():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
     def __eq__(self, other):
         return self is other or (type(self) is type(other) and self.describe() == other.describe())
 
@@ -142,8 +197,15 @@ def _plain(value):
     return value
 
 
-def part(cls):
-    """Class decorator: a frozen, keyword-only dataclass that can be described and restored, with checked options."""
+@dataclass_transform(frozen_default=True, kw_only_default=True, eq_default=False, field_specifiers=(number, structure))
+def part(cls: type[T]) -> type[T]:
+    """Class decorator: a frozen, keyword-only dataclass that can be described and restored, with checked options.
+
+    Raises
+    ------
+    ValueError
+        A class that lacks what its base declares.
+    """
     complete = cls.__post_init__
 
     @functools.wraps(complete)
@@ -158,6 +220,11 @@ def part(cls):
 
     cls.__post_init__ = __post_init__
     cls = dataclasses.dataclass(frozen=True, kw_only=True, eq=False)(cls)
+    lacking = sorted(set(getattr(cls, "__abstractmethods__", ())) - {field.name for field in dataclasses.fields(cls)})
+    if lacking:
+        base, absent = next(b.__name__ for b in cls.__mro__[1:] if lacking[0] in vars(b)), ", ".join(lacking)
+        raise ValueError(f"{cls.__name__} must give all that {base} declares; it lacks {absent}. Define it.")
+    cls.__abstractmethods__ = frozenset()  # a declared attribute may be a field
     _KINDS[_kind(cls)] = cls
     return known_options(cls)
 

@@ -21,6 +21,8 @@ WIDTH = np.diff(puma560.PRINTED_RANGES, axis=1).ravel()
 class LaggedP(Law):
     """P control behind an amplifier whose current follows with a lag [s]."""
 
+    period = None
+
     gain: np.ndarray = number(("n",))
     lag: float = number(())
 

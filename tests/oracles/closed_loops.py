@@ -5,7 +5,7 @@ import dataclasses
 import casadi as ca
 import numpy as np
 
-from plant import Body, Chain, Drive, Dynamics, Encoder, Law, Link, Lumping, P, Rig
+from plant import Body, Chain, Drive, Dynamics, Encoder, Law, Link, Lumping, P, Rig, StatelessLaw
 from plant.parts.part import number, part, structure
 
 PULSE = 7.3e-5
@@ -13,7 +13,7 @@ PULSE = 7.3e-5
 
 
 @part
-class NoTorque(Law):
+class NoTorque(StatelessLaw):
     """Leaves the arm to itself."""
 
     def equations(self, rig, state, setpoint, pulses, torque, dt):
@@ -21,7 +21,7 @@ class NoTorque(Law):
 
 
 @part
-class SampledP(Law):
+class SampledP(StatelessLaw):
     """The P controller as a digital loop: held from one of its samples to the next."""
 
     gain: np.ndarray = number(("n",))

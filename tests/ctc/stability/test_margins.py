@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from ctc import ComputedTorque
 from ctc.stability.error_loop import error_loop, open_loops, opened
 from ctc.stability.margins import margins
-from plant import Law, PointToPoint, puma560, simulate
+from plant import PointToPoint, StatelessLaw, puma560, simulate
 from plant.parts.part import number, part, structure
 
 RIG, ARM, POSE = puma560.rig(), puma560.arm(), (0.3, -0.4)
@@ -165,7 +165,7 @@ def test_what_a_law_keeps_is_no_instability():
 
 
 @part
-class Sagging(Law):
+class Sagging(StatelessLaw):
     """A sampled spring without a model: the arm hangs below its reference."""
 
     stiffness: np.ndarray = number(("n",))

@@ -8,7 +8,7 @@ import pytest
 from closed_loops import NoTorque, SampledP, without_friction
 
 from ctc import ComputedTorque
-from plant import Law, puma560, simulate, to_control, to_timeresponse
+from plant import Law, StatelessLaw, puma560, simulate, to_control, to_timeresponse
 from plant.parts.part import number, part
 
 control = pytest.importorskip("control")
@@ -96,6 +96,8 @@ def test_a_sampled_law_with_a_sampled_arm_is_the_simulation(law):
 class Integrating(Law):
     """A fast law with a state: PI, in joint torque per radian."""
 
+    period = None
+
     gain: np.ndarray = number(("n",))
     integral: np.ndarray = number(("n",))
 
@@ -139,7 +141,7 @@ def test_a_record_becomes_a_time_response(tmp_path):
 
 
 @part
-class Remembering(Law):
+class Remembering(StatelessLaw):
     """Asks for what was applied last."""
 
     def equations(self, rig, state, setpoint, pulses, torque, dt):
@@ -149,6 +151,8 @@ class Remembering(Law):
 @part
 class Differencing(Law):
     """A rate from a difference, which has no limit for a short step."""
+
+    period = None
 
     def initial_state(self, n):
         return np.zeros(n)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque
-from plant import PD, Encoder, Law, P, Phase, Record, Rig, Transport, puma560, simulate, to_control
+from plant import PD, Encoder, Law, P, Phase, Record, Rig, StatelessLaw, Transport, puma560, simulate, to_control
 from plant.parts.part import number, part, restore, structure
 
 RIG, PERIOD = puma560.rig(), puma560.rig().period
@@ -21,7 +21,7 @@ def carrying(rig=RIG, **options):
 
 
 @part
-class Push(Law):
+class Push(StatelessLaw):
     """A constant torque."""
 
     torque: np.ndarray = number(("n",))
@@ -32,7 +32,7 @@ class Push(Law):
 
 
 @part
-class Spring(Law):
+class Spring(StatelessLaw):
     """A torque that tells the counts that were read."""
 
     stiffness: float = number(())

@@ -93,6 +93,8 @@ class Everything(Law):
         Of everything; */ int x; /*
     """
 
+    period = None
+
     weight: np.ndarray = number(("n",))
 
     def initial_state(self, n):

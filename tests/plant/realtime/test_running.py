@@ -26,6 +26,8 @@ ZERO = np.zeros(2)
 class Root(Law):
     """The torque sqrt(gain), NaN for a negative one, and the reference's acceleration as state."""
 
+    period = None
+
     gain: np.ndarray = number(("n",))
 
     def initial_state(self, n):
