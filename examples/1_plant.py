@@ -15,7 +15,7 @@ print("D(0) =", arm.D(start).round(3).tolist(), "kg m^2")
 print("h(0, 0) =", arm.h(start, start).round(1).tolist(), "N m")
 
 # One encoder pulse is this much of each joint.
-print("one pulse =", np.abs(rig.angle(np.array([3, 3])) - rig.angle(np.array([2, 2]))).tolist(), "rad")
+print("one pulse =", np.abs(rig.cell_centre(np.array([3, 3])) - rig.cell_centre(np.array([2, 2]))).tolist(), "rad")
 
 # The experiment: P control on trajectory (6), one sample every 0.7 ms.
 record = simulate(arm, rig, p, puma560.reference())

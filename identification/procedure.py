@@ -186,7 +186,7 @@ def identify(
 def _moved(records, zeros):
     """The same records with their counters' zeros where they are."""
     pairs = zip(records, zeros, strict=True)
-    return [dataclasses.replace(r, error_pulses=r.error_pulses - r.rig.position(zero)) for r, zero in pairs]
+    return [dataclasses.replace(r, error_pulses=r.error_pulses - r.rig.position_in_pulses(zero)) for r, zero in pairs]
 
 
 def _bands(dynamics, search, values):

@@ -20,6 +20,7 @@ What an experiment gives: Arm + Rig + Law + Reference -> Record. The rooms, each
 All that is public is exported here; `docs/architecture.md` shows the house in one picture.
 """
 
+from plant import deprecated as _deprecated  # noqa: F401 - old names, for one release
 from plant.analysis.control_systems import to_control, to_timeresponse
 from plant.analysis.linearise import linearise, modes
 from plant.analysis.p_gains import p_gains
@@ -44,9 +45,11 @@ from plant.mechanics.lumping import Lumping
 from plant.mechanics.placement import Placement
 from plant.motion.demand import shortest_duration, torque_share
 from plant.motion.fastest import fastest
-from plant.motion.reference import Harmonics, Motion, PointToPoint, Reference, Spline, Table
+from plant.motion.reference import Harmonics, Motion, PointToPoint, Reference, Spline
 from plant.motion.scaled import Scaled, slowed
+from plant.motion.table import Table
 from plant.motion.visibility import visibility
+from plant.parts.labels import joint_label, joint_labels
 from plant.parts.part import Part, number, part, structure
 from plant.realtime.guards import Guards
 from plant.robots import catalogue, puma560
@@ -96,6 +99,8 @@ __all__ = [
     "Transport",
     "catalogue",
     "fastest",
+    "joint_label",
+    "joint_labels",
     "linearise",
     "modes",
     "number",

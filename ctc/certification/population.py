@@ -36,7 +36,7 @@ def tally(rig):
     counted, highest, lowest, current = ca.vertsplit(memory[:-1], n)
     limit, counts, time, first = data[0], data[1], data[2], memory[-1]
     error = counts * ca.fabs(log[:n])
-    unrounded = counts * rig.position(data[3:] - log[2 * n : 3 * n])
+    unrounded = counts * rig.position_in_pulses(data[3:] - log[2 * n : 3 * n])
     outside = functools.reduce(ca.fmax, ca.vertsplit(error)) > limit
     following = ca.vertcat(
         ca.fmax(counted, error),

@@ -83,7 +83,7 @@ class Adaptive(ModelLaw):
         """One sample: error and its rate -> s -> torque with f-hat as it was -> f-hat."""
         n, model = self.arm.n, self.arm.dynamics
         f, memory, asked = state[: model.p], state[model.p : -n], state[-n:]
-        q = rig.angle(pulses)
+        q = rig.cell_centre(pulses)
         e = setpoint.q - q
         rate, memory = filtered_difference(e, memory, self.filter, dt)
         s = rate + self.bandwidth * e

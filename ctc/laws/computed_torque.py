@@ -82,7 +82,7 @@ class ComputedTorque(ModelLaw):
         # v and the torque asked for acted since the last sample; what the amplifier cut off is missing from v.
         v = v + inverse(model.D(setpoint.q, f)).solve(torque - asked)
         omega = self.bandwidth * self.observer_ratio * (1 + (self.start_boost - 1) * fresh)
-        measured = setpoint.q - rig.angle(pulses)
+        measured = setpoint.q - rig.cell_centre(pulses)
         e, rate, disturbance = correct(*predict(e, rate, disturbance, v, dt), measured, omega, dt)
 
         # With a delay, what is asked for now acts one sample later: look at the error there.

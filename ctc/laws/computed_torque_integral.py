@@ -56,7 +56,7 @@ class ComputedTorqueIntegral(ModelLaw):
         """One sample: what was cut off -> error and its rate -> acceleration -> torque."""
         n, model, f, w = self.arm.n, self.arm.dynamics, self.arm.f, self.bandwidth
         memory, integral, asked = state[: n + 1], state[n + 1 : -n], state[-n:]
-        q = rig.angle(pulses)
+        q = rig.cell_centre(pulses)
         e = setpoint.q - q
         rate, memory = filtered_difference(e, memory, self.filter, dt)
         qd, D = setpoint.qd - rate, model.D(q, f)

@@ -79,7 +79,7 @@ class PDGravity(Aided):
 
     def aid(self, rig, setpoint, pulses):
         """Torque of gravity (n,) [N m]."""
-        return self.arm.dynamics.gravity(rig.angle(pulses), self.arm.f)
+        return self.arm.dynamics.gravity(rig.cell_centre(pulses), self.arm.f)
 
 
 @part

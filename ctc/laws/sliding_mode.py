@@ -59,7 +59,7 @@ class SlidingMode(ModelLaw):
     def equations(self, rig, state, setpoint, pulses, torque, dt):
         """One sample: error and its rate -> s -> torque."""
         model, f = self.arm.dynamics, self.arm.f
-        q = rig.angle(pulses)
+        q = rig.cell_centre(pulses)
         e = setpoint.q - q
         rate, state = filtered_difference(e, state, self.filter, dt)
         s = rate + self.bandwidth * e

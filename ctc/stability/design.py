@@ -86,7 +86,7 @@ def motor_gain(rig, inertia, gain):
     """
     instance("rig", rig, Rig, "Pass the rig of the arm.")
     inertia = array("inertia", inertia, (rig.n,), advice="Give the diagonal of arm.D(q).")
-    pulse = rig.turned(np.ones(rig.n))
+    pulse = rig.to_angle(np.ones(rig.n))
     if rig.drive.coupling.matrix:
         raise ValueError("motor_gain is for motors that turn one joint each; got a coupling. Use arm.D(q) in full.")
     return rig.drive.motor_torque(inertia * gain * pulse)
@@ -149,7 +149,7 @@ def kalman_gains(rig, disturbance, period=None):
     if not (np.isfinite(walk) & (walk > 0)).all():
         raise ValueError(f"disturbance must be positive; got {disturbance}. Give rad/s^2 in one second.")
     rows = []
-    for size, pulse in zip(walk, rig.turned(np.ones(rig.n)), strict=True):
+    for size, pulse in zip(walk, rig.to_angle(np.ones(rig.n)), strict=True):
         ratio = (size * period**2) ** 2 / (pulse**2 / 12)
         _, spread, _ = control.dlqe(step, [[0.0], [0.0], [1.0]], seen, [[ratio]], [[1.0]])
         rows.append((spread @ seen.T / (seen @ spread @ seen.T + 1)).ravel())

@@ -93,7 +93,7 @@ def open_loops(law, rig, arm=None, pose=None):
 
     # The law: what it asks for now, and its next state.
     s, t, p = ca.SX.sym("own", len(own)), ca.SX.sym("torque", n), ca.SX.sym("pulses", n)
-    step = ca.vertcat(*block.step(s, pose, 0, 0, rig.pulses(pose), p, t, block.period, block.values))
+    step = ca.vertcat(*block.step(s, pose, 0, 0, rig.counts(pose), p, t, block.period, block.values))
     slopes = ca.Function("law", [s, t, p], [ca.jacobian(step, x) for x in (s, t, p)])(own, torque, pulses)
     by_own, by_torque, by_pulses = (each.full() for each in slopes)
 
@@ -102,7 +102,7 @@ def open_loops(law, rig, arm=None, pose=None):
     A = np.vstack([arm_and_law[1] @ remembered[:n], remembered[n:], remembered[:n]])
     A[: 2 * n, : 2 * n] += arm_and_law[0]
     B = np.vstack([arm_and_law[1] @ by_pulses[:n], by_pulses[n:], by_pulses[:n]])
-    C = np.hstack([rig.position(np.eye(n)).T, np.zeros((n, len(A) - n))])
+    C = np.hstack([rig.position_in_pulses(np.eye(n)).T, np.zeros((n, len(A) - n))])
     return A, B, C, block.period
 
 
@@ -114,7 +114,9 @@ def held(law, block, rig, arm, pose):
     n = rig.n
     q, s = ca.SX.sym("q", n), ca.SX.sym("own", len(block.initial))
     torque = arm.dynamics.h(q, ca.SX.zeros(n), arm.f) + rig.drive.friction(ca.SX.zeros(n))
-    asked, following = block.step(s, pose, 0, 0, rig.pulses(pose), rig.position(q), torque, block.period, block.values)
+    asked, following = block.step(
+        s, pose, 0, 0, rig.counts(pose), rig.position_in_pulses(q), torque, block.period, block.values
+    )
     x, rest = ca.vertcat(q, s), ca.vertcat(asked - torque, following - s)
     newton = ca.Function("newton", [x], [rest, ca.jacobian(rest, x), torque])
     point = np.concatenate([pose, block.initial])
@@ -127,4 +129,4 @@ def held(law, block, rig, arm, pose):
     left, _, torque = (each.full().ravel() for each in newton(point))
     if not np.abs(left).max() <= 1e-6 * (1 + np.abs(torque).max()):
         raise ValueError(f"{type(law).__name__} must hold the arm at rest at {pose}; it cannot. Give another pose.")
-    return point[:n], point[n:], torque, rig.position(point[:n])
+    return point[:n], point[n:], torque, rig.position_in_pulses(point[:n])

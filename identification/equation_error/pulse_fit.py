@@ -92,7 +92,7 @@ def pass_band(record, arm=None):
     band = round(_BAND * mode_in(record), 1)
     if arm is None or record.law is None:
         return band
-    angles = record.rig.angle(record.counts)
+    angles = record.rig.cell_centre(record.counts)
     poses = angles[:: max(1, len(angles) // _POSES)]
     found = [modes(jacobians(arm, record.rig, record.law, pose)[0]) for pose in poses]
     slow = [each[0, 0] for each in found if len(each)]
@@ -129,7 +129,7 @@ def equation_error(dynamics, records, unknown, known=None):
                 break
         sides = []
         for record, band in zip(records, bands, strict=True):
-            q = record.rig.angle(record.counts)
+            q = record.rig.cell_centre(record.counts)
             sides.append(sides_in(dynamics, record, band, unknown, q))
         fit = fit_sides(unknown, known, sides)
     return fit
@@ -147,7 +147,9 @@ def over_bands(dynamics, records, unknown, known=None):
     highest = min(_CUTOFF_MOST / record.rig.period for record in even)
     for band in _BANDS[highest > _BANDS]:
         try:
-            sides = [sides_in(dynamics, record, band, unknown, record.rig.angle(record.counts)) for record in even]
+            sides = [
+                sides_in(dynamics, record, band, unknown, record.rig.cell_centre(record.counts)) for record in even
+            ]
             fit = fit_sides(unknown, known or {}, sides)
         except ValueError:  # a band without equations, or in which unknowns cannot be told apart
             continue
@@ -188,5 +190,5 @@ def sides_in(dynamics, record, band, unknown, q):
 
 def _speed_noise(rig, band):
     """Three standard deviations (n,) of the joint speed that rounding makes in a band [rad/s]."""
-    pulse = np.abs(rig.turned(np.eye(rig.n))).max(axis=0)
+    pulse = np.abs(rig.to_angle(np.eye(rig.n))).max(axis=0)
     return 3 * pulse / np.sqrt(12) * np.sqrt(2 * band * rig.period) * 2 * np.pi * band / np.sqrt(3)

@@ -131,7 +131,7 @@ def design_motion(
     if best is None:
         raise ValueError(f"limits must leave room for a motion; none of {starts} starts found one. Widen them.")
     motion = Harmonics(period=period, offset=best[1].ravel(), cosine=best[2], sine=best[3])
-    moved = np.ptp(rig.position(motion(np.linspace(0, period, _SAMPLES)).q), axis=0)
+    moved = np.ptp(rig.position_in_pulses(motion(np.linspace(0, period, _SAMPLES)).q), axis=0)
     if (moved < _LEAST_PULSES).any():
         raise ValueError(f"limits must leave room for a motion; the motors move by {moved} pulses. Widen them.")
     return motion

@@ -156,7 +156,8 @@ class _Followed(Experiment):
         super().__init__(dynamics, record, unknown, smooth=True, **options)
         counts = record.counts
         self._kernel = self.kernel()
-        self._tables = self._kernel.prepared((*self.times, self.data(record.rig.counted(counts))), logged=True)
+        centres = record.rig.encoder.position_in_pulses(record.rig.encoder.cell_centre(counts))
+        self._tables = self._kernel.prepared((*self.times, self.data(centres)), logged=True)
         before = np.maximum(np.arange(len(counts)) - _WINDOW, 0)
         after = np.minimum(np.arange(len(counts)) + _WINDOW, len(counts) - 1)
         steps = np.vstack([np.zeros(record.n), np.abs(np.diff(counts, axis=0)).cumsum(axis=0)])

@@ -108,7 +108,7 @@ def oscillation(record, arm=None):
     if arm is not None:
         instance("arm", arm, Arm, "Pass found.arm.")
         record.rig.require_fit(arm.dynamics.chain)
-        angles = record.rig.angle(record.counts)
+        angles = record.rig.cell_centre(record.counts)
         poses = angles[:: max(1, len(angles) // _POSES)]
         found = [modes(jacobians(arm, record.rig, record.law, pose)[0])[:, 0] for pose in poses]
         count = min(map(len, found))

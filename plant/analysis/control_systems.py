@@ -121,7 +121,7 @@ def _arm_system(arm, rig, sampled, steps_per_sample):
 def _rig_system(rig):
     """The encoders, without state; the drives are in the system of the arm."""
     q, none = ca.SX.sym("q", rig.n), ca.SX(0, 1)
-    return _system("rig", none, {"q": q}, none, {"pulses": rig.read(q)}, None, ())
+    return _system("rig", none, {"q": q}, none, {"pulses": rig.true_counts(q)}, None, ())
 
 
 def _law_system(law, rig):
@@ -130,7 +130,7 @@ def _law_system(law, rig):
     block, n = law.block(rig), rig.n
     q, qd, qdd, pulses = (ca.SX.sym(name, n) for name in ("q_r", "qd_r", "qdd_r", "pulses"))
     own, torque, dt = ca.SX.sym("law", len(block.initial)), ca.SX.sym("torque", n), ca.SX.sym("dt")
-    asked, following = block.step(own, q, qd, qdd, rig.pulses(q), pulses, torque, dt, block.values)
+    asked, following = block.step(own, q, qd, qdd, rig.counts(q), pulses, torque, dt, block.values)
     inputs = {"q_r": q, "qd_r": qd, "qdd_r": qdd, "pulses": pulses}
     if block.period is not None:
         following = ca.vertcat(following, rig.drive.limited(asked))

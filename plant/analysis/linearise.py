@@ -68,11 +68,11 @@ def jacobians(arm, rig, law, pose):
         if name.startswith(("drive.coulomb", "drive.curve.breakaway")):
             values[i] = 0.0
     at_rest = loop.initial_state(pose, np.zeros(n))
-    held = rig.position(pose) + _holding(arm, rig, loop, at_rest, values)
+    held = rig.position_in_pulses(pose) + _holding(arm, rig, loop, at_rest, values)
     row = np.concatenate([pose, np.zeros(2 * n), held, [step]])
     function = ca.Function("linear", [state, time, numbers], [A, B])
     A, B = (matrix.full() for matrix in function(at_rest, row, values))
-    return A, B, -np.hstack([rig.position(np.eye(n)).T, np.zeros((n, n))])
+    return A, B, -np.hstack([rig.position_in_pulses(np.eye(n)).T, np.zeros((n, n))])
 
 
 def modes(system):
@@ -92,6 +92,6 @@ def _holding(arm, rig, loop, state, values):
     n = arm.n
     time = ca.SX.sym("time", len(loop.time_names))
     log = loop.sample(state, time, values, [])[1][n : 2 * n]
-    row = np.concatenate([state[:n], np.zeros(2 * n), rig.position(state[:n]), [loop.h]])
+    row = np.concatenate([state[:n], np.zeros(2 * n), rig.position_in_pulses(state[:n]), [loop.h]])
     slope = ca.Function("slope", [time], [ca.jacobian(log, time[3 * n : 4 * n])])(row).full()
     return np.linalg.solve(slope, arm.h(state[:n], np.zeros(n)))

@@ -67,10 +67,10 @@ class Balance:
         rows = np.flatnonzero(rows)[:: max(1, signals.window // _PER_WINDOW)]
         if len(rows) < 10 * _PER_WINDOW or not np.ptp(torque[:, i]):
             return None
-        angle = np.cumsum(signals.rig.angle(counts), axis=1)
+        angle = np.cumsum(signals.rig.cell_centre(counts), axis=1)
         dry = signals.smooth_even(np.sign(own))
         columns = np.column_stack([
-            encoder.turned(acceleration), encoder.turned(speed)[:, i], dry, np.ones(len(own)), np.sin(angle),
+            encoder.to_angle(acceleration), encoder.to_angle(speed)[:, i], dry, np.ones(len(own)), np.sin(angle),
             np.cos(angle),
         ])  # fmt: skip
         wanted = signals.smooth(torque)[:, i]
@@ -79,7 +79,7 @@ class Balance:
             return least_squares(np.column_stack([columns, *more])[rows], wanted[rows], memory=_PER_WINDOW)
 
         # Late counts: the torque goes with the jerk, too.
-        jerk = encoder.turned(np.gradient(acceleration, signals.interval, axis=0))
+        jerk = encoder.to_angle(np.gradient(acceleration, signals.interval, axis=0))
         value, std = fitted()
         with_jerk, with_jerk_std = fitted(jerk)
         late, late_std = (x[-n + i] / with_jerk[i] / signals.interval for x in (with_jerk, with_jerk_std))
@@ -90,7 +90,7 @@ class Balance:
         load = columns @ value - value[n] * columns[:, n] - value[n + 1] * dry - alone * columns[:, i]
         side = signals.smooth_even(np.sign(load))
         ahead, ahead_std = fitted(signals.rates(side[:, None])[1])
-        scale = 2 / max(abs(value[i] - alone), 1e-300) / encoder.turned(np.ones(n))[i]
+        scale = 2 / max(abs(value[i] - alone), 1e-300) / encoder.to_angle(np.ones(n))[i]
         return cls(
             inertia=value[:n], inertia_std=std[:n], viscous=value[n], viscous_std=std[n], dry=value[n + 1],
             dry_std=std[n + 1], delay=late, delay_std=abs(late_std), play=ahead[-1] * scale,

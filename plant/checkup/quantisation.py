@@ -53,7 +53,7 @@ def _units(signals, i):
     verdict, advice = "look", "Counts are whole; these were shifted or scaled after counting."
     if signals.angular[i]:
         unit = "radians" if np.ptp(counts) < 4 * np.pi else "degrees"
-        verdict, advice = "wrong", f"These look like {unit}, not counts; turn angles of the joints into rig.pulses(q)."
+        verdict, advice = "wrong", f"These look like {unit}, not counts; turn angles of the joints into rig.counts(q)."
     return Finding(check="units of counts", joint=i, value=broken, unit="% not whole", verdict=verdict, advice=advice)
 
 

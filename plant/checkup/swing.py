@@ -53,8 +53,8 @@ class Swing:
         """Fit the torques (M, n) [N m] of all motors; None where the log is too short for that many unknowns."""
         n, encoder, interval = signals.n, signals.rig.encoder, signals.interval
         counts, *rates = signals.motion
-        speed, acceleration = (encoder.turned(rate) for rate in rates)
-        angle = signals.rig.angle(counts)
+        speed, acceleration = (encoder.to_angle(rate) for rate in rates)
+        angle = signals.rig.cell_centre(counts)
         pose = [column - column[signals.clear].mean() for turn in (np.cos, np.sin) for column in turn(angle[:, 1:]).T]
         products = [speed[:, a] * speed[:, b] for a in range(n) for b in range(a, n)]
         absolute = np.cumsum(angle, axis=1)

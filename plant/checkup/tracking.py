@@ -135,7 +135,7 @@ def _delay(signals, i):
             return Finding.unknown(name, i, "the motor hardly moves")
         error = (signals.reference - signals.counts)[:, i]
         gain = (error @ signals.asked[:, i]) / max(error @ error, 1e-300)
-        per_sample = gain * signals.interval / rig.encoder.turned(np.ones(signals.n))[i]
+        per_sample = gain * signals.interval / rig.encoder.to_angle(np.ones(signals.n))[i]
         late = (balance.viscous - rig.drive.viscous[i]) / per_sample
         return _judged(i, late, balance.viscous_std / per_sample, "The error grows with speed, beyond stated friction")
     shown = signals.shown(i)

@@ -63,11 +63,11 @@ def _copied(signals, i):
 
 def _same_counts(signals, i, j):
     turned, reference = signals.counts - signals.counts[0], signals.reference
-    angle, pulse = np.abs(signals.rig.turned(turned)), np.abs(np.diag(signals.rig.turned(np.eye(signals.n))))
+    angle, pulse = np.abs(signals.rig.to_angle(turned)), np.abs(np.diag(signals.rig.to_angle(np.eye(signals.n))))
     if not turned[:, i].any():
         return False
     if reference is not None:
-        asked = np.abs(signals.rig.turned(reference - reference[0]))
+        asked = np.abs(signals.rig.to_angle(reference - reference[0]))
         if np.abs(asked[:, i] - asked[:, j]).max() <= pulse[i] + pulse[j]:
             return False  # told to do the same, they may
     return bool((turned[:, i] == turned[:, j]).all() or np.abs(angle[:, i] - angle[:, j]).max() <= pulse[i] + pulse[j])

@@ -85,7 +85,7 @@ def record_fields(table, *, rig, columns, units, wrap, reference):
         fields |= _converted(field, values[field], units[field], rig)
     counts, commanded = fields.pop("counts", None), fields.get("reference_pulses")
     if commanded is None and reference is not None:
-        commanded = fields["reference_pulses"] = rig.pulses(reference(t).q)
+        commanded = fields["reference_pulses"] = rig.counts(reference(t).q)
     if counts is not None:
         fields["error_pulses"] = -counts if commanded is None else commanded - counts
     elif commanded is None:
@@ -210,7 +210,7 @@ def _counted(field, value, unit, rig):
     motor = "motor" in field
     angle = value * ANGLE[unit]
     require_span(field, rig.drive.joint_angle(angle) if motor else angle, unit)
-    place = {False: rig.position, True: rig.encoder.position}
+    place = {False: rig.position_in_pulses, True: rig.encoder.position_in_pulses}
     position = place[motor](angle)
     if rig.encoder.smooth:
         return position
@@ -228,7 +228,7 @@ def _counted(field, value, unit, rig):
             text = f"{field} of joint {np.argmin(grid)} is in no whole pulses of rig.encoder.resolution (smallest step "
             _warn(f"{text}{step:.{6 if near else 3}g} pulses{near}); counted as that encoder would")
     shift = np.where(np.abs(shift) < 0.1, 0.0, shift)
-    return rig.encoder.count(np.where(grid, np.round(position - shift) + shift, position))
+    return rig.encoder.quantised(np.where(grid, np.round(position - shift) + shift, position))
 
 
 def _smallest_step(position):

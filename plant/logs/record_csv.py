@@ -82,7 +82,7 @@ def _plain(table, n):
     if len(broken):
         row, column = broken[0] + (0, 1)
         value = f"got {table[row, column]:g} in row {row}, column {column + 1}"
-        raise ValueError(f"must hold whole pulses; {value}. Turn angles into counts with rig.pulses(q).")
+        raise ValueError(f"must hold whole pulses; {value}. Turn angles into counts with rig.counts(q).")
     return {"reference_pulses": table[:, 1 : 1 + n], "error_pulses": table[:, 1 + n :]}
 
 
@@ -92,7 +92,7 @@ def _named(names, table, n):
     fields = {}
     for column, name in enumerate(names[1:], 1):
         if name not in known:
-            raise ValueError(f"has an unknown column {name!r}; known are {', '.join(known)}. Rename it.")
+            raise ValueError(f"has an unknown column {name!r:.40}; known are {', '.join(known)}. Rename it.")
         if name in names[1:column]:
             raise ValueError(f"has column {name!r} twice; each may come once. Drop one.")
         field, joint = known[name]

@@ -17,6 +17,7 @@ import numpy as np
 from plant.machine.friction import FrictionCurve
 from plant.mechanics.coupling import Coupling
 from plant.parts.arguments import instance
+from plant.parts.labels import joint_label
 from plant.parts.part import Part, number, part, structure
 
 __all__ = ["Drive"]
@@ -44,6 +45,8 @@ class Drive(Part):
         Offset (or unequal friction in the two directions) and Stribeck's excess at rest.
     coupling : Coupling, optional
         Where motors turn with several joints; the same as the chain's.
+    joints : tuple of str, optional
+        Names of the joints, for messages, tables and figures of the logs and the laws of this drive.
     """
 
     gear: np.ndarray = number(("n",))
@@ -54,9 +57,14 @@ class Drive(Part):
     current_limit: np.ndarray = number(("n",), finite=False)
     curve: FrictionCurve | None = structure(default=None)
     coupling: Coupling = structure(Coupling, default=Coupling())
+    joints: tuple[str, ...] = structure(default=())
 
     def __post_init__(self):
         super().__post_init__()
+        joints = self.joints
+        if isinstance(joints, str) or not all(isinstance(j, str) for j in joints) or len(joints) not in (0, self.n):
+            raise ValueError(f"joints must be {self.n} names, or none; got {joints!r:.80}. Name every joint.")
+        object.__setattr__(self, "joints", tuple(joints))
         for name, wrong, rule in (
             ("gear", self.gear == 0, "not be zero"),
             ("motor_inertia", self.motor_inertia < 0, "not be negative"),
@@ -68,9 +76,8 @@ class Drive(Part):
             if wrong.any():
                 joint = int(np.flatnonzero(wrong)[0])
                 value = getattr(self, name)[joint]
-                raise ValueError(
-                    f"{name} must {rule}; got {value} at joint {joint}. Friction and gains are magnitudes."
-                )
+                label = joint_label(joints, joint)
+                raise ValueError(f"{name} must {rule}; got {value} at {label}. Friction and gains are magnitudes.")
 
         self.coupling.require_joints(self.n, "drive")
         if self.curve is not None:

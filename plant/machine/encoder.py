@@ -61,34 +61,34 @@ class Encoder(Part):
                 given = f"{len(self.resolution)} joints like the encoder; got {len(self.phase.shift)}"
                 raise ValueError(f"phase must have {given}. Give one shift per joint.")
 
-    def position(self, q_m):
+    def position_in_pulses(self, q_m):
         """Motor angle [rad] in pulses, before rounding."""
         return q_m * (self.resolution * (1 / (2 * np.pi)))
 
-    def pulses(self, q_m):
-        """Pulses of a motor angle [rad], whole numbers, without the phase. Source: paper Fig. 4."""
-        return self.count(self.position(q_m))
+    def counts(self, q_m):
+        """Counts of a motor angle [rad], whole numbers, without the phase. Source: paper Fig. 4."""
+        return self.quantised(self.position_in_pulses(q_m))
 
-    def count(self, position):
-        """Whole pulses of a position in pulses, without the phase; the position itself if the encoder is smooth."""
+    def quantised(self, position):
+        """Counts of a position in pulses, without the phase; the position itself if the encoder is smooth."""
         if self.smooth:
             return position
         if self.floor:
             return ca.floor(position) if isinstance(position, ca.SX) else np.floor(position)
         return fix(position)
 
-    def read(self, position):
-        """Whole pulses that are counted at a position in pulses, with the phase."""
-        return self.count(position if self.phase is None else position + self.phase.shift)
+    def true_counts(self, position):
+        """Counts at a position in pulses, with the phase."""
+        return self.quantised(position if self.phase is None else position + self.phase.shift)
 
-    def turned(self, position):
-        """Motor angle [rad] of a position in pulses; the way back from `position`."""
+    def to_angle(self, position):
+        """Motor angle [rad] of a position in pulses; the way back from `position_in_pulses`."""
         return position * (2 * np.pi / self.resolution)
 
-    def angle(self, pulses):
-        """Motor angle [rad] in the middle of the cell that these counts stand for, as far as a controller knows."""
+    def cell_centre(self, counts):
+        """Motor angle [rad] in the middle of the quantisation cell of these counts, as far as a controller knows."""
         if self.smooth:
-            return self.turned(pulses)
+            return self.to_angle(counts)
         if self.floor:
-            return self.turned(pulses + 0.5)
-        return self.turned(pulses + 0.5 * (ca.sign(pulses) if isinstance(pulses, ca.SX) else np.sign(pulses)))
+            return self.to_angle(counts + 0.5)
+        return self.to_angle(counts + 0.5 * (ca.sign(counts) if isinstance(counts, ca.SX) else np.sign(counts)))

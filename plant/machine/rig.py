@@ -8,6 +8,7 @@ from plant.machine.drive import Drive
 from plant.machine.encoder import Encoder
 from plant.machine.transport import Transport
 from plant.parts.arguments import instance, real
+from plant.parts.labels import joint_labels
 from plant.parts.part import Part, part, structure
 
 __all__ = ["Rig", "smooth_rig"]
@@ -47,6 +48,11 @@ class Rig(Part):
         """Number of joints."""
         return self.drive.n
 
+    @property
+    def joint_labels(self) -> list[str]:
+        """What to call each joint (`joint_label`), by the drive's names."""
+        return joint_labels(self.drive.joints, self.n)
+
     def require_fit(self, chain):
         """Refuse a chain of other joints, or with another coupling of its motors.
 
@@ -62,29 +68,26 @@ class Rig(Part):
                 f"{self.drive.coupling.matrix or 'none'} in the drive. Give both the same Coupling (chain.coupled)."
             )
 
-    def pulses(self, q):
+    def counts(self, q):
         """Encoder counts of a joint position [rad] as a controller knows them, whole numbers with the motor's sign."""
-        return self.encoder.count(self.position(q))
+        return self.encoder.quantised(self.position_in_pulses(q))
 
-    def read(self, q):
-        """Encoder counts at a joint position [rad] as they are: those of `pulses`, but for a phase of the encoder."""
-        return self.encoder.read(self.position(q))
+    def true_counts(self, q):
+        """Encoder counts at a joint position [rad] as they are: those of `counts`, but for a phase of the encoder."""
+        return self.encoder.true_counts(self.position_in_pulses(q))
 
-    def position(self, q):
+    def position_in_pulses(self, q):
         """Joint position [rad] in pulses of the motor shaft, before rounding."""
-        return self.encoder.position(self.drive.gear) * self.drive.coupling.shaft(q)  # pulses per radian, times angle
+        per_radian = self.encoder.position_in_pulses(self.drive.gear)
+        return per_radian * self.drive.coupling.shaft(q)
 
-    def turned(self, position):
-        """Joint position [rad] of a position in pulses; the way back from `position`."""
-        return self.drive.joint_angle(self.encoder.turned(position))
+    def to_angle(self, position):
+        """Joint position [rad] of a position in pulses; the way back from `position_in_pulses`."""
+        return self.drive.joint_angle(self.encoder.to_angle(position))
 
-    def counted(self, pulses):
-        """Position in pulses, in the middle of the cell that these counts stand for."""
-        return self.encoder.position(self.encoder.angle(pulses))
-
-    def angle(self, pulses):
-        """Joint position [rad] in the middle of the cell that these counts stand for."""
-        return self.drive.joint_angle(self.encoder.angle(pulses))
+    def cell_centre(self, counts):
+        """Joint position [rad] in the middle of the quantisation cell of these counts."""
+        return self.drive.joint_angle(self.encoder.cell_centre(counts))
 
 
 def smooth_rig(rig):

@@ -12,6 +12,7 @@ from plant.mechanics.link import Link
 from plant.mechanics.placement import Placement
 from plant.mechanics.urdf import links_from_urdf
 from plant.parts.arguments import choice, instance, real
+from plant.parts.labels import joint_labels
 from plant.parts.part import Part, part, structure
 
 __all__ = ["Chain"]
@@ -63,6 +64,11 @@ class Chain(Part):
     def n(self):
         """Number of joints."""
         return len(self.links)
+
+    @property
+    def joint_labels(self) -> list[str]:
+        """What to call each joint: by its link's name (`joint_label`)."""
+        return joint_labels([link.name for link in self.links], self.n)
 
     def tilted(self, rotation):
         """The same chain on a base turned by a rotation (3, 3): its axes as columns, in a frame with z upwards."""

@@ -28,6 +28,10 @@ _FEW = 3
 """Joints up to which sums over f and over products of speeds are shorter than what the recursion gives."""
 
 
+_SHORT = 6
+"""Letters up to which a name of f is short."""
+
+
 @part
 class Dynamics(Part):
     """The equations of an arm with f open.
@@ -89,6 +93,21 @@ class Dynamics(Part):
     def names(self):
         """Names of f."""
         return self.lumping.names
+
+    @property
+    def short_names(self):
+        """Names of f for tables and figures: the names themselves, or f1, f2, ... where they are sums (`legend`)."""
+        if max(map(len, self.names)) <= _SHORT:
+            return self.names
+        return tuple(f"f{i + 1}" for i in range(self.p))
+
+    @property
+    def legend(self):
+        """What each short name means, one line each; empty where names are short."""
+        if self.short_names == self.names:
+            return ""
+        width = len(self.short_names[-1])
+        return "\n".join(f"{s:<{width}} = {name}" for s, name in zip(self.short_names, self.names, strict=True))
 
     def f(self, bodies=None):
         """Parameters f (p,) of an arm whose links are these bodies, one per link; by default those of the chain."""

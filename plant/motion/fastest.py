@@ -20,8 +20,9 @@ import casadi as ca
 import numpy as np
 
 from plant.motion.demand import demand, shortest_duration
-from plant.motion.reference import Motion, Table
+from plant.motion.reference import Motion
 from plant.motion.scaled import Scaled, slowed
+from plant.motion.table import Table
 from plant.parts.arguments import array, known_options
 
 __all__ = ["fastest"]

@@ -155,7 +155,7 @@ def _step(block, rig, scale, largest):
     symbols = [ca.SX.sym(name, size) for name, size in sizes.items()]
     state, torque, q, qd, qdd, pulses, numbers, dt, factor = symbols
     named = rig.with_numbers(numbers[len(block.names) - own :])
-    asked, following = block.step(state, q, qd, qdd, named.pulses(q), pulses, torque, dt, numbers)
+    asked, following = block.step(state, q, qd, qdd, named.counts(q), pulses, torque, dt, numbers)
     limited = named.drive.limited(asked)
     results = [asked, limited, following]
     if scale is not None:

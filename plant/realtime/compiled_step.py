@@ -109,9 +109,9 @@ def _pieces(law, rig, block):
     gravity = at["WEIGHT"] * law.arm.dynamics.gravity(at["ANGLE"], law.arm.f) if _knows_arm(law) else 0
     written = {
         "ahead": dict(zip(("Q", "QD", "QDD"), _ahead(*motion, at["DT"]), strict=True)),
-        "moving": {"SPEED": rig.position(at["QD"])},
-        "counted": {"REFERENCE": rig.pulses(at["Q"]), "ANGLE": rig.angle(at["COUNTS"])},
-        "standing": {"FROM_Q": at["ANGLE"], "FROM_QD": rig.turned(at["SPEED"])},
+        "moving": {"SPEED": rig.position_in_pulses(at["QD"])},
+        "counted": {"REFERENCE": rig.counts(at["Q"]), "ANGLE": rig.cell_centre(at["COUNTS"])},
+        "standing": {"FROM_Q": at["ANGLE"], "FROM_QD": rig.to_angle(at["SPEED"])},
         "slowing": dict(zip(("Q", "QD", "QDD"), _slowing(at), strict=True)),
         "law": {"WANTED": asked, "GIVEN": rig.drive.limited(asked), "FOLLOWING": following},
         "rest": {"REST": rig.drive.limited(gravity - _brake(rig, at))},
@@ -143,7 +143,7 @@ def _slowing(at):
 
 def _brake(rig, at):
     """Torque of a damping under which the motors alone would come to rest in a quarter of the duration."""
-    speed = rig.drive.coupling.shaft(rig.turned(at["SPEED"]))
+    speed = rig.drive.coupling.shaft(rig.to_angle(at["SPEED"]))
     return rig.drive.coupling.joint_torque(rig.drive.reflected_inertia() * speed / (at["DURATION"] / 4))
 
 

@@ -83,7 +83,7 @@ class Guards:
         if (inertia > 0).all() and np.isfinite(torque).all():
             # D is at least the motors' inertia, so D^-1 at most its inverse: |qdd_i| <= sum_j tau_j / sqrt(J_i J_j).
             added = np.sum(torque / np.sqrt(inertia)) / np.sqrt(inertia) * rig.period**2
-            jump = 8 + 4 * np.abs(rig.position(drive.coupling.joint(added)))
+            jump = 8 + 4 * np.abs(rig.position_in_pulses(drive.coupling.joint(added)))
         given = [self._each(name, default) for name, default in (("jump", jump), ("stuck", turn / 40), ("error", turn))]
         return np.array([*given, 3 * np.abs(friction)])
 

@@ -79,7 +79,7 @@ class Running:
         """Start anew, as after `Law.start`: with the law's initial state, and whatever stopped the arm forgotten.
 
         After a safe stop: find out why (`status`), plan a reference that begins where the arm stands
-        (``rig.angle(pulses)``), and reset.
+        (``rig.cell_centre(pulses)``), and reset.
 
         Parameters
         ----------

@@ -192,7 +192,7 @@ class ClosedLoop:
     def _asked(self, q, dt):
         """Torque that the law asks for at q, after the amplifier's limit (which swallows NaN), its state, if finite."""
         *_, torque, carried, _, motion, _, _, given, rig = self._parts
-        own, n, pulses = len(self._block.initial), self.n, rig.read(q)
+        own, n, pulses = len(self._block.initial), self.n, rig.true_counts(q)
         rest = carried[own:]
         if rig.transport is not None:
             pulses = rig.transport.arrived(pulses, rest[n : 2 * n], self._symbols[1][-2])
@@ -231,13 +231,13 @@ class ClosedLoop:
         ok = _if(bounded(ca.vertsplit(ca.vertcat(q, qd))), ok)
         data = ca.SX.sym("data", self.n_data)
         if self.correction is None:
-            log = ca.vertcat(motion[3] - rig.read(q), at_sample, q, qd)
+            log = ca.vertcat(motion[3] - rig.true_counts(q), at_sample, q, qd)
         else:
             shares = self.correction.with_numbers(self._symbols[2][-3 * self.n :])
-            surprise = data[:-1] + rig.position(shares.zero) - rig.position(q)
+            surprise = data[:-1] + rig.position_in_pulses(shares.zero) - rig.position_in_pulses(q)
             log = ca.vertcat(surprise, at_sample, q, qd)
             known = data[-1] * surprise
-            q, qd = q + rig.turned(shares.position * known), qd + rig.turned(shares.speed * known) / rig.period
+            q, qd = q + rig.to_angle(shares.position * known), qd + rig.to_angle(shares.speed * known) / rig.period
         score = status[0]
         if self.score is not None:
             kept = carried.shape[0] - self.n_memory
@@ -274,7 +274,7 @@ class ClosedLoop:
             impulse = friction_impulse(mobility, stopping, impulse, bound, self.sweeps)
         following = coupling.joint(speed + mobility.diagonal * (h * own + mobility.own(impulse)))
         ok = _if(functools.reduce(ca.fmin, mobility.minors) > 0, status[1])
-        error = rig.position(motion[0]) - rig.position(middle)
+        error = rig.position_in_pulses(motion[0]) - rig.position_in_pulses(middle)
         return self._function(
             "substep", [middle + h / 2 * following, following, impulse, torque, carried, status[0], ok], error
         )

@@ -29,7 +29,7 @@ class Path:
 
     def __call__(self, t):
         motion = self.reference(t)
-        return motion, self.rig.pulses(motion.q)
+        return motion, self.rig.counts(motion.q)
 
     def start(self):
         """Position and velocity (n,) of the reference at t = 0."""
@@ -49,12 +49,14 @@ class Logged:
         following = np.minimum(row + 1, len(self.pulses) - 1)
         step = self.pulses[following] - self.pulses[row]
         pulses = self.pulses[row] + step * np.maximum(place - row, 0)[:, None]
-        motion = Motion(self.rig.turned(pulses), self.rig.turned(step / self.clock.apart(row)), np.zeros_like(pulses))
-        return motion, self.rig.encoder.count(pulses)
+        motion = Motion(
+            self.rig.to_angle(pulses), self.rig.to_angle(step / self.clock.apart(row)), np.zeros_like(pulses)
+        )
+        return motion, self.rig.encoder.quantised(pulses)
 
     def start(self):
         """Position at t = 0, at rest: two counts say nothing of a velocity."""
-        return self.rig.turned(self.pulses[0]), np.zeros(self.rig.n)
+        return self.rig.to_angle(self.pulses[0]), np.zeros(self.rig.n)
 
 
 def path_of(record, clock=None, *, smooth=False):
@@ -70,7 +72,8 @@ def path_of(record, clock=None, *, smooth=False):
     clock = clock or Clock.of(record)
     if record.reference is None:
         rig, counts = record.rig, record.reference_pulses
-        return Logged(rig.counted(counts), smooth_rig(rig), clock) if smooth else Logged(counts, rig, clock)
+        centres = rig.encoder.position_in_pulses(rig.encoder.cell_centre(counts))
+        return Logged(centres, smooth_rig(rig), clock) if smooth else Logged(counts, rig, clock)
     path = Path(record.reference, record.rig)
     off = np.abs(path(clock.t[clock.rows])[1] - record.reference_pulses).max(axis=1)
     wrong = np.flatnonzero(off > 1)
@@ -92,7 +95,7 @@ def start_of(record, path):
     if record.initial is not None:
         return record.initial
     q, qd = path.start()
-    counted = record.rig.angle(record.reference_pulses[0] - record.error_pulses[0])
+    counted = record.rig.cell_centre(record.reference_pulses[0] - record.error_pulses[0])
     coupling = record.rig.drive.coupling
     q = coupling.joint(np.where(np.abs(record.error_pulses[0]) >= 1, *map(coupling.shaft, (counted, q))))
     unknown = record.reference is None and record.law is not None and record.law.replays
@@ -105,4 +108,4 @@ def _first_speed(record):
     if len(t) < _FIRST or (np.ptp(counts, axis=0) <= 1).all():
         return np.zeros(record.n)
     scale = t[-1]
-    return record.rig.turned(np.polynomial.polynomial.polyfit(t / scale, counts, 2)[1] / scale)
+    return record.rig.to_angle(np.polynomial.polynomial.polyfit(t / scale, counts, 2)[1] / scale)

@@ -83,7 +83,7 @@ def knowledge(count=5):
     back = np.linalg.lstsq(seven.T, nine.T, rcond=None)[0].T  # f1..f9 from the seven
     for gain in GAINS:
         once = log(arm, gain)
-        pulse, start = np.abs(RIG.turned(np.eye(2)).diagonal()), once.true_q[0]
+        pulse, start = np.abs(RIG.to_angle(np.eye(2)).diagonal()), once.true_q[0]
         again = [log(arm, gain, initial=(start + share * pulse, (0, 0))) for share in (0.3, -0.4)]
         faster = [
             simulate(arm, RIG, puma560.p_law(gain), puma560.reference(period), steps_per_sample=16, duration=3.65)
@@ -195,7 +195,7 @@ def random_arm(random):
 def arms(count=25, realisations=25):
     """Random arms, each measured and identified several times: error, bound, coverage of the 95 % intervals."""
     random, lost, unsure, started = np.random.default_rng(0), 0, 0, time.perf_counter()
-    pulse = np.abs(RIG.turned(np.eye(2)).diagonal())
+    pulse = np.abs(RIG.to_angle(np.eye(2)).diagonal())
     wrong, inside, ratio, largest = [], [], [], []
     for k in range(count):
         arm, gain = random_arm(random), GAINS[k % 2]

@@ -63,7 +63,7 @@ def kernel_time(chain, bodies, samples=500):
     pose = np.linspace(0.1, 0.6, n)
     tables = [np.zeros((0, 4 * n + 1)), np.zeros((samples, 4 * n + 1)), np.zeros((4 * samples, 4 * n + 1))]
     for table in tables:
-        table[:, :n], table[:, 3 * n : 4 * n], table[:, -1] = pose, rig.pulses(pose), loop.h
+        table[:, :n], table[:, 3 * n : 4 * n], table[:, -1] = pose, rig.counts(pose), loop.h
     state = np.repeat(loop.initial_state(pose, np.zeros(n))[:, None], LANES, axis=1)
     f = np.repeat(dynamics.f(bodies)[:, None], LANES, axis=1)
     uniform = loop.number_values(dynamics.f(bodies))[list(kernel.uniform)]

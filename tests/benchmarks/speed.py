@@ -189,7 +189,7 @@ def accuracy():
     exact = simulate(arm, rig, law, path, steps_per_sample=256, sweeps=30)
 
     def off(record, other):
-        pulses = rig.position(record.true_q - other.true_q)
+        pulses = rig.position_in_pulses(record.true_q - other.true_q)
         rms = np.sqrt((pulses**2).mean(axis=0))
         floor = np.sum((record.error_pulses - other.error_pulses) ** 2)
         return f"{rms[0]:.2f}, {rms[1]:.2f} | {np.abs(pulses).max():.2f} | {floor:,.0f}"

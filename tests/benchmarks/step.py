@@ -22,7 +22,7 @@ def experiment():
     """Counts (N, 2) that follow trajectory (6) with errors of up to a pulse, and its motion."""
     motion = puma560.reference()(np.arange(SAMPLES) * puma560.rig().period)
     error = np.random.default_rng(0).integers(-1, 2, (SAMPLES, 2))
-    return puma560.rig().pulses(motion.q) + error, motion
+    return puma560.rig().counts(motion.q) + error, motion
 
 
 @numba.njit

@@ -44,7 +44,7 @@ class Filtered(Law):
 
     def equations(self, rig, state, setpoint, pulses, torque, dt):
         n = rig.n
-        error, last = rig.angle(setpoint.pulses) - rig.angle(pulses), state[:n]
+        error, last = rig.cell_centre(setpoint.pulses) - rig.cell_centre(pulses), state[:n]
         low = ca.exp(-self.rate * dt)
         slope = low * state[n:] + (1 - low) * (error - last) / dt
         asked = 900 * self.gain * error + 10 * slope + 0.1 * setpoint.qdd + ca.sin(setpoint.qd) - 0.02 * torque
@@ -75,7 +75,7 @@ def direct_rig(coulomb, viscous, *, period=0.7e-3, smooth=True):
 
 def stiff(rig, stiffness):
     """The P law that acts as a spring [N m/rad] between reference and joint."""
-    return P(gain=np.asarray(stiffness) / rig.position(np.ones(rig.n)) / rig.drive.gear)
+    return P(gain=np.asarray(stiffness) / rig.position_in_pulses(np.ones(rig.n)) / rig.drive.gear)
 
 
 def without_friction(rig, *, viscous=False, smooth=False, period=None):

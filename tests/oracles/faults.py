@@ -35,7 +35,7 @@ class SimulatedArm:
         return self.state[: self.rig.n]
 
     def counts(self):
-        return self.rig.pulses(self.q)
+        return self.rig.counts(self.q)
 
     def push(self, torque):
         """Hold a joint torque [N m] for one sample."""
@@ -79,7 +79,7 @@ def noise(call, k):
 
 
 def stuck(call, k):
-    call.pulses[1] = RIG.pulses(PATH(np.array([BEGIN * RIG.period])).q[0])[1]
+    call.pulses[1] = RIG.counts(PATH(np.array([BEGIN * RIG.period])).q[0])[1]
 
 
 def late(samples):
@@ -166,7 +166,7 @@ def experiment(law, arm, fault, *, guards=True, end=END):
             motion = PATH(now + np.arange(-k, end - k) * RIG.period)
             call = Call(robot.counts(), *(x[k].copy() for x in motion))
         held = running.step(call.pulses, call.q_r, call.qd_r, call.qdd_r, now=now)
-        torque[k], error[k] = held, RIG.position(running.reference - robot.q)
+        torque[k], error[k] = held, RIG.position_in_pulses(running.reference - robot.q)
         robot.push(held)
         if call.blocked:
             robot.state[0], robot.state[2] = motion.q[BEGIN, 0], 0.0

@@ -57,7 +57,7 @@ def test_each_lane_is_a_simulation(options):
         np.testing.assert_array_equal(runs.current[i], np.abs(record.current).max(axis=0))
         assert (runs.current[i] <= limit * (1 + 1e-12)).all()
         shift = plant.rig.encoder.phase.shift
-        unrounded = RIG.position(PATH(record.t).q) - RIG.position(record.true_q) - shift
+        unrounded = RIG.position_in_pulses(PATH(record.t).q) - RIG.position_in_pulses(record.true_q) - shift
         np.testing.assert_allclose(runs.unrounded[i], np.abs(unrounded).max(axis=0), atol=1e-8)
         left = np.flatnonzero((error > 1).any(axis=1))
         np.testing.assert_allclose(runs.first[i], record.t[left[0]] if len(left) else np.nan, atol=1e-12)
@@ -101,7 +101,7 @@ def test_samples_before_do_not_count():
 def test_a_probability_known_beforehand():
     """A limp arm without weight, 0.7 pulses up: it counts one pulse where its encoder's zero lies 0.3 or more down."""
     still = DYNAMICS.arm([1.6, 1.4, 0, 0, 0, 0, 6.6, 0, 0])
-    rest = Harmonics(period=1.0, offset=RIG.turned(np.array([0.7, 0.7])), cosine=((0,), (0,)), sine=((0,), (0,)))
+    rest = Harmonics(period=1.0, offset=RIG.to_angle(np.array([0.7, 0.7])), cosine=((0,), (0,)), sine=((0,), (0,)))
     certificate = certify(
         P(gain=(0, 0)), still, RIG, rest, covariance=np.zeros((9, 9)), duration=0.01, samples=4000, within=0,
         steps_per_sample=4,

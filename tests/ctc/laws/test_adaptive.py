@@ -32,7 +32,7 @@ def learned(controller, record):
     for k in range(len(record)):
         found.append(state[:p])
         q_r = motion.q[k]
-        moving = q_r, motion.qd[k], motion.qdd[k], record.rig.pulses(q_r), record.rig.pulses(record.true_q[k])
+        moving = q_r, motion.qd[k], motion.qdd[k], record.rig.counts(q_r), record.rig.counts(record.true_q[k])
         asked, state = block.step(state, *moving, applied[k], block.period, block.values)
         state = state.full().ravel()
         np.testing.assert_allclose(asked.full().ravel(), record.torque[k], rtol=0, atol=1e-7)
@@ -70,7 +70,7 @@ def test_the_lyapunov_function_falls_by_what_the_gain_takes_out():
 def once(controller, *, torque):
     """f-hat after a sample off the reference, the torque then applied, and one more sample."""
     block = controller.block(RIG)
-    still = (0.1, -0.2), (0.5, 0.4), (1.0, -1.0), RIG.pulses(np.array([0.1, -0.2]))
+    still = (0.1, -0.2), (0.5, 0.4), (1.0, -1.0), RIG.counts(np.array([0.1, -0.2]))
     asked, state = block.step(block.initial, *still, (900, -700), (0, 0), RIG.period, block.values)
     before = state.full().ravel()[:9]
     applied = torque(asked.full().ravel())
@@ -80,7 +80,7 @@ def once(controller, *, torque):
 def test_f_hat_follows_gamma_y_s():
     """One sample by the regressor: f-hat + dt Gamma Y' s; s is w e + edot, with edot zero at the first two readings."""
     before, after = once(law(RIG), torque=lambda asked: asked)
-    q = RIG.angle(np.array([900, -700]))
+    q = RIG.cell_centre(np.array([900, -700]))
     e = np.array([0.1, -0.2]) - q
     qd, qdd = np.array([0.5, 0.4]), np.array([1.0, -1.0])
     Y = ARM.dynamics.Y(q, qd, qd + 20 * e, qdd).full()
@@ -99,10 +99,10 @@ def test_the_torque_is_that_of_the_corrected_reference():
     state, torque = block.initial, still
     for pulses in counts:
         f = np.array(state).ravel()[:9]
-        arguments = q_r, qd_r, qdd_r, RIG.pulses(q_r), pulses, torque, RIG.period
+        arguments = q_r, qd_r, qdd_r, RIG.counts(q_r), pulses, torque, RIG.period
         torque, state = block.step(state, *arguments, block.values)
-    e, before = q_r - RIG.angle(counts[1]), q_r - RIG.angle(counts[0])
-    rate, q = (e - before) / RIG.period, RIG.angle(counts[1])
+    e, before = q_r - RIG.cell_centre(counts[1]), q_r - RIG.cell_centre(counts[0])
+    rate, q = (e - before) / RIG.period, RIG.cell_centre(counts[1])
     v, vd, qd = qd_r + 20 * e, qdd_r + 20 * rate, qd_r - rate
     D, C, weight = (
         x.full() for x in (WRONG.dynamics.D(q, f), WRONG.dynamics.C(q, qd, f), WRONG.dynamics.gravity(q, f))

@@ -48,7 +48,7 @@ def asked(controller, pulses, *motion, state=None):
     block = controller.block(RIG)
     state = block.initial if state is None else state
     torque, following = block.step(
-        state, *motion, RIG.pulses(motion[0]), pulses, np.zeros(2), block.period, block.values
+        state, *motion, RIG.counts(motion[0]), pulses, np.zeros(2), block.period, block.values
     )
     return torque.full().ravel(), following.full().ravel()
 
@@ -63,7 +63,7 @@ def test_the_first_torque_is_inverse_dynamics_and_friction(seed):
     """
     random = np.random.default_rng(seed)
     pulses = random.integers(-5000, 5000, 2)
-    q, qd, qdd = RIG.angle(pulses), random.normal(0, 0.5, 2), random.normal(0, 1, 2)
+    q, qd, qdd = RIG.cell_centre(pulses), random.normal(0, 0.5, 2), random.normal(0, 1, 2)
     b, c, k = RIG.drive.viscous, RIG.drive.coulomb, RIG.drive.gear
     expected = arm().inverse(q, qd, qdd) + b * k**2 * qd + c * abs(k) * np.sign(qd)
     expected = np.clip(expected, -LIMIT, LIMIT)
@@ -109,7 +109,7 @@ def linearised(robot, period, **options):
     pose = np.array([0.3, -0.4])
     at_rest = loop.initial_state(pose, np.zeros(2))
     at_rest[max(i for i, name in enumerate(loop.state_names) if name.startswith("law["))] = 0.0
-    row = np.concatenate([pose, np.zeros(4), rig.position(pose), [period]])
+    row = np.concatenate([pose, np.zeros(4), rig.position_in_pulses(pose), [period]])
     return np.linalg.eigvals(slope(at_rest, row, loop.number_values(robot.f)).full())
 
 
@@ -245,7 +245,7 @@ def test_options_run_and_track(options):
 def test_a_delayed_torque_acts_one_sample_later():
     """The first torque of a delayed law is what it held back at the start, nothing; the second what it asked first."""
     pulses = np.array([100, -200])
-    arguments = (pulses, RIG.angle(pulses), (0.3, -0.2), (1.0, 2.0))
+    arguments = (pulses, RIG.cell_centre(pulses), (0.3, -0.2), (1.0, 2.0))
     at_once, _ = asked(law(), *arguments)
     first, state = asked(law(delay=1), *arguments)
     second, _ = asked(law(delay=1), *arguments, state=state)
@@ -256,7 +256,7 @@ def test_a_delayed_torque_acts_one_sample_later():
 def test_measured_and_reference_agree_on_the_reference():
     """On the path both models are evaluated at one point, so the first torque is the same."""
     pulses = np.array([321, -1234])
-    arguments = (pulses, RIG.angle(pulses), (0.3, -0.2), (1.0, 2.0))
+    arguments = (pulses, RIG.cell_centre(pulses), (0.3, -0.2), (1.0, 2.0))
     torques = [asked(law(measured=measured), *arguments)[0] for measured in (False, True)]
     np.testing.assert_allclose(torques[1], torques[0], rtol=0, atol=1e-10)
 

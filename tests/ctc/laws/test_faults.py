@@ -95,7 +95,7 @@ def test_a_ramp_to_gravity_ends_at_the_weight_of_the_arm():
     running.step(robot.counts(), q, np.zeros(2), np.zeros(2))
     for _ in range(100):
         torque = running.step(robot.counts(), np.full(2, np.nan), np.zeros(2), np.zeros(2))
-    np.testing.assert_allclose(torque, arm().h(RIG.angle(robot.counts()), np.zeros(2)), rtol=1e-10)
+    np.testing.assert_allclose(torque, arm().h(RIG.cell_centre(robot.counts()), np.zeros(2)), rtol=1e-10)
 
 
 def test_a_ramp_to_zero_ends_there():
@@ -125,7 +125,7 @@ def test_what_the_torque_limit_cuts_off_reaches_the_observer(known):
     torque, error = np.zeros((600, 2)), np.zeros((600, 2))
     for k in range(600):
         torque[k] = np.clip(running.step(robot.counts(), q, zero, zero), -limit, limit)
-        error[k] = RIG.position(robot.q - q)
+        error[k] = RIG.position_in_pulses(robot.q - q)
         robot.push(torque[k])
     assert running.status == "running"
     assert (np.abs(torque[:50, 0]) >= limit[0] * (1 - 1e-12)).mean() > 0.2
@@ -142,12 +142,12 @@ def test_after_a_reset_the_arm_goes_on():
         q = motion.q[min(k, 299)] if k < 300 else np.full(2, np.nan)
         robot.push(running.step(robot.counts(), q, motion.qd[min(k, 299)], motion.qdd[min(k, 299)]))
     assert running.stopped
-    stands = RIG.angle(robot.counts())
+    stands = RIG.cell_centre(robot.counts())
     running.reset(robot.counts())
     assert running.status == "running"
     errors = []
     for _ in range(300):
         robot.push(running.step(robot.counts(), stands, np.zeros(2), np.zeros(2)))
-        errors.append(np.abs(RIG.pulses(stands) - robot.counts()).max())
+        errors.append(np.abs(RIG.counts(stands) - robot.counts()).max())
     assert running.status == "running"
     assert max(errors[100:]) <= 1

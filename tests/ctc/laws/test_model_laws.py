@@ -60,7 +60,7 @@ def step(law, pulses, *motion, rig=RIG, state=None, torque=(0.0, 0.0)):
     """Torque that a law asks for and its next state, by casadi: its symbolic step, before the amplifier."""
     block = law.block(rig)
     state = block.initial if state is None else state
-    both = block.step(state, *motion, rig.pulses(motion[0]), pulses, torque, law.period or 1e-4, block.values)
+    both = block.step(state, *motion, rig.counts(motion[0]), pulses, torque, law.period or 1e-4, block.values)
     return [each.full().ravel() for each in both]
 
 
@@ -75,7 +75,7 @@ def test_on_the_reference_the_torque_is_inverse_dynamics_and_friction(law, seed)
     """
     random = np.random.default_rng(seed)
     pulses = random.integers(-5000, 5000, 2)
-    q, qd, qdd = RIG.angle(pulses), random.normal(0, 0.5, 2), random.normal(0, 1, 2)
+    q, qd, qdd = RIG.cell_centre(pulses), random.normal(0, 0.5, 2), random.normal(0, 1, 2)
     b, c, k = RIG.drive.viscous, RIG.drive.coulomb, RIG.drive.gear
     expected = arm().inverse(q, qd, qdd) + b * k**2 * qd + c * abs(k) * np.sign(qd)
     np.testing.assert_allclose(step(law(), pulses, q, qd, qdd)[0], expected, rtol=0, atol=1e-10)
@@ -84,11 +84,11 @@ def test_on_the_reference_the_torque_is_inverse_dynamics_and_friction(law, seed)
 def test_pd_with_gravity_holds_the_arm_where_it_is():
     """At rest on its reference it asks for the weight alone, at the measured pose; so an arm at rest stays there."""
     pulses = np.array([300, -700])
-    q, still = RIG.angle(pulses), np.zeros(2)
+    q, still = RIG.cell_centre(pulses), np.zeros(2)
     law = PDGravity(arm(), RIG, feedback=FEEDBACK)
     np.testing.assert_allclose(step(law, pulses, q, still, still)[0], arm().h(q, still), rtol=0, atol=1e-10)
     # Off the reference by whole pulses: the weight at the measured pose and the feedback of the error.
-    there = RIG.angle(pulses + np.array([50, -20]))
+    there = RIG.cell_centre(pulses + np.array([50, -20]))
     asked = step(law, pulses, there, still, still)[0]
     spring = RIG.drive.gear * FEEDBACK.gain * (50, -20)
     np.testing.assert_allclose(asked, arm().h(q, still) + spring, rtol=0, atol=1e-9)

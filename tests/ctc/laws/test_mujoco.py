@@ -61,10 +61,10 @@ def errors(law, rig, every):
     data, h = mujoco.MjData(arm), RIG.period / STEPS
     motion = Motion(*(x for x in PATH(np.arange(SAMPLES * STEPS) * h)))
     data.qpos, data.qvel = motion.q[0], motion.qd[0]
-    running = law.start(rig, rig.pulses(data.qpos))
-    wanted, found = rig.pulses(motion.q), np.empty((SAMPLES, 2))
+    running = law.start(rig, rig.counts(data.qpos))
+    wanted, found = rig.counts(motion.q), np.empty((SAMPLES, 2))
     for k in range(0, SAMPLES * STEPS, every):
-        counts = rig.pulses(data.qpos)
+        counts = rig.counts(data.qpos)
         if k % STEPS == 0:
             found[k // STEPS] = wanted[k] - counts
         data.qfrc_applied = running.step(counts, motion.q[k], motion.qd[k], motion.qdd[k])

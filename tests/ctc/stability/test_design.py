@@ -75,7 +75,7 @@ def test_kalman_gains_beat_all_other_gains_on_the_noise_that_they_were_made_for(
     for joint, best in enumerate(kalman_gains(RIG, walk)):
         assert (poles_of(best, dt).real < 0).all()
         best = best * (1, dt, dt**2)
-        ratio = walk**2 * dt**5 / (RIG.turned(np.ones(2))[joint] ** 2 / 12)
+        ratio = walk**2 * dt**5 / (RIG.to_angle(np.ones(2))[joint] ** 2 / 12)
 
         def variances(gains, ratio=ratio):
             left = np.eye(3) - np.outer(gains, [1, 0, 0])

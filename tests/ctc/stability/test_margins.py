@@ -172,7 +172,7 @@ class Sagging(StatelessLaw):
     period: float = structure(float)
 
     def equations(self, rig, state, setpoint, pulses, torque, dt):
-        return self.stiffness * (setpoint.q - rig.angle(pulses)), state
+        return self.stiffness * (setpoint.q - rig.cell_centre(pulses)), state
 
 
 def test_an_arm_is_linearised_where_it_hangs():

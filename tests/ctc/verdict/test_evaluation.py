@@ -77,7 +77,7 @@ def test_the_true_error_is_that_of_the_joint(name):
     """
     got = verdict(name)
     t = got.record.t
-    expected = RIG.position(got.record.reference(t).q) - RIG.position(got.record.true_q)
+    expected = RIG.position_in_pulses(got.record.reference(t).q) - RIG.position_in_pulses(got.record.true_q)
     around = (got.true_error_pulses[15:-1:16] + got.true_error_pulses[16::16]) / 2
     np.testing.assert_allclose(around, expected[1:], rtol=0, atol=1e-3)
     # Both counts are rounded toward zero, so the integer error is less than a pulse away from the true one.

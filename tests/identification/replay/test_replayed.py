@@ -45,7 +45,7 @@ def log(seed, zero=(0.0, 0.0), seconds=4.0, friction=1.0):
     bare = Record(t=t, error_pulses=np.zeros((len(t), 2)), torque=torque, rig=true, law=LoggedTorque())
     start = np.array([zero, (0.0, 0.0)])
     made = replay(DYNAMICS.arm(F), dataclasses.replace(bare, initial=start), steps_per_sample=16)
-    counts = made.counts - np.round(true.position(np.array(zero)))
+    counts = made.counts - np.round(true.position_in_pulses(np.array(zero)))
     guess = rig(TRUE[:2] * 2, TRUE[2:] * 0.7)
     return dataclasses.replace(bare, error_pulses=-counts, rig=guess)
 

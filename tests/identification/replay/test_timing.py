@@ -20,7 +20,7 @@ def record():
 def late(record, samples):
     """The same experiment, its counts read so many samples after the reference."""
     t = record.t - samples * RIG.period
-    counts = np.trunc(RIG.position(np.column_stack([np.interp(t, record.t, q) for q in record.true_q.T])))
+    counts = np.trunc(RIG.position_in_pulses(np.column_stack([np.interp(t, record.t, q) for q in record.true_q.T])))
     return dataclasses.replace(record, error_pulses=record.reference_pulses - counts, torque=None, current=None)
 
 

@@ -105,7 +105,7 @@ class Integrating(Law):
         return np.zeros(n)
 
     def equations(self, rig, state, setpoint, pulses, torque, dt):
-        error = setpoint.q - rig.angle(pulses)
+        error = setpoint.q - rig.cell_centre(pulses)
         return self.gain * error + state, state + dt * self.integral * error
 
 
@@ -122,7 +122,7 @@ def test_a_fast_law_with_state_is_continuous():
 def test_the_rig_counts_and_the_drives_limit():
     system = to_control(RIG)
     assert system.dt is None
-    np.testing.assert_array_equal(system.output(0, [], [0.1, -0.2]), RIG.pulses(np.array([0.1, -0.2])))
+    np.testing.assert_array_equal(system.output(0, [], [0.1, -0.2]), RIG.counts(np.array([0.1, -0.2])))
     for arm_system in (to_control(ARM, RIG), to_control(ARM, RIG, sampled=True)):
         given = arm_system.output(0, np.zeros(arm_system.nstates), [1e4, -1e4])
         np.testing.assert_allclose(given[2 * N :], RIG.drive.torque_limit() * (1, -1), rtol=1e-15)

@@ -18,7 +18,7 @@ POSES = [(0.0, 0.0), (-0.8, 1.2), (0.5, -1.5)]
 
 def held_at(rig, law, pose, duration):
     """The reference at which the law's torque just carries the arm at this pose."""
-    stiffness = law.gain * rig.drive.gear * rig.position(np.ones(2))
+    stiffness = law.gain * rig.drive.gear * rig.position_in_pulses(np.ones(2))
     goal = tuple(np.asarray(pose) + ARM.h(pose, np.zeros(2)) / stiffness)
     return PointToPoint(start=goal, goal=goal, duration=duration)
 
@@ -73,7 +73,7 @@ def test_model_is_mechanics_with_a_spring():
     """A = [[0, 1], [-D^-1 (K + dG/dq), -D^-1 B]], written down by hand."""
     pose = np.array([-0.8, 1.2])
     system = linearise(ARM, RIG, LAW, pose)
-    factor = RIG.position(np.ones(2))
+    factor = RIG.position_in_pulses(np.ones(2))
     K = np.diag(LAW.gain * RIG.drive.gear * factor)
     step = 1e-6
     gravity = np.column_stack([(ARM.h(pose + d, np.zeros(2)) - ARM.h(pose - d, np.zeros(2))) / (2 * step)

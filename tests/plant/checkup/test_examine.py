@@ -121,7 +121,7 @@ def rows(record, keep):
 
 def late(record, joint, samples):
     """Counts of the true position so many samples ago."""
-    position, row = record.rig.position(record.true_q)[:, joint], np.arange(len(record))
+    position, row = record.rig.position_in_pulses(record.true_q)[:, joint], np.arange(len(record))
     return counting(record, column(record.counts, joint, np.trunc(np.interp(row - samples, row, position))))
 
 
@@ -156,7 +156,10 @@ def jittered(record, share, *, truly):
     def at(table):
         return np.column_stack([np.interp(t, record.t, values) for values in table.T])
 
-    reference, counts = np.trunc(at(record.reference_pulses)), np.trunc(at(record.rig.position(record.true_q)))
+    reference, counts = (
+        np.trunc(at(record.reference_pulses)),
+        np.trunc(at(record.rig.position_in_pulses(record.true_q))),
+    )
     return replace(record, t=t, reference_pulses=reference, error_pulses=reference - counts, torque=at(record.torque),
                    current=at(record.current))  # fmt: skip
 
@@ -416,7 +419,7 @@ def two_masses(play, *, seconds=4.0, steps=20):
     rig = planar_rig(1, viscous=1e-4, coulomb=2e-3)
     gear, period = rig.drive.gear[0], rig.period
     motor, load, weight, h = 0.05, 0.1, 2.0, period / steps
-    gap, per_pulse = play / rig.position(np.ones(1))[0] / 2, 1 / rig.position(np.ones(1))[0]
+    gap, per_pulse = play / rig.position_in_pulses(np.ones(1))[0] / 2, 1 / rig.position_in_pulses(np.ones(1))[0]
     N = round(seconds / period)
     drive = [1.5 * math.sin(31.4 * k * h) + 0.75 * math.sin(11.6 * k * h + 1) for k in range(N * steps)]
     q, v, q_load, v_load, log = 0.0, 0.0, 0.0, 0.0, []

@@ -20,7 +20,7 @@ from plant.simulation.simulator import run
 INERTIA, VISCOUS, START = 2.0, 3.0, 0.01
 RIG = direct_rig((0.0,), (VISCOUS,), period=1e-3)
 ARM = joint(1.0, 0.0, INERTIA)
-PULSES = float(RIG.position(np.ones(1))[0])  # per rad
+PULSES = float(RIG.position_in_pulses(np.ones(1))[0])  # per rad
 STIFF, DAMPING, RESET, POLE = 800.0, 60.0, 4000.0, 400.0  # P [N m/rad], D [N m s/rad], I [N m/(rad s)], [rad/s]
 POSITION = 15.0  # [1/s]
 HOLD = PointToPoint(start=(0.0,), goal=(0.0,), duration=0.3)
@@ -119,7 +119,7 @@ def test_the_reference_is_followed_in_pulses_of_the_motor():
     records = {name: simulate(puma560.arm(), rig, law, path, duration=1.8) for name, law in errors.items()}
     rms = {name: np.sqrt(np.mean(record.error_pulses**2)) for name, record in records.items()}
     assert rms["PID"] < 0.6 * rms["PD"] < 0.6 * rms["P"]
-    lag = rig.position(path(records["P"].t).qd) / 200.0
+    lag = rig.position_in_pulses(path(records["P"].t).qd) / 200.0
     # What the cascade lags less or more is friction at the turn and the swing of its loop: a tenth of 94 pulses.
     np.testing.assert_allclose(records["Cascade"].error_pulses, lag, rtol=0, atol=0.1 * np.abs(lag).max())
 

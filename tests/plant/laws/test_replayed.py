@@ -70,7 +70,7 @@ def test_a_torque_that_is_held_between_samples_moves_a_free_joint_as_it_must():
     made = replay(arm, record(rig, t, torque, initial=[[0.2], [0.7]]))
     np.testing.assert_allclose(made.true_q[:, 0], q, rtol=0, atol=1e-12)
     np.testing.assert_allclose(made.true_qd[:, 0], qd, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(made.counts[:, 0], rig.position(q[:, None])[:, 0], rtol=1e-9)
+    np.testing.assert_allclose(made.counts[:, 0], rig.position_in_pulses(q[:, None])[:, 0], rtol=1e-9)
     np.testing.assert_array_equal(made.t, t)
     np.testing.assert_array_equal(made.torque, torque)
 
@@ -92,7 +92,7 @@ def test_both_evaluations_agree_at_uneven_times(law):
     t[100:] += 2.2 * rig.period
     t -= t[0]
     path = puma560.reference()
-    log = dataclasses.replace(first, t=t, law=law, reference=path, reference_pulses=rig.pulses(path(t).q))
+    log = dataclasses.replace(first, t=t, law=law, reference=path, reference_pulses=rig.counts(path(t).q))
     numba, casadi = (replay(puma560.arm(), log, backend=backend) for backend in ("numba", "casadi"))
     np.testing.assert_array_equal(numba.error_pulses, casadi.error_pulses)
     np.testing.assert_allclose(numba.true_q, casadi.true_q, rtol=0, atol=1e-9)
@@ -114,7 +114,7 @@ def test_a_replay_with_the_same_arm_is_the_same_log(reference):
 def test_without_a_start_the_first_counts_give_one():
     arm, rig = free_joint()
     t = uneven(30)
-    counts = rig.position(0.3 + 1.5 * t[:, None])
+    counts = rig.position_in_pulses(0.3 + 1.5 * t[:, None])
     made = replay(arm, dataclasses.replace(record(rig, t, np.zeros((30, 1))), error_pulses=-counts))
     np.testing.assert_allclose(made.counts, counts, rtol=1e-9)
 

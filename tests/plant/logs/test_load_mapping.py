@@ -54,7 +54,7 @@ def test_a_grid_that_is_shifted_is_still_counted_without_a_miss(shift):
 
 def test_the_middle_of_a_cell_is_the_count_of_that_cell():
     """As the rig says it: angle() is the middle of the cell, and loading it gives the count back."""
-    np.testing.assert_array_equal(angles("rad", RIG.angle(COUNTS)).counts, COUNTS)
+    np.testing.assert_array_equal(angles("rad", RIG.cell_centre(COUNTS)).counts, COUNTS)
 
 
 def test_five_digits_of_an_angle_are_enough_to_find_the_count():
@@ -135,7 +135,7 @@ def test_the_reference_comes_as_counts_as_angles_or_as_a_reference():
         np.testing.assert_array_equal(found.error_pulses, 7)
     path = Harmonics(period=1.0, offset=(0.3, -0.2), cosine=((0.1,), (0.2,)), sine=((0.0,), (0.1,)))
     found = record({"e": np.ones((N, 2))}, {"error_pulses": "e"}, reference=path)
-    np.testing.assert_array_equal(found.reference_pulses, RIG.pulses(path(T).q))
+    np.testing.assert_array_equal(found.reference_pulses, RIG.counts(path(T).q))
     np.testing.assert_array_equal(found.error_pulses, 1)
     assert found.reference == path
 
@@ -380,6 +380,6 @@ def test_every_run_of_a_real_double_pendulum_is_read_to_the_last_count(design):
 def test_the_paper_s_rig_takes_a_log_in_degrees():
     rig = puma560.rig()
     counts = np.array([[0, 0], [100, -50], [260, -120]])
-    q = np.degrees(rig.angle(counts))
+    q = np.degrees(rig.cell_centre(counts))
     found = Record.from_table({"q": q}, rig=rig, columns={"position": "q"}, units={"position": "deg"})
     np.testing.assert_array_equal(found.counts, counts)

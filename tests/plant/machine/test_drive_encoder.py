@@ -35,7 +35,7 @@ def test_fix_of_casadi_is_fix_of_numpy(x):
 def test_cell_around_zero_is_two_pulses_wide_and_the_others_one():
     position = np.arange(-4000, 4001) / 1000.0
     counts, sizes = np.unique(
-        RIG.encoder.pulses(position[:, None] * 2 * np.pi / [800.0, 1000.0])[:, 0], return_counts=True
+        RIG.encoder.counts(position[:, None] * 2 * np.pi / [800.0, 1000.0])[:, 0], return_counts=True
     )
     np.testing.assert_array_equal(counts, np.arange(-4, 5))
     # Edges themselves may fall to either side (2 pi is rounded): a point or two of 1,000.
@@ -43,36 +43,36 @@ def test_cell_around_zero_is_two_pulses_wide_and_the_others_one():
 
 
 def test_one_pulse_is_as_large_as_the_errata_say():
-    turn = 2 * np.pi / np.abs(RIG.position(np.ones(2))) / (2 * np.pi)
+    turn = 2 * np.pi / np.abs(RIG.position_in_pulses(np.ones(2))) / (2 * np.pi)
     np.testing.assert_allclose(turn, [7.3e-5, 1.17e-4], rtol=5e-3)  # printed with two and three digits
     np.testing.assert_allclose(turn, [2 * np.pi / (107.8 * 800), 2 * np.pi / (53.7 * 1000)], rtol=1e-15)
 
 
 def test_gear_sign_is_in_the_pulses():
-    np.testing.assert_array_equal(np.sign(RIG.pulses(np.array([0.1, 0.1]))), [1, -1])
+    np.testing.assert_array_equal(np.sign(RIG.counts(np.array([0.1, 0.1]))), [1, -1])
     turns = 0.5 / (2 * np.pi)
     whole = [np.trunc(turns * 107.8 * 800), -np.trunc(turns * 53.7 * 1000)]
-    np.testing.assert_array_equal(RIG.pulses(np.array([0.5, 0.5])), whole)
+    np.testing.assert_array_equal(RIG.counts(np.array([0.5, 0.5])), whole)
 
 
 @settings(derandomize=True)
 @given(st.integers(-(10**6), 10**6))
 def test_angle_is_the_middle_of_the_cell(count):
     counts = np.array([count, -count], float)
-    angle = RIG.angle(counts)
-    np.testing.assert_array_equal(RIG.pulses(angle), counts)
-    position = RIG.position(angle)
+    angle = RIG.cell_centre(counts)
+    np.testing.assert_array_equal(RIG.counts(angle), counts)
+    position = RIG.position_in_pulses(angle)
     middle = counts + 0.5 * np.sign(counts)
     np.testing.assert_allclose(position, middle, rtol=1e-14)  # three products
-    np.testing.assert_allclose(symbolic(RIG.angle, counts), angle, rtol=1e-15)
-    width = RIG.angle(np.array([1.0, 1.0])) - RIG.angle(np.array([2.0, 2.0]))
+    np.testing.assert_allclose(symbolic(RIG.cell_centre, counts), angle, rtol=1e-15)
+    width = RIG.cell_centre(np.array([1.0, 1.0])) - RIG.cell_centre(np.array([2.0, 2.0]))
     if count:
         for side in (-0.499, 0.499):
-            np.testing.assert_array_equal(RIG.pulses(angle + side * width), counts)
+            np.testing.assert_array_equal(RIG.counts(angle + side * width), counts)
 
 
 def test_angle_at_count_zero_is_zero():
-    np.testing.assert_array_equal(RIG.angle(np.zeros(2)), [0, 0])
+    np.testing.assert_array_equal(RIG.cell_centre(np.zeros(2)), [0, 0])
 
 
 @settings(max_examples=200, deadline=None)
@@ -81,19 +81,21 @@ def test_a_counter_that_rounds_down_has_cells_of_one_width(position):
     """No cell is wider, also around zero; the angle of a count is the middle of its cell; casadi counts alike."""
     encoder = Encoder(resolution=(1000,), floor=True)
     x = np.array([position])
-    count = encoder.count(x)
+    count = encoder.quantised(x)
     assert count <= x < count + 1
-    assert count == float(ca.evalf(encoder.count(ca.SX(x))))
-    middle = encoder.position(encoder.angle(count))
+    assert count == float(ca.evalf(encoder.quantised(ca.SX(x))))
+    middle = encoder.position_in_pulses(encoder.cell_centre(count))
     np.testing.assert_allclose(middle, count + 0.5, atol=1e-9)
-    np.testing.assert_allclose(float(ca.evalf(encoder.angle(ca.SX(count)))), encoder.angle(count)[0], rtol=1e-12)
+    np.testing.assert_allclose(
+        float(ca.evalf(encoder.cell_centre(ca.SX(count)))), encoder.cell_centre(count)[0], rtol=1e-12
+    )
 
 
 def test_smooth_encoder_counts_fractions_and_angle_inverts_it():
     encoder = Encoder(resolution=(800, 1000), smooth=True)
     x = np.array([0.123, -4.5])
-    np.testing.assert_allclose(encoder.pulses(x), x * [800, 1000] / (2 * np.pi), rtol=1e-15)
-    np.testing.assert_allclose(encoder.angle(encoder.pulses(x)), x, rtol=1e-15)
+    np.testing.assert_allclose(encoder.counts(x), x * [800, 1000] / (2 * np.pi), rtol=1e-15)
+    np.testing.assert_allclose(encoder.cell_centre(encoder.counts(x)), x, rtol=1e-15)
 
 
 # -- drive -----------------------------------------------------------------------------------------------------------
@@ -143,11 +145,11 @@ FIELDS = {"gear": (1, 1), "motor_inertia": (0, 0), "viscous": (0, 0), "coulomb":
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("gear", (1, 0), r"gear must not be zero; got 0.0 at joint 1"),
-        ("viscous", (-1, 0), r"viscous must not be negative; got -1.0 at joint 0"),
-        ("coulomb", (0, -1), r"coulomb must not be negative; got -1.0 at joint 1"),
-        ("motor_gain", (0, 1), r"motor_gain must be positive; got 0.0 at joint 0"),
-        ("current_limit", (1, -np.inf), r"current_limit must be positive; got -inf at joint 1"),
+        ("gear", (1, 0), r"gear must not be zero; got 0.0 at joint q\[1\]"),
+        ("viscous", (-1, 0), r"viscous must not be negative; got -1.0 at joint q\[0\]"),
+        ("coulomb", (0, -1), r"coulomb must not be negative; got -1.0 at joint q\[1\]"),
+        ("motor_gain", (0, 1), r"motor_gain must be positive; got 0.0 at joint q\[0\]"),
+        ("current_limit", (1, -np.inf), r"current_limit must be positive; got -inf at joint q\[1\]"),
         ("current_limit", (1, np.nan), r"current_limit of Drive must be numbers; got NaN"),
         ("coulomb", (0, np.inf), r"coulomb of Drive must be finite; got inf at index 1"),
         ("coulomb", (0, 0, 0), r"coulomb of Drive must have shape \(2,\); got shape \(3,\)"),

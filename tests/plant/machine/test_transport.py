@@ -112,20 +112,20 @@ def test_a_shifted_encoder_is_a_shifted_arm():
     encoder = Encoder(resolution=RIG.encoder.resolution, phase=Phase(shift=shift))
     law, q, qd = ComputedTorque(STILL, RIG), *(x[0] for x in PATH(np.zeros(1))[:2])
     shifted = simulate(STILL, dataclasses.replace(RIG, encoder=encoder), law, PATH, duration=0.3)
-    by_hand = simulate(STILL, RIG, law, PATH, duration=0.3, initial=[q + RIG.turned(shift), qd])
+    by_hand = simulate(STILL, RIG, law, PATH, duration=0.3, initial=[q + RIG.to_angle(shift), qd])
     np.testing.assert_array_equal(shifted.error_pulses, by_hand.error_pulses)
-    np.testing.assert_allclose(shifted.true_q + RIG.turned(shift), by_hand.true_q, atol=1e-10)
+    np.testing.assert_allclose(shifted.true_q + RIG.to_angle(shift), by_hand.true_q, atol=1e-10)
     plain = simulate(STILL, RIG, law, PATH, duration=0.3)
     assert not np.array_equal(shifted.error_pulses, plain.error_pulses)
 
 
 def test_a_controller_does_not_know_the_phase():
     encoder = Encoder(resolution=RIG.encoder.resolution, phase=Phase(shift=(0.5, 0.5)))
-    rig, q = dataclasses.replace(RIG, encoder=encoder), RIG.turned(np.array([7.75, -7.75]))
-    np.testing.assert_array_equal(rig.pulses(q), [7, -7])
-    np.testing.assert_array_equal(rig.read(q), [8, -7])
-    np.testing.assert_array_equal(RIG.read(q), RIG.pulses(q))
-    np.testing.assert_array_equal(rig.angle(np.array([7.0, -7.0])), RIG.angle(np.array([7.0, -7.0])))
+    rig, q = dataclasses.replace(RIG, encoder=encoder), RIG.to_angle(np.array([7.75, -7.75]))
+    np.testing.assert_array_equal(rig.counts(q), [7, -7])
+    np.testing.assert_array_equal(rig.true_counts(q), [8, -7])
+    np.testing.assert_array_equal(RIG.true_counts(q), RIG.counts(q))
+    np.testing.assert_array_equal(rig.cell_centre(np.array([7.0, -7.0])), RIG.cell_centre(np.array([7.0, -7.0])))
 
 
 # -- descriptions and refusals --------------------------------------------------------------------------------------

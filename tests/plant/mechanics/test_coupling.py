@@ -80,7 +80,7 @@ def test_casadi_and_numpy_cross_alike():
     drive, random = rig_of().drive, np.random.default_rng(1)
     crossings = (
         drive.motor_angle, drive.joint_angle, drive.joint_torque, drive.motor_torque, drive.current, drive.limited,
-        drive.friction, rig_of(smooth=True).pulses, rig_of(smooth=True).angle,
+        drive.friction, rig_of(smooth=True).counts, rig_of(smooth=True).cell_centre,
     )  # fmt: skip
     for crossing in crossings:
         for scale in (1.0, 1e3):
@@ -213,7 +213,7 @@ def test_p_loop_of_a_coupled_arm_linearised_swings_as_simulated():
     rig, law = dataclasses.replace(rig, drive=drive), P(gain=(0.1, 0.08, 0.05))
     rig = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, smooth=True))
     arm, pose = dynamics.arm(f), np.array([0.2, -0.3, 0.4])
-    stiffness = C.T @ np.diag(law.gain * drive.gear * rig.encoder.position(drive.gear)) @ C
+    stiffness = C.T @ np.diag(law.gain * drive.gear * rig.encoder.position_in_pulses(drive.gear)) @ C
     goal = pose + np.linalg.solve(stiffness, arm.h(pose, np.zeros(3)))
     still = Harmonics(period=0.1, offset=goal, cosine=np.zeros((3, 1)), sine=np.zeros((3, 1)))
     deviation = np.array([1e-5, -2e-5, 1e-5, 0, 0, 0])
@@ -222,7 +222,7 @@ def test_p_loop_of_a_coupled_arm_linearised_swings_as_simulated():
     expected = [expm(system.A * t) @ deviation for t in record.t]
     got = np.hstack([record.true_q - pose, record.true_qd])
     assert (np.abs(got - expected).max(axis=0) < 0.02 * np.abs(expected).max(axis=0)).all()
-    np.testing.assert_allclose(system.C[:, :3] @ deviation[:3], -rig.position(deviation[:3]), rtol=1e-13)
+    np.testing.assert_allclose(system.C[:, :3] @ deviation[:3], -rig.position_in_pulses(deviation[:3]), rtol=1e-13)
 
 
 def test_p_gains_of_a_coupled_arm_keep_the_stated_peak():
@@ -258,10 +258,10 @@ def test_record_without_reference_replays_its_counts():
     path = followed_path.path_of(counted)
     motion, pulses = path(made.t)
     np.testing.assert_array_equal(pulses, made.reference_pulses)
-    np.testing.assert_allclose(rig.position(motion.q), made.reference_pulses, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(rig.position_in_pulses(motion.q), made.reference_pulses, rtol=0, atol=1e-8)
     moved = dataclasses.replace(counted, error_pulses=made.error_pulses + np.array([0, 0, 30]))
     q, _ = followed_path.start_of(moved, path)
-    off = rig.position(q) - made.reference_pulses[0]
+    off = rig.position_in_pulses(q) - made.reference_pulses[0]
     np.testing.assert_allclose(off, [0, 0, -30], atol=0.6)  # only the joints behind motor 3 start elsewhere
 
 

@@ -121,7 +121,7 @@ def test_every_operation_is_casadis(tmp_path):
     counts, state, given, expected = record.reference_pulses - record.error_pulses, block.initial, np.zeros(2), []
     for k in range(len(record)):
         step = block.step(
-            state, *(x[k] for x in motion), RIG.pulses(motion.q[k]), counts[k], given, RIG.period, block.values
+            state, *(x[k] for x in motion), RIG.counts(motion.q[k]), counts[k], given, RIG.period, block.values
         )
         asked, state = (x.full().ravel() for x in step)
         given = RIG.drive.limited(asked)
@@ -186,7 +186,7 @@ class Controller:
 def test_two_controllers_do_not_share_state(tmp_path):
     c = library(tmp_path, LAWS["computed torque"])
     one, other = Controller(c), Controller(c)
-    on_it = (RIG.angle(np.array([3, -2])), (0.1, 0.2), (0, 0))
+    on_it = (RIG.cell_centre(np.array([3, -2])), (0.1, 0.2), (0, 0))
     first = one.step((3, -3), *on_it)
     assert one.step((3, -3), *on_it) != first  # there is a state
     assert other.step((3, -3), *on_it) == first

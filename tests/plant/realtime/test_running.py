@@ -42,7 +42,7 @@ def recorded(samples=400, seed=0):
     path = PointToPoint(start=(0.1, -0.2), goal=(0.5, 0.1), duration=samples * RIG.period)
     motion = path(np.arange(samples) * RIG.period)
     error = np.random.default_rng(seed).integers(-3, 4, (samples, 2))
-    return RIG.pulses(motion.q) + error, motion
+    return RIG.counts(motion.q) + error, motion
 
 
 def run(running, counts, motion):
@@ -133,8 +133,8 @@ def test_a_torque_limit_of_ones_own_is_told_to_the_law():
     running = LAW.start(RIG, (0, 0), torque_limit=limit, guards=None)
     np.testing.assert_allclose(running.step(*far), limit * (1, -1), rtol=1e-15)
     block = LAW.block(RIG)
-    state = block.step(block.initial, *far[1:], RIG.pulses(np.array(far[1])), far[0], ZERO, RIG.period, block.values)[1]
-    back = (RIG.pulses(np.array(far[1])), *far[1:])
+    state = block.step(block.initial, *far[1:], RIG.counts(np.array(far[1])), far[0], ZERO, RIG.period, block.values)[1]
+    back = (RIG.counts(np.array(far[1])), *far[1:])
     expected = block.step(state, *far[1:], back[0], back[0], limit * (1, -1), RIG.period, block.values)[0]
     got = running.step(*back)
     inside = np.abs(expected.full().ravel()) < limit
@@ -184,7 +184,7 @@ def test_the_braking_of_a_stop_is_a_motion():
     running.step((0, 0), q[0], speed, ZERO)
     rows = []
     for _ in range(160):
-        running.step(RIG.pulses(running.reference), nothing, nothing, nothing)
+        running.step(RIG.counts(running.reference), nothing, nothing, nothing)
         rows.append([running.reference, *(running._row(i) for i in (6, 7))])
     q, qd, qdd = np.array(rows).transpose(1, 0, 2)
     assert running.stopped
@@ -229,7 +229,7 @@ def test_a_joint_that_its_friction_holds_is_not_stuck(gain, stops):
     """
     running = puma560.p_law((gain, gain)).start(RIG, (0, 0))
     for pulses in range(60):
-        running.step((0, 0), RIG.turned(np.array([pulses + 0.5, 0.0])), ZERO, ZERO)
+        running.step((0, 0), RIG.to_angle(np.array([pulses + 0.5, 0.0])), ZERO, ZERO)
     assert running.stopped == stops
     if stops:
         assert running.status.startswith("safe stop, ramp to zero: the encoder of joint index 0 stands still")
@@ -244,9 +244,9 @@ def test_a_stop_at_the_arm_begins_with_the_law_as_new():
     running.step(counts[50], leap, motion.qd[50], motion.qdd[50])
     assert running.status.startswith("safe stop, holding: joint index 0 is 27")
     q, qd, qdd = (running._row(i) for i in (5, 6, 7))
-    np.testing.assert_allclose(q, RIG.angle(counts[50]), rtol=1e-12)
+    np.testing.assert_allclose(q, RIG.cell_centre(counts[50]), rtol=1e-12)
     np.testing.assert_allclose(qd, motion.qd[50], atol=0.2)  # three pulses of noise a sample, smoothed: 0.1 rad/s
-    given = (q, qd, qdd, RIG.pulses(q), counts[50], ZERO, RIG.period, block.values)
+    given = (q, qd, qdd, RIG.counts(q), counts[50], ZERO, RIG.period, block.values)
     asked, following = (x.full().ravel() for x in block.step(block.initial, *given))
     np.testing.assert_allclose(running.torque, np.clip(asked, -LIMIT, LIMIT), rtol=1e-9)
     np.testing.assert_allclose(running.state, following, rtol=1e-9, atol=1e-12)

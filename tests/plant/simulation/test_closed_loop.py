@@ -90,7 +90,7 @@ def test_log_of_the_p_loop_is_pulses_torque_and_true_state():
     state = loop.initial_state([0.01, 0.02], [0.3, 0.4])
     row = np.concatenate([np.zeros(6), [100.0, -200.0], [loop.h]])
     log = loop.sample(state, row, loop.number_values(ARM.f), [])[1].full().ravel()
-    error = np.array([100.0, -200.0]) - RIG.pulses(np.array([0.01, 0.02]))
+    error = np.array([100.0, -200.0]) - RIG.counts(np.array([0.01, 0.02]))
     np.testing.assert_array_equal(log[:2], error)
     limit = RIG.drive.torque_limit()
     np.testing.assert_allclose(log[2:4], np.clip(RIG.drive.gear * (LAWS["P"].gain * error), -limit, limit), rtol=1e-15)
@@ -154,7 +154,7 @@ def test_every_lane_is_the_single_kernel_bit_for_bit(population):
     single = loop_kernel(loop)
     tables = single.prepared(tables, logged=True)
     plain = single.run(tables, initial[:, :1], np.empty((0, 1)), loop.number_values(f[0]), logs)[0]
-    assert (np.abs(RIG.position(plain[:2, 0] - final[:2, 0])) < 1).all()
+    assert (np.abs(RIG.position_in_pulses(plain[:2, 0] - final[:2, 0])) < 1).all()
 
 
 @pytest.mark.parametrize("bad", [np.nan, -1e3], ids=str)
@@ -214,7 +214,7 @@ def held(arm, rig, seconds, *, warm):
     random = np.random.default_rng(1)
     pose = random.uniform(-1, 1, n)
     state, numbers = loop.initial_state(pose, np.zeros(n)), loop.number_values(arm.f)
-    row = np.concatenate([pose, np.zeros(2 * n), rig.pulses(pose), [loop.h]])
+    row = np.concatenate([pose, np.zeros(2 * n), rig.counts(pose), [loop.h]])
     assert (np.abs(arm.h(pose, np.zeros(n))) < rig.drive.joint_coulomb()).all()  # friction can hold it
     speeds, steps = [], round(seconds / loop.h)
     for _ in range(steps):
@@ -275,7 +275,7 @@ def test_tables_hold_each_at_its_own_times():
                      (step, (np.arange(28) + 0.5) * PERIOD / 4)):  # fmt: skip
         motion = PATH(t)
         np.testing.assert_allclose(table[:, :6], np.column_stack(motion), atol=1e-13)
-        np.testing.assert_array_equal(table[:, 6:8], RIG.pulses(motion.q))
+        np.testing.assert_array_equal(table[:, 6:8], RIG.counts(motion.q))
         np.testing.assert_allclose(table[:, 8], PERIOD / 4, rtol=1e-15)
 
 
@@ -285,15 +285,15 @@ def test_logged_counts_are_joined_by_straight_lines_and_rounded_towards_zero():
     motion, counts = path(np.array([0.0, 0.25, 0.5, 1.0, 1.6, 2.0, 2.5, 9.0]) * PERIOD)
     expected = [[0, 0], [1, -2], [2, -4], [4, -8], [0, -8], [-4, -8], [-4, -8], [-4, -8]]
     np.testing.assert_array_equal(counts, expected)
-    np.testing.assert_allclose(RIG.position(motion.q)[1:4], [[1, -2], [2, -4], [4, -8]], atol=1e-12)
-    np.testing.assert_allclose(RIG.position(motion.qd)[0], np.array([4, -8]) / PERIOD, rtol=1e-12)
+    np.testing.assert_allclose(RIG.position_in_pulses(motion.q)[1:4], [[1, -2], [2, -4], [4, -8]], atol=1e-12)
+    np.testing.assert_allclose(RIG.position_in_pulses(motion.qd)[0], np.array([4, -8]) / PERIOD, rtol=1e-12)
 
 
 def test_stiff_p_law_is_a_spring():
     """The helper of these tests: a P law of so many newton metres per radian."""
     rig = direct_rig((0.0,), (0.0,))
     loop = ClosedLoop(dynamics=joint(1.0, 0.1, 0.5).dynamics, rig=rig, law=stiff(rig, [700.0]), steps_per_sample=4)
-    row = np.concatenate([np.zeros(3), rig.pulses(np.array([0.3])), [loop.h]])
+    row = np.concatenate([np.zeros(3), rig.counts(np.array([0.3])), [loop.h]])
     arm = joint(1.0, 0.1, 0.5)
     log = loop.sample(loop.initial_state([0.1], [0.0]), row, loop.number_values(arm.f), [])[1].full().ravel()
     np.testing.assert_allclose(log[1], 700 * 0.2, rtol=1e-13)

@@ -72,7 +72,7 @@ def test_energy_of_a_free_arm_drifts_with_the_square_of_the_step():
 def test_smooth_loop_converges_with_order_two_to_a_fine_integration():
     """P loop with viscous friction, an encoder that does not round, and no Coulomb friction."""
     rig = without_friction(RIG, viscous=True, smooth=True)
-    stiffness, viscous = LAW.gain * rig.drive.gear * rig.position(np.ones(2)), rig.drive.joint_viscous()
+    stiffness, viscous = LAW.gain * rig.drive.gear * rig.position_in_pulses(np.ones(2)), rig.drive.joint_viscous()
 
     def rate(t, y):
         q, qd = y[:2], y[2:]
@@ -113,7 +113,7 @@ def test_two_joints_stick_and_slip_like_the_event_accurate_reference():
     """The paper's arm, drives and gains on (6), an encoder that does not round; equation (2) is the independent arm."""
     encoder = dataclasses.replace(RIG.encoder, smooth=True)
     rig = dataclasses.replace(RIG, encoder=encoder, period=PERIOD / 4)  # with 4 sub-steps: 16 in 0.7 ms
-    stiffness = LAW.gain * rig.drive.gear * rig.position(np.ones(2))
+    stiffness = LAW.gain * rig.drive.gear * rig.position_in_pulses(np.ones(2))
     limit = rig.drive.torque_limit()
     record = simulate(ARM, rig, LAW, PATH, duration=1.0)
     exact, events = simulate_events(
@@ -130,7 +130,7 @@ def test_two_joints_stick_and_slip_like_the_event_accurate_reference():
     )
     assert {event.joint for event in events} == {0, 1}
     assert "stick" in {event.kind for event in events}
-    assert np.abs(rig.position(record.true_q - exact)).max() < 0.05  # pulses; 4e-3 measured
+    assert np.abs(rig.position_in_pulses(record.true_q - exact)).max() < 0.05  # pulses; 4e-3 measured
 
 
 def test_arm_held_by_a_p_law_comes_to_rest():
@@ -148,7 +148,7 @@ def test_arm_held_by_a_p_law_comes_to_rest():
 # -- the paper's experiment ------------------------------------------------------------------------------------------
 def test_samples_are_at_multiples_of_the_period_from_zero(paper):
     np.testing.assert_array_equal(paper.t, np.arange(5215) * 0.7e-3)
-    np.testing.assert_array_equal(paper.reference_pulses, RIG.pulses(PATH(paper.t).q))
+    np.testing.assert_array_equal(paper.reference_pulses, RIG.counts(PATH(paper.t).q))
     for duration, samples in ((0.7e-3, 1), (0.71e-3, 2), (1.4e-3, 2), (0.07, 100)):
         assert len(simulate(ARM, RIG, LAW, PATH, duration=duration)) == samples
 
@@ -169,7 +169,7 @@ def test_errors_oscillate_at_20_to_30_hz(paper):
 
 
 def test_errors_are_reference_minus_the_counts_of_the_true_joint(paper):
-    np.testing.assert_array_equal(paper.error_pulses, paper.reference_pulses - RIG.pulses(paper.true_q))
+    np.testing.assert_array_equal(paper.error_pulses, paper.reference_pulses - RIG.counts(paper.true_q))
 
 
 def test_torque_and_current_of_the_p_law_are_exactly_p_times_the_error(paper):
@@ -191,10 +191,10 @@ def test_true_error_between_the_samples_joins_the_errors_at_them():
     N = len(trace.record)
     assert trace.true_error_pulses.shape == (4 * N, 2)
     t = (np.arange(4 * N) + 0.5) * PERIOD / 4
-    position = RIG.position(PATH(t).q) - trace.true_error_pulses
+    position = RIG.position_in_pulses(PATH(t).q) - trace.true_error_pulses
     between = (position[3:-4:4] + position[4:-1:4]) / 2  # the sample lies half-way between two middles
     # Parabola between the two: 40 rad/s^2 * (0.7e-3 / 4)^2 / 8 is 0.002 pulses.
-    assert np.abs(between - RIG.position(trace.record.true_q[1:])).max() < 0.02
+    assert np.abs(between - RIG.position_in_pulses(trace.record.true_q[1:])).max() < 0.02
 
 
 def test_digital_p_loop_is_unstable_at_the_sample_period():
@@ -227,7 +227,7 @@ def test_backends_count_the_same_pulses(law):
         # Rounding of 4,000 steps of a bounded motion; and the same between the samples.
         np.testing.assert_allclose(kernel.true_error_pulses, casadi.true_error_pulses, rtol=0, atol=1e-6)
         return
-    reference = RIG.position(PATH((np.arange(len(kernel.true_error_pulses)) + 0.5) * PERIOD / 4).q)
+    reference = RIG.position_in_pulses(PATH((np.arange(len(kernel.true_error_pulses)) + 0.5) * PERIOD / 4).q)
     ours, theirs = (reference - trace.true_error_pulses for trace in (kernel, casadi))
     first = int(np.flatnonzero((fix(ours) != fix(theirs)).any(axis=1))[0])
     to_edge = np.abs(ours[first] - np.round(ours[first]))
@@ -286,7 +286,7 @@ def test_a_log_that_starts_off_its_reference_is_replayed_from_its_first_count(pa
     error[0] = (-5, 0)
     hanging = dataclasses.replace(paper, error_pulses=error, reference=None)
     q, qd = start_of(hanging, path_of(hanging))
-    assert RIG.pulses(q)[0] == 5  # reference 0 minus error -5
+    assert RIG.counts(q)[0] == 5  # reference 0 minus error -5
     assert q[1] == 0
     np.testing.assert_array_equal(qd, 0)
 

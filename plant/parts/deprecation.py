@@ -1,0 +1,61 @@
+"""What keeps old names and old orders of arguments working for one release, with a DeprecationWarning."""
+
+from __future__ import annotations
+
+import functools
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+__all__ = ["Renamed", "install", "old_order", "warn_renamed"]
+
+
+def warn_renamed(old: str, new: str, *, stacklevel: int = 3) -> None:
+    """Say that a name is on its way out, and what to write instead."""
+    warnings.warn(f"{old} will go in the next release. Use {new}.", DeprecationWarning, stacklevel=stacklevel)
+
+
+class Renamed:
+    """An attribute or a method under its old name: ``Rig.turned = Renamed("to_angle")``.
+
+    Parameters
+    ----------
+    new : str
+        Name, or path of names, of what is there now.
+    """
+
+    def __init__(self, new: str) -> None:
+        self.new = new
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.old = name
+
+    def __get__(self, thing: Any, owner: type) -> Any:
+        if thing is None:
+            return self
+        warn_renamed(f"{owner.__name__}.{self.old}", f"{owner.__name__}.{self.new}")
+        return functools.reduce(getattr, self.new.split("."), thing)
+
+
+def install(owner: type, **names: str) -> None:
+    """Give a class its old names: old=new."""
+    for old, new in names.items():
+        renamed = Renamed(new)
+        renamed.__set_name__(owner, old)
+        setattr(owner, old, renamed)
+
+
+def old_order(*names: str, new: str, told: Callable[[Any], bool]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Decorate a function whose positional arguments had another order, `names`; `told` knows it by the first one."""
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(function)
+        def wrapper(*arguments: Any, **options: Any) -> Any:
+            if arguments and told(arguments[0]):
+                warn_renamed(f"{function.__name__}({', '.join(names)})", new)
+                return function(**dict(zip(names, arguments, strict=False)), **options)
+            return function(*arguments, **options)
+
+        return wrapper
+
+    return decorate
