@@ -9,6 +9,7 @@ can be copied, and sent to another process.
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import functools
 import json
 from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform, overload
@@ -245,5 +246,6 @@ def restore(description):
     if not isinstance(kind, str) or kind not in _KINDS:
         package = str(kind).split(".")[0]
         hint = f"import {package} first" if package in ("plant", "identification", "ctc") else "check the file"
-        raise ValueError(f"kind must be one of {', '.join(sorted(_KINDS))}; got {kind!r}. Please {hint}.")
+        near = difflib.get_close_matches(str(kind), _KINDS, n=3, cutoff=0.0)
+        raise ValueError(f"kind must be a known one, such as {', '.join(near)}; got {kind!r:.60}. Please {hint}.")
     return _KINDS[kind](**{k: restore(v) for k, v in description.items() if k != "kind"})
