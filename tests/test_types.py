@@ -1,0 +1,85 @@
+"""The public faces are typed: by mypy where they are defined, and as a user's script sees them."""
+
+import inspect
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import ctc
+import identification
+import plant
+
+ROOT = Path(__file__).resolve().parent.parent
+MYPY = Path(sys.executable).with_name("mypy")
+FACES = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["mypy"]["overrides"][1]["module"]
+pytestmark = pytest.mark.skipif(not MYPY.exists(), reason="mypy is not installed")
+
+SCRIPT = """
+from ctc import ComputedTorque, certify, evaluate
+from identification import Identification, identify
+from plant import Drive, Record, part, puma560, simulate
+
+rig, path = puma560.rig(), puma560.reference()
+measured = simulate(puma560.arm(), rig, puma560.p_law(), path)
+reveal_type(measured)
+found = identify(puma560.dynamics(), measured, seed=1)
+reveal_type(found.f)
+law = ComputedTorque(found.arm, found.rig, bandwidth=150)
+reveal_type(law.bandwidth)
+reveal_type(ComputedTorque(found).rig)
+report = evaluate(puma560.arm(), rig, law, path)
+reveal_type(report.within(1))
+controller = law.start(rig, [0, 0])
+reveal_type(controller.step([0, 0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]))
+reveal_type(rig.drive.gear)
+print(certify(found, rig, law, path).probability)
+
+ComputedTorque(found.arm, found.rig, bandwith=150)  # error: call-arg
+ComputedTorque(found.arm, found.rig, bandwidth="fast")  # error: arg-type
+simulate(puma560.arm(), rig, path)  # error: call-arg
+rig.period = 0.7e-3  # error: misc
+"""
+
+
+def mypy(*arguments, cwd=ROOT):
+    command = [str(MYPY), *map(str, arguments)]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False)  # noqa: S603 - our own
+
+
+def test_mypy_passes_and_is_strict_where_public_things_are_defined():
+    said = mypy()
+    assert said.returncode == 0, said.stdout
+    defined = set()
+    for package in (plant, identification, ctc):
+        for name in package.__all__:
+            thing = getattr(package, name)
+            defined.add(thing.__name__ if inspect.ismodule(thing) else thing.__module__)
+    assert {name for name in defined if name.split(".")[0] in ("plant", "identification", "ctc")} == set(FACES)
+
+
+def test_a_user_s_script_has_types(tmp_path):
+    path = tmp_path / "script.py"
+    path.write_text(SCRIPT)
+    settings = tmp_path / "mypy.ini"
+    settings.write_text(f"[mypy]\nstrict = true\nmypy_path = {ROOT}\nfollow_imports = silent\n")
+    said = mypy("--config-file", settings, path, cwd=tmp_path).stdout
+    revealed = re.findall(r"Revealed type is \"(.*)\"", said)
+    array = "numpy.ndarray[tuple[Any, ...], numpy.dtype[numpy.float64]]"
+    assert [each.replace("builtins.", "") for each in revealed] == [
+        "plant.logs.record.Record", array, "float", "plant.machine.rig.Rig", "bool", array, array,
+    ], said  # fmt: skip
+    expected = {i: m[1] for i, line in enumerate(SCRIPT.splitlines(), 1) if (m := re.search(r"# error: (\S+)$", line))}
+    errors = {int(line): code for line, code in re.findall(r"script\.py:(\d+): error: .*\[(.*)\]", said)}
+    assert errors == expected, said
+
+
+def test_every_ignore_has_its_code_and_its_reason():
+    for package in ("plant", "identification", "ctc"):
+        for path in (ROOT / package).rglob("*.py"):
+            for line in path.read_text(encoding="utf-8").splitlines():
+                if "type: ignore" in line:
+                    assert re.search(r"# type: ignore\[[\w, -]+\]  # \w+", line), f"{path}: {line}"
