@@ -203,9 +203,9 @@ def homes():
 
 
 def listed():
-    """Equation number -> names of what holds it, from docs/equations.md."""
+    """Equation number -> names of what holds it, from docs/reference/equations.md."""
     rows = {}
-    for line in (ROOT / "docs" / "equations.md").read_text(encoding="utf-8").splitlines():
+    for line in (ROOT / "docs" / "reference" / "equations.md").read_text(encoding="utf-8").splitlines():
         cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
         if re.fullmatch(r"\(\d+\)", cells[0]):
             rows[int(cells[0][1:-1])] = re.findall(r"`([\w.]+)`", cells[2])

@@ -43,7 +43,7 @@ def simulate(arm, rig, law, reference, *, duration=None, steps_per_sample=4, swe
         Integration steps between two samples; 4 is accurate to the noise of the encoder, 16 is nearly converged.
     sweeps : int
         Of the friction law over the joints, per integration step; what fewer or more of both change in pulses is a
-        table in docs/speed.md.
+        table in docs/background/speed.md.
     initial : (2, n) array_like, optional
         Position [rad] and velocity [rad/s] at t = 0; by default those of the reference.
     backend : {"numba", "casadi"}

@@ -1,8 +1,8 @@
-"""How fast the engine is, and what its settings cost: every number of docs/speed.md, measured in one go.
+"""How fast the engine is, and what its settings cost: every number of docs/background/speed.md, measured in one go.
 
     python tests/benchmarks/speed.py [--write] [--quick]
 
-With --write the tables replace those in docs/speed.md. Engines take turns, round after round, so that a noisy machine
+With --write the tables replace those in docs/background/speed.md. Engines take turns, round after round, so that a noisy machine
 disturbs all of them alike; ratios are medians over the rounds.
 """
 
@@ -26,7 +26,7 @@ from identification import Objective, identify
 from plant import puma560, simulate
 
 ROOT = Path(__file__).parent.parent.parent
-PAGE = ROOT / "docs" / "speed.md"
+PAGE = ROOT / "docs" / "background" / "speed.md"
 
 FIRST_VALUE = """
 import time
@@ -216,7 +216,7 @@ def more_joints(*, cpp):
 def main():
     """Measure, print, and replace the tables of the page if asked to."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true", help="put the tables into docs/speed.md")
+    parser.add_argument("--write", action="store_true", help="put the tables into docs/background/speed.md")
     parser.add_argument("--quick", action="store_true", help="few rounds, no C++")
     options = parser.parse_args()
     rounds = 3 if options.quick else 15
