@@ -2,8 +2,8 @@
 
     python tests/benchmarks/speed.py [--write] [--quick]
 
-With --write the tables replace those in docs/background/speed.md. Engines take turns, round after round, so that a noisy machine
-disturbs all of them alike; ratios are medians over the rounds.
+With --write the tables replace those in docs/background/speed.md. Engines take turns, round after round, so that a
+noisy machine disturbs all of them alike; ratios are medians over the rounds.
 """
 
 import argparse
