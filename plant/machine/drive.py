@@ -14,13 +14,14 @@ import dataclasses
 import casadi as ca
 import numpy as np
 
+from plant.machine.elasticity import Elasticity, Resonance
 from plant.machine.friction import FrictionCurve
 from plant.mechanics.coupling import Coupling
 from plant.parts.arguments import instance
 from plant.parts.labels import joint_label
 from plant.parts.part import Part, number, part, structure
 
-__all__ = ["Drive"]
+__all__ = ["Drive", "lagging"]
 
 
 @part
@@ -45,6 +46,10 @@ class Drive(Part):
         Offset (or unequal friction in the two directions) and Stribeck's excess at rest.
     coupling : Coupling, optional
         Where motors turn with several joints; the same as the chain's.
+    elasticity : Elasticity, optional
+        What the gears give (`Elasticity.from_resonance` too); none by default, the gears are rigid.
+    current_lag : float, optional
+        Time constant with which the motor currents follow what is commanded [s]; none by default.
     joints : tuple of str, optional
         Names of the joints, for messages, tables and figures of the logs and the laws of this drive.
     """
@@ -58,6 +63,8 @@ class Drive(Part):
     curve: FrictionCurve | None = structure(default=None)
     coupling: Coupling = structure(Coupling, default=Coupling())
     joints: tuple[str, ...] = structure(default=())
+    elasticity: Elasticity | None = structure(default=None)
+    current_lag: float | None = number((), default=None)
 
     def __post_init__(self):
         super().__post_init__()
@@ -80,6 +87,14 @@ class Drive(Part):
                 raise ValueError(f"{name} must {rule}; got {value} at {label}. Friction and gains are magnitudes.")
 
         self.coupling.require_joints(self.n, "drive")
+        if self.current_lag is not None and not self.current_lag > 0:
+            raise ValueError(f"current_lag must be positive; got {self.current_lag:g} s. Leave it out for none.")
+        if isinstance(self.elasticity, Resonance):
+            object.__setattr__(self, "elasticity", self.elasticity.of(self))
+        if self.elasticity is not None:
+            instance("elasticity", self.elasticity, Elasticity, "Give Elasticity(stiffness=, damping=).")
+            if self.elasticity.n != self.n:
+                raise ValueError(f"elasticity must have {self.n} joints; got {self.elasticity.n}. One per gear.")
         if self.curve is not None:
             instance("curve", self.curve, FrictionCurve, "Give FrictionCurve(offset=..., breakaway=..., speed=...).")
             if len(self.curve.offset) != self.n:
@@ -156,3 +171,10 @@ class Drive(Part):
 
 def _magnitude(x):
     return ca.fabs(x) if isinstance(x, ca.SX) else np.abs(x)
+
+
+def lagging(asked, driven, lag, h):
+    """Torque, on average, in a step of length h, of currents that follow with a time constant, and at its end."""
+    decay = ca.exp(-h / lag)
+    end = asked + (driven - asked) * decay
+    return asked + (driven - asked) * (lag / h) * (1 - decay), end

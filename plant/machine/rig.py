@@ -43,6 +43,9 @@ class Rig(Part):
                 "Give one resolution per joint."
             )
 
+        if self.encoder.side == "link" and self.drive.elasticity is None:
+            raise ValueError("an encoder on the link's side needs a drive that gives; got a rigid one. Add elasticity.")
+
     @property
     def n(self):
         """Number of joints."""

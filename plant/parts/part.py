@@ -66,7 +66,10 @@ def declared(meaning: str) -> Any:
 
 
 def number(shape: tuple[int | str, ...], *, default: Any = dataclasses.MISSING, finite: bool = True) -> Any:
-    """Declare a field of numbers: `shape` is () for one number or ("n",) for one per joint (any name for a length)."""
+    """Declare a field of numbers: `shape` is () for one number or ("n",) for one per joint (any name for a length).
+
+    With `default` None it may be left out; then it is none of the part's numbers, and of no equation.
+    """
     return dataclasses.field(default=default, metadata={"number": shape, "finite": finite})
 
 
@@ -86,6 +89,8 @@ class Part:
         for field in dataclasses.fields(self):
             if "number" not in field.metadata:
                 continue
+            if getattr(self, field.name) is None and field.default is None:
+                continue  # a number that this one does not have
             shape = field.metadata["number"]
             known = tuple(lengths.get(s, s) for s in shape)
             value = array(
@@ -105,7 +110,7 @@ class Part:
     def _leaves(self, prefix=""):
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            if "number" in field.metadata:
+            if "number" in field.metadata and value is not None:
                 yield f"{prefix}{field.name}", self, field, value
             elif isinstance(value, Part):
                 yield from value._leaves(f"{prefix}{field.name}.")
@@ -136,7 +141,7 @@ class Part:
         changes = {}
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            if "number" in field.metadata:
+            if "number" in field.metadata and value is not None:
                 count = 1 if np.ndim(value) == 0 else len(value)
                 taken = vector[position[0] : position[0] + count]
                 changes[field.name] = taken if symbolic or np.ndim(value) else float(taken[0])

@@ -162,7 +162,7 @@ def replay(arm, record, *, rig=None, law=None, steps_per_sample=4, sweeps=3, bac
 def _evaluated(loop, arm, tables, clock, start, backend):
     """Log and true errors of a run from a start, or a refusal where it diverges."""
     evaluate = _by_kernel if backend == "numba" else by_casadi
-    state, numbers = loop.initial_state(*start), loop.number_values(arm.f)
+    state, numbers = loop.initial_state(*start, arm.f), loop.number_values(arm.f)
     final, steps, log, true_error = evaluate(loop, tables, clock, state, numbers)
     if not (final[-1] > 0 and bounded(final[: 2 * loop.n])):
         _refuse(loop, arm, log, final, steps)
