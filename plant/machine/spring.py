@@ -1,10 +1,10 @@
 """One step of the spring, the damper and the play between a motor and its link.
 
-A drift-kick-drift step whose kick is taken at the middle position plus a share kappa h of the change of speed: kappa = 0
+A drift-kick-drift step whose kick is taken at the middle position plus kappa h times the change of speed. kappa = 0
 is the explicit leapfrog step, 1/4 the implicit midpoint rule. With 1/12 the frequency of a spring is right to fourth
-order in omega h; where (omega h)^2 exceeds 2, kappa grows to 1/3, and the step is stable for any stiffness. That changes
-the inertia, not the energy: none is added or lost. The damper is raised by (omega h)^2 / 12, which makes its damping
-ratio right to fourth order too.
+order in omega h; where (omega h)^2 exceeds 2, kappa grows to 1/3, and the step is stable for any stiffness. All that
+changes the inertia, not the energy: none is added or lost. The damper is raised by (omega h)^2 / 12, which makes its
+damping ratio right to fourth order too.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import casadi as ca
 __all__ = ["Spring", "spring"]
 
 _FOURTH_ORDER, _STIFFEST, _STABLE, _STIFF = 1 / 12, 1 / 3, 1 / 2, 2.0
-"""kappa of a soft spring and of an infinite one, and between them 1/3 - (1/2) / (omega h)^2, from (omega h)^2 = 2 on."""
+"""kappa of a soft and of an infinite spring; between them 1/3 - (1/2) / (omega h)^2, from (omega h)^2 = 2 on."""
 
 
 class Spring(NamedTuple):

@@ -238,11 +238,11 @@ class ClosedLoop:
         """Torque that the law asks for at q, after the amplifier's limit (which swallows NaN), its state, if finite."""
         *_, torque, carried, _, motion, _, _, given, rig = self._parts
         own, n, pulses = len(self._block.initial), self.n, rig.true_counts(q)
-        rest = carried[own:]
+        rest = carried[own:, 0]
         if rig.transport is not None:
-            pulses = rig.transport.arrived(pulses, rest[n : 2 * n], self._symbols[1][-2])
-            rest = ca.vertcat(torque, pulses, rest[2 * n :])
-        asked, following = self._block.step(carried[:own], *motion, pulses, torque, dt, *given)
+            pulses = rig.transport.arrived(pulses, rest[n : 2 * n, 0], self._symbols[1][-2])
+            rest = ca.vertcat(torque, pulses, rest[2 * n :, 0])
+        asked, following = self._block.step(carried[:own, 0], *motion, pulses, torque, dt, *given)
         return rig.drive.limited(asked), ca.vertcat(following, rest), ca.sum1(ca.fabs(asked)) < ca.inf
 
     def _function(self, name, following, log=None, data=None):
@@ -288,8 +288,8 @@ class ClosedLoop:
         score = status[0]
         if self.score is not None:
             kept = carried.shape[0] - self.n_memory
-            added, memory = self.score(log, data, carried[kept:])
-            score, carried = score + added, ca.vertcat(carried[:kept], memory)
+            added, memory = self.score(log, data, carried[kept:, 0])
+            score, carried = score + added, ca.vertcat(carried[:kept, 0], memory)
         return self._function("sample", [q, qd, impulse, torque, carried, score, ok], log, data)
 
     @cached_property
@@ -306,7 +306,7 @@ class ClosedLoop:
             torque, carried, _ = self._asked(self._read(middle, link_middle, rig), h)
         acting, own = torque, len(self._block.initial)
         if rig.transport is not None:
-            acting = rig.transport.acting(torque, carried[own : own + self.n], self._symbols[1][-3], h)
+            acting = rig.transport.acting(torque, carried[own : own + self.n, 0], self._symbols[1][-3], h)
         giving = []
         if drive.current_lag is not None:
             acting, driven = lagging(acting, self._given("driven"), drive.current_lag, h)
@@ -320,7 +320,7 @@ class ClosedLoop:
             giving.append(driven)
         if giving:
             start, rows = own + self.n_passing, ca.vertcat(*giving)
-            carried = ca.vertcat(carried[:start], rows, carried[start + rows.shape[0] :])
+            carried = ca.vertcat(carried[:start, 0], rows, carried[start + rows.shape[0] :, 0])
         ok = _if(positive > 0, status[1])
         error = rig.position_in_pulses(motion[0]) - rig.position_in_pulses(middle)
         return self._function(
