@@ -15,9 +15,6 @@ import casadi as ca
 
 __all__ = ["Spring", "spring"]
 
-_FOURTH_ORDER, _STIFFEST, _STABLE, _STIFF = 1 / 12, 1 / 3, 1 / 2, 2.0
-"""kappa of a soft and of an infinite spring; between them 1/3 - (1/2) / (omega h)^2, from (omega h)^2 = 2 on."""
-
 
 class Spring(NamedTuple):
     """Torque on the link, and what the spring adds to the inertia in a step.
@@ -47,13 +44,13 @@ def spring(elasticity, deflection, rate, h, motor, link):
     motor, link : casadi SX (n, 1)
         Inertias on both sides [kg m^2].
     """
-    stiffness, damping = elasticity.stiffness, elasticity.damping
-    squared = h * h * stiffness * (1 / motor + 1 / link)  # (omega h)^2
-    share = ca.fmax(_FOURTH_ORDER, _STIFFEST - _STABLE / squared)
-    damping = damping * (1 + ca.fmin(squared, _STIFF) / 12)
+    stiffness, reduced = elasticity.stiffness, motor * link / (motor + link)
+    kick = h * h * stiffness
+    added = ca.fmax(kick / 12, kick / 3 - reduced / 2)
+    damping = elasticity.damping * (1 + ca.fmin(kick / reduced, 2) / 12)
     if elasticity.backlash is not None:
         half = elasticity.backlash / 2
         wound = deflection - ca.fmin(ca.fmax(deflection, -half), half)
         touching = ca.if_else(ca.fabs(wound) > 0, 1, 0)
-        stiffness, damping, deflection = touching * stiffness, touching * damping, wound
-    return Spring(stiffness * deflection + damping * rate, share * h * h * stiffness + h / 2 * damping)
+        stiffness, damping, deflection, added = touching * stiffness, touching * damping, wound, touching * added
+    return Spring(stiffness * deflection + damping * rate, added + h / 2 * damping)

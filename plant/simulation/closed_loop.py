@@ -132,7 +132,7 @@ class ClosedLoop:
         carried = [
             *(f"law[{i}]" for i in range(len(self._block.initial))),
             *(f"{name}[{i}]" for name in ("before", "seen") for i in range(self.n_passing // 2)),
-            *(f"{name}[{i}]" for name in self._giving for i in range(self.n)),
+            *(f"{name}[{i}]" for name in self.giving for i in range(self.n)),
             *(f"memory[{i}]" for i in range(self.n_memory)),
         ]
         return [*per_joint, *carried, "score", "ok"]
@@ -160,8 +160,8 @@ class ClosedLoop:
         return 0 if self.rig.transport is None else 2 * self.n
 
     @cached_property
-    def _giving(self):
-        """Names of the states that a drive which gives or lags adds."""
+    def giving(self):
+        """Names of the states, n each, that a drive which gives or lags adds."""
         drive = self.rig.drive
         springs = () if drive.elasticity is None else ("link", "link_speed")
         return springs if drive.current_lag is None else (*springs, "driven")
@@ -187,7 +187,7 @@ class ClosedLoop:
 
         Gears that give hold the links at rest below that, where f (p,) is known.
         """
-        giving = dict.fromkeys(self._giving, np.zeros(self.n))
+        giving = dict.fromkeys(self.giving, np.zeros(self.n))
         if "link" in giving:
             giving |= {"link": q if f is None else self._hanging(q, f), "link_speed": qd}
         more = [np.zeros(self.n_passing), *giving.values(), np.zeros(self.n_memory)]
@@ -222,12 +222,12 @@ class ClosedLoop:
 
     def _given(self, name):
         """Symbols of what a drive that gives adds to the state."""
-        start = 4 * self.n + len(self._block.initial) + self.n_passing + self._giving.index(name) * self.n
+        start = 4 * self.n + len(self._block.initial) + self.n_passing + self.giving.index(name) * self.n
         return self._symbols[0][start : start + self.n]
 
     def _joint(self, own, name="link"):
         """The joints' position or speed: the links', where gears give."""
-        return self._given(name) if "link" in self._giving else own
+        return self._given(name) if "link" in self.giving else own
 
     def _read(self, q, link, rig):
         """What the encoders turn with."""
@@ -300,7 +300,7 @@ class ClosedLoop:
         """
         q, qd, impulse, torque, carried, status, motion, h, f, _, rig = self._parts
         middle, drive = q + h / 2 * qd, rig.drive
-        springs = "link" in self._giving
+        springs = "link" in self.giving
         link_middle = self._given("link") + h / 2 * self._given("link_speed") if springs else middle
         if not self.steps_per_law:
             torque, carried, _ = self._asked(self._read(middle, link_middle, rig), h)

@@ -9,7 +9,7 @@ from closed_loops import Constant, Counting, NoTorque, joint
 from scipy.linalg import eig
 
 from ctc import ComputedTorque, FeedForward
-from plant import PD, Drive, Elasticity, Encoder, P, PointToPoint, Rig, puma560, simulate
+from plant import PD, Drive, Elasticity, Encoder, P, PointToPoint, Rig, linearise, puma560, simulate, to_control
 from plant.simulation.closed_loop import ClosedLoop
 
 H = 0.7e-3 / 4  # the default sub-step
@@ -231,3 +231,52 @@ def test_a_law_with_one_number_of_state_on_one_joint():
     for each in (rig, with_gears(rig, None), with_gears(rig, None, current_lag=1e-3)):
         record = simulate(arm, each, Counting(period=rig.period), PointToPoint(start=(0.0,), goal=(0.1,), duration=0.1))
         np.testing.assert_allclose(record.torque[:, 0], np.arange(len(record)))
+
+
+def test_the_linear_model_has_the_poles_of_two_masses_and_two_springs():
+    """A motor held by its P loop, a link on its gear; viscous friction between, against the polynomial's roots."""
+    stiffness, damping, viscous = 3e5, 40.0, 2e-3
+    arm, rig = one_joint(stiffness, damping, viscous=(viscous,))
+    held = 0.3 * 50 * 50 * 1000 / (2 * np.pi)
+    M = np.diag([MOTOR, LINK])
+    K = np.array([[held + stiffness, -stiffness], [-stiffness, stiffness]])
+    C = np.array([[viscous * 2500 + damping, -damping], [-damping, damping]])
+    zero = np.zeros((2, 2))
+    A = np.block([[zero, np.eye(2)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    found = np.sort_complex(np.linalg.eigvals(linearise(arm, rig, P(gain=(0.3,)), [0.1]).A))
+    np.testing.assert_allclose(
+        found, np.sort_complex(np.linalg.eigvals(A)), rtol=1e-4
+    )  # the derivative's step is 1e-7 s
+
+
+def test_python_control_steps_the_same_loop():
+    control = pytest.importorskip("control")
+    arm, rig, path = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
+    rig = with_gears(rig, Elasticity.from_resonance(arm, 80, 0.02, drive=rig.drive), current_lag=3e-4)
+    law = ComputedTorque(arm, puma560.rig(), bandwidth=60)
+    record = simulate(arm, rig, law, path, duration=0.05)
+    systems = [to_control(law, rig), to_control(rig), to_control(arm, rig, sampled=True)]
+    loop = control.interconnect(
+        systems,
+        inputs=[f"{name}[{i}]" for name in ("q_r", "qd_r", "qdd_r") for i in range(2)],
+        outputs=[f"{name}[{i}]" for name in ("link", "link_speed") for i in range(2)],
+    )
+    motion = path(record.t)
+    start = path([0.0])
+    states = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=4)
+    link = states.initial_state(start.q[0], start.qd[0], arm.f)[states.state_names.index("link[0]") :][:2]
+    initial = [
+        law.block(rig).initial,
+        np.zeros(2),
+        start.q[0],
+        start.qd[0],
+        np.zeros(2),
+        link,
+        start.qd[0],
+        np.zeros(2),
+    ]
+    given = control.input_output_response(loop, record.t, np.hstack(motion).T, np.concatenate(initial))
+    np.testing.assert_allclose(given.outputs[:2].T, record.true_q, rtol=0, atol=1e-11)
+    smooth = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, smooth=True))
+    rate = to_control(arm, smooth).dynamics(0, np.zeros(10), np.zeros(2))
+    assert np.isfinite(rate).all()
