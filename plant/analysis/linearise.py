@@ -75,9 +75,8 @@ def jacobians(arm, rig, law, pose):
     function = ca.Function("linear", [state, time, numbers], [A, B])
     A, B = (matrix.full() for matrix in function(at_rest, row, values))
     C = np.zeros((n, len(moving)))
-    C[:, [k for k, i in enumerate(moving) if loop.state_names[i].startswith(seen)]] = rig.position_in_pulses(
-        np.eye(n)
-    ).T
+    read = [k for k, i in enumerate(moving) if loop.state_names[i].startswith(seen)]
+    C[:, read] = rig.position_in_pulses(np.eye(n)).T
     return A, B, -C, [loop.state_names[i] for i in moving]
 
 

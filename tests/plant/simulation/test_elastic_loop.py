@@ -259,22 +259,14 @@ def test_python_control_steps_the_same_loop():
     loop = control.interconnect(
         systems,
         inputs=[f"{name}[{i}]" for name in ("q_r", "qd_r", "qdd_r") for i in range(2)],
-        outputs=[f"{name}[{i}]" for name in ("link", "link_speed") for i in range(2)],
+        outputs=[f"{name}[{i}]" for name in ("link", "link_speed", "qd", "tau") for i in range(2)],
     )
     motion = path(record.t)
     start = path([0.0])
     states = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=4)
     link = states.initial_state(start.q[0], start.qd[0], arm.f)[states.state_names.index("link[0]") :][:2]
-    initial = [
-        law.block(rig).initial,
-        np.zeros(2),
-        start.q[0],
-        start.qd[0],
-        np.zeros(2),
-        link,
-        start.qd[0],
-        np.zeros(2),
-    ]
+    still, at_rest = np.zeros(2), (start.q[0], start.qd[0])
+    initial = [law.block(rig).initial, still, *at_rest, still, link, start.qd[0], still]
     given = control.input_output_response(loop, record.t, np.hstack(motion).T, np.concatenate(initial))
     np.testing.assert_allclose(given.outputs[:2].T, record.true_q, rtol=0, atol=1e-11)
     smooth = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, smooth=True))
