@@ -60,7 +60,7 @@ class Dynamics(Part):
 
     chain: Chain = structure(Chain)
     lumping: Lumping = structure(Lumping)
-    ranges: Nested | None = structure(default=None)
+    ranges: Nested = structure(default=None)
 
     def __repr__(self) -> str:
         return f"Dynamics({self.n} joints, {self.p} parameters {self.short_names[0]}..{self.short_names[-1]})"
