@@ -77,8 +77,7 @@ class Chain(Part):
     def tilted(self, rotation: ArrayLike) -> Chain:
         """The same chain on a tilted base; rotation (3, 3): the base's axes as columns, in a frame with z upwards."""
         placement = Placement(rotation=rotation)
-        turned = np.array(placement.rotation).T @ np.array(self.gravity)
-        return dataclasses.replace(self, gravity=tuple(turned))
+        return dataclasses.replace(self, gravity=np.array(placement.rotation).T @ np.array(self.gravity))
 
     def coupled(self, coupling: Coupling) -> Chain:
         """The same chain with the coupling of its `Drive`."""

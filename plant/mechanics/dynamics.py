@@ -139,14 +139,14 @@ class Dynamics(Part):
         moving = torque(self.chain, q, qd, qdd, ca.SX(lumping.inertial_section()) @ f, (0, 0, 0))
         strength = float(np.linalg.norm(self.chain.gravity))
         down = np.array(self.chain.gravity) / strength if strength else np.zeros(3)
-        hanging = torque(self.chain, q, rest, rest, strength * (ca.SX(lumping.gravity_section()) @ f), down)
+        at_rest = torque(self.chain, q, rest, rest, strength * (ca.SX(lumping.gravity_section()) @ f), down)
         D, coriolis = ca.jacobian(moving, qdd), ca.substitute(moving, qdd, rest)
         if self.n <= _FEW:
             D = ca.reshape(collected(D, q, f), self.n, self.n)
             coriolis = by_speeds(coriolis, q, qd, f)
-            unit = ca.substitute(hanging, f, f / strength) if strength else hanging
-            hanging = ca.substitute(collected(unit, q, f), f, strength * f)
-        return ca.tril2symm(ca.tril(D)), coriolis, hanging
+            unit = ca.substitute(at_rest, f, f / strength) if strength else at_rest
+            at_rest = ca.substitute(collected(unit, q, f), f, strength * f)
+        return ca.tril2symm(ca.tril(D)), coriolis, at_rest
 
     @cached_property
     def D(self) -> CheckedFunction:

@@ -28,12 +28,12 @@ def joint_positions(chain: Chain, tip: ArrayLike = (0.0, 0.0, 0.0)) -> CheckedFu
     """
     tip = array("tip", tip, (3,), advice="Give x, y and z in the frame of the last link [m].")
     q = ca.SX.sym("q", chain.n)
-    turned, reached = ca.SX.eye(3), ca.SX(3, 1)
-    positions = [reached]
+    orientation, position = ca.SX.eye(3), ca.SX(3, 1)
+    positions = [position]
     for i, link in enumerate(chain.links):
         rotation, origin = link.rotation(q[i])
-        reached = reached + turned @ origin
-        turned = turned @ rotation
-        positions.append(reached)
-    positions.append(reached + turned @ tip)
+        position = position + orientation @ origin
+        orientation = orientation @ rotation
+        positions.append(position)
+    positions.append(position + orientation @ tip)
     return CheckedFunction(ca.Function("joints", [q], [ca.densify(ca.horzcat(*positions))], ["q"], ["positions"]))

@@ -64,11 +64,11 @@ def links_from_urdf(path: str | Path, joints: Sequence[str] | None) -> tuple[tup
         before, start = Placement(), chosen[i - 1].child if i else None
         for step in _way(every, start, joint):
             before = before @ step.origin
-        turned = Placement(rotation=_axis_frame(joint.axis))
+        on_axis = Placement(rotation=_axis_frame(joint.axis))
         links.append(
-            Link(name=joint.name, prismatic=_MOVING[joint.kind], before=at @ before @ turned, frame=turned.inverse())
+            Link(name=joint.name, prismatic=_MOVING[joint.kind], before=at @ before @ on_axis, frame=on_axis.inverse())
         )
-        at = turned.inverse()
+        at = on_axis.inverse()
         made.append(_lumped(bodies, every, joint.child, {other.name for other in chosen}))
     for label, body in zip(joint_labels([joint.name for joint in chosen], len(chosen)), made, strict=True):
         body.require_physical(f"behind {label}")

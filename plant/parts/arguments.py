@@ -27,7 +27,7 @@ def array(
     Parameters
     ----------
     name : str
-        What the value is, as the user knows it.
+        Name of the value, in the user's terms.
     value : array_like
     shape : tuple of (int, str or None)
         Expected lengths; a string or None stands for any length.

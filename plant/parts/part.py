@@ -13,12 +13,13 @@ import difflib
 import functools
 import json
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias, TypeVar, dataclass_transform, overload
+from typing import Any, ClassVar, Self, TypeVar, dataclass_transform
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from plant.parts.arguments import array, instance, known_options, real
+from plant.parts.fields import ArrayOrSymbols, Nested, Vector
 
 __all__ = [
     "ArrayOrSymbols", "Declared", "Nested", "Part", "Vector", "declared", "number", "part", "restore", "structure",
@@ -26,35 +27,7 @@ __all__ = [
 
 T = TypeVar("T", bound="Part")
 
-ArrayOrSymbols: TypeAlias = Any
-"""A numpy array, or a casadi expression of that shape; what comes out is of the kind that went in."""
-
 _KINDS: dict[str, type] = {}
-
-if TYPE_CHECKING:
-
-    class Vector:
-        """A field of numbers: anything array-like goes in, a numpy.ndarray comes out."""
-
-        @overload
-        def __get__(self, part: None, owner: Any) -> Vector: ...
-        @overload
-        def __get__(self, part: object, owner: Any) -> NDArray[np.float64]: ...
-        def __get__(self, part: object | None, owner: Any = None) -> Any: ...
-        def __set__(self, part: object, value: ArrayLike) -> None: ...
-
-    class Nested:
-        """A field of numbers that is structure: anything array-like goes in, nested tuples of floats come out."""
-
-        @overload
-        def __get__(self, part: None, owner: Any) -> Nested: ...
-        @overload
-        def __get__(self, part: object, owner: Any) -> tuple[Any, ...]: ...
-        def __get__(self, part: object | None, owner: Any = None) -> Any: ...
-        def __set__(self, part: object, value: ArrayLike) -> None: ...
-
-else:
-    Vector, Nested = np.ndarray, tuple
 
 
 class Declared:
