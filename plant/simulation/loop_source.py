@@ -113,7 +113,7 @@ def _programs(loop, lanes, uniform, uneven, fresh, wanted):
     ]
     functions = {"law": loop.law_step, "sample": loop.sample, "step": loop.substep}
     return {
-        which: translate(function, inputs[: function.n_in()], names, fresh, free=which == "step", wanted=wanted)
+        which: translate(function, inputs[: function.n_in()], names, fresh, relaxed=which == "step", wanted=wanted)
         for which, function in functions.items()
         if function is not None
     }
