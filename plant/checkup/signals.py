@@ -12,7 +12,7 @@ import numpy as np
 
 from plant.checkup.balance import Balance
 from plant.checkup.swing import Swing
-from plant.laws.law import asked_torque
+from plant.laws.law import commanded_torque
 
 __all__ = ["FOLLOWS", "LEAST_MOTION", "Signals"]
 
@@ -79,7 +79,7 @@ class Signals:
         """Motor torque (M, n) that a law without memory asks for; None where the errors are not to be believed."""
         if self.reference is None or not self.follows.all():
             return None
-        asked = asked_torque(self.record)
+        asked = commanded_torque(self.record)
         return None if asked is None else self.rig.drive.motor_torque(asked)[self._keep]
 
     @functools.cached_property
