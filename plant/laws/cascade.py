@@ -55,7 +55,6 @@ class Cascade(Law):
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> tuple[ca.SX, ca.SX]:
-
         """Tau = k (K_v (K_p e - pulses') + K_i (integral of the same))."""
         n = rig.n
         memory, integral, asked = state[: n + 1], state[n + 1 : -n], state[-n:]

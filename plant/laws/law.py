@@ -265,7 +265,6 @@ def commanded_torque(record: Any) -> NDArray[np.float64] | None:
 class StatelessLaw(Law):
     """Base of laws without state: the torque depends on counts, reference and the last applied torque alone."""
 
-
     period = None
 
     def initial_state(self, n: int) -> NDArray[np.float64]:

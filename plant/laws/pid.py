@@ -46,7 +46,7 @@ class P(StatelessLaw):
 
 @part
 class PD(Law):
-    """PD control: motor torque = gain e + derivative edot, e the tracking error in pulses, edot its filtered difference.
+    """PD control: motor torque = gain e + derivative edot, with e the tracking error in pulses and edot its derivative.
 
     Parameters
     ----------
@@ -118,11 +118,12 @@ class PID(PD):
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> tuple[ca.SX, ca.SX]:
-
         """Tau = k (P e + I (integral of e) + D edot)."""
         n, error = rig.n, setpoint.pulses - pulses
         memory, integral, asked = state[: n + 1], state[n + 1 : -n], state[-n:]
         missing = rig.drive.motor_torque(torque) - asked
-        integral = integrated(integral, self.integral * error, missing, self.integral / self.gain, dt)
+        tracking = self.integral / self.gain  # type: ignore[operator]  # mypy takes inherited fields for what goes in
+        integral = integrated(integral, self.integral * error, missing, tracking, dt)
+
         motor, memory = self.motor_torque(error, memory, dt)
         return rig.drive.joint_torque(motor + integral), ca.vertcat(memory, integral, motor + integral)
