@@ -239,6 +239,7 @@ class Record(Frozen):
         ----------
         period : float
             Of the new samples, and of the new record's rig [s].
+
         Raises
         ------
         ValueError
