@@ -132,13 +132,9 @@ class Law(Part, abc.ABC):
 
     @known_options
     def start(
-        self,
-        rig: Rig,
-        pulses: ArrayLike,
-        *,
-        guards: Guards | None = Guards(),  # noqa: B008 - frozen
+        self, rig: Rig, pulses: ArrayLike, *, guards: Guards | None = Guards(),  # noqa: B008 - frozen
         torque_limit: ArrayLike | None = None,
-    ) -> Running:
+    ) -> Running:  # fmt: skip
         """This law as a running controller for a control script.
 
         A law without a period (`P`) is fast hardware: sampled, it has to be called far more often than the log's rate.
@@ -169,15 +165,9 @@ class Law(Part, abc.ABC):
 
     @known_options
     def to_c(
-        self,
-        folder: str | Path,
-        rig: Rig | None = None,
-        *,
-        name: str = "controller",
-        output: str = "torque",
-        counts_per_ampere: ArrayLike | None = None,
-        largest_count: int = 32767,
-    ) -> None:
+        self, folder: str | Path, rig: Rig | None = None, *, name: str = "controller", output: str = "torque",
+        counts_per_ampere: ArrayLike | None = None, largest_count: int = 32767,
+    ) -> None:  # fmt: skip
         """This law as self-contained C99: a header, a source, a main that replays a record, and a Makefile.
 
         Parameters
@@ -205,12 +195,7 @@ class Law(Part, abc.ABC):
                 largest_count=largest_count)  # fmt: skip
 
     def block(self, rig: Rig) -> Block:
-        """This law as a symbolic step for a rig.
-
-        Returns
-        -------
-        Block
-        """
+        """This law as a symbolic step for a rig."""
         n = rig.n
         for field in dataclasses.fields(self):
             if field.metadata.get("number") == ("n",) and len(getattr(self, field.name)) != n:
@@ -233,22 +218,15 @@ class Law(Part, abc.ABC):
                 f"{following.shape}. One number per joint of the rig."
             )
         names = ["state", "q", "qd", "qdd", "reference_pulses", "pulses", "torque", "dt", "numbers"]
-        step = ca.Function(
-            "law",
-            [state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers, *logged],
-            [asked, following],
-            names + ["logged"][: len(logged)],
-            ["asked", "following"],
-        )
+        inputs = [state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers, *logged]
+        names += ["logged"][: len(logged)]
+        step = ca.Function("law", inputs, [asked, following], names, ["asked", "following"])
         values = np.concatenate([self.number_values(), rig.number_values()])
         return Block(step=step, initial=initial, names=own + rigs, values=values, period=self.period)
 
 
 def commanded_torque(record: Any) -> NDArray[np.float64] | None:
-    """Commanded joint torques (N, n) [N m] of a record, before the amplifier's limit; None unless a law without memory.
-
-    They are worked out from the logged counts and the reference.
-    """
+    """Commanded torques (N, n) [N m] of a record under a law without memory, before the limit; None for other laws."""
     law, rig = record.law, record.rig
     if law is None or law.replays or law.has_memory(record.n):
         return None
@@ -258,14 +236,13 @@ def commanded_torque(record: Any) -> NDArray[np.float64] | None:
         np.empty((0, N)), zero, zero, zero, record.reference_pulses.T, record.counts.T, zero,
         np.full((1, N), rig.period), np.repeat(block.values[:, None], N, axis=1),
     )  # fmt: skip
-    commanded: NDArray[np.float64] = asked.full().T
-    return commanded
+    return asked.full().T
 
 
 class StatelessLaw(Law):
     """Base of laws without state: the torque depends on counts, reference and the last applied torque alone."""
 
-    period = None
+    period: float | None = None
 
     def initial_state(self, n: int) -> NDArray[np.float64]:
         """No state, (0,)."""

@@ -52,7 +52,11 @@ def test_what_lasts_a_moment_is_bridged(name, status, bridged):
     ("name", "status", "error"),
     [
         # The 800 pulses are the fault's own: it is the counts that are held.
-        ("slip", "safe stop, holding: a jump of 799 pulses of joint 2 (q[0]), 4 times in a row, at call 1004", (802, 2)),
+        (
+            "slip",
+            "safe stop, holding: a jump of 799 pulses of joint 2 (q[0]), 4 times in a row, at call 1004",
+            (802, 2),
+        ),
         ("too late", "safe stop, holding: a call that came 10.5 ms late, at call 1001", (8, 8)),
         (
             "no reference",

@@ -71,7 +71,9 @@ def test_coupled_joints_are_counted_on_their_motors():
 
 
 def test_a_resolution_that_is_not_the_log_s_is_noted():
-    with pytest.warns(UserWarning, match=r"not in whole pulses of rig.encoder.resolution \(smallest step 1\.31 pulses\)"):
+    with pytest.warns(
+        UserWarning, match=r"not in whole pulses of rig.encoder.resolution \(smallest step 1\.31 pulses\)"
+    ):
         found = angles("rad", ANGLE * np.array([1.31, 1.0]))
     np.testing.assert_array_equal(found.counts[:, 1], COUNTS[:, 1])
     np.testing.assert_array_equal(found.counts[:, 0], np.trunc(1.31 * COUNTS[:, 0]))
