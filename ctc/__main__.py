@@ -6,7 +6,7 @@ import argparse
 import time
 from pathlib import Path
 
-from ctc import ComputedTorque, evaluate
+from ctc import ComputedTorque, evaluate, plot_comparison, plot_evaluation, plot_identification, plot_record
 from identification import identify
 from plant import puma560, simulate
 
@@ -63,8 +63,6 @@ def _save_figures(folder, robot, rig, path, measured, paper, found, verdicts):
     import matplotlib
 
     matplotlib.use("Agg")
-    from ctc.figures import plot_comparison, plot_evaluation, plot_identification, plot_record
-
     folder.mkdir(parents=True, exist_ok=True)
     dynamics, p, joints = robot.dynamics, measured.law, verdicts["P"].joints
     leading = paper.initial_population[paper.initial_costs.argsort()[:4]]

@@ -11,8 +11,10 @@ import math
 import numpy as np
 
 from ctc.certification.binomial import clopper_pearson
+from ctc.certification.figure import plot_certificate
 from ctc.certification.plants import Plants
 from ctc.certification.population import Runs
+from ctc.certification.reserves import reserves
 from ctc.certification.sensitivity import influences
 from plant import Arm, Law, Reference, Rig
 from plant.parts.arguments import known_options
@@ -158,14 +160,10 @@ class Certificate:
 
         See `ctc.certification.reserves.reserves`, which this calls.
         """
-        from ctc.certification.reserves import reserves
-
         return reserves(self, samples, allowed)
 
     def plot(self):
         """Draw the verdict, the worst loop, and what hurts; see `ctc.certification.figure.plot_certificate`."""
-        from ctc.certification.figure import plot_certificate
-
         return plot_certificate(self)
 
     def __str__(self):

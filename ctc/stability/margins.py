@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from ctc.figures import plot_margins
 from ctc.stability.error_loop import open_loops, opened
 from plant.parts.arguments import known_options
 
@@ -72,8 +73,6 @@ class Margins:
         -------
         matplotlib.figure.Figure
         """
-        from ctc.figures import plot_margins
-
         return plot_margins(self)
 
 

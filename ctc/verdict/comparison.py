@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+from ctc.figures import plot_comparison
 from ctc.verdict.evaluation import evaluate
 from plant import DivergenceError, Law
 from plant.parts.arguments import instance, known_options
@@ -44,8 +45,6 @@ class Comparison:
 
     def plot(self):
         """Draw the errors of all laws that stayed bounded; see `ctc.figures.plot_comparison`."""
-        from ctc.figures import plot_comparison
-
         return plot_comparison(self.evaluations)
 
     def __str__(self):

@@ -8,6 +8,7 @@ from numbers import Real
 
 import numpy as np
 
+from ctc.figures import plot_evaluation
 from plant import Record
 from plant.parts.arguments import choice, known_options
 from plant.simulation.simulator import run
@@ -92,8 +93,6 @@ class Evaluation:
 
     def plot(self, axes=None):
         """Draw error and torque of every joint; see `ctc.figures.plot_evaluation`."""
-        from ctc.figures import plot_evaluation
-
         return plot_evaluation(self, axes)
 
     def __str__(self):

@@ -16,7 +16,7 @@ def warn_renamed(old: str, new: str, *, stacklevel: int = 3) -> None:
 
 
 class Renamed:
-    """An attribute or a method under its old name: ``Rig.turned = Renamed("to_angle")``.
+    """An attribute or a method under its old name: ``Renamed("to_angle")``.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def install(owner: type, **names: str) -> None:
 
 
 def old_order(*names: str, new: str, told: Callable[[Any], bool]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Decorate a function whose positional arguments had another order, `names`; `told` knows it by the first one."""
+    """Decorate a function whose positional arguments had another order, `names`; `told` knows it by its first one."""
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(function)

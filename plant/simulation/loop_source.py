@@ -128,7 +128,7 @@ def _programs(
     ]
     functions = {"law": loop.law_step, "sample": loop.sample, "step": loop.substep}
     return {
-        which: translate(function, inputs[: function.n_in()], names, fresh, free=which == "step", wanted=wanted)
+        which: translate(function, inputs[: function.n_in()], names, fresh, relaxed=which == "step", wanted=wanted)
         for which, function in functions.items()
         if function is not None
     }

@@ -55,8 +55,8 @@ def simulate(
     steps_per_sample : int
         Integration steps between two samples; 4 is accurate to the noise of the encoder, 16 is nearly converged.
     sweeps : int
-        Gauss-Seidel sweeps of the friction law over the joints, per integration step; docs/speed.md has a table of
-        the errors, in pulses, of fewer or more of both.
+        Gauss-Seidel sweeps of the friction law over the joints, per integration step; docs/background/speed.md has a
+        table of the errors, in pulses, of fewer or more of both.
     initial : (2, n) array_like, optional
         Position [rad] and velocity [rad/s] at t = 0; by default those of the reference.
     backend : {"numba", "casadi"}

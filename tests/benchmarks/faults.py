@@ -1,4 +1,4 @@
-"""What each fault of a control loop does to the paper's arm under computed torque: the table of docs/faults.md.
+"""What each fault of a control loop does to the paper's arm under computed torque: the table of docs/guides/faults.md.
 
 python tests/benchmarks/faults.py [--write]
 """
@@ -15,7 +15,7 @@ from faults import FAULTS, experiment
 from ctc import ComputedTorque
 from plant import puma560
 
-PAGE = Path(__file__).parent.parent.parent / "docs" / "faults.md"
+PAGE = Path(__file__).parent.parent.parent / "docs" / "guides" / "faults.md"
 
 
 def table():
@@ -50,7 +50,7 @@ def _pair(values, digits):
 def main():
     """Print, and replace the table of the page if asked to."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true", help="put the table into docs/faults.md")
+    parser.add_argument("--write", action="store_true", help="put the table into docs/guides/faults.md")
     text = "\n".join(table())
     print(text)
     if parser.parse_args().write:

@@ -2,8 +2,8 @@
 
     python tests/benchmarks/laws.py [--write] [--seeds 10]
 
-With --write the tables replace those in docs/laws.md. The robot is the published f at 16 sub-steps; the laws hold what
-`identify` found from a log under P control, by the default method and by the paper's own.
+With --write the tables replace those in docs/guides/laws.md. The robot is the published f at 16 sub-steps; the laws
+hold what `identify` found from a log under P control, by the default method and by the paper's own.
 
 Tuning: of each law's grid below, the setting with the smallest RMS error (both joints, encoder) on trajectory (6) at
 T = 2.5 s, among those whose chatter on joint 2 is at most that of computed torque with its defaults. For the default
@@ -30,7 +30,7 @@ from ctc import (
 from identification import identify
 from plant import PD, PID, Cascade, P, PointToPoint, Spline, puma560, simulate
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "laws.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "guides" / "laws.md"
 ROBOT, RIG, DYNAMICS = puma560.arm(), puma560.rig(), puma560.dynamics()
 GAIN = np.array([0.20, 0.15])
 """Of the experiment's P law; the grids multiply it."""
@@ -169,7 +169,7 @@ def table(makers, arms):
 def main():
     """Measure, print, and replace the tables of the page if asked to."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true", help="put the tables into docs/laws.md")
+    parser.add_argument("--write", action="store_true", help="put the tables into docs/guides/laws.md")
     parser.add_argument("--seeds", type=int, default=10)
     options = parser.parse_args()
     parts = {}

@@ -1,6 +1,6 @@
 """The closed loop of the paper's experiment by several engines: costs (P,) of candidates (P, 9), all by the same step.
 
-Used by bench_engine.py (pytest-benchmark) and speed.py (the table of docs/speed.md).
+Used by bench_engine.py (pytest-benchmark) and speed.py (the table of docs/background/speed.md).
 """
 
 import ctypes

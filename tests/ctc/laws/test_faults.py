@@ -1,6 +1,6 @@
 """Faults injected into the paper's arm under computed torque: what the guards say and do, and what it costs.
 
-Bounds are those of `docs/faults.md`, which `tests/benchmarks/faults.py` measures, with room.
+Bounds are those of `docs/guides/faults.md`, which `tests/benchmarks/faults.py` measures, with room.
 """
 
 from functools import cache
