@@ -12,14 +12,16 @@ import casadi as ca
 __all__ = ["correct", "predict"]
 
 
-def predict(error: ca.SX, rate: ca.SX, disturbance: ca.SX, v: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+def predict(
+    error: ca.SX, rate: ca.SX, disturbance: ca.SX, v: ca.SX | float, dt: ca.SX | float
+) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Error, rate and disturbance one sample later, under a constant feedback acceleration v."""
     acceleration = disturbance - v
     return error + dt * rate + dt * dt / 2 * acceleration, rate + dt * acceleration, disturbance
 
 
 def correct(
-    error: ca.SX, rate: ca.SX, disturbance: ca.SX, measured: ca.SX, omega: ca.SX, dt: ca.SX
+    error: ca.SX, rate: ca.SX, disturbance: ca.SX, measured: ca.SX, omega: ca.SX, dt: ca.SX | float
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Correct the prediction by the innovation, measured minus predicted error.
 

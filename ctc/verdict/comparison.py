@@ -79,14 +79,7 @@ class Comparison:
         return "\n".join(lines)
 
 
-@old_order(
-    "laws",
-    "arm",
-    "rig",
-    "reference",
-    new="compare(arm, rig, laws, reference)",
-    told=lambda given: isinstance(given, dict),
-)
+@old_order("laws", "arm", "rig", "reference", first=dict, new="compare(arm, rig, laws, reference)")
 @known_options
 def compare(
     arm: Arm, rig: Rig, laws: dict[str, Law], reference: Reference, *, backend: str = "numba",

@@ -47,8 +47,8 @@ def install(owner: type, **names: str) -> None:
         setattr(owner, old, renamed)
 
 
-def old_order(*names: str, new: str, told: Callable[[Any], bool], **absent: Any) -> Callable[[F], F]:
-    """Decorate a function whose positional arguments had another order, `names`; `told` knows it by the first one.
+def old_order(*names: str, first: type, new: str, **absent: Any) -> Callable[[F], F]:
+    """Decorate a function whose positional arguments had another order, `names`; then a `first` comes first.
 
     `absent` are arguments that could be left out, with what they were then.
     """
@@ -56,12 +56,15 @@ def old_order(*names: str, new: str, told: Callable[[Any], bool], **absent: Any)
     def decorate(function: F) -> F:
         @functools.wraps(function)
         def wrapper(*arguments: Any, **options: Any) -> Any:
-            known = len(arguments) <= len(names) and told(arguments[0]) if arguments else absent.keys() - options.keys()
-            if known:
-                warn_renamed(f"{function.__name__}({', '.join(names)})", new)
-                return function(**dict(zip(names, arguments, strict=False)), **(absent | options))
-            return function(*arguments, **options)
+            if arguments:
+                old = len(arguments) <= len(names) and isinstance(arguments[0], first)
+            else:
+                old = not absent.keys() <= options.keys()
+            if not old:
+                return function(*arguments, **options)
+            warn_renamed(f"{function.__name__}({', '.join(names)})", new)
+            return function(**dict(zip(names, arguments, strict=False)), **(absent | options))
 
-        return wrapper  # type: ignore[return-value]  # what users see is the function
+        return wrapper  # type: ignore[return-value]  # users see the function that is decorated
 
     return decorate
