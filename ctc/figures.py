@@ -22,10 +22,15 @@ __all__ = [
     "plot_phase", "plot_record",
 ]  # fmt: skip
 
-COLOURS = ("#1f6f8b", "#c8553d", "#5a7d2a", "#7b4b94", "#b8860b", "#444444", "#d87ca8")
+COLOURS = ("#1f6f8b", "#c8553d", "#5a7d2a", "#7b4b94", "#b8860b", "#2fb5c7", "#d87ca8")
 """Of the joints, in turn."""
 _BAND = "#e9e4d4"
 _ABREAST = 4
+"""Laws beside each other at most; more stand below each other."""
+_PHASES = 3
+"""Phase plots beside each other at most."""
+_WIDEST = 22.0
+"""Of a figure [inches]."""
 
 
 def _figure(rows: int, columns: int, width: float = 9.0, height: float = 2.3) -> tuple[Figure, NDArray[Any]]:
@@ -55,7 +60,8 @@ def draw_band(axis: Any, pulses: float = 1) -> None:
     low, high = axis.get_ylim()
     axis.set_ylim(min(low, -2.0 * pulses), max(high, 2.0 * pulses))
     axis.annotate(f"±{pulses} pulse", (1.0, pulses), (-2, 1), xycoords=axis.get_yaxis_transform(),
-                  textcoords="offset points", ha="right", va="bottom", fontsize=7, color="0.35")  # fmt: skip
+                  textcoords="offset points", ha="right", va="bottom", fontsize=7, color="0.35",
+                  bbox={"facecolor": "white", "alpha": 0.6, "linewidth": 0, "pad": 0.5})  # fmt: skip
 
 
 def _limit(axis: Any, drive: Any, joint: int) -> None:
@@ -126,8 +132,12 @@ def plot_phase(evaluation: Any) -> Figure:
     _require_evaluation("evaluation", evaluation)
     record, error = evaluation.record, evaluation.true_error_pulses
     rate = np.gradient(error, record.rig.period * len(record) / len(error), axis=0)
-    figure, axes = plt.subplots(1, record.n, figsize=(4.5 * record.n, 4), squeeze=False, layout="constrained")
-    for joint, axis in enumerate(axes[0]):
+    columns = min(record.n, _PHASES)
+    rows = -(-record.n // columns)
+    figure, axes = plt.subplots(rows, columns, figsize=(4.5 * columns, 4 * rows), squeeze=False, layout="constrained")
+    for axis in axes.flat[record.n :]:
+        axis.remove()
+    for joint, axis in enumerate(axes.flat[: record.n]):
         axis.spines[["top", "right"]].set_visible(False)
         axis.grid(alpha=0.25, linewidth=0.5)
         axis.axvspan(-1, 1, color=_BAND, zorder=0)
@@ -137,7 +147,8 @@ def plot_phase(evaluation: Any) -> Figure:
         axis.set_xlim(-reach, reach)
         axis.set_xlabel("true error [pulses]; shaded: ±1 pulse")
         axis.set_title(evaluation.joint_labels[joint], fontsize=10)
-    axes[0, 0].set_ylabel("rate of the error [pulses/s]")
+    for axis in axes[:, 0]:
+        axis.set_ylabel("rate of the error [pulses/s]")
     axes[0, 0].legend(loc="upper right", fontsize=8, frameon=False)
     return figure
 
@@ -166,7 +177,7 @@ def plot_comparison(evaluations: dict[str, Any]) -> Figure:
     if abreast:
         figure, axes = _figure(first.n, len(evaluations), width=5.2 * len(evaluations))
     else:
-        figure, axes = _figure(len(evaluations), first.n, width=5.2 * first.n, height=1.5)
+        figure, axes = _figure(len(evaluations), first.n, width=min(5.2 * first.n, _WIDEST), height=1.5)
         axes = axes.T
     for column, (name, evaluation) in enumerate(evaluations.items()):
         record = evaluation.record
@@ -174,8 +185,11 @@ def plot_comparison(evaluations: dict[str, Any]) -> Figure:
             axis = axes[joint, column]
             _pulses(axis, record.t, record.error_pulses[:, joint], COLOURS[joint % len(COLOURS)])
             draw_band(axis)
-            if column == 0 or not abreast:
+            if abreast and column == 0:
                 axis.set_ylabel(f"{evaluation.joint_labels[joint]}\nerror [pulses]")
+            elif not abreast:
+                axis.set_ylabel("error [pulses]" if joint == 0 else "")
+                axis.set_xlabel(f"{evaluation.joint_labels[joint]}: time [s]" if column == len(evaluations) - 1 else "")
         axes[0, column].set_title(f"{name}: {evaluation.share_within(1)} within ±1 pulse", fontsize=10)
     if abreast:
         _equal_rows(axes)
@@ -275,7 +289,7 @@ def plot_margins(margins: Any) -> Figure:
     for axis, level in zip(axes[:, 0], (0, -180, 0), strict=True):
         axis.axhline(level, color="0.35", linewidth=0.6, linestyle="--")
     near = slice(np.searchsorted(f, f[-1] / 1000), None)
-    for axis, name in zip(axes[:, 0], ("loop [dB]", "its phase [deg]", "sensitivity [dB]"), strict=True):
+    for axis, name in zip(axes[:, 0], ("loop [dB]", "phase [deg]", "sensitivity [dB]"), strict=True):
         axis.set_ylabel(name)
         axis.set_xscale("log")
         axis.set_xlim(f[near][0], f[-1])

@@ -202,7 +202,7 @@ class Certificate:
             f"{type(self.law).__name__}: {self.verdict}",
             *aligned(rows),
             *by_joint(dynamics.chain.joint_labels, quantities),
-            *aligned([("sensitivity to", "explains", "error is"), *explained]),
+            *aligned([("sensitivity to", "explains", "direction"), *explained]),
         ]
         long = [f"{short[x.name]} = {x.name}" for x in shown if short.get(x.name, x.name) != x.name]
         lines += [line for each in long for line in textwrap.wrap(each, 110, subsequent_indent="    ")]

@@ -22,6 +22,12 @@ _NAMES = 8
 _LARGEST = 4
 """Pulses beyond the limit that have a bar of their own."""
 
+_HEIGHT = 3.9
+"""Of the figure [inches], for few joints."""
+
+_NUMBERED = 3
+"""Joints up to which bars have numbers."""
+
 _LINE = 200
 """Letters of a line below the panels."""
 
@@ -47,7 +53,7 @@ def plot_certificate(certificate: Any) -> Figure:
     """
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, 3, figsize=(13, 3.9), width_ratios=(1, 1.5, 1), layout="constrained")
+    figure, axes = plt.subplots(1, 3, figsize=(13, _HEIGHT), width_ratios=(1, 1.5, 1), layout="constrained")
     for axis in axes:
         axis.spines[["top", "right"]].set_visible(False)
     labels = certificate.plants.arm.dynamics.chain.joint_labels
@@ -70,14 +76,15 @@ def _peaks(axis: Any, certificate: Any, labels: list[str]) -> None:
         place = counts + (joint - (peak.shape[1] - 1) / 2) * width
         axis.bar(place, 100 * share, width, color=COLOURS[joint % len(COLOURS)], label=labels[joint])
         for x, y in zip(place, 100 * share, strict=True):
-            if y:
+            if y and len(labels) <= _NUMBERED:
                 axis.annotate(f"{y:.2g}" if y < 99.5 else f"{y:.0f}", (x, y), (0, 1), textcoords="offset points",
                               ha="center", fontsize=7)  # fmt: skip
     axis.axvspan(within + 0.5, highest + 0.5, color=COLOURS[1], alpha=0.12, zorder=0)
     axis.annotate("outside", (highest + 0.45, 0.97), xycoords=axis.get_xaxis_transform(), ha="right", va="top",
                   fontsize=8, color=COLOURS[1])  # fmt: skip
     axis.set_xlim(-0.5, highest + 0.5)
-    axis.set_ylim(0, 118)
+    axis.set_ylim(0, 100 / (1 - _headroom(labels)))
+    axis.set_yticks(range(0, 101, 20))
     axis.set_xticks(counts, [*(str(k) for k in counts[:-1]), f"{highest}+" if peak.max() > highest else str(highest)])
     axis.set_xlabel("largest counted error of a loop [pulses]")
     axis.set_ylabel("loops [%]")
@@ -104,7 +111,7 @@ def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
                   label=f"{labels[joint]}: {outside.sum()} of {counts.sum()} samples outside")  # fmt: skip
     draw_band(axis, int(within) if within == int(within) else within)
     low, high = axis.get_ylim()
-    axis.set_ylim(low, high + 0.25 * (high - low))
+    axis.set_ylim(low, low + (high - low) / (1 - _headroom(labels)))
     axis.legend(frameon=False, fontsize=8, loc="upper left")
     axis.set_title(f"the worst of them (plant {worst.index})", fontsize=10)
 
@@ -126,12 +133,18 @@ def _sensitivities(axis: Any, certificate: Any, labels: list[str]) -> None:
     long = [f"{short[x.name]} = {x.name}" for x in reversed(found) if short.get(x.name, x.name) != x.name]
     lines = [line for each in long for line in textwrap.wrap(each, _LINE, subsequent_indent="    ")]
     axis.figure.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=7)
+    axis.figure.set_figheight(_HEIGHT + 0.25 * max(len(labels) - _NUMBERED, 0) + 0.13 * len(lines))
     for place, influence in enumerate(found):
         axis.annotate(influence.sense, (shares[place], place), (3, 0), textcoords="offset points", va="center",
                       fontsize=8)  # fmt: skip
     axis.set_xlim(0, 1.35 * max(shares))
     axis.set_ylim(-0.6, max(len(found), 4) - 0.4)
     axis.tick_params(axis="y", labelsize=8)
+
+
+def _headroom(labels: list[str]) -> float:
+    """Share of a panel's height that its legend takes."""
+    return 0.065 * (1 + len(labels))
 
 
 def _label(name: str, labels: list[str]) -> str:

@@ -137,9 +137,9 @@ def _error_axis(axis: Any, evaluation: Evaluation, joint: int) -> tuple[Any, NDA
     axis.plot(record.t, values, drawstyle="steps-post", color="0.7", linewidth=0.6)
     (line,) = axis.plot([], [], drawstyle="steps-post", color=colour, linewidth=0.9)
     draw_band(axis)
-    axis.set_ylabel(evaluation.joint_labels[joint])
+    axis.set_title(evaluation.joint_labels[joint], fontsize=8, loc="left", pad=2)
     if joint == 0:
-        axis.set_title("encoder error [pulses]", fontsize=10)
+        axis.set_title("encoder error [pulses]", fontsize=8, loc="right", pad=2)
     if joint < record.n - 1:
         axis.tick_params(labelbottom=False)
     else:
@@ -184,6 +184,7 @@ class _Scene:
         axis.set_aspect("equal")
         if self.projection:
             axis.set_box_aspect(None, zoom=0.88)  # or the labels are cut off
+            axis.locator_params(nbins=5)
         axis.grid(alpha=0.25, linewidth=0.5)
 
     def draw(self, q: NDArray[np.float64]) -> None:

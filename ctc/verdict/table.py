@@ -26,6 +26,7 @@ def by_joint(labels: Sequence[str], quantities: Sequence[Sequence[str]]) -> list
     if len((lines := aligned(rows))[0]) <= _WIDE:
         return lines
     titles, *joints = zip(*rows, strict=True)
-    wrapped = [textwrap.wrap(title, _TITLE) for title in titles]
+    unbroken = [textwrap.wrap(title.replace("N m", "N~m"), _TITLE) for title in titles]
+    wrapped = [[line.replace("~", " ") for line in lines] for lines in unbroken]
     height = max(map(len, wrapped))
     return aligned([*zip(*([""] * (height - len(each)) + each for each in wrapped), strict=True), *joints])

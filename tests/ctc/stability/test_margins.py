@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from ctc import ComputedTorque
 from ctc.stability.error_loop import error_loop, open_loops, opened
 from ctc.stability.margins import margins
+from identification import identify
 from plant import PointToPoint, StatelessLaw, puma560, simulate
 from plant.parts.part import number, part, structure
 
@@ -137,6 +138,15 @@ def test_a_model_much_too_heavy_is_said_to_be_unstable():
     law = ComputedTorque(puma560.dynamics().arm(4.5 * ARM.f), RIG)
     assert not margins(ARM, RIG, law).stable
     assert str(margins(ARM, RIG, law)).startswith("The closed loop is not stable.")
+
+
+def test_the_arm_may_be_an_identification_or_that_of_the_law():
+    record = simulate(ARM, RIG, puma560.p_law(), puma560.reference(), duration=0.5)
+    known, law = identify(ARM.dynamics, record, seed=1, progress=False), ComputedTorque(ARM, RIG)
+    for arm, same in ((known, known.arm), (None, ARM)):
+        np.testing.assert_array_equal(margins(arm, RIG, law).response, margins(same, RIG, law).response)
+        z = np.exp(1j * np.geomspace(0.01, 1, 5))
+        np.testing.assert_array_equal(error_loop(arm, RIG, law)(z), error_loop(same, RIG, law)(z))
 
 
 def test_table_and_figure_show_each_joint():
