@@ -67,7 +67,6 @@ def _save_figures(
     import matplotlib
 
     matplotlib.use("Agg")
-
     folder.mkdir(parents=True, exist_ok=True)
     dynamics, p, joints = robot.dynamics, found.law, verdicts["P"].joints
     leading = paper.initial_population[paper.initial_costs.argsort()[:4]]

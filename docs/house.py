@@ -69,7 +69,8 @@ def draw():
         axis.add_patch(arrow)
         axis.text(x + 0.02, y + 0.12, text, ha="center", va="bottom", fontsize=10, color="#c8553d")
     axis.text(
-        left - 0.85, 9.6, "A room imports from the rooms below it and from the houses on its left, never the other way.",
+        left - 0.85, 9.6,
+        "A room imports from the rooms below it and from the houses on its left, never the other way.",
         ha="right", fontsize=10, style="italic", color="0.3",
     )  # fmt: skip
     axis.set_xlim(-0.1, left - 0.75)

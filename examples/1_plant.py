@@ -4,8 +4,7 @@ import tempfile
 
 import numpy as np
 
-from plant import Record, linearise, puma560, simulate
-from plant.analysis.linearise import modes
+from plant import Record, linearise, modes, puma560, simulate
 
 arm, rig, p = puma560.arm(), puma560.rig(), puma560.p_law()
 

@@ -8,8 +8,7 @@ GIF of the first goes to figures/.
 
 from pathlib import Path
 
-from ctc import ComputedTorque, evaluate
-from ctc.verdict.animation import animate
+from ctc import ComputedTorque, animate, evaluate
 from plant import PointToPoint, Spline, fastest, puma560, shortest_duration, slowed, torque_share
 
 SHARE, RATE = 0.9, (5e3, 5e3)  # of the limit; N m/s

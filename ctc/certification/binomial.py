@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from scipy.special import betaincinv
+
 __all__ = ["clopper_pearson"]
 
 
@@ -12,9 +14,7 @@ def clopper_pearson(failures: int, samples: int, confidence: float = 0.95) -> tu
 
     Source: C. Clopper and E. Pearson, Biometrika 26 (1934), 404-413.
     """
-    from scipy.stats import beta
-
     tail = (1 - confidence) / 2
-    low = beta.ppf(tail, failures, samples - failures + 1) if failures else 0.0
-    high = beta.ppf(1 - tail, failures + 1, samples - failures) if failures < samples else 1.0
+    low = betaincinv(failures, samples - failures + 1, tail) if failures else 0.0
+    high = betaincinv(failures + 1, samples - failures, 1 - tail) if failures < samples else 1.0
     return float(low), float(high)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctc.certification.binomial import clopper_pearson
+from ctc.certification.figure import plot_certificate
 from ctc.certification.plants import Plants
 from ctc.certification.population import Runs
 from ctc.certification.reserves import Reserves, reserves
@@ -173,8 +174,6 @@ class Certificate:
 
     def plot(self) -> Figure:
         """Draw peak errors, worst loop and sensitivities; see `ctc.certification.figure.plot_certificate`."""
-        from ctc.certification.figure import plot_certificate
-
         return plot_certificate(self)
 
     def __str__(self) -> str:

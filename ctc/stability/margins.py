@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ctc.figures import plot_margins
 from ctc.stability.error_loop import controlled, open_loops, opened
 from ctc.verdict.table import aligned
 from identification import Identification
@@ -82,8 +83,6 @@ class Margins:
         -------
         matplotlib.figure.Figure
         """
-        from ctc.figures import plot_margins
-
         return plot_margins(self)
 
 

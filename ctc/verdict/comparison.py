@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ctc.figures import plot_comparison
 from ctc.verdict.evaluation import Evaluation, evaluate
 from ctc.verdict.table import aligned
 from plant import Arm, DivergenceError, Law, Reference, Rig
@@ -62,8 +63,6 @@ class Comparison:
 
     def plot(self) -> Figure:
         """Draw the errors of all laws that stayed bounded; see `ctc.figures.plot_comparison`."""
-        from ctc.figures import plot_comparison
-
         return plot_comparison(self.evaluations)
 
     def __str__(self) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ctc.figures import plot_evaluation
 from ctc.verdict.table import by_joint
 from plant import Arm, Law, Record, Reference, Rig
 from plant.parts.arguments import choice, known_options
@@ -108,8 +109,6 @@ class Evaluation:
 
     def plot(self, axes: Any = None) -> Figure:
         """Draw error and torque of every joint; see `ctc.figures.plot_evaluation`."""
-        from ctc.figures import plot_evaluation
-
         return plot_evaluation(self, axes)
 
     def __str__(self) -> str:

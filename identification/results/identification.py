@@ -6,6 +6,8 @@ import dataclasses
 
 import numpy as np
 
+from identification.planning.budget import pulse_budget
+from identification.results.plots import plot_identification
 from identification.results.trust import warnings_of
 from identification.search.genetic import GeneticSettings
 from plant import Arm, Law, Rig
@@ -125,8 +127,6 @@ class Identification(Frozen):
         ValueError
             A record without reference.
         """
-        from identification.planning.budget import pulse_budget  # which needs what a result is made of
-
         record = self.records[0]
         if record.reference is None:
             raise ValueError("the record must have a reference for a bound; it has none. Pass reference= with the log.")
@@ -177,8 +177,6 @@ class Identification(Frozen):
 
     def plot(self):
         """Draw fit, surprises, spectrum and intervals; see `identification.results.plots.plot_identification`."""
-        from identification.results.plots import plot_identification
-
         return plot_identification(self)
 
     def __repr__(self):

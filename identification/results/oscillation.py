@@ -14,6 +14,7 @@ import dataclasses
 import numpy as np
 
 from identification.equation_error.pulse_fit import mode_in
+from identification.results.plots import plot_oscillation
 from plant import Arm, Record
 from plant.analysis.linearise import jacobians, modes
 from plant.parts.arguments import array, instance, known_options
@@ -77,8 +78,6 @@ class Oscillation:
 
     def plot(self):
         """Draw the errors as measured and without the oscillation (Figs. 10-11), and their spectrum."""
-        from identification.results.plots import plot_oscillation
-
         return plot_oscillation(self)
 
 

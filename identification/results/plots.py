@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from identification.replay.prediction import Prediction
+from plant import simulate
 
 __all__ = ["plot_identification", "plot_oscillation"]
 
@@ -23,8 +24,6 @@ def plot_identification(found):
     matplotlib figure
     """
     import matplotlib.pyplot as plt
-
-    from plant import simulate
 
     record, n = found.records[0], found.arm.n
     figure = plt.figure(figsize=(11, 2.1 * n + 5.2), layout="constrained")

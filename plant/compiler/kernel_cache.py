@@ -22,11 +22,22 @@ import warnings
 from pathlib import Path
 
 import numba
+from llvmlite.binding import get_host_cpu_features
 
-__all__ = ["CACHE_VARIABLE", "Kernel", "cache_folder"]
+__all__ = ["AVX512_VARIABLE", "CACHE_VARIABLE", "Kernel", "cache_folder"]
 
 CACHE_VARIABLE = "ONEPULSE_CACHE"
 """Environment variable that names another folder for compiled kernels."""
+
+AVX512_VARIABLE = "ONEPULSE_NO_AVX512"
+"""Environment variable: set to 1 before numba compiles anything, it takes the processor for one without AVX-512.
+
+Kernels then take the other path of `plant.compiler.llvm`; numba's cache tells them apart by the processor's features.
+"""
+
+if os.environ.get(AVX512_VARIABLE) == "1":
+    _FEATURES = numba.config.CPU_FEATURES or get_host_cpu_features().flatten()
+    numba.config.CPU_FEATURES = _FEATURES.replace("+avx512", "-avx512")
 
 _LOCK = threading.RLock()
 _MODULES: dict[str, object] = {}

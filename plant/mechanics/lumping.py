@@ -13,7 +13,6 @@ from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import qr
 
 from plant.mechanics.body import parallel_axis
 from plant.parts.part import Part, part, structure
@@ -127,6 +126,8 @@ class Lumping(Part):
 
     def _section(self, rows):
         """Fewest parameters S with B S = 1 on these rows: as many columns of B as rows, found by pivoted QR."""
+        from scipy.linalg import qr  # 0.1 s, which no log needs; its choice among equal columns is in all results
+
         matrix = np.array(self.matrix)
         section = np.zeros(matrix.T.shape)
         rows = np.flatnonzero(rows)

@@ -1,6 +1,6 @@
 """How near the default identification comes to known robots, and whether it knows how near.
 
-    python tests/benchmarks/identification_study.py           # the tables of docs/background/identification.md, some 20 minutes
+    python tests/benchmarks/identification_study.py # tables of docs/background/identification.md, 20 minutes
     python tests/benchmarks/identification_study.py seeds     # or some of them, by name
 
 Robots are simulated at 16 steps per sample, models at 4. Errors are in per cent of the width of the printed ranges.

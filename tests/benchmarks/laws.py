@@ -2,8 +2,8 @@
 
     python tests/benchmarks/laws.py [--write] [--seeds 10]
 
-With --write the tables replace those in docs/guides/laws.md. The robot is the published f at 16 sub-steps; the laws hold what
-`identify` found from a log under P control, by the default method and by the paper's own.
+With --write the tables replace those in docs/guides/laws.md. The robot is the published f at 16 sub-steps; the laws
+hold what `identify` found from a log under P control, by the default method and by the paper's own.
 
 Tuning: of each law's grid below, the setting with the smallest RMS error (both joints, encoder) on trajectory (6) at
 T = 2.5 s, among those whose chatter on joint 2 is at most that of computed torque with its defaults. For the default

@@ -254,7 +254,7 @@ def test_a_loop_that_diverges_says_when_and_where():
 
 
 def test_from_a_sag_the_arm_is_within_one_pulse_after_17_ms():
-    """A joint that hangs 5 pulses below its reference, as a P loop leaves it; the 24 samples are in design.md."""
+    """A joint that hangs 5 pulses below its reference, as a P loop leaves it; design.md quotes the 24 samples."""
     pulse = RIG.drive.joint_angle(2 * np.pi / RIG.encoder.resolution)
     initial = (puma560.reference()([0.0]).q[0] + pulse * (5, 0), (0, 0))
     path = puma560.reference()

@@ -1,0 +1,78 @@
+"""README and docs: code that runs, links and files that are there, every public name in the reference."""
+
+import ast
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+import ctc
+import identification
+import plant
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [page for page in PAGES if "_build" not in page.parts]
+
+
+def blocks(page):
+    return re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+
+
+def test_the_code_of_the_architecture_page_runs():
+    code = "\n".join(blocks(ROOT / "docs" / "architecture.md"))
+    space = {"__name__": "page"}
+    exec(code, space)  # noqa: S102 - our own page
+    assert abs(space["record"].error_pulses).max() > 0
+
+
+def test_the_first_block_of_the_readme_runs(capsys):
+    exec(blocks(ROOT / "README.md")[0].replace("(found, rig, law, path)", "(found, rig, law, path, samples=200)"), {})  # noqa: S102
+    assert "200" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_and_files_are_there(page):
+    text = page.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#\s]+)(?:#[\w-]*)?\)", text):
+        if "://" not in target:
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
+    for path in re.findall(r"`((?:tests|examples|docs|plant|identification|ctc|\.ci)/[\w./]*\w)`", text):
+        assert (ROOT / path).exists(), f"{page.name}: {path}"
+    for path in re.findall(r"(?:python|bash) ((?:tests|examples|docs|\.ci)/[\w./]*\w)", text):
+        assert (ROOT / path).exists(), f"{page.name}: {path}"
+
+
+@pytest.mark.parametrize("package", [plant, identification, ctc], ids=lambda package: package.__name__)
+def test_every_public_name_is_in_the_reference(package):
+    page = (ROOT / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
+    listed = set(re.findall(rf"^\.\. auto\w+:: {package.__name__}\.(\w+)$", page, re.MULTILINE))
+    assert listed == set(package.__all__)
+
+
+def test_what_pages_import_is_public():
+    """A user's script never names a room."""
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        code = blocks(page) + re.findall(r"^```{code-cell}\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+        for block in code:
+            for line in re.findall(r"^(?:from|import) (?:plant|identification|ctc)\b.*$", block, re.MULTILINE):
+                module = re.match(r"(?:from|import) ([\w.]+)", line)[1]
+                assert "." not in module, f"{page.name}: {line}"
+    for script in (ROOT / "examples").glob("*.py"):
+        for node in ast.walk(ast.parse(script.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] in ("plant", "identification", "ctc"):
+                assert "." not in node.module, f"{script.name}: {node.module}"
+
+
+def test_the_picture_shows_every_room():
+    sys.path.insert(0, str(ROOT / "docs"))
+    try:
+        import house
+    finally:
+        sys.path.pop(0)
+    for package, rows in house.floors().items():
+        folders = {path.name for path in (ROOT / package).iterdir() if path.is_dir() and path.name != "__pycache__"}
+        assert folders <= {room for row in rows for room in row}
+        assert all(house.sentence(package, room) for row in rows for room in row)
