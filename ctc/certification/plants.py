@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,5 +67,6 @@ class Plants:
         if self.dropped:
             block, lane = divmod(i, width)
             lost = tuple(np.flatnonzero(self.lost(block, width, steps)[:, lane]).tolist())
-            rig = dataclasses.replace(rig, transport=dataclasses.replace(rig.transport, lost=lost))
+            transport: Any = rig.transport
+            rig = dataclasses.replace(rig, transport=dataclasses.replace(transport, lost=lost))
         return self.arm.dynamics.arm(self.f[i]), rig

@@ -8,7 +8,7 @@ way (viscous friction acts, dry friction does not), and the amplifier is below i
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
@@ -72,8 +72,9 @@ def error_loop(
 
 def controlled(arm: Arm | Identification | None, law: Law) -> Arm:
     """The arm itself, that of an identification, or of None that of the law."""
-    given = arm.arm if isinstance(arm, Identification) else getattr(law, "arm", None) if arm is None else arm
-    return instance("arm", given, Arm, "Pass the arm that is controlled, an identification, or None for the law's own.")
+    given: Any = arm.arm if isinstance(arm, Identification) else getattr(law, "arm", None) if arm is None else arm
+    instance("arm", given, Arm, "Pass the arm that is controlled, an identification, or None for the law's own.")
+    return given
 
 
 def opened(A: Matrix, B: Matrix, C: Matrix, joint: int) -> tuple[Matrix, Matrix, Matrix]:
