@@ -1,4 +1,4 @@
-"""The exact interval of a probability after so many counts."""
+"""Exact confidence interval of a probability from counts (Clopper and Pearson)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from scipy.special import betaincinv
 __all__ = ["clopper_pearson"]
 
 
-def clopper_pearson(failures, samples, confidence=0.95):
+def clopper_pearson(failures: int, samples: int, confidence: float = 0.95) -> tuple[float, float]:
     """Exact two-sided interval (low, high) of a probability, from how often something happened.
 
     ``clopper_pearson(k, n, 2 * c - 1)[1]`` is the one-sided upper bound at confidence c.
