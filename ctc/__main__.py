@@ -67,7 +67,7 @@ def _save_figures(folder, robot, rig, path, measured, paper, found, verdicts):
 
     folder.mkdir(parents=True, exist_ok=True)
     dynamics, p, joints = robot.dynamics, measured.law, verdicts["P"].joints
-    leading = paper.initial_population[paper.initial_costs.argsort()[:4]]
+    leading = paper.initial_population[paper.search.initial_costs.argsort()[:4]]
     models = [simulate(dynamics.arm(f), rig, p, path) for f in leading]
     best = simulate(found.arm, rig, p, path)
     figures = {

@@ -170,7 +170,8 @@ class Uncertainty:
         if self.covariance is not None:
             covariance = self.covariance
         if covariance is None:
-            why = getattr(found, "trouble", None) or "it comes without a covariance"
+            reason = found.fit.fallback_reason if isinstance(found, Identification) else None
+            why = reason or "it comes without a covariance"
             raise ValueError(
                 f"found must say how well it knows: {why}. Pass covariance=, or plants= such as found.candidates."
             )
