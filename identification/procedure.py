@@ -169,10 +169,11 @@ def _validated_ranges(ranges: ArrayLike, unknown: tuple[str, ...]) -> NDArray[np
 
 
 def _nominal(objective: Objective) -> NDArray[np.float64]:
-    """What rig and law of the first record say of the unknowns (k,); NaN for f."""
+    """The unknowns (k,) as rig and law of the first record have them; NaN for f."""
     rig, law = objective.records[0].rig, objective.records[0].law
     known = dict(zip(rig.number_names(), rig.number_values(), strict=True))
-    known |= dict(zip(law.number_names("law."), law.number_values(), strict=True))
+    if law is not None:
+        known |= dict(zip(law.number_names("law."), law.number_values(), strict=True))
     return np.array([known.get(name, np.nan) for name in objective.unknown])
 
 

@@ -53,7 +53,7 @@ def least_squares(
         triangle[i, i] = np.sqrt((column * column).sum())
         if triangle[i, i] < dependent:
             shares = np.linalg.solve(triangle[:i, :i], triangle[:i, i])
-            others = [names[j] for j in np.flatnonzero(np.abs(shares) > 1e-3)]
+            others = [names[j] for j in np.flatnonzero(np.abs(shares) > 1e-3).tolist()]
             raise ValueError(
                 f"unknowns must be separately identifiable; {names[i]} is a combination of {', '.join(others)}. Fix "
                 "one of them, or log a motion that excites more."

@@ -26,7 +26,7 @@ _BAND = 2.0
 """Pass band, in frequencies of the slow mode."""
 
 _BEYOND, _FAR_MORE = 8.0, 1000.0
-"""Pass band where nothing swings, in frequencies of the path; and what tells the path from rounding, in power."""
+"""Pass band where nothing oscillates, in frequencies of the path; and the power of the path over that of rounding."""
 
 _CUTOFF = 2.5
 """Low-pass before differentiation, in pass bands."""
@@ -35,7 +35,7 @@ _CUTOFF_MOST = 0.4 / _CUTOFF
 """Highest pass band, in sample rates."""
 
 _LOWEST, _HIGHEST = 3.0, 0.1
-"""Where a mode is looked for: from so many Hz to this share of the sample rate."""
+"""Where a mode is searched: from so many Hz to this share of the sample rate."""
 
 _POSES = 8
 
@@ -55,21 +55,22 @@ def torque_of(record: Record) -> NDArray[np.float64]:
     commanded = asked_torque(record)
     if commanded is not None:
         return rig.drive.limited(commanded)
-    if record.torque is None and record.current is None:
-        raise ValueError(
-            f"the record must hold torques or currents; the counts under {type(law).__name__} do not tell. Log them."
-        )
     if record.torque is not None:
         logged = record.torque
-    else:
+    elif record.current is not None:
         logged = rig.drive.joint_torque(rig.drive.motor_gain * record.current)
+    else:
+        raise ValueError(
+            f"the record must hold torques or currents; the counts under {type(law).__name__} do not give them. Log "
+            "one of them."
+        )
     if law is None or (law.period is None and not law.replays):
         return logged
     return (logged + np.vstack([logged[:1], logged[:-1]])) / 2  # held from its sample to the next: at one, both act
 
 
 def mode_in(record: Record) -> float:
-    """Frequency [Hz] at which the tracking errors of a record swing most, their accelerations compared."""
+    """Frequency [Hz] of the strongest oscillation in the tracking errors of a record, by their accelerations."""
     error = record.error_pulses - record.error_pulses.mean(axis=0)
     power = np.abs(np.fft.rfft(error * np.hanning(len(error))[:, None], axis=0)) ** 2
     frequency = np.fft.rfftfreq(len(error), record.rig.period)
@@ -89,7 +90,7 @@ def path_in(record: Record) -> float:
 def pass_band(record: Record, arm: Arm | None = None) -> float:
     """Pass band [Hz] of a record's equation error: twice the slow mode, of the data or of a linearised arm.
 
-    Under a law with a memory (computed torque) nothing swings, and the band is some times that of the path.
+    Under a law with a memory (computed torque) nothing oscillates, and the band is a multiple of the path's.
     """
     if record.law is not None and record.law.has_memory(record.n):
         return round(_BEYOND * path_in(record), 1)
@@ -113,7 +114,7 @@ def equation_error(
     dynamics : Dynamics
     records : sequence of Record
     unknown : tuple of str
-        All of f, and linear numbers of the drive; others keep what the record says of them.
+        All of f, and linear numbers of the drive; others keep their values in the record.
     known : dict of str to float, optional
         What some of them are.
 

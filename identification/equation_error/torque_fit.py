@@ -132,7 +132,7 @@ def fit_torque(
     q : (N, n) array_like
         Joint positions [rad], one row per period of the rig.
     torque : (N, n) array_like
-        What the motors gave, joint side [N m] (``rig.drive.joint_torque``).
+        Measured torque of the motors, joint side [N m] (``rig.drive.joint_torque``).
     rig : Rig
         Its friction is part of the equation: what is unknown of it is found, the rest is taken as given.
     cutoff : float

@@ -11,6 +11,8 @@ Source: J. Swevers et al., Optimal robot excitation and identification, IEEE Tra
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -123,7 +125,8 @@ def design_motion(
                 opti.subject_to(opti.bounded(low[i] + margin, value[i, :].T, high[i] - margin))
     quiet = {"print_time": False, "error_on_fail": False}
     opti.solver("ipopt", quiet, {"print_level": 0, "sb": "yes", "max_iter": iterations, "tol": 1e-4})
-    best, random = None, np.random.default_rng(seed)
+    best: tuple[Any, ...] | None = None
+    random = np.random.default_rng(seed)
     middle, half = position.mean(axis=1), np.diff(position, axis=1).ravel() / 2
     for _ in range(starts):
         reach = np.minimum(half, np.minimum(velocity / rate[0], acceleration / rate[0] ** 2))
@@ -177,8 +180,10 @@ def _torque_per_pulse(rig: Rig, law: Law) -> NDArray[np.float64]:
             f"law must be fast and without memory, like P; got {type(law).__name__}. Give that of the log."
         )
     block, zero = law.block(rig), np.zeros(rig.n)
-    asked = [block.step([], zero, zero, zero, zero + e, zero, zero, rig.period, block.values)[0] for e in (0.0, 1.0)]
-    return np.abs((asked[1] - asked[0]).full().ravel())
+    commanded = [
+        block.step([], zero, zero, zero, zero + e, zero, zero, rig.period, block.values)[0] for e in (0.0, 1.0)
+    ]
+    return np.abs((commanded[1] - commanded[0]).full().ravel())
 
 
 def _diagonal(p: int) -> ca.Function:

@@ -18,7 +18,7 @@ _LEAST_SAMPLES = 200
 """Fewer hold no oscillation of a position loop that stands out from its noise."""
 
 _SATURATED = 0.5
-"""Share of the samples at the amplifier's limit from which on nothing but the limit is measured."""
+"""Share of the samples at the amplifier's limit above which a log is refused."""
 
 _PERIODS = 4
 """Of the slow mode that a log has to hold."""

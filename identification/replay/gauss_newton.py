@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.least_squares import least_squares
 
-__all__ = ["Solution", "gauss_newton", "memory_of", "slopes"]
+__all__ = ["Solution", "gauss_newton", "slopes", "variance_inflation"]
 
 _DEPENDENT = 1e-4
-"""Share of its own below which the slope of an unknown is a combination of others: of central differences."""
+"""An unknown whose slope is independent of the others' by less than this share is not separately identifiable."""
 
 _SHORTER = 8
 """How often a step that loses the log is cut to a quarter."""
@@ -105,7 +105,7 @@ def gauss_newton(
     part = least_squares(names, change_per_step, residual, dependent=_DEPENDENT)[1] * np.outer(
         step[varied], step[varied]
     )
-    covariance[np.ix_(varied, varied)] = part * (residual @ residual / readings) * memory_of(residual)
+    covariance[np.ix_(varied, varied)] = part * (residual @ residual / readings) * variance_inflation(residual)
     rms = float(np.sqrt(left @ left / readings))
     return Solution(values=values, covariance=covariance, residual=left, rms_innovation=rms)
 
@@ -161,7 +161,7 @@ def slopes(
     raise ValueError(f"every unknown must keep the arm on the log; any change of {names} loses it. Narrow the ranges.")
 
 
-def memory_of(residual: NDArray[np.float64]) -> float:
+def variance_inflation(residual: NDArray[np.float64]) -> float:
     """By how much autocorrelation makes the variance of a mean exceed that of independent samples: 1 without any."""
     spectrum = np.abs(np.fft.rfft(residual, 2 * len(residual))) ** 2
     own = np.fft.irfft(spectrum)[: _LAGS + 1]

@@ -156,7 +156,7 @@ class _Scored(Experiment):
         for i, row in enumerate(numbers):
             try:
                 rig = self.record.rig.with_numbers(row[-rig_size:])
-                self.record.law.with_numbers(row[p:-rig_size])
+                self.loop.law.with_numbers(row[p:-rig_size])
             except ValueError:  # such a rig, or such a law, there cannot be
                 continue
             margins[i] = least_inertia_margin(self.loop.dynamics, rig, f[i : i + 1])[0]

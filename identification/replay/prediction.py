@@ -38,7 +38,7 @@ With a shorter one it would follow the counts so closely that little else shows.
 _SMALL = 0.01
 """Step of the observer gains, relative."""
 
-_TURN, _TURNED = 1e-4, 0.5
+_ZERO_STEP, _ZERO_LIMIT = 1e-4, 0.5
 """Step of a counter's zero, and its largest magnitude [rad]."""
 
 _LOST, _SETTLING = 4.5, 80
@@ -48,7 +48,7 @@ _UNEQUAL = 1.5
 """Ratio of RMS innovations from which on records and joints are weighted by them."""
 
 _POSITION, _SPEED = (1e-3, 0.9), (1e-7, 0.5)
-"""Between which the observer gains of position and of speed are looked for."""
+"""Between which the observer gains of position and of speed are searched."""
 
 _WINDOW = 10
 """Samples before and after, over which the speed of the counts is taken."""
@@ -104,11 +104,11 @@ class Prediction:
         if simulated:
             correction = Correction(position=(0.0,) * n, speed=(0.0,) * n, zero=(0.0,) * n)
         gains = correction.number_names("correction.")[: 0 if simulated else 2 * n]
-        turns = [f"record[{k}].zero[{i}]" for k in range(len(records) if zeros else 0) for i in range(n)]
-        self.unknown, self._own = (*unknown, *gains, *turns), len(unknown) + len(gains)
-        self.nuisances = np.append(correction.number_values()[: len(gains)], np.zeros(len(turns)))
-        self.nuisance_steps = np.append(_SMALL * self.nuisances[: len(gains)], np.full(len(turns), _TURN))
-        limits = ([_POSITION] * n + [_SPEED] * n)[: len(gains)] + [(-_TURNED, _TURNED)] * len(turns)
+        offsets = [f"record[{k}].zero[{i}]" for k in range(len(records) if zeros else 0) for i in range(n)]
+        self.unknown, self._own = (*unknown, *gains, *offsets), len(unknown) + len(gains)
+        self.nuisances = np.append(correction.number_values()[: len(gains)], np.zeros(len(offsets)))
+        self.nuisance_steps = np.append(_SMALL * self.nuisances[: len(gains)], np.full(len(offsets), _ZERO_STEP))
+        limits = ([_POSITION] * n + [_SPEED] * n)[: len(gains)] + [(-_ZERO_LIMIT, _ZERO_LIMIT)] * len(offsets)
         self.nuisance_bounds = np.array(limits).reshape(-1, 2)
         if replayed:
             self.nuisance_bounds[: len(gains), 1] = self.nuisances[: len(gains)]
@@ -139,7 +139,7 @@ class Prediction:
 
         What the model lacks differs between records; the one that it follows worst must not dominate the sum.
 
-        Returns
+        Reoffsets
         -------
         bool
             Whether scales have changed: not while all are followed about equally well.
@@ -182,7 +182,7 @@ class _Followed(Experiment):
         self.weight = np.sqrt(np.minimum(1.0, moved) * (record.valid * self._settled())[:, None])
 
     def _settled(self) -> NDArray[np.float64]:
-        """0 (N,) while a replay has not found the log again: after a gap, and a start at a speed that nobody knows."""
+        """0 (N,) while a replay has not converged to the log: after a gap, or a start at an unknown speed; else 1."""
         settled, record = np.ones(len(self.record)), self.record
         if record.law is None or not record.law.replays:
             return settled

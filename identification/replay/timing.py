@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.replay.gauss_newton import memory_of
+from identification.replay.gauss_newton import variance_inflation
 from identification.replay.prediction import Prediction
 from plant import Dynamics, Record
 from plant.parts.arguments import instance, known_options, real
@@ -43,7 +43,7 @@ def delay_of(
     weight = prediction.weights
     slope = (difference @ (weight * speed)) / ((weight * speed) @ (weight * speed))
     left = difference - slope * weight * speed
-    std = np.sqrt(np.mean(left**2) * memory_of(left) / ((weight * speed) @ (weight * speed)))
+    std = np.sqrt(np.mean(left**2) * variance_inflation(left) / ((weight * speed) @ (weight * speed)))
     return float(-slope), float(std)
 
 

@@ -56,7 +56,7 @@ class Identification(Frozen):
     search: Search
     diagnostics: Diagnostics
 
-    # -- what is asked for most, from its group ------------------------------------------------------------------
+    # -- the everyday attributes of the groups -------------------------------------------------------------------
     @property
     def f(self) -> NDArray[np.float64]:
         """Parameters (p,) of the arm."""

@@ -76,8 +76,8 @@ class Oscillation(Frozen):
 
     def __str__(self) -> str:
         rows = zip(self.joints, self.amplitude, strict=True)
-        swing = ", ".join(f"{label} {value:.2f}" for label, value in rows)
-        text = f"oscillation at {self.frequency:.1f} Hz [pulses, rms]: {swing}"
+        amplitudes = ", ".join(f"{label} {value:.2f}" for label, value in rows)
+        text = f"oscillation at {self.frequency:.1f} Hz [pulses, rms]: {amplitudes}"
         if self.own is None:
             return f"{text}; pass an arm to learn whether it is the loop's own"
         found = ", ".join(f"{low:.1f}-{high:.1f}" for low, high in self.modes)

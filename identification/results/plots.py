@@ -136,7 +136,7 @@ def plot_oscillation(found: Oscillation) -> Figure:
     return figure
 
 
-def _spectrum(signal: NDArray[np.float64], period: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _spectrum(signal: NDArray[np.float64], period: float) -> tuple[NDArray[Any], NDArray[Any]]:
     """Frequencies [Hz] and amplitudes [pulses] of a signal (N, n), joints together."""
     centred = (signal - signal.mean(axis=0)) * np.hanning(len(signal))[:, None]
     amplitude = np.sqrt((np.abs(np.fft.rfft(centred, axis=0)) ** 2).sum(axis=1)) * 4 / len(signal)

@@ -28,12 +28,12 @@ _WORSE = 1.5
 """How much worse a record kept aside may be repeated."""
 
 _BIASED = 0.08
-"""Share by which least squares may miss f in a band."""
+"""Relative bias of least squares in a band that is tolerated."""
 
 _INSEPARABLE = 0.995
 """Correlation above which two unknowns are not separately identifiable."""
 
-_TURNED = 0.49
+_ZERO = 0.49
 """Zero of a counter [rad] beyond which it is at the end of its range."""
 
 
@@ -76,7 +76,7 @@ def _of_torques(found: Identification) -> Iterator[str]:
             f"least squares on these torques is biased in bands above {max(right):.3g} Hz: it finds {small} Hz of what "
             "repeats the motion."
         )
-    if zeros is not None and np.abs(zeros).max() > _TURNED:
+    if zeros is not None and np.abs(zeros).max() > _ZERO:
         joint = found.arm.dynamics.chain.joint_labels[int(np.abs(zeros).max(axis=0).argmax())]
         yield f"a counter's zero of {joint} ends half a radian away; was it set to zero at the start of the run?"
 

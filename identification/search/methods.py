@@ -1,4 +1,4 @@
-"""Ways to find what is unknown in a log, all with one interface: a `Problem` in, an `Outcome` out.
+"""Methods of identification, all with one interface: a `Problem` in, an `Outcome` out.
 
 paper             the genetic algorithm of 3.7 on objective (4), in given ranges
 genetic           the same with ranges and settings of one's own
@@ -40,7 +40,7 @@ _AT_MOST = 1.5
 """Objective (4) that the prediction error's fit may have, in that of the genetic algorithm's best."""
 
 _NOISE = 0.05
-"""Share by which objective (4) moves with the last digit of a candidate: single counts decide."""
+"""Relative noise of objective (4) over the last digits of a candidate: single counts decide."""
 
 _ROUNDS = 10
 """Of `didim`, at most."""
@@ -85,8 +85,8 @@ def equation_error(problem: Problem) -> Outcome:
 def didim(problem: Problem) -> Outcome:
     """The torque equation along the motion of the arm found last, until that no longer changes.
 
-    It is compared below the slow mode: how that swings depends on the rounding of single counts, which a simulation
-    does not repeat.
+    The band ends below the slow mode: its oscillation depends on the rounding of single counts, which a simulation does
+    not repeat.
     """
     fit = torque_fit(problem)
     stages = {"equation error": start_of_fit(problem, fit)[0]}
@@ -124,7 +124,7 @@ def prediction_error(problem: Problem) -> Outcome:
 def seeded(problem: Problem) -> Outcome:
     """Equation error, genetic algorithm around it, prediction error from there.
 
-    Without a controller in the log there is no genetic algorithm between: a free run adds up all that the model lacks.
+    A log that replays its torques skips the genetic algorithm: an uncorrected run accumulates all model errors.
 
     Last, of some vectors within some hundredths of a standard deviation, which fit the log equally well, the one whose
     simulated errors repeat the measured ones best: objective (4) depends on single counts.
@@ -144,10 +144,10 @@ def seeded(problem: Problem) -> Outcome:
         fit = Fit(unknown=problem.unknown, values=values, candidates=values[None])
         return Outcome(fit=fit, genetic=result, evaluations=result.evaluations, stages=stages)
     outcome = polished(problem, result.x, step, stages)
-    fit, covariance = outcome.fit, outcome.fit.covariance
+    fit = outcome.fit
     stages["prediction error"] = fit.values
     moves = np.random.default_rng(problem.seed).normal(size=(_NEIGHBOURS, len(step)))
-    moves = _NEAR * (moves[:, None, :] * _root(covariance)).sum(axis=2)
+    moves = _NEAR * (moves[:, None, :] * _root(np.asarray(fit.covariance))).sum(axis=2)
     near = np.clip(np.vstack([fit.values, fit.values + moves]), *problem.bounds.T)
     costs = problem.objective(near)
     outcome = dataclasses.replace(

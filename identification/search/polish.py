@@ -1,4 +1,4 @@
-"""What methods share: where the torque equation lets a search begin, and the fit of the prediction error it ends in."""
+"""What methods have in common: a start from the torque equation, and the prediction-error fit at the end."""
 
 from __future__ import annotations
 

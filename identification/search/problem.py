@@ -32,7 +32,7 @@ class Problem:
     held_out : Objective or None
         The same in the records that are not searched.
     nominal : (k,) numpy.ndarray
-        What the first record says of the unknowns; NaN for f.
+        The unknowns as rig and law of the first record have them; NaN for f.
     ranges : (k, 2) numpy.ndarray or None
     method : str
     settings : GeneticSettings
@@ -62,7 +62,7 @@ class Problem:
     @property
     def replays(self) -> list[bool]:
         """Of each record, whether its law repeats logged torques in place of a controller."""
-        return [record.law is not None and record.law.replays for record in self.records]
+        return [record.law is not None and bool(record.law.replays) for record in self.records]
 
     @property
     def everywhere(self) -> NDArray[np.float64] | None:
