@@ -69,7 +69,7 @@ def _save_figures(
     matplotlib.use("Agg")
     folder.mkdir(parents=True, exist_ok=True)
     dynamics, p, joints = robot.dynamics, found.law, verdicts["P"].joints
-    leading = paper.initial_population[paper.initial_costs.argsort()[:4]]
+    leading = paper.initial_population[paper.search.initial_costs.argsort()[:4]]
     models = [simulate(dynamics.arm(f), rig, p, path) for f in leading]
     best = simulate(found.arm, rig, p, path)
     figures = {

@@ -172,7 +172,8 @@ class Uncertainty:
         if self.covariance is not None:
             covariance = self.covariance
         if covariance is None:
-            why = getattr(found, "fallback_reason", None) or "it has none"
+            reason = found.fit.fallback_reason if isinstance(found, Identification) else None
+            why = reason or "it comes without a covariance"
             raise ValueError(
                 f"found must have a covariance: {why}. Pass covariance=, or plants= such as found.candidates."
             )

@@ -40,8 +40,9 @@ Kernels then take the other path of `plant.compiler.llvm`; numba's cache tells t
 """
 
 if os.environ.get(AVX512_VARIABLE) == "1":
-    _FEATURES = numba.config.CPU_FEATURES or get_host_cpu_features().flatten()
-    numba.config.CPU_FEATURES = _FEATURES.replace("+avx512", "-avx512")
+    _config: Any = numba.config
+    _FEATURES = _config.CPU_FEATURES or get_host_cpu_features().flatten()
+    _config.CPU_FEATURES = _FEATURES.replace("+avx512", "-avx512")
 
 _LOCK = threading.RLock()
 _MODULES: dict[str, ModuleType] = {}

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant.parts.arguments import array
 from plant.parts.part import Part, Vector, number, part, structure
-
-if TYPE_CHECKING:
-    from plant.mechanics.dynamics import Dynamics
 
 __all__ = ["Arm"]
 
@@ -31,7 +28,7 @@ class Arm(Part):
     Arguments q, qd, qdd, tau are (n,), joint side, SI; results are numpy arrays.
     """
 
-    dynamics: Dynamics = structure()
+    dynamics: Any = structure()
     f: Vector = number(("p",))
 
     def __post_init__(self) -> None:
