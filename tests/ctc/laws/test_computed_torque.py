@@ -243,7 +243,7 @@ def test_options_run_and_track(options):
 
 
 def test_a_delayed_torque_acts_one_sample_later():
-    """The first torque of a delayed law is what it held back at the start, nothing; the second what it commanded first."""
+    """The first torque of a delayed law is nothing, held back at the start; the second what it commanded first."""
     pulses = np.array([100, -200])
     arguments = (pulses, RIG.cell_centre(pulses), (0.3, -0.2), (1.0, 2.0))
     at_once, _ = asked(law(), *arguments)
