@@ -94,9 +94,11 @@ CHILD = ROOT / "plant" / "logs" / "child.py"
 
 
 def late_imports(tree):
-    """Imports anywhere but in the body of the module: (line, module)."""
+    """Imports anywhere but in the body of the module, and for types alone: (line, module)."""
+    typing = [each for each in tree.body if isinstance(each, ast.If) and ast.unparse(each.test) == "TYPE_CHECKING"]
+    early = [*tree.body, *(each for block in typing for each in block.body)]
     for node in ast.walk(tree):
-        if isinstance(node, (ast.Import, ast.ImportFrom)) and node not in tree.body:
+        if isinstance(node, (ast.Import, ast.ImportFrom)) and node not in early:
             names = node.names if isinstance(node, ast.Import) else [ast.alias("." * node.level + (node.module or ""))]
             yield from ((node.lineno, alias.name) for alias in names)
         elif isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in ("__import__", "import_module"):
@@ -120,6 +122,7 @@ def test_the_scan_finds_late_imports():
         "import a\nfrom b import c\ndef f():\n    import scipy, scipy.stats.qmc as q\n    from . import d\n"
         "class C:\n    from matplotlib import pyplot\nif a:\n    import e\ntry:\n    async def g():\n"
         "        from controls import h\nfinally:\n    importlib.import_module('i')\n__import__('j')\n"
+        "if TYPE_CHECKING:\n    import k\n"
     )
     found = sorted(late_imports(ast.parse(code)))
     names = ["scipy", "scipy.stats.qmc", ".", "matplotlib", "e", "controls", "importlib.import_module('i')"]

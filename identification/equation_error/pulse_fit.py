@@ -12,7 +12,7 @@ import numpy as np
 
 from identification.equation_error.torque_fit import LINEAR, equations, weighted
 from plant.analysis.linearise import jacobians, modes
-from plant.laws.law import asked_torque
+from plant.laws.law import commanded_torque
 
 __all__ = [
     "equation_error", "fit_sides", "linear", "mode_in", "over_bands", "pass_band", "sides_in", "torque_of",
@@ -48,7 +48,7 @@ def torque_of(record):
     A torque that a sampled law holds counts half at both ends of its sample.
     """
     law, rig = record.law, record.rig
-    asked = asked_torque(record)
+    asked = commanded_torque(record)
     if asked is not None:
         return rig.drive.limited(asked)
     if record.torque is None and record.current is None:

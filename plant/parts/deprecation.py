@@ -18,7 +18,7 @@ def warn_renamed(old: str, new: str, *, stacklevel: int = 3) -> None:
 
 
 class Renamed:
-    """An attribute or a method under its old name: ``Rig.turned = Renamed("to_angle")``.
+    """An attribute or a method under its old name: ``Renamed("to_angle")``.
 
     Parameters
     ----------
