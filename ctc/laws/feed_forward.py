@@ -54,9 +54,9 @@ class Aided(ModelLaw):
     ) -> tuple[ca.SX, ca.SX]:
         """Tau = feedback + aid."""
         n = rig.n
-        asked, memory = self.feedback.equations(rig, state[:-n], setpoint, pulses, torque - state[-n:], dt)
+        commanded, memory = self.feedback.equations(rig, state[:-n], setpoint, pulses, torque - state[-n:], dt)
         aid = self.aid(rig, setpoint, pulses)
-        return asked + aid, ca.vertcat(memory, aid)
+        return commanded + aid, ca.vertcat(memory, aid)
 
     @abc.abstractmethod
     def aid(self, rig: Rig, setpoint: Setpoint, pulses: ca.SX) -> ca.SX:

@@ -58,7 +58,7 @@ EVERY = pytest.mark.parametrize("law", ALL.values(), ids=ALL)
 
 
 def step(law, pulses, *motion, rig=RIG, state=None, torque=(0.0, 0.0)):
-    """Torque that a law asks for and its next state, by casadi: its symbolic step, before the amplifier."""
+    """Commanded torque of a law and its next state, by casadi: its symbolic step, before the amplifier."""
     block = law.block(rig)
     state = block.initial if state is None else state
     both = block.step(state, *motion, rig.counts(motion[0]), pulses, torque, law.period or 1e-4, block.values)
@@ -83,7 +83,7 @@ def test_on_the_reference_the_torque_is_inverse_dynamics_and_friction(law, seed)
 
 
 def test_pd_with_gravity_holds_the_arm_where_it_is():
-    """At rest on its reference it asks for the weight alone, at the measured pose; so an arm at rest stays there."""
+    """At rest on its reference it commands the weight alone, at the measured pose; so an arm at rest stays there."""
     pulses = np.array([300, -700])
     q, still = RIG.cell_centre(pulses), np.zeros(2)
     law = PDGravity(arm(), RIG, feedback=FEEDBACK)
@@ -97,7 +97,7 @@ def test_pd_with_gravity_holds_the_arm_where_it_is():
 
 @pytest.mark.parametrize("feedback", [P(gain=(0.2, 0.15)), FEEDBACK, PID_FEEDBACK, CASCADE])
 def test_the_feedback_beside_a_model_is_the_feedback_alone(feedback):
-    """Fed the same counts, the torque asked for is that of the feedback alone plus inverse dynamics and friction.
+    """Fed the same counts, the commanded torque is that of the feedback alone plus inverse dynamics and friction.
 
     At the limit too: of what is cut off, the feedback hears its own part. Alone that is applied - model.
     """
@@ -173,7 +173,7 @@ def test_what_the_amplifier_cuts_off_does_not_wind_up():
     """
 
     class Deaf(ComputedTorqueIntegral):
-        """Takes what it asked for to be what was applied."""
+        """Takes the commanded torque to be what was applied."""
 
         def equations(self, rig, state, setpoint, pulses, torque, dt):
             return super().equations(rig, state, setpoint, pulses, state[-rig.n :], dt)

@@ -46,7 +46,7 @@ def test_a_subclass_is_named():
 
 
 def test_an_old_order_of_arguments():
-    @old_order("b", "a", new="f(a, b)", told=lambda first: isinstance(first, str))
+    @old_order("b", "a", new="f(a, b)", first=str)
     def f(a, b, *, c=0):
         return a, b, c
 
