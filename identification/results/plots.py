@@ -13,9 +13,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from identification.results.identification import Identification
-    from identification.results.oscillation import Oscillation
-
 __all__ = ["plot_identification", "plot_oscillation"]
 
 _MEASURED, _MODEL, _LEFT = "#444444", "#c8553d", "#1f6f8b"
@@ -24,7 +21,7 @@ _MEANING = 68
 """Letters of a parameter's meaning that a figure shows; `Dynamics.legend` has them all."""
 
 
-def plot_identification(found: Identification) -> Figure:
+def plot_identification(found: Any) -> Figure:
     """Draw the first record of an `Identification`.
 
     One row per joint: tracking errors measured and simulated with what was found, the whole record and a short stretch
@@ -82,7 +79,7 @@ def _legend(axis: Axes) -> None:
     axis.legend(frameon=False, fontsize=8, ncols=2, loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0)
 
 
-def _intervals(axis: Axes, found: Identification) -> None:
+def _intervals(axis: Axes, found: Any) -> None:
     """The 95 % interval of each value, as a share of it."""
     place = np.arange(len(found.unknown))
     if found.covariance is not None:
@@ -102,7 +99,7 @@ def _axis(figure: Figure, place: Any, title: str) -> Axes:
     return axis
 
 
-def plot_oscillation(found: Oscillation) -> Figure:
+def plot_oscillation(found: Any) -> Figure:
     """Draw an `Oscillation`: errors measured and without it, one row per joint, and their spectrum below.
 
     Source: paper Figs. 10-11.

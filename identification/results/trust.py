@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from identification.results.identification import Identification
 
 __all__ = ["warnings_of"]
 
@@ -37,7 +34,7 @@ _ZERO = 0.49
 """Zero of a counter [rad] beyond which it is at the end of its range."""
 
 
-def warnings_of(found: Identification) -> list[str]:
+def warnings_of(found: Any) -> list[str]:
     """Lines about an `Identification`."""
     reason = found.fit.fallback_reason
     replayed = any(record.law is not None and record.law.replays for record in found.records)
@@ -52,7 +49,7 @@ def warnings_of(found: Identification) -> list[str]:
     ]
 
 
-def _ends(found: Identification) -> Iterator[str]:
+def _ends(found: Any) -> Iterator[str]:
     if found.search.ranges is None:
         return
     for name, value, (low, high) in zip(found.short_names, found.values, found.search.ranges, strict=True):
@@ -61,7 +58,7 @@ def _ends(found: Identification) -> Iterator[str]:
             yield f"{name} ends at the {end} end of its range; widen it."
 
 
-def _of_torques(found: Identification) -> Iterator[str]:
+def _of_torques(found: Any) -> Iterator[str]:
     """Least squares in its bands, against what repeats the motion; zeros."""
     bands, zeros = found.diagnostics.bands, found.fit.zeros
     right = [band for band, ratio in bands.items() if abs(ratio - 1) < _BIASED]
@@ -81,7 +78,7 @@ def _of_torques(found: Identification) -> Iterator[str]:
         yield f"a counter's zero of {joint} ends half a radian away; was it set to zero at the start of the run?"
 
 
-def _of_fit(found: Identification, replayed: bool) -> Iterator[str]:
+def _of_fit(found: Any, replayed: bool) -> Iterator[str]:
     rms = found.fit.rms_innovation
     if rms is not None and rms > _STRANGE:
         reason = "Was it made with this rig, law and reference?"
@@ -90,7 +87,7 @@ def _of_fit(found: Identification, replayed: bool) -> Iterator[str]:
         yield f"the model follows the log no closer than {rms:.2f} pulses (rounding alone: 0.29). {reason}"
 
 
-def _of_timing(found: Identification) -> Iterator[str]:
+def _of_timing(found: Any) -> Iterator[str]:
     delay, std = found.diagnostics.delay, found.diagnostics.delay_std
     if abs(delay) > max(_LATE, 3 * std):
         yield (
@@ -102,7 +99,7 @@ def _of_timing(found: Identification) -> Iterator[str]:
         yield f"a delay of the log is not separately identifiable from {', '.join(absorbing)}; be sure of the timing."
 
 
-def _of_repeats(found: Identification, replayed: bool) -> Iterator[str]:
+def _of_repeats(found: Any, replayed: bool) -> Iterator[str]:
     difference, held_out = found.diagnostics.difference, found.diagnostics.held_out_difference
     if not np.isfinite(difference):
         yield "the arm cannot repeat the record in a simulation: it diverges, or D(q) is no arm's."
@@ -118,7 +115,7 @@ def _of_repeats(found: Identification, replayed: bool) -> Iterator[str]:
         )
 
 
-def _of_pairs(found: Identification) -> Iterator[str]:
+def _of_pairs(found: Any) -> Iterator[str]:
     if found.covariance is None:
         return
     names = found.short_names
