@@ -20,6 +20,7 @@ nb_execution_raise_on_error = True
 nb_execution_timeout = 300
 nb_merge_streams = True
 napoleon_google_docstring = False
+napoleon_use_ivar = True  # attributes are read, not linked to: many classes have an f and an n
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 html_theme = "furo"

@@ -19,9 +19,12 @@ FACES = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["mypy"]["ov
 pytestmark = pytest.mark.skipif(not MYPY.exists(), reason="mypy is not installed")
 
 SCRIPT = """
+import numpy as np
+
 from ctc import ComputedTorque, certify, evaluate
 from identification import Identification, identify
-from plant import Drive, Record, part, puma560, simulate
+from plant import Body, Chain, Coupling, Drive, Dynamics, Harmonics, Link, Placement, Record, fastest, part, puma560
+from plant import simulate, torque_share, visibility
 
 rig, path = puma560.rig(), puma560.reference()
 measured = simulate(puma560.arm(), rig, puma560.p_law(), path)
@@ -37,6 +40,16 @@ controller = law.start(rig, [0, 0])
 reveal_type(controller.step([0, 0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]))
 reveal_type(rig.drive.gear)
 print(certify(found, rig, law, path).probability)
+
+drive = Drive(gear=(107.8, -53.7), motor_inertia=[2e-4, 2e-4], viscous=(0, 0), coulomb=(0.1, 0.1),
+              motor_gain=np.ones(2), current_limit=(12, np.inf), coupling=Coupling(matrix=np.eye(2)))
+waves = Harmonics(period=3.65, offset=(0, 1), cosine=((1.0,), (0,)), sine=np.zeros((2, 1)))
+rod = Body(mass=2.0, com=(0.2, 0, 0), inertia=(0, 0, 0, 0.03, 0, 0.03))
+elbow = Link(name="2", a=0.4, frame=Placement(rotation=np.eye(3)))
+chain = Chain(links=(Link(name="1"), elbow), bodies=(rod, rod))
+dynamics = Dynamics.from_chain(chain)
+print(dynamics.D(np.zeros(2), dynamics.f()), dynamics.arm(dynamics.f()).dynamics.legend, drive.gear.shape)
+print(visibility(dynamics, waves), torque_share(found.arm, found.rig, waves).max(), fastest(found.arm, rig, path).n)
 
 ComputedTorque(found.arm, found.rig, bandwith=150)  # error: call-arg
 ComputedTorque(found.arm, found.rig, bandwidth="fast")  # error: arg-type

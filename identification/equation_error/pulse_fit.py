@@ -17,7 +17,7 @@ from identification.equation_error.regressor import LINEAR, System, regressor_an
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from plant import Arm, Dynamics, Record, Rig
 from plant.analysis.linearise import jacobians, modes
-from plant.laws.law import asked_torque
+from plant.laws.law import commanded_torque
 
 __all__ = [
     "equation_error", "fit_systems", "linear", "mode_in", "over_bands", "pass_band", "system_of", "torque_of",
@@ -53,7 +53,7 @@ def torque_of(record: Record) -> NDArray[np.float64]:
     A torque that a sampled law holds counts half at both ends of its sample.
     """
     law, rig = record.law, record.rig
-    commanded = asked_torque(record)
+    commanded = commanded_torque(record)
     if commanded is not None:
         return rig.drive.limited(commanded)
     if record.torque is not None:

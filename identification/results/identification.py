@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from identification.equation_error.labels import short_names
 from identification.planning.budget import pulse_budget
 from identification.results.diagnostics import Diagnostics
+from identification.results.plots import plot_identification
 from identification.results.trust import warnings_of
 from identification.search.genetic import GeneticSettings
 from identification.search.outcome import Fit
@@ -199,8 +200,6 @@ class Identification(Frozen):
 
     def plot(self) -> Figure:
         """Draw errors, innovations, spectrum and intervals; see `identification.results.plots.plot_identification`."""
-        from identification.results.plots import plot_identification
-
         return plot_identification(self)
 
     def __repr__(self) -> str:

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.pulse_fit import mode_in
-from plant import Arm, Record
+from identification.results.plots import plot_oscillation
+from plant import Arm, Law, Record
 from plant.analysis.linearise import jacobians, modes
 from plant.parts.arguments import array, instance, known_options
 from plant.parts.frozen import Frozen
@@ -87,8 +88,6 @@ class Oscillation(Frozen):
 
     def plot(self) -> Figure:
         """Draw the errors as measured and without the oscillation (Figs. 10-11), and their spectrum."""
-        from identification.results.plots import plot_oscillation
-
         return plot_oscillation(self)
 
 
@@ -122,9 +121,10 @@ def oscillation(record: Record, arm: Arm | None = None) -> Oscillation:
             raise ValueError("the record must name the law that made it; got None. Pass law= when loading it.")
         record.rig.require_fit(arm.dynamics.chain)
         joints = arm.dynamics.chain.joint_labels
+        law = instance("law of the record", record.law, Law, "Pass law= with the log.")
         angles = record.rig.cell_centre(record.counts)
         poses = angles[:: max(1, len(angles) // _POSES)]
-        found = [modes(jacobians(arm, record.rig, record.law, pose)[0])[:, 0] for pose in poses]
+        found = [modes(jacobians(arm, record.rig, law, pose)[0])[:, 0] for pose in poses]
         count = min(map(len, found))
         lowest, highest = (extreme([each[:count] for each in found], axis=0) for extreme in (np.min, np.max))
         spans = tuple(zip(lowest.tolist(), highest.tolist(), strict=True))

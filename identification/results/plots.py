@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.replay.prediction import Prediction
+from plant import simulate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,8 +34,6 @@ def plot_identification(found: Any) -> Figure:
     matplotlib figure
     """
     import matplotlib.pyplot as plt
-
-    from plant import simulate
 
     dynamics, record, n = found.arm.dynamics, found.records[0], found.arm.n
     prediction = Prediction(dynamics, record, found.unknown)

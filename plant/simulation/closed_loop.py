@@ -2,23 +2,26 @@
 
 Everything that simulates, verifies or differentiates the loop is generated from the functions made here. Time runs in
 *sub-steps* of length h; every `steps_per_sample` of them the log takes a *sample*. Order at one instant: the law (if
-it has a period and its time has come), then the log, then the sub-step.
+it has a period and is due), then the log, then the sub-step.
 
-The sub-step is a midpoint (leapfrog) step: everything is evaluated at q + h/2 qd. It adds no damping of its own, which
+The sub-step is a midpoint (leapfrog) step: everything is evaluated at q + h/2 qd. It adds no numerical damping, which
 matters: the P loop has a mode with a damping ratio near 0.005. The Coriolis torque is taken at the mid-step velocity,
-by one predictor pass, so that energy is kept to order h^2.
+by one predictor pass, so that energy is conserved to order h^2.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
-from plant.laws.law import Law
+from plant.laws.law import Block, Law
 from plant.machine.friction import friction_impulse, smooth_impulse
 from plant.machine.rig import Rig
 from plant.mechanics.dynamics import Dynamics
@@ -28,7 +31,7 @@ from plant.simulation.correction import Correction
 __all__ = ["ClosedLoop", "bounded"]
 
 FAR = 1e6
-"""Where the positions [rad] and velocities [rad/s] of all joints have a length beyond this, the loop has diverged."""
+"""Norm of all positions [rad] and velocities [rad/s] above which the loop has diverged."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -47,11 +50,11 @@ class ClosedLoop:
     smooth : bool
         Encoder as identity and friction regularised, for derivatives.
     score : casadi Function, optional
-        (log, data, memory) -> number, memory; the number is added up over the samples in the state ``score``. `data` is
-        measured, one row a sample; `memory` is state of the score, zero at the start.
+        (log, data, memory) -> number, memory; the number is summed over the samples in the state ``score``. `data` is
+        measured, one row per sample; `memory` is state of the score, zero at the start.
     correction : Correction, optional
-        How the counted positions (n,) [pulses], then in `data` with a weight (1 or 0) behind them, correct the
-        simulated ones at every sample.
+        Observer gains with which the counted positions (n,) [pulses] correct the simulated ones at every sample;
+        `data` then holds these counts, and behind them a weight (1 or 0).
 
     Attributes
     ----------
@@ -70,7 +73,7 @@ class ClosedLoop:
     score: ca.Function | None = None
     correction: Correction | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("steps_per_sample", "sweeps"):
             value = getattr(self, name)
             if not isinstance(value, (int, np.integer)) or value < 1:
@@ -89,17 +92,17 @@ class ClosedLoop:
             )
 
     @property
-    def n(self):
+    def n(self) -> int:
         """Number of joints."""
         return self.dynamics.n
 
     @property
-    def h(self):
+    def h(self) -> float:
         """Length of a sub-step [s]."""
         return self.rig.period / self.steps_per_sample
 
     @cached_property
-    def steps_per_law(self):
+    def steps_per_law(self) -> int:
         """Sub-steps per step of the law; 0 for a law that is evaluated in every sub-step."""
         if self._block.period is None:
             return 0
@@ -112,13 +115,13 @@ class ClosedLoop:
         return steps
 
     @cached_property
-    def _block(self):
+    def _block(self) -> Block:
         return self.law.block(self.rig)
 
     # -- layout of the vectors ---------------------------------------------------------------------------------
     @property
-    def state_names(self):
-        """Joint state, friction impulse, torque, state of law and so on, the score, and if all is well (1 or 0)."""
+    def state_names(self) -> list[str]:
+        """Joint state, friction impulse, torque, states of law, transport and score, the score, and ok (1 or 0)."""
         per_joint = [f"{name}[{i}]" for name in ("q", "qd", "impulse", "torque") for i in range(self.n)]
         carried = [
             *(f"law[{i}]" for i in range(len(self._block.initial))),
@@ -128,8 +131,8 @@ class ClosedLoop:
         return [*per_joint, *carried, "score", "ok"]
 
     @property
-    def time_names(self):
-        """What changes with time and is known beforehand: the reference, a log, the length of the coming sub-step.
+    def time_names(self) -> list[str]:
+        """Inputs that are known beforehand: the reference, a replayed log, the length of the coming sub-step.
 
         With a transport also the place of the sub-step after the law's, and which loops lose their counts.
         """
@@ -138,47 +141,47 @@ class ClosedLoop:
         return [*(f"{name}[{i}]" for name in columns for i in range(self.n)), *passing, "h"]
 
     @property
-    def n_data(self):
+    def n_data(self) -> int:
         """Measured numbers per sample that the score or the correction needs."""
         if self.correction is not None:
             return self.n + 1
-        return 0 if self.score is None else self.score.nnz_in(1)
+        return 0 if self.score is None else int(self.score.nnz_in(1))
 
     @property
-    def n_passing(self):
-        """State of the transport: the torque before, and the counts that the law saw."""
+    def n_passing(self) -> int:
+        """State of the transport: the torque before, and the counts that the law read."""
         return 0 if self.rig.transport is None else 2 * self.n
 
     @property
-    def n_memory(self):
+    def n_memory(self) -> int:
         """State of the score."""
-        return 0 if self.score is None else self.score.nnz_in(2)
+        return 0 if self.score is None else int(self.score.nnz_in(2))
 
     @property
-    def number_names(self):
+    def number_names(self) -> list[str]:
         """f, then the law's numbers, then the rig's, then the correction's."""
         more = [] if self.correction is None else self.correction.number_names("correction.")
         return [*self.dynamics.names, *self._block.names, *more]
 
-    def number_values(self, f):
+    def number_values(self, f: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values (k,) of `number_names` with these f (p,)."""
         more = np.empty(0) if self.correction is None else self.correction.number_values()
         return np.concatenate([f, self._block.values, more])
 
-    def initial_state(self, q, qd):
-        """State (s,) of an arm at q, qd (n,) with nothing applied yet."""
+    def initial_state(self, q: NDArray[np.float64], qd: NDArray[np.float64]) -> NDArray[np.float64]:
+        """State (s,) of an arm at q, qd (n,) with no torque applied yet."""
         more = np.zeros(self.n_passing + self.n_memory)
         return np.concatenate([q, qd, np.zeros(2 * self.n), self._block.initial, more, [0.0, 1.0]])
 
     @cached_property
-    def _symbols(self):
+    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         state = ca.SX.sym("state", len(self.state_names))
         time = ca.SX.sym("time", len(self.time_names))
         return state, time, ca.SX.sym("numbers", len(self.number_names))
 
     @cached_property
-    def _parts(self):
-        """Symbols by what they are."""
+    def _parts(self) -> tuple[Any, ...]:
+        """The symbols, in their groups."""
         state, time, numbers = self._symbols
         n, p = self.n, self.dynamics.p
         q, qd, impulse, torque = (state[i * n : (i + 1) * n] for i in range(4))
@@ -189,8 +192,8 @@ class ClosedLoop:
         return q, qd, impulse, torque, state[4 * n : -2], state[-2:], motion, time[-1], numbers[:p], given, rig
 
     # -- the three steps -----------------------------------------------------------------------------------------
-    def _asked(self, q, dt):
-        """Torque that the law asks for at q, after the amplifier's limit (which swallows NaN), its state, if finite."""
+    def _applied(self, q: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """The law at q: torque after the amplifier's limit (which hides NaN), state, whether the command is finite."""
         *_, torque, carried, _, motion, _, _, given, rig = self._parts
         own, n, pulses = len(self._block.initial), self.n, rig.true_counts(q)
         rest = carried[own:]
@@ -200,7 +203,9 @@ class ClosedLoop:
         asked, following = self._block.step(carried[:own], *motion, pulses, torque, dt, *given)
         return rig.drive.limited(asked), ca.vertcat(following, rest), ca.sum1(ca.fabs(asked)) < ca.inf
 
-    def _function(self, name, following, log=None, data=None):
+    def _function(
+        self, name: str, following: Sequence[Any], log: ca.SX | None = None, data: ca.SX | None = None
+    ) -> ca.Function:
         outputs = [ca.densify(ca.vertcat(*following))] + ([] if log is None else [ca.densify(log)])
         inputs = [*self._symbols] + ([] if data is None else [data])
         names = ["state", "time", "numbers", "data"], ["following", "log"]
@@ -208,36 +213,36 @@ class ClosedLoop:
         return ca.Function(name, inputs, outputs, names[0][: len(inputs)], names[1][: len(outputs)])
 
     @cached_property
-    def law_step(self):
+    def law_step(self) -> ca.Function | None:
         """One step of a law with a period; the torque is held until the next. None for a law without one."""
         if not self.steps_per_law:
             return None
         q, qd, impulse, _, _, status, *_ = self._parts
-        torque, carried, finite = self._asked(q, ca.SX(self._block.period))
+        torque, carried, finite = self._applied(q, ca.SX(self._block.period))
         return self._function("law_step", [q, qd, impulse, torque, carried, status[0], _if(finite, status[1])])
 
     @cached_property
-    def sample(self):
+    def sample(self) -> ca.Function:
         """The log at a sample: error [pulses], joint torque [N m], true q and qd, each (n,), joined.
 
-        With a correction the first is the counted position minus the predicted one instead, and the state that goes on
-        is corrected. Here divergence is found: what is not finite stays so.
+        With a correction the first is the innovation instead, counted minus predicted position, and the following state
+        is corrected. Divergence is detected here; what is not finite stays so.
         """
         q, qd, impulse, torque, carried, status, motion, *_, rig = self._parts
         at_sample, ok = torque, status[1]
         if not self.steps_per_law:
-            at_sample, _, finite = self._asked(q, ca.SX(self.h))
+            at_sample, _, finite = self._applied(q, ca.SX(self.h))
             ok = _if(finite, ok)
         ok = _if(bounded(ca.vertsplit(ca.vertcat(q, qd))), ok)
         data = ca.SX.sym("data", self.n_data)
         if self.correction is None:
             log = ca.vertcat(motion[3] - rig.true_counts(q), at_sample, q, qd)
         else:
-            shares = self.correction.with_numbers(self._symbols[2][-3 * self.n :])
-            surprise = data[:-1] + rig.position_in_pulses(shares.zero) - rig.position_in_pulses(q)
-            log = ca.vertcat(surprise, at_sample, q, qd)
-            known = data[-1] * surprise
-            q, qd = q + rig.to_angle(shares.position * known), qd + rig.to_angle(shares.speed * known) / rig.period
+            gains = self.correction.with_numbers(self._symbols[2][-3 * self.n :])
+            innovation = data[:-1] + rig.position_in_pulses(gains.zero) - rig.position_in_pulses(q)
+            log = ca.vertcat(innovation, at_sample, q, qd)
+            known = data[-1] * innovation
+            q, qd = q + rig.to_angle(gains.position * known), qd + rig.to_angle(gains.speed * known) / rig.period
         score = status[0]
         if self.score is not None:
             kept = carried.shape[0] - self.n_memory
@@ -246,23 +251,23 @@ class ClosedLoop:
         return self._function("sample", [q, qd, impulse, torque, carried, score, ok], log, data)
 
     @cached_property
-    def substep(self):
-        """One midpoint step of length h; its log is the joint's true error [pulses] at the middle of the step."""
+    def substep(self) -> ca.Function:
+        """One midpoint step of length h; its log is the true error [pulses] at the middle of the step."""
         q, qd, impulse, torque, carried, status, motion, h, f, _, rig = self._parts
         middle = q + h / 2 * qd
         if not self.steps_per_law:
-            torque, carried, _ = self._asked(middle, h)
+            torque, carried, _ = self._applied(middle, h)
         acting, own = torque, len(self._block.initial)
         if rig.transport is not None:
             acting = rig.transport.acting(torque, carried[own : own + self.n], self._symbols[1][-3], h)
-        # What follows is on the motors' shafts, where friction acts; without coupling they are the joints.
+        # From here on the motors' shafts, where friction acts; without coupling they are the joints.
         coupling, viscous = rig.drive.coupling, rig.drive.joint_viscous()
         speed = coupling.shaft(qd)
         mobility = inverse(coupling.shaft_inertia(self.dynamics.D(middle, f)) + ca.diag(h / 2 * viscous))
         pushing = coupling.shaft_torque(acting - self.dynamics.gravity(middle, f))
         pushing = pushing - viscous * speed - rig.drive.joint_offset()
 
-        def left(at):
+        def left(at: ca.SX) -> ca.SX:
             return pushing - coupling.shaft_torque(self.dynamics.coriolis(middle, coupling.joint(at), f))
 
         own = mobility.own(left(speed + h / 2 * mobility.solve(left(speed))))  # torque on each, as if it were alone
@@ -280,11 +285,11 @@ class ClosedLoop:
         )
 
 
-def bounded(state):
+def bounded(state: Any) -> Any:
     """Whether q and qd, given row by row as casadi's or numpy's, are finite and have not diverged."""
     return sum(value * value for value in state) < FAR**2
 
 
-def _if(condition, value):
+def _if(condition: ca.SX, value: ca.SX) -> ca.SX:
     """The value where the condition holds, 0 elsewhere; a NaN in the condition counts as not."""
     return ca.if_else(condition, value, 0)

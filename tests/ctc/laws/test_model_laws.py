@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from ctc import Adaptive, ComputedTorque, ComputedTorqueIntegral, FeedForward, PDGravity, SlidingMode
+from identification import identify
 from plant import PD, PID, Cascade, P, PointToPoint, puma560, simulate
 from plant.parts.part import part, restore
 from plant.simulation.simulator import run
@@ -243,6 +244,24 @@ def test_a_rig_of_another_arm_is_refused(law):
         law(rig=one)
 
 
+@cache
+def found():
+    record = simulate(arm(), RIG, puma560.p_law(), puma560.reference(), duration=0.5)
+    return identify(arm().dynamics, record, seed=1, progress=False)
+
+
+@EVERY
+def test_an_identification_is_its_arm_and_its_rig(law):
+    plain, own = law(found().rig, found().arm), law(None, found())
+    assert type(own.arm) is type(plain.arm)
+    assert own == plain
+    assert own.describe() == plain.describe()
+    assert hash(own) == hash(plain)
+    other = dataclasses.replace(RIG, period=2 * RIG.period)
+    assert law(other, found()) == law(other, found().arm)  # a rig that is given comes first
+    assert dataclasses.replace(own) == restore(plain.describe()) == own
+
+
 @pytest.mark.parametrize(
     ("call", "said"),
     [
@@ -266,6 +285,10 @@ def test_a_rig_of_another_arm_is_refused(law):
         (lambda: sliding(layer=-0.1), "layer must be positive"),
         (lambda: SlidingMode(arm(), RIG, bandwidth=60, reach=5, layr=0.05, filter=600), "Did you mean 'layer'"),
         (lambda: SlidingMode(RIG, arm(), bandwidth=60, reach=5, layer=0.05, filter=600), "must be of type Arm"),
+        (lambda: ComputedTorque(arm()), "rig of ComputedTorque must be of type Rig; .* or an identification in place"),
+        (lambda: FeedForward(arm(), feedback=FEEDBACK), "rig of FeedForward must be .* Pass the arm's rig, or an"),
+        (lambda: ComputedTorque(found(), arm()), "rig of ComputedTorque must be of type Rig; got a value of type Arm"),
+        (lambda: ComputedTorque(rig=RIG), "missing a required argument: 'arm'"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(call, said):
