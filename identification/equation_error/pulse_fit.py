@@ -13,7 +13,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.torque_fit import LINEAR, System, TorqueFit, regressor_and_torque, weighted
+from identification.equation_error.regressor import LINEAR, System, regressor_and_torque
+from identification.equation_error.torque_fit import TorqueFit, weighted
 from plant import Arm, Dynamics, Record, Rig
 from plant.analysis.linearise import jacobians, modes
 from plant.laws.law import commanded_torque

@@ -117,6 +117,8 @@ def oscillation(record: Record, arm: Arm | None = None) -> Oscillation:
     own, joints = None, record.rig.joint_labels
     if arm is not None:
         instance("arm", arm, Arm, "Pass found.arm.")
+        if record.law is None:
+            raise ValueError("the record must name the law that made it; got None. Pass law= when loading it.")
         record.rig.require_fit(arm.dynamics.chain)
         joints = arm.dynamics.chain.joint_labels
         law = instance("law of the record", record.law, Law, "Pass law= with the log.")

@@ -172,11 +172,12 @@ def test_what_was_identified_is_drawn_from_its_own_covariance(found):
     np.testing.assert_allclose(own.std(axis=0) / found.std, 1, atol=6 / np.sqrt(2 * 3000))
     friction = plants.values[:, plants.names.index("drive.coulomb[1]")] / RIG.drive.coulomb[1]
     assert abs(friction.std() - 0.1) < 6 * 0.1 / np.sqrt(2 * 3000)
-    with_friction = dataclasses.replace(
-        found, unknown=(*found.unknown, "drive.coulomb[1]", "law.gain[0]"), values=np.append(found.values, (0.2, 9.0)),
+    more = dataclasses.replace(
+        found.fit, unknown=(*found.unknown, "drive.coulomb[1]", "law.gain[0]"),
+        values=np.append(found.values, (0.2, 9.0)),
         covariance=np.pad(found.covariance, (0, 2)) + np.diag([0.0] * 9 + [0.01**2, 1.0]),
     )  # fmt: skip
-    plants = Uncertainty().draw(with_friction, RIG, 3000, 0)
+    plants = Uncertainty().draw(dataclasses.replace(found, fit=more), RIG, 3000, 0)
     level = plants.values[:, plants.names.index("drive.coulomb[1]")]
     assert abs(level.mean() - 0.2) < 6 * 0.01 / np.sqrt(3000)
     assert abs(level.std() - 0.01) < 6 * 0.01 / np.sqrt(2 * 3000)
@@ -366,15 +367,17 @@ def test_wrong_calls_are_refused_in_one_line(call, message):
 
 
 def test_a_gear_cannot_be_drawn(found):
-    with_gear = dataclasses.replace(
-        found, unknown=(*found.unknown, "drive.gear[0]"), values=np.append(found.values, 107.8),
+    gear = dataclasses.replace(
+        found.fit, unknown=(*found.unknown, "drive.gear[0]"), values=np.append(found.values, 107.8),
         covariance=np.pad(found.covariance, (0, 1)) + np.diag([0.0] * 9 + [1.0]),
     )  # fmt: skip
+    with_gear = dataclasses.replace(found, fit=gear)
     with pytest.raises(ValueError, match="laws read their counts by it"):
         certify(with_gear, RIG, LAW, PATH)
-    with_curve = dataclasses.replace(
-        found, unknown=(*found.unknown, "drive.curve.offset[0]"), values=np.append(found.values, 0.01),
+    curve = dataclasses.replace(
+        found.fit, unknown=(*found.unknown, "drive.curve.offset[0]"), values=np.append(found.values, 0.01),
         covariance=np.pad(found.covariance, (0, 1)),
     )  # fmt: skip
+    with_curve = dataclasses.replace(found, fit=curve)
     with pytest.raises(ValueError, match=r"Pass found\.rig"):
         certify(with_curve, RIG, LAW, PATH)
