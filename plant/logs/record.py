@@ -70,18 +70,18 @@ class Record(Frozen):
         Wrong shapes, NaN, time that does not increase, with the index; a law that repeats a column that is not there.
     """
 
-    t: NDArray[np.float64]
+    t: NDArray[Any]
     error_pulses: NDArray[Any]
     rig: Rig
     reference_pulses: Vector = _LEFT_OUT
     law: Law | None = None
     reference: Reference | None = None
-    torque: NDArray[np.float64] | None = None
-    current: NDArray[np.float64] | None = None
-    initial: NDArray[np.float64] | None = None
+    torque: NDArray[Any] | None = None
+    current: NDArray[Any] | None = None
+    initial: NDArray[Any] | None = None
     valid: Vector = _LEFT_OUT
-    true_q: NDArray[np.float64] | None = None
-    true_qd: NDArray[np.float64] | None = None
+    true_q: NDArray[Any] | None = None
+    true_qd: NDArray[Any] | None = None
 
     def __post_init__(self) -> None:
         for name, kind in (("rig", Rig), ("law", (Law, type(None))), ("reference", (Reference, type(None)))):
