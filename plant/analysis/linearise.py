@@ -1,4 +1,4 @@
-"""The closed loop linearised about a pose, for analysis with python-control (imported only here, when asked for)."""
+"""The closed loop linearised about a pose, for linear analysis with python-control."""
 
 from __future__ import annotations
 

@@ -173,9 +173,9 @@ class Signals:
             return np.nan, 0.0
         rest = np.clip(rest, -_WILD - np.abs(expected).max(), _WILD + np.abs(expected).max())
         shifts = range(-_SHIFTS, _SHIFTS + 1)
-        shares = [np.sum(rest * np.roll(expected, shift, axis=0)) / power for shift in shifts]
-        best = int(np.argmax(shares))
-        return shifts[best], float(np.clip(shares[best], 0.0, 1.0))
+        slopes = [np.sum(rest * np.roll(expected, shift, axis=0)) / power for shift in shifts]
+        best = int(np.argmax(slopes))
+        return shifts[best], float(np.clip(slopes[best], 0.0, 1.0))
 
     @functools.cached_property
     def smooth_reference(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:

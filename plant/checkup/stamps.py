@@ -66,7 +66,7 @@ def time_findings(signals: Signals) -> Iterator[Finding]:
     even = (steps < _GAP) & (steps > _CROWD)
     yield Finding.graded(
         "time jitter", None, 100 * np.std(steps[even] if even.any() else steps), "%", look=_JITTER, wrong=_UNTIMED,
-        advice="Intervals scatter; use the logged times, or let the controller's clock stamp the samples.",
+        advice="Intervals jitter; use the logged times, or let the controller's clock stamp the samples.",
     )  # fmt: skip
     yield _stamps(signals)
     yield _repeated(signals)
@@ -94,7 +94,7 @@ def _stamps(signals):
     if shift == 0 and share > _MATCH:
         return Finding(check=name, joint=None, value=0.0, unit=unit, verdict="fine")
     if share < _EVEN:
-        advice = "The stamps scatter, the samples do not: the counts come evenly; put t = row times interval."
+        advice = "The stamps jitter, the samples do not: the counts come evenly; put t = row times interval."
         return Finding(check=name, joint=None, value=None, unit=unit, verdict="look", advice=advice)
     when = f"{abs(shift)} row(s) {'after' if shift > 0 else 'before'} the stamps" if shift else "partly in other rows"
     advice = f"At odd intervals the counts come {when}: clock and counter are not read together; leave out the rows "

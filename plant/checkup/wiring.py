@@ -63,15 +63,15 @@ def _copied(signals, i):
 
 
 def _same_counts(signals, i, j):
-    turned, reference = signals.counts - signals.counts[0], signals.reference
-    angle, pulse = np.abs(signals.rig.to_angle(turned)), np.abs(np.diag(signals.rig.to_angle(np.eye(signals.n))))
-    if not turned[:, i].any():
+    moved, reference = signals.counts - signals.counts[0], signals.reference
+    angle, pulse = np.abs(signals.rig.to_angle(moved)), np.abs(np.diag(signals.rig.to_angle(np.eye(signals.n))))
+    if not moved[:, i].any():
         return False
     if reference is not None:
         commanded = np.abs(signals.rig.to_angle(reference - reference[0]))
         if np.abs(commanded[:, i] - commanded[:, j]).max() <= pulse[i] + pulse[j]:
             return False  # commanded alike
-    return bool((turned[:, i] == turned[:, j]).all() or np.abs(angle[:, i] - angle[:, j]).max() <= pulse[i] + pulse[j])
+    return bool((moved[:, i] == moved[:, j]).all() or np.abs(angle[:, i] - angle[:, j]).max() <= pulse[i] + pulse[j])
 
 
 def _same_torque(signals, i, j):

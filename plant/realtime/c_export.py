@@ -29,7 +29,7 @@ from plant.version import __version__
 __all__ = ["write_c"]
 
 _SECTIONS = {
-    UNIFORM: "from the numbers alone: worked out by the compiler",
+    UNIFORM: "from the numbers alone: evaluated by the compiler",
     TIME: "from the reference alone",
     STATE: "from counts and state",
 }
@@ -138,7 +138,7 @@ def _texts(law, rig, name, scale, largest):
         "meaning": f"of the converter: rounded, within +-{largest:.0f}" if dac
         else "of the joints, after the amplifier's limit [N m]",
         "about": _about(law, rig, block),
-        "state": (f"    int32_t counts[{n}]; /* that ask for it */\n" if dac else "")
+        "state": (f"    int32_t counts[{n}]; /* of the converter, for it */\n" if dac else "")
         + (f"    double state[{states}]; /* of the law */\n" if states else ""),
         "numbers": "\n".join(each for each in numbers if each),
         "helpers": SIGN if re.search(r"\bsign\(", body) else "",

@@ -1,4 +1,4 @@
-"""P gains: they keep what was asked for, are the paper's for the paper's error, and say why where there are none."""
+"""P gains: they keep the given error, are the paper's for the paper's error, and say why where there are none."""
 
 import dataclasses
 

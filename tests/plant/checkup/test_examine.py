@@ -362,7 +362,7 @@ def test_joints_that_are_told_the_same_may_do_the_same():
 # -- open loop: torques in, counts out -------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def open_loop():
-    """12 s of two links that swing under sums of sines; no reference, no law that asks for anything."""
+    """12 s of two links that swing under sums of sines; no reference, no law."""
     dynamics, random, t = Dynamics.from_chain(planar(2)), np.random.default_rng(5), np.arange(12000) * 1e-3
     sines = (
         random.uniform(1, 6, 2) * np.sin(2 * np.pi * random.uniform(0.3, 2, 2) * t[:, None] + random.uniform(0, 6, 2))

@@ -1,4 +1,4 @@
-"""The running controller: its compiled core, what it costs, what it refuses, and what the shell does by itself.
+"""The running controller: its compiled core, what it costs, what it refuses, and guards and safe stop by themselves.
 
 What the guards do to an arm is in tests/ctc/laws/test_faults.py.
 """
@@ -148,7 +148,7 @@ def test_a_torque_limit_above_the_amplifiers_changes_nothing():
     np.testing.assert_allclose(np.abs(running.step(*far)), LIMIT, rtol=1e-12)
 
 
-# -- what the shell does by itself ------------------------------------------------------------------------------------
+# -- guards and safe stop by themselves ------------------------------------------------------------------------------
 def test_a_law_without_a_torque_is_refused_or_stopped():
     """Without guards nothing changes; with them the torque goes to zero within a tenth of the duration."""
     good, bad = ((0, 0), ZERO, ZERO, ZERO), ((3, 4), ZERO, ZERO, (50.0, 50.0))
