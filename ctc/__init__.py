@@ -1,13 +1,13 @@
-"""Computed torque: from an identified arm to a controller, and to a verdict in encoder pulses.
+"""Computed torque: from an identified arm to a controller, and its tracking error in encoder pulses.
 
 Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above all that it imports:
 
 =============== ====================================================================================================
-`certification` `certify`: probability of leaving a pulse limit under parameter uncertainty
+`certification` `certify`: Monte Carlo probability of leaving a pulse limit under parameter uncertainty
 `stability`     the error loop linearised, its margins, gains by design (python-control)
 `verdict`       `evaluate` one arm under one law, `compare` several, animate
 `laws`          computed torque with observer, feed-forward, integral, adaptive, sliding mode
-`figures`       every figure of a verdict, in one style
+`figures`       figures of records and results, in one style
 =============== ====================================================================================================
 
 ``python -m ctc`` runs the paper from end to end.
@@ -25,10 +25,14 @@ for _name in ("plant", "identification"):
             f"{_found.origin if _found else 'nowhere'}. Uninstall the other distribution, or put {_home} first."
         )
 
+from ctc import deprecated as _deprecated  # noqa: F401 - old names, for one release
 from ctc.certification.binomial import clopper_pearson
 from ctc.certification.certificate import Certificate
 from ctc.certification.certify import certify
-from ctc.figures import plot_comparison, plot_evaluation, plot_identification, plot_phase, plot_record
+from ctc.certification.figure import plot_certificate
+from ctc.certification.reserves import Reserves
+from ctc.certification.sensitivity import Influence
+from ctc.figures import plot_comparison, plot_evaluation, plot_identification, plot_margins, plot_phase, plot_record
 from ctc.laws.adaptive import Adaptive
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.laws.computed_torque_integral import ComputedTorqueIntegral
@@ -37,13 +41,14 @@ from ctc.laws.sliding_mode import SlidingMode
 from ctc.stability.design import kalman_gains, lqr_gains, motor_gain, observer_gains, pid_gains
 from ctc.stability.error_loop import error_loop
 from ctc.stability.margins import Margins, margins
-from ctc.verdict.animation import animate
+from ctc.verdict.animation import animate, plot_arm
 from ctc.verdict.comparison import Comparison, compare
 from ctc.verdict.evaluation import Evaluation, evaluate
 
 __all__ = [
     "Adaptive", "Certificate", "Comparison", "ComputedTorque", "ComputedTorqueIntegral", "Evaluation",
-    "FeedForward", "Margins", "PDGravity", "SlidingMode", "animate", "certify", "clopper_pearson", "compare",
-    "error_loop", "evaluate", "kalman_gains", "lqr_gains", "margins", "motor_gain", "observer_gains", "pid_gains",
-    "plot_comparison", "plot_evaluation", "plot_identification", "plot_phase", "plot_record",
+    "FeedForward", "Influence", "Margins", "PDGravity", "Reserves", "SlidingMode", "animate", "certify",
+    "clopper_pearson", "compare", "error_loop", "evaluate", "kalman_gains", "lqr_gains", "margins", "motor_gain",
+    "observer_gains", "pid_gains", "plot_arm", "plot_certificate", "plot_comparison", "plot_evaluation",
+    "plot_identification", "plot_margins", "plot_phase", "plot_record",
 ]  # fmt: skip

@@ -6,14 +6,15 @@ import argparse
 import time
 from pathlib import Path
 
-from ctc import ComputedTorque, evaluate
-from identification import identify
-from plant import puma560, simulate
+from ctc import ComputedTorque, Evaluation, evaluate
+from ctc.figures import plot_comparison, plot_evaluation, plot_identification, plot_record
+from identification import Identification, identify
+from plant import Arm, Record, Reference, Rig, puma560, simulate
 
 
-def main(arguments=None):
+def main(arguments: list[str] | None = None) -> int:
     """Run the main job and print its table."""
-    parser = argparse.ArgumentParser(prog="python -m ctc", description=__doc__.split(" ``")[0])
+    parser = argparse.ArgumentParser(prog="python -m ctc", description=str(__doc__).split(" ``")[0])
     parser.add_argument("--seed", type=_seed, default=1, help="of the genetic algorithm (default 1)")
     parser.add_argument(
         "--figures", type=Path, default=Path("figures"), help="folder for the figures (default figures)"
@@ -38,11 +39,11 @@ def main(arguments=None):
     print("   " + "".join(f"{name:>8}" for name in found.arm.dynamics.names))
     print("   " + "".join(f"{value:8.2f}" for value in puma560.PUBLISHED) + "   of the robot")
     print("   " + "".join(f"{value:8.2f}" for value in paper.f) + "   by the paper's method")
-    print("   " + "".join(f"{value:8.2f}" for value in found.f) + "   by the default, which knows them to")
-    print("   " + "".join(f"{value:8.3f}" for value in found.std) + "   (one standard deviation)")
+    print("   " + "".join(f"{value:8.2f}" for value in found.f) + "   by the default method, and")
+    print("   " + "".join(f"{value:8.3f}" for value in found.std) + "   its standard deviations")
 
     print("3. control: the same arm under P and under computed torque from the f that were found")
-    laws = {"P": p, "computed torque": ComputedTorque(found.arm, found.rig)}
+    laws = {"P": p, "computed torque": ComputedTorque(found)}
     verdicts = {name: evaluate(robot, rig, law, path) for name, law in laws.items()}
     for verdict in verdicts.values():
         print("\n   " + str(verdict).replace("\n", "\n   "))
@@ -53,21 +54,22 @@ def main(arguments=None):
     return 0 if verdicts["computed torque"].within(1) else 1
 
 
-def _seed(text):
+def _seed(text: str) -> int:
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"a seed is a whole number from 0; got {text!r}")
     return int(text)
 
 
-def _save_figures(folder, robot, rig, path, measured, paper, found, verdicts):
+def _save_figures(
+    folder: Path, robot: Arm, rig: Rig, path: Reference, measured: Record, paper: Identification,
+    found: Identification, verdicts: dict[str, Evaluation],
+) -> None:  # fmt: skip
     import matplotlib
 
     matplotlib.use("Agg")
-    from ctc.figures import plot_comparison, plot_evaluation, plot_identification, plot_record
-
     folder.mkdir(parents=True, exist_ok=True)
-    dynamics, p, joints = robot.dynamics, measured.law, verdicts["P"].joints
-    leading = paper.initial_population[paper.initial_costs.argsort()[:4]]
+    dynamics, p, joints = robot.dynamics, found.law, verdicts["P"].joints
+    leading = paper.initial_population[paper.search.initial_costs.argsort()[:4]]
     models = [simulate(dynamics.arm(f), rig, p, path) for f in leading]
     best = simulate(found.arm, rig, p, path)
     figures = {

@@ -1,24 +1,39 @@
-"""Figures: the verdict, P against computed torque, and the paper's Figs. 6-9 and 12-15 redrawn.
+"""Figures of tracking errors, torques, phase and margins, and the paper's Figs. 6-9 and 12-15 redrawn.
 
 matplotlib is imported only when a figure is drawn. Every function returns the figure and leaves saving to the caller.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
+from numpy.typing import NDArray
+
+from plant import Record
+from plant.parts.labels import joint_labels
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = [
-    "COLOURS", "draw_band", "joint_name", "plot_comparison", "plot_evaluation", "plot_identification", "plot_margins",
+    "COLOURS", "draw_band", "plot_comparison", "plot_evaluation", "plot_identification", "plot_margins",
     "plot_phase", "plot_record",
 ]  # fmt: skip
 
-COLOURS = ("#1f6f8b", "#c8553d", "#5a7d2a", "#7b4b94", "#b8860b", "#444444", "#d87ca8")
+COLOURS = ("#1f6f8b", "#c8553d", "#5a7d2a", "#7b4b94", "#b8860b", "#2fb5c7", "#d87ca8")
 """Of the joints, in turn."""
 _BAND = "#e9e4d4"
 _ABREAST = 4
+"""Laws beside each other at most; more stand below each other."""
+_PHASES = 3
+"""Phase plots beside each other at most."""
+_WIDEST = 22.0
+"""Of a figure [inches]."""
 
 
-def _figure(rows, columns, width=9.0, height=2.3):
+def _figure(rows: int, columns: int, width: float = 9.0, height: float = 2.3) -> tuple[Figure, NDArray[Any]]:
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(
@@ -32,16 +47,11 @@ def _figure(rows, columns, width=9.0, height=2.3):
     return figure, axes
 
 
-def joint_name(names, joint):
-    """What to call a joint: by its link's name, or by its number."""
-    return f"joint {names[joint] if names else joint + 1}"
+def _pulses(axis: Any, t: NDArray[Any], error: NDArray[Any], colour: str) -> None:
+    axis.plot(t, error, drawstyle="steps-post", color=colour, linewidth=0.7)
 
 
-def _pulses(axis, t, error, colour, **options):
-    axis.plot(t, error, drawstyle="steps-post", color=colour, linewidth=0.7, **options)
-
-
-def draw_band(axis, pulses=1):
+def draw_band(axis: Any, pulses: float = 1) -> None:
     """The promised band, and whole pulses on the axis, which never ends at the band."""
     from matplotlib.ticker import MaxNLocator
 
@@ -50,10 +60,11 @@ def draw_band(axis, pulses=1):
     low, high = axis.get_ylim()
     axis.set_ylim(min(low, -2.0 * pulses), max(high, 2.0 * pulses))
     axis.annotate(f"±{pulses} pulse", (1.0, pulses), (-2, 1), xycoords=axis.get_yaxis_transform(),
-                  textcoords="offset points", ha="right", va="bottom", fontsize=7, color="0.35")  # fmt: skip
+                  textcoords="offset points", ha="right", va="bottom", fontsize=7, color="0.35",
+                  bbox={"facecolor": "white", "alpha": 0.6, "linewidth": 0, "pad": 0.5})  # fmt: skip
 
 
-def _limit(axis, drive, joint):
+def _limit(axis: Any, drive: Any, joint: int) -> None:
     """The amplifier's limit as dashed lines, where it has one; coupled motors have theirs on the shafts."""
     limit = drive.torque_limit()[joint]
     if np.isfinite(limit) and not drive.coupling.matrix:
@@ -64,7 +75,7 @@ def _limit(axis, drive, joint):
         axis.set_ylim(-1.2 * limit, 1.2 * limit)
 
 
-def _equal_rows(axes, headroom=1.0):
+def _equal_rows(axes: NDArray[Any], headroom: float = 1.0) -> None:
     """One scale per row, so that columns can be compared; `headroom` above one leaves place for a legend."""
     for row in axes:
         largest = max(abs(limit) for axis in row for limit in axis.get_ylim())
@@ -72,12 +83,12 @@ def _equal_rows(axes, headroom=1.0):
             axis.set_ylim(-largest, largest * headroom)
 
 
-def _require_evaluation(name, evaluation):
+def _require_evaluation(name: str, evaluation: Any) -> None:
     if not hasattr(evaluation, "true_error_pulses"):
         raise ValueError(f"{name} must be an Evaluation; got {type(evaluation).__name__}. Pass what evaluate gave.")
 
 
-def plot_evaluation(evaluation, axes=None):
+def plot_evaluation(evaluation: Any, axes: Any = None) -> Figure:
     """Encoder error with the +-1 pulse band (left), torque and the amplifier's limit (right), one row per joint.
 
     Parameters
@@ -96,7 +107,7 @@ def plot_evaluation(evaluation, axes=None):
         colour = COLOURS[joint % len(COLOURS)]
         _pulses(left, record.t, record.error_pulses[:, joint], colour)
         draw_band(left)
-        left.set_ylabel(f"{joint_name(evaluation.joints, joint)}\nerror [pulses]")
+        left.set_ylabel(f"{evaluation.joint_labels[joint]}\nerror [pulses]")
         right.plot(record.t, record.torque[:, joint], color=colour, linewidth=0.7)
         right.set_ylabel("torque [N m]")
         _limit(right, record.rig.drive, joint)
@@ -105,8 +116,8 @@ def plot_evaluation(evaluation, axes=None):
     return figure
 
 
-def plot_phase(evaluation):
-    """Rate of the true error over the true error, one panel per joint: what swings is a ring, what is held a spot.
+def plot_phase(evaluation: Any) -> Figure:
+    """Phase plot: rate of the true error over the true error, one panel per joint; a limit cycle shows as a ring.
 
     Parameters
     ----------
@@ -121,8 +132,12 @@ def plot_phase(evaluation):
     _require_evaluation("evaluation", evaluation)
     record, error = evaluation.record, evaluation.true_error_pulses
     rate = np.gradient(error, record.rig.period * len(record) / len(error), axis=0)
-    figure, axes = plt.subplots(1, record.n, figsize=(4.5 * record.n, 4), squeeze=False, layout="constrained")
-    for joint, axis in enumerate(axes[0]):
+    columns = min(record.n, _PHASES)
+    rows = -(-record.n // columns)
+    figure, axes = plt.subplots(rows, columns, figsize=(4.5 * columns, 4 * rows), squeeze=False, layout="constrained")
+    for axis in axes.flat[record.n :]:
+        axis.remove()
+    for joint, axis in enumerate(axes.flat[: record.n]):
         axis.spines[["top", "right"]].set_visible(False)
         axis.grid(alpha=0.25, linewidth=0.5)
         axis.axvspan(-1, 1, color=_BAND, zorder=0)
@@ -131,13 +146,14 @@ def plot_phase(evaluation):
         reach = 1.1 * max(np.abs(error[:, joint]).max(), 2.0)
         axis.set_xlim(-reach, reach)
         axis.set_xlabel("true error [pulses]; shaded: ±1 pulse")
-        axis.set_title(joint_name(evaluation.joints, joint), fontsize=10)
-    axes[0, 0].set_ylabel("rate of the error [pulses/s]")
+        axis.set_title(evaluation.joint_labels[joint], fontsize=10)
+    for axis in axes[:, 0]:
+        axis.set_ylabel("rate of the error [pulses/s]")
     axes[0, 0].legend(loc="upper right", fontsize=8, frameon=False)
     return figure
 
 
-def plot_comparison(evaluations):
+def plot_comparison(evaluations: dict[str, Any]) -> Figure:
     """Tracking errors of several laws on the same arm.
 
     Up to four laws stand side by side at equal scales; more stand one below the other, each at its own scale, with the
@@ -161,7 +177,7 @@ def plot_comparison(evaluations):
     if abreast:
         figure, axes = _figure(first.n, len(evaluations), width=5.2 * len(evaluations))
     else:
-        figure, axes = _figure(len(evaluations), first.n, width=5.2 * first.n, height=1.5)
+        figure, axes = _figure(len(evaluations), first.n, width=min(5.2 * first.n, _WIDEST), height=1.5)
         axes = axes.T
     for column, (name, evaluation) in enumerate(evaluations.items()):
         record = evaluation.record
@@ -169,35 +185,40 @@ def plot_comparison(evaluations):
             axis = axes[joint, column]
             _pulses(axis, record.t, record.error_pulses[:, joint], COLOURS[joint % len(COLOURS)])
             draw_band(axis)
-            if column == 0 or not abreast:
-                axis.set_ylabel(f"{joint_name(evaluation.joints, joint)}\nerror [pulses]")
+            if abreast and column == 0:
+                axis.set_ylabel(f"{evaluation.joint_labels[joint]}\nerror [pulses]")
+            elif not abreast:
+                axis.set_ylabel("error [pulses]" if joint == 0 else "")
+                axis.set_xlabel(f"{evaluation.joint_labels[joint]}: time [s]" if column == len(evaluations) - 1 else "")
         axes[0, column].set_title(f"{name}: {evaluation.share_within(1)} within ±1 pulse", fontsize=10)
     if abreast:
         _equal_rows(axes)
     return figure
 
 
-def plot_record(record, joints=()):
+def plot_record(record: Record, joints: Sequence[str] = ()) -> Figure:
     """Tracking error and motor current of every joint. Source: paper Figs. 6-9.
 
     Parameters
     ----------
     record : Record
     joints : sequence of str, optional
-        What to call the joints; by default 1, 2, ...
+        Names of the joints; by default those of the rig's drive.
 
     Returns
     -------
     matplotlib.figure.Figure
     """
-    columns = 1 if record.current is None else 2
+    current = record.current
+    columns = 1 if current is None else 2
+    labels = joint_labels(joints or record.rig.drive.joints, record.n)
     figure, axes = _figure(record.n, columns, width=5.5 * columns)
     for joint in range(record.n):
         colour = COLOURS[joint % len(COLOURS)]
         axes[joint, 0].plot(record.t, record.error_pulses[:, joint], color=colour, linewidth=0.7)
-        axes[joint, 0].set_ylabel(f"{joint_name(joints, joint)}\nerror [pulses]")
-        if columns == 2:
-            axes[joint, 1].plot(record.t, record.current[:, joint], color=colour, linewidth=0.7)
+        axes[joint, 0].set_ylabel(f"{labels[joint]}\nerror [pulses]")
+        if current is not None:
+            axes[joint, 1].plot(record.t, current[:, joint], color=colour, linewidth=0.7)
             axes[joint, 1].set_ylabel("current [A]")
     axes[0, 0].set_title("tracking error (paper: Figs. 6, 7)", fontsize=10)
     if columns == 2:
@@ -205,7 +226,9 @@ def plot_record(record, joints=()):
     return figure
 
 
-def plot_identification(measured, first, best, others=(), joints=()):
+def plot_identification(
+    measured: Record, first: Record, best: Record, others: Sequence[Record] = (), joints: Sequence[str] = ()
+) -> Figure:
     """Measured tracking errors beside those of models. Source: paper Figs. 12-15.
 
     Parameters
@@ -217,13 +240,14 @@ def plot_identification(measured, first, best, others=(), joints=()):
     others : sequence of Record
         More models of the initial population, drawn thin.
     joints : sequence of str, optional
-        What to call the joints.
+        Names of the joints; by default those of the rig's drive.
 
     Returns
     -------
     matplotlib.figure.Figure
     """
     figure, axes = _figure(measured.n, 2, width=11)
+    labels = joint_labels(joints or measured.rig.drive.joints, measured.n)
     titles = ("initial population (paper: Figs. 12, 13)", "after identification (paper: Figs. 14, 15)")
     for column, (model, title) in enumerate(zip((first, best), titles, strict=True)):
         for joint in range(measured.n):
@@ -234,14 +258,14 @@ def plot_identification(measured, first, best, others=(), joints=()):
             axis.plot(measured.t, measured.error_pulses[:, joint], color="0.35", linewidth=0.7, label="robot")
             colour = COLOURS[joint % len(COLOURS)]
             axis.plot(model.t, model.error_pulses[:, joint], color=colour, linewidth=0.7, label="best model")
-            axis.set_ylabel(f"{joint_name(joints, joint)}\nerror [pulses]" if column == 0 else "")
+            axis.set_ylabel(f"{labels[joint]}\nerror [pulses]" if column == 0 else "")
             axis.legend(loc="upper right", fontsize=7, ncols=3, frameon=False)
         axes[0, column].set_title(title, fontsize=10)
     _equal_rows(axes, headroom=1.3)
     return figure
 
 
-def plot_margins(margins):
+def plot_margins(margins: Any) -> Figure:
     """Bode diagram of the loop of each joint, and its sensitivity; all over frequency, up to half the sampling rate.
 
     Parameters
@@ -257,7 +281,7 @@ def plot_margins(margins):
     for joint, loop in enumerate(margins.response):
         phase = np.unwrap(np.angle(loop))
         phase -= 2 * np.pi * np.ceil(phase[np.abs(np.abs(loop) - 1).argmin()] / (2 * np.pi))
-        options = {"color": COLOURS[joint % len(COLOURS)], "linewidth": 1.2, "label": joint_name(None, joint)}
+        options = {"color": COLOURS[joint % len(COLOURS)], "linewidth": 1.2, "label": margins.joint_labels[joint]}
         options["linestyle"] = ("-", "--", ":", "-.")[joint % 4]  # joints under one law often lie on one another
         axes[0, 0].plot(f, 20 * np.log10(np.abs(loop)), **options)
         axes[1, 0].plot(f, np.rad2deg(phase), **options)
@@ -265,7 +289,7 @@ def plot_margins(margins):
     for axis, level in zip(axes[:, 0], (0, -180, 0), strict=True):
         axis.axhline(level, color="0.35", linewidth=0.6, linestyle="--")
     near = slice(np.searchsorted(f, f[-1] / 1000), None)
-    for axis, name in zip(axes[:, 0], ("loop [dB]", "its phase [deg]", "sensitivity [dB]"), strict=True):
+    for axis, name in zip(axes[:, 0], ("loop [dB]", "phase [deg]", "sensitivity [dB]"), strict=True):
         axis.set_ylabel(name)
         axis.set_xscale("log")
         axis.set_xlim(f[near][0], f[-1])

@@ -1,14 +1,14 @@
-"""Identification: from records of pulses to the arm's parameters f.
+"""Identification: from records of encoder pulses to the arm's inertial parameters f.
 
 Dynamics + Record(s) -> Arm, the same arm with f found. The rooms, each above all that it imports:
 
 ================ ===================================================================================================
-`repeatability`  `spread`: how much the result varies from seed to seed (4.2)
+`repeatability`  `spread` of the result over seeds (4.2)
 `procedure`      `identify`: prepare, search, assess (3.2)
-`results`        `Identification`, its warnings and figures; bodies that have these f; a load; Figs. 10-11
+`results`        `Identification`, its warnings and figures; physical consistency; a load; Figs. 10-11
 `search`         the genetic algorithm (3.7), seven methods behind one interface
 `planning`       before the experiment: ranges (3.6), pulse budget, excitation, motor tests
-`replay`         the experiment repeated with other numbers: objective (4), prediction error, their least squares
+`replay`         the experiment repeated with other numbers: objective (4), prediction error, Gauss-Newton
 `equation_error` least squares on the torque equation, from logged torques or from counts alone
 ================ ===================================================================================================
 """
@@ -23,6 +23,7 @@ if _found is None or _found.origin is None or Path(_found.origin).resolve().pare
         f"{_found.origin if _found else 'nowhere'}. Uninstall the other distribution, or put {_home} first."
     )
 
+from identification import deprecated as _deprecated  # noqa: F401 - old names, for one release
 from identification.equation_error.filtering import derivatives, low_pass
 from identification.equation_error.torque_fit import TorqueFit, fit_torque
 from identification.planning.budget import Budget, pulse_budget
@@ -33,19 +34,23 @@ from identification.procedure import identify
 from identification.repeatability import Spread, spread
 from identification.replay.objective import Objective
 from identification.replay.timing import without_delay
+from identification.results.diagnostics import Diagnostics
 from identification.results.identification import Identification
 from identification.results.load import Load, find_load
 from identification.results.oscillation import Oscillation, oscillation
 from identification.results.physical import Physical, nearest_physical
-from identification.search.genetic import GeneticResult, GeneticSettings, minimize_genetic
+from identification.search.genetic import GeneticResult, GeneticSettings, GeneticState, minimize_genetic
+from identification.search.outcome import Fit
+from identification.search.search import Search
 from plant.parts.arguments import known_options
 
 # The genetic algorithm imports nothing of this project, so a misspelt setting is caught from here.
 known_options(GeneticSettings)
 
 __all__ = [
-    "Budget", "GeneticResult", "GeneticSettings", "Identification", "Interval", "LinkSize", "Load", "MotorFit",
-    "Objective", "Oscillation", "Physical", "Spread", "TorqueFit", "derivatives", "design_motion", "find_load",
-    "fit_torque", "friction_from_motor_test", "gain_from_current", "identify", "low_pass", "minimize_genetic",
-    "nearest_physical", "oscillation", "pulse_budget", "puma560_ranges", "ranges", "spread", "without_delay",
+    "Budget", "Diagnostics", "Fit", "GeneticResult", "GeneticSettings", "GeneticState", "Identification", "Interval",
+    "LinkSize", "Load", "MotorFit", "Objective", "Oscillation", "Physical", "Search", "Spread", "TorqueFit",
+    "derivatives", "design_motion", "find_load", "fit_torque", "friction_from_motor_test", "gain_from_current",
+    "identify", "low_pass", "minimize_genetic", "nearest_physical", "oscillation", "pulse_budget", "puma560_ranges",
+    "ranges", "spread", "without_delay",
 ]  # fmt: skip

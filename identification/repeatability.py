@@ -1,26 +1,31 @@
-"""How much the result varies over a series of identifications: the paper's *alteration*. Source: paper 4.2."""
+"""Spread of the result over a series of identifications: the paper's *alteration*. Source: paper 4.2."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from identification.procedure import identify
 from identification.results.identification import Identification
+from plant import Dynamics, Record
 from plant.parts.arguments import array
+from plant.parts.frozen import Frozen
 
 __all__ = ["Spread", "alteration", "spread"]
 
 
-def alteration(f):
+def alteration(f: ArrayLike) -> NDArray[np.float64]:
     """(max - min) / (2 abs(mean)) of each column of f (S, p), as a fraction. Source: paper 4.2."""
     f = np.asarray(f, float)
     return (f.max(axis=0) - f.min(axis=0)) / (2 * np.abs(f.mean(axis=0)))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Spread:
+class Spread(Frozen):
     """A series of identifications of the same records.
 
     Attributes
@@ -34,28 +39,37 @@ class Spread:
         Alterations to print beside it.
     """
 
-    names: tuple
+    names: tuple[str, ...]
     runs: tuple[Identification, ...]
-    f: np.ndarray
-    alteration: np.ndarray
-    published: np.ndarray | None
+    f: NDArray[np.float64]
+    alteration: NDArray[np.float64]
+    published: NDArray[np.float64] | None
 
-    def __str__(self):
+    def __str__(self) -> str:
+        dynamics = self.runs[0].arm.dynamics
         lines = [f"{'':>4} {'mean':>9} {'min':>9} {'max':>9} {'alteration':>11}" + self._beside("paper")]
-        for i, name in enumerate(self.names):
+        for i, name in enumerate(dynamics.short_names):
             column = self.f[:, i]
             row = f"{name:>4} {column.mean():9.3f} {column.min():9.3f} {column.max():9.3f} "
             paper = "" if self.published is None else f"{self.published[i]:.0%}"
             lines.append(row + f"{self.alteration[i]:11.0%}" + self._beside(paper))
         first, last = (np.median([getattr(r, k) for r in self.runs]) for k in ("initial_objective", "objective"))
         lines.append(f"objective, median of {len(self.runs)} runs: {first:.0f} -> {last:.0f} pulses^2")
-        return "\n".join(lines)
+        return "\n".join([*lines, *dynamics.legend.splitlines()])
 
-    def _beside(self, text):
+    def _beside(self, text: str) -> str:
         return "" if self.published is None else f" {text:>7}"
 
 
-def spread(dynamics, records, *, seeds=range(10), published=None, method="paper", **options):
+def spread(
+    dynamics: Dynamics,
+    records: Record | Sequence[Record],
+    *,
+    seeds: Iterable[int] = range(10),
+    published: ArrayLike | None = None,
+    method: str = "paper",
+    **options: Any,
+) -> Spread:
     """Identify the same records with several seeds and say how much each f varies.
 
     Parameters
@@ -80,7 +94,7 @@ def spread(dynamics, records, *, seeds=range(10), published=None, method="paper"
     ValueError
         Fewer than two seeds, or what `identify` refuses.
     """
-    seeds = tuple(seeds) if np.iterable(seeds) else (seeds,)
+    seeds = tuple(seeds) if isinstance(seeds, Iterable) else (seeds,)
     if len(seeds) < 2:
         raise ValueError(f"seeds must be two or more; got {len(seeds)}. A spread needs a series of runs.")
     if published is not None:

@@ -1,17 +1,17 @@
 """The plant: a geared arm, its drives and encoders, control laws, and the simulator that joins them.
 
-What an experiment gives: Arm + Rig + Law + Reference -> Record. The rooms, each above all that it imports:
+An experiment: Arm + Rig + Law + Reference -> Record. The rooms, each above all that it imports:
 
 =============== ====================================================================================================
 `robots`        arms to start from: the paper's two links, the whole PUMA 560, planar chains, the TX40
 `analysis`      the loop linearised, python-control, P gains
 `simulation`    the closed loop as one symbolic step, the kernels made of it, `simulate` and `replay`
 `logs`          `Record`, and the readers of files
-`checkup`       is a log what its rig says? (`Record.check`)
+`checkup`       does a log agree with its rig and its law? `Record.check` -> `Checkup`
 `laws`          what a control law has to give; P, PD, PID, cascade, laws that repeat a log
-`realtime`      a law at work: guards, safe stop, the compiled step, its C
-`motion`        references, the fastest path, what a motion demands and shows
-`machine`       friction, drive, encoder, late torque; together the `Rig`
+`realtime`      a law at work: `Guards`, safe stop, the compiled step (`Running`), its C
+`motion`        references, the fastest path, what a motion demands, and what it excites
+`machine`       friction, drive, encoder, transport delay; together the `Rig`
 `mechanics`     links and bodies -> one torque; `Dynamics` (D, h, C, Y read off it) and `Arm`
 `compiler`      a casadi Function as machine code or C; knows nothing of arms
 `parts`         descriptions with named numbers; checks of arguments
@@ -24,6 +24,7 @@ from plant import deprecated as _deprecated  # noqa: F401 - old names, for one r
 from plant.analysis.control_systems import to_control, to_timeresponse
 from plant.analysis.linearise import linearise, modes
 from plant.analysis.p_gains import p_gains
+from plant.checkup.finding import Checkup, Finding
 from plant.laws.cascade import Cascade
 from plant.laws.law import Block, Law, Setpoint, StatelessLaw
 from plant.laws.pid import PD, PID, P
@@ -53,6 +54,7 @@ from plant.motion.visibility import visibility
 from plant.parts.labels import joint_label, joint_labels
 from plant.parts.part import Part, number, part, structure
 from plant.realtime.guards import Guards
+from plant.realtime.running import Running
 from plant.robots import catalogue, puma560
 from plant.siblings import check_siblings
 from plant.simulation.controller_log import write_replay
@@ -69,12 +71,14 @@ __all__ = [
     "Body",
     "Cascade",
     "Chain",
+    "Checkup",
     "Coupling",
     "DivergenceError",
     "Drive",
     "Dynamics",
     "Elasticity",
     "Encoder",
+    "Finding",
     "FrictionCurve",
     "Guards",
     "Harmonics",
@@ -93,6 +97,7 @@ __all__ = [
     "Record",
     "Reference",
     "Rig",
+    "Running",
     "Scaled",
     "Setpoint",
     "Spline",

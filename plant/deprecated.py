@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
+from typing import Any
 
 from plant.analysis.control_systems import to_control, to_timeresponse
+from plant.checkup.finding import Checkup
 from plant.laws.law import Law, StatelessLaw
 from plant.logs.record import Record
 from plant.machine.encoder import Encoder
@@ -17,10 +20,11 @@ __all__: list[str] = []
 _CROSSINGS = {"read": "true_counts", "position": "position_in_pulses", "turned": "to_angle", "angle": "cell_centre"}
 install(Rig, pulses="counts", **_CROSSINGS)
 install(Encoder, pulses="counts", count="quantised", **_CROSSINGS)
+install(Checkup, troubles="problems")
 
 
-def _function(owner, old, function, new):
-    def method(self, *arguments, **options):
+def _function(owner: type, old: str, function: Callable[..., Any], new: str) -> None:
+    def method(self: Any, *arguments: Any, **options: Any) -> Any:
         warn_renamed(f"{owner.__name__}.{old}", new)
         return function(self, *arguments, **options)
 
@@ -40,7 +44,7 @@ _function(
 )
 
 
-def _complete(cls):
+def _complete(cls: type) -> None:
     """A law that gives its equations alone, as laws could: it has no state, and no period."""
     for name in ("period", "initial_state"):
         if "equations" in vars(cls) and getattr(getattr(cls, name), "__isabstractmethod__", False):
@@ -53,4 +57,4 @@ def _complete(cls):
             setattr(cls, name, getattr(StatelessLaw, name))
 
 
-Law.__init_subclass__ = classmethod(_complete)
+Law.__init_subclass__ = classmethod(_complete)  # type: ignore[method-assign, assignment]  # goes with this file

@@ -8,7 +8,7 @@ from pathlib import Path
 __all__ = ["check_siblings"]
 
 
-def check_siblings():
+def check_siblings() -> None:
     """Refuse to work when `identification` or `ctc` would be imported from elsewhere than beside this package.
 
     Raises

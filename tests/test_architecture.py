@@ -79,11 +79,62 @@ def test_import_linter_sees_every_breach(tmp_path):
         assert re.search(re.escape(contract["name"]) + r"\s+BROKEN", said.stdout), said.stdout
 
 
-def test_importing_loads_neither_matplotlib_nor_control():
-    """Both are slow to import (0.4 s, and 1.1-2.9 s) and needed only for figures and for linear analysis."""
+LATE = {  # slow library -> what it costs beside numba and casadi, and who needs it
+    "control": "1.1 s: linear analysis and design",
+    "matplotlib": "0.3 s: figures",
+    "scipy.interpolate": "0.3 s: splines as references, scaled and fastest paths",
+    "scipy.linalg": "0.1 s: dynamics; logs are read and checked without",
+    "scipy.optimize": "0.3 s: the nearest physical arm",
+    "scipy.signal": "0.6 s: filters, which the genetic algorithm does without",
+    "scipy.stats": "0.5 s: Sobol poses, where D depends on several joints",
+}
+
+CHILD = ROOT / "plant" / "logs" / "child.py"
+"""A child process, which imports a reader of files only after it has limited its own memory and time."""
+
+
+def late_imports(tree):
+    """Imports anywhere but in the body of the module, and for types alone: (line, module)."""
+    typing = [each for each in tree.body if isinstance(each, ast.If) and ast.unparse(each.test) == "TYPE_CHECKING"]
+    early = [*tree.body, *(each for block in typing for each in block.body)]
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.Import, ast.ImportFrom)) and node not in early:
+            names = node.names if isinstance(node, ast.Import) else [ast.alias("." * node.level + (node.module or ""))]
+            yield from ((node.lineno, alias.name) for alias in names)
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in ("__import__", "import_module"):
+            yield node.lineno, ast.unparse(node)
+
+
+def slow(name):
+    """The slow library to which a module belongs, or None."""
+    return next((library for library in LATE if f"{name}.".startswith(f"{library}.")), None)
+
+
+def test_only_slow_libraries_are_imported_late():
+    late = [(path.relative_to(ROOT).as_posix(), *found) for path in SOURCES if path != CHILD
+            for found in late_imports(ast.parse(path.read_text(encoding="utf-8")))]  # fmt: skip
+    assert [each for each in late if slow(each[-1]) is None] == []
+    assert {slow(name) for *_, name in late} == set(LATE)
+
+
+def test_the_scan_finds_late_imports():
+    code = (
+        "import a\nfrom b import c\ndef f():\n    import scipy, scipy.stats.qmc as q\n    from . import d\n"
+        "class C:\n    from matplotlib import pyplot\nif a:\n    import e\ntry:\n    async def g():\n"
+        "        from controls import h\nfinally:\n    importlib.import_module('i')\n__import__('j')\n"
+        "if TYPE_CHECKING:\n    import k\n"
+    )
+    found = sorted(late_imports(ast.parse(code)))
+    names = ["scipy", "scipy.stats.qmc", ".", "matplotlib", "e", "controls", "importlib.import_module('i')"]
+    assert [name for _, name in found] == [*names, "__import__('j')"]
+    assert [slow(name) for name in names] == [None, "scipy.stats", None, "matplotlib", None, None, None]
+
+
+def test_importing_loads_no_slow_library():
+    """But what scipy.special brings along, which older versions do."""
     said = python(
-        "import sys, plant, identification, ctc\n"
-        "print(sorted({'matplotlib', 'control'} & {name.split('.')[0] for name in sys.modules}))"
+        "import sys, scipy.special; brought = set(sys.modules); import plant, identification, ctc\n"
+        f"print([name for name in {list(LATE)} if name in set(sys.modules) - brought])"
     )
     assert said.stdout.strip() == "[]", said.stderr
 

@@ -46,7 +46,7 @@ CALLS = {
     "negative gain": (lambda r: P(gain=(-1, 1)), "gain must not be negative"),
     "no names": (lambda r: Link("1", 0, 0, 0), "too many positional arguments"),
     "half a drive": (lambda r: Drive(gear=(1,)), "missing a required argument: 'motor_inertia'"),
-    "no rig": (lambda r: ComputedTorque(ARM), "missing a required argument: 'rig'"),
+    "no rig": (lambda r: ComputedTorque(ARM), "rig of ComputedTorque must be of type Rig"),
     "text for a flag": (lambda r: ComputedTorque(ARM, RIG, friction="no"), "must be of type bool"),
     "no laws": (lambda r: plot_comparison({}), "got none"),
     "no samples": (lambda r: Record(t=[], reference_pulses=NOTHING, error_pulses=NOTHING, rig=RIG), "got none"),

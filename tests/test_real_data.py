@@ -70,7 +70,7 @@ def test_double_pendulum_has_the_published_terms(pendulum):
 def test_double_pendulum_began_where_friction_held_it(pendulum):
     """What the fit does not know: at rest in the zeros that it found, gravity is less than dry friction."""
     _, _, found, _ = pendulum
-    held = [np.abs(found.arm.h(zero, np.zeros(2))) / found.rig.drive.joint_coulomb() for zero in found.zeros]
+    held = [np.abs(found.arm.h(zero, np.zeros(2))) / found.rig.drive.joint_coulomb() for zero in found.fit.zeros]
     assert np.max(held) < 1
 
 
@@ -78,8 +78,8 @@ def test_double_pendulum_warns_of_least_squares_above_some_hertz(pendulum):
     """By comparison, band by band: nearly right from 2 to 4 Hz, 10 % short at 5.7 Hz, a third missing at 11 Hz."""
     *_, found, _ = pendulum
     assert any("least squares on these torques is biased in bands above 4 Hz" in text for text in found.warnings)
-    assert min(abs(share - 1) for share in found.bands.values()) < 0.08
-    assert found.bands[16.0] < 0.5
+    assert min(abs(share - 1) for share in found.diagnostics.bands.values()) < 0.08
+    assert found.diagnostics.bands[16.0] < 0.5
 
 
 def test_double_pendulum_is_controlled_to_a_pulse(pendulum):

@@ -1,20 +1,20 @@
-"""The exact interval of a probability after so many counts."""
+"""Exact confidence interval of a probability from counts (Clopper and Pearson)."""
 
 from __future__ import annotations
+
+from scipy.special import betaincinv
 
 __all__ = ["clopper_pearson"]
 
 
-def clopper_pearson(failures, samples, confidence=0.95):
+def clopper_pearson(failures: int, samples: int, confidence: float = 0.95) -> tuple[float, float]:
     """Exact two-sided interval (low, high) of a probability, from how often something happened.
 
     ``clopper_pearson(k, n, 2 * c - 1)[1]`` is the one-sided upper bound at confidence c.
 
     Source: C. Clopper and E. Pearson, Biometrika 26 (1934), 404-413.
     """
-    from scipy.stats import beta
-
     tail = (1 - confidence) / 2
-    low = beta.ppf(tail, failures, samples - failures + 1) if failures else 0.0
-    high = beta.ppf(1 - tail, failures + 1, samples - failures) if failures < samples else 1.0
+    low = betaincinv(failures, samples - failures + 1, tail) if failures else 0.0
+    high = betaincinv(failures + 1, samples - failures, 1 - tail) if failures < samples else 1.0
     return float(low), float(high)

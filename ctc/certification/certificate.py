@@ -1,24 +1,36 @@
-"""What was found when many possible plants were run: how many leave, how bad the worst is, and what makes it.
+"""Probability of leaving a pulse limit with its exact bounds, the worst plant, and the sensitivities.
 
-The bound on their share is exact (Clopper and Pearson), whatever the errors' distribution.
+The bounds are those of Clopper and Pearson, exact whatever the distribution of the errors.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+import textwrap
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ctc.certification.binomial import clopper_pearson
+from ctc.certification.figure import plot_certificate
 from ctc.certification.plants import Plants
 from ctc.certification.population import Runs
-from ctc.certification.sensitivity import influences
+from ctc.certification.reserves import Reserves, reserves
+from ctc.certification.sensitivity import Influence, influences
+from ctc.verdict.table import aligned, by_joint
 from plant import Arm, Law, Reference, Rig
 from plant.parts.arguments import known_options
 from plant.simulation.loop_kernel import LANES
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 __all__ = ["Certificate", "Worst"]
+
+_SHOWN = 5
+"""Sensitivities in the table."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,25 +40,25 @@ class Worst:
     Attributes
     ----------
     arm, rig : Arm, Rig
-        With load, friction, phase, delay and lost samples.
+        The rig with its friction, phase, delay and lost samples; the arm with its load.
     peak : float
         Largest counted error [pulses]; inf if the loop diverged.
     index : int
         Which of the plants it is.
     values : dict
-        What was drawn for it.
+        Of the numbers drawn for it, by name.
     """
 
     arm: Arm
     rig: Rig
     peak: float
     index: int
-    values: dict
+    values: dict[str, float]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Certificate:
-    """How many of the plants that are possible leave the limit under a law, and why. Print it for a table.
+    """Probability of leaving a pulse limit under parameter uncertainty, and why. Print it for a table.
 
     Attributes
     ----------
@@ -55,7 +67,7 @@ class Certificate:
     plants : Plants
         What was drawn.
     runs : Runs
-        What became of each: ``peak``, ``unrounded``, ``outside``, ``current``, ``first``.
+        Results of each: ``peak``, ``unrounded``, ``outside``, ``current``, ``first``.
     within : float
         Limit [pulses].
     confidence : float
@@ -72,63 +84,63 @@ class Certificate:
     runs: Runs
     within: float
     confidence: float
-    settings: dict
+    settings: dict[str, Any]
     threads: int
     seconds: float
 
     @property
-    def failures(self):
+    def failures(self) -> int:
         """How many of the loops left the limit at any sample, or diverged."""
         return int((self.runs.outside > 0).sum())
 
     @property
-    def probability(self):
-        """Share of the loops that left."""
+    def probability(self) -> float:
+        """Share of the loops that left the limit."""
         return self.failures / len(self.plants)
 
     @property
-    def interval(self):
+    def interval(self) -> tuple[float, float]:
         """Two-sided interval (low, high) of that probability, at the confidence."""
         return clopper_pearson(self.failures, len(self.plants), self.confidence)
 
     @property
-    def upper(self):
+    def upper(self) -> float:
         """One-sided upper bound of that probability, at the confidence."""
         return clopper_pearson(self.failures, len(self.plants), 2 * self.confidence - 1)[1]
 
     @property
-    def share_outside(self):
-        """Share of all samples of all loops that are outside."""
+    def share_outside(self) -> float:
+        """Share of all samples of all loops that are outside the limit."""
         return float(self.runs.outside.mean() / self.runs.samples)
 
     @property
-    def saturation(self):
+    def saturation(self) -> NDArray[np.float64]:
         """Share of the loops that reach the amplifier's limit, (n,)."""
         limit = self.plants.rig.drive.current_limit
         return (np.isfinite(limit) & (self.runs.current >= limit * (1 - 1e-12))).mean(axis=0)
 
     @property
-    def current_share(self):
+    def current_share(self) -> NDArray[np.float64]:
         """Largest motor current of a loop as a share of the amplifier's limit, median of the loops, (n,)."""
         limit = self.plants.rig.drive.current_limit
         median = np.median(self.runs.current, axis=0)
         return np.divide(median, limit, out=np.zeros(len(limit)), where=np.isfinite(limit))
 
     @property
-    def hurts(self):
-        """Influence of all that was drawn on the peak error, the largest first (`ctc.certification.sensitivity`)."""
+    def sensitivities(self) -> list[Influence]:
+        """Sensitivity of the peak error to each of the drawn numbers, the largest first."""
         names, values = self.plants.names, self.plants.values
         if self.plants.dropped:
             names, values = (*names, "lost samples"), np.column_stack([values, self.runs.lost])
         return influences(names, values, self.runs.unrounded.max(axis=1))
 
     @property
-    def worst(self):
+    def worst(self) -> Worst:
         """The plant with the largest counted error; among equals, with the largest before rounding."""
         peak, unrounded = self.runs.peak.max(axis=1), self.runs.unrounded.max(axis=1)
         return self.plant(int(np.lexsort((unrounded, peak))[-1]))
 
-    def plant(self, index):
+    def plant(self, index: int) -> Worst:
         """One of the plants, ready for `evaluate`.
 
         Returns
@@ -139,10 +151,10 @@ class Certificate:
             raise ValueError(f"index must be a whole number from 0 to {len(self.plants) - 1}; got {index!r}.")
         arm, rig = self.plants.plant(index, LANES, self.settings["law_steps"])
         values = dict(zip(self.plants.names, self.plants.values[index].tolist(), strict=True))
-        return Worst(arm=arm, rig=rig, peak=float(self.runs.peak[index].max()), index=index, values=values)
+        return Worst(arm=arm, rig=rig, peak=float(self.runs.peak[index].max()), index=int(index), values=values)
 
     @property
-    def verdict(self):
+    def verdict(self) -> str:
         """One sentence."""
         count, limit = f"{len(self.plants):,} possible plants", f"±{self.within:g} pulse{'s' * (self.within != 1)}"
         sure = f"with {100 * self.confidence:g} % confidence"
@@ -153,60 +165,52 @@ class Certificate:
         return f"{share} of {count} leave {limit} at some sample; {sure}, at most {bound} of all would."
 
     @known_options
-    def margins(self, *, samples=400, allowed=0.0):
-        """How far the law can be changed until more than a share `allowed` of the first `samples` plants leave.
+    def reserves(self, *, samples: int = 400, allowed: float = 0.0) -> Reserves:
+        """Lowest bandwidth and longest period at which at most a share `allowed` of the first `samples` plants leaves.
 
         See `ctc.certification.reserves.reserves`, which this calls.
         """
-        from ctc.certification.reserves import reserves
-
         return reserves(self, samples, allowed)
 
-    def plot(self):
-        """Draw the verdict, the worst loop, and what hurts; see `ctc.certification.figure.plot_certificate`."""
-        from ctc.certification.figure import plot_certificate
-
+    def plot(self) -> Figure:
+        """Draw peak errors, worst loop and sensitivities; see `ctc.certification.figure.plot_certificate`."""
         return plot_certificate(self)
 
-    def __str__(self):
-        worst, runs = self.worst, self.runs
-        joints = [f"joint {link.name}" for link in self.plants.arm.dynamics.chain.links]
-
-        def row(name, values):
-            return f"{name:<42}" + "".join(f"{value:>12}" for value in values)
-
-        low, high = self.interval
-        lines = [
-            f"{type(self.law).__name__}: {self.verdict}",
-            row(
-                f"probability, {100 * self.confidence:g} % interval", [f"{_percent(low)} to {_percent(high, up=True)}"]
-            ),
-            row("samples outside, share of all", [_percent(self.share_outside)]),
+    def __str__(self) -> str:
+        worst, runs, (low, high) = self.worst, self.runs, self.interval
+        rows = [
+            (f"probability, {100 * self.confidence:g} % interval", f"{_percent(low)} to {_percent(high, up=True)}"),
+            ("samples outside, share of all", _percent(self.share_outside)),
         ]
         if self.failures:
-            lines.append(row("first left, median [s]", [f"{np.nanmedian(runs.first):.3f}"]))
-        lines += [
-            row("", joints),
-            row("counted error, worst peak [pulses]", [f"{peak:.0f}" for peak in runs.peak.max(axis=0)]),
-            *(
-                row(f"error before rounding, {name} peak [pulses]", [f"{v:.2f}" for v in values])
-                for name, values in (
-                    ("median", np.median(runs.unrounded, axis=0)),
-                    ("99 %", np.quantile(runs.unrounded, 0.99, axis=0, method="higher")),
-                )
-            ),
-            row("motor current, median peak / limit", [f"{share:.0%}" for share in self.current_share]),
-            row("loops that reach the limit", [_percent(share) for share in self.saturation]),
-            f"worst: plant {worst.index}, {f'{worst.peak:.0f} pulse(s)' if np.isfinite(worst.peak) else 'diverges'}",
-            f"{'what hurts':<28}{'explains':>10}",
-            *(f"{each.name:<28}{each.share:>10.0%}{each.sense:>14}".rstrip() for each in self.hurts[:5]),
+            rows.append(("first left, median [s]", f"{np.nanmedian(runs.first):.3f}"))
+        peak = f"{worst.peak:.0f} pulse(s)" if np.isfinite(worst.peak) else "diverges"
+        rows.append(("worst plant", f"{worst.index}, {peak}"))
+        high_quantile = np.quantile(runs.unrounded, 0.99, axis=0, method="higher")
+        quantities = [
+            ("counted error, worst peak [pulses]", *(f"{peak:.0f}" for peak in runs.peak.max(axis=0))),
+            ("error before rounding, median peak [pulses]", *(f"{x:.2f}" for x in np.median(runs.unrounded, axis=0))),
+            ("error before rounding, 99 % peak [pulses]", *(f"{x:.2f}" for x in high_quantile)),
+            ("motor current, median peak / limit", *(f"{share:.0%}" for share in self.current_share)),
+            ("loops that reach the limit", *map(_percent, self.saturation)),
         ]
+        shown, dynamics = self.sensitivities[:_SHOWN], self.plants.arm.dynamics
+        short = dict(zip(dynamics.names, dynamics.short_names, strict=True))
+        explained = [(short.get(x.name, x.name), f"{x.share:.0%}", x.sense) for x in shown]
+        lines = [
+            f"{type(self.law).__name__}: {self.verdict}",
+            *aligned(rows),
+            *by_joint(dynamics.chain.joint_labels, quantities),
+            *aligned([("sensitivity to", "explains", "direction"), *explained]),
+        ]
+        long = [f"{short[x.name]} = {x.name}" for x in shown if short.get(x.name, x.name) != x.name]
+        lines += [line for each in long for line in textwrap.wrap(each, 110, subsequent_indent="    ")]
         if self.plants.redrawn:
-            lines.append(f"{self.plants.redrawn} draws could be no arm, and were drawn again")
+            lines.append(f"{self.plants.redrawn} draws were no arm, and were drawn again")
         return "\n".join(lines)
 
 
-def _percent(share, up=False):
+def _percent(share: float, up: bool = False) -> str:
     """A probability as text, with two digits that count, or three; a bound is rounded up."""
     percent = 100 * share
     if percent > 0:

@@ -1,46 +1,53 @@
-"""The verdict over what is not known: how probable is it that the arm leaves so many pulses, and what makes it?
+"""Monte Carlo probability that an arm leaves a pulse limit under a law, given the uncertainty of its parameters.
 
-A law is made from one estimate; the arm is another one. Many arms that could be it are drawn
-(`ctc.certification.uncertainty`), every one of them is run under the law (`ctc.certification.population`), and those
-that leave are counted (`ctc.certification.certificate`). What is said holds for what was drawn, and for nothing else.
+A law is designed for one estimate, and the arm differs from it. Plants are drawn from the uncertainty
+(`ctc.certification.uncertainty`), each is simulated under the law (`ctc.certification.population`), and those that
+leave the limit are counted (`ctc.certification.certificate`). It holds for the uncertainty that was drawn, no other.
 """
 
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ctc.certification.certificate import Certificate
 from ctc.certification.population import Population
 from ctc.certification.uncertainty import Uncertainty
-from plant import Law, Reference, Rig
+from identification import Identification
+from plant import Arm, Law, Reference, Rig
 from plant.parts.arguments import instance, known_options, real
+from plant.parts.deprecation import old_order
 from plant.simulation.threads import cores
 
 __all__ = ["certify"]
 
 
+@old_order("law", "found", "rig", "reference", first=Law, new="certify(found, rig, law, reference)")
 @known_options
 def certify(
-    law, found, rig, reference, *, samples=10_000, seed=0, within=1, confidence=0.95, covariance=None, plants=None,
-    friction=0.1, load=0.0, load_position=None, phase=True, delay=0.0, dropped=0.0, after=0.0, steps_per_sample=16,
-    duration=None, threads=None,
-):  # fmt: skip
-    """Probability that an arm leaves its limit under a law, over what is not known of the arm.
+    found: Identification | Arm, rig: Rig, law: Law, reference: Reference, *, samples: int = 10_000, seed: int = 0,
+    within: float = 1, confidence: float = 0.95, covariance: ArrayLike | None = None, plants: ArrayLike | None = None,
+    friction: float = 0.1, load: ArrayLike = 0.0, load_position: ArrayLike | None = None, phase: bool = True,
+    delay: ArrayLike = 0.0, dropped: float = 0.0, after: float = 0.0, steps_per_sample: int = 16,
+    duration: float | None = None, threads: int | None = None,
+) -> Certificate:  # fmt: skip
+    """Monte Carlo probability of leaving a pulse limit under parameter uncertainty.
 
     Parameters
     ----------
-    law : Law
-        As designed; only the plants differ.
     found : Identification or Arm
         Where the plants are drawn: ``found.values`` with ``found.covariance``. An arm needs one of `covariance` and
         `plants`.
     rig : Rig
-        Of the plants, such as ``found.rig``; what `found` knows of it is used in any case.
+        Of the plants, such as ``found.rig``; what was identified of it is taken from `found` in any case.
+    law : Law
+        As designed, the same for all plants.
     reference : Reference
     samples : int
-        Closed loops.
+        Number of plants, each a closed loop.
     seed : int
     within : float
         Limit of the counted error [pulses].
@@ -49,14 +56,14 @@ def certify(
     covariance, plants, friction, load, load_position, phase, delay, dropped
         What is drawn: see `ctc.certification.uncertainty.Uncertainty`.
     after : float
-        Samples before this time do not count [s]: by default all do, also those in which the law finds the arm up to
-        half a pulse off its reference.
+        Samples before this time do not count [s]; by default all do, also the first, at which the arm is up to half a
+        pulse off its reference.
     steps_per_sample : int
         Integration steps between two samples; 16 is what `evaluate` takes.
     duration : float, optional
         [s]; by default one period of the reference.
     threads : int, optional
-        By default one per core. The result is the same bits for any number.
+        By default one per core. The result is the same, bit for bit, for any number.
 
     Returns
     -------
@@ -68,8 +75,8 @@ def certify(
         Bad input; no covariance to draw from.
     """
     started = time.perf_counter()
-    order = "The order is law, found, rig, reference."
-    for name, value, kind in (("law", law, Law), ("rig", rig, Rig), ("reference", reference, Reference)):
+    order = "The order is found, rig, law, reference."
+    for name, value, kind in (("rig", rig, Rig), ("law", law, Law), ("reference", reference, Reference)):
         instance(name, value, kind, order)
     _whole("samples", samples, 1)
     _whole("seed", seed, 0)
@@ -92,8 +99,8 @@ def certify(
         delay=delay, dropped=dropped,
     )  # fmt: skip
     drawn = uncertainty.draw(found, rig, int(samples), int(seed))
-    settings = {"steps_per_sample": steps_per_sample, "duration": duration, "after": float(after)}
-    population = Population(law, drawn, reference, within=within, **settings)
+    settings: dict[str, Any] = {"steps_per_sample": steps_per_sample, "duration": duration, "after": float(after)}
+    population = Population(drawn, law, reference, within=within, **settings)
     threads = int(threads or cores())
     runs = population.run(threads)
     return Certificate(
@@ -103,6 +110,6 @@ def certify(
     )  # fmt: skip
 
 
-def _whole(name, value, least):
+def _whole(name: str, value: object, least: int) -> None:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
         raise ValueError(f"{name} must be a whole number of at least {least}; got {value!r}. Leave it out.")

@@ -1,10 +1,12 @@
-"""Plants that are all possible, as far as anyone knows."""
+"""Plants drawn from what is uncertain: arms, rigs, and the samples that they lose."""
 
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant import Arm, Rig
 
@@ -18,52 +20,53 @@ class Plants:
     Attributes
     ----------
     arm, rig : Arm, Rig
-        What they differ from; the rig has a place for all that is drawn.
+        The nominal ones; the rig has a place for all that is drawn.
     f : (P, p) numpy.ndarray
-        Of each, with its load.
+        Parameters of each, with its load.
     names : tuple of str
-        What differs, by the numbers' names; ``load`` [kg] is the mass in the hand.
+        Names of the numbers that differ; ``load`` [kg] is the mass in the hand.
     values : (P, K) numpy.ndarray
-        What it is; f without the load.
+        Their values; f without the load.
     dropped : float
         Probability that the counts of a sample are lost.
     redrawn : int
-        How many draws could be no arm, and were drawn again.
+        How many draws were no arm, and were drawn again.
     seed : int
     """
 
     arm: Arm
     rig: Rig
-    f: np.ndarray
-    names: tuple
-    values: np.ndarray
+    f: NDArray[np.float64]
+    names: tuple[str, ...]
+    values: NDArray[np.float64]
     dropped: float
     redrawn: int
     seed: int
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.f)
 
-    def first(self, count):
+    def first(self, count: int) -> Plants:
         """The first so many of them."""
         return dataclasses.replace(self, f=self.f[:count], values=self.values[:count])
 
-    def numbers(self):
+    def numbers(self) -> tuple[tuple[str, ...], NDArray[np.float64]]:
         """Names of the numbers of a closed loop that differ, and their values (P, L); all of f among them."""
         own = [i for i, name in enumerate(self.names) if name in self.rig.number_names()]
         return (*self.arm.dynamics.names, *(self.names[i] for i in own)), np.hstack([self.f, self.values[:, own]])
 
-    def lost(self, block, width, steps):
+    def lost(self, block: int, width: int, steps: int) -> NDArray[np.bool_]:
         """Whether the counts of each step of the law are lost, (steps, width), in a block of so many loops."""
         lost = np.random.default_rng((self.seed, 1, block)).random((steps, width)) < self.dropped
         lost[:1] = False  # there is nothing before
         return lost
 
-    def plant(self, i, width, steps):
+    def plant(self, i: int, width: int, steps: int) -> tuple[Arm, Rig]:
         """Arm and rig of plant i, with its own lost samples; `width` and `steps` as for `lost`."""
         rig = self.rig.filled(dict(zip(self.names, self.values[i].tolist(), strict=True)))
         if self.dropped:
             block, lane = divmod(i, width)
             lost = tuple(np.flatnonzero(self.lost(block, width, steps)[:, lane]).tolist())
-            rig = dataclasses.replace(rig, transport=dataclasses.replace(rig.transport, lost=lost))
+            transport: Any = rig.transport
+            rig = dataclasses.replace(rig, transport=dataclasses.replace(transport, lost=lost))
         return self.arm.dynamics.arm(self.f[i]), rig

@@ -1,7 +1,7 @@
-"""Many plants under one law, side by side: the closed loops of a verdict over an uncertainty.
+"""Closed loops of many plants under one law, simulated side by side.
 
-The law, and so its model, is the same in all; only the plants differ. What is kept of a run are a few numbers, worked
-out in the kernel at every sample.
+The law, and so its model, is the same in all; only the plants differ. Of a run a few numbers are kept, worked out in
+the kernel at every sample.
 """
 
 from __future__ import annotations
@@ -12,7 +12,10 @@ import math
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
+from ctc.certification.plants import Plants
+from plant import Law, Reference, Rig
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop, bounded
 from plant.simulation.followed_path import Path
@@ -24,7 +27,7 @@ __all__ = ["Population", "Runs"]
 
 
 @functools.lru_cache(maxsize=32)
-def tally(rig):
+def tally(rig: Rig) -> ca.Function:
     """What one sample adds, (log, data, memory) -> 1 if a joint's counted error is outside, memory.
 
     The data are the limit [pulses], whether the sample counts (1 or 0), its time after the start of the one before
@@ -50,7 +53,7 @@ def tally(rig):
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Runs:
-    """What is kept of P runs of n joints.
+    """Results of P runs of n joints.
 
     Attributes
     ----------
@@ -70,22 +73,22 @@ class Runs:
         Of each run, those that count.
     """
 
-    peak: np.ndarray
-    unrounded: np.ndarray
-    outside: np.ndarray
-    current: np.ndarray
-    first: np.ndarray
-    lost: np.ndarray
+    peak: NDArray[np.float64]
+    unrounded: NDArray[np.float64]
+    outside: NDArray[np.int64]
+    current: NDArray[np.float64]
+    first: NDArray[np.float64]
+    lost: NDArray[np.int64]
     samples: int
 
 
 class Population:
-    """A law and a reference, ready to be run with plants.
+    """Plants under a law on a reference, ready to run.
 
     Parameters
     ----------
-    law : Law
     plants : Plants
+    law : Law
     reference : Reference
     within : float
         Limit [pulses].
@@ -96,8 +99,12 @@ class Population:
         Samples before do not count [s].
     """
 
-    def __init__(self, law, plants, reference, *, within, steps_per_sample, duration, after=0.0):
+    def __init__(
+        self, plants: Plants, law: Law, reference: Reference, *, within: float, steps_per_sample: int, duration: float,
+        after: float = 0.0,
+    ) -> None:  # fmt: skip
         rig = plants.rig
+        rig.require_rigid("certify")
         nominal = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, phase=None), transport=None)
         loop = ClosedLoop(
             dynamics=plants.arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, score=tally(nominal)
@@ -119,7 +126,7 @@ class Population:
         self._uniform = loop.number_values(plants.arm.f)[list(self._kernel.uniform)]
         self._state = np.repeat(loop.initial_state(*path.start())[:, None], LANES, axis=1)
 
-    def run(self, threads):
+    def run(self, threads: int) -> Runs:
         """Run all plants.
 
         Returns

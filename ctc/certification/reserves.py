@@ -1,14 +1,16 @@
-"""How far from failing a verdict is: with less bandwidth, and with a longer sample period.
+"""Robustness reserves of a certificate: lowest bandwidth and longest sampling period at which it holds.
 
-The same plants are run again. A longer period is one of rig and law together: the law is the one of the same design for
-that period (its observer and its limits know of it), not the old one called late.
+The same plants are run again. The sampling period is that of rig and law together: the law is designed for it (its
+observer and its limits know of it), it is not the old one called late.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 from ctc.certification.binomial import clopper_pearson
+from ctc.certification.plants import Plants
 from ctc.certification.population import Population
 from plant import Law, Rig
 from plant.parts.arguments import real
@@ -21,7 +23,7 @@ _PERIODS = (1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Reserves:
-    """What the verdict bears; print it for a table.
+    """Robustness reserves of a certificate. Print them for a table.
 
     Attributes
     ----------
@@ -34,7 +36,7 @@ class Reserves:
     bandwidth : float or None
         Lowest bandwidth at which it still holds [rad/s], of those tried from above; None for a law without.
     period : float or None
-        Longest sample period at which it still holds [s], of those tried from below; None for a law without.
+        Longest sampling period at which it still holds [s], of those tried from below; None for a law without.
     tried : list of (str, float, int)
         Everything that was run: ``bandwidth`` or ``period``, its value, and how many left.
     """
@@ -44,13 +46,13 @@ class Reserves:
     holds: bool
     bandwidth: float | None
     period: float | None
-    tried: list
+    tried: list[tuple[str, float, int]]
 
-    def __str__(self):
+    def __str__(self) -> str:
         most = int(self.allowed * self.samples)
         upper = clopper_pearson(most, self.samples, 0.9)[1]
         lines = [
-            f"asked: at most {most} of {self.samples} plants may leave (95 % confidence: below {upper:.2%} of all)",
+            f"allowed: at most {most} of {self.samples} plants may leave (95 % confidence: below {upper:.2%} of all)",
             *(
                 f"{name:<10} {value * scale:8.4g} {unit:<6} {left:>6} leave"
                 for name, scale, unit in (("bandwidth", 1, "rad/s"), ("period", 1e3, "ms"))
@@ -67,8 +69,8 @@ class Reserves:
         return "\n".join(lines)
 
 
-def reserves(certificate, samples=400, allowed=0.0):
-    """Lowest bandwidth and longest period at which the verdict holds.
+def reserves(certificate: Any, samples: int = 400, allowed: float = 0.0) -> Reserves:
+    """Lowest bandwidth and longest sampling period at which at most a share `allowed` of the plants leaves the limit.
 
     Parameters
     ----------
@@ -94,9 +96,9 @@ def reserves(certificate, samples=400, allowed=0.0):
         raise ValueError(f"allowed must be from 0 to below 1; got {allowed}. Give a share.")
     plants, tried = plants.first(samples), []
 
-    def left(kind, value, law, plants):
+    def left(kind: str, value: float, law: Law, plants: Plants) -> bool:
         options = {name: certificate.settings[name] for name in ("steps_per_sample", "duration", "after")}
-        population = Population(law, plants, certificate.reference, within=certificate.within, **options)
+        population = Population(plants, law, certificate.reference, within=certificate.within, **options)
         count = int((population.run(certificate.threads).outside > 0).sum())
         tried.append((kind, value, count))
         return count <= allowed * samples
@@ -120,7 +122,7 @@ def reserves(certificate, samples=400, allowed=0.0):
     )  # fmt: skip
 
 
-def _slower(law, factor):
+def _slower(law: Any, factor: float) -> Any:
     """The same design for a period that is longer by a factor."""
     changes = {}
     for field in dataclasses.fields(law):

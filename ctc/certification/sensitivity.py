@@ -1,18 +1,19 @@
-"""Which of the drawn numbers hurts: how much of the spread of the peak errors each explains on its own.
+"""Sensitivity of the peak errors to each of the drawn numbers: the share of their variance that it explains alone.
 
-Errors grow with a deviation to either side as often as to one, and of joints at rest they are all but equal: so no line
-is fitted. The loops are ranked by their peak, and cut into equal groups by one number; the share of the variance of the
-ranks that lies between the groups is what that number explains, in any shape (the correlation ratio, less what chance
-gives). Spearman's rank correlation beside it says which direction hurts. Numbers that were drawn together, as the
-parameters of one identification are, share what they explain.
+Errors often grow with a deviation to either side, so no line is fitted. The loops are ranked by their peak, and cut in
+equal groups by one number; the share of the variance of the ranks that lies between the groups is what that number
+explains, whatever the shape of the dependence (the correlation ratio, less what chance gives). Spearman's rank
+correlation gives its direction. Correlated numbers, such as the parameters of one identification, share what they
+explain.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import rankdata
+from numpy.typing import NDArray
 
 __all__ = ["Influence", "influences"]
 
@@ -24,21 +25,21 @@ _LITTLE, _CLEAR = 0.005, 0.1
 
 
 class Influence(NamedTuple):
-    """What a drawn number does: `share` of the variance explained (0 to 1), `direction` from -1 (less hurts) to 1."""
+    """Sensitivity to one number: `share` of the variance explained (0 to 1), and rank correlation `direction`."""
 
     name: str
     share: float
     direction: float
 
     @property
-    def sense(self):
-        """The direction in words; none for what explains nearly nothing."""
+    def sense(self) -> str:
+        """How the peak error depends on the number; empty where it explains nearly nothing."""
         if self.share < _LITTLE:
             return ""
-        return "more hurts" if self.direction > _CLEAR else "less hurts" if self.direction < -_CLEAR else "either way"
+        return "increasing" if self.direction > _CLEAR else "decreasing" if self.direction < -_CLEAR else "either way"
 
 
-def influences(names, values, peaks):
+def influences(names: Sequence[str], values: NDArray[np.float64], peaks: NDArray[np.float64]) -> list[Influence]:
     """Influence of each number, the largest share first.
 
     Parameters
@@ -52,13 +53,13 @@ def influences(names, values, peaks):
     -------
     list of Influence
     """
-    ranks, count = rankdata(peaks), len(peaks)
+    ranks, count = ranked(peaks), len(peaks)
     groups = min(_GROUPS, count // _LEAST)
     if groups < 2 or np.ptp(ranks) == 0:
         return [Influence(name, 0.0, 0.0) for name in names]
     total, found = ranks.var() * count, []
     for name, column in zip(names, values.T, strict=True):
-        own = rankdata(column)
+        own = ranked(column)
         group = np.minimum((own - 0.5) * groups / count, groups - 1).astype(int)
         size = np.bincount(group, minlength=groups)
         means = np.bincount(group, weights=ranks, minlength=groups) / np.maximum(size, 1)
@@ -66,3 +67,9 @@ def influences(names, values, peaks):
         share = 1 - (1 - between) * (count - 1) / (count - groups)
         found.append(Influence(name, max(0.0, float(share)), float(np.corrcoef(own, ranks)[0, 1])))
     return sorted(found, key=lambda influence: -influence.share)
+
+
+def ranked(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Ranks (N,) from 1; equal values share the mean of theirs."""
+    _, place, size = np.unique(values, return_inverse=True, return_counts=True)
+    return (np.cumsum(size) - (size - 1) / 2)[place]

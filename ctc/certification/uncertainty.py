@@ -1,15 +1,17 @@
-"""What is not known of a plant, and plants drawn from it.
+"""Uncertainty of a plant, and plants drawn from it.
 
-Drawn are the numbers that were identified (from their covariance, or from arms that are given), friction beyond that, a
-load in the hand, where the encoders' zeros lie between two pulses, how late the torque acts, and samples whose counts
-are lost. What is not listed here is not covered by any verdict made from it.
+Drawn are the identified numbers (from their covariance, or from given arms), friction that was not identified, a load
+in the hand, the encoders' zeros between two pulses, the delay of the torque, and samples whose counts are lost. A
+certificate covers nothing else.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ctc.certification.plants import Plants
 from identification import Identification
@@ -20,35 +22,35 @@ from plant.parts.arguments import array, instance, real
 __all__ = ["Uncertainty"]
 
 _PATIENCE = 20
-"""How many draws may be spent on one that can be an arm."""
+"""Draws per plant at most, until one is an arm."""
 
 _NOT_NEGATIVE = ("drive.viscous", "drive.coulomb", "drive.curve.breakaway")
 
 _KNOWN_TO_LAWS = ("drive.gear", "encoder.resolution")
-"""Numbers of the rig by which a law reads its counts: it cannot have another one than the plant."""
+"""Numbers of the rig by which a law reads its counts: law and plant have the same."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Uncertainty:
-    """What is drawn, and how.
+    """Distribution of the plants.
 
     Parameters
     ----------
     covariance : (k, k) array_like, optional
         Of ``found.values``, normal; by default ``found.covariance``. With an `Arm` in place of ``found``, of its f.
     plants : (M, p) array_like, optional
-        Instead: f of arms that are all possible, taken in turn.
+        Instead: f of given arms, taken in turn.
     friction : float
-        Relative standard deviation of every viscous coefficient and Coulomb level, normal, each on its own; of those
+        Relative standard deviation of every viscous coefficient and Coulomb level, normal, each on its own; for those
         that were identified, their covariance is used instead.
     load : float or (2,) array_like
-        Point mass in the hand [kg]: that one, or evenly between two.
+        Point mass in the hand [kg]: one value, or uniform between two.
     load_position : (3,) array_like, optional
-        Where it is, in the frame of the last link's body [m].
+        Of the load, in the frame of the last link's body [m].
     phase : bool
-        Whether the encoders' zeros lie anywhere between two pulses, evenly in +-1/2 pulse, each on its own.
+        Whether the encoders' zeros are drawn, uniform in +-1/2 pulse, each on its own.
     delay : float or (2,) array_like
-        Of the torque [s], constant during a run: that one, or evenly between two; at most one period of the law.
+        Of the torque [s], constant during a run: one value, or uniform between two; at most one period of the law.
     dropped : float
         Probability that the counts of a sample do not arrive; the law then reads those of the sample before.
 
@@ -57,16 +59,16 @@ class Uncertainty:
     ValueError
     """
 
-    covariance: np.ndarray | None = None
-    plants: np.ndarray | None = None
+    covariance: ArrayLike | None = None
+    plants: ArrayLike | None = None
     friction: float = 0.1
-    load: tuple = (0.0, 0.0)
-    load_position: np.ndarray | None = None
+    load: Any = (0.0, 0.0)
+    load_position: ArrayLike | None = None
     phase: bool = True
-    delay: tuple = (0.0, 0.0)
+    delay: Any = (0.0, 0.0)
     dropped: float = 0.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name, unit in (("load", "kg"), ("delay", "s")):
             object.__setattr__(self, name, _between(name, getattr(self, name), unit))
         if not real("friction", self.friction, "Give a share, such as 0.1.") >= 0:
@@ -81,8 +83,8 @@ class Uncertainty:
         if self.covariance is not None and self.plants is not None:
             raise ValueError("one of covariance and plants must be given; got both. Leave one out.")
 
-    def draw(self, found, rig, samples, seed):
-        """So many plants.
+    def draw(self, found: Identification | Arm, rig: Rig, samples: int, seed: int) -> Plants:
+        """Draw plants.
 
         Parameters
         ----------
@@ -97,9 +99,9 @@ class Uncertainty:
         Raises
         ------
         ValueError
-            No covariance to draw from, or one so wide that hardly a draw can be an arm.
+            No covariance to draw from, or one so large that hardly a draw is an arm.
         """
-        instance("rig", rig, Rig, "The order is law, found, rig, reference.")
+        instance("rig", rig, Rig, "The order is found, rig, law, reference.")
         arm, unknown, centre, root = self._identified(found)
         dynamics, random = arm.dynamics, np.random.default_rng(seed)
         rig = _with_found(rig, {n: v for n, v in zip(unknown, centre, strict=True) if n not in dynamics.names})
@@ -107,7 +109,7 @@ class Uncertainty:
         direction, friction = self._load_direction(dynamics), self._friction(rig, unknown)
 
         def some(rows):
-            """Draws (count, K), their f with the load (count, p), whether each can be, and the names."""
+            """Draws (count, K), their f with the load (count, p), whether each is an arm, and the names."""
             count = len(rows)
             values = dict(
                 zip(unknown, (centre + random.standard_normal((count, root.shape[1])) @ root.T).T, strict=True)
@@ -116,7 +118,7 @@ class Uncertainty:
                 values = dict(zip(dynamics.names, given[rows % len(given)].T, strict=True))
             for name, level in friction.items():
                 values[name] = level * (1 + self.friction * random.standard_normal(count))
-            values["load"] = random.uniform(*self.load, count)
+            values["load"] = random.uniform(self.load[0], self.load[1], count)
             f = np.tile(arm.f, (count, 1))
             for i, name in enumerate(dynamics.names):
                 f[:, i] = values.get(name, f[:, i])
@@ -144,7 +146,7 @@ class Uncertainty:
             rig = dataclasses.replace(rig, encoder=encoder)
         if self.delay[1] or self.dropped:
             names += ("transport.delay",)
-            values = np.column_stack([values, random.uniform(*self.delay, samples)])
+            values = np.column_stack([values, random.uniform(self.delay[0], self.delay[1], samples)])
             rig = dataclasses.replace(rig, transport=Transport(delay=self.delay[1]))
         varying = np.flatnonzero(np.ptp(values, axis=0) > 0)
         return Plants(
@@ -159,7 +161,7 @@ class Uncertainty:
         return {name: known[name] for name in names if name not in unknown and known[name] > 0}
 
     def _identified(self, found):
-        """Arm; names, values (k,) and a root (k, r) of the covariance of what was identified of the plant."""
+        """Arm; names, values (k,) and a root (k, r) of the covariance of the identified numbers of the plant."""
         if isinstance(found, Identification):
             arm, names, values, covariance = found.arm, found.unknown, found.values, found.covariance
         else:
@@ -170,9 +172,10 @@ class Uncertainty:
         if self.covariance is not None:
             covariance = self.covariance
         if covariance is None:
-            why = getattr(found, "trouble", None) or "it comes without a covariance"
+            reason = found.fit.fallback_reason if isinstance(found, Identification) else None
+            why = reason or "it comes without a covariance"
             raise ValueError(
-                f"found must say how well it knows: {why}. Pass covariance=, or plants= such as found.candidates."
+                f"found must have a covariance: {why}. Pass covariance=, or plants= such as found.candidates."
             )
         k = len(names)
         covariance = array("covariance", covariance, (k, k), advice="Give one row per name of found.unknown.")
@@ -215,7 +218,7 @@ def _between(name, value, unit):
 
 
 def _with_found(rig, values):
-    """The rig with what was found for its numbers."""
+    """The rig with the values that were identified of its numbers."""
     missing = [name for name in values if name not in rig.number_names()]
     if missing:
         raise ValueError(f"rig must have {missing[0]}, which was identified; it has no such number. Pass found.rig.")
@@ -223,7 +226,7 @@ def _with_found(rig, values):
 
 
 def _possible(dynamics, rig, plants):
-    """Given arms (M, p), or a refusal of the first that is none."""
+    """Given arms (M, p), all validated."""
     plants = array(
         "plants", plants, ("M", dynamics.p), advice=f"Give f of one arm per row: {', '.join(dynamics.names)}."
     )

@@ -1,19 +1,21 @@
-"""Adaptive control on the passivity of the arm: f-hat follows from the tracking error."""
+"""Adaptive computed torque on the passivity of the arm: f-hat is adapted from the tracking error."""
 
 from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
+from plant import Rig, Setpoint
 from plant.laws.filtered_difference import filtered_difference, no_reading
 from plant.parts.arguments import array, signs
-from plant.parts.part import number, part, structure
+from plant.parts.part import Nested, Vector, number, part, structure
 
 __all__ = ["Adaptive"]
 
 _AT_THE_LIMIT = 1e-9
-"""Share of the amplifier's limit by which a torque must be cut to count as cut; roundings are far below."""
+"""Share of the amplifier's limit above which a cut of the torque counts; rounding errors are far below."""
 
 
 @part
@@ -22,13 +24,13 @@ class Adaptive(ModelLaw):
 
     v = qd_r + w e is the reference velocity, corrected by the error e = q_r - q, and s = v - qd = edot + w e. Once per
     sample: q is the middle of the encoder's cell, edot the filtered difference of e and qd = qd_r - edot. While a
-    torque is at the amplifier's limit, f-hat rests.
+    torque is at the amplifier's limit, f-hat stays as it is.
 
     Parameters
     ----------
-    arm : Arm
-        Where f-hat starts.
-    rig : Rig
+    arm : Arm or Identification
+        Where f-hat starts; an identification gives its rig, too.
+    rig : Rig, optional
         The identified rig, ``found.rig``: its friction is fed forward, and not adapted.
     bandwidth : float
         w: how fast e goes to zero once s is zero [rad/s].
@@ -50,12 +52,12 @@ class Adaptive(ModelLaw):
     """
 
     bandwidth: float = number(())
-    gain: np.ndarray = number(("n",))
-    adaptation: np.ndarray = number(("p",))
+    gain: Vector = number(("n",))
+    adaptation: Vector = number(("p",))
     filter: float = number(())
-    ranges: tuple | None = structure(default=None)
+    ranges: Nested = structure(default=None)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         signs(self, positive=("bandwidth", "filter"), not_negative=("gain", "adaptation"))
         names = self.arm.dynamics.names
@@ -75,14 +77,16 @@ class Adaptive(ModelLaw):
                 )
             object.__setattr__(self, "ranges", tuple(tuple(row) for row in ranges.tolist()))
 
-    def initial_state(self, n):
-        """The arm's f, no reading yet, nothing asked for."""
+    def initial_state(self, n: int) -> NDArray[np.float64]:
+        """The arm's f, no reading yet, no torque commanded."""
         return np.concatenate([self.arm.f, no_reading(n), np.zeros(n)])
 
-    def equations(self, rig, state, setpoint, pulses, torque, dt):
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> tuple[ca.SX, ca.SX]:
         """One sample: error and its rate -> s -> torque with f-hat as it was -> f-hat."""
         n, model = self.arm.n, self.arm.dynamics
-        f, memory, asked = state[: model.p], state[model.p : -n], state[-n:]
+        f, memory, commanded = state[: model.p], state[model.p : -n], state[-n:]
         q = rig.cell_centre(pulses)
         e = setpoint.q - q
         rate, memory = filtered_difference(e, memory, self.filter, dt)
@@ -90,7 +94,7 @@ class Adaptive(ModelLaw):
         v, vd = setpoint.qd + self.bandwidth * e, setpoint.qdd + self.bandwidth * rate
         Y = model.Y(q, setpoint.qd - rate, v, vd)
         wanted = Y @ f + self.gain * s + self.rig.drive.friction(setpoint.qd)
-        cut = ca.fabs(torque - asked) > _AT_THE_LIMIT * rig.drive.torque_limit()
+        cut = ca.fabs(torque - commanded) > _AT_THE_LIMIT * rig.drive.torque_limit()
         learning = ca.if_else(ca.sum1(cut) > 0, 0, dt)
         f = f + learning * self.adaptation * (Y.T @ s)
         if self.ranges is not None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
 from ctc.laws.observer import correct, predict
+from plant import Rig, Setpoint
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
 from plant.parts.part import number, part, structure
@@ -24,9 +26,9 @@ class ComputedTorque(ModelLaw):
 
     Parameters
     ----------
-    arm : Arm
-        The identified arm, ``found.arm``.
-    rig : Rig
+    arm : Arm or Identification
+        The identified arm; an identification gives its rig, too.
+    rig : Rig, optional
         The identified rig, ``found.rig``: its friction is fed forward.
     bandwidth : float
         Double pole of the error [rad/s]. The default hides inertias that are wrong by half, at the price of chatter;
@@ -63,29 +65,31 @@ class ComputedTorque(ModelLaw):
     measured: bool = structure(bool, default=False)
     delay: int = structure(default=0)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         signs(self, positive=("bandwidth", "observer_ratio", "start_boost", "start_time"))
         if self.delay not in (0, 1):
             raise ValueError(f"delay must be 0 or 1 sample; got {self.delay!r}. Longer delays need another design.")
 
-    def initial_state(self, n):
-        """Observer at rest on the reference, nothing asked for yet, and the boost of the observer at its full."""
+    def initial_state(self, n: int) -> NDArray[np.float64]:
+        """Observer at rest on the reference, no torque commanded yet, and the boost of the observer in full."""
         return np.append(np.zeros((5 + 2 * self.delay) * n), 1.0)
 
-    def equations(self, rig, state, setpoint, pulses, torque, dt):
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> tuple[ca.SX, ca.SX]:
         """One sample: what acted -> predict -> correct -> feed back -> torque. Source: paper Fig. 2."""
         n, model, f = self.arm.n, self.arm.dynamics, self.arm.f
-        e, rate, disturbance, v, asked, *pending = (state[i * n : (i + 1) * n] for i in range(5 + 2 * self.delay))
+        e, rate, disturbance, v, commanded, *pending = (state[i * n : (i + 1) * n] for i in range(5 + 2 * self.delay))
         fresh = state[-1]
 
-        # v and the torque asked for acted since the last sample; what the amplifier cut off is missing from v.
-        v = v + inverse(model.D(setpoint.q, f)).solve(torque - asked)
+        # v and the commanded torque acted since the last sample; what the amplifier cut off is missing from v.
+        v = v + inverse(model.D(setpoint.q, f)).solve(torque - commanded)
         omega = self.bandwidth * self.observer_ratio * (1 + (self.start_boost - 1) * fresh)
         measured = setpoint.q - rig.cell_centre(pulses)
         e, rate, disturbance = correct(*predict(e, rate, disturbance, v, dt), measured, omega, dt)
 
-        # With a delay, what is asked for now acts one sample later: look at the error there.
+        # With a delay, what is commanded now acts one sample later: predict the error to then.
         ahead = predict(e, rate, disturbance, pending[0], dt) if self.delay else (e, rate, disturbance)
         feedback = self.bandwidth**2 * ahead[0] + 2 * self.bandwidth * ahead[1] + ahead[2]
         q, qd = (setpoint.q - e, setpoint.qd - rate) if self.measured else (setpoint.q, setpoint.qd)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
+from plant import Rig, Setpoint
 from plant.laws.anti_windup import integrated
 from plant.laws.filtered_difference import filtered_difference, no_reading
 from plant.mechanics.symmetric_inverse import inverse
@@ -24,9 +26,9 @@ class ComputedTorqueIntegral(ModelLaw):
 
     Parameters
     ----------
-    arm : Arm
-        The identified arm, ``found.arm``.
-    rig : Rig
+    arm : Arm or Identification
+        The identified arm; an identification gives its rig, too.
+    rig : Rig, optional
         The identified rig, ``found.rig``: its friction is fed forward.
     bandwidth : float
         w, the triple pole of the error [rad/s].
@@ -44,23 +46,25 @@ class ComputedTorqueIntegral(ModelLaw):
     bandwidth: float = number(())
     filter: float = number(())
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         signs(self, positive=("bandwidth", "filter"))
 
-    def initial_state(self, n):
-        """No reading yet, nothing integrated, nothing asked for."""
+    def initial_state(self, n: int) -> NDArray[np.float64]:
+        """No reading yet, nothing integrated, no torque commanded."""
         return np.concatenate([no_reading(n), np.zeros(2 * n)])
 
-    def equations(self, rig, state, setpoint, pulses, torque, dt):
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> tuple[ca.SX, ca.SX]:
         """One sample: what was cut off -> error and its rate -> acceleration -> torque."""
         n, model, f, w = self.arm.n, self.arm.dynamics, self.arm.f, self.bandwidth
-        memory, integral, asked = state[: n + 1], state[n + 1 : -n], state[-n:]
+        memory, integral, commanded = state[: n + 1], state[n + 1 : -n], state[-n:]
         q = rig.cell_centre(pulses)
         e = setpoint.q - q
         rate, memory = filtered_difference(e, memory, self.filter, dt)
         qd, D = setpoint.qd - rate, model.D(q, f)
-        missing = inverse(D).solve(torque - asked)
+        missing = inverse(D).solve(torque - commanded)
         integral = integrated(integral, w**3 * e, missing, w / 3, dt)
         wanted = D @ (setpoint.qdd + 3 * w * rate + 3 * w**2 * e + integral) + model.h(q, qd, f)
         wanted = wanted + self.rig.drive.friction(setpoint.qd)

@@ -2,33 +2,34 @@
 
 from __future__ import annotations
 
-import dataclasses
+import abc
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
-from ctc.laws.model_law import ModelLaw
-from plant import Law
+from ctc.laws.model_law import ModelLaw, base
+from plant import Block, Law, Rig, Setpoint
 from plant.parts.part import part, structure
 
 __all__ = ["Aided", "FeedForward", "PDGravity"]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@base
 class Aided(ModelLaw):
     """Base: tau = feedback + what `aid` gives, as often as the feedback runs.
 
     Parameters
     ----------
-    arm : Arm
-    rig : Rig
+    arm : Arm or Identification
+    rig : Rig, optional
     feedback : Law
         A simple law, such as `plant.PD`; of what the amplifier cuts off it is told its own part.
     """
 
-    feedback: Law = structure(Law)  # noqa: RUF009 - declares a field
+    feedback: Law = structure(Law)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         if isinstance(self.feedback, ModelLaw) or self.feedback.replays:
             given = type(self.feedback).__name__
@@ -36,35 +37,41 @@ class Aided(ModelLaw):
         self.feedback.block(self.rig)  # refuses gains for other joints
 
     @property
-    def period(self):
+    def period(self) -> float | None:  # type: ignore[override]  # declared, and here the feedback's
         """That of the feedback [s], or None."""
         return self.feedback.period
 
-    def block(self, rig):
+    def block(self, rig: Rig) -> Block:
         self.feedback.block(rig)  # refuses gains for other joints
         return super().block(rig)
 
-    def initial_state(self, n):
+    def initial_state(self, n: int) -> NDArray[np.float64]:
         """The feedback's, and no aid given yet."""
         return np.concatenate([self.feedback.initial_state(n), np.zeros(n)])
 
-    def equations(self, rig, state, setpoint, pulses, torque, dt):
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> tuple[ca.SX, ca.SX]:
         """Tau = feedback + aid."""
         n = rig.n
-        asked, memory = self.feedback.equations(rig, state[:-n], setpoint, pulses, torque - state[-n:], dt)
+        commanded, memory = self.feedback.equations(rig, state[:-n], setpoint, pulses, torque - state[-n:], dt)
         aid = self.aid(rig, setpoint, pulses)
-        return asked + aid, ca.vertcat(memory, aid)
+        return commanded + aid, ca.vertcat(memory, aid)
+
+    @abc.abstractmethod
+    def aid(self, rig: Rig, setpoint: Setpoint, pulses: ca.SX) -> ca.SX:
+        """Torque from the model (n,) [N m]."""
 
 
 @part
 class PDGravity(Aided):
-    """tau = feedback + g-hat(q), with q the middle of the encoder's cell: the arm weighs nothing to the feedback.
+    """tau = feedback + g-hat(q), with q the middle of the encoder's cell: PD control with gravity compensation.
 
     Parameters
     ----------
-    arm : Arm
-        The identified arm, ``found.arm``.
-    rig : Rig
+    arm : Arm or Identification
+        The identified arm; an identification gives its rig, too.
+    rig : Rig, optional
         The identified rig, ``found.rig``.
     feedback : Law
         A simple law, such as `plant.PD`; its period is that of the whole.
@@ -77,7 +84,7 @@ class PDGravity(Aided):
     Source: Takegaki and Arimoto (1981).
     """
 
-    def aid(self, rig, setpoint, pulses):
+    def aid(self, rig: Rig, setpoint: Setpoint, pulses: ca.SX) -> ca.SX:
         """Torque of gravity (n,) [N m]."""
         return self.arm.dynamics.gravity(rig.cell_centre(pulses), self.arm.f)
 
@@ -88,9 +95,9 @@ class FeedForward(Aided):
 
     Parameters
     ----------
-    arm : Arm
-        The identified arm, ``found.arm``.
-    rig : Rig
+    arm : Arm or Identification
+        The identified arm; an identification gives its rig, too.
+    rig : Rig, optional
         The identified rig, ``found.rig``: its friction is fed forward.
     feedback : Law
         A simple law, such as `plant.PD`; its period is that of the whole.
@@ -101,7 +108,7 @@ class FeedForward(Aided):
         As `ModelLaw`; a feedback for other joints.
     """
 
-    def aid(self, rig, setpoint, pulses):
+    def aid(self, rig: Rig, setpoint: Setpoint, pulses: ca.SX) -> ca.SX:
         """Torque that the reference needs (n,) [N m]."""
         model, f = self.arm.dynamics, self.arm.f
         moving = model.D(setpoint.q, f) @ setpoint.qdd + model.h(setpoint.q, setpoint.qd, f)

@@ -1,8 +1,8 @@
 """Extended-state observer of one joint's tracking error: the error, its rate, and a disturbance acceleration.
 
-The model is edd = x3 - v, with v the feedback acceleration that really acted (after the amplifier's limit) and x3 all
-that the model does not know. It is sampled exactly for a constant v and x3, and corrected by the measured error with
-gains that put all three poles at z = exp(-omega dt).
+The model is edd = x3 - v, with v the feedback acceleration that really acted (after the amplifier's limit) and x3 the
+disturbance acceleration, all that the model does not know. It is sampled exactly for a constant v and x3, and corrected
+by the innovation with gains that put all three poles at z = exp(-omega dt).
 """
 
 from __future__ import annotations
@@ -12,14 +12,18 @@ import casadi as ca
 __all__ = ["correct", "predict"]
 
 
-def predict(error, rate, disturbance, v, dt):
+def predict(
+    error: ca.SX, rate: ca.SX, disturbance: ca.SX, v: ca.SX | float, dt: ca.SX | float
+) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Error, rate and disturbance one sample later, under a constant feedback acceleration v."""
     acceleration = disturbance - v
     return error + dt * rate + dt * dt / 2 * acceleration, rate + dt * acceleration, disturbance
 
 
-def correct(error, rate, disturbance, measured, omega, dt):
-    """Take a measured error into account.
+def correct(
+    error: ca.SX, rate: ca.SX, disturbance: ca.SX, measured: ca.SX, omega: ca.SX, dt: ca.SX | float
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Correct the prediction by the innovation, measured minus predicted error.
 
     Parameters
     ----------
@@ -37,9 +41,9 @@ def correct(error, rate, disturbance, measured, omega, dt):
     error, rate, disturbance : casadi SX
     """
     z = ca.exp(-omega * dt)
-    surprise = measured - error
+    innovation = measured - error
     return (
-        error + (1 - z**3) * surprise,
-        rate + 1.5 * (1 - z) ** 2 * (1 + z) / dt * surprise,
-        disturbance + (1 - z) ** 3 / (dt * dt) * surprise,
+        error + (1 - z**3) * innovation,
+        rate + 1.5 * (1 - z) ** 2 * (1 + z) / dt * innovation,
+        disturbance + (1 - z) ** 3 / (dt * dt) * innovation,
     )

@@ -1,10 +1,13 @@
-"""Sliding mode with a boundary layer: what the model does not know is overruled, not learned."""
+"""Sliding mode with a boundary layer: model errors below a bound are rejected, not identified."""
 
 from __future__ import annotations
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
+from plant import Rig, Setpoint
 from plant.laws.filtered_difference import filtered_difference, no_reading
 from plant.parts.arguments import signs
 from plant.parts.part import number, part
@@ -22,9 +25,9 @@ class SlidingMode(ModelLaw):
 
     Parameters
     ----------
-    arm : Arm
-        The identified arm, ``found.arm``.
-    rig : Rig
+    arm : Arm or Identification
+        The identified arm; an identification gives its rig, too.
+    rig : Rig, optional
         The identified rig, ``found.rig``: its friction is fed forward.
     bandwidth : float
         w: how fast e goes to zero on the surface s = 0 [rad/s].
@@ -48,15 +51,17 @@ class SlidingMode(ModelLaw):
     layer: float = number(())
     filter: float = number(())
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         signs(self, positive=("bandwidth", "reach", "layer", "filter"))
 
-    def initial_state(self, n):
+    def initial_state(self, n: int) -> NDArray[np.float64]:
         """No reading yet."""
         return no_reading(n)
 
-    def equations(self, rig, state, setpoint, pulses, torque, dt):
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> tuple[ca.SX, ca.SX]:
         """One sample: error and its rate -> s -> torque."""
         model, f = self.arm.dynamics, self.arm.f
         q = rig.cell_centre(pulses)

@@ -1,14 +1,15 @@
-"""Gains and observers from what is wanted of them: bandwidth and damping, poles, or weights.
+"""Feedback and observer gains of one joint from bandwidth and damping, poles, or weights (LQR, Kalman filter).
 
-All are for one joint, whose error is a double integrator of minus the feedback acceleration once the model has taken
-care of the arm: feedback accelerations per error [rad], not torques. `motor_gain` turns one into what `P` and its like
-are given, motor torque per pulse, by the inertia that the joint feels.
+With the arm's dynamics cancelled by its model, the error of a joint is a double integrator of minus the feedback
+acceleration; gains are feedback accelerations per error [rad], not torques. `motor_gain` converts one to motor torque
+per pulse, the gains of `P` and its like, with the inertia that the joint feels.
 """
 
 from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ctc.laws.observer import predict
 from plant import Rig
@@ -17,8 +18,8 @@ from plant.parts.arguments import array, instance, real
 __all__ = ["kalman_gains", "lqr_gains", "motor_gain", "observer_gains", "pid_gains"]
 
 
-def pid_gains(bandwidth, damping=1.0, integral=0.0):
-    """Gains that give the error the poles of (s^2 + 2 damping bandwidth s + bandwidth^2) (s + integral).
+def pid_gains(bandwidth: float, damping: float = 1.0, integral: float = 0.0) -> tuple[float, float, float]:
+    """PID gains for error poles at the zeros of (s^2 + 2 damping bandwidth s + bandwidth^2) (s + integral).
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ def pid_gains(bandwidth, damping=1.0, integral=0.0):
     return w**2 + 2 * zeta * w * p, w**2 * p, 2 * zeta * w + p
 
 
-def lqr_gains(error, acceleration):
+def lqr_gains(error: float, acceleration: float) -> tuple[float, float]:
     """Gains of the linear-quadratic regulator that weighs this error as much as this feedback acceleration.
 
     Parameters
@@ -69,7 +70,7 @@ def lqr_gains(error, acceleration):
     return float(gains[0, 0]), float(gains[0, 1])
 
 
-def motor_gain(rig, inertia, gain):
+def motor_gain(rig: Rig, inertia: ArrayLike, gain: ArrayLike) -> NDArray[np.float64]:
     """Motor torque per pulse [N m] of an acceleration per error, as `P` is given it; per its rate and integral alike.
 
     Parameters
@@ -85,14 +86,14 @@ def motor_gain(rig, inertia, gain):
     (n,) numpy.ndarray
     """
     instance("rig", rig, Rig, "Pass the rig of the arm.")
-    inertia = array("inertia", inertia, (rig.n,), advice="Give the diagonal of arm.D(q).")
+    felt = array("inertia", inertia, (rig.n,), advice="Give the diagonal of arm.D(q).")
     pulse = rig.to_angle(np.ones(rig.n))
     if rig.drive.coupling.matrix:
         raise ValueError("motor_gain is for motors that turn one joint each; got a coupling. Use arm.D(q) in full.")
-    return rig.drive.motor_torque(inertia * gain * pulse)
+    return rig.drive.motor_torque(felt * np.asarray(gain) * pulse)
 
 
-def observer_gains(poles, period):
+def observer_gains(poles: ArrayLike, period: float) -> NDArray[np.float64]:
     """Gains of the observer of error, rate and disturbance (`ctc.laws.observer`), from its three poles.
 
     Parameters
@@ -105,24 +106,20 @@ def observer_gains(poles, period):
     Returns
     -------
     (3,) numpy.ndarray
-        What a surprise in the measured error adds to error, rate [1/s] and disturbance [1/s^2].
+        By which the innovation corrects error, rate [1/s] and disturbance [1/s^2].
     """
     import control
 
-    poles = np.asarray(poles, complex)
-    if (
-        poles.shape != (3,)
-        or not (poles.real < 0).all()
-        or abs(np.poly(poles).imag).max() > 1e-9 * abs(poles).max() ** 3
-    ):
-        raise ValueError(f"poles must be three, stable, complex ones in pairs; got {poles}. Give rad/s, below zero.")
+    s = np.asarray(poles, complex)
+    if s.shape != (3,) or not (s.real < 0).all() or abs(np.poly(s).imag).max() > 1e-9 * abs(s).max() ** 3:
+        raise ValueError(f"poles must be three, stable, complex ones in pairs; got {s}. Give rad/s, below zero.")
     real("period", period, "Give seconds.", positive=True)
     step, seen = _model()
-    gains = control.acker(step.T, (seen @ step).T, np.exp(poles * period))
+    gains = control.acker(step.T, (seen @ step).T, np.exp(s * period))
     return np.asarray(gains).ravel() / period ** np.arange(3)
 
 
-def kalman_gains(rig, disturbance, period=None):
+def kalman_gains(rig: Rig, disturbance: ArrayLike, period: float | None = None) -> NDArray[np.float64]:
     """Gains of the stationary Kalman filter (LQE) in place of `observer_gains`, one row for each joint.
 
     Its measurement noise is that of the counts, a uniform error of one pulse.
@@ -131,7 +128,7 @@ def kalman_gains(rig, disturbance, period=None):
     ----------
     rig : Rig
     disturbance : float or (n,) array_like
-        By how much the disturbance acceleration walks in one second (standard deviation) [rad/s^2].
+        Standard deviation of the change of the disturbance acceleration, a random walk, in one second [rad/s^2].
     period : float, optional
         [s]; by default the rig's.
 
@@ -147,7 +144,7 @@ def kalman_gains(rig, disturbance, period=None):
     step, seen = _model()
     walk = np.broadcast_to(np.asarray(disturbance, float), (rig.n,)) * np.sqrt(period)
     if not (np.isfinite(walk) & (walk > 0)).all():
-        raise ValueError(f"disturbance must be positive; got {disturbance}. Give rad/s^2 in one second.")
+        raise ValueError(f"disturbance must be positive; got {np.asarray(disturbance)}. Give rad/s^2 in one second.")
     rows = []
     for size, pulse in zip(walk, rig.to_angle(np.ones(rig.n)), strict=True):
         ratio = (size * period**2) ** 2 / (pulse**2 / 12)
@@ -156,10 +153,10 @@ def kalman_gains(rig, disturbance, period=None):
     return np.array(rows) / period ** np.arange(3)
 
 
-def _model():
+def _model() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """One sample of error, rate and disturbance, as `ctc.laws.observer.predict` steps them, and what is measured.
 
-    Time is counted in samples, so that all three are of one size; gains per second and its square are got from that.
+    Time is counted in samples, so that all three are of one size; the gains are then converted to seconds.
     """
     x = ca.SX.sym("x", 3)
     step = ca.Function("step", [x], [ca.jacobian(ca.vertcat(*predict(x[0], x[1], x[2], 0, 1.0)), x)])

@@ -1,38 +1,52 @@
-"""The loop of each joint under a sampled law, linearised: with sampling, delay and observer, for analysis.
+"""Loop transfer function of each joint under a sampled law, linearised, with sampling, delay and observer.
 
 About an arm held at a pose, by the law's own equations and the simulator's own sub-step. The loop of a joint is opened
-where its encoder is read, all other loops stay closed: what goes in are the counts that the law sees, what comes out is
-minus the position, in pulses, so that the sensitivity is 1 / (1 + L). The encoder does not round, the joint slides
-without turning back (viscous friction acts, dry friction does not), and the amplifier is below its limit.
+where its encoder is read, all other loops stay closed: input are the counts that the law reads, output is minus the
+position, in pulses, so that the sensitivity function is 1 / (1 + L). The encoder does not round, the joint slides one
+way (viscous friction acts, dry friction does not), and the amplifier is below its limit.
 """
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from plant import Arm, Law, Rig
+from identification import Identification
+from plant import Arm, Block, Law, Rig
 from plant.machine.rig import smooth_rig
-from plant.parts.arguments import array, instance
+from plant.parts.arguments import array, instance, known_options
+from plant.parts.deprecation import old_order
 from plant.simulation.closed_loop import ClosedLoop
+
+if TYPE_CHECKING:
+    from control import StateSpace
 
 __all__ = ["error_loop", "open_loops"]
 
 _SUB_STEPS = 16
 
+Matrix = NDArray[np.float64]
 
-def error_loop(law, rig, *, joint=0, arm=None, pose=None):
+
+@old_order("law", "rig", first=Law, new="error_loop(arm, rig, law)", arm=None)
+@known_options
+def error_loop(
+    arm: Arm | Identification | None, rig: Rig, law: Law, *, joint: int = 0, pose: ArrayLike | None = None
+) -> StateSpace:
     """Loop transfer function L of one joint, the loops of the others closed.
 
     Parameters
     ----------
+    arm : Arm, Identification or None
+        What is controlled; None for the law's own, as if f were known.
+    rig : Rig
     law : Law
         With a period, such as `ComputedTorque`.
-    rig : Rig
     joint : int
         Counted from 0.
-    arm : Arm, optional
-        What is controlled; by default the law's own, as if f were known.
     pose : (n,) array_like, optional
         q at rest [rad]; zeros by default.
 
@@ -48,35 +62,44 @@ def error_loop(law, rig, *, joint=0, arm=None, pose=None):
     """
     import control
 
-    A, B, C, dt = open_loops(law, rig, arm, pose)
+    A, B, C, dt = open_loops(arm, rig, law, pose)
     if not isinstance(joint, (int, np.integer)) or not 0 <= joint < rig.n:
         raise ValueError(f"joint must be a whole number from 0 to {rig.n - 1}; got {joint!r}. Joints count from 0.")
     A, b, c = opened(A, B, C, joint)
-    return control.StateSpace(
-        A, b, -c, 0, dt, inputs=[f"pulses[{joint}]"], outputs=[f"position[{joint}]"], name=f"loop of joint {joint}"
-    )
+    name = f"loop of {controlled(arm, law).dynamics.chain.joint_labels[joint]}"
+    return control.StateSpace(A, b, -c, 0, dt, inputs=[f"pulses[{joint}]"], outputs=[f"position[{joint}]"], name=name)
 
 
-def opened(A, B, C, joint):
+def controlled(arm: Arm | Identification | None, law: Law) -> Arm:
+    """The arm itself, that of an identification, or of None that of the law."""
+    given: Any = arm.arm if isinstance(arm, Identification) else getattr(law, "arm", None) if arm is None else arm
+    instance("arm", given, Arm, "Pass the arm that is controlled, an identification, or None for the law's own.")
+    return given
+
+
+def opened(A: Matrix, B: Matrix, C: Matrix, joint: int) -> tuple[Matrix, Matrix, Matrix]:
     """Matrices of one open loop, the others closed: A (m, m), b (m, 1), c (1, m)."""
     others = [i for i in range(len(C)) if i != joint]
     return A + B[:, others] @ C[others], B[:, [joint]], C[[joint]]
 
 
-def open_loops(law, rig, arm=None, pose=None):
+def open_loops(
+    arm: Arm | Identification | None, rig: Rig, law: Law, pose: ArrayLike | None = None
+) -> tuple[Matrix, Matrix, Matrix, float]:
     """Matrices A (m, m), B (m, n), C (n, m) from the counts read to the positions, in pulses, and the period [s].
 
     States: q, qd, the law's, and the torque applied last. All loops are closed by A + B C.
     """
     instance("law", law, Law, "Give a law, such as ComputedTorque(arm, rig).")
     instance("rig", rig, Rig, "Pass the rig that the law drives.")
-    arm = instance("arm", getattr(law, "arm", None) if arm is None else arm, Arm, "Pass arm=, what is controlled.")
+    rig.require_rigid("the error loop")
+    arm = controlled(arm, law)
     n, rig = rig.n, smooth_rig(rig)
-    pose = array("pose", np.zeros(n) if pose is None else pose, (n,), advice="Give one angle per joint [rad].")
+    at = array("pose", np.zeros(n) if pose is None else pose, (n,), advice="Give one angle per joint [rad].")
     block = law.block(rig)
     if block.period is None:
         raise ValueError(f"law must have a period; {type(law).__name__} has none. Give it one, or use plant.linearise.")
-    q, own, torque, pulses = held(law, block, rig, arm, pose)
+    q, own, torque, pulses = held(arm, rig, law, block, at)
 
     # The arm, from one step of the law to the next: so many sub-steps under one torque.
     loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=_SUB_STEPS, smooth=True)
@@ -91,9 +114,9 @@ def open_loops(law, rig, arm=None, pose=None):
     kept = np.r_[: 2 * n, 3 * n : 4 * n]
     moved = np.linalg.matrix_power(slope[np.ix_(kept, kept)], loop.steps_per_law)[: 2 * n]
 
-    # The law: what it asks for now, and its next state.
+    # The law: the torque that it commands now, and its next state.
     s, t, p = ca.SX.sym("own", len(own)), ca.SX.sym("torque", n), ca.SX.sym("pulses", n)
-    step = ca.vertcat(*block.step(s, pose, 0, 0, rig.counts(pose), p, t, block.period, block.values))
+    step = ca.vertcat(*block.step(s, at, 0, 0, rig.counts(at), p, t, block.period, block.values))
     slopes = ca.Function("law", [s, t, p], [ca.jacobian(step, x) for x in (s, t, p)])(own, torque, pulses)
     by_own, by_torque, by_pulses = (each.full() for each in slopes)
 
@@ -106,18 +129,17 @@ def open_loops(law, rig, arm=None, pose=None):
     return A, B, C, block.period
 
 
-def held(law, block, rig, arm, pose):
+def held(arm: Arm, rig: Rig, law: Law, block: Block, pose: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix]:
     """Where the arm comes to rest under the law with a reference at rest: q, the law's state, torque, and pulses.
 
-    Newton's method on: the law asks for what carries the arm, and its state stays.
+    By Newton's method: the commanded torque carries the arm, and the law's state stays.
     """
     n = rig.n
     q, s = ca.SX.sym("q", n), ca.SX.sym("own", len(block.initial))
     torque = arm.dynamics.h(q, ca.SX.zeros(n), arm.f) + rig.drive.friction(ca.SX.zeros(n))
-    asked, following = block.step(
-        s, pose, 0, 0, rig.counts(pose), rig.position_in_pulses(q), torque, block.period, block.values
-    )
-    x, rest = ca.vertcat(q, s), ca.vertcat(asked - torque, following - s)
+    counts, pulses = rig.counts(pose), rig.position_in_pulses(q)
+    commanded, following = block.step(s, pose, 0, 0, counts, pulses, torque, block.period or 0.0, block.values)
+    x, rest = ca.vertcat(q, s), ca.vertcat(commanded - torque, following - s)
     newton = ca.Function("newton", [x], [rest, ca.jacobian(rest, x), torque])
     point = np.concatenate([pose, block.initial])
     for _ in range(50):

@@ -1,37 +1,47 @@
-"""How far the loop of each joint is from instability: margins, sensitivity, and their figure."""
+"""Gain, phase and delay margin of the loop of each joint, and its sensitivity peak."""
 
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from ctc.stability.error_loop import open_loops, opened
+from ctc.figures import plot_margins
+from ctc.stability.error_loop import controlled, open_loops, opened
+from ctc.verdict.table import aligned
+from identification import Identification
+from plant import Arm, Law, Rig
 from plant.parts.arguments import known_options
+from plant.parts.deprecation import old_order
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["Margins", "margins"]
 
 _POINTS = 4000
 
 _KEPT = 1e-9
-"""How far outside 1 rounding may put the eigenvalue of what a law keeps, such as parameters that do not adapt now."""
+"""By how much rounding may put the eigenvalue 1 of a constant state, such as parameters at rest, outside 1."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Margins:
-    """Margins of every joint, each with the loops of the others closed.
+    """Stability margins of every joint, each with the loops of the others closed. Print them for a table.
 
     Attributes
     ----------
     stable : bool
-        Of all loops closed, without any change; the margins mean nothing where this is not so.
+        Whether the loop is stable with all joints closed; where it is not, the margins mean nothing.
     gain_down, gain_up : (n,) numpy.ndarray
         Factors on the loop's gain (on the inertia that is really there, inverse) between which it stays stable; 0 and
         infinity where nothing ends it.
     phase : (n,) numpy.ndarray
         Smallest phase lag that makes it unstable [deg].
     delay : (n,) numpy.ndarray
-        Smallest delay that does [s].
+        Smallest additional delay that makes it unstable [s].
     crossover : (n,) numpy.ndarray
         Highest frequency of gain 1 [Hz].
     sensitivity : (n,) numpy.ndarray
@@ -42,52 +52,52 @@ class Margins:
         [Hz]
     response : (n, F) complex numpy.ndarray
         L there.
+    joint_labels : list of str
+        What to call each joint.
     """
 
     stable: bool
-    gain_down: np.ndarray
-    gain_up: np.ndarray
-    phase: np.ndarray
-    delay: np.ndarray
-    crossover: np.ndarray
-    sensitivity: np.ndarray
+    gain_down: NDArray[np.float64]
+    gain_up: NDArray[np.float64]
+    phase: NDArray[np.float64]
+    delay: NDArray[np.float64]
+    crossover: NDArray[np.float64]
+    sensitivity: NDArray[np.float64]
     period: float
-    frequency: np.ndarray
-    response: np.ndarray
+    frequency: NDArray[np.float64]
+    response: NDArray[np.complex128]
+    joint_labels: list[str]
 
-    def __str__(self):
-        lines = ["joint   crossover   gain down   gain up   phase   delay              sensitivity peak"]
-        for i in range(len(self.phase)):
+    def __str__(self) -> str:
+        rows = [("", "crossover", "gain down", "gain up", "phase", "delay", "sensitivity peak")]
+        for i, label in enumerate(self.joint_labels):
             delay = f"{1e3 * self.delay[i]:.2f} ms ({self.delay[i] / self.period:.1f} samples)"
-            lines.append(
-                f"{i + 1:<5} {self.crossover[i]:8.1f} Hz {self.gain_down[i]:11.2f} {self.gain_up[i]:9.2f} "
-                f"{self.phase[i]:6.1f}°   {delay:<21} {self.sensitivity[i]:13.2f}"
-            )
-        return "\n".join(lines if self.stable else ["The closed loop is not stable.", *lines])
+            numbers = f"{self.gain_down[i]:.2f}", f"{self.gain_up[i]:.2f}", f"{self.phase[i]:.1f}°", delay
+            rows.append((label, f"{self.crossover[i]:.1f} Hz", *numbers, f"{self.sensitivity[i]:.2f}"))
+        return "\n".join([*([] if self.stable else ["The closed loop is not stable."]), *aligned(rows)])
 
-    def plot(self):
+    def plot(self) -> Figure:
         """Bode diagram of the loops and their sensitivity, one line per joint.
 
         Returns
         -------
         matplotlib.figure.Figure
         """
-        from ctc.figures import plot_margins
-
         return plot_margins(self)
 
 
+@old_order("law", "rig", first=Law, new="margins(arm, rig, law)", arm=None)
 @known_options
-def margins(law, rig, *, arm=None, pose=None):
+def margins(arm: Arm | Identification | None, rig: Rig, law: Law, *, pose: ArrayLike | None = None) -> Margins:
     """Stability margins of the loop of every joint under a sampled law.
 
     Parameters
     ----------
+    arm : Arm, Identification or None
+        What is controlled; None for the law's own, as if f were known.
+    rig : Rig
     law : Law
         With a period, such as `ComputedTorque`.
-    rig : Rig
-    arm : Arm, optional
-        What is controlled; by default the law's own, as if f were known.
     pose : (n,) array_like, optional
         q at rest [rad]; zeros by default.
 
@@ -102,7 +112,7 @@ def margins(law, rig, *, arm=None, pose=None):
     """
     import control
 
-    A, B, C, period = open_loops(law, rig, arm, pose)
+    A, B, C, period = open_loops(arm, rig, law, pose)
     omega = np.geomspace(1e-4, 1, _POINTS, endpoint=False) * np.pi / period
     found = []
     for joint in range(len(C)):
@@ -125,6 +135,7 @@ def margins(law, rig, *, arm=None, pose=None):
     return Margins(
         stable=bool(np.abs(np.linalg.eigvals(A + B @ C)).max() < 1 + _KEPT),
         period=period,
+        joint_labels=controlled(arm, law).dynamics.chain.joint_labels,
         frequency=omega / (2 * np.pi),
         **{name: np.array([each[name] for each in found]) for name in found[0]},
     )

@@ -1,26 +1,33 @@
-"""The arm in motion: its links in a pose, and a GIF of a run with the error in pulses beside it.
+"""Drawing of an arm in a pose, and animation (GIF) of a run with its tracking error.
 
 matplotlib is imported only when something is drawn.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from ctc.figures import COLOURS, draw_band, joint_name
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ctc.figures import COLOURS, draw_band
 from ctc.verdict.evaluation import Evaluation
 from plant import Arm
 from plant.mechanics.kinematics import joint_positions
 from plant.parts.arguments import array, instance, known_options, real
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 __all__ = ["animate", "plot_arm"]
 
 _POSES = 200
-"""From which the plane of a planar arm, and the room that a motion takes, are found."""
+"""From which the plane of a planar arm, and the space that a motion takes, are found."""
 
 
 @known_options
-def plot_arm(arm, q, *, tip=None, axes=None):
+def plot_arm(arm: Arm, q: ArrayLike, *, tip: ArrayLike | None = None, axes: Any = None) -> Figure:
     """Draw an arm in one pose: base, joints and tip joined by lines; in its plane if it has one, else in space.
 
     Parameters
@@ -43,19 +50,22 @@ def plot_arm(arm, q, *, tip=None, axes=None):
         Neither a tip nor bodies say where the last link ends.
     """
     instance("arm", arm, Arm, "The order is arm, q.")
-    q = array("q", q, (arm.n,), advice="Give one angle per joint [rad].")
+    pose = array("q", q, (arm.n,), advice="Give one angle per joint [rad].")
     scene = _Scene(arm, tip)
     if axes is None:
         import matplotlib.pyplot as plt
 
         axes = plt.figure(figsize=(5, 5), layout="constrained").add_subplot(projection=scene.projection)
-    scene.prepare(axes, q[None])
-    scene.draw(q)
+    scene.prepare(axes, pose[None])
+    scene.draw(pose)
     return axes.figure
 
 
 @known_options
-def animate(evaluation, path, *, arm, tip=None, fps=15, speed=1.0):
+def animate(
+    evaluation: Evaluation, path: str | Path, *, arm: Arm, tip: ArrayLike | None = None, fps: int = 15,
+    speed: float = 1.0,
+) -> int:  # fmt: skip
     """Write a GIF of a run: the arm on its path, and the encoder error of every joint in pulses.
 
     Parameters
@@ -84,7 +94,7 @@ def animate(evaluation, path, *, arm, tip=None, fps=15, speed=1.0):
     """
     instance("evaluation", evaluation, Evaluation, "Pass what evaluate(...) returned.")
     instance("arm", arm, Arm, "Pass the arm that was evaluated.")
-    record = evaluation.record
+    record, q = evaluation.record, np.asarray(evaluation.record.true_q)
     if arm.n != record.n:
         raise ValueError(f"arm must have {record.n} joints like the run; got {arm.n}. Pass the arm that was evaluated.")
     if real("fps", fps, "15 is smooth enough.", positive=True) > 50:
@@ -98,16 +108,16 @@ def animate(evaluation, path, *, arm, tip=None, fps=15, speed=1.0):
     scene = _Scene(arm, tip)
     figure = plt.figure(figsize=(8.5, max(3.6, 1.1 * record.n)), layout="constrained")
     grid = figure.add_gridspec(record.n, 2, width_ratios=(1, 1) if scene.projection else (1, 1.25))
-    scene.prepare(figure.add_subplot(grid[:, 0], projection=scene.projection), record.true_q)
+    scene.prepare(figure.add_subplot(grid[:, 0], projection=scene.projection), q)
     cursors = [_error_axis(figure.add_subplot(grid[i, 1]), evaluation, i) for i in range(record.n)]
     title = figure.suptitle(" ", fontsize=10)
-    scene.draw(record.true_q[0])
+    scene.draw(q[0])
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # laid out once, not for every picture
     writer = PillowWriter(fps=fps)
     with writer.saving(figure, str(path), dpi=80):
         for k in shown:
-            scene.draw(record.true_q[k])
+            scene.draw(q[k])
             for line, values in cursors:
                 line.set_data(record.t[: k + 1], values[: k + 1])
             worst = np.abs(record.error_pulses[: k + 1]).max()
@@ -119,17 +129,17 @@ def animate(evaluation, path, *, arm, tip=None, fps=15, speed=1.0):
     return len(shown)
 
 
-def _error_axis(axis, evaluation, joint):
-    """An axis of one joint's error, the whole run pale; the line of what was seen so far, and its values."""
+def _error_axis(axis: Any, evaluation: Evaluation, joint: int) -> tuple[Any, NDArray[np.float64]]:
+    """An axis of one joint's error, the whole run pale; the line of the run so far, and its values."""
     record, colour = evaluation.record, COLOURS[joint % len(COLOURS)]
     values = record.error_pulses[:, joint]
     axis.spines[["top", "right"]].set_visible(False)
     axis.plot(record.t, values, drawstyle="steps-post", color="0.7", linewidth=0.6)
     (line,) = axis.plot([], [], drawstyle="steps-post", color=colour, linewidth=0.9)
     draw_band(axis)
-    axis.set_ylabel(joint_name(evaluation.joints, joint))
+    axis.set_title(evaluation.joint_labels[joint], fontsize=8, loc="left", pad=2)
     if joint == 0:
-        axis.set_title("encoder error [pulses]", fontsize=10)
+        axis.set_title("encoder error [pulses]", fontsize=8, loc="right", pad=2)
     if joint < record.n - 1:
         axis.tick_params(labelbottom=False)
     else:
@@ -140,7 +150,7 @@ def _error_axis(axis, evaluation, joint):
 class _Scene:
     """The links of an arm, as they are drawn: in the plane in which they always lie, or in space."""
 
-    def __init__(self, arm, tip):
+    def __init__(self, arm: Arm, tip: ArrayLike | None) -> None:
         chain = arm.dynamics.chain
         if tip is None and not chain.bodies:
             raise ValueError(
@@ -155,12 +165,12 @@ class _Scene:
         self.view = _plane(self.all(poses), -np.array(chain.gravity))
         self.projection = "3d" if len(self.view) == 3 else None
 
-    def all(self, poses):
+    def all(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """Points (N, n + 2, 3) of poses (N, n) [m]."""
         return np.array([self.positions(q).full().T for q in poses])
 
-    def prepare(self, axis, motion):
-        """Axes with room for a motion (N, n), and the path of the tip."""
+    def prepare(self, axis: Any, motion: NDArray[np.float64]) -> None:
+        """Axes that hold a motion (N, n), and the path of the tip."""
         points = self.all(motion[:: max(1, len(motion) // _POSES)]) @ self.view.T
         self.links = axis.plot(*np.zeros((len(self.view), 1)), "-o", color="#444444", linewidth=4, markersize=6)[0]
         axis.plot(*points[:1, 0].T, "s", color="#444444", markersize=10)
@@ -174,15 +184,16 @@ class _Scene:
         axis.set_aspect("equal")
         if self.projection:
             axis.set_box_aspect(None, zoom=0.88)  # or the labels are cut off
+            axis.locator_params(nbins=5)
         axis.grid(alpha=0.25, linewidth=0.5)
 
-    def draw(self, q):
+    def draw(self, q: NDArray[np.float64]) -> None:
         """Move the links to a pose (n,)."""
         points = self.view @ self.positions(q).full()
         (self.links.set_data_3d if len(points) == 3 else self.links.set_data)(*points)
 
 
-def _plane(points, up):
+def _plane(points: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rows of a view: the identity in space; of points that all lie in one plane through the base, its two axes.
 
     The second axis is upwards where the plane is not level, the first to the side of positive x, or y.

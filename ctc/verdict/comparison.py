@@ -3,10 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+import textwrap
+from typing import TYPE_CHECKING
 
-from ctc.verdict.evaluation import evaluate
-from plant import DivergenceError, Law
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ctc.figures import plot_comparison
+from ctc.verdict.evaluation import Evaluation, evaluate
+from ctc.verdict.table import aligned
+from plant import Arm, DivergenceError, Law, Reference, Rig
 from plant.parts.arguments import instance, known_options
+from plant.parts.deprecation import old_order
+from plant.parts.labels import joint_labels
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["Comparison", "compare"]
 
@@ -20,60 +32,67 @@ _COLUMNS = (
 )
 
 
-def _each(values, form):
+_EACH = 3
+"""Joints up to which a cell has a number for each; with more it has the largest."""
+
+
+def _each(values: NDArray[np.float64], form: str) -> str:
+    if len(values) > _EACH:
+        return f"{values.max():{form}} q[{values.argmax()}]"
     return " / ".join(format(value, form) for value in values)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
-    """Verdicts of several laws on the same arm and reference.
+    """Evaluations of several laws on the same arm and reference.
 
-    Print it for a table with one row per law and, in a cell, one number per joint; chatter is the mean change of the
-    torque from one sample to the next, "at the limit" the share of the samples of the joint that is there most.
+    Print it for a table with one row per law and, in a cell, one number per joint, or of more than three joints the
+    largest; chatter is the mean change of the torque from one sample to the next, "at the limit" the share of the
+    samples at the amplifier's limit, of the joint that is there most.
 
     Attributes
     ----------
     evaluations : dict of str -> Evaluation
         By the name of the law, in the order given, without those that diverged.
     diverged : dict of str -> str
-        What is to be said of the laws under which the loop did not stay bounded.
+        By name, when and where the loop under a law diverged.
     """
 
-    evaluations: dict
-    diverged: dict
+    evaluations: dict[str, Evaluation]
+    diverged: dict[str, str]
 
-    def plot(self):
+    def plot(self) -> Figure:
         """Draw the errors of all laws that stayed bounded; see `ctc.figures.plot_comparison`."""
-        from ctc.figures import plot_comparison
-
         return plot_comparison(self.evaluations)
 
-    def __str__(self):
-        names = [*self.evaluations, *self.diverged]
-        width = max(len(name) for name in [*names, "law"])
+    def __str__(self) -> str:
+        rows = [["law", *(title for title, _ in _COLUMNS)]]
+        rows += [[name, *(cell(evaluation) for _, cell in _COLUMNS)] for name, evaluation in self.evaluations.items()]
+        width = max(map(len, ["law", *self.evaluations, *self.diverged]))
+        rows = [[f"{name:<{width}}", *cells] for name, *cells in rows]
+        lines = [*aligned(rows), *(f"{name:<{width}}  {why}" for name, why in self.diverged.items())]
         joints = next((evaluation.joints for evaluation in self.evaluations.values()), ())
-        rows = [[cell(evaluation) for _, cell in _COLUMNS] for evaluation in self.evaluations.values()]
-        columns = zip(*([title for title, _ in _COLUMNS], *rows), strict=True)
-        wide = [2 + max(map(len, column)) for column in columns]
-        lines = [
-            f"{name:<{width}}" + "".join(f"{cell:>{space}}" for cell, space in zip(cells, wide, strict=True))
-            for name, cells in zip(["law", *self.evaluations], [[title for title, _ in _COLUMNS], *rows], strict=True)
-        ]
-        lines += [f"{name:<{width}}  {why}" for name, why in self.diverged.items()]
-        return "\n".join([*lines, f"a / b: joints {', '.join(joints)}"] if len(joints) > 1 else lines)
+        if len(joints) > 1:
+            cell = "a / b" if len(joints) <= _EACH else "largest of the joints, and which"
+            lines += textwrap.wrap(f"{cell}: {', '.join(joint_labels(joints, len(joints)))}", 110)
+        return "\n".join(lines)
 
 
+@old_order("laws", "arm", "rig", "reference", first=dict, new="compare(arm, rig, laws, reference)")
 @known_options
-def compare(laws, arm, rig, reference, *, backend="numba", duration=None, steps_per_sample=16, initial=None):
+def compare(
+    arm: Arm, rig: Rig, laws: dict[str, Law], reference: Reference, *, backend: str = "numba",
+    duration: float | None = None, steps_per_sample: int = 16, initial: ArrayLike | None = None,
+) -> Comparison:  # fmt: skip
     """Evaluate several laws on one arm and one reference.
 
     Parameters
     ----------
+    arm : Arm
+        The arm that is controlled.
+    rig : Rig
     laws : dict of str -> Law
         By the name that each is to have in the table.
-    arm : Arm
-        The true arm, as far as anyone knows it.
-    rig : Rig
     reference : Reference
     backend : {"numba", "casadi"}
         As in `ctc.evaluate`.

@@ -1,23 +1,31 @@
-"""The verdict: does the arm stay within so many encoder pulses of its path, and what does it cost in torque?"""
+"""Tracking error in encoder pulses, torque and chatter of an arm under a law, by simulation."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 from numbers import Real
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from plant import Record
+from ctc.figures import plot_evaluation
+from ctc.verdict.table import by_joint
+from plant import Arm, Law, Record, Reference, Rig
 from plant.parts.arguments import choice, known_options
+from plant.parts.labels import joint_labels
 from plant.simulation.simulator import run
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["Evaluation", "evaluate"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Evaluation:
-    """How well an arm followed a reference under a law.
+    """Tracking error and torque of an arm that followed a reference under a law. Print it for a table.
 
     Attributes
     ----------
@@ -43,84 +51,93 @@ class Evaluation:
         Share of the samples at the amplifier's limit.
     """
 
-    joints: tuple
+    joints: tuple[str, ...]
     record: Record
-    true_error_pulses: np.ndarray
+    true_error_pulses: NDArray[np.float64]
 
     @property
-    def max_error_pulses(self):
+    def joint_labels(self) -> list[str]:
+        """What to call each joint in tables and figures."""
+        return joint_labels(self.joints, len(self.joints))
+
+    @property
+    def max_error_pulses(self) -> NDArray[np.float64]:
         return np.abs(self.record.error_pulses).max(axis=0)
 
     @property
-    def max_true_error_pulses(self):
+    def max_true_error_pulses(self) -> NDArray[np.float64]:
         return np.abs(self.true_error_pulses).max(axis=0)
 
     @property
-    def rms_error_pulses(self):
+    def rms_error_pulses(self) -> NDArray[np.float64]:
         return np.sqrt(np.mean(self.record.error_pulses**2, axis=0))
 
     @property
-    def peak_torque(self):
-        return np.abs(self.record.torque).max(axis=0)
+    def _torque(self) -> NDArray[np.float64]:
+        return np.asarray(self.record.torque)
 
     @property
-    def rms_torque(self):
-        return np.sqrt(np.mean(self.record.torque**2, axis=0))
+    def peak_torque(self) -> NDArray[np.float64]:
+        return np.abs(self._torque).max(axis=0)
 
     @property
-    def chatter(self):
-        return np.abs(np.diff(self.record.torque, axis=0)).mean(axis=0)
+    def rms_torque(self) -> NDArray[np.float64]:
+        return np.sqrt(np.mean(self._torque**2, axis=0))
 
     @property
-    def saturation(self):
+    def chatter(self) -> NDArray[np.float64]:
+        return np.abs(np.diff(self._torque, axis=0)).mean(axis=0)
+
+    @property
+    def saturation(self) -> NDArray[np.float64]:
         limit = self.record.rig.drive.current_limit
-        return (np.abs(self.record.current) >= limit * (1 - 1e-12)).mean(axis=0)
+        return (np.abs(np.asarray(self.record.current)) >= limit * (1 - 1e-12)).mean(axis=0)
 
-    def fraction_within(self, k):
+    def fraction_within(self, k: float) -> float:
         """Share of the samples at which every joint's encoder error is within +-k pulses."""
         if not isinstance(k, Real) or not k >= 0:
             raise ValueError(f"k must be a number of pulses, 0 or more; got {k!r}. The promise is 1.")
         return float((np.abs(self.record.error_pulses) <= k).all(axis=1).mean())
 
-    def share_within(self, k):
+    def share_within(self, k: float) -> str:
         """`fraction_within` as text, rounded down, so that 100.00% means all samples."""
         return f"{math.floor(self.fraction_within(k) * 1e4 + 1e-9) / 100:.2f}%"
 
-    def within(self, k):
+    def within(self, k: float) -> bool:
         """Whether every joint's encoder error is within +-k pulses at every sample."""
         return self.fraction_within(k) == 1.0
 
-    def plot(self, axes=None):
+    def plot(self, axes: Any = None) -> Figure:
         """Draw error and torque of every joint; see `ctc.figures.plot_evaluation`."""
-        from ctc.figures import plot_evaluation
-
         return plot_evaluation(self, axes)
 
-    def __str__(self):
-        def row(name, values, form):
-            return f"{name:<34}" + "".join(f"{value:>12{form}}" for value in values)
-
-        lines = [
-            f"{type(self.record.law).__name__}: {self.share_within(1)} of {len(self.record)} samples within +-1 pulse",
-            row("", [f"joint {name}" for name in self.joints], ""),
-            row("encoder error, peak [pulses]", self.max_error_pulses, ".0f"),
-            row("encoder error, RMS [pulses]", self.rms_error_pulses, ".2f"),
-            row("true joint error, peak [pulses]", self.max_true_error_pulses, ".2f"),
-            row("torque, peak [N m]", self.peak_torque, ".0f"),
-            row("torque chatter per sample [N m]", self.chatter, ".1f"),
-            row("share at the amplifier's limit", self.saturation, ".2%"),
+    def __str__(self) -> str:
+        quantities = [
+            (title, *(format(value, form) for value in values))
+            for title, values, form in (
+                ("encoder error, peak [pulses]", self.max_error_pulses, ".0f"),
+                ("encoder error, RMS [pulses]", self.rms_error_pulses, ".2f"),
+                ("true joint error, peak [pulses]", self.max_true_error_pulses, ".2f"),
+                ("torque, peak [N m]", self.peak_torque, ".0f"),
+                ("torque chatter per sample [N m]", self.chatter, ".1f"),
+                ("share at the amplifier's limit", self.saturation, ".2%"),
+            )
         ]
-        return "\n".join(lines)
+        verdict = f"{self.share_within(1)} of {len(self.record)} samples within +-1 pulse"
+        return "\n".join([f"{type(self.record.law).__name__}: {verdict}", *by_joint(self.joint_labels, quantities)])
 
 
 @known_options
-def evaluate(arm, rig, law, reference, *, backend="casadi", duration=None, steps_per_sample=16, initial=None):
-    """Run an arm under a law and judge the tracking in encoder pulses.
+def evaluate(
+    arm: Arm, rig: Rig, law: Law, reference: Reference, *, backend: str = "casadi", duration: float | None = None,
+    steps_per_sample: int = 16, initial: ArrayLike | None = None,
+) -> Evaluation:  # fmt: skip
+    """Simulate an arm under a law, and measure the tracking error in encoder pulses.
 
     Parameters
     ----------
     arm : Arm
-        The true arm, as far as anyone knows it.
+        The arm that is controlled; its f need not be the law's.
     rig : Rig
     law : Law
     reference : Reference

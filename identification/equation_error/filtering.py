@@ -1,8 +1,9 @@
-"""Filters without phase, and motion from positions alone."""
+"""Zero-phase low-pass, and velocity and acceleration from positions alone."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from plant import Motion
 from plant.parts.arguments import real
@@ -13,7 +14,7 @@ _ORDER = 4
 """Of the Butterworth low-pass; run forwards and backwards it has no phase, and the attenuation of twice the order."""
 
 
-def low_pass(x, period, cutoff):
+def low_pass(x: ArrayLike, period: float, cutoff: float) -> NDArray[np.float64]:
     """Zero-phase low-pass of the columns of x (N, ...), sampled every `period` [s]; `cutoff` in Hz.
 
     Raises
@@ -23,7 +24,7 @@ def low_pass(x, period, cutoff):
     """
     from scipy.signal import butter, sosfiltfilt  # a third of a second that the genetic algorithm does not need
 
-    cutoff = real("cutoff", cutoff, "Give Hz.", positive=True)
+    x, cutoff = np.asarray(x), real("cutoff", cutoff, "Give Hz.", positive=True)
     if not 2 * cutoff * period < 1:
         raise ValueError(
             f"cutoff must be below half of the sample rate, {0.5 / period:.4g} Hz; got {cutoff:g}. Lower it."
@@ -33,7 +34,7 @@ def low_pass(x, period, cutoff):
     return sosfiltfilt(butter(_ORDER, 2 * cutoff * period, output="sos"), x, axis=0)
 
 
-def derivatives(q, period, cutoff):
+def derivatives(q: ArrayLike, period: float, cutoff: float) -> Motion:
     """Motion from positions (N, n) [rad], sampled every `period` [s]: low-passed, then central differences.
 
     Returns

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 
 __all__ = ["least_squares"]
 
 
-def least_squares(names, rows, target, *, dependent=1e-9):
+def least_squares(
+    names: Sequence[str], rows: NDArray[np.float64], target: NDArray[np.float64], *, dependent: float = 1e-9
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Solve rows x = target.
 
     Parameters
@@ -23,7 +28,7 @@ def least_squares(names, rows, target, *, dependent=1e-9):
     -------
     values : (k,) numpy.ndarray
     covariance : (k, k) numpy.ndarray
-        Of the values, where every row has a scatter of 1.
+        Of the values, where the residual of every row has a standard deviation of 1.
     condition : float
         Of the columns, scaled to one length.
 
@@ -48,9 +53,10 @@ def least_squares(names, rows, target, *, dependent=1e-9):
         triangle[i, i] = np.sqrt((column * column).sum())
         if triangle[i, i] < dependent:
             shares = np.linalg.solve(triangle[:i, :i], triangle[:i, i])
-            others = [names[j] for j in np.flatnonzero(np.abs(shares) > 1e-3)]
+            others = [names[j] for j in np.flatnonzero(np.abs(shares) > 1e-3).tolist()]
             raise ValueError(
-                f"unknowns must be told apart by the log; {names[i]} is one with {', '.join(others)}. Fix one of them."
+                f"unknowns must be separately identifiable; {names[i]} is a combination of {', '.join(others)}. Fix "
+                "one of them, or log a motion that excites more."
             )
         basis[:, i] = column / triangle[i, i]
     inverse = np.zeros((k, k))

@@ -1,28 +1,33 @@
-"""The equation error of records: torques by the law that made them, motion from counts, in a pass band of its own.
+"""The equation error of records: torques from the law that commanded them, motion from counts, in a pass band.
 
-Under a law without memory the torque of the motors is known from the logged counts, as exactly as they are. Low
-frequencies say little of inertias; above the slow mode of the position loop the rounding of the counts says more than
-the arm. So the pass band is twice the frequency of that mode: found first in the spectrum of the tracking error, then,
-once a first f is there, from the linearised loop.
+Under a law without memory the torque of the motors follows from the logged counts, as exactly as they are known. Low
+frequencies hardly excite inertias; above the slow mode of the position loop the rounding of the counts dominates. So
+the pass band is twice the frequency of that mode: found first in the spectrum of the tracking error, then, once a first
+f is there, from the linearised loop.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Iterable, Mapping, Sequence
 
-from identification.equation_error.torque_fit import LINEAR, equations, weighted
+import numpy as np
+from numpy.typing import NDArray
+
+from identification.equation_error.regressor import LINEAR, System, regressor_and_torque
+from identification.equation_error.torque_fit import TorqueFit, weighted
+from plant import Arm, Dynamics, Record, Rig
 from plant.analysis.linearise import jacobians, modes
-from plant.laws.law import asked_torque
+from plant.laws.law import commanded_torque
 
 __all__ = [
-    "equation_error", "fit_sides", "linear", "mode_in", "over_bands", "pass_band", "sides_in", "torque_of",
+    "equation_error", "fit_systems", "linear", "mode_in", "over_bands", "pass_band", "system_of", "torque_of",
 ]  # fmt: skip
 
 _BAND = 2.0
 """Pass band, in frequencies of the slow mode."""
 
 _BEYOND, _FAR_MORE = 8.0, 1000.0
-"""Pass band where nothing swings, in frequencies of the path; and what tells the path from rounding, in power."""
+"""Pass band where nothing oscillates, in frequencies of the path; and the power of the path over that of rounding."""
 
 _CUTOFF = 2.5
 """Low-pass before differentiation, in pass bands."""
@@ -31,7 +36,7 @@ _CUTOFF_MOST = 0.4 / _CUTOFF
 """Highest pass band, in sample rates."""
 
 _LOWEST, _HIGHEST = 3.0, 0.1
-"""Where a mode is looked for: from so many Hz to this share of the sample rate."""
+"""Where a mode is searched: from so many Hz to this share of the sample rate."""
 
 _POSES = 8
 
@@ -42,30 +47,31 @@ _BANDS = 2.0 ** np.arange(-1, 6, 0.5)
 """Bands that are tried where a torque was logged [Hz]."""
 
 
-def torque_of(record):
-    """Joint torques (N, n) [N m] of a record: what its law asked for, or what was logged where a law has a memory.
+def torque_of(record: Record) -> NDArray[np.float64]:
+    """Joint torques (N, n) [N m] of a record: commanded by its law, or logged where the law has a memory.
 
     A torque that a sampled law holds counts half at both ends of its sample.
     """
     law, rig = record.law, record.rig
-    asked = asked_torque(record)
-    if asked is not None:
-        return rig.drive.limited(asked)
-    if record.torque is None and record.current is None:
-        raise ValueError(
-            f"the record must hold torques or currents; the counts under {type(law).__name__} do not tell. Log them."
-        )
+    commanded = commanded_torque(record)
+    if commanded is not None:
+        return rig.drive.limited(commanded)
     if record.torque is not None:
         logged = record.torque
-    else:
+    elif record.current is not None:
         logged = rig.drive.joint_torque(rig.drive.motor_gain * record.current)
+    else:
+        raise ValueError(
+            f"the record must hold torques or currents; the counts under {type(law).__name__} do not give them. Log "
+            "one of them."
+        )
     if law is None or (law.period is None and not law.replays):
         return logged
     return (logged + np.vstack([logged[:1], logged[:-1]])) / 2  # held from its sample to the next: at one, both act
 
 
-def mode_in(record):
-    """Frequency [Hz] at which the tracking errors of a record swing most, their accelerations compared."""
+def mode_in(record: Record) -> float:
+    """Frequency [Hz] of the strongest oscillation in the tracking errors of a record, by their accelerations."""
     error = record.error_pulses - record.error_pulses.mean(axis=0)
     power = np.abs(np.fft.rfft(error * np.hanning(len(error))[:, None], axis=0)) ** 2
     frequency = np.fft.rfftfreq(len(error), record.rig.period)
@@ -74,7 +80,7 @@ def mode_in(record):
     return float(frequency[power.argmax()])
 
 
-def path_in(record):
+def path_in(record: Record) -> float:
     """Highest frequency [Hz] at which the counts of a record hold far more than their rounding."""
     counts = record.counts
     power = np.abs(np.fft.rfft((counts - counts.mean(axis=0)) * np.hanning(len(counts))[:, None], axis=0)) ** 2
@@ -82,10 +88,10 @@ def path_in(record):
     return float(np.fft.rfftfreq(len(counts), record.rig.period)[rows.max(initial=1)])
 
 
-def pass_band(record, arm=None):
+def pass_band(record: Record, arm: Arm | None = None) -> float:
     """Pass band [Hz] of a record's equation error: twice the slow mode, of the data or of a linearised arm.
 
-    Under a law with a memory (computed torque) nothing swings, and the band is some times that of the path.
+    Under a law with a memory (computed torque) nothing oscillates, and the band is a multiple of the path's.
     """
     if record.law is not None and record.law.has_memory(record.n):
         return round(_BEYOND * path_in(record), 1)
@@ -99,7 +105,9 @@ def pass_band(record, arm=None):
     return round(_BAND * float(np.max(slow)), 1) if slow else band
 
 
-def equation_error(dynamics, records, unknown, known=None):
+def equation_error(
+    dynamics: Dynamics, records: Sequence[Record], unknown: Iterable[str], known: Mapping[str, float] | None = None
+) -> TorqueFit:
     """Fit of the torque equation to records, in their pass bands.
 
     Parameters
@@ -107,7 +115,7 @@ def equation_error(dynamics, records, unknown, known=None):
     dynamics : Dynamics
     records : sequence of Record
     unknown : tuple of str
-        All of f, and linear numbers of the drive; others keep what the record says of them.
+        All of f, and linear numbers of the drive; others keep their values in the record.
     known : dict of str to float, optional
         What some of them are.
 
@@ -116,79 +124,82 @@ def equation_error(dynamics, records, unknown, known=None):
     TorqueFit
         Of those that are not known.
     """
-    known = known or {}
-    unknown = linear(dynamics, unknown)
-    bands, fit = [pass_band(record) for record in records], None
-    for attempt in range(2):
-        if attempt:
-            values = known | dict(zip(fit.names, fit.values, strict=True))
-            arm = dynamics.arm([values[name] for name in dynamics.names])
-            try:
-                bands = [pass_band(record, arm) for record in records]
-            except (ValueError, np.linalg.LinAlgError):  # no arm yet that has a mode
-                break
-        sides = []
-        for record, band in zip(records, bands, strict=True):
-            q = record.rig.cell_centre(record.counts)
-            sides.append(sides_in(dynamics, record, band, unknown, q))
-        fit = fit_sides(unknown, known, sides)
-    return fit
+    known, unknown = dict(known or {}), linear(dynamics, unknown)
+
+    def fitted(bands: list[float]) -> TorqueFit:
+        systems = [system_of(dynamics, record, band, unknown) for record, band in zip(records, bands, strict=True)]
+        return fit_systems(dynamics, unknown, known, systems)
+
+    first = fitted([pass_band(record) for record in records])
+    values = known | dict(zip(first.names, first.values, strict=True))
+    arm = dynamics.arm([values[name] for name in dynamics.names])
+    try:
+        bands = [pass_band(record, arm) for record in records]
+    except (ValueError, np.linalg.LinAlgError):  # no arm yet that has a mode
+        return first
+    return fitted(bands)
 
 
-def over_bands(dynamics, records, unknown, known=None):
+def over_bands(
+    dynamics: Dynamics, records: Sequence[Record], unknown: Iterable[str], known: Mapping[str, float] | None = None
+) -> dict[float, TorqueFit]:
     """Fits of the torque equation to logged torques, band [Hz] -> TorqueFit.
 
-    Too low a band holds too little of the motion; in too high a one the accelerations are those of the counts'
-    rounding, and of what the torque does not know of: everything comes out too small. In between the equation holds
-    best.
+    Too low a band holds too little of the motion; too high a one holds accelerations of the counts' rounding, and of
+    what the torque does not drive: every value comes out too small. In between the equation holds best.
     """
-    unknown, fits = linear(dynamics, unknown), {}
+    unknown, fits = linear(dynamics, unknown), dict[float, TorqueFit]()
     even = [record.resampled(record.rig.period) for record in records]
     highest = min(_CUTOFF_MOST / record.rig.period for record in even)
     for band in _BANDS[highest > _BANDS]:
         try:
-            sides = [
-                sides_in(dynamics, record, band, unknown, record.rig.cell_centre(record.counts)) for record in even
-            ]
-            fit = fit_sides(unknown, known or {}, sides)
-        except ValueError:  # a band without equations, or in which unknowns cannot be told apart
+            systems = [system_of(dynamics, record, band, unknown) for record in even]
+            fit = fit_systems(dynamics, unknown, known or {}, systems)
+        except ValueError:  # a band without equations, or in which unknowns are not separately identifiable
             continue
         if fit.rows >= _ENOUGH * len(fit.names):
             fits[float(band)] = fit
     if not fits:
-        raise ValueError("a torque must show what is unknown in some band; it does in none. Log a livelier motion.")
+        raise ValueError(
+            "the unknowns must be identifiable in some band; they are in none. Log a motion that excites more."
+        )
     return fits
 
 
-def linear(dynamics, unknown):
+def linear(dynamics: Dynamics, unknown: Iterable[str]) -> tuple[str, ...]:
     """Those of the unknowns that enter the torque linearly."""
     return tuple(name for name in unknown if name in dynamics.names or name.startswith(LINEAR))
 
 
-def fit_sides(unknown, known, sides):
-    """Weighted fit of what is not known to equations of all the unknowns."""
+def fit_systems(
+    dynamics: Dynamics, unknown: Sequence[str], known: Mapping[str, float], systems: Iterable[System]
+) -> TorqueFit:
+    """Weighted fit of what is not known to systems of equations in all the unknowns."""
     given = [i for i, name in enumerate(unknown) if name in known]
-    open_ = [i for i, name in enumerate(unknown) if name not in known]
+    rest = [i for i, name in enumerate(unknown) if name not in known]
     values = np.array([known[unknown[i]] for i in given])
     less = [
-        (wanted - (columns[:, :, given] * values).sum(axis=2), columns[:, :, open_], used)
-        for wanted, columns, used in sides
+        (regressor[:, :, rest], torque - (regressor[:, :, given] * values).sum(axis=2), used)
+        for regressor, torque, used in systems
     ]
-    return weighted(tuple(unknown[i] for i in open_), less)
+    return weighted(dynamics, tuple(unknown[i] for i in rest), less)
 
 
-def sides_in(dynamics, record, band, unknown, q):
-    """The torque equation of a record along a motion q (N, n) [rad], in a band [Hz]."""
+def system_of(
+    dynamics: Dynamics, record: Record, band: float, unknown: Sequence[str], q: NDArray[np.float64] | None = None
+) -> System:
+    """The torque equation of a record in a band [Hz], along a motion q (N, n) [rad]; by default the counted one."""
     rig = record.rig
+    q = rig.cell_centre(record.counts) if q is None else q
     band = min(band, _CUTOFF_MOST / rig.period)
     every = max(1, int(1 / (2 * band * rig.period)))
     slowest = _speed_noise(rig, band)
-    return equations(
+    return regressor_and_torque(
         dynamics, q, torque_of(record), rig, _CUTOFF * band, band, every, unknown, slowest, {}, record.valid
     )
 
 
-def _speed_noise(rig, band):
+def _speed_noise(rig: Rig, band: float) -> NDArray[np.float64]:
     """Three standard deviations (n,) of the joint speed that rounding makes in a band [rad/s]."""
     pulse = np.abs(rig.to_angle(np.eye(rig.n))).max(axis=0)
     return 3 * pulse / np.sqrt(12) * np.sqrt(2 * band * rig.period) * 2 * np.pi * band / np.sqrt(3)

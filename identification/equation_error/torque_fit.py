@@ -1,10 +1,8 @@
-"""Equation error: the torque that the motors gave against the torque that the model asks for, by least squares.
+"""Equation error: the measured torque against regressor times unknowns, by weighted least squares.
 
 tau = Y(q, qd, qdd) f + friction(qd) is linear in f and in the linear numbers of the drive (`drive.viscous[0]`,
-`drive.coulomb[0]`, `drive.curve.offset[0]`), so one weighted least-squares fit finds them all. Velocity and
-acceleration come from positions alone: low-passed without phase (forwards and backwards), then central differences.
-Both sides of the equation then pass the same zero-phase filter (its band is where they are compared), and every k-th
-row is kept, counted from the first sample.
+`drive.coulomb[0]`, `drive.curve.offset[0]`), so one weighted least-squares fit finds them all
+(`identification.equation_error.regressor`).
 
 Source: M. Gautier, Dynamic identification of robots with power model, ICRA 1997 (parallel filtering and decimation).
 """
@@ -12,38 +10,36 @@ Source: M. Gautier, Dynamic identification of robots with power model, ICRA 1997
 from __future__ import annotations
 
 import dataclasses
-import difflib
-import functools
+from collections.abc import Callable, Iterable, Mapping
 
-import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from identification.equation_error.filtering import derivatives, low_pass
+from identification.equation_error.labels import short_names
 from identification.equation_error.least_squares import least_squares
+from identification.equation_error.regressor import System, regressor_and_torque
 from plant import Dynamics, Rig
 from plant.parts.arguments import array, choice, instance, known_options, real
+from plant.parts.frozen import Frozen
 
-__all__ = ["LINEAR", "TorqueFit", "equations", "fit_torque", "weighted"]
-
-LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
+__all__ = ["TorqueFit", "fit_torque", "weighted"]
 
 _POOR = 0.3
 """Relative torque error above which something is wrong with the log rather than with the arm."""
 
-_AT_ONCE = 4096
-"""Samples whose regressors are worked out in one go."""
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class TorqueFit:
+class TorqueFit(Frozen):
     """What a fit of the torque found.
 
     Attributes
     ----------
+    dynamics : Dynamics
+        What its names of f mean.
     names : tuple of str
     values : (k,) numpy.ndarray
     covariance : (k, k) numpy.ndarray
-        Of the values, from the scatter of each joint's residual, taken as white after decimation. Errors that are not
+        Of the values, from the variance of each joint's residual, taken as white after decimation. Errors that are not
         noise (filters at the reversals of friction, timing, what the model lacks) come on top.
     sigma : (n,) numpy.ndarray
         Standard deviation of each joint's residual [N m]; the weights of the fit are 1 / sigma.
@@ -55,34 +51,37 @@ class TorqueFit:
         Condition number of the weighted columns, scaled to one length.
     """
 
-    names: tuple
-    values: np.ndarray
-    covariance: np.ndarray
-    sigma: np.ndarray
+    dynamics: Dynamics
+    names: tuple[str, ...]
+    values: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    sigma: NDArray[np.float64]
     relative_error: float
     rows: int
     condition: float
 
     @property
-    def std(self):
+    def std(self) -> NDArray[np.float64]:
         """Standard deviations (k,) of the values."""
         return np.sqrt(np.diag(self.covariance))
 
-    def __getitem__(self, name):
+    def __getitem__(self, name: str) -> float:
         """Value of one name."""
         return self.values[self.names.index(choice("a name of this fit", name, self.names))]
 
-    def __str__(self):
-        width = max(map(len, self.names))
+    def __str__(self) -> str:
+        names = short_names(self.dynamics, self.names)
+        width = max(map(len, names))
         lines = [
             f"{name:<{width}} {value:12.5g} +- {std:.2g}"
-            for name, value, std in zip(self.names, self.values, self.std, strict=True)
+            for name, value, std in zip(names, self.values, self.std, strict=True)
         ]
         end = f"{self.rows} equations, relative torque error {self.relative_error:.2%}, condition {self.condition:.0f}"
-        return "\n".join([*lines, end, *(f"warning: {text}" for text in self.warnings)])
+        legend = self.dynamics.legend.splitlines()
+        return "\n".join([*lines, end, *(f"warning: {text}" for text in self.warnings), *legend])
 
     @property
-    def warnings(self):
+    def warnings(self) -> list[str]:
         """What looks wrong, one line each."""
         negative = [
             name for name, value in zip(self.names, self.values, strict=True)
@@ -98,7 +97,19 @@ class TorqueFit:
 
 
 @known_options
-def fit_torque(dynamics, q, torque, *, rig, cutoff, band, every=1, unknown=None, least_speed=0.0, extra=None):
+def fit_torque(
+    dynamics: Dynamics,
+    q: ArrayLike,
+    torque: ArrayLike,
+    *,
+    rig: Rig,
+    cutoff: float,
+    band: float,
+    every: int = 1,
+    unknown: Iterable[str] | None = None,
+    least_speed: ArrayLike = 0.0,
+    extra: Mapping[str, Callable[..., ArrayLike]] | None = None,
+) -> TorqueFit:
     """Fit f, and linear numbers of the drive, to logged positions and torques.
 
     Parameters
@@ -107,15 +118,15 @@ def fit_torque(dynamics, q, torque, *, rig, cutoff, band, every=1, unknown=None,
     q : (N, n) array_like
         Joint positions [rad], one row per period of the rig.
     torque : (N, n) array_like
-        What the motors gave, joint side [N m] (``rig.drive.joint_torque``).
+        Measured torque of the motors, joint side [N m] (``rig.drive.joint_torque``).
     rig : Rig
         Its friction is part of the equation: what is unknown of it is found, the rest is taken as given.
     cutoff : float
         Of the low-pass before differentiation [Hz].
     band : float
-        Of the low-pass through which both sides are compared [Hz].
+        Of the low-pass that regressor and measured torque pass [Hz].
     every : int
-        One row out of so many is used; below the rate of twice the band, rows say little new.
+        One row out of so many is used; rows at more than twice the band hold little new.
     unknown : sequence of str, optional
         All names of f, and any of ``drive.viscous[i]``, ``drive.coulomb[i]``, ``drive.curve.offset[i]``; by default f.
     least_speed : float or (n,) array_like
@@ -130,7 +141,7 @@ def fit_torque(dynamics, q, torque, *, rig, cutoff, band, every=1, unknown=None,
     Raises
     ------
     ValueError
-        Bad input, a number that does not enter linearly, or columns that this motion cannot tell apart (with names).
+        Bad input, a number that does not enter linearly, or unknowns that are not separately identifiable (with names).
     """
     instance("dynamics", dynamics, Dynamics, "Pass the equations with f open.")
     rig = instance("rig", rig, Rig, "Pass the rig of the log.")
@@ -149,94 +160,29 @@ def fit_torque(dynamics, q, torque, *, rig, cutoff, band, every=1, unknown=None,
     if isinstance(unknown, str):
         raise ValueError(f"unknown must be a sequence of names; got {unknown!r}. Write (*dynamics.names, {unknown!r}).")
     unknown, extra = tuple(dynamics.names if unknown is None else unknown), dict(extra or {})
-    sides = equations(dynamics, q, torque, rig, cutoff, band, every, unknown, slowest, extra)
-    return weighted((*unknown, *extra), [sides])
+    system = regressor_and_torque(dynamics, q, torque, rig, cutoff, band, every, unknown, slowest, extra)
+    return weighted(dynamics, (*unknown, *extra), [system])
 
 
-def equations(dynamics, q, torque, rig, cutoff, band, every, unknown, slowest, extra, valid=None):
-    """Both sides of the equation and which rows count: (N', n), (N', n, k), (N', n).
-
-    Rows whose filters feel the ends of the log, or a sample without weight in `valid` (N,), do not.
-    """
-    motion = derivatives(q, rig.period, cutoff)
-    slopes, given = _columns(dynamics, rig, unknown, motion)
-    more = [array(name, column(*motion), q.shape, advice="Give (N, n).") for name, column in extra.items()]
-    sides = [torque - given, *np.moveaxis(slopes, 2, 0), *more]
-    margin = int(np.ceil(1 / (min(cutoff, band) * rig.period)))  # where the filters still feel the ends of the log
-    rows = slice(-(-margin // every) * every, len(q) - margin, every)
-    wanted, *columns = (low_pass(side, rig.period, band)[rows] for side in sides)
-    used = (np.abs(low_pass(motion.qd, rig.period, band)[rows]) > slowest) | (slowest == 0)
-    if valid is not None:
-        lost = np.append(0, np.cumsum(valid == 0))
-        near = np.clip(np.arange(len(q))[:, None] + (-margin, margin + 1), 0, len(q))
-        used &= (lost[near[:, 1]] == lost[near[:, 0]])[rows, None]
-    return wanted, np.stack(columns, axis=-1), used
-
-
-def _columns(dynamics, rig, unknown, motion):
-    """Torque per unit of each unknown (N, n, k), and the torque of what is known (N, n)."""
-    names, function = _balance(dynamics, rig, unknown)
-    values = np.concatenate([np.zeros(dynamics.p), rig.number_values()])
-    values[[names.index(name) for name in unknown]] = 0.0
-    n, k = dynamics.n, len(unknown)
-    slopes, given = np.empty((len(motion.q), n, k)), np.empty((len(motion.q), n))
-    for start in range(0, len(given), _AT_ONCE):
-        some = slice(start, start + _AT_ONCE)
-        slope, rest = function.map(len(given[some]))(*(part[some].T for part in motion), values)
-        slopes[some] = slope.full().reshape(n, -1, k).transpose(1, 0, 2)
-        given[some] = rest.full().T
-    return slopes, given
-
-
-@functools.lru_cache(maxsize=16)
-def _balance(dynamics, rig, unknown):
-    """Names of all numbers, and (q, qd, qdd, numbers) -> torque per unknown, torque of the rest."""
-    names = [*dynamics.names, *rig.number_names()]
-    of_drive = [name for name in names if name.startswith(LINEAR)]
-    for name in unknown:
-        if name not in names:
-            near = difflib.get_close_matches(name, [*dynamics.names, *of_drive], n=1, cutoff=0.4)
-            raise ValueError(
-                f"unknown must be names of f and of friction, with the joint's index; got {name!r}. "
-                f"{f'Did you mean {near[0]!r}?' if near else ''} Friction: {', '.join(of_drive)}."
-            )
-    missing = [name for name in dynamics.names if name not in unknown]
-    twice = [name for i, name in enumerate(unknown) if name in unknown[:i]]
-    if missing or twice:
-        what = f"{missing[0]} is missing" if missing else f"{twice[0]} comes twice"
-        raise ValueError(f"unknown must name all of f, each name once; {what}. Write (*dynamics.names, ...).")
-    n, numbers = dynamics.n, ca.SX.sym("numbers", len(names))
-    q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
-    drive = rig.with_numbers(numbers[dynamics.p :]).drive
-    tau = dynamics.Y(q, qd, qdd) @ numbers[: dynamics.p] + drive.friction(qd)
-    places = [names.index(name) for name in unknown]
-    slope = ca.densify(ca.jacobian(tau, numbers)[:, places])
-    for name, place in zip(unknown, places, strict=True):
-        if ca.depends_on(slope, numbers[place]):
-            raise ValueError(f"unknown must enter the torque linearly; {name} does not. Take f and friction levels.")
-        if slope[:, unknown.index(name)].is_zero():
-            raise ValueError(f"unknown must act on the torque; {name} does not. Leave it out.")
-    return names, ca.Function("balance", [q, qd, qdd, numbers], [slope, tau])
-
-
-def weighted(names, sides):
-    """Least squares of one or more logs' `equations`, weighted by the scatter of each joint in an unweighted fit."""
-    wanted, columns, used = (np.concatenate(parts) for parts in zip(*sides, strict=True))
+def weighted(dynamics: Dynamics, names: tuple[str, ...], systems: Iterable[System]) -> TorqueFit:
+    """Least squares of one or more logs' equations, each joint weighted by its residual in an unweighted fit."""
+    regressor, torque, used = (np.concatenate(parts) for parts in zip(*systems, strict=True))
     if used.sum() <= len(names):
         raise ValueError(
             f"a fit of {len(names)} numbers needs more equations; {used.sum()} are left. "
             "Log longer, move faster, or lower least_speed or every."
         )
     joint = np.nonzero(used)[1]
-    rows, target = columns[used], wanted[used]
+    rows, target = regressor[used], torque[used]
     weight = np.ones(len(target))
     for _ in range(2):
         values, covariance, condition = least_squares(names, rows * weight[:, None], target * weight)
         residual = target - rows @ values
-        free = 1 - len(values) / len(target)  # share of the equations that the fit leaves free
-        sigma = np.array([np.sqrt(np.mean(residual[joint == j] ** 2) / free) for j in range(wanted.shape[1])])
+        freedom = 1 - len(values) / len(target)  # degrees of freedom that are left, per equation
+        sigma = np.array([np.sqrt(np.mean(residual[joint == j] ** 2) / freedom) for j in range(torque.shape[1])])
         weight = 1 / np.maximum(sigma, 1e-9 * np.abs(target).max())[joint]
     return TorqueFit(
+        dynamics=dynamics,
         names=names,
         values=values,
         covariance=covariance,

@@ -1,34 +1,40 @@
-"""Pulse budget: what a motion can say of each parameter, before the experiment.
+"""Pulse budget: how much a motion shows of each parameter, and the Cramer-Rao bound, before the experiment.
 
 The closed loop, without rounding, is simulated with each number a little larger and a little smaller: by how many
-pulses the tracking error changes is all that a log can hold of it. With readings that err by rounding alone, evenly
-within a cell, it bounds how well any method can know the number (Cramer-Rao).
+pulses the tracking error changes is all that a log can hold of it. With readings that err by rounding alone, uniformly
+within a quantisation cell, it gives the Cramer-Rao bound on the standard deviation by any method.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
+from identification.equation_error.labels import short_names
 from identification.equation_error.least_squares import least_squares
 from identification.replay.gauss_newton import slopes
 from identification.replay.prediction import Prediction
-from plant import simulate
+from plant import Arm, Dynamics, Law, Reference, Rig, simulate
 from plant.parts.arguments import known_options
+from plant.parts.frozen import Frozen
 
 __all__ = ["Budget", "pulse_budget"]
 
 _STEP = 1e-4
-"""Of the derivatives, as a share of a number (or of the largest f, for one that is zero)."""
+"""Of the central differences, as a share of a number (or of the largest f, for one that is zero)."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Budget:
-    """What a motion is worth.
+class Budget(Frozen):
+    """How much a motion shows of each parameter.
 
     Attributes
     ----------
+    dynamics : Dynamics
+        What its names of f mean.
     names : tuple of str
     values : (k,) numpy.ndarray
     peak, rms : (k,) numpy.ndarray
@@ -39,25 +45,35 @@ class Budget:
         The same with all others known.
     """
 
-    names: tuple
-    values: np.ndarray
-    peak: np.ndarray
-    rms: np.ndarray
-    bound: np.ndarray
-    bound_alone: np.ndarray
+    dynamics: Dynamics
+    names: tuple[str, ...]
+    values: NDArray[np.float64]
+    peak: NDArray[np.float64]
+    rms: NDArray[np.float64]
+    bound: NDArray[np.float64]
+    bound_alone: NDArray[np.float64]
 
-    def __str__(self):
-        width = max(map(len, self.names))
+    def __str__(self) -> str:
+        names = short_names(self.dynamics, self.names)
+        width = max(map(len, names))
         lines = [f"{'':<{width}} {'value':>11} {'1 % is worth':>13} {'rms':>8} {'bound':>9} {'alone':>9}"]
-        for row in zip(self.names, self.values, self.peak, self.rms, self.bound, self.bound_alone, strict=True):
+        for row in zip(names, self.values, self.peak, self.rms, self.bound, self.bound_alone, strict=True):
             name, value, peak, rms, bound, alone = row
             lines.append(f"{name:<{width}} {value:11.4g} {peak:7.3f} pulses {rms:8.4f} {bound:9.2g} {alone:9.2g}")
-        return "\n".join(lines)
+        return "\n".join([*lines, *self.dynamics.legend.splitlines()])
 
 
 @known_options
-def pulse_budget(arm, rig, law, reference, *, unknown=None, duration=None):
-    """How many pulses each number of an experiment is worth.
+def pulse_budget(
+    arm: Arm,
+    rig: Rig,
+    law: Law,
+    reference: Reference,
+    *,
+    unknown: Iterable[str] | None = None,
+    duration: float | None = None,
+) -> Budget:
+    """By how many pulses each number of an experiment changes the tracking error, and its Cramer-Rao bound.
 
     Parameters
     ----------
@@ -79,13 +95,13 @@ def pulse_budget(arm, rig, law, reference, *, unknown=None, duration=None):
     Raises
     ------
     ValueError
-        Bad input, a number that has no effect, or numbers that this motion cannot tell apart.
+        Bad input, a number that has no effect, or numbers that are not separately identifiable in this motion.
     """
     record = simulate(arm, rig, law, reference, duration=duration)
-    prediction = Prediction(arm.dynamics, record, unknown, free=True)
+    prediction = Prediction(arm.dynamics, record, unknown, simulated=True)
     known = dict(zip(arm.dynamics.names, arm.f, strict=True))
-    for part, prefix in ((rig, ""), (law, "law.")):
-        known |= dict(zip(part.number_names(prefix), part.number_values(), strict=True))
+    known |= dict(zip(rig.number_names(), rig.number_values(), strict=True))
+    known |= dict(zip(law.number_names("law."), law.number_values(), strict=True))
     values = np.array([known[name] for name in prediction.unknown])
     step = _STEP * np.where(values == 0, np.abs(arm.f).max(), np.abs(values))
     change = slopes(prediction, values, step.copy(), np.arange(len(values))) / step
@@ -93,6 +109,7 @@ def pulse_budget(arm, rig, law, reference, *, unknown=None, duration=None):
     covariance = least_squares(prediction.unknown, change * np.abs(step), change[:, 0], dependent=1e-7)[1]
     cell = 1 / np.sqrt(12)
     return Budget(
+        dynamics=arm.dynamics,
         names=prediction.unknown,
         values=values,
         peak=per_cent.max(axis=0),

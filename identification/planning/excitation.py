@@ -1,9 +1,9 @@
-"""A motion from which every parameter can be known: harmonics chosen so that the worst-known becomes known.
+"""Optimal excitation: harmonics that minimise the largest variance of the parameters, within limits.
 
-The torque equation in f has one row per joint and sample, weighted by what one pulse of tracking error is worth in
-torque. The inverse of its normal matrix bounds the variance of each f; the largest of them, each in units of what is
-unknown about it, is made small over the amplitudes of a sum of harmonics, within limits of position, speed,
-acceleration and torque, by Ipopt with derivatives from casadi.
+The torque equation in f has one row per joint and sample, weighted by the torque of one pulse of tracking error. The
+inverse of its normal matrix bounds the variance of each f; the largest of them, each relative to the width of its
+range, is minimised over the amplitudes of a sum of harmonics, within limits of position, speed, acceleration and
+torque, by Ipopt with derivatives from casadi.
 
 Source: J. Swevers et al., Optimal robot excitation and identification, IEEE Transactions on Robotics and Automation 13
 (1997), for sums of harmonics.
@@ -11,10 +11,13 @@ Source: J. Swevers et al., Optimal robot excitation and identification, IEEE Tra
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from plant import Arm, Harmonics, Rig
+from plant import Arm, Harmonics, Law, Rig
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import array, instance, known_options, real
 
@@ -41,9 +44,20 @@ _TORQUE = 0.8
 
 @known_options
 def design_motion(
-    arm, rig, law, *, period, position, velocity, acceleration, harmonics=5, starts=3, seed=0, iterations=200
-):
-    """Harmonics that show the parameters of an arm.
+    arm: Arm,
+    rig: Rig,
+    law: Law,
+    *,
+    period: float,
+    position: ArrayLike,
+    velocity: ArrayLike,
+    acceleration: ArrayLike,
+    harmonics: int = 5,
+    starts: int = 3,
+    seed: int = 0,
+    iterations: int = 200,
+) -> Harmonics:
+    """Harmonics that excite the parameters of an arm.
 
     Parameters
     ----------
@@ -51,7 +65,7 @@ def design_motion(
         Known roughly; its torques are kept below the amplifier's limit.
     rig : Rig
     law : Law
-        Of the position loop, without memory; says what a pulse is worth in torque.
+        Of the position loop, without memory; gives the torque of a pulse.
     period : float
         [s]
     position : (n, 2) array_like
@@ -107,14 +121,15 @@ def design_motion(
     ):  # fmt: skip
         for i in range(n):
             if np.isfinite(high[i]):
-                room = _MARGIN * (high[i] - low[i])
-                opti.subject_to(opti.bounded(low[i] + room, value[i, :].T, high[i] - room))
+                margin = _MARGIN * (high[i] - low[i])
+                opti.subject_to(opti.bounded(low[i] + margin, value[i, :].T, high[i] - margin))
     quiet = {"print_time": False, "error_on_fail": False}
     opti.solver("ipopt", quiet, {"print_level": 0, "sb": "yes", "max_iter": iterations, "tol": 1e-4})
-    best, random = None, np.random.default_rng(seed)
-    middle, room = position.mean(axis=1), np.diff(position, axis=1).ravel() / 2
+    best: tuple[Any, ...] | None = None
+    random = np.random.default_rng(seed)
+    middle, half = position.mean(axis=1), np.diff(position, axis=1).ravel() / 2
     for _ in range(starts):
-        reach = np.minimum(room, np.minimum(velocity / rate[0], acceleration / rate[0] ** 2))
+        reach = np.minimum(half, np.minimum(velocity / rate[0], acceleration / rate[0] ** 2))
         share = random.normal(size=(2, n, harmonics)) / (np.arange(1, harmonics + 1) ** 2 * 3)
         opti.set_initial(offset, middle)
         opti.set_initial(cosine, share[0] * reach[:, None])
@@ -123,22 +138,24 @@ def design_motion(
             found = opti.solve_limited()
         except RuntimeError:  # this start leads nowhere
             continue
-        sound = (
-            float(np.max(found.value(ca.vertcat(*(ca.vec(g) for g in (opti.g - opti.ubg, opti.lbg - opti.g)))))) < 1e-3
-        )
-        if sound and (best is None or found.value(opti.f) < best[0]):
+        excess = ca.vertcat(ca.vec(opti.g - opti.ubg), ca.vec(opti.lbg - opti.g))
+        if np.max(found.value(excess)) < _SLACK and (best is None or found.value(opti.f) < best[0]):
             best = found.value(opti.f), *(np.reshape(found.value(x), x.shape) for x in (offset, cosine, sine))
     if best is None:
-        raise ValueError(f"limits must leave room for a motion; none of {starts} starts found one. Widen them.")
+        raise ValueError(f"limits must allow a motion; none of {starts} starts found one. Widen them.")
     motion = Harmonics(period=period, offset=best[1].ravel(), cosine=best[2], sine=best[3])
     moved = np.ptp(rig.position_in_pulses(motion(np.linspace(0, period, _SAMPLES)).q), axis=0)
     if (moved < _LEAST_PULSES).any():
-        raise ValueError(f"limits must leave room for a motion; the motors move by {moved} pulses. Widen them.")
+        label = arm.dynamics.chain.joint_labels[int(moved.argmin())]
+        raise ValueError(
+            f"limits must allow {_LEAST_PULSES} pulses on every motor; that of {label} moves by {moved.min():.0f}. "
+            "Widen them."
+        )
     return motion
 
 
-def _equation(arm, rig, law):
-    """What one sample adds to the normal matrix, f in units of what is unknown of it; and its torque."""
+def _equation(arm: Arm, rig: Rig, law: Law) -> tuple[ca.Function, ca.Function]:
+    """What one sample adds to the normal matrix, f relative to the width of its range; and its torque."""
     n, dynamics = arm.n, arm.dynamics
     q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
     unit = np.abs(arm.f) if dynamics.ranges is None else np.diff(dynamics.ranges, axis=1).ravel()
@@ -156,18 +173,20 @@ def _equation(arm, rig, law):
     )
 
 
-def _torque_per_pulse(rig, law):
+def _torque_per_pulse(rig: Rig, law: Law) -> NDArray[np.float64]:
     """Joint torque [N m] (n,) that one pulse of error on every motor makes, magnitude."""
     if law.has_memory(rig.n):
         raise ValueError(
             f"law must be fast and without memory, like P; got {type(law).__name__}. Give that of the log."
         )
     block, zero = law.block(rig), np.zeros(rig.n)
-    asked = [block.step([], zero, zero, zero, zero + e, zero, zero, rig.period, block.values)[0] for e in (0.0, 1.0)]
-    return np.abs((asked[1] - asked[0]).full().ravel())
+    commanded = [
+        block.step([], zero, zero, zero, zero + e, zero, zero, rig.period, block.values)[0] for e in (0.0, 1.0)
+    ]
+    return np.abs((commanded[1] - commanded[0]).full().ravel())
 
 
-def _diagonal(p):
+def _diagonal(p: int) -> ca.Function:
     """Diagonal (p,) of the inverse of a symmetric (p, p), as a function with derivatives."""
     matrix = ca.SX.sym("M", p, p)
     return ca.Function("variance", [matrix], [inverse(ca.tril2symm(ca.tril(matrix))).diagonal])

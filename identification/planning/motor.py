@@ -1,4 +1,4 @@
-"""What is measured on the motors before the arm: the P gain from currents and errors, friction from a motor test.
+"""Motor tests: the P gain from currents and tracking errors, friction from currents at constant speeds.
 
 Source: paper 4.2 (P from the current that belongs to a tracking error), reference [14] of the paper (friction from the
 current of a motor that turns at constant speed).
@@ -7,12 +7,15 @@ current of a motor that turns at constant speed).
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.least_squares import least_squares
 from plant import Record
 from plant.parts.arguments import array, instance, known_options, real
+from plant.parts.frozen import Frozen
 
 __all__ = ["MotorFit", "friction_from_motor_test", "gain_from_current"]
 
@@ -21,7 +24,7 @@ _BELOW_LIMIT = 0.98
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class MotorFit:
+class MotorFit(Frozen):
     """Numbers found on motors, with their standard deviations; motor side.
 
     Attributes
@@ -30,17 +33,17 @@ class MotorFit:
     values, std : (k,) numpy.ndarray
     """
 
-    names: tuple
-    values: np.ndarray
-    std: np.ndarray
+    names: tuple[str, ...]
+    values: NDArray[np.float64]
+    std: NDArray[np.float64]
 
-    def __str__(self):
-        rows = zip(self.names, self.values, self.std, strict=True)
-        return "\n".join(f"{name:<12} {value:11.5g} +- {std:.2g}" for name, value, std in rows)
+    def __str__(self) -> str:
+        rows, width = zip(self.names, self.values, self.std, strict=True), max(map(len, self.names))
+        return "\n".join(f"{name:<{width}} {value:11.5g} +- {std:.2g}" for name, value, std in rows)
 
 
 @known_options
-def gain_from_current(record):
+def gain_from_current(record: Record) -> MotorFit:
     """P gain of each motor [N m per pulse] from the currents and tracking errors of a record.
 
     Only the product of the gain (amperes per pulse) and the motor constant K_i shows in the motion; with K_i wrong by a
@@ -59,7 +62,7 @@ def gain_from_current(record):
     Raises
     ------
     ValueError
-        No currents, or a motor without errors to speak of.
+        No currents, or a motor whose errors are a pulse at most.
     """
     instance("record", record, Record, "Pass a log with currents.")
     law = record.law
@@ -73,7 +76,8 @@ def gain_from_current(record):
         rows = np.abs(record.current[:, i]) < _BELOW_LIMIT * drive.current_limit[i]
         if rows.sum() < 3 or np.ptp(error[rows]) < 2:
             raise ValueError(
-                f"motor {i} must have errors of several pulses below its limit; it has none. Log a motion."
+                f"the motor of {record.rig.joint_labels[i]} must have errors of several pulses below its limit; it has "
+                "none. Log a motion."
             )
         found, deviation = _line([f"law.gain[{i}]", "offset"], [error[rows], np.ones(rows.sum())], torque[rows])
         names.append(f"law.gain[{i}]")
@@ -83,7 +87,7 @@ def gain_from_current(record):
 
 
 @known_options
-def friction_from_motor_test(speed, current, motor_gain):
+def friction_from_motor_test(speed: ArrayLike, current: ArrayLike, motor_gain: float) -> MotorFit:
     """Friction of a motor from its currents at constant speeds, in both directions, without the arm.
 
     Parameters
@@ -103,15 +107,15 @@ def friction_from_motor_test(speed, current, motor_gain):
     Raises
     ------
     ValueError
-        Speeds in one direction only: friction and offset would be one.
+        Speeds in one direction only: friction and offset are then not separately identifiable.
     """
-    speed = array("speed", speed, ("N",), advice="Give motor speeds [rad/s].")
-    current = array("current", current, speed.shape, advice="Give one current per speed [A].")
-    torque = real("motor_gain", motor_gain, "Give K_i [N m/A].", positive=True) * current
-    if not (speed.max(initial=0) > 0 > speed.min(initial=0)):
-        raise ValueError(f"speed must have both signs; got {speed.min()} to {speed.max()}. Turn the motor both ways.")
+    speeds = array("speed", speed, ("N",), advice="Give motor speeds [rad/s].")
+    currents = array("current", current, speeds.shape, advice="Give one current per speed [A].")
+    torque = real("motor_gain", motor_gain, "Give K_i [N m/A].", positive=True) * currents
+    if not (speeds.max(initial=0) > 0 > speeds.min(initial=0)):
+        raise ValueError(f"speed must have both signs; got {speeds.min()} to {speeds.max()}. Turn the motor both ways.")
     names = ("viscous", "coulomb", "offset")
-    values, std = _line(names, [speed, np.sign(speed), np.ones(len(speed))], torque)
+    values, std = _line(names, [speeds, np.sign(speeds), np.ones(len(speeds))], torque)
     if (values[:2] < -2 * std[:2]).any():
         raise ValueError(
             f"friction must be positive; found viscous {values[0]:.3g} and coulomb {values[1]:.3g}. Check the order "
@@ -120,12 +124,14 @@ def friction_from_motor_test(speed, current, motor_gain):
     return MotorFit(names=names, values=values, std=std)
 
 
-def _line(names, columns, target):
-    """Least squares and its standard deviations, from the scatter about it."""
+def _line(
+    names: Sequence[str], columns: Sequence[NDArray[np.float64]], target: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Least squares and its standard deviations, from the residual."""
     rows = np.column_stack(columns)
     if len(rows) <= len(names):
         raise ValueError(f"a fit of {len(names)} numbers needs more readings; got {len(rows)}. Measure more.")
     values, covariance, _ = least_squares(names, rows, target)
     residual = target - (rows * values).sum(axis=1)
-    scatter = (residual @ residual) / (len(rows) - len(names))
-    return values, np.sqrt(np.diag(covariance) * scatter)
+    variance = (residual @ residual) / (len(rows) - len(names))
+    return values, np.sqrt(np.diag(covariance) * variance)

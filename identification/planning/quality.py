@@ -1,10 +1,13 @@
-"""Whether a log can say anything at all."""
+"""Whether a log is informative: motion, length, and torque below the amplifier's limit."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from identification.equation_error.pulse_fit import mode_in, torque_of
+from plant import Record
 
 __all__ = ["require_informative"]
 
@@ -12,28 +15,29 @@ _LEAST_PULSES = 20
 """Counts that every motor has to move, at least."""
 
 _LEAST_SAMPLES = 200
-"""Fewer hold no oscillation of a position loop that could be told from its noise."""
+"""Fewer hold no oscillation of a position loop that stands out from its noise."""
 
 _SATURATED = 0.5
-"""Share of the samples at the amplifier's limit from which on nothing but the limit is measured."""
+"""Share of the samples at the amplifier's limit above which a log is refused."""
 
 _PERIODS = 4
 """Of the slow mode that a log has to hold."""
 
 
-def require_informative(record):
-    """Refuse a log in which the arm does not move, saturates most of the time, or is shorter than its mode.
+def require_informative(record: Record, labels: Sequence[str]) -> None:
+    """Refuse a log that is too short for the loop's mode, or in which a motor hardly moves or mostly saturates.
 
     Raises
     ------
     ValueError
+        With the joint, by these labels.
     """
-    counts = record.counts
-    moved = np.ptp(counts, axis=0)
+    moved = np.ptp(record.counts, axis=0)
     if (moved < _LEAST_PULSES).any():
         motor = int(np.argmin(moved))
         raise ValueError(
-            f"every motor must move by at least {_LEAST_PULSES} pulses; motor {motor} moves by {moved[motor]:.0f}. "
+            f"every motor must move by at least {_LEAST_PULSES} pulses; that of {labels[motor]} moves by "
+            f"{moved[motor]:.0f}. "
             "Log a motion of all joints."
         )
     if len(record) < _LEAST_SAMPLES:
@@ -51,6 +55,6 @@ def require_informative(record):
     if (share > _SATURATED).any():
         motor = int(np.argmax(share))
         raise ValueError(
-            f"a log must be below the amplifier's limit; motor {motor} is at it for {share[motor]:.0%} of the samples. "
-            "Slow the reference down or lower the gains."
+            f"a log must be below the amplifier's limit; the motor of {labels[motor]} is at it for {share[motor]:.0%} "
+            "of the samples. Slow the reference down or lower the gains."
         )

@@ -1,14 +1,17 @@
-"""Where to search: ranges of f from the size and the mass of the robot, by interval arithmetic. Source: paper 3.6."""
+"""Ranges of the search: f from the size and the mass of the robot, by interval arithmetic. Source: paper 3.6."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Callable, Sequence
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from plant import puma560
+from plant import Drive, puma560
 from plant.parts.arguments import array, known_options
 
 __all__ = ["Interval", "LinkSize", "centre_range", "greatest_inertia", "puma560_ranges", "ranges"]
@@ -25,48 +28,48 @@ class Interval:
     low: float
     high: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not (np.isfinite(self.low) and np.isfinite(self.high) and self.low <= self.high):
             raise ValueError(f"an interval must be finite with low <= high; got [{self.low}, {self.high}]. Swap them.")
 
     @staticmethod
-    def of(value):
+    def of(value: Interval | ArrayLike) -> Interval:
         """Interval of a number, a pair or an interval."""
         if isinstance(value, Interval):
             return value
-        ends = [value, value] if np.ndim(value) == 0 else value
+        ends: Any = [value, value] if np.ndim(value) == 0 else value
         low, high = array("interval", ends, (2,), advice="Give a number, or low and high.")
         return Interval(float(low), float(high))
 
-    def __add__(self, other):
+    def __add__(self, other: Interval | ArrayLike) -> Interval:
         other = Interval.of(other)
         return Interval(self.low + other.low, self.high + other.high)
 
-    def __mul__(self, other):
+    def __mul__(self, other: Interval | ArrayLike) -> Interval:
         other = Interval.of(other)
         products = [a * b for a in (self.low, self.high) for b in (other.low, other.high)]
         return Interval(min(products), max(products))
 
-    def __pow__(self, exponent):
+    def __pow__(self, exponent: int) -> Interval:
         if not isinstance(exponent, int) or exponent < 1:
             raise ValueError(f"exponent must be a whole number of at least 1; got {exponent!r}. Multiply otherwise.")
         ends = [self.low**exponent, self.high**exponent]
         inside = [0.0] if exponent % 2 == 0 and self.low < 0 < self.high else []
         return Interval(min(ends + inside), max(ends))
 
-    def __neg__(self):
+    def __neg__(self) -> Interval:
         return Interval(-self.high, -self.low)
 
-    def __sub__(self, other):
+    def __sub__(self, other: Interval | ArrayLike) -> Interval:
         return self + -Interval.of(other)
 
-    def __rsub__(self, other):
+    def __rsub__(self, other: Interval | ArrayLike) -> Interval:
         return -self + other
 
     __radd__, __rmul__ = __add__, __mul__
 
 
-def centre_range(extent):
+def centre_range(extent: ArrayLike) -> Interval:
     """Range of a coordinate of the centre of mass from the link's extent (l_min, l_max) [m]: its middle half.
 
     Source: paper eq. (5).
@@ -75,7 +78,7 @@ def centre_range(extent):
     return Interval(low / 2, high / 2)
 
 
-def greatest_inertia(mass, radius):
+def greatest_inertia(mass: float, radius: float) -> float:
     """Largest Izz [kg m^2] of a link: all of its greatest mass at its greatest radius [kg, m]. Source: paper 3.6."""
     return mass * radius**2
 
@@ -83,7 +86,7 @@ def greatest_inertia(mass, radius):
 @known_options
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LinkSize:
-    """What can be seen and weighed of one link.
+    """Size, mass and motor inertia of one link, each as a pair of bounds.
 
     Parameters
     ----------
@@ -97,13 +100,13 @@ class LinkSize:
         Least and greatest Jm, motor side [kg m^2].
     """
 
-    mass: tuple
-    x: tuple
-    y: tuple
-    motor_inertia: tuple
+    mass: tuple[float, float]
+    x: tuple[float, float]
+    y: tuple[float, float]
+    motor_inertia: tuple[float, float]
     radius: float | None = None
 
-    def intervals(self, reflect):
+    def intervals(self, reflect: Callable[[float], float]) -> SimpleNamespace:
         """Intervals of m, x, y, Izz (about the centre of mass) and J; `reflect` takes Jm to the joint."""
         mass, x, y = Interval.of(self.mass), centre_range(self.x), centre_range(self.y)
         radius = self.radius
@@ -114,7 +117,9 @@ class LinkSize:
         return SimpleNamespace(m=mass, x=x, y=y, Izz=inertia, J=Interval(reflect(low), reflect(high)))
 
 
-def ranges(equation, sizes, drive, **lengths):
+def ranges(
+    equation: Callable[..., dict[str, Any]], sizes: Sequence[LinkSize], drive: Drive, **lengths: ArrayLike
+) -> NDArray[np.float64]:
     """Ranges (p, 2) of f from sizes and masses.
 
     Parameters
@@ -140,8 +145,8 @@ def ranges(equation, sizes, drive, **lengths):
     Source: paper 3.6.
     """
 
-    def reflect(joint, motor_inertia):
-        return float(drive.reflected_inertia(motor_inertia)[joint])
+    def reflect(joint: int, motor_inertia: float) -> float:
+        return float(drive.reflected_inertia(np.full(drive.n, motor_inertia))[joint])
 
     if len(sizes) != drive.n:
         raise ValueError(f"sizes must be {drive.n}, one per joint of the drive; got {len(sizes)}. Give each link's.")
@@ -150,7 +155,7 @@ def ranges(equation, sizes, drive, **lengths):
     return np.array([(value.low, value.high) for value in f.values()])
 
 
-def puma560_ranges(drive=None):
+def puma560_ranges(drive: Drive | None = None) -> NDArray[np.float64]:
     """Ranges of f1..f9 derived from what 3.6 says of the robot; `puma560.PRINTED_RANGES` are the printed ones."""
     motor = (1e-4, 1e-3)
     sizes = (

@@ -1,10 +1,13 @@
-"""One record, ready to be repeated by a loop with other numbers; what objective and prediction have in common."""
+"""One record, ready to be repeated by a closed loop with other numbers; objective and prediction share it."""
 
 from __future__ import annotations
 
 import difflib
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.logs.record import Record
 from plant.machine.rig import smooth_rig
@@ -16,12 +19,14 @@ from plant.simulation.followed_path import path_of, start_of
 from plant.simulation.loop_kernel import loop_kernel
 from plant.simulation.time_tables import time_tables
 
-__all__ = ["Experiment", "checked"]
+__all__ = ["Experiment", "as_records"]
 
 
-def checked(dynamics, records, unknown):
+def as_records(
+    dynamics: Dynamics, records: Record | Iterable[Record], unknown: Iterable[str] | None
+) -> tuple[tuple[Record, ...], tuple[str, ...]]:
     """Records and unknown names as tuples, or a refusal; by default all of f is unknown."""
-    records = tuple(records) if np.iterable(records) else (records,)
+    records = tuple(records) if isinstance(records, Iterable) else (records,)
     if not records or not all(isinstance(record, Record) for record in records):
         given = type(next(r for r in records if not isinstance(r, Record))).__name__ if records else "none"
         raise ValueError(f"records must be at least one Record; got {given}. Pass what simulate or from_csv gave.")
@@ -36,7 +41,7 @@ def checked(dynamics, records, unknown):
 
 
 class Experiment:
-    """The loop of a record and all that it needs to run.
+    """The closed loop of a record and all that it needs to run.
 
     Attributes
     ----------
@@ -49,13 +54,16 @@ class Experiment:
         As the record says; f is NaN.
     """
 
-    def __init__(self, dynamics, record, unknown, *, smooth=False, **options):
+    def __init__(
+        self, dynamics: Dynamics, record: Record, unknown: Sequence[str], *, smooth: bool = False, **options: Any
+    ) -> None:
         if record.law is None:
             raise ValueError("the record must name the law that made it; got None. Pass law= when loading it.")
         if record.n != dynamics.n:
             raise ValueError(
                 f"the record must have {dynamics.n} joints; it has {record.n}. Use the record of this arm."
             )
+        record.rig.require_rigid("identification")
         rig = smooth_rig(record.rig) if smooth else record.rig
         self.record = record
         self.loop = ClosedLoop(dynamics=dynamics, rig=rig, law=record.law, **options)
@@ -82,15 +90,15 @@ class Experiment:
         self.numbers = self.loop.number_values(np.full(dynamics.p, np.nan))
         self.state = self.loop.initial_state(*start_of(record, path_of(record, self.clock)))
 
-    def kernel(self, lanes=()):
+    def kernel(self, lanes: Sequence[int] = ()) -> Any:
         """The compiled loop; `lanes` are the numbers that differ between individuals."""
         return loop_kernel(self.loop, lanes, uneven=self.clock.even is None)
 
-    def data(self, measured):
+    def data(self, measured: NDArray[np.float64]) -> NDArray[np.float64]:
         """What was measured (N, n), with the root of each sample's weight behind it, for all samples (M, n + 1)."""
         return self.clock.measured(np.column_stack([measured, np.sqrt(self.record.valid)]))
 
     @property
-    def steps(self):
+    def steps(self) -> int:
         """Sub-steps of a whole run."""
         return len(self.clock) * self.loop.steps_per_sample

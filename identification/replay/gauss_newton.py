@@ -1,30 +1,32 @@
-"""Gauss-Newton on the surprises of a prediction: the smallest sum of squares, and how well the values are known.
+"""Gauss-Newton on the innovations of a prediction: the least sum of squares, and the covariance of the values.
 
-Slopes are central differences of whole runs: through friction and a quantiser there is no derivative to be had.
+Slopes are central differences of whole runs: friction and a quantiser have no derivative.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.least_squares import least_squares
 
-__all__ = ["Fit", "gauss_newton", "memory_of", "slopes"]
+__all__ = ["Solution", "gauss_newton", "slopes", "variance_inflation"]
 
 _DEPENDENT = 1e-4
-"""Share of its own below which the change that an unknown makes is that of others: of central differences."""
+"""An unknown whose slope is independent of the others' by less than this share is not separately identifiable."""
 
 _SHORTER = 8
 """How often a step that loses the log is cut to a quarter."""
 
 _LAGS = 50
-"""Samples over which the memory of the surprises is added up."""
+"""Samples over which the autocorrelation of the innovations is added up."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Fit:
+class Solution:
     """What `gauss_newton` found.
 
     Attributes
@@ -32,22 +34,31 @@ class Fit:
     values : (k,) numpy.ndarray
     covariance : (k, k) numpy.ndarray
     residual : (M,) numpy.ndarray
-    scatter : float
-        Root mean square of the surprises, weights divided out [pulses].
+    rms_innovation : float
+        Root mean square of the innovations, weights divided out [pulses].
     """
 
-    values: np.ndarray
-    covariance: np.ndarray
-    residual: np.ndarray
-    scatter: float
+    values: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    residual: NDArray[np.float64]
+    rms_innovation: float
 
 
-def gauss_newton(prediction, start, step, bounds, *, rounds=15, tolerance=1e-5):
-    """Smallest sum of squared surprises.
+def gauss_newton(
+    prediction: Any,
+    start: ArrayLike,
+    step: ArrayLike,
+    bounds: ArrayLike,
+    *,
+    rounds: int = 15,
+    tolerance: float = 1e-5,
+) -> Solution:
+    """Least sum of squared innovations.
 
     Parameters
     ----------
     prediction : Prediction
+        Or anything else with its `innovations`, `all_innovations`, `unknown`, `weights` and `scales`.
     start : (k,) array_like
     step : (k,) array_like
         Of the central differences; zero leaves an unknown as it is.
@@ -59,16 +70,16 @@ def gauss_newton(prediction, start, step, bounds, *, rounds=15, tolerance=1e-5):
 
     Returns
     -------
-    Fit
+    Solution
 
     Raises
     ------
     ValueError
-        A start that diverges, or unknowns that the log cannot tell apart (with names).
+        A start that diverges, or unknowns that are not separately identifiable (with names).
     """
     bounds, step = np.asarray(bounds, float), np.array(step, float)
     values = np.clip(start, *bounds.T)
-    residual = prediction.surprises(values)
+    residual = prediction.innovations(values)
     if not np.isfinite(residual).all():
         raise ValueError(
             "the search must start from an arm that follows the log; the one that it was given diverges. Check signs, "
@@ -76,10 +87,10 @@ def gauss_newton(prediction, start, step, bounds, *, rounds=15, tolerance=1e-5):
         )
     for _ in range(rounds):
         change = _change(prediction, values, residual, step, bounds)
-        cost, shares = residual @ residual, 0.5 ** np.arange(8)
-        tried = np.clip(values + shares[:, None] * change, *bounds.T)
-        for i in range(0, len(shares), 4):
-            results = prediction.all_surprises(tried[i : i + 4])
+        cost, lengths = residual @ residual, 0.5 ** np.arange(8)
+        tried = np.clip(values + lengths[:, None] * change, *bounds.T)
+        for i in range(0, len(lengths), 4):
+            results = prediction.all_innovations(tried[i : i + 4])
             costs = [np.inf if not np.isfinite(r).all() else r @ r for r in results]
             best = int(np.argmin(costs))
             if costs[best] < cost:
@@ -87,21 +98,30 @@ def gauss_newton(prediction, start, step, bounds, *, rounds=15, tolerance=1e-5):
                 break
         if not residual @ residual < (1 - tolerance) * cost:
             break
-    covariance, free = np.zeros((len(values), len(values))), np.flatnonzero(step)
-    names = [prediction.unknown[i] for i in free]
-    change_per_step = slopes(prediction, values, step, free)
+    covariance, varied = np.zeros((len(values), len(values))), np.flatnonzero(step)
+    names = [prediction.unknown[i] for i in varied]
+    change_per_step = slopes(prediction, values, step, varied)
     readings, left = prediction.weights @ prediction.weights, residual * prediction.scales
-    part = least_squares(names, change_per_step, residual, dependent=_DEPENDENT)[1] * np.outer(step[free], step[free])
-    covariance[np.ix_(free, free)] = part * (residual @ residual / readings) * memory_of(residual)
-    return Fit(values=values, covariance=covariance, residual=left, scatter=float(np.sqrt(left @ left / readings)))
+    part = least_squares(names, change_per_step, residual, dependent=_DEPENDENT)[1] * np.outer(
+        step[varied], step[varied]
+    )
+    covariance[np.ix_(varied, varied)] = part * (residual @ residual / readings) * variance_inflation(residual)
+    rms = float(np.sqrt(left @ left / readings))
+    return Solution(values=values, covariance=covariance, residual=left, rms_innovation=rms)
 
 
-def _change(prediction, values, residual, step, bounds):
+def _change(
+    prediction: Any,
+    values: NDArray[np.float64],
+    residual: NDArray[np.float64],
+    step: NDArray[np.float64],
+    bounds: NDArray[np.float64],
+) -> NDArray[np.float64]:
     """Gauss-Newton's change (k,) of the values; one that would leave its bounds stays, the others make up for it."""
-    free, change = np.flatnonzero(step), np.zeros(len(values))
-    change_per_step, moving = slopes(prediction, values, step, free), np.ones(len(free), bool)
+    varied, change = np.flatnonzero(step), np.zeros(len(values))
+    change_per_step, moving = slopes(prediction, values, step, varied), np.ones(len(varied), bool)
     while moving.any():
-        some = free[moving]
+        some = varied[moving]
         names = [prediction.unknown[i] for i in some]
         solved = least_squares(names, change_per_step[:, moving], residual, dependent=_DEPENDENT)[0]
         change[:] = 0
@@ -115,13 +135,18 @@ def _change(prediction, values, residual, step, bounds):
     return change
 
 
-def slopes(prediction, values, step, free):
-    """Change of the surprises per step, by central differences; steps that lose the log are shortened in place."""
-    found, waiting = np.empty((len(prediction.weights), len(free))), list(range(len(free)))
+def slopes(
+    prediction: Any, values: NDArray[np.float64], step: NDArray[np.float64], varied: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """Change of the innovations per step (M, v), by central differences of the varied unknowns (v,).
+
+    Steps that lose the log are shortened in place.
+    """
+    found, waiting = np.empty((len(prediction.weights), len(varied))), list(range(len(varied)))
     for _ in range(_SHORTER):
         moves = np.zeros((len(waiting), len(values)))
-        moves[np.arange(len(waiting)), free[waiting]] = step[free[waiting]]
-        results = prediction.all_surprises([*(values + moves), *(values - moves)])
+        moves[np.arange(len(waiting)), varied[waiting]] = step[varied[waiting]]
+        results = prediction.all_innovations([*(values + moves), *(values - moves)])
         lost = []
         for i, up, down in zip(waiting, results[: len(waiting)], results[len(waiting) :], strict=True):
             if np.isfinite(up).all() and np.isfinite(down).all():
@@ -130,14 +155,14 @@ def slopes(prediction, values, step, free):
                 lost.append(i)
         if not lost:
             return found
-        step[free[lost]] *= 0.25
+        step[varied[lost]] *= 0.25
         waiting = lost
-    names = ", ".join(prediction.unknown[free[i]] for i in lost)
+    names = ", ".join(prediction.unknown[varied[i]] for i in lost)
     raise ValueError(f"every unknown must keep the arm on the log; any change of {names} loses it. Narrow the ranges.")
 
 
-def memory_of(residual):
-    """By how much the variance of a mean exceeds that of independent samples: 1 where there is no memory."""
+def variance_inflation(residual: NDArray[np.float64]) -> float:
+    """By how much autocorrelation makes the variance of a mean exceed that of independent samples: 1 without any."""
     spectrum = np.abs(np.fft.rfft(residual, 2 * len(residual))) ** 2
     own = np.fft.irfft(spectrum)[: _LAGS + 1]
     if not own[0] > 0:

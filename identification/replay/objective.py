@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterable
+from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from identification.replay.experiment import Experiment, checked
+from identification.replay.experiment import Experiment, as_records
+from plant import Dynamics, Record
 from plant.machine.motor_inertia import least_inertia_margin
 from plant.parts.arguments import array, known_options
 from plant.simulation.closed_loop import bounded
@@ -18,7 +22,7 @@ __all__ = ["Objective", "squared_error"]
 
 
 @functools.lru_cache
-def squared_error(n, sections=()):
+def squared_error(n: int, sections: tuple[tuple[float, ...], ...] = ()) -> ca.Function:
     """The term that one sample adds, (log, data, memory) -> sum over joints of (e^r - e^m)^2, memory.
 
     The data are the measured errors and the root of the sample's weight. With second-order `sections` (b0, b1, b2, 1,
@@ -37,7 +41,7 @@ def squared_error(n, sections=()):
     return ca.Function("squared_error", [log, data, memory], [ca.sumsqr(difference), ca.vertcat(*following)])
 
 
-def _sections(ignoring, period):
+def _sections(ignoring: ArrayLike | None, period: float) -> tuple[tuple[float, ...], ...]:
     """A band-stop as second-order sections, run twice: the energy that passes is that of one run both ways."""
     if ignoring is None:
         return ()
@@ -70,8 +74,8 @@ class Objective:
     threads : int, optional
         By default one per core. The result is the same bits for any number.
     ignoring : (2,) array_like, optional
-        Band of frequencies [Hz] in which errors are not compared, such as a nuisance that `oscillation` has found: both
-        sides pass the same band-stop.
+        Band of frequencies [Hz] in which errors are not compared, such as a disturbance that `oscillation` has found:
+        measured and simulated errors pass the same band-stop.
 
     Notes
     -----
@@ -81,21 +85,31 @@ class Objective:
     Source: paper eq. (4).
     """
 
-    def __init__(self, dynamics, records, unknown=None, *, steps_per_sample=4, sweeps=3, threads=None, ignoring=None):
+    def __init__(
+        self,
+        dynamics: Dynamics,
+        records: Record | Iterable[Record],
+        unknown: Iterable[str] | None = None,
+        *,
+        steps_per_sample: int = 4,
+        sweeps: int = 3,
+        threads: int | None = None,
+        ignoring: ArrayLike | None = None,
+    ) -> None:
         if threads is not None and (not isinstance(threads, (int, np.integer)) or threads < 1):
             raise ValueError(f"threads must be a whole number of at least 1; got {threads!r}. Leave it out for all.")
         self.dynamics = dynamics
-        self.records, self.unknown = checked(dynamics, records, unknown)
+        self.records, self.unknown = as_records(dynamics, records, unknown)
         self.threads = int(threads or cores())
         settings = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "ignoring": ignoring}
         self._experiments = [_Scored(dynamics, record, self.unknown, settings) for record in self.records]
 
     @property
-    def p(self):
+    def p(self) -> int:
         """Length of a candidate."""
         return len(self.unknown)
 
-    def __call__(self, population):
+    def __call__(self, population: ArrayLike) -> NDArray[np.float64]:
         """Costs (P,) [pulses^2] of candidates (P, p).
 
         Raises
@@ -113,14 +127,14 @@ class Objective:
 class _Scored(Experiment):
     """One record, ready to be replayed with any number of candidates."""
 
-    def __init__(self, dynamics, record, unknown, settings):
+    def __init__(self, dynamics: Dynamics, record: Record, unknown: tuple[str, ...], settings: dict[str, Any]) -> None:
         settings = dict(settings)
         score = squared_error(dynamics.n, _sections(settings.pop("ignoring"), record.rig.period))
         super().__init__(dynamics, record, unknown, score=score, **settings)
         self._kernel = self.kernel(self.places)
         self._tables = self._kernel.prepared((*self.times, self.data(record.error_pulses)))
 
-    def costs(self, population, threads):
+    def costs(self, population: NDArray[np.float64], threads: int) -> NDArray[np.float64]:
         """Costs (P,), inf for what cannot be."""
         numbers = np.repeat(self.numbers[None], len(population), axis=0)
         numbers[:, self.places] = population
@@ -133,8 +147,8 @@ class _Scored(Experiment):
         costs[sound] = np.concatenate([np.empty(0), *results])
         return costs
 
-    def _margins(self, numbers):
-        """Room (P,) that D leaves for the motors' own inertia, of candidates given by all their numbers (P, k)."""
+    def _margins(self, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Smallest pivot (P,) of D less the motors' own inertia, of candidates given by all their numbers (P, k)."""
         p, f = self.loop.dynamics.p, numbers[:, : self.loop.dynamics.p]
         if max(self.places) < p:
             return least_inertia_margin(self.loop.dynamics, self.record.rig, f)
@@ -142,13 +156,13 @@ class _Scored(Experiment):
         for i, row in enumerate(numbers):
             try:
                 rig = self.record.rig.with_numbers(row[-rig_size:])
-                self.record.law.with_numbers(row[p:-rig_size])
+                self.loop.law.with_numbers(row[p:-rig_size])
             except ValueError:  # such a rig, or such a law, there cannot be
                 continue
             margins[i] = least_inertia_margin(self.loop.dynamics, rig, f[i : i + 1])[0]
         return margins
 
-    def _block(self, candidates):
+    def _block(self, candidates: NDArray[np.float64]) -> NDArray[np.float64]:
         """Costs of at most `LANES` candidates; empty lanes repeat the last."""
         lanes = np.empty((len(self.places), LANES))
         lanes[:, : len(candidates)] = candidates.T

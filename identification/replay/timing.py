@@ -1,19 +1,22 @@
-"""Timing of a log: counts that are read a fraction of a sample late look like friction, and ruin everything else.
+"""Delay of the counts of a log: read a fraction of a sample late, they look like friction and bias everything else.
 
-A delay shifts every count by so many samples times the counts that pass in one. With f found and friction known, the
-difference between measured and simulated errors then goes with the speed; its slope is the delay. Unknown viscous
-friction, or an unknown gain, would take the delay upon itself.
+A delay of d samples shifts every count by d times the counts that pass in one. With f found and friction known, the
+difference between measured and simulated errors is then proportional to the speed, and its slope is the delay. Viscous
+friction or a gain that is unknown absorbs it.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from identification.replay.gauss_newton import memory_of
+from identification.replay.gauss_newton import variance_inflation
 from identification.replay.prediction import Prediction
-from plant import Record
+from plant import Dynamics, Record
 from plant.parts.arguments import instance, known_options, real
 
 __all__ = ["delay_of", "without_delay"]
@@ -22,7 +25,9 @@ _WINDOW = 5
 """Samples before and after, over which the speed of the counts is taken."""
 
 
-def delay_of(dynamics, records, unknown, values, **options):
+def delay_of(
+    dynamics: Dynamics, records: Iterable[Record], unknown: Iterable[str], values: NDArray[np.float64], **options: Any
+) -> tuple[float, float]:
     """How many samples late the counts of records are, against a simulation with these values; and its deviation.
 
     Returns
@@ -30,27 +35,27 @@ def delay_of(dynamics, records, unknown, values, **options):
     delay, std : float
         [samples]; a positive delay is a count that is read too late.
     """
-    prediction = Prediction(dynamics, records, unknown, free=True, **options)
-    difference = prediction.surprises(values)
+    prediction = Prediction(dynamics, records, unknown, simulated=True, **options)
+    difference = prediction.innovations(values)
     if not np.isfinite(difference).all():
         return np.nan, np.inf
     speed = np.concatenate([_speed(record.counts).ravel() for record in records])
     weight = prediction.weights
     slope = (difference @ (weight * speed)) / ((weight * speed) @ (weight * speed))
     left = difference - slope * weight * speed
-    std = np.sqrt(np.mean(left**2) * memory_of(left) / ((weight * speed) @ (weight * speed)))
+    std = np.sqrt(np.mean(left**2) * variance_inflation(left) / ((weight * speed) @ (weight * speed)))
     return float(-slope), float(std)
 
 
 @known_options
-def without_delay(record, samples):
-    """The same record with its counts moved to where they were so many samples later.
+def without_delay(record: Record, samples: float) -> Record:
+    """The same record with the delay of its counts taken out, by their speed.
 
     Parameters
     ----------
     record : Record
     samples : float
-        By how much the counts are late, such as ``found.delay``; within one sample.
+        By how much the counts are late, such as ``found.diagnostics.delay``; within one sample.
 
     Returns
     -------
@@ -63,14 +68,14 @@ def without_delay(record, samples):
         More than one sample: drop rows instead.
     """
     instance("record", record, Record, "The order is record, samples.")
-    samples = real("samples", samples, "Give found.delay.")
+    samples = real("samples", samples, "Give found.diagnostics.delay.")
     if abs(samples) > 1:
         raise ValueError(f"samples must be within one; got {samples}. Shift the columns by whole rows first.")
     counts = record.counts
     return dataclasses.replace(record, error_pulses=record.error_pulses - samples * _speed(counts))
 
 
-def _speed(counts):
+def _speed(counts: NDArray[np.float64]) -> NDArray[np.float64]:
     """Counts that pass in a sample (N, n), over a few of them."""
     rows = np.arange(len(counts))
     before, after = np.maximum(rows - _WINDOW, 0), np.minimum(rows + _WINDOW, len(counts) - 1)

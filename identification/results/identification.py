@@ -1,15 +1,26 @@
-"""What an identification found, how, and how well it knows it."""
+"""The result of an identification: arm, rig and law with what was found, and how well it is known."""
 
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from identification.equation_error.labels import short_names
+from identification.planning.budget import pulse_budget
+from identification.results.diagnostics import Diagnostics
+from identification.results.plots import plot_identification
 from identification.results.trust import warnings_of
 from identification.search.genetic import GeneticSettings
-from plant import Arm, Law, Rig
+from identification.search.outcome import Fit
+from identification.search.search import Search
+from plant import Arm, Law, Record, Rig
 from plant.parts.frozen import Frozen
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["Identification"]
 
@@ -20,113 +31,129 @@ class Identification(Frozen):
 
     Attributes
     ----------
-    method : str
     arm : Arm
         The arm with the best f; D-hat and h-hat of a computed-torque controller.
     rig, law : Rig, Law
         Those of the (first) record, with whatever else was unknown filled in.
-    f : (p,) numpy.ndarray
-    unknown : tuple of str
-        Names of what was searched; `values` (k,) are what was found for them.
-    candidates : (C, k) numpy.ndarray
-        Vectors that repeat the records as well as the values do, but for the noise of objective (4), best first; the
-        values alone where a method tries no others. ``certify(..., plants=...)`` takes them for want of a covariance.
-    covariance : (k, k) numpy.ndarray or None
-        Of the values; None for a method that does not know it. Quantisation and what the model lacks show in the
-        scatter from which it is made, and the memory of that scatter is counted.
-    scatter : float or None
-        Root mean square of what is left between model and counts, every sample predicted from those before (the
-        *surprise*) [pulses]; rounding alone gives 0.289.
-    trouble : str or None
-        Why the values are not those of the last fit; then nothing is known of their uncertainty.
-    ranges : (k, 2) numpy.ndarray or None
-        Those that were given.
-    stages : dict
-        What each stage before the last found: name -> (k,) values.
-    zeros : (R, n) numpy.ndarray or None
-        Where the joints of each record are when its counters say zero [rad], if that was unknown.
-    bands : dict
-        Of logged torques: pass band [Hz] -> mean share that least squares in that band finds of f, each counted by how
-        well that fit knows it.
-    delay, delay_std : float
-        By how many samples the counts are read late, against a simulation with what was found, and its deviation.
     records, held_out : tuple of Record
         Those that were searched, and those that were kept aside.
-    difference, held_out_difference : float, float or None
-        Root mean square, per sample and joint, between the errors measured and simulated with what was found [pulses]:
-        in the records, and in those kept aside. Two roundings alone give 0.58.
-    objective, initial_objective : float
-        Objective (4) of the best candidate, at the end and in the first generation [pulses^2].
-    initial_population : (P, k) numpy.ndarray
-    initial_costs : (P,) numpy.ndarray
-        Objective (4) of each of them, inf where it cannot be an arm or diverges.
-    history : (generations + 1, 3) numpy.ndarray
-        Best, mean and worst finite objective of each generation.
-    evaluations : int
-    seconds : float
-    seed : int
-    settings : GeneticSettings
     version : str
         Of the library.
-    message : str
-        Why the search ended.
+    fit : Fit
+        The values of the unknowns, and how well they are known.
+    search : Search
+        How they were searched.
+    diagnostics : Diagnostics
+        How well they repeat the records.
     """
 
-    method: str
     arm: Arm
     rig: Rig
     law: Law
-    f: np.ndarray
-    unknown: tuple
-    values: np.ndarray
-    candidates: np.ndarray
-    covariance: np.ndarray | None
-    scatter: float | None
-    trouble: str | None
-    ranges: np.ndarray | None
-    stages: dict
-    zeros: np.ndarray | None
-    bands: dict
-    delay: float
-    delay_std: float
-    records: tuple
-    held_out: tuple
-    difference: float
-    held_out_difference: float | None
-    objective: float
-    initial_objective: float
-    initial_population: np.ndarray
-    initial_costs: np.ndarray
-    history: np.ndarray
-    evaluations: int
-    seconds: float
-    seed: int
-    settings: GeneticSettings
+    records: tuple[Record, ...]
+    held_out: tuple[Record, ...]
     version: str
-    message: str
+    fit: Fit
+    search: Search
+    diagnostics: Diagnostics
+
+    # -- the everyday attributes of the groups -------------------------------------------------------------------
+    @property
+    def f(self) -> NDArray[np.float64]:
+        """Parameters (p,) of the arm."""
+        return self.arm.f
 
     @property
-    def std(self):
-        """Standard deviations (k,) of the values."""
-        if self.covariance is None:
-            why = f"method {self.method!r}" if self.trouble is None else "this fit"
-            raise ValueError(
-                f"{why} does not know how well it knows; {self.trouble or 'use the default for an interval'}."
-            )
-        return np.sqrt(np.diag(self.covariance))
+    def unknown(self) -> tuple[str, ...]:
+        """Names (k) of what was searched."""
+        return self.fit.unknown
 
-    def bound(self):
-        """Smallest standard deviations (k,) that rounding at the samples allows any method on the first record.
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """What was found for the unknowns (k,)."""
+        return self.fit.values
 
-        Cramer-Rao's bound from simulated sensitivities (`pulse_budget`); of what was kept fixed, zero.
+    @property
+    def candidates(self) -> NDArray[np.float64]:
+        """Vectors (C, k) that repeat the records as well; see `Fit`."""
+        return self.fit.candidates
+
+    @property
+    def covariance(self) -> NDArray[np.float64] | None:
+        """Covariance (k, k) of the values; None where the method provides none."""
+        return self.fit.covariance
+
+    @property
+    def std(self) -> NDArray[np.float64]:
+        """Standard deviations (k,) of the values; a ValueError where there is no covariance."""
+        return self.fit.std
+
+    @property
+    def objective(self) -> float:
+        """Objective (4) of the result [pulses^2]."""
+        return self.diagnostics.objective
+
+    @property
+    def initial_objective(self) -> float:
+        """Objective (4) of the best candidate of the first generation [pulses^2]."""
+        return self.search.initial_objective
+
+    @property
+    def initial_population(self) -> NDArray[np.float64]:
+        """The first generation (P, k)."""
+        return self.search.initial_population
+
+    @property
+    def history(self) -> NDArray[np.float64]:
+        """Best, mean and worst finite objective of each generation (generations + 1, 3)."""
+        return self.search.history
+
+    @property
+    def method(self) -> str:
+        """Of the search; see `identify`."""
+        return self.search.method
+
+    @property
+    def seed(self) -> int:
+        """Of the search."""
+        return self.search.seed
+
+    @property
+    def settings(self) -> GeneticSettings:
+        """Of the genetic algorithm."""
+        return self.search.settings
+
+    @property
+    def evaluations(self) -> int:
+        """Simulated experiments."""
+        return self.search.evaluations
+
+    @property
+    def seconds(self) -> float:
+        """Of the whole identification."""
+        return self.search.seconds
+
+    @property
+    def message(self) -> str:
+        """Why the search ended."""
+        return self.search.message
+
+    # -- what can be made of it ----------------------------------------------------------------------------------
+    @property
+    def short_names(self) -> tuple[str, ...]:
+        """Names (k) of the unknowns for tables and figures; ``arm.dynamics.legend`` says what they mean."""
+        return short_names(self.arm.dynamics, self.unknown)
+
+    def bound(self) -> NDArray[np.float64]:
+        """Cramer-Rao bound (k,): the least standard deviation of any method on the first record, from rounding alone.
+
+        From simulated sensitivities (`pulse_budget`); of what was kept fixed, zero.
 
         Raises
         ------
         ValueError
             A record without reference.
         """
-        from identification.planning.budget import pulse_budget  # which needs what a result is made of
-
         record = self.records[0]
         if record.reference is None:
             raise ValueError("the record must have a reference for a bound; it has none. Pass reference= with the log.")
@@ -135,53 +162,47 @@ class Identification(Frozen):
         return np.where(self.std > 0, budget.bound, 0.0)
 
     @property
-    def correlation(self):
-        """Correlations (k, k) of the values; of what was kept fixed, zero."""
-        std = np.where(self.std > 0, self.std, np.inf)
-        return self.covariance / np.outer(std, std)
-
-    @property
-    def warnings(self):
+    def warnings(self) -> list[str]:
         """What a user should know before trusting the values, one line each; see `identification.results.trust`."""
         return warnings_of(self)
 
-    def summary(self):
-        """A table: each value, its standard deviation, the bound, its 95 % interval, what it goes with most."""
-        width = max(map(len, self.unknown))
+    def summary(self) -> str:
+        """A table: each value, its standard deviation, the bound, its 95 % interval, its largest correlation."""
+        names, diagnostics = self.short_names, self.diagnostics
+        width = max(map(len, names))
         lines = [f"{self.method}, {len(self.records)} record(s): {self.message}"]
         if self.covariance is None:
-            lines += [f"{name:<{width}} {value:12.5g}" for name, value in zip(self.unknown, self.values, strict=True)]
+            lines += [f"{name:<{width}} {value:12.5g}" for name, value in zip(names, self.values, strict=True)]
         else:
             try:
                 bounds = self.bound()
-            except ValueError:  # no reference, or numbers that cannot be told apart
+            except ValueError:  # no reference, or numbers that are not separately identifiable
                 bounds = np.full(len(self.values), np.nan)
             known = np.isfinite(bounds).all()
             head = f"{'value':>12} {'std':>9} {'bound' if known else '':>{9 * known}} {'95 % interval':>25}"
-            lines.append(f"{'':<{width}} {head}   goes most with")
-            others = self.correlation - np.eye(len(self.values))
-            rows = zip(self.unknown, self.values, self.std, bounds, strict=True)
+            lines.append(f"{'':<{width}} {head}   largest correlation")
+            others = self.fit.correlation - np.eye(len(self.values))
+            rows = zip(names, self.values, self.std, bounds, strict=True)
             for i, (name, value, std, bound) in enumerate(rows):
                 if not std > 0:
                     lines.append(f"{name:<{width}} {value:12.5g}     known")
                     continue
                 most = int(np.argmax(np.abs(others[i])))
                 interval = f"[{value - 1.96 * std:.5g}, {value + 1.96 * std:.5g}]"
-                together = f"{self.unknown[most]} ({others[i, most]:+.2f})"
+                together = f"{names[most]} ({others[i, most]:+.2f})"
                 least = f"{bound:9.2g}" if known else ""
                 lines.append(f"{name:<{width}} {value:12.5g} {std:9.2g} {least} {interval:>25}   {together}")
-        lines.append(f"simulated and measured errors differ by {self.difference:.2f} pulses (rms)")
-        if self.held_out_difference is not None:
-            lines[-1] += f", in the record(s) kept aside by {self.held_out_difference:.2f}"
-        return "\n".join([*lines, *(f"warning: {text}" for text in self.warnings)])
+        lines.append(f"simulated and measured errors differ by {diagnostics.difference:.2f} pulses (rms)")
+        if diagnostics.held_out_difference is not None:
+            lines[-1] += f", in the record(s) kept aside by {diagnostics.held_out_difference:.2f}"
+        lines += [f"warning: {text}" for text in self.warnings]
+        return "\n".join([*lines, *self.arm.dynamics.legend.splitlines()])
 
-    def plot(self):
-        """Draw fit, surprises, spectrum and intervals; see `identification.results.plots.plot_identification`."""
-        from identification.results.plots import plot_identification
-
+    def plot(self) -> Figure:
+        """Draw errors, innovations, spectrum and intervals; see `identification.results.plots.plot_identification`."""
         return plot_identification(self)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         f = np.array2string(self.f, precision=3, suppress_small=True)
         return (
             f"Identification(f={f}, objective {self.initial_objective:.0f} -> {self.objective:.0f} pulses^2, "

@@ -1,27 +1,30 @@
-"""A load in the hand of a known arm: one number, found from a log of its own."""
+"""The mass of a load on a known arm, from a log of its own."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from identification.replay.gauss_newton import gauss_newton
 from identification.replay.prediction import Prediction
 from plant import Arm, Body, Record
 from plant.parts.arguments import array, instance, known_options
+from plant.parts.frozen import Frozen
 
 __all__ = ["Load", "find_load"]
 
 _STEP = 0.01
-"""Of the derivatives [kg]."""
+"""Of the central differences [kg]."""
 
 _HEAVIEST = 1e3
 """[kg]"""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Load:
+class Load(Frozen):
     """A point mass on the last link, or another one.
 
     Attributes
@@ -30,18 +33,20 @@ class Load:
         [kg]
     arm : Arm
         The known arm with this load.
-    scatter : float
-        Root mean square surprise [pulses]; rounding alone gives 0.289.
+    rms_innovation : float
+        Root mean square of the innovations [pulses]; rounding alone gives 0.289.
     """
 
     mass: float
     std: float
     arm: Arm
-    scatter: float
+    rms_innovation: float
 
 
 @known_options
-def find_load(arm, record, position, *, link=-1, steps_per_sample=4):
+def find_load(
+    arm: Arm, record: Record, position: ArrayLike, *, link: int | str = -1, steps_per_sample: int = 4
+) -> Load:
     """The mass of a load at a known place, with all else known.
 
     Parameters
@@ -52,8 +57,8 @@ def find_load(arm, record, position, *, link=-1, steps_per_sample=4):
         Made with the load, under P control.
     position : (3,) array_like
         Of the load in the frame of the link's body [m].
-    link : int
-        Place of the link in the chain.
+    link : int or str
+        Place of the link in the chain, or its name.
     steps_per_sample : int
 
     Returns
@@ -63,37 +68,36 @@ def find_load(arm, record, position, *, link=-1, steps_per_sample=4):
     Raises
     ------
     ValueError
-        Bad input, or a load that cannot be told (a log that does not move it).
+        Bad input, or a load that is not identifiable (a log that does not move it).
     """
     instance("arm", arm, Arm, "The order is arm, record, position.")
     instance("record", record, Record, "The order is arm, record, position.")
     position = array("position", position, (3,), advice="Give x, y and z in the frame of the link's body [m].")
     dynamics = arm.dynamics
-    bodies = [Body(mass=0.0, com=(0, 0, 0)) for _ in range(arm.n)]
-    bodies[link] = Body(mass=1.0, com=position)
-    follow = _WithLoad(Prediction(dynamics, record, steps_per_sample=steps_per_sample), arm.f, dynamics.f(bodies))
-    prediction = follow.prediction
+    empty = dataclasses.replace(dynamics.chain, bodies=(Body(mass=0.0, com=(0, 0, 0)),) * arm.n)
+    per_kg = dynamics.f(empty.carrying(Body(mass=1.0, com=position), link).bodies)
+    prediction = Prediction(dynamics, record, steps_per_sample=steps_per_sample)
     bounds = np.vstack([(-_HEAVIEST, _HEAVIEST), prediction.nuisance_bounds])
     start, steps = np.append(0.0, prediction.nuisances), np.append(_STEP, prediction.nuisance_steps)
-    fit = gauss_newton(follow, start, steps, bounds)
+    fit = gauss_newton(_WithLoad(prediction, arm.f, per_kg), start, steps, bounds)
     mass = float(fit.values[0])
-    loaded = dynamics.arm(arm.f + mass * follow.direction)
-    return Load(mass=mass, std=float(np.sqrt(fit.covariance[0, 0])), arm=loaded, scatter=fit.scatter)
+    loaded, std = dynamics.arm(arm.f + mass * per_kg), float(np.sqrt(fit.covariance[0, 0]))
+    return Load(mass=mass, std=std, arm=loaded, rms_innovation=fit.rms_innovation)
 
 
 class _WithLoad:
-    """A prediction whose unknowns are a mass and the shares of correction."""
+    """A prediction whose unknowns are a mass and the observer gains."""
 
-    def __init__(self, prediction, f, direction):
-        self.prediction, self.f, self.direction = prediction, f, direction
+    def __init__(self, prediction: Prediction, f: NDArray[np.float64], per_kg: NDArray[np.float64]) -> None:
+        self.prediction, self.f, self.per_kg = prediction, f, per_kg
         self.unknown = ("load", *prediction.unknown[len(f) :])
         self.weights, self.scales = prediction.weights, prediction.scales
 
-    def _whole(self, values):
-        return np.append(self.f + values[0] * self.direction, values[1:])
+    def _whole(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.append(self.f + values[0] * self.per_kg, values[1:])
 
-    def surprises(self, values):
-        return self.prediction.surprises(self._whole(values))
+    def innovations(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self.prediction.innovations(self._whole(values))
 
-    def all_surprises(self, many):
-        return self.prediction.all_surprises([self._whole(values) for values in many])
+    def all_innovations(self, many: Iterable[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+        return self.prediction.all_innovations([self._whole(values) for values in many])

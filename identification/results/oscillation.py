@@ -1,8 +1,8 @@
-"""The oscillation in the tracking errors: where it is, what it is, and how the paper filters it away.
+"""The oscillation in the tracking errors: its frequency, whether it is the loop's own mode, and its band-stop filter.
 
-The paper takes the 27-32 Hz of its errors for a nuisance and filters it out (Figs. 10-11). Under P control it is the
-position loop's own mode: it holds the inertias, and belongs into the identification. Only a frequency that the
-linearised loop does not have (a flexible base, a loose sensor) is a nuisance.
+The paper takes the 27-32 Hz of its errors for a disturbance and filters it out (Figs. 10-11). Under P control it is the
+position loop's own mode: it shows the inertias, and belongs into the identification. Only a frequency that the
+linearised loop does not have (a flexible base, a loose sensor) is a disturbance.
 
 Source: paper Figs. 10-11, 4.2.
 """
@@ -10,13 +10,20 @@ Source: paper Figs. 10-11, 4.2.
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.pulse_fit import mode_in
-from plant import Arm, Record
+from identification.results.plots import plot_oscillation
+from plant import Arm, Law, Record
 from plant.analysis.linearise import jacobians, modes
 from plant.parts.arguments import array, instance, known_options
+from plant.parts.frozen import Frozen
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["Oscillation", "oscillation"]
 
@@ -33,8 +40,8 @@ _POSES = 12
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Oscillation:
-    """What swings in the tracking errors of a record.
+class Oscillation(Frozen):
+    """The oscillation in the tracking errors of a record.
 
     Attributes
     ----------
@@ -47,15 +54,18 @@ class Oscillation:
     own : bool or None
         Whether the oscillation is the position loop's own mode; None without an arm.
     record : Record
+    joints : tuple of str
+        What to call each joint.
     """
 
     frequency: float
-    amplitude: np.ndarray
-    modes: tuple
+    amplitude: NDArray[np.float64]
+    modes: tuple[tuple[float, float], ...]
     own: bool | None
     record: Record
+    joints: tuple[str, ...]
 
-    def removed(self, errors):
+    def removed(self, errors: ArrayLike) -> NDArray[np.float64]:
         """Errors (N, n) without the oscillation, by a band-stop run forwards and backwards: no phase."""
         from scipy.signal import butter, sosfiltfilt
 
@@ -65,26 +75,25 @@ class Oscillation:
         ends = min(len(errors) - 1, int(_PERIODS / (self.frequency * self.record.rig.period)))
         return sosfiltfilt(butter(3, band, "bandstop", output="sos"), errors, axis=0, padlen=ends)
 
-    def __str__(self):
-        swing = ", ".join(f"{value:.2f}" for value in self.amplitude)
-        text = f"oscillation at {self.frequency:.1f} Hz, {swing} pulses (rms)"
+    def __str__(self) -> str:
+        rows = zip(self.joints, self.amplitude, strict=True)
+        amplitudes = ", ".join(f"{label} {value:.2f}" for label, value in rows)
+        text = f"oscillation at {self.frequency:.1f} Hz [pulses, rms]: {amplitudes}"
         if self.own is None:
             return f"{text}; pass an arm to learn whether it is the loop's own"
         found = ", ".join(f"{low:.1f}-{high:.1f}" for low, high in self.modes)
         if self.own:
-            return f"{text}; the position loop's own mode ({found} Hz): it holds the inertias, keep it"
-        return f"{text}; no mode of this arm's position loop ({found} Hz): a nuisance, unless the arm is known badly"
+            return f"{text}; the position loop's own mode ({found} Hz): it shows the inertias, keep it"
+        return f"{text}; no mode of this arm's position loop ({found} Hz): a disturbance, unless the arm is known badly"
 
-    def plot(self):
+    def plot(self) -> Figure:
         """Draw the errors as measured and without the oscillation (Figs. 10-11), and their spectrum."""
-        from identification.results.plots import plot_oscillation
-
         return plot_oscillation(self)
 
 
 @known_options
-def oscillation(record, arm=None):
-    """Find what swings in the tracking errors of a record.
+def oscillation(record: Record, arm: Arm | None = None) -> Oscillation:
+    """Find the oscillation in the tracking errors of a record.
 
     Parameters
     ----------
@@ -104,17 +113,24 @@ def oscillation(record, arm=None):
     """
     instance("record", record, Record, "The order is record, arm.")
     frequency = mode_in(record)
-    spans, own = (), None
+    spans: tuple[tuple[float, float], ...] = ()
+    own, joints = None, record.rig.joint_labels
     if arm is not None:
         instance("arm", arm, Arm, "Pass found.arm.")
+        if record.law is None:
+            raise ValueError("the record must name the law that made it; got None. Pass law= when loading it.")
         record.rig.require_fit(arm.dynamics.chain)
+        joints = arm.dynamics.chain.joint_labels
+        law = instance("law of the record", record.law, Law, "Pass law= with the log.")
         angles = record.rig.cell_centre(record.counts)
         poses = angles[:: max(1, len(angles) // _POSES)]
-        found = [modes(jacobians(arm, record.rig, record.law, pose)[0])[:, 0] for pose in poses]
+        found = [modes(jacobians(arm, record.rig, law, pose)[0])[:, 0] for pose in poses]
         count = min(map(len, found))
         lowest, highest = (extreme([each[:count] for each in found], axis=0) for extreme in (np.min, np.max))
         spans = tuple(zip(lowest.tolist(), highest.tolist(), strict=True))
         own = any(low * (1 - _NEAR) < frequency < high * (1 + _NEAR) for low, high in spans)
-    made = Oscillation(frequency=frequency, amplitude=np.zeros(record.n), modes=spans, own=own, record=record)
+    made = Oscillation(
+        frequency=frequency, amplitude=np.zeros(record.n), modes=spans, own=own, record=record, joints=tuple(joints)
+    )
     taken = record.error_pulses - made.removed(record.error_pulses)
     return dataclasses.replace(made, amplitude=np.sqrt((taken**2).mean(axis=0)))

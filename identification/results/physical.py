@@ -1,14 +1,13 @@
-"""Physical consistency: the arm nearest to what was found that bodies and motors can have.
+"""Physical consistency: the nearest arm whose f bodies and motors can have.
 
-Any body within a box is a heap of point masses in it: positive mass, an inertia that a body can have, and a centre of
-mass inside the box are one and the same as masses that are not negative on a fine grid. f is linear in them and in the
-motors' inertias, so the nearest such f, distances measured by the covariance of what was found, is a problem of least
-squares with non-negative unknowns. What the lumping took for independent (f3 = a f5 of the paper) comes out as bodies
-have it.
+A body within a box is a set of point masses in it: positive mass, a possible inertia, and a centre of mass inside the
+box are equivalent to non-negative masses on a fine grid. f is linear in them and in the motors' inertias, so the
+nearest such f, in the metric of the identified covariance, is a problem of non-negative least squares. What the lumping
+took for independent (f3 = a f5 of the paper) comes out as bodies have it.
 
 Source: C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, Prentice Hall 1974 (non-negative least squares);
 P. M. Wensing, S. Kim, J.-J. E. Slotine, Linear matrix inequalities for physically consistent inertial parameter
-identification, IEEE Robotics and Automation Letters 3 (2018) (what a body can have).
+identification, IEEE Robotics and Automation Letters 3 (2018) (physical consistency).
 """
 
 from __future__ import annotations
@@ -17,40 +16,42 @@ import dataclasses
 import itertools
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from identification.results.identification import Identification
 from plant import Arm, Body
 from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA
 from plant.mechanics.lumping import STANDARD, standard_parameters
 from plant.parts.arguments import array, instance, known_options
+from plant.parts.frozen import Frozen
 
 __all__ = ["Physical", "nearest_physical"]
 
 _RIDGE = 1e-9
-"""Share of the largest variance that is added to all: a number kept fixed has none of its own."""
+"""Share of the largest variance that is added to all: a number kept fixed has no variance."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Physical:
-    """The nearest arm that can be.
+class Physical(Frozen):
+    """The nearest physically consistent arm.
 
     Attributes
     ----------
     arm : Arm
     bodies : tuple of Body
-        One of the sets of bodies that have these f; what f does not show is arbitrary.
+        One of the sets of bodies that have these f; what f does not determine is arbitrary.
     distance : float
         From what was found, in standard deviations (root of chi squared); with p numbers, up to about sqrt(p) + 2 is
         noise, and far more says that the rig or the boxes are wrong.
     """
 
     arm: Arm
-    bodies: tuple
+    bodies: tuple[Body, ...]
     distance: float
 
 
 @known_options
-def nearest_physical(found, boxes, *, points=5):
+def nearest_physical(found: Identification, boxes: ArrayLike, *, points: int = 5) -> Physical:
     """The arm nearest to an identified one whose links are bodies within boxes.
 
     Parameters
@@ -76,11 +77,12 @@ def nearest_physical(found, boxes, *, points=5):
     instance("found", found, Identification, "Pass what identify gave.")
     dynamics, n = found.arm.dynamics, found.arm.n
     boxes = array("boxes", boxes, (n, 3, 2), advice="Give (low, high) of x, y and z for each link [m].")
-    if (boxes[..., 0] > boxes[..., 1]).any():
-        raise ValueError("boxes must have low <= high in x, y and z of each link; one is reversed. Swap its ends.")
+    for label, box in zip(dynamics.chain.joint_labels, boxes, strict=True):
+        if (box[:, 0] > box[:, 1]).any():
+            raise ValueError(f"boxes must have low <= high in x, y and z; that of {label} is reversed. Swap its ends.")
     if not isinstance(points, (int, np.integer)) or points < 2:
         raise ValueError(f"points must be a whole number of at least 2; got {points!r}. The default is 5.")
-    std = found.std  # refuses a method that does not know
+    std = found.std  # refuses a fit without a covariance
     width, matrix = len(STANDARD), np.array(dynamics.lumping.matrix)
     places, columns = [], []
     for i in range(n):
@@ -94,21 +96,21 @@ def nearest_physical(found, boxes, *, points=5):
     rotors = matrix[:, STANDARD.index("J") :: width]
     least = LEAST_MOTOR_INERTIA * found.rig.drive.reflected_inertia()
     rows = [found.unknown.index(name) for name in dynamics.names]
-    covariance = found.covariance[np.ix_(rows, rows)] + _RIDGE * np.max(std[rows] ** 2) * np.eye(dynamics.p)
+    covariance = np.asarray(found.covariance)[np.ix_(rows, rows)] + _RIDGE * np.max(std[rows] ** 2) * np.eye(dynamics.p)
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
     every = np.column_stack([*columns, rotors])
     length = np.linalg.norm(whiten @ every, axis=0)
     length[length == 0] = 1.0
     amounts, distance = nnls(whiten @ every / length, whiten @ (found.f - rotors @ least), maxiter=50 * every.shape[1])
     amounts = amounts / length
-    heaps = [[(m, x) for m, (i, x) in zip(amounts, places, strict=False) if i == link and m > 0] for link in range(n)]
-    bodies = tuple(_body(heap, float(j)) for heap, j in zip(heaps, amounts[len(places) :] + least, strict=True))
+    sets = [[(m, x) for m, (i, x) in zip(amounts, places, strict=False) if i == link and m > 0] for link in range(n)]
+    bodies = tuple(_body(masses, float(j)) for masses, j in zip(sets, amounts[len(places) :] + least, strict=True))
     return Physical(arm=dynamics.arm(dynamics.f(bodies)), bodies=bodies, distance=float(distance))
 
 
-def _body(heap, rotor):
-    """One body of point masses, with its motor."""
+def _body(masses: list[tuple[float, NDArray[np.float64]]], rotor: float) -> Body:
+    """One body of point masses (mass, place), with its motor."""
     body = Body(mass=0.0, com=(0, 0, 0))
-    for mass, place in heap:
+    for mass, place in masses:
         body = body.joined(Body(mass=float(mass), com=place))
     return dataclasses.replace(body, rotor=rotor)

@@ -1,22 +1,33 @@
-"""What an identification has made of a log: fit, surprises, spectrum, intervals. matplotlib is imported when drawn."""
+"""Figures of results: errors, innovations, spectrum, intervals; the oscillation. matplotlib is imported when drawn."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from identification.replay.prediction import Prediction
+from plant import simulate
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 __all__ = ["plot_identification", "plot_oscillation"]
 
 _MEASURED, _MODEL, _LEFT = "#444444", "#c8553d", "#1f6f8b"
 
+_MEANING = 68
+"""Letters of a parameter's meaning that a figure shows; `Dynamics.legend` has them all."""
 
-def plot_identification(found):
+
+def plot_identification(found: Any) -> Figure:
     """Draw the first record of an `Identification`.
 
-    Top: tracking errors measured and simulated with what was found, a short stretch of them, one row per joint.
-    Below: what is left when every sample is predicted from those before; the spectrum of the errors and of what is
-    left; the values with their 95 % intervals, as shares of the values.
+    One row per joint: tracking errors measured and simulated with what was found, the whole record and a short stretch
+    of it, and the innovations. Below: spectrum of tracking errors and innovations; the 95 % intervals, as shares of the
+    values; what short names of parameters mean.
 
     Returns
     -------
@@ -24,64 +35,70 @@ def plot_identification(found):
     """
     import matplotlib.pyplot as plt
 
-    from plant import simulate
-
-    record, n = found.records[0], found.arm.n
-    figure = plt.figure(figsize=(11, 2.1 * n + 5.2), layout="constrained")
-    grid = figure.add_gridspec(n + 2, 2, height_ratios=[*[1.0] * n, 1.3, 1.3])
-    names = [link.name for link in found.arm.dynamics.chain.links]
+    dynamics, record, n = found.arm.dynamics, found.records[0], found.arm.n
+    prediction = Prediction(dynamics, record, found.unknown)
+    left = prediction.innovations(np.append(found.values, prediction.nuisances)).reshape(-1, n)
     model = None
     if record.reference is not None:
         model = simulate(found.arm, found.rig, found.law, record.reference, duration=len(record) * record.rig.period)
-    for joint in range(n):
-        for column, (start, end) in enumerate(((0.0, 1.0), (0.30, 0.36))):
-            axis = _axis(figure, grid[joint, column])
+    meaning = [line if len(line) <= _MEANING else f"{line[:_MEANING]} ..." for line in dynamics.legend.splitlines()]
+    half = (len(meaning) + 1) // 2
+    heights = [*[1.8 if n < 4 else 1.5] * n, 2.6, 0.14 * half + 0.01]
+    figure = plt.figure(figsize=(12, sum(heights)), layout="constrained")
+    grid = figure.add_gridspec(n + 2, 3, height_ratios=heights)
+    for joint, label in enumerate(dynamics.chain.joint_labels):
+        titles = (label, *(("a stretch of it", "innovation: counted minus predicted") if joint == 0 else ("", "")))
+        axes = [_axis(figure, grid[joint, column], title) for column, title in enumerate(titles)]
+        for axis, start, end in ((axes[0], 0.0, 1.0), (axes[1], 0.30, 0.36)):
             some = slice(int(start * len(record)), int(end * len(record)))
-            for log, colour, label in ((record, _MEASURED, "measured"), (model, _MODEL, "model")):
+            for log, colour, name in ((record, _MEASURED, "measured"), (model, _MODEL, "model")):
                 if log is not None:
-                    axis.plot(log.t[some], log.error_pulses[some, joint], color=colour, linewidth=0.8, label=label)
-            axis.set_ylabel(f"error, joint {names[joint]} [pulses]" if column == 0 else "")
+                    axis.plot(log.t[some], log.error_pulses[some, joint], color=colour, linewidth=0.8, label=name)
+        axes[0].set_ylabel("error [pulses]")
+        axes[2].plot(record.t, left[:, joint], color=_LEFT, linewidth=0.5)
+        for axis in axes:
             axis.set_xlabel("time [s]" if joint == n - 1 else "")
-            if joint == 0:
-                title = "tracking error, whole record" if column == 0 else "a stretch of it"
-                axis.set_title(title, fontsize=9, loc="left")
-    figure.axes[1].legend(frameon=False, fontsize=8, ncols=2, loc="upper left")
-    prediction = Prediction(found.arm.dynamics, record, found.unknown)
-    left = prediction.surprises(np.append(found.values, prediction.nuisances)).reshape(-1, n)
-    axis = _axis(figure, grid[n, :])
-    axis.plot(record.t, left, linewidth=0.5, label=[f"joint {name}" for name in names])
-    axis.set_title("surprise: counted minus predicted from all samples before", fontsize=9, loc="left")
-    axis.set_xlabel("time [s]")
-    axis.set_ylabel("[pulses]")
-    axis.legend(frameon=False, fontsize=8, ncols=n, loc="upper right")
-    axis = _axis(figure, grid[n + 1, 0])
-    for signal, colour, label in ((record.error_pulses, _MEASURED, "tracking error"), (left, _LEFT, "surprise")):
-        axis.loglog(*_spectrum(signal, record.rig.period), color=colour, linewidth=0.7, label=label)
-    axis.set_title("spectrum", fontsize=9, loc="left")
+    _legend(figure.axes[1])
+    axis = _axis(figure, grid[n, 0], "spectrum")
+    for signal, colour, name in ((record.error_pulses, _MEASURED, "error"), (left, _LEFT, "innovation")):
+        axis.loglog(*_spectrum(signal, record.rig.period), color=colour, linewidth=0.7, label=name)
     axis.set_xlabel("frequency [Hz]")
     axis.set_ylabel("amplitude [pulses]")
-    axis.legend(frameon=False, fontsize=8)
-    axis = _axis(figure, grid[n + 1, 1])
-    place = np.arange(len(found.unknown))
-    if found.covariance is not None:
-        axis.errorbar(place, np.zeros(len(place)), yerr=196 * found.std / np.abs(found.values), fmt="o", markersize=4,
-                      color=_LEFT, capsize=3)  # fmt: skip
-        axis.set_ylim(*np.clip(axis.get_ylim(), -120, 120))
-    axis.axhline(0, color="0.6", linewidth=0.6)
-    axis.set_xticks(place, found.unknown, rotation=0 if len(place) < 12 else 90, fontsize=8)
-    axis.set_title("95 % intervals", fontsize=9, loc="left")
-    axis.set_ylabel("[% of the value]")
+    _legend(axis)
+    _intervals(_axis(figure, grid[n, 1:], "95 % intervals"), found)
+    axis = figure.add_subplot(grid[n + 1, :])
+    axis.axis("off")
+    for x, lines in ((0.0, meaning[:half]), (0.5, meaning[half:])):
+        axis.text(x, 1, "\n".join(lines), fontsize=7, family="monospace", va="top", transform=axis.transAxes)
     return figure
 
 
-def _axis(figure, place):
+def _legend(axis: Axes) -> None:
+    """A legend above the axis, to the right of its title."""
+    axis.legend(frameon=False, fontsize=8, ncols=2, loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0)
+
+
+def _intervals(axis: Axes, found: Any) -> None:
+    """The 95 % interval of each value, as a share of it."""
+    place = np.arange(len(found.unknown))
+    if found.covariance is not None:
+        half = 196 * found.std / np.abs(found.values)
+        axis.errorbar(place, np.zeros(len(place)), yerr=half, fmt="o", markersize=4, color=_LEFT, capsize=3)
+        axis.set_ylim(*np.clip(axis.get_ylim(), -120, 120))
+    axis.axhline(0, color="0.6", linewidth=0.6)
+    axis.set_xticks(place, found.short_names, rotation=0 if len(place) < 12 else 90, fontsize=8)
+    axis.set_ylabel("[% of the value]")
+
+
+def _axis(figure: Figure, place: Any, title: str) -> Axes:
     axis = figure.add_subplot(place)
     axis.spines[["top", "right"]].set_visible(False)
     axis.grid(alpha=0.25, linewidth=0.5)
+    axis.set_title(title, fontsize=9, loc="left")
     return axis
 
 
-def plot_oscillation(found):
+def plot_oscillation(found: Any) -> Figure:
     """Draw an `Oscillation`: errors measured and without it, one row per joint, and their spectrum below.
 
     Source: paper Figs. 10-11.
@@ -94,30 +111,28 @@ def plot_oscillation(found):
 
     record = found.record
     n, quiet = record.n, found.removed(record.error_pulses)
-    figure = plt.figure(figsize=(9, 2.0 * n + 2.6), layout="constrained")
+    figure = plt.figure(figsize=(9, (2.0 if n < 4 else 1.5) * n + 2.6), layout="constrained")
     grid = figure.add_gridspec(n + 1, 1, height_ratios=[*[1.0] * n, 1.2])
-    for joint in range(n):
-        axis = _axis(figure, grid[joint])
+    for joint, label in enumerate(found.joints):
+        axis = _axis(figure, grid[joint], f"{label}, tracking error")
         axis.plot(record.t, record.error_pulses[:, joint], color="0.7", linewidth=0.6, label="measured")
         axis.plot(record.t, quiet[:, joint], color=_MODEL, linewidth=1.0, label="without the oscillation")
-        axis.set_ylabel(f"error, joint {joint + 1} [pulses]")
-        if joint == 0:
-            axis.legend(frameon=False, fontsize=8, ncols=2, loc="upper right")
+        axis.set_ylabel("[pulses]")
+    _legend(figure.axes[0])
     axis.set_xlabel("time [s]")
-    axis = _axis(figure, grid[n])
+    bands = "; shaded: modes of the linearised loop" if found.modes else ""
+    axis = _axis(figure, grid[n], f"spectrum; dashed: {found.frequency:.1f} Hz{bands}")
     for signal, colour in ((record.error_pulses, "0.5"), (quiet, _MODEL)):
         axis.loglog(*_spectrum(signal, record.rig.period), color=colour, linewidth=0.7)
     for low, high in found.modes:
         axis.axvspan(low, high, color="#e9e4d4", zorder=0)
     axis.axvline(found.frequency, color="0.3", linewidth=0.8, linestyle="--")
-    bands = "; shaded: modes of the linearised loop" if found.modes else ""
-    axis.set_title(f"spectrum; dashed: {found.frequency:.1f} Hz{bands}", fontsize=9, loc="left")
     axis.set_xlabel("frequency [Hz]")
     axis.set_ylabel("amplitude [pulses]")
     return figure
 
 
-def _spectrum(signal, period):
+def _spectrum(signal: NDArray[np.float64], period: float) -> tuple[NDArray[Any], NDArray[Any]]:
     """Frequencies [Hz] and amplitudes [pulses] of a signal (N, n), joints together."""
     centred = (signal - signal.mean(axis=0)) * np.hanning(len(signal))[:, None]
     amplitude = np.sqrt((np.abs(np.fft.rfft(centred, axis=0)) ** 2).sum(axis=1)) * 4 / len(signal)

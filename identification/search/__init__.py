@@ -1,3 +1,7 @@
-"""Ways to find the unknowns: the genetic algorithm of 3.7 and the methods behind one interface."""
+"""Ways to find the unknowns: the genetic algorithm of 3.7 and the methods behind one interface.
+
+Read `problem` (what a method is given), `outcome` (what it gives back), `methods`, `polish`; `genetic` stands alone;
+`search` is what a result keeps of it.
+"""
 
 __all__: list[str] = []

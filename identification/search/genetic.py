@@ -6,28 +6,35 @@ L bits per chromosome, p variables. Read `minimize_genetic`, `_next_generation`,
 one file: the operators are short and mean little apart, hence more than 250 lines.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from numbers import Integral, Real
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["GeneticResult", "GeneticSettings", "GeneticState", "crossover", "decode", "encode", "migrate"]
 __all__ += ["minimize_genetic", "mutate", "rank_linear", "rank_nonlinear", "reinsert", "select"]
 INF = float("inf")
+Floats: TypeAlias = NDArray[np.float64]
+Bits: TypeAlias = NDArray[np.uint8]
 
 
-def _require(good, message):
+def _require(good: Any, message: str) -> None:
     if not good:
         raise ValueError(message)
 
 
-def _check_number(name, value, kind, low, high):
+def _check_number(name: str, value: Any, kind: Any, low: float, high: float) -> None:
     good = isinstance(value, kind) and not isinstance(value, bool) and low <= value <= high
     noun = "a whole number" if kind is Integral else "a number"
     _require(good, f"{name} must be {noun} from {low} to {high}; got {value!r}. Pass one in this range.")
 
 
-def _within(default, kind, low, high=INF):
+def _within(default: Any, kind: type, low: float, high: float = INF) -> Any:
     """A setting with the range of its values; None is allowed where it is the default."""
     return field(default=default, metadata={"range": (kind, low, high)})
 
@@ -52,7 +59,7 @@ class GeneticSettings:
     target: float | None = _within(None, Real, -INF)  # stop when the best cost is at most this
     patience: int | None = _within(None, Integral, 1)  # stop after so many generations without a better best
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for each in fields(self):
             value = getattr(self, each.name)
             if each.metadata and not (value is None and each.default is None):
@@ -61,17 +68,18 @@ class GeneticSettings:
         _require(known, f"ranking must be 'linear' or 'nonlinear'; got {self.ranking!r}. Choose one of the two.")
         _check_number("pressure", self.pressure, Real, 1, 2 if self.ranking == "linear" else self.individuals - 1)
         _require(isinstance(self.safe, bool), f"safe must be True or False; got {self.safe!r}. Pass one of the two.")
-        if np.ndim(self.bits_per_variable):
-            object.__setattr__(self, "bits_per_variable", tuple(self.bits_per_variable))
+        bits: Any = self.bits_per_variable
+        if np.ndim(bits):
+            object.__setattr__(self, "bits_per_variable", tuple(bits))
         _code([(0, 1)] * max(np.size(self.bits_per_variable), 1), self.bits_per_variable, self.coding)
 
     @classmethod
-    def paper(cls, **changes):
+    def paper(cls, **changes: Any) -> GeneticSettings:
         """Return the settings of the paper with `changes` by name. Source: paper section 3.7."""
         return cls(**changes)
 
     @property
-    def offspring(self):
+    def offspring(self) -> int:
         """Offspring of a sub-population in one generation: max(round(N gap), 2), halves up."""
         return max(int(self.individuals * self.generation_gap + 0.5), 2)
 
@@ -80,14 +88,14 @@ class GeneticSettings:
 class GeneticState:
     """The running state; each generation makes a new one, so a callback may keep it. Source: paper section 3.1."""
 
-    chromosomes: np.ndarray  # (P, L) of 0 and 1
-    costs: np.ndarray  # (P,)
-    best_x: np.ndarray  # (p,) best individual evaluated so far
+    chromosomes: Bits  # (P, L) of 0 and 1
+    costs: Floats  # (P,)
+    best_x: Floats  # (p,) best individual evaluated so far
     best_cost: float = float("nan")
     best_generation: int = 0  # that found it
     generation: int = -1  # 0: the initial population is evaluated
     evaluations: int = 0
-    history: np.ndarray  # (generation + 1, 3), as in `GeneticResult`
+    history: Floats  # (generation + 1, 3), as in `GeneticResult`
     rng: np.random.Generator
 
 
@@ -95,21 +103,29 @@ class GeneticState:
 class GeneticResult:
     """What `minimize_genetic` found. Source: paper section 3.1."""
 
-    x: np.ndarray  # (p,) best individual evaluated in the whole run
+    x: Floats  # (p,) best individual evaluated in the whole run
     cost: float  # its cost, as evaluated
     initial_cost: float  # best of the initial population
-    initial_population: np.ndarray  # (P, p) decoded
-    initial_costs: np.ndarray  # (P,)
-    final_population: np.ndarray  # (P, p) decoded
-    final_costs: np.ndarray  # (P,)
-    history: np.ndarray  # (generations done + 1, 3): best, mean and worst finite cost of each population, inf if none
+    initial_population: Floats  # (P, p) decoded
+    initial_costs: Floats  # (P,)
+    final_population: Floats  # (P, p) decoded
+    final_costs: Floats  # (P,)
+    history: Floats  # (generations done + 1, 3): best, mean and worst finite cost of each population, inf if none
     evaluations: int
     seed: int
     settings: GeneticSettings
     message: str  # why it stopped
 
 
-def minimize_genetic(objective, bounds, settings=None, seed=0, *, initial=None, callback=None):
+def minimize_genetic(
+    objective: Callable[[Floats], ArrayLike],
+    bounds: ArrayLike,
+    settings: GeneticSettings | None = None,
+    seed: int = 0,
+    *,
+    initial: ArrayLike | None = None,
+    callback: Callable[[GeneticState], object] | None = None,
+) -> GeneticResult:
     """Minimise an objective inside a box. Source: paper section 3.7.
 
     Parameters
@@ -143,14 +159,14 @@ def minimize_genetic(objective, bounds, settings=None, seed=0, *, initial=None, 
     code = bounds, settings.bits_per_variable, settings.coding
     shape = settings.subpopulations * settings.individuals, sum(_code(*code)[2])
 
-    def evaluate(chromosomes):
+    def evaluate(chromosomes: Bits) -> tuple[Floats, Floats]:
         x = decode(chromosomes, *code)
         return x, _evaluate(objective, x)
 
     rng = np.random.default_rng(int(seed))
     chromosomes = rng.integers(0, 2, shape, dtype=np.uint8)
     if initial is not None:
-        seeds = encode(_points("initial", initial, len(bounds)), *code)
+        seeds = encode(_points("initial", initial, len(np.asarray(bounds))), *code)
         _require(len(seeds) <= shape[0], f"initial must be at most {shape[0]} points; got {len(seeds)}. Pass fewer.")
         chromosomes[: len(seeds)] = seeds
     x, costs = evaluate(chromosomes)
@@ -176,7 +192,9 @@ def minimize_genetic(objective, bounds, settings=None, seed=0, *, initial=None, 
     )
 
 
-def _next_generation(state, settings, evaluate):
+def _next_generation(
+    state: GeneticState, settings: GeneticSettings, evaluate: Callable[[Bits], tuple[Floats, Floats]]
+) -> GeneticState:
     """Rank, select, recombine, mutate, evaluate, reinsert, and every migration interval migrate."""
     rng, rank = state.rng, rank_linear if settings.ranking == "linear" else rank_nonlinear
     mutation = settings.mutation_probability
@@ -198,7 +216,7 @@ def _next_generation(state, settings, evaluate):
     return _advance(state, chromosomes, costs, x, tried)
 
 
-def _advance(state, chromosomes, costs, x, tried):
+def _advance(state: GeneticState, chromosomes: Bits, costs: Floats, x: Floats, tried: Floats) -> GeneticState:
     """Return the state one generation later, in which points x (M, p) were evaluated at costs tried (M,)."""
     best, finite, generation = np.argsort(tried, kind="stable")[0], costs[np.isfinite(costs)], state.generation + 1
     if tried[best] < state.best_cost or (np.isnan(state.best_cost) and not np.isnan(tried[best])):
@@ -214,7 +232,7 @@ def _advance(state, chromosomes, costs, x, tried):
     )
 
 
-def _reason_to_stop(state, settings, stopped=False):
+def _reason_to_stop(state: GeneticState, settings: GeneticSettings, stopped: bool = False) -> str:
     """Return the message of the result, or "" while there is no reason to stop."""
     reason, done = "", state.generation
     if settings.target is not None and state.best_cost <= settings.target:
@@ -229,7 +247,7 @@ def _reason_to_stop(state, settings, stopped=False):
     return reason and f"{reason} {found}"
 
 
-def _evaluate(objective, x):
+def _evaluate(objective: Callable[[Floats], ArrayLike], x: Floats) -> Floats:
     """Return the costs (P,) of a copy of x (P, p)."""
     wanted = f"objective must return real costs of shape ({len(x)},), inf or NaN for a bad candidate"
     try:
@@ -242,22 +260,22 @@ def _evaluate(objective, x):
     return costs.astype(float)  # a copy
 
 
-def _code(bounds, bits_per_variable, coding):
-    """Return lower (p,), upper (p,) and the bits of each variable (p,), all checked."""
-    bounds = _points("bounds", bounds, 2)
-    for j, (low, high) in enumerate(bounds.tolist()):
+def _code(bounds: ArrayLike, bits_per_variable: Any, coding: str) -> tuple[Floats, Floats, NDArray[np.int_]]:
+    """Return lower (p,), upper (p,) and the bits of each variable (p,), all validated."""
+    ends = _points("bounds", bounds, 2)
+    for j, (low, high) in enumerate(ends.tolist()):
         good = low <= high and high - low < INF
         _require(good, f"bounds must be lower <= upper, less than inf apart; got {(low, high)} at {j}. Swap or narrow.")
-    widths = tuple(bits_per_variable) if np.ndim(bits_per_variable) else (bits_per_variable,) * len(bounds)
+    widths = tuple(bits_per_variable) if np.ndim(bits_per_variable) else (bits_per_variable,) * len(ends)
     for bits in widths:
         _check_number("bits_per_variable", bits, Integral, 1, 53)
-    need = f"bits_per_variable must be an int or one for each of the {len(bounds)} variables"
-    _require(len(widths) == len(bounds) > 0, f"{need}; got {len(widths)}. Pass an int, or as many as bounds has rows.")
+    need = f"bits_per_variable must be an int or one for each of the {len(ends)} variables"
+    _require(len(widths) == len(ends) > 0, f"{need}; got {len(widths)}. Pass an int, or as many as bounds has rows.")
     _require(coding in ("binary", "gray"), f"coding must be 'binary' or 'gray'; got {coding!r}. Choose one of the two.")
-    return *bounds.T, np.array(widths, int)
+    return ends[:, 0], ends[:, 1], np.array(widths, int)
 
 
-def _points(name, value, columns):
+def _points(name: str, value: ArrayLike, columns: int) -> Floats:
     """Return value as a new array (rows, columns) of finite numbers."""
     try:
         array = np.array(value, dtype=float)
@@ -269,21 +287,25 @@ def _points(name, value, columns):
     return array
 
 
-def decode(bits, bounds, bits_per_variable, coding="binary"):
+def decode(
+    bits: ArrayLike, bounds: ArrayLike, bits_per_variable: int | tuple[int, ...], coding: str = "binary"
+) -> Floats:
     """Return points (P, p) of chromosomes (P, L) in bounds (p, 2): lb + (ub - lb) I / (2^n - 1), n bits per variable.
 
     I is read most significant bit first; in Gray code each digit is the running parity. Source: paper section 3.7.
     """
     lower, upper, widths = _code(bounds, bits_per_variable, coding)
-    bits = _points("bits", bits, widths.sum()).astype(np.uint8)
-    whole = np.empty((len(bits), len(widths)))
-    for j, block in enumerate(np.split(bits, np.cumsum(widths)[:-1], axis=1)):
+    rows = _points("bits", bits, widths.sum()).astype(np.uint8)
+    whole = np.empty((len(rows), len(widths)))
+    for j, block in enumerate(np.split(rows, np.cumsum(widths)[:-1], axis=1)):
         digits = np.bitwise_xor.accumulate(block, axis=1) if coding == "gray" else block
         whole[:, j] = digits @ 2.0 ** np.arange(widths[j])[::-1]  # exact up to 53 bits
     return np.clip(lower + (upper - lower) * (whole / (2.0**widths - 1)), lower, upper)
 
 
-def encode(points, bounds, bits_per_variable, coding="binary"):
+def encode(
+    points: ArrayLike, bounds: ArrayLike, bits_per_variable: int | tuple[int, ...], coding: str = "binary"
+) -> Bits:
     """Return the chromosomes (k, L) nearest to points (k, p); what lies outside goes to the bound.
 
     The other arguments are those of `decode`. Source: paper section 3.2.
@@ -296,7 +318,7 @@ def encode(points, bounds, bits_per_variable, coding="binary"):
     return np.hstack([whole[:, [j]] >> np.arange(n)[::-1] & 1 for j, n in enumerate(widths)]).astype(np.uint8)
 
 
-def rank_linear(costs, pressure=2.0):
+def rank_linear(costs: Floats, pressure: float = 2.0) -> Floats:
     """Return fitness (N,) of costs (N,): equal steps from 2 - pressure (1 to 2) at the worst to pressure at the best.
 
     Equal costs share their mean fitness; the sum is N. Source: paper section 3.7.
@@ -304,7 +326,7 @@ def rank_linear(costs, pressure=2.0):
     return _by_rank(costs, np.linspace(2 - pressure, pressure, len(costs)))
 
 
-def rank_nonlinear(costs, pressure=2.0):
+def rank_nonlinear(costs: Floats, pressure: float = 2.0) -> Floats:
     """Return fitness (N,) of costs (N,): N X^position / sum X^i, growing to pressure (1 to N - 1) at the best.
 
     X is the positive root of (pressure - N) X^(N-1) + pressure (X^(N-2) + ... + 1) = 0. Source: paper section 3.7.
@@ -314,14 +336,14 @@ def rank_nonlinear(costs, pressure=2.0):
     return _by_rank(costs, pressure * root ** np.arange(1.0 - n, 1))
 
 
-def _by_rank(costs, fitness):
+def _by_rank(costs: Floats, fitness: Floats) -> Floats:
     """Give out fitness (N,), worst first, by costs (N,); equal costs share the mean. numpy sorts NaN last: worst."""
     shared, (_, tie) = np.empty(len(costs)), np.unique(costs, return_inverse=True)
     shared[np.argsort(costs, kind="stable")[::-1]] = fitness
     return (np.bincount(tie, shared) / np.bincount(tie))[tie]
 
 
-def select(fitness, number, rng):
+def select(fitness: Floats, number: int, rng: np.random.Generator) -> NDArray[np.intp]:
     """Return shuffled row numbers (number,) by stochastic universal sampling: copies floor or ceil of expected.
 
     Equally spaced pointers with one random offset over the cumulated fitness (N,). Source: paper section 3.7.
@@ -332,7 +354,7 @@ def select(fitness, number, rng):
     return rng.permutation(np.searchsorted(edges, pointers, side="right"))
 
 
-def crossover(bits, probability, rng):
+def crossover(bits: Bits, probability: float, rng: np.random.Generator) -> Bits:
     """Return offspring (M, L): rows (1, 2), (3, 4), ... exchange their tails with this probability.
 
     The cut is uniform on 1 ... L - 1; an odd last row passes through. Source: paper section 3.7.
@@ -345,12 +367,14 @@ def crossover(bits, probability, rng):
     return children
 
 
-def mutate(bits, probability, rng):
+def mutate(bits: Bits, probability: float, rng: np.random.Generator) -> Bits:
     """Return bits (M, L), each flipped with this probability. Source: paper section 3.7."""
     return bits ^ (rng.random(bits.shape) < probability)
 
 
-def reinsert(parents, parent_costs, offspring, offspring_costs, *, safe=True):
+def reinsert(
+    parents: Bits, parent_costs: Floats, offspring: Bits, offspring_costs: Floats, *, safe: bool = True
+) -> tuple[Bits, Floats]:
     """Return chromosomes (N, L), costs (N,): the offspring (M, L) overwrite the worst parents without comparison.
 
     If safe, the best parent stays; of too many offspring the best go in. Source: paper section 3.7.
@@ -363,7 +387,15 @@ def reinsert(parents, parent_costs, offspring, offspring_costs, *, safe=True):
     return chromosomes, costs
 
 
-def migrate(chromosomes, costs, subpopulations, rate, rng, *, safe=True):
+def migrate(
+    chromosomes: Bits,
+    costs: Floats,
+    subpopulations: int,
+    rate: float,
+    rng: np.random.Generator,
+    *,
+    safe: bool = True,
+) -> tuple[Bits, Floats]:
     """Return chromosomes (P, L), costs (P,) after migration in a complete net, of copies, all at the same time.
 
     Each sub-population receives max(floor(N rate), 1) individuals (none at rate 0), drawn without replacement from as

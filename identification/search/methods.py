@@ -1,4 +1,4 @@
-"""Ways to find what is unknown in a log, all with one interface: a `Search` in, an `Outcome` out.
+"""Methods of identification, all with one interface: a `Problem` in, an `Outcome` out.
 
 paper             the genetic algorithm of 3.7 on objective (4), in given ranges
 genetic           the same with ranges and settings of one's own
@@ -15,14 +15,18 @@ for parameter identification of robot dynamics, IEEE Transactions on Control Sys
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
-from identification.equation_error.pulse_fit import fit_sides, linear, pass_band, sides_in
+from identification.equation_error.pulse_fit import fit_systems, linear, pass_band, system_of
+from identification.equation_error.torque_fit import TorqueFit
 from identification.replay.prediction import Prediction
-from identification.search.genetic import minimize_genetic
+from identification.search.genetic import GeneticResult, minimize_genetic
+from identification.search.outcome import Fit, Outcome
 from identification.search.polish import polished, require_fast, start_of_fit, torque_fit
-from identification.search.problem import Outcome
+from identification.search.problem import Problem
 
 __all__ = ["METHODS"]
 
@@ -36,7 +40,7 @@ _AT_MOST = 1.5
 """Objective (4) that the prediction error's fit may have, in that of the genetic algorithm's best."""
 
 _NOISE = 0.05
-"""Share by which objective (4) moves with the last digit of a candidate: single counts decide."""
+"""Relative noise of objective (4) over the last digits of a candidate: single counts decide."""
 
 _ROUNDS = 10
 """Of `didim`, at most."""
@@ -48,21 +52,20 @@ _SETTLED = 0.02
 """Change, in standard deviations, below which it ends."""
 
 
-def paper(search):
+def paper(problem: Problem) -> Outcome:
     """The genetic algorithm in the ranges."""
-    if search.everywhere is None:
+    if problem.everywhere is None:
         raise ValueError(
-            f"ranges must be given for {', '.join(search.unknown)}; got None. Pass (low, high) for each, or give the "
+            f"ranges must be given for {', '.join(problem.unknown)}; got None. Pass (low, high) for each, or give the "
             "Dynamics its ranges."
         )
-    result = _genetic(search, search.everywhere)
+    result = _genetic(problem, problem.everywhere)
     candidates = _as_good(np.vstack([result.x, result.final_population]), np.append(result.cost, result.final_costs))
-    return Outcome(
-        values=result.x, candidates=candidates, evaluations=result.evaluations, message=result.message, genetic=result
-    )
+    fit = Fit(unknown=problem.unknown, values=result.x, candidates=candidates)
+    return Outcome(fit=fit, evaluations=result.evaluations, message=result.message, genetic=result)
 
 
-def _as_good(vectors, costs):
+def _as_good(vectors: NDArray[np.float64], costs: NDArray[np.float64]) -> NDArray[np.float64]:
     """Those within the noise of the best, once each, best first."""
     order = np.argsort(costs, kind="stable")
     order = order[costs[order] <= (1 + _NOISE) * costs[order[0]]]
@@ -70,98 +73,98 @@ def _as_good(vectors, costs):
     return vectors[order[np.sort(first)]]
 
 
-def _genetic(search, ranges):
-    return minimize_genetic(search.objective, ranges, search.settings, search.seed, callback=search.show)
+def _genetic(problem: Problem, ranges: NDArray[np.float64]) -> GeneticResult:
+    return minimize_genetic(problem.objective, ranges, problem.settings, problem.seed, callback=problem.show)
 
 
-def equation_error(search):
+def equation_error(problem: Problem) -> Outcome:
     """Least squares on the torque equation."""
-    return _of_fit(search, torque_fit(search))
+    return _of_fit(problem, torque_fit(problem))
 
 
-def didim(search):
+def didim(problem: Problem) -> Outcome:
     """The torque equation along the motion of the arm found last, until that no longer changes.
 
-    It is compared below the slow mode: how that swings depends on the rounding of single counts, which a simulation
-    does not repeat.
+    The band ends below the slow mode: its oscillation depends on the rounding of single counts, which a simulation does
+    not repeat.
     """
-    fit = torque_fit(search)
-    stages = {"equation error": start_of_fit(search, fit)[0]}
-    simulated = Prediction(search.dynamics, search.records, search.unknown, free=True, **search.options)
-    unknown = linear(search.dynamics, search.unknown)
-    bands = [_BELOW * pass_band(record) for record in search.records]
+    fit = torque_fit(problem)
+    stages = {"equation error": start_of_fit(problem, fit)[0]}
+    simulated = Prediction(problem.dynamics, problem.records, problem.unknown, simulated=True, **problem.options)
+    unknown = linear(problem.dynamics, problem.unknown)
+    bands = [_BELOW * pass_band(record) for record in problem.records]
     while simulated.evaluations < _ROUNDS:
-        motions = simulated.motions(start_of_fit(search, fit)[0])
+        motions = simulated.motions(start_of_fit(problem, fit)[0])
         if not all(np.isfinite(q).all() for q in motions):
             raise ValueError(
                 "the simulated arm must stay on its path; what was found so far diverges. Log a slower motion."
             )
-        log = zip(search.records, bands, motions, strict=True)
-        sides = [sides_in(search.dynamics, record, band, unknown, q) for record, band, q in log]
-        before, fit = fit, fit_sides(unknown, search.known, sides)
+        log = zip(problem.records, bands, motions, strict=True)
+        systems = [system_of(problem.dynamics, record, band, unknown, q) for record, band, q in log]
+        before, fit = fit, fit_systems(problem.dynamics, unknown, problem.known, systems)
         if (np.abs(fit.values - before.values) < _SETTLED * fit.std).all():
             break
-    return dataclasses.replace(_of_fit(search, fit), evaluations=simulated.evaluations, stages=stages)
+    return dataclasses.replace(_of_fit(problem, fit), evaluations=simulated.evaluations, stages=stages)
 
 
-def output_error(search):
+def output_error(problem: Problem) -> Outcome:
     """Gauss-Newton on simulated positions."""
-    require_fast(search)
-    values, step = start_of_fit(search, torque_fit(search))
-    return polished(search, values, step, {"equation error": values}, free=True)
+    require_fast(problem)
+    values, step = start_of_fit(problem, torque_fit(problem))
+    return polished(problem, values, step, {"equation error": values}, simulated=True)
 
 
-def prediction_error(search):
+def prediction_error(problem: Problem) -> Outcome:
     """Gauss-Newton on predicted positions."""
-    require_fast(search)
-    values, step = start_of_fit(search, torque_fit(search))
-    return polished(search, values, step, {"equation error": values})
+    require_fast(problem)
+    values, step = start_of_fit(problem, torque_fit(problem))
+    return polished(problem, values, step, {"equation error": values})
 
 
-def seeded(search):
+def seeded(problem: Problem) -> Outcome:
     """Equation error, genetic algorithm around it, prediction error from there.
 
-    Without a controller in the log there is no genetic algorithm between: a free run adds up all that the model lacks.
+    A log that replays its torques skips the genetic algorithm: an uncorrected run accumulates all model errors.
 
-    Last, of some vectors within some hundredths of a standard deviation, which the log cannot tell apart, the one whose
+    Last, of some vectors within some hundredths of a standard deviation, which fit the log equally well, the one whose
     simulated errors repeat the measured ones best: objective (4) depends on single counts.
     """
-    if any(record.law.replays for record in search.records):
-        return prediction_error(search)
-    require_fast(search)
-    values, step = start_of_fit(search, torque_fit(search))
+    if any(problem.replays):
+        return prediction_error(problem)
+    require_fast(problem)
+    values, step = start_of_fit(problem, torque_fit(problem))
     box = np.column_stack([values - _BOX * step, values + _BOX * step])
-    low, high = search.bounds.T
+    low, high = problem.bounds.T
     box = np.column_stack([np.clip(box[:, 0], low, high), np.clip(box[:, 1], low, high)])
-    result = _genetic(search, box)
-    if not np.isfinite(result.cost) and search.everywhere is not None:  # the log was too poor for a box
-        result = _genetic(search, search.everywhere)
+    result = _genetic(problem, box)
+    if not np.isfinite(result.cost) and problem.everywhere is not None:  # the log was too poor for a box
+        result = _genetic(problem, problem.everywhere)
     stages = {"equation error": values, "genetic": result.x}
     if not np.isfinite(result.cost):
-        return Outcome(values=values, genetic=result, evaluations=result.evaluations, stages=stages)
-    outcome = polished(search, result.x, step, stages)
-    stages["prediction error"] = outcome.values
-    moves = np.random.default_rng(search.seed).normal(size=(_NEIGHBOURS, len(step)))
-    moves = _NEAR * (moves[:, None, :] * _root(outcome.covariance)).sum(axis=2)
-    near = np.clip(np.vstack([outcome.values, outcome.values + moves]), *search.bounds.T)
-    costs = search.objective(near)
-    evaluations = result.evaluations + outcome.evaluations + len(near)
-    found = dataclasses.replace(
-        outcome, values=near[int(np.argmin(costs))], candidates=_as_good(near, costs), genetic=result,
-        evaluations=evaluations,
-    )  # fmt: skip
-    if outcome.trouble is None and costs.min() <= _AT_MOST * result.cost:
-        return found
-    trouble = outcome.trouble or (
+        fit = Fit(unknown=problem.unknown, values=values, candidates=values[None])
+        return Outcome(fit=fit, genetic=result, evaluations=result.evaluations, stages=stages)
+    outcome = polished(problem, result.x, step, stages)
+    fit = outcome.fit
+    stages["prediction error"] = fit.values
+    moves = np.random.default_rng(problem.seed).normal(size=(_NEIGHBOURS, len(step)))
+    moves = _NEAR * (moves[:, None, :] * _root(np.asarray(fit.covariance))).sum(axis=2)
+    near = np.clip(np.vstack([fit.values, fit.values + moves]), *problem.bounds.T)
+    costs = problem.objective(near)
+    outcome = dataclasses.replace(
+        outcome, genetic=result, evaluations=result.evaluations + outcome.evaluations + len(near)
+    )
+    if fit.fallback_reason is None and costs.min() <= _AT_MOST * result.cost:
+        fit = dataclasses.replace(fit, values=near[int(np.argmin(costs))], candidates=_as_good(near, costs))
+        return dataclasses.replace(outcome, fit=fit)
+    reason = fit.fallback_reason or (
         "the fit that follows the counts does not repeat the errors when simulated; check rig, law and signs"
     )
     message = "The genetic algorithm's best, in a box around the equation error."
-    return dataclasses.replace(
-        found, values=result.x, candidates=None, covariance=None, scatter=None, message=message, trouble=trouble
-    )
+    fit = Fit(unknown=problem.unknown, values=result.x, candidates=result.x[None], fallback_reason=reason)
+    return dataclasses.replace(outcome, fit=fit, message=message)
 
 
-METHODS = {
+METHODS: dict[str, Callable[[Problem], Outcome]] = {
     "seeded": seeded,
     "paper": paper,
     "genetic": paper,
@@ -172,16 +175,17 @@ METHODS = {
 }
 
 
-def _of_fit(search, fit):
-    values, _ = start_of_fit(search, fit)
+def _of_fit(problem: Problem, fit: TorqueFit) -> Outcome:
+    values, _ = start_of_fit(problem, fit)
     covariance = np.zeros((len(values), len(values)))
-    places = [search.unknown.index(name) for name in fit.names]
+    places = [problem.unknown.index(name) for name in fit.names]
     covariance[np.ix_(places, places)] = fit.covariance
     message = f"{fit.rows} equations, relative torque error {fit.relative_error:.1%}."
-    return Outcome(values=values, covariance=covariance, message=message)
+    found = Fit(unknown=problem.unknown, values=values, candidates=values[None], covariance=covariance)
+    return Outcome(fit=found, message=message)
 
 
-def _root(covariance):
+def _root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     """A lower triangle L with L L^T = covariance, in plain sums; zero rows stay zero."""
     root = np.zeros_like(covariance)
     for i in range(len(root)):

@@ -1,3 +1,6 @@
-"""The loop linearised, python-control, and P gains."""
+"""Linear analysis: the loop linearised and its modes, P gains, systems of python-control.
+
+Reading order: `linearise` -> `p_gains`; `control_systems`.
+"""
 
 __all__: list[str] = []

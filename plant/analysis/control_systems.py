@@ -1,4 +1,4 @@
-"""Arm, rig and law as python-control systems, joined by the names of their signals; python-control is imported here.
+"""Arm, rig and law as python-control systems, connected by the names of their signals.
 
 ======================== ======================== ============= ======================
 system                   inputs                   outputs       time
@@ -11,19 +11,21 @@ system                   inputs                   outputs       time
 Every signal has one component per joint, ``q[0]``, ``q[1]``, ...; all are joint side but the pulses, SI. The drives are
 with the arm, where their friction and their limit act; python-control follows a signal through each system once only.
 
-A sampled law needs a sampled arm, since python-control joins no continuous system with a discrete one. The continuous
-arm is the limit of the simulator's sub-step for a short step, with regularised friction, for a solver of differential
-equations; the sampled one makes as many of those sub-steps as `simulate` does, with its set-valued friction.
+A sampled law needs a sampled arm, since python-control connects no continuous system with a discrete one. The
+continuous arm is the limit of the simulator's sub-step for a short step, with regularised friction, for an ODE solver;
+the sampled one makes as many of those sub-steps as `simulate` does, with its set-valued friction.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, cast
 
 import casadi as ca
 import numpy as np
 
-from plant.laws.law import Law, StatelessLaw
+from plant.laws.law import Law, Setpoint, StatelessLaw
 from plant.logs.record import Record
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
@@ -32,21 +34,28 @@ from plant.parts.arguments import instance, known_options
 from plant.parts.part import part, structure
 from plant.simulation.closed_loop import ClosedLoop
 
+if TYPE_CHECKING:
+    import control
+
 __all__ = ["to_control", "to_timeresponse"]
 
 
 @part
 class _Held(StatelessLaw):
-    """Leaves the torque as it is, so that a loop has only arm and drives."""
+    """Holds the torque, so that a loop has only arm and drives."""
 
     period: float = structure(float)
 
-    def equations(self, rig, state, setpoint, pulses, torque, dt):
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> tuple[ca.SX, ca.SX]:
         return torque, state
 
 
 @known_options
-def to_control(system, rig=None, *, sampled=False, steps_per_sample=4):
+def to_control(
+    system: Arm | Law | Rig, rig: Rig | None = None, *, sampled: bool = False, steps_per_sample: int = 4
+) -> control.NonlinearIOSystem:
     """An arm, a law or a rig as a python-control system; `control.interconnect` joins them by their signals' names.
 
     Parameters
@@ -88,7 +97,7 @@ def to_control(system, rig=None, *, sampled=False, steps_per_sample=4):
     return _rig_system(instance("system", system, Rig, "Pass an Arm, a Law or a Rig."))
 
 
-def _arm_system(arm, rig, sampled, steps_per_sample):
+def _arm_system(arm: Arm, rig: Rig | None, sampled: bool, steps_per_sample: int) -> control.NonlinearIOSystem:
     """Joint torques in, joint motion out."""
     n, torque, h = arm.n, ca.SX.sym("torque", arm.n), ca.SX.sym("h")
     if rig is None:
@@ -123,15 +132,15 @@ def _arm_system(arm, rig, sampled, steps_per_sample):
     return _system("arm", state, {"asked": torque}, following, outputs, rig.period if sampled else 0, names)
 
 
-def _rig_system(rig):
+def _rig_system(rig: Rig) -> control.NonlinearIOSystem:
     """The encoders, without state; the drives are in the system of the arm."""
     q, none = ca.SX.sym("q", rig.n), ca.SX(0, 1)
     return _system("rig", none, {"q": q}, none, {"pulses": rig.true_counts(q)}, None, ())
 
 
-def _law_system(law, rig):
+def _law_system(law: Law, rig: Rig | None) -> control.NonlinearIOSystem:
     """Reference and pulses in, joint torque out."""
-    instance("rig", rig, Rig, "Pass the rig that the law drives.")
+    rig = cast(Rig, instance("rig", rig, Rig, "Pass the rig that the law drives."))
     block, n = law.block(rig), rig.n
     q, qd, qdd, pulses = (ca.SX.sym(name, n) for name in ("q_r", "qd_r", "qdd_r", "pulses"))
     own, torque, dt = ca.SX.sym("law", len(block.initial)), ca.SX.sym("torque", n), ca.SX.sym("dt")
@@ -145,8 +154,8 @@ def _law_system(law, rig):
     asked = ca.substitute(asked, dt, 0)
     if ca.depends_on(asked, torque):
         raise ValueError(
-            f"a law without a period must not ask for what depends on the torque applied last; {type(law).__name__} "
-            "does, and there is no last torque in continuous time. Give it a period."
+            f"a law without a period must not depend on the torque applied last; {type(law).__name__} does, and there "
+            "is no last torque in continuous time. Give it a period."
         )
     following = ca.substitute(following, torque, rig.drive.limited(asked))
     rate = ca.substitute(ca.jacobian(following, dt), dt, 0)
@@ -161,7 +170,7 @@ def _law_system(law, rig):
     return _system("law", own, inputs, rate, {"asked": asked}, 0 if names else None, names)
 
 
-def to_timeresponse(record):
+def to_timeresponse(record: Record) -> control.TimeResponseData:
     """A record as control.TimeResponseData, for python-control's plots.
 
     Parameters
@@ -190,7 +199,15 @@ def to_timeresponse(record):
     )
 
 
-def _system(name, state, inputs, following, outputs, dt, states):
+def _system(
+    name: str,
+    state: ca.SX,
+    inputs: Mapping[str, ca.SX],
+    following: ca.SX,
+    outputs: Mapping[str, ca.SX],
+    dt: float | None,
+    states: Sequence[str],
+) -> control.NonlinearIOSystem:
     """A NonlinearIOSystem of casadi expressions; `following` is the derivative, or the state one sample later."""
     import control
 
@@ -211,5 +228,5 @@ def _system(name, state, inputs, following, outputs, dt, states):
     )
 
 
-def _labels(name, n):
+def _labels(name: str, n: int) -> list[str]:
     return [f"{name}[{i}]" for i in range(n)]

@@ -1,17 +1,26 @@
-"""The closed loop linearised about a pose, for analysis with python-control (imported only here, when asked for)."""
+"""The closed loop linearised about a pose, for linear analysis with python-control."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from plant.laws.law import Law
+from plant.machine.rig import Rig
+from plant.mechanics.arm import Arm
 from plant.parts.arguments import array
 from plant.simulation.closed_loop import ClosedLoop
+
+if TYPE_CHECKING:
+    import control
 
 __all__ = ["linearise", "modes"]
 
 
-def linearise(arm, rig, law, pose):
+def linearise(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> control.StateSpace:
     """Linear model of a fast law's closed loop about an arm held at a pose.
 
     The model is the derivative of the simulator's own sub-step, with the encoder as identity, in the limit of a short
@@ -29,8 +38,7 @@ def linearise(arm, rig, law, pose):
     Returns
     -------
     control.StateSpace
-        States q, qd (of the motors, and of the links, where gears give); inputs: reference [pulses]; outputs: tracking
-        error [pulses]. Deviations from the pose.
+        States q, qd; inputs: reference [pulses]; outputs: tracking error [pulses]. Deviations from the pose.
 
     Raises
     ------
@@ -49,10 +57,12 @@ def linearise(arm, rig, law, pose):
     )  # fmt: skip
 
 
-def jacobians(arm, rig, law, pose):
+def jacobians(
+    arm: Arm, rig: Rig, law: Law, pose: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], list[str]]:
     """The matrices A (m, m), B (m, n) and C (n, m) of `linearise`, and the names of its m states."""
     n = arm.n
-    pose = array("pose", pose, (n,), advice="Give one angle per joint [rad].")
+    q = array("pose", pose, (n,), advice="Give one angle per joint [rad].")
     if law.has_memory(n):
         raise ValueError(f"law must be fast and without state, like P; got {type(law).__name__}. Linearise it by hand.")
     loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=1, smooth=True)
@@ -60,8 +70,7 @@ def jacobians(arm, rig, law, pose):
     following, error = loop.substep(state, time, numbers)
     pulses = time[3 * n : 4 * n]
     moving = [i for i, name in enumerate(loop.state_names) if name.startswith(("q", "link", "driven"))]
-    seen = "link[" if rig.encoder.side == "link" else "q["
-    # Counts that hold the pose: the stiffness of the loop carries the weight of the arm.
+    # Commanded counts at which the loop holds the pose against gravity.
     step = 1e-7  # [s]: of the derivative, d(following)/d(joint) = 1 + A step + O(step^2)
     A = (ca.jacobian(following[moving], state[moving]) - ca.DM.eye(len(moving))) / step
     B = ca.jacobian(following[moving], pulses) / step
@@ -69,18 +78,20 @@ def jacobians(arm, rig, law, pose):
     for i, name in enumerate(loop.number_names):
         if name.startswith(("drive.coulomb", "drive.curve.breakaway")):
             values[i] = 0.0
-    at_rest = loop.initial_state(pose, np.zeros(n), arm.f)
-    held = rig.position_in_pulses(pose) + _holding(arm, rig, loop, at_rest, values)
-    row = np.concatenate([pose, np.zeros(2 * n), held, [step]])
+    at_rest = loop.initial_state(q, np.zeros(n), arm.f)
+    held = rig.position_in_pulses(q) + _holding(arm, rig, loop, at_rest, values)
+    row = np.concatenate([q, np.zeros(2 * n), held, [step]])
     function = ca.Function("linear", [state, time, numbers], [A, B])
     A, B = (matrix.full() for matrix in function(at_rest, row, values))
+    names = [loop.state_names[i] for i in moving]
     C = np.zeros((n, len(moving)))
-    read = [k for k, i in enumerate(moving) if loop.state_names[i].startswith(seen)]
-    C[:, read] = rig.position_in_pulses(np.eye(n)).T
-    return A, B, -C, [loop.state_names[i] for i in moving]
+    C[
+        :, [i for i, name in enumerate(names) if name.startswith("link[" if rig.encoder.side == "link" else "q[")]
+    ] = -rig.position_in_pulses(np.eye(n)).T
+    return A, B, C, names
 
 
-def modes(system):
+def modes(system: Any) -> NDArray[np.float64]:
     """Frequency [Hz] and damping ratio of each oscillating mode of a linear model, or its A, slowest first: (k, 2)."""
     poles = np.linalg.eigvals(getattr(system, "A", system))
     poles = poles[poles.imag > 1e-9 * np.abs(poles).max()]
@@ -88,12 +99,14 @@ def modes(system):
     return found[np.argsort(found[:, 0])]
 
 
-def _vectors(loop):
+def _vectors(loop: ClosedLoop) -> tuple[tuple[str, list[str]], ...]:
     return ("state", loop.state_names), ("time", loop.time_names), ("numbers", loop.number_names)
 
 
-def _holding(arm, rig, loop, state, values):
-    """Error in pulses at which the law just carries the arm: tau(error) = h(q, 0), from the slope of the torque."""
+def _holding(
+    arm: Arm, rig: Rig, loop: ClosedLoop, state: NDArray[np.float64], values: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Error in pulses at which the law holds the arm against gravity, tau(error) = h(q, 0), by its stiffness."""
     n = arm.n
     time = ca.SX.sym("time", len(loop.time_names))
     log = loop.sample(state, time, values, [])[1][n : 2 * n]

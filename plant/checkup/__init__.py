@@ -1,7 +1,8 @@
-"""Is a log what its rig says? One line per check.
+"""Checks of a log before it is used: does it agree with its own rig and law? One line per check and joint.
 
-Reading order: `finding` (a line, and the table) -> `signals`, `balance`, `swing` (what a log shows without a model) ->
-`stamps`, `counts`, `quantisation`, `tracking`, `wiring`, `units`, `torques` (the checks) -> `examine`.
+Reading order: `finding` (a line, and the table) -> `signals`, `torque_regression`, `averaged_regression` (what a log
+shows without a model of the arm) -> `stamps`, `counts`, `quantisation`, `tracking`, `wiring`, `units`, `torques` (the
+checks) -> `examine`.
 """
 
 __all__: list[str] = []

@@ -2,48 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from plant.checkup.finding import Finding
-from plant.checkup.signals import LEAST_MOTION
+from plant.checkup.signals import LEAST_MOTION, Signals
 
 __all__ = ["counts_findings"]
 
 _SPIKE = 4.0
-"""Departure of one count from its neighbours: so many pulses, and so many times what 98 % of the samples show."""
+"""Outlier limit of an innovation: so many pulses, and so many times the 98 % quantile."""
 
 _MANY = 20
-"""Jumps, all alike, from which on they are steps of a coarse grid."""
+"""Number of equal jumps from which on they are steps of a coarse grid."""
 
 _MISTIMED = 0.2
-"""Share of a sample by which a count may be taken early or late; by as much as the intervals about it differ, too."""
+"""Jitter of a count's sampling [samples]; the difference of the intervals about it adds to that."""
 
 _RUN = 0.02
-"""Standstill [s] that is worth a look at what should have moved the arm."""
+"""Standstill [s] from which on its reason is checked."""
 
 _BEYOND = 3.0
-"""Standstill is strange when the reference goes on by so many times the error usual in this log."""
+"""An encoder is stuck if the reference moves on by so many times the error usual in this log."""
 
 _STICTION = 2.5
-"""A joint at rest holds torques over a range of twice its dry friction; above so many times it should have moved."""
+"""A joint at rest holds torques over a range of twice its Coulomb friction; above so many times it should move."""
 
 _LONG = 0.1
 """Standstill [s] under too much torque that is more than the turning point of a motion."""
 
 _HELD = 0.2
-"""Share of the log that a joint may rest, nothing said of why, while others move."""
+"""Share of the log that a joint may rest without a reason while others move."""
 
 _PLATEAU = 5
-"""Samples at an extreme, and so many counts per sample on the way there, that make a clipped peak."""
+"""Samples at an extreme, and counts per sample on the way there, that make a clipped peak."""
 
 
-def counts_findings(signals):
-    """Yield the findings about counts, check by check.
-
-    Parameters
-    ----------
-    signals : Signals
-    """
+def counts_findings(signals: Signals) -> Iterator[Finding]:
+    """Yield the findings about counts, check by check."""
     events = [_events(signals, i) for i in range(signals.n)]
     for i in range(signals.n):
         yield _motion(signals, i)
@@ -68,8 +65,8 @@ def counts_findings(signals):
 
 
 def _motion(signals, i):
-    moved = np.ptp(signals.counts[:, i]) / signals.grain[i]
-    others = np.delete(np.ptp(signals.counts, axis=0) / signals.grain, i)
+    moved = np.ptp(signals.counts[:, i]) / signals.least_count[i]
+    others = np.delete(np.ptp(signals.counts, axis=0) / signals.least_count, i)
     verdict, advice = "fine", ""
     if moved < LEAST_MOTION:
         verdict = "wrong"
@@ -79,32 +76,32 @@ def _motion(signals, i):
                 "The motor stands still while others move: it sticks, its brake is on, or its encoder is dead or in "
                 "other units."
             )
-    return Finding(check="motion", joint=i, value=float(moved * signals.grain[i]), unit="pulses", verdict=verdict,
+    return Finding(check="motion", joint=i, value=float(moved * signals.least_count[i]), unit="pulses", verdict=verdict,
                    advice=advice)  # fmt: skip
 
 
 def _events(signals, i):
-    """Glitches, jumps, and the largest of each [pulses]; last, the step of a grid that only looks like jumps, or 0."""
+    """Number of glitches and of jumps; the largest of each, and the step of a coarse grid, or 0 [pulses]."""
     around, spans = signals.local_speed[:, i], np.diff(signals.t)
-    surprise = np.diff(signals.counts[:, i]) - around * spans
-    usual = np.quantile(np.abs(surprise), 0.98)
+    innovation = np.diff(signals.counts[:, i]) - around * spans
+    usual = np.quantile(np.abs(innovation), 0.98)
     odd = np.abs(np.pad(spans, 1, mode="edge") - signals.interval)
     mistimed = _MISTIMED * signals.interval + np.maximum(np.maximum(odd[:-2], odd[1:-1]), odd[2:])
-    limit = _SPIKE * max(signals.grain[i], usual) + np.abs(around) * mistimed
-    strange = np.flatnonzero(np.abs(surprise) > limit)
+    limit = _SPIKE * max(signals.least_count[i], usual) + np.abs(around) * mistimed
+    strange = np.flatnonzero(np.abs(innovation) > limit)
     glitches, jumps, sizes, last = 0, 0, [0.0, 0.0, 0.0], -2
-    steps = np.abs(surprise[strange])
+    steps = np.abs(innovation[strange])
     common = np.median(steps) if len(steps) > _MANY else 0.0
     if common and np.mean(np.abs(steps - common) < 0.05 * common) > 0.8:  # no accident: a grid, coarse in places
         return 0, len(steps), [0.0, common, common]
     for k in strange:
         if k == last:  # the way back from a glitch
             continue
-        back = k + 1 < len(surprise) and surprise[k + 1] * surprise[k] < 0
-        if back and abs(surprise[k + 1] + surprise[k]) < 0.5 * abs(surprise[k]):
-            glitches, sizes[0], last = glitches + 1, max(sizes[0], abs(surprise[k])), k + 1
+        back = k + 1 < len(innovation) and innovation[k + 1] * innovation[k] < 0
+        if back and abs(innovation[k + 1] + innovation[k]) < 0.5 * abs(innovation[k]):
+            glitches, sizes[0], last = glitches + 1, max(sizes[0], abs(innovation[k])), k + 1
         else:
-            jumps, sizes[1] = jumps + 1, max(sizes[1], abs(surprise[k]))
+            jumps, sizes[1] = jumps + 1, max(sizes[1], abs(innovation[k]))
     return glitches, jumps, sizes
 
 
@@ -115,7 +112,7 @@ def _runs(counts):
 
 
 def _stuck(signals, i):
-    """The longest standstill that nothing explains [s]."""
+    """The longest unexplained standstill [s]."""
     first, last = _runs(signals.counts[:, i])
     length = signals.t[last] - signals.t[first]
     long = length >= max(_RUN, 5 * signals.interval)
@@ -141,17 +138,17 @@ def _stuck(signals, i):
 
 
 def _against_reference(signals, i, rows):
-    """Standstills in which the reference goes further than friction lets it elsewhere."""
+    """Standstills in which the reference moves on by more than the error that friction causes elsewhere."""
     reference, running = signals.reference[:, i], np.ones(len(signals.t), bool)
     for run in rows:
         running[run] = False
     error = np.abs(reference - signals.counts[:, i])[running]
-    usual = 10 * signals.grain[i] + _BEYOND * (np.quantile(error, 0.99) if len(error) else 0.0)
+    usual = 10 * signals.least_count[i] + _BEYOND * (np.quantile(error, 0.99) if len(error) else 0.0)
     return [run for run in rows if np.ptp(reference[run]) > usual]
 
 
 def _against_torque(signals, i, rows):
-    """Standstills over a range of torques that stated friction cannot hold; none where no friction is stated."""
+    """Standstills under torques that the stated friction cannot hold; none where no friction is stated."""
     friction = signals.rig.drive.coulomb[i]
     if signals.torque is None or not friction:
         return []
@@ -170,7 +167,7 @@ def _clipped(signals, i):
             if counts[a] != extreme or b - a + 1 < _PLATEAU:
                 continue
             before, after = np.abs(np.diff(counts[max(a - 3, 0) : a + 1])), np.abs(np.diff(counts[b : b + 4]))
-            fast = _PLATEAU / 2 * signals.grain[i]
+            fast = _PLATEAU / 2 * signals.least_count[i]
             if all(len(side) and side.min() > 0 and side.mean() > fast for side in (before, after)):
                 spent += t[b] - t[a]
     return Finding.graded(

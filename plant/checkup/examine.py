@@ -1,9 +1,8 @@
-"""The examination of a record before anything is identified from it: a table with a verdict per line.
-
-It knows no model of the arm. What the rig and the law of the record state is compared with what the columns show.
-"""
+"""The checkup of a record: what its rig and law state against what its columns show, without a model of the arm."""
 
 from __future__ import annotations
+
+from typing import Any
 
 from plant.checkup.counts import counts_findings
 from plant.checkup.finding import Checkup, Finding
@@ -18,11 +17,11 @@ from plant.checkup.wiring import wiring_findings
 __all__ = ["examine"]
 
 _LEAST = 50
-"""Samples with weight, below which only their times are looked at."""
+"""Samples with weight, below which only their times are checked."""
 
 
-def examine(record):
-    """Examine a record; ``record.check()`` does.
+def examine(record: Any) -> Checkup:
+    """Check a record for errors; ``record.check()`` does.
 
     Parameters
     ----------
@@ -33,11 +32,13 @@ def examine(record):
     Checkup
     """
     signals = Signals(record)
+    labels = tuple(signals.joint_labels)
     if len(signals.t) < _LEAST:
         few = Finding.unknown("counts, torque", None, f"only {len(signals.t)} samples have weight")
-        return Checkup(findings=(*time_findings(signals), few))
+        return Checkup(findings=(*time_findings(signals), few), joint_labels=labels)
     parts = (
         time_findings, counts_findings, quantisation_findings, reference_findings, wiring_findings, unit_findings,
         torque_findings,
     )  # fmt: skip
-    return Checkup(findings=tuple(finding for part in parts for finding in part(signals)))
+    findings = tuple(finding for part in parts for finding in part(signals))
+    return Checkup(findings=findings, joint_labels=labels)

@@ -1,8 +1,11 @@
-"""What an examination of a record found: one finding per check and joint, and the table of all of them."""
+"""Findings of a checkup: one per check and joint, and the table of all of them."""
 
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
+
+from plant.parts.labels import joint_label
 
 __all__ = ["Checkup", "Finding"]
 
@@ -17,9 +20,9 @@ class Finding:
     Attributes
     ----------
     check : str
-        What was looked at.
+        What was checked.
     joint : int or None
-        Joint (or motor) from 0; None for the whole record.
+        Place of the joint (or motor) in q, from 0; None for the whole record.
     value : float or None
         What was measured, in `unit`; None where nothing could be.
     unit : str
@@ -37,7 +40,17 @@ class Finding:
     advice: str = ""
 
     @classmethod
-    def graded(cls, check, joint, value, unit, *, look, wrong=float("inf"), advice):
+    def graded(
+        cls,
+        check: str,
+        joint: int | None,
+        value: float,
+        unit: str,
+        *,
+        look: float,
+        wrong: float = float("inf"),
+        advice: str,
+    ) -> Finding:
         """Judge the size of a value: fine up to `look`, wrong above `wrong`."""
         size = abs(value)
         verdict = "wrong" if size > wrong else "look" if size > look else "fine"
@@ -45,14 +58,14 @@ class Finding:
                    advice="" if verdict == "fine" else advice)  # fmt: skip
 
     @classmethod
-    def unknown(cls, check, joint, why, *, value=None, unit=""):
+    def unknown(cls, check: str, joint: int | None, why: str, *, value: Any = None, unit: str = "") -> Finding:
         """A check that this record does not allow."""
         value = None if value is None else float(value)
         return cls(check=check, joint=joint, value=value, unit=unit, verdict=f"cannot tell: {why}")
 
     @property
-    def ok(self):
-        """Whether there is nothing to do: fine, or not to be told."""
+    def ok(self) -> bool:
+        """Whether there is nothing to do: fine, or cannot tell."""
         return self.verdict not in ("look", "wrong")
 
 
@@ -63,50 +76,55 @@ class Checkup:
     Attributes
     ----------
     findings : tuple of Finding
+    joint_labels : tuple of str
+        What the table calls each joint.
     """
 
-    findings: tuple
+    findings: tuple[Finding, ...]
+    joint_labels: tuple[str, ...] = ()
 
     @property
-    def ok(self):
+    def ok(self) -> bool:
         """Whether no check says "look" or "wrong"."""
-        return not self.troubles
+        return not self.problems
 
     @property
-    def troubles(self):
+    def problems(self) -> tuple[Finding, ...]:
         """The findings that say "look" or "wrong"."""
         return tuple(finding for finding in self.findings if not finding.ok)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         words = [finding.verdict.partition(":")[0] for finding in self.findings]
         counts = ", ".join(f"{words.count(word)} {word}" for word in dict.fromkeys(words))
         return f"Checkup({counts})"
 
-    def __str__(self):
-        """Name, joint, number, verdict and advice; joints about which the same is said share a line."""
+    def __str__(self) -> str:
+        """Check, joint, number, verdict and advice; joints with one verdict share the line of a check."""
         rows = [("check", "joint", "measured", "verdict", "what to do")]
-        groups = {}
+        groups: dict[tuple[Any, ...], list[Finding]] = {}
         for finding in self.findings:
             own = finding.joint if not finding.ok else None
             groups.setdefault((finding.check, finding.verdict, finding.unit, own), []).append(finding)
         for (name, verdict, unit, _), group in groups.items():
-            joints = _joints([finding.joint for finding in group])
+            label, *more = self._labels([finding.joint for finding in group])
             values = [finding.value for finding in group if finding.value is not None]
-            rows.append((name, joints, _measured(values, unit), verdict, group[0].advice))
+            rows.append((name, label, _measured(values, unit), verdict, group[0].advice))
+            rows += [("", label, "", "", "") for label in more]
         widths = [max(len(row[i]) for row in rows if i < 3 or len(row[i]) < 10) for i in range(4)]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=False)) for row in rows]
         return "\n".join(
             (f"{line}  {row[4]}" if row[4] else line).rstrip() for line, row in zip(lines, rows, strict=True)
         )
 
+    def _labels(self, joints: list[int | None]) -> list[str]:
+        """What the table calls these joints, a line each; "all" for all of several."""
+        if 1 < len(joints) == len(self.joint_labels):
+            return ["all"]
+        known = [joint for joint in joints if joint is not None]
+        return [self.joint_labels[j] if self.joint_labels else joint_label((), j) for j in known] or ["-"]
 
-def _joints(joints):
-    if joints[0] is None:
-        return "-"
-    return str(joints[0]) if len(joints) == 1 else ", ".join(map(str, joints))
 
-
-def _measured(values, unit):
+def _measured(values: list[float], unit: str) -> str:
     if not values:
         return ""
     low, high = (f"{0.0 if abs(value) < _ROUNDING else value:.4g}" for value in (min(values), max(values)))

@@ -1,42 +1,41 @@
-"""Are the counts whole, on the grid of the stated encoder, and quiet."""
+"""Quantisation of the counts: whole numbers, the grid of the stated encoder, noise."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.checkup.finding import Finding
+from plant.checkup.signals import Signals
 
 __all__ = ["comb", "quantisation_findings"]
 
 _COMB = 0.8
-"""Regularity (0 to 1) of the counts from which on they lie on a coarser grid."""
+"""Amplitude (0 to 1) of a spectral line of the counts above which they are on a coarser grid."""
 
 _FINEST = 1.43
-"""Smallest step [pulses] that still leaves a comb after rounding; below, it looks like another, coarser one."""
+"""Smallest step [pulses] that still leaves a comb after rounding; a smaller one is aliased to a coarser one."""
 
 _COMB_WHOLE = 1.7
-"""What the regularity comes to when only every second count is there, and a little; more has another cause."""
+"""Largest amplitude, that of every second count, with a margin; more has another cause."""
 
 _GEARED = 4.0
 """Gear from which on counts within a pulse of its multiples are no coincidence: three in five, at the most."""
 
 _CHANCE = 5.0
-"""Times what random counts would show, in standard deviations."""
+"""Significance of a spectral line against random counts [standard deviations]."""
 
 _DISTINCT = 50
-"""Different counts from which a step can be told."""
+"""Different counts needed to tell the step."""
 
 _NOISY = 0.6
-"""Scatter [pulses] that rounding (0.29) does not explain."""
+"""Noise [pulses] that rounding (0.29) does not explain."""
 
 
-def quantisation_findings(signals):
-    """Yield the findings about units, quantisation and noise of the counts.
-
-    Parameters
-    ----------
-    signals : Signals
-    """
+def quantisation_findings(signals: Signals) -> Iterator[Finding]:
+    """Yield the findings about units, quantisation and noise of the counts."""
     for check in (_units, _step, _noise):
         for i in range(signals.n):
             yield check(signals, i)
@@ -58,7 +57,7 @@ def _units(signals, i):
 
 
 def _step(signals, i):
-    """The grid that the counts lie on, in pulses; 1 is what was stated."""
+    """Step of the counts [pulses]; 1 is that of the stated encoder."""
     if signals.rig.encoder.smooth:
         return Finding.unknown("quantisation step", i, "the encoder is said not to round")
     levels = np.unique(np.round(signals.counts[:, i]))
@@ -86,11 +85,11 @@ def _off(counts, step):
     return counts - step * np.round(counts / step)
 
 
-def comb(counts):
-    """Step of the grid that whole counts (N,) lie on, and whether the motion is ever slow enough to tell.
+def comb(counts: NDArray[np.float64]) -> tuple[float, bool]:
+    """Step of the grid of whole counts (N,), and whether the motion is ever slow enough to tell.
 
-    Counts of a coarser encoder, whole or rounded again, leave a comb in the histogram. Its period is the frequency at
-    which the visited counts are most alike in phase; it cannot exceed the smallest steps of the motion by more than
+    Counts of a coarser encoder, whole or rounded again, leave a comb in the histogram. Its period is that of the
+    strongest line in the spectrum of the visited counts; it cannot exceed the smallest steps of the motion by more than
     the rounding.
     """
     counts = np.round(counts)
@@ -111,7 +110,7 @@ def comb(counts):
         share = power / np.sinc(np.minimum(1 / step, 1 / _FINEST))  # rounding again leaves that much of a comb
         share = np.where(allowed & (share < _COMB_WHOLE), share, 0)
         peaks = np.flatnonzero(share > _COMB)
-        if len(peaks):  # the widest step that fits: every part of it fits, too
+        if len(peaks):  # the widest step that fits: every fraction of it fits, too
             peak = peaks[np.abs(1 / step[peaks] - 1 / step[peaks].max()) < 16 / length]
             found = float(step[peak[np.argmax(power[peak])]])
             if np.mean(np.diff(levels) < np.floor(found + 0.01)) < 0.01:  # else it is the other one of the pair
@@ -128,5 +127,5 @@ def _noise(signals, i):
     grid = _step(signals, i).value or 1.0
     return Finding.graded(
         "noise", i, noise, "pulses", look=_NOISY * grid, wrong=10 * grid,
-        advice="The counts scatter more than rounding does, even where the arm is slowest; look for interference.",
+        advice="The noise of the counts exceeds their rounding, even where the arm is slowest; look for interference.",
     )  # fmt: skip

@@ -1,20 +1,22 @@
-"""The columns of a record as an examination needs them: left-out samples dropped, evenly spaced, smoothed alike.
+"""The columns of a record as the checks need them: samples without weight dropped, evenly spaced, smoothed alike.
 
-Everything is on the motor's side and needs no model of the arm. Counts, reference and torque pass the same smoothing,
-so that equations between them and their derivatives stay true.
+Everything is motor side and needs no model of the arm. Counts, reference and torque pass the same filter, so that
+equations between them and their derivatives still hold.
 """
 
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from plant.checkup.balance import Balance
-from plant.checkup.swing import Swing
-from plant.laws.law import asked_torque
+from plant.checkup.averaged_regression import AveragedRegression
+from plant.checkup.torque_regression import TorqueRegression
+from plant.laws.law import commanded_torque
 
-__all__ = ["FOLLOWS", "LEAST_MOTION", "Signals"]
+__all__ = ["LEAST_MOTION", "TRACKING", "Signals"]
 
 _WINDOW = 0.02
 """Length of the smoothing window [s], but never less than so many samples:"""
@@ -22,27 +24,27 @@ _WINDOW = 0.02
 _LEAST = 21
 
 _SHIFTS, _SHIFT_SURE, _WILD = 2, 400.0, 5.0
-"""Rows by which stamps and counts are tried to match; squared departure of the intervals [noise^2] from which on a
-match is believed; and departure of a count [noise] that is no matter of time."""
+"""Rows by which stamps and counts may be shifted; squared deviation of the intervals [noise^2] from which on a shift is
+significant; and deviation of a count [noise] that is not one of timing."""
 
-FOLLOWS = 0.2
-"""Departure of the counts' speed from the reference's, relative, that is no tracking any more."""
+TRACKING = 0.2
+"""Relative deviation of the counts' speed from the reference's above which they do not track it."""
 
 LEAST_MOTION = 20
 """Counts that a motor has to move, at least."""
 
 _ANGLES = 2000
-"""Range of counts from which on they cannot be angles."""
+"""Range of counts above which they cannot be angles."""
 
 _MEDIAN = 0.89
 """Median of chi-squared with six degrees of freedom, divided by six."""
 
 _GAP = 1.5
-"""Median intervals from which on two samples have something missing between them."""
+"""Median intervals above which samples are missing."""
 
 
 class Signals:
-    """Views of a record.
+    """Motor side signals of a record, and what is derived of them.
 
     Attributes
     ----------
@@ -52,10 +54,13 @@ class Signals:
         *Motor* torque [N m], logged, or from logged currents.
     interval : float
         Median time between two samples [s].
+    joint_labels : list of str
+        By the law's arm if it has one, otherwise by the drive's names.
     """
 
-    def __init__(self, record):
+    def __init__(self, record: Any) -> None:
         self.record, self.rig, self.n = record, record.rig, record.n
+        self.joint_labels = self.rig.joint_labels if record.law is None else record.law.joint_labels(self.rig)
         keep = record.valid > 0
         self.t, self.counts = record.t[keep], record.counts[keep]
         self.reference = record.reference_pulses[keep] if record.reference_pulses.any() else None
@@ -70,43 +75,43 @@ class Signals:
         self.interval = float(np.median(np.diff(record.t))) if len(record) > 1 else record.rig.period
 
     @functools.cached_property
-    def follows(self):
-        """Whether the counts of each joint go where the reference goes, (n,); true where none moves."""
-        return ~(np.abs(self.run - 1) > FOLLOWS)
+    def tracks(self) -> NDArray[np.bool_]:
+        """Whether the counts of each joint track the reference, (n,); true where none moves."""
+        return ~(np.abs(self.tracking_slope - 1) > TRACKING)
 
     @functools.cached_property
-    def asked(self):
-        """Motor torque (M, n) that a law without memory asks for; None where the errors are not to be believed."""
-        if self.reference is None or not self.follows.all():
+    def commanded(self) -> NDArray[np.float64] | None:
+        """Motor torque (M, n) commanded by a law without memory; None where the counts do not track the reference."""
+        if self.reference is None or not self.tracks.all():
             return None
-        asked = asked_torque(self.record)
-        return None if asked is None else self.rig.drive.motor_torque(asked)[self._keep]
+        commanded = commanded_torque(self.record)
+        return None if commanded is None else self.rig.drive.motor_torque(commanded)[self._keep]
 
     @functools.cached_property
-    def angular(self):
+    def angular(self) -> NDArray[np.bool_]:
         """Whether the counts of each joint are angles rather than counts, (n,): not whole, and within two turns."""
         broken = (self.counts != np.round(self.counts)).any(axis=0)
         small = np.ptp(self.counts, axis=0) < np.minimum(_ANGLES, 2 * self.rig.encoder.resolution)
         return broken & small & (not self.rig.encoder.smooth)
 
     @property
-    def drives(self):
-        """Motor torque as logged, or else as the law asked; None without either."""
-        return self.asked if self.torque is None else self.torque
+    def motor_torque(self) -> NDArray[np.float64] | None:
+        """Motor torque (M, n) as logged, or else as commanded; None without either."""
+        return self.commanded if self.torque is None else self.torque
 
     @functools.cached_property
-    def window(self):
+    def window(self) -> int:
         """Samples of the smoothing window, odd."""
         return 2 * (max(_LEAST, round(_WINDOW / self.interval)) // 2) + 1
 
     @property
-    def long_enough(self):
-        """Whether there is anything left to compare after smoothing."""
+    def long_enough(self) -> bool:
+        """Whether enough rows are left to compare after smoothing."""
         return len(self.t) > 10 * self.window and self.clear.sum() > 5 * self.window
 
     @functools.cached_property
     def _grid(self):
-        """Evenly spaced times, and which of them lie clear of gaps and ends."""
+        """Evenly spaced times, and which of them are clear of gaps and ends."""
         span = self.t[-1] - self.t[0]
         grid = self.t[0] + np.arange(int(span / self.interval + 1e-6) + 1) * self.interval
         clear = np.ones(len(grid))
@@ -117,21 +122,21 @@ class Signals:
         return grid, clear
 
     @property
-    def clear(self):
-        """Rows (G,) of what `smooth` and `rates` give that are to be trusted."""
+    def clear(self) -> NDArray[np.bool_]:
+        """Rows (G,) of `smooth` and `rates` that are valid: clear of gaps and ends."""
         return self._grid[1]
 
-    def smooth(self, values):
+    def smooth(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values (M, n) at evenly spaced times, averaged over the window."""
         grid, _ = self._grid
         return np.column_stack([self.smooth_even(np.interp(grid, self.t, column)) for column in values.T])
 
-    def smooth_even(self, values):
+    def smooth_even(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Evenly spaced values (G,), averaged over the window."""
         kernel = np.hanning(self.window + 2)
         return np.convolve(values, kernel / kernel.sum(), mode="same")
 
-    def rates(self, smoothed):
+    def rates(self, smoothed: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """First and second derivative in time of smoothed values (G, n)."""
         rate = np.gradient(smoothed, self.interval, axis=0)
         second = np.zeros_like(smoothed)
@@ -139,27 +144,28 @@ class Signals:
         return rate, second
 
     @functools.cached_property
-    def motion(self):
+    def motion(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Smoothed counts, their speeds and accelerations, each (G, n) [pulses, 1/s, 1/s^2]."""
         smoothed = self.smooth(self.counts)
         return smoothed, *self.rates(smoothed)
 
     @functools.cached_property
-    def local_speed(self):
-        """Median speed of the counts over seven intervals, (M - 1, n) [pulses/s]; an odd count does not move it."""
+    def local_speed(self) -> NDArray[np.float64]:
+        """Median speed of the counts over seven intervals, (M - 1, n) [pulses/s]: robust against single odd counts."""
         speed = np.diff(self.counts, axis=0) / np.diff(self.t)[:, None]
         wide = np.pad(speed, ((3, 3), (0, 0)), mode="edge")
         return np.median(np.lib.stride_tricks.sliding_window_view(wide, 7, axis=0), axis=2)
 
     @functools.cached_property
-    def row_shift(self):
-        """Rows by which counts come after the time stamps, and their share (0 to 1) in what odd intervals promise.
+    def row_shift(self) -> tuple[float, float]:
+        """Rows by which counts lag behind their time stamps, and the regression coefficient (0 to 1) there.
 
-        As intervals of other length show in a moving arm. NaN rows: the intervals are too alike to tell.
+        Regression of the counts' steps, beyond the mean speed, on those that intervals of odd length predict. NaN rows:
+        the intervals are too alike to tell.
         """
         longer = (np.diff(self.t) - self.interval)[:, None]
         rest = np.diff(self.counts, axis=0) - self.local_speed * self.interval
-        noise = np.maximum(np.quantile(np.abs(rest), 0.9, axis=0), 0.3 * self.grain)
+        noise = np.maximum(np.quantile(np.abs(rest), 0.9, axis=0), 0.3 * self.least_count)
         rest, expected = rest / noise, longer * self.local_speed / noise
         expected[:_SHIFTS] = expected[-_SHIFTS:] = 0
         power = np.sum(expected**2)
@@ -167,12 +173,12 @@ class Signals:
             return np.nan, 0.0
         rest = np.clip(rest, -_WILD - np.abs(expected).max(), _WILD + np.abs(expected).max())
         shifts = range(-_SHIFTS, _SHIFTS + 1)
-        shares = [np.sum(rest * np.roll(expected, shift, axis=0)) / power for shift in shifts]
-        best = int(np.argmax(shares))
-        return shifts[best], float(np.clip(shares[best], 0.0, 1.0))
+        slopes = [np.sum(rest * np.roll(expected, shift, axis=0)) / power for shift in shifts]
+        best = int(np.argmax(slopes))
+        return shifts[best], float(np.clip(slopes[best], 0.0, 1.0))
 
     @functools.cached_property
-    def asked_for(self):
+    def smooth_reference(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Smoothed reference and its speed, each (G, n) [pulses, 1/s]; None without a reference."""
         if self.reference is None:
             return None
@@ -180,41 +186,41 @@ class Signals:
         return smoothed, self.rates(smoothed)[0]
 
     @functools.cached_property
-    def run(self):
-        """Slope (n,) between the speeds of counts and reference: 1 in a loop that works, NaN if nothing is asked."""
-        if self.reference is None:
+    def tracking_slope(self) -> NDArray[np.float64]:
+        """Regression (n,) of the counts' speed on the reference's: 1 in a loop that tracks, NaN without a motion."""
+        if self.smooth_reference is None:
             return np.full(self.n, np.nan)
-        asked, made = self.asked_for[1][self.clear], self.motion[1][self.clear]
-        power = (asked**2).sum(axis=0)
+        commanded, made = self.smooth_reference[1][self.clear], self.motion[1][self.clear]
+        power = (commanded**2).sum(axis=0)
         moves = np.sqrt(power * self.interval) > 0
-        return np.where(moves, (asked * made).sum(axis=0) / np.where(moves, power, 1.0), np.nan)
+        return np.where(moves, (commanded * made).sum(axis=0) / np.where(moves, power, 1.0), np.nan)
 
     @functools.cached_property
-    def balances(self):
-        """`Balance` of each motor (n of them, None where it cannot be had); None without any torque."""
-        if self.drives is None or not self.long_enough:
+    def regressions(self) -> list[TorqueRegression | None] | None:
+        """`TorqueRegression` of each motor, None for one that hardly moves; None without torque, or for a short log."""
+        if self.motor_torque is None or not self.long_enough:
             return None
-        still = np.ptp(self.counts, axis=0) < LEAST_MOTION * self.grain
-        return [None if still[i] or self.angular[i] else Balance.of(self, self.drives, i) for i in range(self.n)]
+        still = np.ptp(self.counts, axis=0) < LEAST_MOTION * self.least_count
+        of, torque = TorqueRegression.of, self.motor_torque
+        return [None if still[i] or self.angular[i] else of(self, torque, i) for i in range(self.n)]
 
     @functools.cached_property
-    def swings(self):
-        """`Swing` of each motor where no law tells the torque; None where that cannot be had."""
-        if self.torque is None or self.asked is not None or self.balances is None or None in self.balances:
+    def averaged(self) -> list[AveragedRegression] | None:
+        """`AveragedRegression` of each motor; None where the law gives the torque, or the log is too short."""
+        if self.torque is None or self.commanded is not None or self.regressions is None or None in self.regressions:
             return None
-        return Swing.all_of(self, self.torque)
+        return AveragedRegression.all_of(self, self.torque)
 
-    def shown(self, i):
-        """`Balance` or `Swing` of motor i, the one that knows its inertia better; None without either."""
-        if self.balances is None or self.swings is None:
-            return None if self.balances is None else self.balances[i]
-        return max(
-            self.balances[i], self.swings[i], key=lambda fit: abs(fit.inertia[i]) / max(fit.inertia_std[i], 1e-300)
-        )
+    def regression(self, i: int) -> Any:
+        """The regression of motor i that knows its inertia better; None without any."""
+        if self.regressions is None or self.averaged is None:
+            return None if self.regressions is None else self.regressions[i]
+        fits: tuple[Any, ...] = self.regressions[i], self.averaged[i]
+        return max(fits, key=lambda fit: abs(fit.inertia[i]) / max(fit.inertia_std[i], 1e-300))
 
     @functools.cached_property
-    def noise(self):
-        """Scatter (n,) of the counts about parabolas through 9 samples, in the slowest tenth of the log [pulses]."""
+    def noise(self) -> NDArray[np.float64]:
+        """Standard deviation (n,) of the counts from parabolas of 9 samples, where the arm is slowest [pulses]."""
         if len(self.t) < 90:
             return np.full(self.n, np.nan)
         basis, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, 9), 3))
@@ -226,8 +232,8 @@ class Signals:
         return np.sqrt(np.array(median) / _MEDIAN)
 
     @functools.cached_property
-    def grain(self):
-        """Smallest difference of counts that means something (n,): a pulse, or of unrounded counts their own."""
+    def least_count(self) -> NDArray[np.float64]:
+        """Smallest significant difference of counts (n,) [pulses]: a pulse, or of unrounded counts their own."""
         if not self.rig.encoder.smooth:
             return np.ones(self.n)
         steps = np.abs(np.diff(self.counts, axis=0))

@@ -1,10 +1,13 @@
-"""Is the time of a log what it says: missing and repeated samples, jitter, period, length."""
+"""Sampling of a log: period, jitter, missing and repeated samples, length."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 
 from plant.checkup.finding import Finding
+from plant.checkup.signals import Signals
 
 __all__ = ["time_findings"]
 
@@ -15,28 +18,24 @@ _LOST = 5.0
 """Missing samples [%] above which the log is broken rather than patchy."""
 
 _JITTER, _UNTIMED = 1.0, 20.0
-"""Scatter of the intervals [%] to look at, and from which on time stamps are no sample times."""
+"""Jitter of the intervals [%] to look at, and above which time stamps are not sample times."""
 
 _OFF, _OTHER = 1e-3, 2e-2
-"""Relative difference of periods: a thousandth is one sample in a thousand by the end."""
+"""Relative error of the period: a thousandth is one sample in a thousand by the end."""
 
 _MOVING = 2.0
 """Counts per sample from which on two rows of a log cannot be equal."""
 
 _MATCH, _EVEN = 0.7, 0.3
-"""Share of what odd intervals promise that the counts show in their own rows; and less than that in any: none."""
+"""Regression coefficient (`Signals.row_shift`) above which stamps and counts belong together; and below which the
+counts were taken evenly."""
 
 _SHORT = 200
-"""Fewer samples hold no motion worth a fit."""
+"""Fewer samples are too few for a fit."""
 
 
-def time_findings(signals):
-    """Yield the findings about time.
-
-    Parameters
-    ----------
-    signals : Signals
-    """
+def time_findings(signals: Signals) -> Iterator[Finding]:
+    """Yield the findings about time."""
     record = signals.record
     N = len(record)
     advice = f"{N} samples hold little; log at least {_SHORT}, and a few periods of the motion."
@@ -67,7 +66,7 @@ def time_findings(signals):
     even = (steps < _GAP) & (steps > _CROWD)
     yield Finding.graded(
         "time jitter", None, 100 * np.std(steps[even] if even.any() else steps), "%", look=_JITTER, wrong=_UNTIMED,
-        advice="Intervals scatter; use the logged times, or let the controller's clock stamp the samples.",
+        advice="Intervals jitter; use the logged times, or let the controller's clock stamp the samples.",
     )  # fmt: skip
     yield _stamps(signals)
     yield _repeated(signals)
@@ -95,7 +94,7 @@ def _stamps(signals):
     if shift == 0 and share > _MATCH:
         return Finding(check=name, joint=None, value=0.0, unit=unit, verdict="fine")
     if share < _EVEN:
-        advice = "The stamps scatter, the samples do not: the counts come evenly; put t = row times interval."
+        advice = "The stamps jitter, the samples do not: the counts come evenly; put t = row times interval."
         return Finding(check=name, joint=None, value=None, unit=unit, verdict="look", advice=advice)
     when = f"{abs(shift)} row(s) {'after' if shift > 0 else 'before'} the stamps" if shift else "partly in other rows"
     advice = f"At odd intervals the counts come {when}: clock and counter are not read together; leave out the rows "
@@ -108,7 +107,7 @@ def _repeated(signals):
     record = signals.record
     columns = [record.counts, record.reference_pulses, *(x for x in (record.torque, record.current) if x is not None)]
     same = (np.diff(np.hstack(columns), axis=0) == 0).all(axis=1)
-    steps = np.abs(np.diff(record.counts, axis=0)).max(axis=1) / signals.grain.min()
+    steps = np.abs(np.diff(record.counts, axis=0)).max(axis=1) / signals.least_count.min()
     moving = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(steps, 4, "edge"), 9), axis=1)
     repeated = int((same & (moving >= _MOVING)).sum())
     return Finding.graded(

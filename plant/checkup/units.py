@@ -1,42 +1,41 @@
-"""Are the torques joint torques in N m: by their law, the amplifier, the rotor, and the stated friction."""
+"""Unit and side of the torque: against its law, the amplifier's limit, the rotor inertia and the stated friction."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from plant.checkup.finding import Finding
-from plant.checkup.tracking import law_slope, likeness
+from plant.checkup.signals import Signals
+from plant.checkup.tracking import correlation, law_slope
 
 __all__ = ["unit_findings"]
 
 _SURE = 5.0
-"""Standard deviations from which on a number is believed."""
+"""Standard deviations from which on a number is significant."""
 
 _EXPLAINED = 0.9
-"""Share of a torque that its law explains."""
+"""Share of a torque's variance that its law explains."""
 
 _FACTOR, _GAIN_OFF = 3.0, 0.1
-"""Factor between torques that is no matter of noise, but of units; departure of a gain that is worth a look."""
+"""Factor between torques that means another unit, not noise; relative error of a gain to look at."""
 
 _BEYOND, _USED = 1.05, 0.3
-"""Share of the amplifier's limit that no amplifier gives; and that a log uses."""
+"""Share of the amplifier's limit above which the unit is wrong; and that a log usually reaches."""
 
 _LIGHT, _USUAL, _HEAVY, _ABSURD = 0.5, 3.0, 300.0, 3000.0
-"""Torque per acceleration [motor inertias]: the least that it must reach; what an arm makes of it; and from where on it
-is worth a look, and wrong: no arm is geared so badly."""
+"""Torque per acceleration [rotor inertias]: the least possible; that of a usual arm; and above which it is to be looked
+at, and wrong: no arm is geared so badly."""
 
 _RUBS = 2.0
-"""Deviations by which dry friction must be off by that factor, too."""
+"""Standard deviations by which Coulomb friction must differ by that factor, too."""
 
 
-def unit_findings(signals):
-    """Yield the findings about the unit of torque.
-
-    Parameters
-    ----------
-    signals : Signals
-    """
-    if signals.drives is None:
+def unit_findings(signals: Signals) -> Iterator[Finding]:
+    """Yield the findings about the unit of torque."""
+    if signals.motor_torque is None:
         yield Finding.unknown("units of torque", None, "neither torque nor current, and no law that tells it")
         return
     for i in range(signals.n):
@@ -45,7 +44,7 @@ def unit_findings(signals):
 
 def _units(signals, i):
     name, drive = "units of torque", signals.rig.drive
-    share = np.abs(signals.drives[:, i]).max() / drive.motor_gain[i] / drive.current_limit[i]
+    share = np.abs(signals.motor_torque[:, i]).max() / drive.motor_gain[i] / drive.current_limit[i]
     if share > _BEYOND and signals.torque is not None:
         return Finding(
             check=name, joint=i, value=float(share), unit="of the limit", verdict="wrong",
@@ -55,18 +54,20 @@ def _units(signals, i):
     if law is not None and law[1] > _EXPLAINED:
         slope = abs(law[0])
         verdict = "fine" if 1 / _FACTOR < slope < _FACTOR else "wrong"
-        advice = f"The torque is {slope:.3g} times what the law asks: {_guess(slope, drive.gear[i])}."
-        if verdict == "fine" and abs(slope - 1) > _GAIN_OFF and likeness(signals, i, i) > 1 - _GAIN_OFF / 10:
-            verdict, advice = "look", f"The torque is {slope:.3g} times what the law asks: check gain and motor gain."
+        advice = f"The torque is {slope:.3g} times the commanded one: {_guess(slope, drive.gear[i])}."
+        if verdict == "fine" and abs(slope - 1) > _GAIN_OFF and correlation(signals, i, i) > 1 - _GAIN_OFF / 10:
+            verdict, advice = "look", f"The torque is {slope:.3g} times the commanded one: check gain and motor gain."
         return Finding(check=name, joint=i, value=float(slope), unit="of the law's", verdict=verdict,
                        advice=advice * (verdict != "fine"))  # fmt: skip
-    stated, shown = drive.motor_inertia[i], signals.shown(i)
+    stated, shown = drive.motor_inertia[i], signals.regression(i)
     if shown is None:
         return Finding.unknown(name, i, "too little motion, and no law that tells the torque")
     if abs(shown.inertia[i]) < _SURE * shown.inertia_std[i]:
         return Finding.unknown(name, i, "no acceleration that torque explains, and no law that tells the torque")
     found = abs(shown.inertia[i]) / stated if stated else np.nan
-    rubs = _rubs(shown, drive.coulomb[i]) if signals.noise[i] <= signals.grain[i] else None  # else chatter oils it
+    rubs = (
+        _rubs(shown, drive.coulomb[i]) if signals.noise[i] <= signals.least_count[i] else None
+    )  # else chatter masks it
     if found < _LIGHT or found > _HEAVY:
         verdict = "look" if _HEAVY < found < _ABSURD else "wrong"
         size = f"{found:.2g} of" if found < _LIGHT else f"{found:.3g} times"
@@ -76,35 +77,35 @@ def _units(signals, i):
         elif 1 / _FACTOR < rubs < _FACTOR:
             guess = "friction is as stated, so look at the counts: resolution, and angles of motor or joint"
         return Finding(
-            check=name, joint=i, value=float(found), unit="motor inertias", verdict=verdict,
-            advice=f"Torque per acceleration is {size} the motor's own inertia: {guess}.",
+            check=name, joint=i, value=float(found), unit="rotor inertias", verdict=verdict,
+            advice=f"Torque per acceleration is {size} the rotor inertia: {guess}.",
         )  # fmt: skip
     if rubs is not None and not 1 / _FACTOR < rubs < _FACTOR:
         return Finding(
-            check=name, joint=i, value=float(rubs), unit="of the dry friction", verdict="look",
-            advice=f"Dry friction is {rubs:.2g} of what the rig states: correct that if it was a guess; of the torque, "
-            f"{_guess(rubs, drive.gear[i])}.",
+            check=name, joint=i, value=float(rubs), unit="of the Coulomb friction", verdict="look",
+            advice=f"Coulomb friction is {rubs:.2g} of what the rig states: correct that if it was a guess; of the "
+            f"torque, {_guess(rubs, drive.gear[i])}.",
         )  # fmt: skip
     if not stated:
-        return Finding.unknown(name, i, "no motor inertia stated, and no law that tells the torque")
-    return Finding(check=name, joint=i, value=float(found), unit="motor inertias", verdict="fine")
+        return Finding.unknown(name, i, "no rotor inertia stated, and no law that tells the torque")
+    return Finding(check=name, joint=i, value=float(found), unit="rotor inertias", verdict="fine")
 
 
-def _rubs(shown, stated):
-    """Dry friction found per stated; None where it is not known well enough."""
+def _rubs(shown: Any, stated: float) -> float | None:
+    """Coulomb friction found per stated; None where it is not significant."""
     if not stated:
         return None
-    ratio, std = abs(shown.dry) / stated, _RUBS * shown.dry_std / stated
+    ratio, std = abs(shown.coulomb) / stated, _RUBS * shown.coulomb_std / stated
     surely = std < ratio / 2 or ratio + std < 1 / _FACTOR or ratio - std > _FACTOR
     return max(ratio, 1e-9) if surely else None
 
 
-def _guess(ratio, gear):
+def _guess(ratio: float, gear: float) -> str:
     """The likeliest reasons for a wrong factor."""
     reasons = {
         1e3: "it may be in mN m", 1e-3: "it may be in kN m", abs(gear): "it may have crossed the gear twice",
         1 / abs(gear): "it may be the motor's torque, not the joint's",
     }  # fmt: skip
     off = {reason: abs(np.log(ratio / factor)) for factor, reason in reasons.items()}
-    near = sorted((reason for reason in off if off[reason] < min(off.values()) + np.log(_FACTOR)), key=off.get)
+    near = sorted((reason for reason in off if off[reason] < min(off.values()) + np.log(_FACTOR)), key=off.__getitem__)
     return ", or ".join(near)

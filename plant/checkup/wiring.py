@@ -1,47 +1,48 @@
-"""Do torque and motion belong together: copied columns, sign, swapped joints."""
+"""Wiring of counts and torques: copied columns, sign of the torque, swapped joints."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from typing import Any
+
 import numpy as np
 
+from plant.checkup.averaged_regression import AveragedRegression
 from plant.checkup.finding import Finding
-from plant.checkup.tracking import law_slope, likeness
+from plant.checkup.signals import Signals
+from plant.checkup.tracking import correlation, law_slope
 
 __all__ = ["wiring_findings"]
 
 _BACKWARDS = -1 / 3
-"""Torque per torque of its law from which on it is the opposite."""
+"""Logged per commanded torque below which the sign is wrong."""
 
 _SURE = 5.0
-"""Standard deviations from which on a sign is believed."""
+"""Standard deviations from which on a sign is significant."""
 
 _WEAK = 0.25
-"""Share of the largest torque among the motors below which one may just be carried along."""
+"""Share of the largest motor torque below which a motor may just be moved by the others."""
 
 _EXPLAINED, _CLOSER = 0.9, 0.2
-"""Share of a torque that its law explains; and what another joint's leaves of the rest at most, if they are swapped."""
+"""Share of a torque's variance that its law explains; and of the unexplained share, what another joint's law leaves at
+most if the two are swapped."""
 
 _MINOR = 1.5
-"""Products of the inertia matrix across joints may not exceed those of its diagonal; with this margin."""
+"""An inertia matrix has D_ij D_ji < D_ii D_jj; with this margin."""
 
 _LIGHT = 0.5
-"""Share of the motor's stated inertia that torque per acceleration must reach."""
+"""Share of the stated rotor inertia that torque per acceleration must reach."""
 
 _UNEVEN, _EVEN = 4.0, 3.0
-"""Deviations from which on two numbers are not the same; and up to which they may be."""
+"""Standard deviations from which on two numbers differ; and up to which they may be equal."""
 
 
-def wiring_findings(signals):
-    """Yield the findings about columns, signs and order of counts and torques.
-
-    Parameters
-    ----------
-    signals : Signals
-    """
+def wiring_findings(signals: Signals) -> Iterator[Finding]:
+    """Yield the findings about columns, signs and order of counts and torques."""
     for i in range(signals.n):
         yield _copied(signals, i)
     for name, check in (("drive sign", _sign), ("swapped torques", _swapped)):
-        if signals.drives is None:
+        if signals.motor_torque is None:
             yield Finding.unknown(name, None, "neither torque nor current, and no law that tells it")
             continue
         for i in range(signals.n):
@@ -56,21 +57,21 @@ def _copied(signals, i):
             if same(signals, j, i):
                 return Finding(
                     check=name, joint=i, value=None, unit="", verdict="wrong" if column == "counts" else "look",
-                    advice=f"Joints {j} and {i} have the same {column}: one column was mapped to both.",
+                    advice=f"The same {column} as {signals.joint_labels[j]}: one column was mapped to both.",
                 )  # fmt: skip
     return Finding(check=name, joint=i, value=None, unit="", verdict="fine")
 
 
 def _same_counts(signals, i, j):
-    turned, reference = signals.counts - signals.counts[0], signals.reference
-    angle, pulse = np.abs(signals.rig.to_angle(turned)), np.abs(np.diag(signals.rig.to_angle(np.eye(signals.n))))
-    if not turned[:, i].any():
+    moved, reference = signals.counts - signals.counts[0], signals.reference
+    angle, pulse = np.abs(signals.rig.to_angle(moved)), np.abs(np.diag(signals.rig.to_angle(np.eye(signals.n))))
+    if not moved[:, i].any():
         return False
     if reference is not None:
-        asked = np.abs(signals.rig.to_angle(reference - reference[0]))
-        if np.abs(asked[:, i] - asked[:, j]).max() <= pulse[i] + pulse[j]:
-            return False  # told to do the same, they may
-    return bool((turned[:, i] == turned[:, j]).all() or np.abs(angle[:, i] - angle[:, j]).max() <= pulse[i] + pulse[j])
+        commanded = np.abs(signals.rig.to_angle(reference - reference[0]))
+        if np.abs(commanded[:, i] - commanded[:, j]).max() <= pulse[i] + pulse[j]:
+            return False  # commanded alike
+    return bool((moved[:, i] == moved[:, j]).all() or np.abs(angle[:, i] - angle[:, j]).max() <= pulse[i] + pulse[j])
 
 
 def _same_torque(signals, i, j):
@@ -82,32 +83,33 @@ def _same_torque(signals, i, j):
 
 def _sign(signals, i):
     name, unit = "drive sign", "kg m^2"
-    law, shown = law_slope(signals, i), signals.shown(i)
+    law, shown = law_slope(signals, i), signals.regression(i)
     if law is not None and law[0] < _BACKWARDS and law[1] > _EXPLAINED:
         return Finding(
             check=name, joint=i, value=float(law[0]), unit="of the law's", verdict="wrong",
-            advice="The torque is the opposite of what the law asks: change the sign of the torque, or of the error "
-            "(reference minus counted).",
+            advice="The torque has the opposite sign of the commanded one: change the sign of the torque, or of the "
+            "error (reference minus counted).",
         )  # fmt: skip
     if shown is None:
         return Finding.unknown(name, i, "too little motion")
-    against = signals.run[i] < 0  # the counts are known to be upside down, which says nothing of the torque
+    against = signals.tracking_slope[i] < 0  # a wrong sign of the counts says nothing of the torque
     if against and signals.torque is None:
         return Finding.unknown(name, i, "the counts run against the reference")
-    side = -1 if against else 1
-    inertia, std = side * shown.inertia[i], shown.inertia_std[i]
-    size, stated = np.std(signals.drives, axis=0), signals.rig.drive.motor_inertia[i]
+    sign = -1 if against else 1
+    inertia, std = sign * shown.inertia[i], shown.inertia_std[i]
+    size, stated = np.std(signals.motor_torque, axis=0), signals.rig.drive.motor_inertia[i]
     if abs(inertia) + _SURE * std < _LIGHT * stated:
         return Finding.unknown(name, i, "the torque is in other units", value=inertia, unit=unit)
     if inertia < -_SURE * std and law is None and size[i] < _WEAK * size.max():
-        verdict, advice = "look", "Torque brakes what other joints move: its sign is wrong, or the motor is not driven."
+        verdict = "look"
+        advice = "Torque brakes the motion caused by other joints: its sign is wrong, or the motor is not driven."
     elif inertia < -_SURE * std:
         order = ", or the order of the columns" if signals.reference is None and signals.n > 1 else ""
         verdict = "wrong"
         advice = f"Torque accelerates the counts backwards: change the sign of torque, counts or gear{order}."
-    elif signals.reference is None and shown.dry < -_SURE * shown.dry_std:
+    elif signals.reference is None and shown.coulomb < -_SURE * shown.coulomb_std:
         verdict, advice = "look", "Friction drives the motor: its torque has the wrong sign, or is another motor's."
-    elif signals.reference is not None and _drives(shown, signals.rig.drive.coulomb[i]) and not against:
+    elif signals.reference is not None and _friction_drives(shown, signals.rig.drive.coulomb[i]) and not against:
         verdict, advice = "wrong", "Friction drives the arm: change the sign of the error (reference minus counted)."
     elif inertia < _SURE * std:
         return Finding.unknown(name, i, "no acceleration that torque explains", value=inertia, unit=unit)
@@ -116,62 +118,65 @@ def _sign(signals, i):
     return Finding(check=name, joint=i, value=float(inertia), unit=unit, verdict=verdict, advice=advice)
 
 
-def _drives(balance, stated):
-    """Whether friction drives the arm: surely, or as much as stated friction should brake it."""
-    sure = balance.dry < -_SURE * balance.dry_std
-    return sure or (balance.dry < -2 * balance.dry_std and 0.5 * stated < -balance.dry < 1.5 * stated)
+def _friction_drives(regression: Any, stated: float) -> bool:
+    """Whether friction has the wrong sign: significantly, or with the size of the stated friction."""
+    sure = regression.coulomb < -_SURE * regression.coulomb_std
+    return sure or (
+        regression.coulomb < -2 * regression.coulomb_std and 0.5 * stated < -regression.coulomb < 1.5 * stated
+    )
 
 
 def _swapped(signals, i):
-    """The joint whose motion the torque belongs to."""
+    """Whether the torque belongs to the motion of another joint."""
     name, others = "swapped torques", [j for j in range(signals.n) if j != i]
     if not others:
         return Finding.unknown(name, i, "one joint")
-    if signals.asked is not None and signals.torque is not None:
-        own, found = likeness(signals, i, i), max(others, key=lambda j: likeness(signals, i, j))
-        if 1 - likeness(signals, i, found) < _CLOSER * (1 - own) and own < _EXPLAINED:
-            return _exchange(name, i, found, 100 * own, "% like its law's")
+    if signals.commanded is not None and signals.torque is not None:
+        own, found = correlation(signals, i, i), max(others, key=lambda j: correlation(signals, i, j))
+        if 1 - correlation(signals, i, found) < _CLOSER * (1 - own) and own < _EXPLAINED:
+            return _exchange(signals, i, found, 100 * own, "% like its law's")
         return Finding(check=name, joint=i, value=100 * own, unit="% like its law's", verdict="fine")
-    if signals.balances is None or any(balance is None for balance in signals.balances):
+    if signals.regressions is None or any(regression is None for regression in signals.regressions):
         return Finding.unknown(name, i, "too little motion")
-    M = np.array([balance.inertia for balance in signals.balances])
-    sure = np.abs(M) > _SURE * np.array([balance.inertia_std for balance in signals.balances])
+    M = np.array([regression.inertia for regression in signals.regressions])
+    sure = np.abs(M) > _SURE * np.array([regression.inertia_std for regression in signals.regressions])
     worst = max(others, key=lambda j: M[i, j] * M[j, i] / max(abs(M[i, i] * M[j, j]), 1e-300))
     ratio = M[i, worst] * M[worst, i] / max(abs(M[i, i] * M[worst, worst]), 1e-300)
     if ratio > _MINOR and sure[i, worst] and sure[worst, i]:
-        return _exchange(name, i, worst, ratio, "of the diagonal")
-    if signals.swings is not None:
+        return _exchange(signals, i, worst, ratio, "of the diagonal")
+    if signals.averaged is not None:
         for j in others:
-            if _crossed(signals.swings, i, j):
-                return _exchange(name, i, j, signals.swings[i].drag[j], "N m of another's friction")
-            exchanged = _uneven(signals.swings, i, j)
+            if _crossed(signals.averaged, i, j):
+                return _exchange(signals, i, j, signals.averaged[i].cross_coulomb[j], "N m of another's friction")
+            exchanged = _uneven(signals.averaged, i, j)
             if exchanged:
-                return _exchange(name, i, j, exchanged, "of the diagonal")
+                return _exchange(signals, i, j, exchanged, "of the diagonal")
     if not sure[i, i]:
-        shown = signals.shown(i)
+        shown = signals.regression(i)
         if abs(shown.inertia[i]) < _SURE * shown.inertia_std[i]:
             return Finding.unknown(name, i, "no acceleration that torque explains")
-        M = np.array([swing.inertia for swing in signals.swings])
+        M = np.array([fit.inertia for fit in signals.averaged])
         ratio = max(M[i, j] * M[j, i] / abs(M[i, i] * M[j, j]) for j in others)
     return Finding(check=name, joint=i, value=float(ratio), unit="of the diagonal", verdict="fine")
 
 
-def _crossed(swings, i, j):
-    """Whether each of two torques overcomes dry friction when the other motor turns, and not when its own does."""
+def _crossed(averaged: Sequence[AveragedRegression], i: int, j: int) -> bool:
+    """Whether each of two torques shows the Coulomb friction of the other motor, and not its own."""
     return all(
-        abs(swings[a].drag[b]) > _SURE * swings[a].drag_std[b]
-        and abs(swings[a].drag[a]) + _EVEN * swings[a].drag_std[a] < abs(swings[a].drag[b]) / 2
+        abs(averaged[a].cross_coulomb[b]) > _SURE * averaged[a].cross_coulomb_std[b]
+        and abs(averaged[a].cross_coulomb[a]) + _EVEN * averaged[a].cross_coulomb_std[a]
+        < abs(averaged[a].cross_coulomb[b]) / 2
         for a, b in ((i, j), (j, i))
     )
 
 
-def _uneven(swings, i, j):
-    """Product across over product of the diagonal, if motors i and j make sense exchanged only; otherwise 0.
+def _uneven(averaged: Sequence[AveragedRegression], i: int, j: int) -> float:
+    """D_ij D_ji / (D_ii D_jj), if the inertia matrix is one with motors i and j exchanged only; otherwise 0.
 
     An inertia matrix is symmetric and positive definite; with two of its rows or columns exchanged it is neither.
     """
-    M = np.array([[swings[a].inertia[b] for b in (i, j)] for a in (i, j)])
-    std = np.array([[swings[a].inertia_std[b] for b in (i, j)] for a in (i, j)])
+    M = np.array([[averaged[a].inertia[b] for b in (i, j)] for a in (i, j)])
+    std = np.array([[averaged[a].inertia_std[b] for b in (i, j)] for a in (i, j)])
     if (np.abs(M) < _UNEVEN * std).any() or np.linalg.det(M) > 0:
         return 0.0
     as_it_is, exchanged = (
@@ -182,6 +187,7 @@ def _uneven(swings, i, j):
     return M[0, 1] * M[1, 0] / (M[0, 0] * M[1, 1]) if uneven else 0.0
 
 
-def _exchange(name, i, j, value, unit):
-    advice = f"Torque {i} belongs to the motion of joint {j}: exchange the columns of torque, or of counts."
-    return Finding(check=name, joint=i, value=float(value), unit=unit, verdict="wrong", advice=advice)
+def _exchange(signals: Signals, i: int, j: int, value: float, unit: str) -> Finding:
+    torque, motion = signals.joint_labels[i], signals.joint_labels[j]
+    advice = f"The torque of {torque} belongs to the motion of {motion}: exchange the columns of torque, or of counts."
+    return Finding(check="swapped torques", joint=i, value=float(value), unit=unit, verdict="wrong", advice=advice)

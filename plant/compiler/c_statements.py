@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections import Counter
 
+import casadi as ca
+
 from plant.compiler.instructions import STATE, TIME, UNIFORM, needed, rewritten
 from plant.compiler.translate import single_assignment
 
@@ -59,12 +61,14 @@ static double sign(double x)
 """
 
 
-def literal(value):
+def literal(value: float) -> str:
     """A number as C writes it, without loss."""
     return repr(float(value)).replace("inf", "INFINITY").replace("nan", "NAN")
 
 
-def statements(function, inputs):
+def statements(
+    function: ca.Function, inputs: list[list[tuple[str, int]]]
+) -> tuple[dict[int, list[str]], list[str], set[str]]:
     """What an SX Function does, in C.
 
     Parameters
@@ -87,14 +91,17 @@ def statements(function, inputs):
     ValueError
         An operation that has no translation (named).
     """
-    nodes, outputs = rewritten(*single_assignment(function, inputs), free=False)
+    nodes, outputs = rewritten(*single_assignment(function, inputs), relaxed=False)
     order = needed(nodes, outputs)
     uses = Counter(outputs)
     for index in order:
         op, of, _ = nodes[index]
         if isinstance(of, tuple):
             uses.update(of if op not in _AGAIN else (*of, of[-1]))
-    lines, used, text, strength = {UNIFORM: [], TIME: [], STATE: []}, set(), {}, {}
+    lines: dict[int, list[str]] = {UNIFORM: [], TIME: [], STATE: []}
+    used: set[str] = set()
+    text: dict[int, str] = {}
+    strength: dict[int, int] = {}
     for index in order:
         op, of, kind = nodes[index]
         if op == "INPUT":

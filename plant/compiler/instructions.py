@@ -18,7 +18,7 @@ What is rewritten, in one pass:
 * Divisions by one number that changes all the time share its reciprocal. (Others stay as they are: a rounding in what
   the encoder reads is amplified by an observer's gains.)
 
-and, where rounding in another way is allowed (`free`):
+and, where other roundings than casadi's are allowed (`relaxed`):
 
 * x + a + b is x + (a + b) if a and b are known earlier than x; products alike.
 * A division by what is known earlier is a product with its reciprocal.
@@ -30,7 +30,8 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from typing import NamedTuple
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 __all__ = ["LANE", "STATE", "TIME", "UNIFORM", "Node", "kind_of", "needed", "rewritten"]
 
@@ -51,11 +52,11 @@ class Node(NamedTuple):
     """
 
     op: str
-    of: tuple
+    of: Any
     kind: int
 
 
-def kind_of(kinds):
+def kind_of(kinds: Iterable[int]) -> int:
     """When something made of these kinds has to run."""
     needs = 0
     for kind in kinds:
@@ -67,7 +68,7 @@ def kind_of(kinds):
     return LANE if needs & LANE else UNIFORM
 
 
-def rewritten(nodes, outputs, *, free):
+def rewritten(nodes: list[Node], outputs: list[int], *, relaxed: bool) -> tuple[list[Node], list[int]]:
     """Nodes and outputs, rewritten; nodes that nothing needs any more are left in.
 
     Parameters
@@ -75,38 +76,39 @@ def rewritten(nodes, outputs, *, free):
     nodes : list of Node
         Each after those it needs.
     outputs : list of int
-    free : bool
+    relaxed : bool
     """
-    if free:
+    if relaxed:
         nodes, outputs = _early_first(nodes, outputs)
-    new, place = [], {}
+    new: list[Node] = []
+    place: dict[int, int] = {}
     uses = _uses(nodes, outputs)
     divisors = Counter(node.of[1] for node in nodes if node.op == "DIV")
     angles = [{node.of[0] for node in nodes if node.op == op} for op in ("SIN", "COS")]
-    shared = {}  # what several nodes need, by what it is
+    shared: dict[tuple[Any, ...], int] = {}  # what several nodes need, by what it is
 
-    def add(op, *of):
+    def add(op: str, *of: int) -> int:
         new.append(Node(op, of, kind_of(new[index].kind for index in of)))
         return len(new) - 1
 
-    def once(op, *of):
+    def once(op: str, *of: int) -> int:
         if (op, of) not in shared:
             shared[op, of] = add(op, *of)
         return shared[op, of]
 
-    def product(place, kind):
+    def product(place: int, kind: int) -> tuple[int, ...] | None:
         """Factors of a node that is a product of this kind and needed once; None otherwise."""
         node = new[place]
-        if not free or place in often or node.kind != kind:
+        if not relaxed or place in often or node.kind != kind:
             return None
         if node.op == "TWICE":
             return node.of[0], two
         return {"MUL": node.of, "SQ": node.of * 2}.get(node.op)
 
-    def added(x, sign, factors):
+    def added(x: int, sign: int, factors: tuple[int, ...]) -> int:
         return add("FMA" if sign > 0 else "FNMA", *factors, x)
 
-    def sum_of(x, sign, y, kind):
+    def sum_of(x: int, sign: int, y: int, kind: int) -> int:
         """The node x + sign y."""
         if factors := product(y, kind):
             return added(x, sign, factors)
@@ -117,7 +119,7 @@ def rewritten(nodes, outputs, *, free):
             return add("FMA" if sign > 0 else "FMS", *factors, y)
         return add("ADD" if sign > 0 else "SUB", x, y)
 
-    often = set()  # what is needed more than once
+    often: set[int] = set()  # what is needed more than once
     two = len(new)
     new.append(Node("CONST", 2.0, 0))
     for index, (op, of, kind) in enumerate(nodes):
@@ -132,7 +134,7 @@ def rewritten(nodes, outputs, *, free):
             place[index] = add("LIMIT", x, at[1])
         elif op in ("SIN", "COS") and of[0] in angles[0] & angles[1]:
             place[index] = add("FIRST" if op == "SIN" else "SECOND", once("SINCOS", *at))
-        elif op == "DIV" and _by_reciprocal(divisors[of[1]], nodes[of[1]].kind, kind, free):
+        elif op == "DIV" and _by_reciprocal(divisors[of[1]], nodes[of[1]].kind, kind, relaxed):
             place[index] = add("MUL", at[0], once("INV", at[1]))
         elif op in ("ADD", "SUB"):
             place[index] = sum_of(at[0], 1 if op == "ADD" else -1, at[1], kind)
@@ -143,13 +145,15 @@ def rewritten(nodes, outputs, *, free):
     return new, [place[index] for index in outputs]
 
 
-def _by_reciprocal(divisions, divisor, kind, free):
-    return divisions > 1 if divisor == STATE else free and 0 < divisor < kind
+def _by_reciprocal(divisions: int, divisor: int, kind: int, relaxed: bool) -> bool:
+    return divisions > 1 if divisor == STATE else relaxed and 0 < divisor < kind
 
 
-def _early_first(nodes, outputs):
+def _early_first(nodes: list[Node], outputs: list[int]) -> tuple[list[Node], list[int]]:
     """Nodes and outputs, in which sums (products) of something and two earlier things join the two earlier first."""
-    uses, new, place = _uses(nodes, outputs), [], []
+    new: list[Node] = []
+    place: list[int] = []
+    uses = _uses(nodes, outputs)
     for op, of, kind in nodes:
         at = of
         if isinstance(of, tuple):
@@ -168,7 +172,7 @@ def _early_first(nodes, outputs):
     return new, [place[index] for index in outputs]
 
 
-def needed(nodes, outputs):
+def needed(nodes: list[Node], outputs: list[int]) -> list[int]:
     """Indices of the nodes on which an output depends, in order."""
     found = set(outputs)
     for index in reversed(range(len(nodes))):
@@ -177,13 +181,13 @@ def needed(nodes, outputs):
     return sorted(found)
 
 
-def _uses(nodes, outputs):
+def _uses(nodes: list[Node], outputs: list[int]) -> Counter[int]:
     """How often each node is needed."""
     arguments = (nodes[index].of for index in needed(nodes, outputs))
     return Counter(outputs) + Counter(index for of in arguments if isinstance(of, tuple) for index in of)
 
 
-def _truncated(nodes, magnitude, x):
+def _truncated(nodes: list[Node], magnitude: int, x: int) -> int | None:
     """The x of copysign(floor(fabs(x)), x); None if it is something else."""
     floor = nodes[magnitude]
     if floor.op != "FLOOR" or nodes[floor.of[0]].op != "FABS":
@@ -191,7 +195,7 @@ def _truncated(nodes, magnitude, x):
     return x if nodes[floor.of[0]].of == (x,) else None
 
 
-def _limited(nodes, above, bound):
+def _limited(nodes: list[Node], above: int, bound: int) -> int | None:
     """The x of fmin(fmax(x, -bound), bound), the bound being an absolute value; None if it is something else."""
     if nodes[above].op != "FMAX" or nodes[bound].op != "FABS":
         return None

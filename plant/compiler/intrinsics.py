@@ -7,6 +7,9 @@ from __future__ import annotations
 
 import inspect
 import itertools
+from collections.abc import Iterable
+
+import casadi as ca
 
 from plant.compiler import llvm
 from plant.compiler.instructions import STATE, UNIFORM
@@ -15,29 +18,32 @@ from plant.compiler.translate import Names, translate
 __all__ = ["head", "intrinsic", "map_source"]
 
 
-def head():
+def head() -> str:
     """What every generated file begins with."""
     return _HEAD.format(llvm=inspect.getsource(llvm))
 
 
-def intrinsic(name, parameters, lines, values=None, width=1):
+def intrinsic(
+    name: str, parameters: Iterable[str], lines: Iterable[str], values: list[str] | None = None, width: int = 1
+) -> str:
     """An intrinsic that does this to its arrays for so many individuals, or gives back these values as a tuple."""
     if values is None:
         result, last = "void", "return context.get_dummy_value()"
     else:
         values = values or ["0.0"]  # numba has no empty tuple of numbers
         result, last = f"UniTuple(float64, {len(values)})", f"return e.pack({', '.join(values)})"
-    lines = "\n        ".join([*lines, last])
-    return _INTRINSIC.format(name=name, parameters=", ".join(parameters) + ",", lines=lines, result=result, width=width)
+    body = "\n        ".join([*lines, last])
+    return _INTRINSIC.format(name=name, parameters=", ".join(parameters) + ",", lines=body, result=result, width=width)
 
 
-def map_source(function, outer):
+def map_source(function: ca.Function, outer: int) -> tuple[str, int]:
     """Text of ``map(x, z, y)``, and the number of rows of y; the last `outer` inputs of the function are those in z."""
-    inputs, inner = [], function.n_in() - outer
+    inputs: list[list[tuple[str, int]]] = []
+    inner = function.n_in() - outer
     for array, those in (("x", range(inner)), ("z", range(inner, function.n_in()))):
         place = itertools.count()
         inputs += [[(f"{array}[{next(place)}]", STATE) for _ in range(function.nnz_in(i))] for i in those]
-    program = translate(function, inputs, Names(), None)
+    program = translate(function, inputs, Names(), itertools.count().__next__)
     lines = [f"{name} = e.view(kinds[{i}], {name}, n{name}, j{name})" for i, name in enumerate("xzy")]
     lines += map(str, program.lines[UNIFORM] + program.lines[STATE])
     lines += [f"y[{i}] = {result}" for i, result in enumerate(program.results)]

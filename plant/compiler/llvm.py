@@ -114,8 +114,8 @@ class Values:
             variable = ir.GlobalVariable(self.builder.module, kind, name)
             variable.global_constant, variable.linkage = True, "internal"
             variable.initializer = ir.Constant(kind, [DOUBLE(x) for x in table])
-        pointer = self.builder.module.globals[name]
-        return self.builder.load(self.builder.gep(pointer, [LONG(0), place]))
+        first = self.builder.bitcast(self.builder.module.globals[name], DOUBLE.as_pointer())
+        return self.builder.load(self.builder.gep(first, [place], source_etype=DOUBLE), typ=DOUBLE)
 
     def _negative_if_odd(self, x, whole):
         bits, parity = (self.builder.bitcast(v, self.long) for v in (x, whole))
@@ -313,11 +313,11 @@ class View:
     def _place(self, r):
         builder = self.emitter.builder
         start = builder.mul(self.stride, LONG(r)) if isinstance(self.stride, ir.Value) else LONG(self.stride * r)
-        place = builder.gep(self.data, [builder.add(start, self.offset)])
+        place = builder.gep(self.data, [builder.add(start, self.offset)], source_etype=DOUBLE)
         return place if self.emitter.width == 1 else builder.bitcast(place, self.emitter.double.as_pointer())
 
     def __getitem__(self, r):
-        return self.emitter.builder.load(self._place(r), align=8)
+        return self.emitter.builder.load(self._place(r), align=8, typ=self.emitter.double)
 
     def __setitem__(self, r, value):
         self.emitter.builder.store(self.emitter.value(value), self._place(r), align=8)

@@ -6,6 +6,7 @@ them) and wait for each other; in short loops they belong to several individuals
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from itertools import accumulate, pairwise
 from typing import NamedTuple
 
@@ -15,23 +16,29 @@ __all__ = ["Line", "cut"]
 class Line(NamedTuple):
     """One assignment; in the template ``{0}``, ``{1}`` stand for what it `needs`: names or literals."""
 
-    names: tuple
+    names: tuple[str, ...]
     template: str
-    needs: tuple
+    needs: tuple[str, ...]
     weight: int = 1
 
-    def text(self, renamed=None):
+    def text(self, renamed: Mapping[str, str] | None = None) -> str:
         """The right side, with some names changed."""
         text = self.template
         for i, name in enumerate(self.needs):
             text = text.replace(f"{{{i}}}", (renamed or {}).get(name, name))
         return text
 
-    def __str__(self):
+    def __str__(self) -> str:
         return f"{', '.join(self.names)} = {self.text()}"
 
 
-def cut(lines, stores, rows, fresh, size):
+def cut(
+    lines: list[Line],
+    stores: Mapping[int | str, str],
+    rows: Mapping[str, int],
+    fresh: Callable[[], int],
+    size: int,
+) -> list[list[str]]:
     """Pieces of about this size, in instructions, as texts in which ``{row}`` stands for that row of the work array.
 
     Parameters
@@ -52,14 +59,14 @@ def cut(lines, stores, rows, fresh, size):
     bounds = _bounds(lines, stores, size)
     rows, last = dict(rows), len(bounds) - 2
     piece_of = {name: k for k, (a, b) in enumerate(pairwise(bounds)) for line in lines[a:b] for name in line.names}
-    read_in = {}  # name -> last piece that reads it
+    read_in: dict[str, int] = {}  # name -> last piece that reads it
     for k, (a, b) in enumerate(pairwise(bounds)):
         read_in |= dict.fromkeys((name for line in lines[a:b] for name in line.needs), k)
     read_in |= dict.fromkeys((name for name in stores.values() if name in rows), last)  # copied from row to row
-    kept = {row: name for name, row in rows.items()}
+    kept: dict[int | str, str] = {row: name for name, row in rows.items()}
     # A row is overwritten as soon as its new value is known and its old one has been read for the last time.
     known_in = dict.fromkeys(rows, last) | piece_of
-    stored_in = {row: max(known_in.get(name, 0), read_in.get(kept.get(row), 0)) for row, name in stores.items()}
+    stored_in = {row: max(known_in.get(name, 0), read_in.get(kept.get(row, ""), 0)) for row, name in stores.items()}
     pieces = []
     for k, (a, b) in enumerate(pairwise(bounds)):
         ending = {row: name for row, name in stores.items() if stored_in[row] == k}
@@ -81,11 +88,11 @@ def cut(lines, stores, rows, fresh, size):
     return pieces
 
 
-def _target(place):
+def _target(place: int | str) -> str:
     return place if isinstance(place, str) else f"{{{place}}}"
 
 
-def _bounds(lines, stores, size):
+def _bounds(lines: list[Line], stores: Mapping[int | str, str], size: int) -> list[int]:
     """Where to cut: near equal sizes, at the places that fewest values have to cross."""
     made = {name: i for i, line in enumerate(lines) for name in line.names}
     read = {name: i for i, line in enumerate(lines) for name in line.needs} | dict.fromkeys(stores.values(), len(lines))

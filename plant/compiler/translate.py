@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
+from typing import Any
 
 import casadi as ca
 
@@ -14,7 +16,7 @@ from plant.compiler.splitting import Line
 __all__ = ["LANE", "STATE", "TIME", "UNIFORM", "Names", "Program", "single_assignment", "translate"]
 
 _BY_CODE = {getattr(ca, f"OP_{name}"): name for name in OPERATIONS if hasattr(ca, f"OP_{name}")}
-_CALL = [None, "{}({{0}})", "{}({{0}}, {{1}})", "{}({{0}}, {{1}}, {{2}})"]
+_CALL = ["", "{}({{0}})", "{}({{0}}, {{1}})", "{}({{0}}, {{1}}, {{2}})"]
 _WEIGHTS = {"SINCOS": 27, "SIN": 15, "COS": 15}  # in instructions; the others are one or a call
 _CODE_NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
 
@@ -22,10 +24,10 @@ _CODE_NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("O
 class Names:
     """Fresh variable names, shared by all programs of one file."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.count = 0
 
-    def __call__(self):
+    def __call__(self) -> str:
         self.count += 1
         return f"v{self.count}"
 
@@ -46,13 +48,21 @@ class Program:
         Input expressions that occur -> their kind.
     """
 
-    lines: dict
-    results: list
-    crossing: dict
-    used: dict
+    lines: dict[int, list[Line]]
+    results: list[str]
+    crossing: dict[str, int]
+    used: dict[str, int]
 
 
-def translate(function, inputs, names, rows, *, free=False, wanted=None):
+def translate(
+    function: ca.Function,
+    inputs: list[list[tuple[str, int]]],
+    names: Names,
+    rows: Callable[[], int],
+    *,
+    relaxed: bool = False,
+    wanted: int | None = None,
+) -> Program:
     """Translate an SX Function.
 
     Parameters
@@ -63,9 +73,9 @@ def translate(function, inputs, names, rows, *, free=False, wanted=None):
     names : Names
     rows : callable
         Gives a fresh row of the work array for what crosses from LANE to STATE.
-    free : bool
-        Allow other roundings than casadi's (`instructions`), a fused multiply-add above all. What is done is decided
-        here, not by the compiler, so that every kernel of one function gives the same bits.
+    relaxed : bool
+        Allow other roundings than casadi's (`instructions`), above all fused multiply-adds. Which ones is decided here,
+        not by LLVM, so that every kernel of one function gives the same bits.
     wanted : int, optional
         Translate only what the first so many output components need.
 
@@ -82,13 +92,16 @@ def translate(function, inputs, names, rows, *, free=False, wanted=None):
         raise ValueError(
             f"function must be built from SX; got {function.class_name()} {function.name()}. Use expand()."
         )
-    nodes, outputs = rewritten(*single_assignment(function, inputs), free=free)
+    nodes, outputs = rewritten(*single_assignment(function, inputs), relaxed=relaxed)
     outputs = outputs[:wanted]
-    lines = {UNIFORM: [], LANE: [], TIME: [], STATE: []}
-    crossing, made, used, text = {}, set(), {}, {}
+    lines: dict[int, list[Line]] = {UNIFORM: [], LANE: [], TIME: [], STATE: []}
+    crossing: dict[str, int] = {}
+    used: dict[str, int] = {}
+    text: dict[int, Any] = {}
+    made: set[str] = set()
 
-    def use(index, kind):
-        name = text[index]
+    def use(index: int, kind: int) -> str:
+        name: str = text[index]
         if kind == STATE and name in made:
             crossing.setdefault(name, rows())
         return name
@@ -114,17 +127,18 @@ def translate(function, inputs, names, rows, *, free=False, wanted=None):
     return Program(lines, [use(index, STATE) for index in outputs], crossing, used)
 
 
-def _literal(value):
+def _literal(value: float) -> str:
     return repr(value) if math.isfinite(value) else f'float("{value!r}")'
 
 
-def single_assignment(function, inputs):
+def single_assignment(function: ca.Function, inputs: list[list[tuple[str, int]]]) -> tuple[list[Node], list[int]]:
     """Nodes of an SX Function, each after those it needs, and the indices of those that are its outputs, joined.
 
     `inputs` are as in `translate`. ValueError for an operation that has no translation (named).
     """
     starts = [sum(function.nnz_out(i) for i in range(k)) for k in range(function.n_out() + 1)]
-    nodes, outputs, latest = [Node("CONST", 0.0, 0)], [0] * starts[-1], {}
+    latest: dict[int, int] = {}
+    nodes, outputs = [Node("CONST", 0.0, 0)], [0] * starts[-1]
     for k in range(function.n_instructions()):
         code, to, of = function.instruction_id(k), function.instruction_output(k), function.instruction_input(k)
         if code == ca.OP_OUTPUT:

@@ -1,3 +1,6 @@
-"""Control laws that a log may have been made with, and what a law has to give."""
+"""Control laws as symbolic steps: what a law has to give, and P, PD, PID, cascade and laws that repeat a log.
+
+Reading order: `law` -> `pid`, `replayed` -> `filtered_difference`, `anti_windup` -> `cascade`.
+"""
 
 __all__: list[str] = []

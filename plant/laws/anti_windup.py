@@ -1,4 +1,4 @@
-"""Integral action that does not wind up."""
+"""Integral action with anti-windup by back-calculation."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ import casadi as ca
 __all__ = ["integrated"]
 
 
-def integrated(integral, slope, missing, tracking, dt):
-    """Integral one step later.
+def integrated(integral: ca.SX, slope: ca.SX, missing: ca.SX, tracking: ca.SX, dt: ca.SX) -> ca.SX:
+    """Integral one step later, with back-calculation against windup.
 
-    What the amplifier cut off since the last step is taken back with the time constant 1 / `tracking`; of a PI law that
-    is its own, gain / integral gain, so that at the limit the integral alone comes to ask for the limit.
+    What the amplifier cut off since the last step is fed back with the time constant 1 / `tracking`. For a PI law that
+    is gain / integral gain: in saturation the integral then settles at the limit.
 
     Parameters
     ----------
     integral : casadi SX
-        Of the last step, in the unit of what the law asks for.
+        Of the last step, in the unit of the command.
     slope : casadi SX
         What is integrated, times its gain [that unit / s].
     missing : casadi SX
-        What was applied since the last step minus what the law had asked for.
+        What was applied since the last step minus what was commanded.
     tracking : casadi SX
         [1/s]
     dt : casadi SX

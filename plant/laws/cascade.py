@@ -1,56 +1,60 @@
-"""The cascade of industrial drives: a position loop asks a speed loop for a speed, that one for a torque."""
+"""The cascade of industrial drives: a position loop commands a speed loop, and that one the torque."""
 
 from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.laws.anti_windup import integrated
 from plant.laws.filtered_difference import filtered_difference, no_reading
-from plant.laws.law import Law
+from plant.laws.law import Law, Setpoint
+from plant.machine.rig import Rig
 from plant.parts.arguments import optional_period, signs
-from plant.parts.part import number, part, structure
+from plant.parts.part import Vector, number, part, structure
 
 __all__ = ["Cascade"]
 
 
 @part
 class Cascade(Law):
-    """P on the position, PI on the speed: motor torque = speed (w - pulses') + integral of the same.
+    """Cascade control: P on the position, PI on the speed; motor torque = speed (w - pulses') + integral of the same.
 
-    The wanted speed is w = position e, with e the error in pulses; pulses' is the filtered difference of the counts.
-    Nothing is fed forward, so in steady motion the error is the reference's speed over `position`.
+    The commanded speed is w = position e, with e the tracking error in pulses; pulses' is the filtered difference of
+    the counts. Nothing is fed forward, so in steady motion the error is the reference's speed over `position`.
 
     Parameters
     ----------
     position : (n,) array_like
-        Wanted speed per error, both in pulses [1/s].
+        Commanded speed per tracking error, both in pulses [1/s].
     speed : (n,) array_like
         Motor torque per pulse per second [N m s], above zero.
     integral : (n,) array_like
-        Motor torque per pulse [N m]: gain of the integral of the speed's error.
+        Motor torque per pulse [N m]: gain of the integral of the speed error.
     filter : float
         Pole of the low-pass in front of the difference [rad/s] (`plant.laws.filtered_difference`).
     period : float, optional
-        Time between two steps [s], the torque held in between. None: fast hardware, evaluated at every sub-step.
+        Sampling period [s], the torque held in between. None: fast hardware, evaluated at every sub-step.
     """
 
-    position: np.ndarray = number(("n",))
-    speed: np.ndarray = number(("n",))
-    integral: np.ndarray = number(("n",))
+    position: Vector = number(("n",))
+    speed: Vector = number(("n",))
+    integral: Vector = number(("n",))
     filter: float = number(())
     period: float | None = structure(default=None)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         signs(self, positive=("speed", "filter"), not_negative=("position", "integral"))
         optional_period(self)
 
-    def initial_state(self, n):
-        """No reading yet, nothing integrated, nothing asked for."""
+    def initial_state(self, n: int) -> NDArray[np.float64]:
+        """No reading yet, nothing integrated, nothing commanded."""
         return np.concatenate([no_reading(n), np.zeros(2 * n)])
 
-    def equations(self, rig, state, setpoint, pulses, torque, dt):
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> tuple[ca.SX, ca.SX]:
         """Tau = k (K_v (K_p e - pulses') + K_i (integral of the same))."""
         n = rig.n
         memory, integral, asked = state[: n + 1], state[n + 1 : -n], state[-n:]

@@ -1,32 +1,34 @@
-"""Rate of a sampled or counted signal: the difference of two readings, smoothed by one pole.
+"""Filtered derivative of a sampled or counted signal: backward difference behind a first-order low-pass.
 
-A law that needs a speed has nothing but the encoder to take it from. The signal passes a first-order low-pass, sampled
-exactly; the rate is the difference of two values of that. For a step that is long against the pole it is the plain
-backward difference, for a short one the usual filtered derivative, pole s / (s + pole).
+The encoder is all that a law has to take a speed from. The low-pass is sampled exactly. For a sampling period that is
+long against the filter's time constant the rate is the plain backward difference, for a short one the usual filtered
+derivative, pole s / (s + pole).
 """
 
 from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 __all__ = ["filtered_difference", "no_reading"]
 
 
-def no_reading(n):
-    """Memory (n + 1,) before the first reading of n signals: their smoothed values, and that there was none."""
+def no_reading(n: int) -> NDArray[np.float64]:
+    """Memory (n + 1,) before the first reading of n signals: their filtered values, and a flag that there was none."""
     return np.zeros(n + 1)
 
 
-def filtered_difference(signal, memory, pole, dt):
-    """Rate of a signal, and the memory to be passed on.
+def filtered_difference(signal: ca.SX, memory: ca.SX, pole: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Filtered rate of a signal, and the memory to be passed on.
 
     Parameters
     ----------
     signal : (n,) casadi SX
         Read now.
     memory : (n + 1,) casadi SX
-        From the last call, or `no_reading`: the first rate is zero, wherever the signal starts.
+        From the last call, or `no_reading`: then the rate is zero, wherever the signal starts.
+
     pole : casadi SX
         Of the filter [rad/s].
     dt : casadi SX

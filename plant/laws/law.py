@@ -1,19 +1,20 @@
-"""Control laws: from pulses and a reference to a joint torque, written once as a symbolic step.
+"""What a control law is: from encoder counts and a reference to a joint torque, written once as a symbolic step.
 
-A law says `period` (None: fast hardware, evaluated at every sub-step; otherwise seconds, a whole multiple of the
-sub-step), how much state it carries, and its `equations`. From them come the kernel that simulates it, the casadi
-referee, and the running controller of a control script.
+A law gives its sampling `period` (None: fast hardware, evaluated at every sub-step; otherwise seconds, a whole multiple
+of the sub-step), its state, and its `equations`. From them come the kernel that simulates it, the casadi referee, the
+running controller of a control script, and its C.
 """
 
 from __future__ import annotations
 
 import abc
 import dataclasses
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from plant.machine.rig import Rig
 from plant.parts.arguments import known_options
@@ -22,11 +23,11 @@ from plant.realtime.c_export import write_c
 from plant.realtime.guards import Guards
 from plant.realtime.running import Running
 
-__all__ = ["Block", "Law", "Setpoint", "StatelessLaw", "asked_torque"]
+__all__ = ["Block", "Law", "Setpoint", "StatelessLaw", "commanded_torque"]
 
 
 class Setpoint(NamedTuple):
-    """What a law is asked to do now: q, qd, qdd (n,) joint side [SI], and the same position in pulses (n,).
+    """The reference now: q, qd, qdd (n,) joint side [SI], and the same position in pulses (n,).
 
     For a law that replays a column of its record, also what was logged (n,).
     """
@@ -40,14 +41,14 @@ class Setpoint(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Block:
-    """A law made symbolic for one rig.
+    """A law as one symbolic step for one rig, a casadi Function.
 
     Parameters
     ----------
     step : casadi Function
         (state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers) -> (asked, following). Torque in is the joint
-        torque applied last, after the amplifier's limit; `asked` is the torque that the law wants now [N m]. A law
-        that replays its record has one more input, `logged`.
+        torque applied last, after the amplifier's limit; `asked` is the commanded torque, before it [N m]. A law that
+        replays its record has one more input, `logged`.
     initial : (s,) numpy.ndarray
         State at the start.
     names : list of str
@@ -58,9 +59,9 @@ class Block:
     """
 
     step: ca.Function
-    initial: np.ndarray
-    names: list
-    values: np.ndarray
+    initial: NDArray[np.float64]
+    names: list[str]
+    values: NDArray[np.float64]
     period: float | None
 
 
@@ -70,7 +71,7 @@ class Law(Part, abc.ABC):
     A law without state derives from `StatelessLaw` and gives its equations, and a period where it is sampled.
     """
 
-    period: float | None = declared("Time between two steps [s], or None: fast hardware, evaluated at every sub-step.")
+    period: float | None = declared("Sampling period [s], or None: fast hardware, evaluated at every sub-step.")
     replays: str | None = None
     """Column of its record that the law repeats, or None."""
 
@@ -82,7 +83,7 @@ class Law(Part, abc.ABC):
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> tuple[ca.SX, ca.SX]:
-        """One step in casadi; the numbers of the law's own fields and of the rig are symbols.
+        """One step of the law in casadi; the numbers of its own fields and of the rig are symbols.
 
         Parameters
         ----------
@@ -93,24 +94,29 @@ class Law(Part, abc.ABC):
         pulses : casadi SX (n, 1)
             Encoder counts that the law reads.
         torque : casadi SX (n, 1)
-            Joint torque that was applied last, after the amplifier's limit [N m].
+            Joint torque applied last, after the amplifier's limit [N m].
         dt : casadi SX (1, 1)
             Time since the step before [s].
 
         Returns
         -------
         torque : casadi SX (n, 1)
-            Joint torque that the law wants now [N m], before the limit.
+            Commanded joint torque, before the amplifier's limit [N m].
         state : casadi SX (s, 1)
             The state that follows.
         """
 
-    def has_memory(self, n):
-        """Whether the torque of n joints depends on more than counts and reference now: a period, or a state."""
+    def has_memory(self, n: int) -> bool:
+        """Whether the commanded torque depends on more than counts and reference now: a period, or a state."""
         return self.period is not None or len(self.initial_state(n)) > 0
 
-    def replayed(self, record):
-        """The column of a record that this law repeats, (N, n), or None for a controller.
+    def joint_labels(self, rig: Rig) -> list[str]:
+        """What to call each joint (`joint_label`): by the law's arm if it has one, otherwise by the drive's names."""
+        arm = getattr(self, "arm", None)
+        return rig.joint_labels if arm is None else arm.dynamics.chain.joint_labels
+
+    def replayed(self, record: Any) -> NDArray[np.float64] | None:
+        """The column of a `Record` that this law repeats, (N, n), or None for a controller.
 
         Raises
         ------
@@ -125,10 +131,13 @@ class Law(Part, abc.ABC):
         return logged
 
     @known_options
-    def start(self, rig, pulses, *, guards=Guards(), torque_limit=None):  # noqa: B008 - frozen
+    def start(
+        self, rig: Rig, pulses: ArrayLike, *, guards: Guards | None = Guards(),  # noqa: B008 - frozen
+        torque_limit: ArrayLike | None = None,
+    ) -> Running:  # fmt: skip
         """This law as a running controller for a control script.
 
-        A law without a period (`P`) is fast hardware: held from call to call it needs calls far faster than the log's.
+        A law without a period (`P`) is fast hardware: sampled, it has to be called far more often than the log's rate.
 
         Parameters
         ----------
@@ -136,9 +145,9 @@ class Law(Part, abc.ABC):
         pulses : (n,) array_like
             Encoder counts now.
         guards : Guards or None
-            What is watched, and how the arm is stopped; None for nothing.
+            What is monitored, and how the arm is stopped; None for nothing.
         torque_limit : (n,) array_like, optional
-            Below the amplifier's [N m], magnitude, joint side.
+            Lower than the amplifier's [N m], magnitude, joint side.
 
         Returns
         -------
@@ -156,8 +165,9 @@ class Law(Part, abc.ABC):
 
     @known_options
     def to_c(
-        self, folder, rig=None, *, name="controller", output="torque", counts_per_ampere=None, largest_count=32767
-    ):
+        self, folder: str | Path, rig: Rig | None = None, *, name: str = "controller", output: str = "torque",
+        counts_per_ampere: ArrayLike | None = None, largest_count: int = 32767,
+    ) -> None:  # fmt: skip
         """This law as self-contained C99: a header, a source, a main that replays a record, and a Makefile.
 
         Parameters
@@ -171,9 +181,9 @@ class Law(Part, abc.ABC):
         output : {"torque", "dac"}
             Joint torque [N m], or counts of the converter that commands the motor currents.
         counts_per_ampere : (n,) array_like, optional
-            Of that converter, signed as it is wired; counts are rounded to whole ones.
+            Of that converter, signed as it is wired; the output is rounded to whole counts.
         largest_count : int
-            The converter takes counts within +- this.
+            Range of the converter: counts within +- this.
 
         Raises
         ------
@@ -185,12 +195,7 @@ class Law(Part, abc.ABC):
                 largest_count=largest_count)  # fmt: skip
 
     def block(self, rig: Rig) -> Block:
-        """This law as a symbolic step for a rig.
-
-        Returns
-        -------
-        Block
-        """
+        """This law as a symbolic step for a rig."""
         n = rig.n
         for field in dataclasses.fields(self):
             if field.metadata.get("number") == ("n",) and len(getattr(self, field.name)) != n:
@@ -213,19 +218,15 @@ class Law(Part, abc.ABC):
                 f"{following.shape}. One number per joint of the rig."
             )
         names = ["state", "q", "qd", "qdd", "reference_pulses", "pulses", "torque", "dt", "numbers"]
-        step = ca.Function(
-            "law",
-            [state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers, *logged],
-            [asked, following],
-            names + ["logged"][: len(logged)],
-            ["asked", "following"],
-        )
+        inputs = [state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers, *logged]
+        names += ["logged"][: len(logged)]
+        step = ca.Function("law", inputs, [asked, following], names, ["asked", "following"])
         values = np.concatenate([self.number_values(), rig.number_values()])
         return Block(step=step, initial=initial, names=own + rigs, values=values, period=self.period)
 
 
-def asked_torque(record):
-    """Joint torques (N, n) [N m] that a law without memory asks for, whatever the amplifier gives; None for others."""
+def commanded_torque(record: Any) -> NDArray[np.float64] | None:
+    """Commanded torques (N, n) [N m] of a record under a law without memory, before the limit; None for other laws."""
     law, rig = record.law, record.rig
     if law is None or law.replays or law.has_memory(record.n):
         return None
@@ -239,9 +240,9 @@ def asked_torque(record):
 
 
 class StatelessLaw(Law):
-    """Base of laws without state: the torque depends on counts, reference and the torque applied last alone."""
+    """Base of laws without state: the torque depends on counts, reference and the last applied torque alone."""
 
-    period = None
+    period: float | None = None
 
     def initial_state(self, n: int) -> NDArray[np.float64]:
         """No state, (0,)."""

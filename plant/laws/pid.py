@@ -1,25 +1,27 @@
-"""Simple laws that a record may have been made with: P, PD and PID on the error in pulses."""
+"""P, PD and PID control on the tracking error in pulses."""
 
 from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.laws.anti_windup import integrated
 from plant.laws.filtered_difference import filtered_difference, no_reading
-from plant.laws.law import Law, StatelessLaw
+from plant.laws.law import Law, Setpoint, StatelessLaw
+from plant.machine.rig import Rig
 from plant.parts.arguments import optional_period, signs
-from plant.parts.part import number, part, structure
+from plant.parts.part import Vector, number, part, structure
 
 __all__ = ["PD", "PID", "P"]
 
 
 @part
 class P(StatelessLaw):
-    """Position controller of the experiment: motor torque proportional to the error in pulses.
+    """P control, the experiment's: motor torque proportional to the tracking error in pulses.
 
-    It is fast hardware (a counter and an amplifier), evaluated at every sub-step: held over the 0.7 ms of the log the
-    same loop would be unstable.
+    It is fast hardware (a counter and an amplifier), evaluated at every sub-step: sampled at the log's 0.7 ms the same
+    loop would be unstable.
 
     Parameters
     ----------
@@ -29,20 +31,22 @@ class P(StatelessLaw):
     Source: paper Fig. 4.
     """
 
-    gain: np.ndarray = number(("n",))
+    gain: Vector = number(("n",))
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         signs(self, not_negative=("gain",))
 
-    def equations(self, rig, state, setpoint, pulses, torque, dt):
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> tuple[ca.SX, ca.SX]:
         """Tau = k P (reference pulses - pulses)."""
         return rig.drive.joint_torque(self.gain, setpoint.pulses - pulses), state
 
 
 @part
 class PD(Law):
-    """Motor torque = gain e + derivative edot, with e the error in pulses and edot its filtered difference.
+    """PD control: motor torque = gain e + derivative edot, with e the tracking error in pulses and edot its derivative.
 
     Parameters
     ----------
@@ -53,37 +57,39 @@ class PD(Law):
     filter : float
         Pole of the low-pass in front of the difference [rad/s] (`plant.laws.filtered_difference`).
     period : float, optional
-        Time between two steps [s], the torque held in between. None: fast hardware, evaluated at every sub-step.
+        Sampling period [s], the torque held in between. None: fast hardware, evaluated at every sub-step.
     """
 
-    gain: np.ndarray = number(("n",))
-    derivative: np.ndarray = number(("n",))
+    gain: Vector = number(("n",))
+    derivative: Vector = number(("n",))
     filter: float = number(())
     period: float | None = structure(default=None)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         signs(self, positive=("filter",), not_negative=("gain", "derivative"))
         optional_period(self)
 
-    def initial_state(self, n):
+    def initial_state(self, n: int) -> NDArray[np.float64]:
         """No reading yet."""
         return no_reading(n)
 
-    def equations(self, rig, state, setpoint, pulses, torque, dt):
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> tuple[ca.SX, ca.SX]:
         """Tau = k (P e + D edot)."""
         motor, state = self.motor_torque(setpoint.pulses - pulses, state, dt)
         return rig.drive.joint_torque(motor), state
 
-    def motor_torque(self, error, memory, dt):
-        """Motor torque (n,) [N m] for an error (n,) [pulses], and the memory of its difference."""
+    def motor_torque(self, error: ca.SX, memory: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Motor torque (n,) [N m] for an error (n,) [pulses], and the filter's memory."""
         rate, memory = filtered_difference(error, memory, self.filter, dt)
         return self.gain * error + self.derivative * rate, memory
 
 
 @part
 class PID(PD):
-    """PD plus the integral of the error; what the amplifier cuts off does not wind it up (`plant.laws.anti_windup`).
+    """PID control: `PD` plus the integral of the error, with anti-windup (`plant.laws.anti_windup`).
 
     Parameters
     ----------
@@ -96,24 +102,28 @@ class PID(PD):
     filter : float
         Pole of the low-pass in front of the difference [rad/s] (`plant.laws.filtered_difference`).
     period : float, optional
-        Time between two steps [s], the torque held in between. None: fast hardware, evaluated at every sub-step.
+        Sampling period [s], the torque held in between. None: fast hardware, evaluated at every sub-step.
     """
 
-    integral: np.ndarray = number(("n",))
+    integral: Vector = number(("n",))
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         signs(self, positive=("gain",), not_negative=("integral",))
 
-    def initial_state(self, n):
-        """No reading yet, nothing integrated, nothing asked for."""
+    def initial_state(self, n: int) -> NDArray[np.float64]:
+        """No reading yet, nothing integrated, nothing commanded."""
         return np.concatenate([no_reading(n), np.zeros(2 * n)])
 
-    def equations(self, rig, state, setpoint, pulses, torque, dt):
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> tuple[ca.SX, ca.SX]:
         """Tau = k (P e + I (integral of e) + D edot)."""
         n, error = rig.n, setpoint.pulses - pulses
         memory, integral, asked = state[: n + 1], state[n + 1 : -n], state[-n:]
         missing = rig.drive.motor_torque(torque) - asked
-        integral = integrated(integral, self.integral * error, missing, self.integral / self.gain, dt)
+        tracking = self.integral / self.gain  # type: ignore[operator]  # mypy takes inherited fields for what goes in
+        integral = integrated(integral, self.integral * error, missing, tracking, dt)
+
         motor, memory = self.motor_torque(error, memory, dt)
         return rig.drive.joint_torque(motor + integral), ca.vertcat(memory, integral, motor + integral)

@@ -1,8 +1,11 @@
-"""Laws that ask for what a log holds: an experiment in open loop, or one whose controller is not known."""
+"""Laws that repeat the torque or the current of a log: for experiments in open loop, or under an unknown controller."""
 
 from __future__ import annotations
 
-from plant.laws.law import StatelessLaw
+import casadi as ca
+
+from plant.laws.law import Setpoint, StatelessLaw
+from plant.machine.rig import Rig
 from plant.parts.part import part
 
 __all__ = ["LoggedCurrent", "LoggedTorque"]
@@ -10,27 +13,31 @@ __all__ = ["LoggedCurrent", "LoggedTorque"]
 
 @part
 class LoggedTorque(StatelessLaw):
-    """The joint torque of the record, as its column `torque` has it [N m].
+    """The logged joint torque, the record's column `torque` [N m], repeated in open loop.
 
-    The torque of a sample acts from there to the next: between two samples it is held.
+    The torque of a sample acts from there to the next: zero-order hold.
     """
 
     replays = "torque"
 
-    def equations(self, rig, state, setpoint, pulses, torque, dt):
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> tuple[ca.SX, ca.SX]:
         """Tau = the logged one."""
         return setpoint.logged, state
 
 
 @part
 class LoggedCurrent(StatelessLaw):
-    """The torque of the motor currents of the record, as its column `current` has them [A], by the rig's motor gain.
+    """The logged motor currents, the record's column `current` [A], repeated in open loop by the rig's motor gain.
 
-    The current of a sample acts from there to the next: between two samples it is held.
+    The current of a sample acts from there to the next: zero-order hold.
     """
 
     replays = "current"
 
-    def equations(self, rig, state, setpoint, pulses, torque, dt):
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> tuple[ca.SX, ca.SX]:
         """Tau = k K_i i."""
         return rig.drive.joint_torque(rig.drive.motor_gain, setpoint.logged), state

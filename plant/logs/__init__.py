@@ -1,7 +1,7 @@
-"""Files of logs: read safely, mapped to a record, resampled.
+"""Logs of experiments: the `Record`, and the readers of files that make one.
 
-Reading order: `csv_rows`, `npz`, `isolation` (a child process for what may crash, `child`) -> `logfile` (any format as
-a table) -> `mapping`, `units` (columns as fields of a record) -> `record_csv` (the library's own format),
+Reading order: `record`; `csv_rows`, `npz`, `isolation` (with `child`, a process for what may crash) -> `logfile` (any
+format as a table) -> `mapping`, `units` (columns as fields of a record); `record_csv` (the library's own format),
 `record_files` (the others), `resampling`.
 """
 

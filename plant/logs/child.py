@@ -14,13 +14,14 @@ import os
 import struct
 import sys
 import zlib
+from typing import Any
 
 __all__ = ["REFUSED", "main"]
 
 REFUSED = 3
 
 
-def main(order):
+def main(order: dict[str, Any]) -> int:
     """Read a file and write its columns to stdout.
 
     Parameters

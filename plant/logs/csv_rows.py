@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import array as packed
 import csv
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TextIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 __all__ = ["read_rows"]
 
@@ -13,7 +17,12 @@ _LONGEST = 1 << 20  # characters of a line
 _MOST = 1 << 25  # numbers of a file, 256 MiB
 
 
-def read_rows(path, *, comment=None, chosen=None):
+def read_rows(
+    path: str | Path,
+    *,
+    comment: Callable[[int, str], object] | None = None,
+    chosen: Callable[[str], bool] | None = None,
+) -> tuple[list[str] | None, NDArray[np.float64]]:
     """Read the numbers of a CSV file.
 
     Parameters
@@ -22,7 +31,7 @@ def read_rows(path, *, comment=None, chosen=None):
     comment : callable, optional
         Called with the number and the text of every line that starts with #.
     chosen : callable, optional
-        For a log of others: whether the column of a name is read; the other cells may be anything. Cells may be empty
+        For a foreign log: whether the column of a name is read; the other cells may be anything. Cells may be empty
         (NaN), and may be separated by semicolons or tabs, as in the heading.
 
     Returns
@@ -37,8 +46,10 @@ def read_rows(path, *, comment=None, chosen=None):
     ValueError
         A cell that is no number, a short row, no row, a last number that is cut; with the line, without the path.
     """
-    table, names, picked, width, separator = chosen is not None, None, None, None, ","
-    values, rows, least = packed.array("d"), 0, 0
+    names: list[str] | None = None
+    picked: list[int] = []
+    width: int | None = None
+    table, separator, values, rows, least = chosen is not None, ",", packed.array("d"), 0, 0
     with open(path, encoding="utf-8-sig") as file:
         for count, line in enumerate(_lines(file), 1):
             ended = line.endswith("\n")
@@ -56,7 +67,7 @@ def read_rows(path, *, comment=None, chosen=None):
                 width = len(cells)
                 if any(_is_name(cell, table) for cell in cells):
                     names = [cell.strip().strip('"') for cell in cells]
-                picked = [i for i in range(width) if names is None or not table or chosen(names[i])]
+                picked = [i for i in range(width) if names is None or chosen is None or chosen(names[i])]
                 if names is not None:
                     continue
             if len(cells) != width:
@@ -79,8 +90,8 @@ def read_rows(path, *, comment=None, chosen=None):
     return names, np.array(values).reshape(rows, len(picked))
 
 
-def _lines(file):
-    """Lines of bounded length: a file without line ends must not be taken into memory as one."""
+def _lines(file: TextIO) -> Iterator[str]:
+    """Lines of bounded length: a file without line ends must not be read into memory as one."""
     count = 0
     try:
         while line := file.readline(_LONGEST):

@@ -7,10 +7,13 @@ import json
 import os
 import signal
 import sys
+from collections.abc import Collection
 from importlib.util import find_spec
 from subprocess import DEVNULL, PIPE, TimeoutExpired, run
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.logs import child
 
@@ -22,7 +25,9 @@ _LIBRARIES = {"hdf5": "h5py", "parquet": "pyarrow"}  # optional; named like the 
 _ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "HDF5_PLUGIN_PATH": os.devnull}
 
 
-def read_isolated(kind, path, names, prefix, most):
+def read_isolated(
+    kind: str, path: str, names: Collection[str] | None, prefix: str, most: int
+) -> tuple[list[str], dict[str, NDArray[Any]]]:
     """Read columns of a MAT, HDF5 or Parquet file.
 
     Parameters
@@ -49,7 +54,7 @@ def read_isolated(kind, path, names, prefix, most):
     library = _LIBRARIES.get(kind)
     if library and find_spec(library) is None:
         raise ValueError(f"needs {library} to be read; it is not installed. Run pip install 'onepulse[{kind}]'.")
-    order = {"kind": kind, "path": path, "names": names, "prefix": prefix}
+    order: dict[str, Any] = {"kind": kind, "path": path, "names": names, "prefix": prefix}
     order |= {"seconds": int(np.ceil(_SECONDS)), "memory": _MEMORY, "bytes": most}
     try:
         # -P: the folder of child.py holds files whose names other libraries import.

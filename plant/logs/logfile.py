@@ -5,9 +5,12 @@ from __future__ import annotations
 import contextlib
 import difflib
 import os
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.logs.csv_rows import read_rows
 from plant.logs.isolation import read_isolated
@@ -28,8 +31,8 @@ class LoadError(ValueError):
 
 
 @contextlib.contextmanager
-def load_errors(path):
-    """Turn whatever goes wrong with a file into one `LoadError` of one line that names it."""
+def load_errors(path: str | Path) -> Iterator[None]:
+    """Turn every failure to read a file into one `LoadError` of one line that names it."""
     try:
         yield
     except LoadError:
@@ -43,12 +46,12 @@ def load_errors(path):
         raise LoadError(_line(f"{path} must be a sound file; reading it gave {said:.200}. Write it again.")) from None
 
 
-def _line(text):
+def _line(text: str) -> str:
     return " ".join(text.split())
 
 
 @known_options
-def read_table(path, *, names=None, prefix=""):
+def read_table(path: str | Path, *, names: Sequence[str] | None = None, prefix: str = "") -> dict[str, NDArray[Any]]:
     """Read the columns of a log: CSV with a line of names, NPZ, MAT version 5, HDF5 or Parquet, by the file's ending.
 
     MAT, HDF5 and Parquet files are read in a child process with limits of time and memory; HDF5 and Parquet need the
@@ -82,7 +85,7 @@ def read_table(path, *, names=None, prefix=""):
         return read_file(_SUFFIXES[suffix], path, names, prefix)
 
 
-def read_file(kind, path, names, prefix):
+def read_file(kind: str, path: str | Path, names: Iterable[str] | None, prefix: str) -> dict[str, NDArray[Any]]:
     """Read columns of a file of a known kind, as `read_table` does."""
     with load_errors(path):
         _require_file(path)
@@ -90,16 +93,16 @@ def read_file(kind, path, names, prefix):
         if kind == "csv":
             known, columns = _csv(path, wanted, prefix)
         else:
-            read = read_npz if kind == "npz" else lambda *order: read_isolated(kind, *order)
-            known, columns = read(os.fspath(path), wanted, prefix, _MOST)
+            given = os.fspath(path), wanted, prefix, _MOST
+            known, columns = read_npz(*given) if kind == "npz" else read_isolated(kind, *given)
         require_columns(wanted or (), columns, known)
         if not columns:
             raise ValueError(f"must hold columns whose names begin with {prefix!r}; got {known[:5]}. Check prefix.")
         return {name[len(prefix) :]: _numbers(name, column) for name, column in columns.items()}
 
 
-def require_columns(names, columns, known=None):
-    """Refuse a table that lacks one of these columns, and offer the nearest of those that it knows.
+def require_columns(names: Iterable[str], columns: Mapping[str, Any], known: Iterable[str] | None = None) -> None:
+    """Refuse a table that lacks one of these columns, and offer the nearest of those that it has.
 
     Raises
     ------
@@ -115,7 +118,7 @@ def require_columns(names, columns, known=None):
             raise ValueError(f"column {name!r} must be there; got {some:.220}. {hint}")
 
 
-def _require_file(path):
+def _require_file(path: str | Path) -> None:
     if Path(path).is_dir() or (Path(path).exists() and not Path(path).is_file()):
         raise ValueError("must be a file; got a folder or a device. Give the path of the file itself.")
     if os.path.getsize(path) > _MOST:
@@ -123,8 +126,10 @@ def _require_file(path):
         raise ValueError(f"must have at most {_MOST >> 20} MiB; got {size}. Cut the log into several files.")
 
 
-def _csv(path, wanted, prefix):
-    chosen = (lambda name: name.startswith(prefix)) if wanted is None else set(wanted).__contains__
+def _csv(path: str | Path, wanted: Collection[str] | None, prefix: str) -> tuple[list[str], dict[str, NDArray[Any]]]:
+    def chosen(name: str) -> bool:
+        return name.startswith(prefix) if wanted is None else name in wanted
+
     names, rows = read_rows(path, chosen=chosen)
     if names is None:
         raise ValueError("must name its columns in a line above the numbers, without #; got none. Add that line.")
@@ -135,7 +140,7 @@ def _csv(path, wanted, prefix):
     return names, dict(zip(read, rows.T, strict=True))
 
 
-def _numbers(name, column):
+def _numbers(name: str, column: NDArray[Any]) -> NDArray[Any]:
     """A column as float64 or int64 of this machine, one-dimensional or (N, n)."""
     column = np.atleast_1d(column)
     if column.ndim > 2 or column.size == 0:

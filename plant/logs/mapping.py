@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import sys
 import warnings
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from plant.logs.logfile import require_columns
 from plant.logs.units import (
@@ -21,6 +24,7 @@ from plant.logs.units import (
     require_units,
 )
 from plant.machine.rig import Rig
+from plant.motion.reference import Reference
 from plant.parts.arguments import choice, instance, real
 
 __all__ = ["mapped_names", "record_fields"]
@@ -32,8 +36,8 @@ _EXACT = 2.0**53
 _NEAR = 0.02  # of a pulse: a step that was meant to be one
 
 
-def mapped_names(columns, units):
-    """Names of the table's columns that a mapping needs, in order; the mapping and its units are checked.
+def mapped_names(columns: Mapping[str, Any], units: Mapping[str, str] | None) -> list[str]:
+    """Names of the table's columns that a mapping needs, in order; the mapping and its units are validated.
 
     Raises
     ------
@@ -59,7 +63,15 @@ def mapped_names(columns, units):
     return names
 
 
-def record_fields(table, *, rig, columns, units, wrap, reference):
+def record_fields(
+    table: Mapping[str, ArrayLike],
+    *,
+    rig: Rig,
+    columns: Mapping[str, Any],
+    units: Mapping[str, str] | None,
+    wrap: ArrayLike | None,
+    reference: Reference | None,
+) -> dict[str, Any]:
     """Fields of a record from a table; see `Record.from_table`.
 
     Raises
@@ -76,10 +88,10 @@ def record_fields(table, *, rig, columns, units, wrap, reference):
         lengths = ", ".join(f"{field} {len(value)}" for field, value in values.items())
         raise ValueError(f"columns must have one length; got {lengths}. Map columns of one sampling.")
     values, t = _in_time(values, units, rig)
-    values, valid = _held(values)
+    values, valid = _held(values, rig.joint_labels)
     measured = next(field for field in _MEASURED if field in values)
     if wrap is not None:
-        values[measured] = _unwrapped(values[measured], wrap, rig.n)
+        values[measured] = _unwrapped(values[measured], wrap, rig.joint_labels)
     fields = {"t": t, "valid": valid}
     for field in values.keys() - {"valid"}:
         fields |= _converted(field, values[field], units[field], rig)
@@ -93,8 +105,8 @@ def record_fields(table, *, rig, columns, units, wrap, reference):
     return fields
 
 
-def _warn(text):
-    """Warn at the line of the user's that called this package, through whichever reader."""
+def _warn(text: str) -> None:
+    """Warn at the user's line that called this package, through whichever reader."""
     frame, level = sys._getframe(), 1
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "plant":
         frame, level = frame.f_back, level + 1
@@ -141,7 +153,7 @@ def _in_time(values, units, rig):
     return {field: value[new] for field, value in values.items()}, t
 
 
-def _held(values):
+def _held(values, labels):
     """Values with the last known one in place of every NaN, and weights that are zero in such rows."""
     weight = np.asarray(values.get("valid", np.ones(len(next(iter(values.values()))))), float)
     valid = np.where(np.isnan(weight), 0.0, weight)
@@ -151,7 +163,7 @@ def _held(values):
             continue
         known = ~np.isnan(value)
         if not known.any(axis=0).all():
-            raise ValueError(f"{field!r} must hold numbers; joint {int(np.argmin(known.any(axis=0)))} has none. Check.")
+            raise ValueError(f"{field!r} must hold numbers; {labels[np.argmin(known.any(axis=0))]} has none. Check.")
         row = np.maximum.accumulate(np.where(known, np.arange(len(value))[:, None], -1), axis=0)
         row = np.where(row < 0, np.argmax(known, axis=0), row)  # before the first: the first
         held[field] = np.take_along_axis(value, row, axis=0)
@@ -159,15 +171,16 @@ def _held(values):
     return held, valid
 
 
-def _unwrapped(value, wrap, n):
+def _unwrapped(value: NDArray[Any], wrap: Any, labels: Sequence[str]) -> NDArray[Any]:
     """Values whose steps are never more than half a wrap: whole wraps, counted in integers, are added."""
+    n = len(labels)
     wrap = np.broadcast_to(wrap, n) if np.ndim(wrap) == 0 else np.asarray(wrap)
     if wrap.shape != (n,):
         raise ValueError(f"wrap must be one number, or {n}, one per joint; got shape {wrap.shape}. Give as many.")
     wrap = np.array([real("wrap", w, "Give counts per wrap, or an angle.", positive=True) for w in wrap.tolist()])
     if (np.ptp(value, axis=0) > wrap * (1 + 1e-9)).any():
         joint = int(np.argmax(np.ptp(value, axis=0) / wrap))
-        got = f"joint {joint} spans {np.ptp(value[:, joint]):g}"
+        got = f"{labels[joint]} spans {np.ptp(value[:, joint]):g}"
         raise ValueError(f"wrap must be as large as what is logged; got {wrap[joint]:g}, but {got}. Correct it.")
     whole = value.dtype.kind == "i" or (value == np.round(value)).all()
     kind = np.int64 if whole and (wrap == np.round(wrap)).all() else float
@@ -181,35 +194,35 @@ def _converted(field, value, unit, rig):
     if field == "torque":
         limit, gear = rig.drive.torque_limit(), rig.drive.gear
         if unit == "motor N m":
-            require_limit(field, value, limit / np.abs(gear), unit, {"N m": 1 / gear})
+            require_limit(field, value, limit / np.abs(gear), unit, {"N m": 1 / gear}, rig.joint_labels)
             return {"torque": rig.drive.joint_torque(value)}
-        require_limit(field, rig.drive.coupling.shaft_torque(value), limit, unit, {})
+        require_limit(field, rig.drive.coupling.shaft_torque(value), limit, unit, {}, rig.joint_labels)
         return {"torque": value}
     if field == "current":
         value = value / CURRENT[unit]
         others = {other: CURRENT[unit] / per for other, per in CURRENT.items() if other != unit}
-        require_limit(field, value, rig.drive.current_limit, unit, others)
+        require_limit(field, value, rig.drive.current_limit, unit, others, rig.joint_labels)
         return {"current": value}
     name = "reference_pulses" if field in _REFERENCE else "error_pulses" if field == "error_pulses" else "counts"
     if unit == "pulses":
-        return {name: _whole(field, value)}
+        return {name: _whole(field, value, rig.joint_labels)}
     return {name: _counted(field, value, unit, rig)}
 
 
-def _whole(field, value):
+def _whole(field: str, value: NDArray[Any], labels: Sequence[str]) -> NDArray[np.float64]:
     value = value.astype(float)
     broken = np.argwhere((value != np.trunc(value)) | (np.abs(value) > _EXACT))
     if len(broken):
-        got = f"got {value[tuple(broken[0])]:g} in row {broken[0][0]}, joint {broken[0][1]}"
+        got = f"got {value[tuple(broken[0])]:g} in row {broken[0][0]}, {labels[broken[0][1]]}"
         raise ValueError(f"{field!r} must be whole pulses; {got}. Map angles as 'position', with their unit.")
     return value
 
 
 def _counted(field, value, unit, rig):
-    """Counts of angles: of whole pulses themselves, otherwise what the rig's encoder would count there."""
+    """Counts of angles: those on a grid of whole pulses as they are, others as the rig's encoder would count them."""
     motor = "motor" in field
     angle = value * ANGLE[unit]
-    require_span(field, rig.drive.joint_angle(angle) if motor else angle, unit)
+    require_span(field, rig.drive.joint_angle(angle) if motor else angle, unit, rig.joint_labels)
     place = {False: rig.position_in_pulses, True: rig.encoder.position_in_pulses}
     position = place[motor](angle)
     if rig.encoder.smooth:
@@ -225,8 +238,8 @@ def _counted(field, value, unit, rig):
         if not whole:
             step = _smallest_step(position[:, np.argmin(grid)])
             near = ": state the resolution more exactly" if abs(step - 1) < _NEAR else ""
-            text = f"{field} of joint {np.argmin(grid)} is in no whole pulses of rig.encoder.resolution (smallest step "
-            _warn(f"{text}{step:.{6 if near else 3}g} pulses{near}); counted as that encoder would")
+            text = f"{field} of {rig.joint_labels[np.argmin(grid)]} is not in whole pulses of rig.encoder.resolution "
+            _warn(f"{text}(smallest step {step:.{6 if near else 3}g} pulses{near}); counted as that encoder would")
     shift = np.where(np.abs(shift) < 0.1, 0.0, shift)
     return rig.encoder.quantised(np.where(grid, np.round(position - shift) + shift, position))
 

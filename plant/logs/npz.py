@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import math
 import zipfile
+from collections.abc import Collection
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 __all__ = ["read_npz"]
 
 _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
-def read_npz(path, names, prefix, most):
+def read_npz(
+    path: str, names: Collection[str] | None, prefix: str, most: int
+) -> tuple[list[str], dict[str, NDArray[Any]]]:
     """Read columns of an NPZ archive, as `read_isolated` does for other formats.
 
     Raises
@@ -35,7 +40,7 @@ def read_npz(path, names, prefix, most):
         return list(members), {name: _array(archive, name, info) for name, info in wanted.items()}
 
 
-def _array(archive, name, info):
+def _array(archive: zipfile.ZipFile, name: str, info: zipfile.ZipInfo) -> NDArray[Any]:
     with archive.open(info) as file:
         version = np.lib.format.read_magic(file)
         if version not in _HEADERS:

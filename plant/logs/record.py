@@ -1,4 +1,4 @@
-"""The log of an experiment: the only thing that passes from plant to identification.
+"""The log of an experiment: all that passes from plant to identification.
 
 A record keeps the rig, the law and the reference that made it, so that the same experiment can be replayed with
 another arm. A file from a real robot enters exactly where a simulation does.
@@ -7,24 +7,31 @@ another arm. A file from a real robot enters exactly where a simulation does.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from plant.checkup.examine import examine
+from plant.checkup.finding import Checkup
 from plant.laws.law import Law
 from plant.logs import record_csv
 from plant.logs.logfile import load_errors
 from plant.logs.mapping import record_fields
-from plant.logs.record_files import read_mapped, reader
+from plant.logs.record_files import Reader, read_mapped, reader
 from plant.logs.resampling import resampled_fields
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
 from plant.parts.arguments import array, known_options, real
 from plant.parts.frozen import Frozen
+from plant.parts.part import Vector
 
 __all__ = ["Record"]
 
 _COLUMNS = ("reference_pulses", "error_pulses", "torque", "current", "true_q", "true_qd")
+_LEFT_OUT: Any = None
 
 
 @known_options
@@ -55,7 +62,7 @@ class Record(Frozen):
     valid : (N,) array_like, optional
         Weight of each sample, 0 to 1; a sample that was dropped or is wrong has 0. By default all have 1.
     true_q, true_qd : (N, n) array_like, optional
-        What no encoder sees; only a simulation knows it, and identification never reads it.
+        True joint motion; only a simulation knows it, and identification never reads it.
 
     Raises
     ------
@@ -63,20 +70,20 @@ class Record(Frozen):
         Wrong shapes, NaN, time that does not increase, with the index; a law that repeats a column that is not there.
     """
 
-    t: np.ndarray
-    error_pulses: np.ndarray
+    t: NDArray[Any]
+    error_pulses: NDArray[Any]
     rig: Rig
-    reference_pulses: np.ndarray | None = None
+    reference_pulses: Vector = _LEFT_OUT
     law: Law | None = None
     reference: Reference | None = None
-    torque: np.ndarray | None = None
-    current: np.ndarray | None = None
-    initial: np.ndarray | None = None
-    valid: np.ndarray | None = None
-    true_q: np.ndarray | None = None
-    true_qd: np.ndarray | None = None
+    torque: NDArray[Any] | None = None
+    current: NDArray[Any] | None = None
+    initial: NDArray[Any] | None = None
+    valid: Vector = _LEFT_OUT
+    true_q: NDArray[Any] | None = None
+    true_qd: NDArray[Any] | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name, kind in (("rig", Rig), ("law", (Law, type(None))), ("reference", (Reference, type(None)))):
             if not isinstance(getattr(self, name), kind):
                 raise ValueError(f"{name} of a record must be a {name.capitalize()}; got {getattr(self, name)!r:.60}.")
@@ -96,18 +103,15 @@ class Record(Frozen):
             if value is not None:
                 values[name] = array(name, value, shape, advice="Give one row per sample, one column per joint.")
         if self.error_pulses is None:
-            raise ValueError(
-                f"error_pulses must have shape {shape}; got None. Without a reference, give minus the counts."
-            )
+            raise ValueError(f"error_pulses must have shape {shape}; got None. Without a reference, give -counts.")
         if self.reference_pulses is None:
             values["reference_pulses"] = np.zeros(shape)
         valid = np.ones(len(t)) if self.valid is None else self.valid
         values["valid"] = valid = array("valid", valid, shape[:1], advice="Give one weight per sample.")
         wrong = np.flatnonzero((valid < 0) | (valid > 1))
         if len(wrong):
-            raise ValueError(
-                f"valid must be 0 to 1; got {valid[wrong[0]]:g} at index {wrong[0]}. 0 leaves a sample out."
-            )
+            got = f"got {valid[wrong[0]]:g} at index {wrong[0]}"
+            raise ValueError(f"valid must be 0 to 1; {got}. 0 leaves a sample out.")
         if self.initial is not None:
             values["initial"] = array("initial", self.initial, (2, self.rig.n), advice="Give q and qd at t = 0.")
         for name, value in values.items():
@@ -115,45 +119,45 @@ class Record(Frozen):
             object.__setattr__(self, name, value)
 
     @property
-    def n(self):
+    def n(self) -> int:
         """Number of joints."""
         return self.rig.n
 
     @property
-    def counts(self):
-        """What the encoders counted, (N, n) [pulses]."""
+    def counts(self) -> NDArray[np.float64]:
+        """Encoder counts, (N, n) [pulses]."""
         return self.reference_pulses - self.error_pulses
 
-    def check(self):
-        """Examine this log before anything is made of it; the `Checkup` prints as a table."""
+    def check(self) -> Checkup:
+        """Examine this log for errors before it is used; the `Checkup` prints as a table."""
         return examine(self)
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.t)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         made = type(self.law).__name__ if self.law is not None else "an unknown law"
         return f"Record({len(self)} samples of {self.n} joints, {self.t[-1] - self.t[0]:.3f} s, under {made})"
 
-    def to_csv(self, path):
+    def to_csv(self, path: str | Path) -> None:
         """Write a CSV file that `from_csv` reads back without loss, with rig, law, reference and initial in line 1."""
         record_csv.write(self, path)
 
     @classmethod
     @known_options
     def from_csv(
-        cls, path, *, rig=None, law=None, reference=None, initial=None, columns=None, units=None, wrap=None, prefix=""
-    ):
+        cls, path: str | Path, *, rig: Rig | None = None, law: Law | None = None, reference: Reference | None = None,
+        initial: ArrayLike | None = None, columns: Mapping[str, Any] | None = None,
+        units: Mapping[str, str] | None = None, wrap: ArrayLike | None = None, prefix: str = "",
+    ) -> Record:  # fmt: skip
         """Read what `to_csv` wrote, a plain CSV of t [s], n reference and n error columns [pulses], or a log of others.
 
         Parameters
         ----------
         path : str or Path
-        rig, law, reference : optional
-            Needed for a plain file (the reference may be left out: the logged counts are replayed instead); in place
+        rig, law, reference, initial : optional
+            As in `Record`. A plain file needs rig and law; without a reference the logged counts are replayed. In place
             of those named in the file otherwise.
-        initial : (2, n) array_like, optional
-            Position [rad] and velocity [rad/s] at t = 0.
         columns : dict, optional
             With it, the file is a table of named columns, which this maps to the fields of a record; `from_table` says
             how, and what `units` and `wrap` are.
@@ -167,21 +171,25 @@ class Record(Frozen):
             be read; with the line.
         """
         if columns is not None:
-            log = {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix}
+            log: dict[str, Any] = {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix}
             return read_mapped(cls, "csv", path, rig=rig, law=law, reference=reference, initial=initial, **log)
         if units is not None or wrap is not None or prefix:
             raise ValueError("units, wrap and prefix are for mapped columns; got no mapping. Pass columns= as well.")
         with load_errors(path):
             return cls(**record_csv.read(path, rig=rig, law=law, reference=reference, initial=initial))
 
-    from_npz = reader("npz", "an NPZ archive; pickled objects are refused")
-    from_mat = reader("mat", "a MAT file of version 5 (saved with -v6 or -v7)")
-    from_hdf5 = reader("hdf5", "an HDF5 file, or a MAT file of version 7.3 (extra ``hdf5``)")
-    from_parquet = reader("parquet", "a Parquet file (extra ``parquet``)")
+    from_npz: ClassVar[Reader[Record]] = reader("npz", "an NPZ archive; pickled objects are refused")
+    from_mat: ClassVar[Reader[Record]] = reader("mat", "a MAT file of version 5 (saved with -v6 or -v7)")
+    from_hdf5: ClassVar[Reader[Record]] = reader("hdf5", "an HDF5 file, or a MAT file of version 7.3 (extra ``hdf5``)")
+    from_parquet: ClassVar[Reader[Record]] = reader("parquet", "a Parquet file (extra ``parquet``)")
 
     @classmethod
     @known_options
-    def from_table(cls, table, *, rig, columns, units=None, wrap=None, law=None, reference=None, initial=None):
+    def from_table(
+        cls, table: Mapping[str, ArrayLike], *, rig: Rig, columns: Mapping[str, Any],
+        units: Mapping[str, str] | None = None, wrap: ArrayLike | None = None, law: Law | None = None,
+        reference: Reference | None = None, initial: ArrayLike | None = None,
+    ) -> Record:  # fmt: skip
         """Make a record of named columns, such as `read_table` reads or several files give together.
 
         Parameters
@@ -216,24 +224,21 @@ class Record(Frozen):
             A column that is missing, has another length or holds anything but real numbers; a unit that is not stated,
             or does not fit the rig. Whatever `Record` refuses.
         """
+        given: dict[str, Any] = {"rig": rig, "law": law, "reference": reference, "initial": initial}
         fields = record_fields(table, rig=rig, columns=columns, units=units, wrap=wrap, reference=reference)
-        return cls(**fields, rig=rig, law=law, reference=reference, initial=initial)
+        return cls(**fields, **given)
 
     @known_options
-    def resampled(self, period):
+    def resampled(self, period: float) -> Record:
         """The same experiment at uniform times, its counts interpolated linearly and rounded to whole pulses.
 
-        The true motion too. Torque and current are the mean over each new period of what was held, or went straight
+        The true motion likewise. Torque and current are means over each new period, of a zero-order hold, or of a line
         across a gap (above 1.5 median intervals). A sample between two has their smaller weight, and none in a gap.
 
         Parameters
         ----------
         period : float
-            Of the new samples, and of the rig that the new record has [s].
-
-        Returns
-        -------
-        Record
+            Of the new samples, and of the new record's rig [s].
 
         Raises
         ------

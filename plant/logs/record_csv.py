@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from plant.laws.law import Law
 from plant.logs.csv_rows import read_rows
 from plant.machine.rig import Rig
+from plant.motion.reference import Reference
 from plant.parts.part import restore
 
 __all__ = ["read", "write"]
@@ -22,7 +28,7 @@ _COLUMNS = (
 )
 
 
-def write(record, path):
+def write(record: Any, path: str | Path) -> None:
     """Write a record. Line 1 is ``#`` and a JSON object, line 2 names columns and units."""
     header = {
         "onepulse": 1,
@@ -46,7 +52,9 @@ def write(record, path):
             file.write(",".join(f"{x:.17g}" for x in row) + "\n")
 
 
-def read(path, *, rig, law, reference, initial):
+def read(
+    path: str | Path, *, rig: Rig | None, law: Law | None, reference: Reference | None, initial: ArrayLike | None
+) -> dict[str, Any]:
     """Read what `write` wrote, or a plain file, as the fields of a record.
 
     Raises
@@ -54,7 +62,7 @@ def read(path, *, rig, law, reference, initial):
     ValueError
         Without the path.
     """
-    header = {}
+    header: dict[str, Any] = {}
     names, table = read_rows(path, comment=lambda count, line: header.update(header or _header(count, line)))
     rig = rig or _part(header, "rig")
     if rig is None:
@@ -64,7 +72,7 @@ def read(path, *, rig, law, reference, initial):
     named = names is not None and any("[" in name for name in names)
     return {
         "t": table[:, 0],
-        **(_named(names, table, rig.n) if named else _plain(table, rig.n)),
+        **(_named(names or [], table, rig.n) if named else _plain(table, rig.n)),
         "rig": rig,
         "law": law or _part(header, "law"),
         "reference": reference or _part(header, "reference"),
@@ -72,7 +80,7 @@ def read(path, *, rig, law, reference, initial):
     }
 
 
-def _plain(table, n):
+def _plain(table: NDArray[np.float64], n: int) -> dict[str, NDArray[np.float64]]:
     if table.shape[1] != 1 + 2 * n:
         got = f"got {table.shape[1]} columns"
         raise ValueError(
@@ -86,10 +94,10 @@ def _plain(table, n):
     return {"reference_pulses": table[:, 1 : 1 + n], "error_pulses": table[:, 1 + n :]}
 
 
-def _named(names, table, n):
+def _named(names: list[str], table: NDArray[np.float64], n: int) -> dict[str, NDArray[np.float64]]:
     known = {f"{name}_{i + 1} [{unit}]": (field, i) for field, name, unit in _COLUMNS for i in range(n)}
-    known["valid [1]"] = "valid", ...
-    fields = {}
+    known["valid [1]"] = "valid", 0
+    fields: dict[str, NDArray[np.float64]] = {}
     for column, name in enumerate(names[1:], 1):
         if name not in known:
             raise ValueError(f"has an unknown column {name!r:.40}; known are {', '.join(known)}. Rename it.")
@@ -105,7 +113,7 @@ def _named(names, table, n):
     return fields
 
 
-def _header(count, line):
+def _header(count: int, line: str) -> dict[str, Any]:
     try:
         header = json.loads(line[1:])
     except (ValueError, RecursionError):
@@ -115,7 +123,7 @@ def _header(count, line):
     return header if isinstance(header, dict) else {}
 
 
-def _part(header, name):
+def _part(header: Mapping[str, Any], name: str) -> Any:
     try:
         return restore(header.get(name))
     except RecursionError:

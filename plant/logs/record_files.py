@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeAlias, TypeVar
+
 from plant.logs.logfile import load_errors, read_file
 from plant.logs.mapping import mapped_names
 from plant.machine.rig import Rig
 from plant.parts.arguments import instance, known_options
 
-__all__ = ["read_mapped", "reader"]
+__all__ = ["Reader", "read_mapped", "reader"]
+
+T = TypeVar("T")
+Reader: TypeAlias = Callable[..., T]
+"""A class method with the keywords of `Record.from_csv`, and what it gives."""
 
 
-def reader(kind, what):
+def reader(kind: str, what: str) -> Any:
     """Class method that reads mapped columns of one format."""
 
     def read(cls, path, *, rig, columns, units=None, wrap=None, prefix="", law=None, reference=None, initial=None):
@@ -22,13 +30,13 @@ def reader(kind, what):
     return classmethod(known_options(read))
 
 
-def read_mapped(cls, kind, path, *, prefix, **log):
+def read_mapped(cls: Any, kind: str, path: str | Path, *, prefix: str, **log: Any) -> Any:
     """Read the columns that a mapping needs, and make a record of them.
 
     Raises
     ------
     ValueError
-        A mapping that cannot be one of any file.
+        A mapping that fits no file.
     LoadError
         Everything else.
     """

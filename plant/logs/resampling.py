@@ -1,10 +1,12 @@
-"""A record at uniform times: interpolated counts, mean torques, and no weight where nothing was logged."""
+"""A record resampled at uniform times: interpolated counts, mean torques, no weight where nothing was logged."""
 
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 __all__ = ["resampled_fields"]
 
@@ -13,7 +15,7 @@ _FACTOR = 20  # between the new period and the nominal interval
 _MOST = 1 << 25  # samples
 
 
-def resampled_fields(record, period):
+def resampled_fields(record: Any, period: float) -> dict[str, Any]:
     """Fields of `Record.resampled`.
 
     Raises
@@ -37,7 +39,7 @@ def resampled_fields(record, period):
 
     gap = np.diff(t, append=t[-1]) > _GAP * nominal
 
-    def between(value):
+    def between(value: NDArray[np.float64]) -> NDArray[np.float64]:
         return value[left] + share[:, None] * (value[right] - value[left])
 
     weight = np.where(share == 0, record.valid[left], np.where(share == 1, record.valid[right], 0.0))
@@ -53,7 +55,7 @@ def resampled_fields(record, period):
 
 
 def _means(t, value, gap, new, period):
-    """Means over each new period of what is held from its sample to the next, and in gaps runs straight there."""
+    """Means over each new period of a zero-order hold; across gaps, of a straight line."""
     edges = np.union1d(t, np.append(new, new[-1] + period))
     edges = edges[edges <= new[-1] + period]
     middle, lengths = (edges[1:] + edges[:-1]) / 2, np.diff(edges)[:, None]

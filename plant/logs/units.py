@@ -1,8 +1,11 @@
-"""Units of logged columns, stated by the user and held against the rig; of a wrong one, which would fit."""
+"""Units of logged columns, as the user states them, checked against the rig; of a wrong one, which would fit."""
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping, Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.parts.arguments import choice
 
@@ -24,8 +27,8 @@ _LIMIT = 2.0  # times what the amplifier can drive; measured currents overshoot
 _LEAST = 10  # pulses of motion from which a grid is no accident
 
 
-def require_units(columns, units):
-    """Refuse a unit that is not known, is for a column that is not mapped, or is not stated.
+def require_units(columns: Collection[str], units: Mapping[str, str]) -> None:
+    """Refuse a unit that is unknown, missing, or for a column that is not mapped.
 
     Raises
     ------
@@ -41,7 +44,7 @@ def require_units(columns, units):
             choice(f"unit of {name!r}", units[name], UNITS.get(name, ("1",)))
 
 
-def require_period(t, unit, period):
+def require_period(t: NDArray[np.float64], unit: str, period: float) -> None:
     """Refuse times [s] whose step is far from the rig's period.
 
     Raises
@@ -59,8 +62,8 @@ def require_period(t, unit, period):
     raise ValueError(f"t in {unit!r} has a step of {step:g} s; rig.period is {period:g} s. Give the rig the log's.")
 
 
-def require_span(name, q, unit):
-    """Refuse joint angles [rad] that span more turns than a joint has.
+def require_span(name: str, q: NDArray[np.float64], unit: str, labels: Sequence[str]) -> None:
+    """Refuse joint angles [rad] that span more turns than a joint makes.
 
     Raises
     ------
@@ -71,10 +74,10 @@ def require_span(name, q, unit):
         joint = int(np.argmax(span))
         fits = unit == "rad" and span[joint] * ANGLE["deg"] <= _TURNS
         advice = "'deg' would fit." if fits else "Correct the log; a joint that does turn so far is logged in counts."
-        raise ValueError(f"{name} in {unit!r} spans {span[joint]:.3g} turns of joint {joint}; at most 10. {advice}")
+        raise ValueError(f"{name} in {unit!r} spans {span[joint]:.3g} turns of {labels[joint]}; at most 10. {advice}")
 
 
-def require_grid(name, unit, readings):
+def require_grid(name: str, unit: str, readings: Mapping[tuple[str, str], NDArray[np.float64]]) -> bool:
     """Refuse angles that are whole pulses in another unit, or on the other side of the gear, but not as stated.
 
     Parameters
@@ -103,10 +106,10 @@ def require_grid(name, unit, readings):
     return False
 
 
-def on_grid(position):
+def on_grid(position: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Position in pulses (N, n) -> shift (n,) from whole pulses, and whether all samples have it within a tenth.
 
-    Zero is always on the grid: it is the middle of the cell around it, which is two pulses wide.
+    Zero is always on the grid: it is the middle of its quantisation cell, which is two pulses wide.
     """
     away = np.abs(position) > 0.1
     shift = np.angle((np.exp(2j * np.pi * position) * away).sum(axis=0)) / (2 * np.pi)
@@ -114,8 +117,15 @@ def on_grid(position):
     return shift, np.abs(off - np.round(off)).max(axis=0) < 0.1
 
 
-def require_limit(name, value, limit, unit, others):
-    """Refuse torques or currents far above what the amplifier can drive.
+def require_limit(
+    name: str,
+    value: NDArray[np.float64],
+    limit: NDArray[np.float64],
+    unit: str,
+    others: Mapping[str, NDArray[np.float64] | float],
+    labels: Sequence[str],
+) -> None:
+    """Refuse torques or currents far above the amplifier's limit.
 
     Parameters
     ----------
@@ -123,6 +133,8 @@ def require_limit(name, value, limit, unit, others):
         In the same unit and on the same side.
     others : dict of str to (n,) array_like
         Other units -> factor between the value in that unit and the value as stated.
+    labels : sequence of str
+        Of the joints.
 
     Raises
     ------
@@ -134,5 +146,5 @@ def require_limit(name, value, limit, unit, others):
     joint = int(np.argmax(most / limit))
     fits = [unit for unit, factor in others.items() if (most * np.abs(factor) <= _LIMIT * limit).all()]
     advice = f"{fits[0]!r} would fit." if fits else "Correct the log, or the rig's limit."
-    got = f"reaches {most[joint]:g} at joint {joint}; the amplifier drives {limit[joint]:g}"
+    got = f"reaches {most[joint]:g} at {labels[joint]}; the amplifier drives {limit[joint]:g}"
     raise ValueError(f"{name} in {unit!r} {got}. {advice}")

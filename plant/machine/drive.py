@@ -1,25 +1,26 @@
 """The drive of each joint: motor, gear, friction and amplifier. The only file that crosses the gear.
 
 Source: paper Fig. 4 and appendix. Conventions: q_m = k q, tau = k tau_m, with k signed; friction is given motor side,
-as the paper measured it, and becomes b k^2 and c abs(k) on the joint. Where a motor turns with several joints, all this
+as the paper measured it, and becomes b k^2 and c abs(k) on the joint. Where one motor moves several joints, all this
 holds on its gear's output, the shaft (`plant.mechanics.coupling`), which otherwise is the joint. The current loop is
-neglected (paper 3.3, 4.2: its time constant is far below the mechanical one), so the motor torque is what the position
-controller asks for.
+neglected (paper 3.3, 4.2: its time constant is far below the mechanical one): the motor torque is the commanded torque.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from plant.machine.elasticity import Elasticity, Resonance
 from plant.machine.friction import FrictionCurve
 from plant.mechanics.coupling import Coupling
 from plant.parts.arguments import instance
 from plant.parts.labels import joint_label
-from plant.parts.part import Part, number, part, structure
+from plant.parts.part import ArrayOrSymbols, Part, Vector, number, part, structure
 
 __all__ = ["Drive", "lagging"]
 
@@ -43,30 +44,30 @@ class Drive(Part):
     current_limit : (n,) array_like
         Largest current of the amplifier [A]; may be infinite.
     curve : FrictionCurve, optional
-        Offset (or unequal friction in the two directions) and Stribeck's excess at rest.
+        Friction offset (unequal levels of the two directions) and Stribeck effect.
     coupling : Coupling, optional
-        Where motors turn with several joints; the same as the chain's.
+        Where one motor moves several joints; the same as the chain's.
     elasticity : Elasticity, optional
-        What the gears give (`Elasticity.from_resonance` too); none by default, the gears are rigid.
+        Stiffness, damping and backlash of the gears (also `Elasticity.from_resonance`); none by default: rigid gears.
     current_lag : float, optional
-        Time constant with which the motor currents follow what is commanded [s]; none by default.
+        Time constant with which the motor currents follow the commanded ones [s]; none by default.
     joints : tuple of str, optional
         Names of the joints, for messages, tables and figures of the logs and the laws of this drive.
     """
 
-    gear: np.ndarray = number(("n",))
-    motor_inertia: np.ndarray = number(("n",))
-    viscous: np.ndarray = number(("n",))
-    coulomb: np.ndarray = number(("n",))
-    motor_gain: np.ndarray = number(("n",))
-    current_limit: np.ndarray = number(("n",), finite=False)
+    gear: Vector = number(("n",))
+    motor_inertia: Vector = number(("n",))
+    viscous: Vector = number(("n",))
+    coulomb: Vector = number(("n",))
+    motor_gain: Vector = number(("n",))
+    current_limit: Vector = number(("n",), finite=False)
     curve: FrictionCurve | None = structure(default=None)
     coupling: Coupling = structure(Coupling, default=Coupling())
     joints: tuple[str, ...] = structure(default=())
-    elasticity: Elasticity | None = structure(default=None)
+    elasticity: Any = structure(default=None)
     current_lag: float | None = number((), default=None)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         joints = self.joints
         if isinstance(joints, str) or not all(isinstance(j, str) for j in joints) or len(joints) not in (0, self.n):
@@ -85,7 +86,6 @@ class Drive(Part):
                 value = getattr(self, name)[joint]
                 label = joint_label(joints, joint)
                 raise ValueError(f"{name} must {rule}; got {value} at {label}. Friction and gains are magnitudes.")
-
         self.coupling.require_joints(self.n, "drive")
         if self.current_lag is not None and not self.current_lag > 0:
             raise ValueError(f"current_lag must be positive; got {self.current_lag:g} s. Leave it out for none.")
@@ -93,8 +93,9 @@ class Drive(Part):
             object.__setattr__(self, "elasticity", self.elasticity.of(self))
         if self.elasticity is not None:
             instance("elasticity", self.elasticity, Elasticity, "Give Elasticity(stiffness=, damping=).")
-            if self.elasticity.n != self.n:
-                raise ValueError(f"elasticity must have {self.n} joints; got {self.elasticity.n}. One per gear.")
+            if len(self.elasticity.stiffness) != self.n:
+                given = len(self.elasticity.stiffness)
+                raise ValueError(f"elasticity must have {self.n} joints; got {given}. Give one number per gear.")
         if self.curve is not None:
             instance("curve", self.curve, FrictionCurve, "Give FrictionCurve(offset=..., breakaway=..., speed=...).")
             if len(self.curve.offset) != self.n:
@@ -103,78 +104,79 @@ class Drive(Part):
                 )
 
     @property
-    def n(self):
+    def n(self) -> int:
         """Number of joints."""
-        return self.gear.shape[0]
+        return int(self.gear.shape[0])
 
-    def motor_angle(self, q):
+    def motor_angle(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
         """Motor angle q_m = k q [rad]."""
         return self.gear * self.coupling.shaft(q)
 
-    def joint_angle(self, q_m):
+    def joint_angle(self, q_m: ArrayOrSymbols) -> ArrayOrSymbols:
         """Joint angle q = q_m / k [rad]."""
         return self.coupling.joint(q_m / self.gear)
 
-    def joint_torque(self, tau_m, times=1.0):
-        """Joint torque tau = k tau_m [N m] of motor torques, or of these torques per something, times so much of it."""
+    def joint_torque(self, tau_m: ArrayOrSymbols, times: ArrayOrSymbols = 1.0) -> ArrayOrSymbols:
+        """Joint torque tau = k tau_m [N m] of motor torques, or of gains (motor torque per unit) times a quantity."""
         return self.coupling.joint_torque(self.gear * tau_m * times)
 
-    def motor_torque(self, tau):
+    def motor_torque(self, tau: ArrayOrSymbols) -> ArrayOrSymbols:
         """Motor torque tau_m = tau / k [N m]."""
         return self.coupling.shaft_torque(tau) / self.gear
 
-    def current(self, tau):
-        """Motor current [A] behind a joint torque [N m]."""
+    def current(self, tau: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Motor current [A] of a joint torque [N m]."""
         return self.motor_torque(tau) / self.motor_gain
 
-    def torque_limit(self):
-        """Largest torque that the amplifier can drive [N m], on the joint (of coupled ones: on the shaft)."""
+    def torque_limit(self) -> NDArray[np.float64]:
+        """Largest torque that the amplifier allows [N m], on the joint (of coupled motors: on the shaft)."""
         return self.motor_gain * self.current_limit * _magnitude(self.gear)
 
-    def limited_to(self, torque):
-        """This drive with an amplifier that gives at most these torques [N m], on the joint (or shaft)."""
-        current = np.minimum(self.current_limit, torque / (self.motor_gain * np.abs(self.gear)))
+    def limited_to(self, torque: ArrayLike) -> Drive:
+        """This drive with an amplifier that allows at most these torques [N m], on the joint (or shaft)."""
+        current = np.minimum(self.current_limit, np.asarray(torque) / (self.motor_gain * np.abs(self.gear)))
         return dataclasses.replace(self, current_limit=current)
 
-    def limited(self, tau):
-        """Joint torque after the amplifier's limit [N m]."""
-        limit, shaft = self.torque_limit(), self.coupling.shaft_torque(tau)
+    def limited(self, tau: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Joint torque [N m] after saturation of the amplifier."""
+        limit: ArrayOrSymbols = self.torque_limit()
+        shaft = self.coupling.shaft_torque(tau)
         if isinstance(shaft, np.ndarray):
             return self.coupling.joint_torque(np.clip(shaft, -limit, limit))
         limit = ca.fabs(limit)
         return self.coupling.joint_torque(ca.fmin(ca.fmax(shaft, -limit), limit))
 
-    def joint_viscous(self):
-        """Viscous friction b k^2 [N m s/rad], on the joint (of coupled ones: on the shaft)."""
+    def joint_viscous(self) -> NDArray[np.float64]:
+        """Viscous friction b k^2 [N m s/rad], on the joint (of coupled motors: on the shaft)."""
         return self.viscous * self.gear * self.gear
 
-    def joint_coulomb(self, qd=0.0):
-        """Level of dry friction c abs(k) [N m] at speeds qd [rad/s], by default at rest; on the joint, or shaft."""
+    def joint_coulomb(self, qd: ArrayOrSymbols = 0.0) -> ArrayOrSymbols:
+        """Coulomb level c abs(k) [N m] at speeds qd [rad/s], by default at rest; on the joint, or shaft."""
         level = self.coulomb if self.curve is None else self.coulomb + self.curve.level(self.gear * qd)
         return level * _magnitude(self.gear)
 
-    def joint_offset(self):
-        """Friction torque that does not turn with the motion [N m], on the joint (of coupled ones: on the shaft)."""
+    def joint_offset(self) -> ArrayOrSymbols:
+        """Friction torque that keeps its sign when the motion reverses [N m], on the joint (or shaft)."""
         return 0.0 if self.curve is None else self.gear * self.curve.offset
 
-    def friction(self, qd):
-        """Friction torque [N m] of a joint that slides at qd, joint side; zero Coulomb part at rest (feed-forward)."""
+    def friction(self, qd: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Friction torque [N m] at joint speeds qd, joint side; its Coulomb part is zero at rest (feed-forward)."""
         qd = self.coupling.shaft(qd)
         sign = np.sign(qd) if isinstance(qd, np.ndarray) else ca.sign(qd)
         shaft = self.joint_viscous() * qd + self.joint_coulomb(qd) * sign + self.joint_offset()
         return self.coupling.joint_torque(shaft)
 
-    def reflected_inertia(self, motor_inertia=None):
-        """Motor inertia as the joint (or shaft) feels it, Jm k^2 [kg m^2]; of this drive, or of another Jm there."""
+    def reflected_inertia(self, motor_inertia: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+        """Rotor inertia reflected to the joint (or shaft), Jm k^2 [kg m^2]; of this drive's Jm, or of another."""
         return (self.motor_inertia if motor_inertia is None else motor_inertia) * self.gear * self.gear
 
 
-def _magnitude(x):
+def _magnitude(x: ArrayOrSymbols) -> ArrayOrSymbols:
     return ca.fabs(x) if isinstance(x, ca.SX) else np.abs(x)
 
 
-def lagging(asked, driven, lag, h):
-    """Torque, on average, in a step of length h, of currents that follow with a time constant, and at its end."""
+def lagging(commanded: ca.SX, driven: ca.SX, lag: Any, h: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Mean torque in a step of length h, and the torque at its end, of currents that follow with a time constant."""
     decay = ca.exp(-h / lag)
-    end = asked + (driven - asked) * decay
-    return asked + (driven - asked) * (lag / h) * (1 - decay), end
+    end = commanded + (driven - commanded) * decay
+    return commanded + (driven - commanded) * (lag / h) * (1 - decay), end

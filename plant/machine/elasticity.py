@@ -1,15 +1,18 @@
-"""What a gear gives: a spring and a damper between the motor's shaft and its joint, and play."""
+"""Elastic gears: stiffness and damping between the motor's shaft and its joint, and backlash."""
 
 from __future__ import annotations
 
 import warnings
+from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from plant.mechanics.arm import Arm
 from plant.parts.arguments import array, instance
-from plant.parts.part import Part, number, part
+from plant.parts.labels import joint_label
+from plant.parts.part import Part, Vector, number, part
 
 __all__ = ["Elasticity", "Resonance"]
 
@@ -18,7 +21,7 @@ _CRITICAL = 1.0
 
 @part
 class Elasticity(Part):
-    """Spring, damper and play of every gear, joint side (of coupled motors: on their shafts).
+    """Stiffness, damping and backlash of every gear, joint side (of coupled motors: on their shafts).
 
     Parameters
     ----------
@@ -27,19 +30,19 @@ class Elasticity(Part):
     damping : (n,) array_like
         Torque per rate of deflection [N m s/rad].
     backlash : (n,) array_like, optional
-        Play: how far the joint can turn while the motor stands [rad]. None by default.
+        How far the joint can turn while the motor stands [rad]. None by default.
 
     Raises
     ------
     ValueError
-        Stiffness that is not positive, damping that is negative, play beyond a turn.
+        Stiffness that is not positive, negative damping, backlash beyond a turn.
     """
 
-    stiffness: np.ndarray = number(("n",))
-    damping: np.ndarray = number(("n",))
-    backlash: np.ndarray | None = number(("n",), default=None)
+    stiffness: Vector = number(("n",))
+    damping: Vector = number(("n",))
+    backlash: Any = number(("n",), default=None)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         for name, wrong, rule in (
             ("stiffness", self.stiffness <= 0, "be positive; leave elasticity out of a rigid drive"),
@@ -51,13 +54,11 @@ class Elasticity(Part):
                 value = getattr(self, name)[np.flatnonzero(wrong)[0]]
                 raise ValueError(f"{name} must {rule}; got {value:g}. Give it joint side, in N m, rad and s.")
 
-    @property
-    def n(self):
-        """Number of joints."""
-        return len(self.stiffness)
-
     @classmethod
-    def from_resonance(cls, arm, hz, damping_ratio, *, drive=None, q=None, backlash=None):
+    def from_resonance(
+        cls, arm: Arm, hz: ArrayLike, damping_ratio: ArrayLike, *, drive: Any = None,
+        q: ArrayLike | None = None, backlash: ArrayLike | None = None,
+    ) -> Elasticity | Resonance:  # fmt: skip
         """The gears whose links swing at so many Hz against their locked motors.
 
         Hz of joint i: sqrt(k_i / (D_ii - Jm_i k_i^2)) / 2 pi, every other joint held.
@@ -110,12 +111,12 @@ class Resonance(Part):
         [rad]
     """
 
-    hz: np.ndarray = number(("n",))
-    damping_ratio: np.ndarray = number(("n",))
-    inertia: np.ndarray = number(("n",))
-    backlash: np.ndarray | None = number(("n",), default=None)
+    hz: Vector = number(("n",))
+    damping_ratio: Vector = number(("n",))
+    inertia: Vector = number(("n",))
+    backlash: Any = number(("n",), default=None)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         if (self.hz <= 0).any():
             raise ValueError(f"hz must be positive; got {self.hz.min():g}. Leave elasticity out of a rigid drive.")
@@ -125,7 +126,7 @@ class Resonance(Part):
             most = self.damping_ratio.max()
             warnings.warn(f"damping_ratio {most:g} is above critical: such a gear does not swing.", stacklevel=2)
 
-    def of(self, drive):
+    def of(self, drive: Any) -> Elasticity:
         """The elasticity of a drive.
 
         Raises
@@ -136,9 +137,10 @@ class Resonance(Part):
         links = self.inertia - drive.reflected_inertia()
         if (links <= 0).any():
             joint = int(np.flatnonzero(links <= 0)[0])
+            label, rotor = joint_label(drive.joints, joint), drive.reflected_inertia()[joint]
             raise ValueError(
-                f"D must exceed the motors' inertia; joint {joint} has {self.inertia[joint]:.4g} kg m^2, its motor "
-                f"{drive.reflected_inertia()[joint]:.4g}. Use the drive whose motors are in f."
+                f"D must exceed the motors' inertia; {label} has {self.inertia[joint]:.4g} kg m^2, its motor "
+                f"{rotor:.4g}. Use the drive whose motors are in f."
             )
         omega = 2 * np.pi * self.hz
         return Elasticity(

@@ -6,19 +6,19 @@ import casadi as ca
 import numpy as np
 
 from plant.parts.arguments import choice, instance
-from plant.parts.part import Part, number, part, structure
+from plant.parts.part import ArrayOrSymbols, Part, Vector, number, part, structure
 
 __all__ = ["Encoder", "Phase", "fix"]
 
 
-def fix(x):
-    """Round towards zero, so the cell around zero is two pulses wide. Source: paper 3.3."""
+def fix(x: ArrayOrSymbols) -> ArrayOrSymbols:
+    """Round towards zero: the quantisation cell around zero is two pulses wide. Source: paper 3.3."""
     return ca.copysign(ca.floor(ca.fabs(x)), x) if isinstance(x, ca.SX) else np.trunc(x)
 
 
 @part
 class Phase(Part):
-    """Where the counters' zero lies between two pulses, which no controller knows: it is added before rounding.
+    """Offset of the counters' zero within a pulse, unknown to a controller: it is added before rounding.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class Phase(Part):
         [pulses]
     """
 
-    shift: np.ndarray = number(("n",))
+    shift: Vector = number(("n",))
 
 
 @part
@@ -38,7 +38,7 @@ class Encoder(Part):
     resolution : (n,) array_like
         N_enc, pulses per turn of the *motor*.
     smooth : bool
-        True leaves out the rounding, for derivatives (through a quantiser they are zero).
+        True leaves out the quantisation, for derivatives (those of a quantiser are zero).
     floor : bool
         True rounds down, as a quadrature counter does, whose cells are all one pulse wide. By default counts are
         rounded towards zero (`fix`), as the paper's are: the cell around zero is two pulses wide.
@@ -49,13 +49,13 @@ class Encoder(Part):
         shaft in any case.
     """
 
-    resolution: np.ndarray = number(("n",))
+    resolution: Vector = number(("n",))
     smooth: bool = structure(bool, default=False)
     floor: bool = structure(bool, default=False)
     phase: Phase | None = structure(default=None)
     side: str = structure(str, default="motor")
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         if (self.resolution <= 0).any():
             raise ValueError(f"resolution must be positive; got {self.resolution}. Give pulses per motor turn.")
@@ -66,15 +66,15 @@ class Encoder(Part):
                 given = f"{len(self.resolution)} joints like the encoder; got {len(self.phase.shift)}"
                 raise ValueError(f"phase must have {given}. Give one shift per joint.")
 
-    def position_in_pulses(self, q_m):
+    def position_in_pulses(self, q_m: ArrayOrSymbols) -> ArrayOrSymbols:
         """Motor angle [rad] in pulses, before rounding."""
         return q_m * (self.resolution * (1 / (2 * np.pi)))
 
-    def counts(self, q_m):
+    def counts(self, q_m: ArrayOrSymbols) -> ArrayOrSymbols:
         """Counts of a motor angle [rad], whole numbers, without the phase. Source: paper Fig. 4."""
         return self.quantised(self.position_in_pulses(q_m))
 
-    def quantised(self, position):
+    def quantised(self, position: ArrayOrSymbols) -> ArrayOrSymbols:
         """Counts of a position in pulses, without the phase; the position itself if the encoder is smooth."""
         if self.smooth:
             return position
@@ -82,15 +82,15 @@ class Encoder(Part):
             return ca.floor(position) if isinstance(position, ca.SX) else np.floor(position)
         return fix(position)
 
-    def true_counts(self, position):
+    def true_counts(self, position: ArrayOrSymbols) -> ArrayOrSymbols:
         """Counts at a position in pulses, with the phase."""
         return self.quantised(position if self.phase is None else position + self.phase.shift)
 
-    def to_angle(self, position):
+    def to_angle(self, position: ArrayOrSymbols) -> ArrayOrSymbols:
         """Motor angle [rad] of a position in pulses; the way back from `position_in_pulses`."""
         return position * (2 * np.pi / self.resolution)
 
-    def cell_centre(self, counts):
+    def cell_centre(self, counts: ArrayOrSymbols) -> ArrayOrSymbols:
         """Motor angle [rad] in the middle of the quantisation cell of these counts, as far as a controller knows."""
         if self.smooth:
             return self.to_angle(counts)

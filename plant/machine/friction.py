@@ -1,9 +1,9 @@
 """Coulomb friction as a set-valued law with true stiction, by impulses.
 
-In a step of length h the friction of joint i can give any impulse within +-C_i h. It gives the one that stops the
-joint, or, if that is too large, the largest one against the motion. There is no branch, no regularisation and no
-creep: sweeps over the joints (projected Gauss-Seidel) start from the impulse of the last step, so that a held arm is
-held by the friction it already had. Source: paper Fig. 4 (static friction); the law is Coulomb's, with equal static
+In a step of length h the friction impulse of joint i lies within +-C_i h: it is the one that stops the joint, or, if
+that is too large, the largest one against the motion. There is no branch, no regularisation and no creep: sweeps over
+the joints (projected Gauss-Seidel) start from the impulse of the last step, so that an arm at rest stays held by the
+friction that held it. Source: paper Fig. 4 (static friction); the law is Coulomb's, with equal static
 and sliding level.
 """
 
@@ -12,7 +12,8 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from plant.parts.part import Part, number, part
+from plant.mechanics.symmetric_inverse import Inverse
+from plant.parts.part import ArrayOrSymbols, Part, Vector, number, part
 
 __all__ = ["REGULARISATION", "FrictionCurve", "friction_impulse", "smooth_impulse"]
 
@@ -22,25 +23,24 @@ REGULARISATION = 1e-3
 
 @part
 class FrictionCurve(Part):
-    """What a constant Coulomb level leaves out: an offset, and more friction at rest than in motion. Motor side.
+    """Friction beyond a constant Coulomb level: an offset, and the Stribeck effect. Motor side.
 
     Parameters
     ----------
     offset : (n,) array_like
-        Torque against positive motion that stays when the motion turns [N m]. Coulomb friction that is c+ forwards and
+        Friction torque that keeps its sign when the motion reverses [N m]. Coulomb friction that is c+ forwards and
         c- backwards is ``coulomb = (c+ + c-) / 2`` with ``offset = (c+ - c-) / 2``.
     breakaway : (n,) array_like
-        By how much the level at rest exceeds ``coulomb`` [N m].
+        Excess of the breakaway level over ``coulomb`` [N m].
     speed : (n,) array_like
-        Motor speed at which that excess has fallen to 1/e [rad/s]: Stribeck's, level = coulomb + breakaway
-        exp(-(speed of the motor / speed)^2).
+        Stribeck speed, of the motor [rad/s]: level = coulomb + breakaway exp(-(motor speed / speed)^2).
     """
 
-    offset: np.ndarray = number(("n",))
-    breakaway: np.ndarray = number(("n",))
-    speed: np.ndarray = number(("n",))
+    offset: Vector = number(("n",))
+    breakaway: Vector = number(("n",))
+    speed: Vector = number(("n",))
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         if (self.breakaway < 0).any() or (self.speed <= 0).any():
             raise ValueError(
@@ -48,18 +48,18 @@ class FrictionCurve(Part):
                 "Both are magnitudes."
             )
 
-    def level(self, qd_m):
-        """What is added to the Coulomb level at these motor speeds [N m]."""
+    def level(self, qd_m: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Excess over the Coulomb level [N m] at motor speeds [rad/s]."""
         ratio = qd_m / self.speed
         return self.breakaway * (np.exp(-(ratio**2)) if isinstance(ratio, np.ndarray) else ca.exp(-(ratio**2)))
 
 
-def friction_impulse(inverse, stopping, impulse, bound, sweeps):
+def friction_impulse(inverse: Inverse, stopping: ca.SX, impulse: ca.SX, bound: ca.SX, sweeps: int) -> ca.SX:
     """Friction impulse (n, 1) of one step [N m s].
 
     Parameters
     ----------
-    inverse : plant.mechanics.symmetric_inverse.Inverse
+    inverse : Inverse
         Of the inertia matrix [kg m^2], joint side.
     stopping : casadi SX (n, 1)
         Impulse that would stop joint i if friction acted on it alone, -inverse.alone qd with the velocity at the end of
@@ -70,15 +70,15 @@ def friction_impulse(inverse, stopping, impulse, bound, sweeps):
         Largest impulse, Coulomb level times step [N m s].
     sweeps : int
     """
-    n, impulse, bound = stopping.shape[0], ca.vertsplit(impulse), ca.fabs(bound)
+    n, impulses, bound = stopping.shape[0], ca.vertsplit(impulse), ca.fabs(bound)
     for _ in range(sweeps):
         for i in range(n):
-            wanted = sum((inverse.share[i, j] * impulse[j] for j in range(n) if j != i), stopping[i])
-            impulse[i] = ca.fmin(ca.fmax(wanted, -bound[i]), bound[i])
-    return ca.vertcat(*impulse)
+            wanted = sum((inverse.share[i, j] * impulses[j] for j in range(n) if j != i), stopping[i])
+            impulses[i] = ca.fmin(ca.fmax(wanted, -bound[i]), bound[i])
+    return ca.vertcat(*impulses)
 
 
-def smooth_impulse(inverse, stopping, bound):
-    """The same with a differentiable law: -bound tanh(qd / REGULARISATION)."""
+def smooth_impulse(inverse: Inverse, stopping: ca.SX, bound: ca.SX) -> ca.SX:
+    """Friction impulse of a differentiable law: -bound tanh(qd / REGULARISATION)."""
     qd = -inverse.diagonal * stopping
     return -bound * ca.tanh(qd / REGULARISATION)

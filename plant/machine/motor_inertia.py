@@ -1,8 +1,8 @@
-"""Whether an arm can be an arm: D(q) must leave room for the motors' own inertia everywhere in the work space.
+"""Lower bound of the inertia matrix: D(q) must exceed the reflected rotor inertias at every pose.
 
-A candidate for f may track well and still have a D that is nearly singular somewhere off the path; no computed torque
-built on it is stable. So D(q) - diag(Jm_min k^2) has to be positive semidefinite for all q, with Jm_min the smallest
-inertia that such a motor can have (of coupled motors: on their shafts, D seen from there).
+A candidate for f may track well and still have a D that is nearly singular off the path; no computed torque built on it
+is stable. So D(q) - diag(Jm_min k^2) has to be positive semidefinite for all q, with Jm_min the smallest rotor inertia
+of such a motor (of coupled motors: D seen from their shafts).
 """
 
 from __future__ import annotations
@@ -11,14 +11,19 @@ import functools
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from plant.compiler.map_kernel import MapKernel
+from plant.machine.rig import Rig
+from plant.mechanics.arm import Arm
+from plant.mechanics.coupling import Coupling
+from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.symmetric_inverse import pivots
 
 __all__ = ["LEAST_MOTOR_INERTIA", "least_inertia_margin", "require_inertia"]
 
 LEAST_MOTOR_INERTIA = 0.5
-"""Jm_min as a share of the drive's motor inertia. Source: paper 3.6, 1e-4 of 2e-4 kg m^2."""
+"""Jm_min over the drive's motor inertia. Source: paper 3.6, 1e-4 of 2e-4 kg m^2."""
 
 _GRID = 360
 """Poses of a joint when D depends on it alone; between two of them D changes by less than 4e-5 of its range."""
@@ -26,18 +31,18 @@ _GRID = 360
 _SCATTERED = 4096
 """Poses (a Sobol sequence) when D depends on several joints."""
 
-_COLUMNS = 16384
-"""Poses of candidates that are looked at in one go: they stay in the cache."""
+_BATCH = 16384
+"""Poses of candidates in one batch: they stay in the processor's cache."""
 
 
-def least_inertia_margin(dynamics, rig, f):
+def least_inertia_margin(dynamics: Dynamics, rig: Rig, f: ArrayLike) -> NDArray[np.float64]:
     """Smallest pivot of D(q) - diag(Jm_min k^2) over all poses q, for each candidate.
 
     Parameters
     ----------
     dynamics : Dynamics
     rig : Rig
-    f : (P, p) numpy.ndarray
+    f : (P, p) array_like
 
     Returns
     -------
@@ -48,15 +53,15 @@ def least_inertia_margin(dynamics, rig, f):
     kernel, poses = _smallest_pivot(dynamics, rig.drive.coupling)
     least = rig.drive.reflected_inertia(LEAST_MOTOR_INERTIA * rig.drive.motor_inertia)
     candidates = np.vstack([np.repeat(least[:, None], len(f), axis=1), f.T])
-    margins, at_once = np.empty(len(f)), max(1, _COLUMNS // poses.shape[1])
-    for start in range(0, len(f), at_once):
-        some = slice(start, start + at_once)
-        margins[some] = kernel(poses, candidates[:, some])[0].min(axis=1)
+    margins, size = np.empty(len(f)), max(1, _BATCH // poses.shape[1])
+    for start in range(0, len(f), size):
+        batch = slice(start, start + size)
+        margins[batch] = kernel(poses, candidates[:, batch])[0].min(axis=1)
     return margins
 
 
-def require_inertia(arm, rig):
-    """Refuse an arm on which no controller can be built.
+def require_inertia(arm: Arm, rig: Rig) -> None:
+    """Refuse an arm whose inertia matrix falls below the motors' own.
 
     Raises
     ------
@@ -73,8 +78,8 @@ def require_inertia(arm, rig):
 
 
 @functools.lru_cache(maxsize=32)
-def _smallest_pivot(dynamics, coupling):
-    """Compiled (q, least, f) -> smallest pivot, and the poses to look at."""
+def _smallest_pivot(dynamics: Dynamics, coupling: Coupling) -> tuple[MapKernel, NDArray[np.float64]]:
+    """Compiled (q, least, f) -> smallest pivot, and the poses at which it is taken."""
     n = dynamics.n
     q, least, f = ca.SX.sym("q", n), ca.SX.sym("least", n), ca.SX.sym("f", dynamics.p)
     found = pivots(coupling.shaft_inertia(dynamics.D(q, f)) - ca.diag(least))

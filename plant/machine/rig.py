@@ -1,4 +1,4 @@
-"""The rig: what stands between a control program and the arm - drives, encoders, and how often they are read."""
+"""The rig: drives, encoders, sampling period and delay, all that stands between a controller and the arm."""
 
 from __future__ import annotations
 
@@ -7,25 +7,26 @@ import dataclasses
 from plant.machine.drive import Drive
 from plant.machine.encoder import Encoder
 from plant.machine.transport import Transport
+from plant.mechanics.chain import Chain
 from plant.parts.arguments import instance, real
 from plant.parts.labels import joint_labels
-from plant.parts.part import Part, part, structure
+from plant.parts.part import ArrayOrSymbols, Part, part, structure
 
 __all__ = ["Rig", "smooth_rig"]
 
 
 @part
 class Rig(Part):
-    """Drives, encoders and the sample period.
+    """Drives, encoders and the sampling period.
 
     Parameters
     ----------
     drive : Drive
     encoder : Encoder
     period : float
-        Time between two samples of the log [s].
+        Sampling period of the log [s].
     transport : Transport, optional
-        Torque that acts late, counts that are lost.
+        Delay of the torque, lost counts.
     """
 
     drive: Drive = structure(Drive)
@@ -33,7 +34,7 @@ class Rig(Part):
     period: float = structure(float)
     transport: Transport | None = structure(default=None)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         real("period", self.period, "Give seconds; the paper logs every 0.7e-3.", positive=True)
         if self.transport is not None:
             instance("transport", self.transport, Transport, "Give Transport(delay=..., lost=...).")
@@ -47,17 +48,17 @@ class Rig(Part):
             raise ValueError("an encoder on the link's side needs a drive that gives; got a rigid one. Add elasticity.")
 
     @property
-    def n(self):
+    def n(self) -> int:
         """Number of joints."""
         return self.drive.n
 
     @property
     def joint_labels(self) -> list[str]:
-        """What to call each joint (`joint_label`), by the drive's names."""
+        """Labels of the joints, by the drive's names (`joint_label`)."""
         return joint_labels(self.drive.joints, self.n)
 
-    def require_fit(self, chain):
-        """Refuse a chain of other joints, or with another coupling of its motors.
+    def require_fit(self, chain: Chain) -> None:
+        """Refuse a chain of another number of joints, or with another coupling.
 
         Raises
         ------
@@ -71,28 +72,43 @@ class Rig(Part):
                 f"{self.drive.coupling.matrix or 'none'} in the drive. Give both the same Coupling (chain.coupled)."
             )
 
-    def counts(self, q):
-        """Encoder counts of a joint position [rad] as a controller knows them, whole numbers with the motor's sign."""
+    def require_rigid(self, what: str) -> None:
+        """Refuse elastic gears and lagging currents where something does not take them into account yet.
+
+        Raises
+        ------
+        ValueError
+        """
+        has = {
+            "elastic gears": self.drive.elasticity is not None,
+            "currents that lag": self.drive.current_lag is not None,
+        }
+        for name, there in has.items():
+            if there:
+                raise ValueError(f"{what} takes rigid gears and currents without lag; got {name}. Simulate it instead.")
+
+    def counts(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Encoder counts at a joint position [rad], whole numbers with the motor's sign, without the unknown phase."""
         return self.encoder.quantised(self.position_in_pulses(q))
 
-    def true_counts(self, q):
-        """Encoder counts at a joint position [rad] as they are: those of `counts`, but for a phase of the encoder."""
+    def true_counts(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Encoder counts at a joint position [rad], with the phase of the encoder."""
         return self.encoder.true_counts(self.position_in_pulses(q))
 
-    def position_in_pulses(self, q):
+    def position_in_pulses(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
         """Joint position [rad] in pulses of the motor shaft, before rounding."""
         per_radian = self.encoder.position_in_pulses(self.drive.gear)
         return per_radian * self.drive.coupling.shaft(q)
 
-    def to_angle(self, position):
+    def to_angle(self, position: ArrayOrSymbols) -> ArrayOrSymbols:
         """Joint position [rad] of a position in pulses; the way back from `position_in_pulses`."""
         return self.drive.joint_angle(self.encoder.to_angle(position))
 
-    def cell_centre(self, counts):
+    def cell_centre(self, counts: ArrayOrSymbols) -> ArrayOrSymbols:
         """Joint position [rad] in the middle of the quantisation cell of these counts."""
         return self.drive.joint_angle(self.encoder.cell_centre(counts))
 
 
-def smooth_rig(rig):
-    """The same rig with an encoder that does not round."""
+def smooth_rig(rig: Rig) -> Rig:
+    """The same rig without quantisation."""
     return dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, smooth=True))

@@ -1,4 +1,4 @@
-"""One step of the spring, the damper and the play between a motor and its link.
+"""Spring, damper and backlash between a motor and its link in one sub-step.
 
 A drift-kick-drift step whose kick is taken at the middle position plus kappa h times the change of speed. kappa = 0
 is the explicit leapfrog step, 1/4 the implicit midpoint rule. With 1/12 the frequency of a spring is right to fourth
@@ -9,7 +9,7 @@ damping ratio right to fourth order too.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 
@@ -31,7 +31,7 @@ class Spring(NamedTuple):
     added: ca.SX
 
 
-def spring(elasticity, deflection, rate, h, motor, link):
+def spring(elasticity: Any, deflection: ca.SX, rate: ca.SX, h: ca.SX, motor: ca.SX, link: ca.SX) -> Spring:
     """The spring of each gear in a step of length h.
 
     Parameters

@@ -1,18 +1,21 @@
-"""An arm: equations of motion together with one vector f of numbers."""
+"""An arm: equations of motion with a value of their inertial parameters f."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from plant.parts.arguments import array
-from plant.parts.part import Part, number, part, structure
+from plant.parts.part import Part, Vector, number, part, structure
 
 __all__ = ["Arm"]
 
 
 @part
 class Arm(Part):
-    """`Dynamics` + f.
+    """Equations of motion of a robot arm with numbers: `Dynamics` and its inertial parameters f.
 
     Parameters
     ----------
@@ -25,11 +28,11 @@ class Arm(Part):
     Arguments q, qd, qdd, tau are (n,), joint side, SI; results are numpy arrays.
     """
 
-    dynamics: Part = structure()
-    f: np.ndarray = number(("p",))
+    dynamics: Any = structure()
+    f: Vector = number(("p",))
 
-    def __post_init__(self):
-        names = self.dynamics.names
+    def __post_init__(self) -> None:
+        names = self.dynamics.short_names
         if np.shape(self.f) != (len(names),):
             raise ValueError(
                 f"f has shape {np.shape(self.f)}; this arm has {len(names)} parameters ({names[0]}..{names[-1]}). "
@@ -38,24 +41,24 @@ class Arm(Part):
         super().__post_init__()
 
     @property
-    def n(self):
+    def n(self) -> int:
         """Number of joints."""
         return self.dynamics.n
 
-    def D(self, q):
+    def D(self, q: ArrayLike) -> NDArray[np.float64]:
         """Inertia matrix (n, n) [kg m^2], the D of `Dynamics` with this f."""
         return self.dynamics.D(q, self.f).full()
 
-    def h(self, q, qd):
+    def h(self, q: ArrayLike, qd: ArrayLike) -> NDArray[np.float64]:
         """Coriolis, centrifugal and gravity torque (n,) [N m], the h of `Dynamics` with this f."""
         return self.dynamics.h(q, qd, self.f).full().ravel()
 
-    def inverse(self, q, qd, qdd):
-        """Torque (n,) [N m] for a motion: tau = Y(q, qd, qdd) f, without friction."""
+    def inverse(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> NDArray[np.float64]:
+        """Inverse dynamics without friction: torque (n,) [N m] of a motion, tau = Y(q, qd, qdd) f."""
         return (self.dynamics.Y(q, qd, qdd).full() @ self.f).ravel()
 
-    def forward(self, q, qd, tau):
-        """Acceleration (n,) [rad/s^2] under a torque, without friction.
+    def forward(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> NDArray[np.float64]:
+        """Forward dynamics without friction: acceleration (n,) [rad/s^2] under a torque.
 
         Raises
         ------
@@ -64,10 +67,10 @@ class Arm(Part):
         """
         tau = array("tau", tau, (self.n,), advice="One torque per joint [N m].")
         self.require_positive(q)
-        return np.linalg.solve(self.D(q), tau - self.h(q, qd))
+        return np.asarray(np.linalg.solve(self.D(q), tau - self.h(q, qd)), dtype=float)
 
-    def require_positive(self, q, least=0.0):
-        """Refuse an arm whose D(q) - diag(least) is not positive definite."""
+    def require_positive(self, q: ArrayLike, least: ArrayLike = 0.0) -> None:
+        """Refuse an arm whose inertia matrix D(q), less diag(least), is not positive definite."""
         smallest = np.linalg.eigvalsh(self.D(q) - np.diag(np.broadcast_to(least, self.n)))[0]
         if not smallest > 0:
             raise ValueError(

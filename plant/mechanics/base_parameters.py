@@ -1,9 +1,9 @@
-"""Base parameters: which combinations of a chain's parameters its motion can show, found from the regressor.
+"""Base parameters: the identifiable combinations of a chain's standard parameters, found from the regressor.
 
-The columns of the regressor of the standard parameters depend on each other. Taken in an order of preference, each
-column is either new, and its parameter stays, or a combination of those before it, and its parameter joins theirs:
-what is left, K pi, is the smallest f with the same motion. The preference (masses, mz and Iyy last) makes the
-combinations those of the literature, where a link's mass joins the inertia of the link before it.
+The columns of the regressor of the standard parameters are linearly dependent. Taken in an order of preference, each
+column is either independent of those before it, and its parameter stays, or a combination of them, and its parameter is
+regrouped into theirs: what is left, B pi, is the smallest f with the same torque. The preference (masses, mz and Iyy
+last) gives the combinations of the literature, where a link's mass joins the inertia of the link before it.
 
 Source: M. Gautier and W. Khalil, Direct calculation of minimum set of inertial parameters of serial robots, IEEE
 Transactions on Robotics and Automation 6 (1990); M. Gautier, Numerical calculation of the base inertial parameters of
@@ -13,13 +13,18 @@ robots, Journal of Robotic Systems 8 (1991).
 from __future__ import annotations
 
 import itertools
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.mechanics.independent_columns import independent_columns
 from plant.mechanics.lumping import STANDARD, Lumping, parameter_name
 from plant.mechanics.newton_euler import torque
+
+if TYPE_CHECKING:
+    from plant.mechanics.chain import Chain
 
 __all__ = ["base_lumping"]
 
@@ -28,17 +33,17 @@ _STATES = 40
 """Random states, each with n equations: several times as many as there are parameters."""
 
 _TOLERANCE = 1e-8
-"""A column (of length 1) whose new part is shorter than this is a combination of those before it."""
+"""A column (of length 1) with a smaller component outside the span of those before it depends on them."""
 
 
-def base_lumping(chain, *, rotors=True):
+def base_lumping(chain: Chain, *, rotors: bool = True) -> Lumping:
     """The lumping of a chain into its base parameters.
 
     Parameters
     ----------
     chain : Chain
     rotors : bool
-        With motor inertias. Without them J is taken to be zero.
+        With rotor inertias; without, J is zero.
 
     Returns
     -------
@@ -57,7 +62,7 @@ def base_lumping(chain, *, rotors=True):
     return Lumping(names=names, matrix=matrix, inertial=everywhere, gravitational=everywhere)
 
 
-def _regressor(chain):
+def _regressor(chain: Chain) -> NDArray[np.float64]:
     """Regressor of the standard parameters at random states, stacked: (states n, 11 n)."""
     n, random = chain.n, np.random.default_rng(0)
     q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
@@ -67,7 +72,7 @@ def _regressor(chain):
     return np.vstack([function(*random.uniform(-2, 2, (3, n))).full() for _ in range(_STATES)])
 
 
-def _name(chain, row, kept):
+def _name(chain: Chain, row: NDArray[np.float64], kept: int) -> str:
     """A row of B as a sum, its own parameter first."""
     terms = []
     for column in sorted(np.flatnonzero(row), key=lambda column: (column != kept, column)):
@@ -80,13 +85,13 @@ def _name(chain, row, kept):
     return text[3:] if text.startswith(" + ") else text[1:]
 
 
-def _factor(chain, value):
+def _factor(chain: Chain, value: float) -> str:
     """A coefficient by its name: nothing for 1, a product of up to two lengths, a sum of squares, or a number."""
     if abs(value - 1) < 1e-9:
         return ""
     lengths = [(parameter_name(kind, link), getattr(link, kind)) for link in chain.links for kind in ("a", "d")]
     lengths = [(name, abs(length)) for name, length in lengths if abs(length) > 1e-9]
-    products = [(name, length) for name, length in lengths]
+    products = list(lengths)
     for (name, length), (other, width) in itertools.combinations_with_replacement(lengths, 2):
         products.append((f"{name}^2" if name == other else f"{name} {other}", length * width))
     for count in (2, 3, 4):

@@ -1,17 +1,23 @@
-"""Body: mass, centre of mass and inertia of a link with all that is fixed to it."""
+"""Body: mass, centre of mass and inertia of a link and all that is fixed to it."""
 
 from __future__ import annotations
 
-import numpy as np
+from typing import TYPE_CHECKING
 
-from plant.parts.part import Part, number, part
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.parts.part import Part, Vector, number, part
+
+if TYPE_CHECKING:
+    from plant.mechanics.placement import Placement
 
 __all__ = ["Body", "parallel_axis"]
 
 
 @part
 class Body(Part):
-    """Physical parameters of one link with what is fixed to it.
+    """Inertial parameters of one link and all that is fixed to it.
 
     Parameters
     ----------
@@ -23,26 +29,27 @@ class Body(Part):
         Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre of mass, axes of the link's frame [kg m^2]; entries of the
         inertia matrix (Ixy = -integral of x y dm). Zero, that of a point mass, by default.
     rotor : float
-        Motor inertia as the joint feels it, or the shaft of a coupled one, Jm k^2 [kg m^2] (`Drive.reflected_inertia`).
+        Rotor inertia reflected to the joint (of a coupled motor: to its shaft), Jm k^2 [kg m^2]
+        (`Drive.reflected_inertia`).
 
     Notes
     -----
-    Numbers that no body can have are accepted, since an equivalent body may have them; `require_physical` refuses them.
+    Physically inconsistent numbers are accepted, since base parameters can need them; `require_physical` refuses them.
     """
 
     mass: float = number(())
-    com: np.ndarray = number((3,))
-    inertia: np.ndarray = number((6,), default=(0.0,) * 6)
+    com: Vector = number((3,))
+    inertia: Vector = number((6,), default=(0.0,) * 6)
     rotor: float = number((), default=0.0)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("mass", "rotor"):
             if getattr(self, name) < 0:
                 raise ValueError(f"{name} of a body must not be negative; got {getattr(self, name)}. Check its sign.")
 
-    def joined(self, other):
-        """This body with another one (a tool, a load) fixed to it, both given in the same frame."""
+    def joined(self, other: Body) -> Body:
+        """This body and another one (a tool, a load) fixed to it as one body; all in the same frame."""
         if not self.mass + other.mass:
             return Body(mass=0.0, com=self.com, inertia=self.inertia + other.inertia, rotor=self.rotor + other.rotor)
         mass = self.mass + other.mass
@@ -50,22 +57,22 @@ class Body(Part):
         inertia = sum(b.inertia + b.mass * parallel_axis(b.com - com) for b in (self, other))
         return Body(mass=mass, com=com, inertia=inertia, rotor=self.rotor + other.rotor)
 
-    def seen_from(self, placement):
-        """The same body given in another frame, in which its own one has this placement."""
+    def seen_from(self, placement: Placement) -> Body:
+        """The same body, given in the frame in which its own frame has this pose."""
         rotation, matrix = np.array(placement.rotation), np.zeros((3, 3))
         matrix[np.triu_indices(3)] = self.inertia
         matrix = rotation @ (matrix + np.triu(matrix, 1).T) @ rotation.T
         com = np.array(placement.position) + rotation @ self.com
         return Body(mass=self.mass, com=com, inertia=matrix[np.triu_indices(3)], rotor=self.rotor)
 
-    def require_physical(self, name):
-        """Refuse what no body can have.
+    def require_physical(self, name: str) -> None:
+        """Refuse a body that is not physically consistent.
 
         Raises
         ------
         ValueError
-            With the name of the link, and the rule: positive mass, an inertia that is positive semidefinite and whose
-            largest principal moment is at most the sum of the others.
+            With the name of the link, and the rule: positive mass, positive semidefinite inertia, no principal moment
+            above the sum of the others (triangle inequality).
         """
         matrix = np.zeros((3, 3))
         matrix[np.triu_indices(3)] = self.inertia
@@ -85,7 +92,7 @@ class Body(Part):
             )
 
 
-def parallel_axis(r):
+def parallel_axis(r: NDArray[np.float64]) -> NDArray[np.float64]:
     """Inertia (6,) about a point of a unit mass at r (3,): the parallel-axis theorem."""
     x, y, z = r
     return np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])

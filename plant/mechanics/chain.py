@@ -1,10 +1,14 @@
-"""Links of a serial chain: geometry as Denavit-Hartenberg rows or frames, and the bodies that hang on them."""
+"""A serial chain: geometry as Denavit-Hartenberg rows or poses, gravity, and the links' bodies."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from plant.mechanics.body import Body
 from plant.mechanics.coupling import Coupling
@@ -13,7 +17,7 @@ from plant.mechanics.placement import Placement
 from plant.mechanics.urdf import links_from_urdf
 from plant.parts.arguments import choice, instance, real
 from plant.parts.labels import joint_labels
-from plant.parts.part import Part, part, structure
+from plant.parts.part import Nested, Part, part, structure
 
 __all__ = ["Chain"]
 
@@ -29,19 +33,19 @@ class Chain(Part):
     links : tuple of Link
         From the base outwards.
     gravity : (3,) array_like
-        Acceleration of gravity in the base frame [m/s^2]; another direction for a base that is tilted (`tilted`).
+        Acceleration of gravity in the base frame [m/s^2]; of a tilted base see `tilted`.
     bodies : tuple of Body, optional
-        What is known of the links' masses, each in its link's ``frame``.
+        Inertial parameters of the links, where known, each in its link's ``frame``.
     coupling : Coupling, optional
-        Where motors turn with several joints: their inertias move with the shafts (`Body.rotor` is then on the shaft).
+        Where one motor moves several joints: `Body.rotor` is then reflected to the shaft.
     """
 
-    links: tuple = structure()
-    gravity: np.ndarray = structure(default=(0.0, 0.0, -9.81))
-    bodies: tuple = structure(default=())
+    links: tuple[Link, ...] = structure()
+    gravity: Nested = structure(default=(0.0, 0.0, -9.81))
+    bodies: tuple[Body, ...] = structure(default=())
     coupling: Coupling = structure(Coupling, default=Coupling())
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         links = tuple(self.links) if np.iterable(self.links) else (self.links,)
         if not links or not all(isinstance(link, Link) for link in links):
             raise ValueError(f"links must be at least one Link; got {self.links!r:.80}. Give a tuple of Link(...).")
@@ -61,34 +65,33 @@ class Chain(Part):
         object.__setattr__(self, "bodies", bodies)
 
     @property
-    def n(self):
+    def n(self) -> int:
         """Number of joints."""
         return len(self.links)
 
     @property
     def joint_labels(self) -> list[str]:
-        """What to call each joint: by its link's name (`joint_label`)."""
+        """Labels of the joints, by their links' names (`joint_label`)."""
         return joint_labels([link.name for link in self.links], self.n)
 
-    def tilted(self, rotation):
-        """The same chain on a base turned by a rotation (3, 3): its axes as columns, in a frame with z upwards."""
+    def tilted(self, rotation: ArrayLike) -> Chain:
+        """The same chain on a tilted base; rotation (3, 3): the base's axes as columns, in a frame with z upwards."""
         placement = Placement(rotation=rotation)
-        turned = np.array(placement.rotation).T @ np.array(self.gravity)
-        return dataclasses.replace(self, gravity=tuple(turned))
+        return dataclasses.replace(self, gravity=np.array(placement.rotation).T @ np.array(self.gravity))
 
-    def coupled(self, coupling):
-        """The same chain with motors that turn with several joints, as its `Drive` says."""
+    def coupled(self, coupling: Coupling) -> Chain:
+        """The same chain with the coupling of its `Drive`."""
         return dataclasses.replace(self, coupling=coupling)
 
-    def carrying(self, body, link=-1):
-        """The same chain with another body fixed to a link, the last one by default.
+    def carrying(self, body: Body, link: int | str = -1) -> Chain:
+        """The same chain with a tool or a load fixed to a link, the last one by default.
 
         Parameters
         ----------
         body : Body
-            A tool or a load, given in the frame of that link's own body.
+            The tool or load, in the frame of that link's own body.
         link : int or str
-            Place in the chain, or name.
+            Place in the chain from 0, or name.
         """
         instance("body", body, Body, "Give mass and com; a point mass needs no inertia.")
         if not self.bodies:
@@ -103,15 +106,17 @@ class Chain(Part):
         return dataclasses.replace(self, bodies=tuple(bodies))
 
     @classmethod
-    def from_urdf(cls, path, joints=None, *, gravity=(0.0, 0.0, -9.81)):
+    def from_urdf(
+        cls, path: str | Path, joints: Sequence[str] | None = None, *, gravity: ArrayLike = (0.0, 0.0, -9.81)
+    ) -> Chain:
         """A chain, with bodies, from a URDF file.
 
         Parameters
         ----------
         path : str or Path
         joints : sequence of str, optional
-            Names of the joints of the chain, base first; by default all that move, if they lie behind each other. What
-            else moves (a gripper) is held at zero and lumped with the link that carries it, as fixed joints are.
+            Names of the chain's joints, base first; by default all that move, if they form one chain. Other joints that
+            move (a gripper's) are held at zero and lumped with the link that carries them, like fixed joints.
         gravity : (3,) array_like
             In the frame of the file's base link.
 
@@ -123,14 +128,16 @@ class Chain(Part):
         Raises
         ------
         ValueError
-            A file that is malformed, too large, declares entities, or describes no such chain; a body that no body can
-            be. The message names link or joint, and the rule.
+            A file that is malformed, too large, declares entities, or describes no such chain; a body that is not
+            physically consistent. The message names link or joint, and the rule.
         """
         links, bodies = links_from_urdf(path, joints)
         return cls(links=links, gravity=gravity, bodies=bodies)
 
     @classmethod
-    def standard(cls, rows, *, gravity=(0.0, 0.0, -9.81), bodies=()):
+    def standard(
+        cls, rows: Sequence[Mapping[str, Any]], *, gravity: ArrayLike = (0.0, 0.0, -9.81), bodies: Sequence[Body] = ()
+    ) -> Chain:
         """A chain from rows of the *standard* Denavit-Hartenberg table.
 
         Parameters
@@ -142,7 +149,8 @@ class Chain(Part):
         bodies : tuple of Body, optional
             Given in the frames of the standard table, which sit at the far end of their links.
         """
-        links, reached = [], {"alpha": 0.0, "a": 0.0}
+        links: list[Link] = []
+        reached: dict[str, Any] = {"alpha": 0.0, "a": 0.0}
         for i, row in enumerate(rows):
             instance(f"row {i}", row, dict, "Give alpha, a and d by name; rows of the modified table are Links.")
             for key in row:
@@ -155,4 +163,4 @@ class Chain(Part):
             end = {"alpha": row["alpha"], "a": row["a"]}
             links.append(Link(**reached, **rest, frame=Placement.of_row(**end)))
             reached = end
-        return cls(links=tuple(links), gravity=gravity, bodies=bodies)
+        return cls(links=tuple(links), gravity=gravity, bodies=tuple(bodies))

@@ -1,8 +1,7 @@
-"""Coupling between motors and joints: a wrist where one motor turns with several joints.
+"""Coupling of motors and joints, as in a wrist where one motor moves several joints.
 
-Behind its gear every motor has a *shaft*. Without coupling the shaft is the joint; with it, shaft angles are C q, and
-torques on the joints are C^T times those on the shafts. Motor inertia and friction act on the shafts, links on the
-joints. Sides: q, tau joint; what is called shaft is the gear's output.
+The output of a motor's gear is its *shaft*. Without coupling the shaft is the joint; with it shaft angles are C q, and
+joint torques C^T times shaft torques. Rotor inertia and friction act on the shafts, the links on the joints.
 """
 
 from __future__ import annotations
@@ -11,9 +10,10 @@ import functools
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.mechanics.placement import exact
-from plant.parts.part import Part, part, structure
+from plant.parts.part import ArrayOrSymbols, Nested, Part, part, structure
 
 __all__ = ["Coupling"]
 
@@ -22,12 +22,12 @@ _NEARLY_SINGULAR = 1e6
 
 @part
 class Coupling(Part):
-    """Which joints turn the shaft of which motor.
+    """Coupling matrix between joint angles and the shafts of the motors.
 
     Parameters
     ----------
     matrix : (n, n) array_like, optional
-        C: turns of shaft i per turn of joint j, shaft = C q. By default every motor turns its own joint alone.
+        C: turns of shaft i per turn of joint j, shaft = C q. By default none: every motor moves its own joint alone.
 
     Raises
     ------
@@ -37,12 +37,12 @@ class Coupling(Part):
     Notes
     -----
     Angles, speeds and torques are (n,) or (N, n) numpy arrays, or casadi columns (n, 1). The same coupling belongs to
-    the `Chain` (motor inertias move with the shafts) and to its `Drive` (so do encoders and friction).
+    the `Chain` (rotors turn with the shafts) and to its `Drive` (encoders and friction are on the shafts).
     """
 
-    matrix: tuple = structure(default=())
+    matrix: Nested = structure(default=())
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         if isinstance(self.matrix, (tuple, list)) and not self.matrix:
             object.__setattr__(self, "matrix", ())
@@ -59,36 +59,36 @@ class Coupling(Part):
         plain = (matrix == np.eye(len(matrix))).all()
         object.__setattr__(self, "matrix", () if plain else tuple(tuple(row) for row in matrix.tolist()))
 
-    def require_joints(self, n, owner):
-        """Refuse a coupling of another number of joints."""
+    def require_joints(self, n: int, owner: str) -> None:
+        """Refuse a coupling that is not of n joints."""
         if self.matrix and len(self.matrix) != n:
             raise ValueError(f"coupling of the {owner} must be ({n}, {n}); got {len(self.matrix)} rows. One per joint.")
 
-    def shaft(self, q):
-        """Shaft angles or speeds C q of joint angles or speeds."""
+    def shaft(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Shaft angles or speeds, C q, of joint angles or speeds q."""
         return self._times(np.array(self.matrix), q)
 
-    def joint(self, shaft):
-        """Joint angles or speeds of shaft angles or speeds."""
+    def joint(self, shaft: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Joint angles or speeds, C^-1 times shaft angles or speeds."""
         return self._times(self._inverse, shaft)
 
-    def joint_torque(self, shaft_torque):
-        """Joint torques C^T t of torques on the shafts."""
+    def joint_torque(self, shaft_torque: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Joint torques, C^T times shaft torques."""
         return self._times(np.array(self.matrix).T, shaft_torque)
 
-    def shaft_torque(self, tau):
-        """Torques on the shafts that make these joint torques."""
+    def shaft_torque(self, tau: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Shaft torques, C^-T times joint torques."""
         return self._times(self._inverse.T, tau)
 
-    def shaft_inertia(self, D):
-        """Inertia matrix (n, n) as the shafts feel it, C^-T D C^-1; casadi."""
+    def shaft_inertia(self, D: ca.SX) -> ca.SX:
+        """Inertia matrix (n, n) seen from the shafts, C^-T D C^-1."""
         return self.shaft_torque(self.shaft_torque(D).T)
 
     @functools.cached_property
-    def _inverse(self):
+    def _inverse(self) -> NDArray[np.float64]:
         return exact(np.linalg.inv(self.matrix)) if self.matrix else np.empty(0)
 
-    def _times(self, matrix, x):
+    def _times(self, matrix: NDArray[np.float64], x: ArrayOrSymbols) -> ArrayOrSymbols:
         if not self.matrix:
             return x
         if isinstance(x, (ca.SX, ca.DM, ca.MX)):

@@ -1,14 +1,16 @@
-"""Equations of motion D(q; f) qdd + h(q, qd; f) = tau of a serial chain, with f open.
+"""Equations of motion D(q; f) qdd + h(q, qd; f) = tau of a serial chain, linear in its inertial parameters f.
 
 Source: paper eq. (2). The torque is `plant.mechanics.newton_euler`; D, h, C and Y are read off it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from plant.mechanics.arm import Arm
 from plant.mechanics.base_parameters import base_lumping
@@ -19,14 +21,12 @@ from plant.mechanics.lumping import STANDARD, Lumping, standard_parameters
 from plant.mechanics.newton_euler import torque
 from plant.parts.arguments import array, instance
 from plant.parts.checked_function import CheckedFunction
-from plant.parts.part import Part, part, structure
+from plant.parts.part import ArrayOrSymbols, Nested, Part, part, structure
 
 __all__ = ["Dynamics"]
 
-
 _FEW = 3
 """Joints up to which sums over f and over products of speeds are shorter than what the recursion gives."""
-
 
 _SHORT = 6
 """Letters up to which a name of f is short."""
@@ -34,38 +34,38 @@ _SHORT = 6
 
 @part
 class Dynamics(Part):
-    """The equations of an arm with f open.
+    """Equations of motion of an arm whose inertial parameters f are open.
 
     Parameters
     ----------
     chain : Chain
     lumping : Lumping
-        What f means.
+        How f is made of the links' inertial parameters.
     ranges : (p, 2) nested tuple, optional
-        Where each f is searched for when nothing else is said.
+        Lower and upper bound of each f, in which a search looks by default.
 
     Raises
     ------
     ValueError
-        The lumping does not describe the motion of this chain.
+        The lumping does not give the torque of this chain.
 
     Notes
     -----
-    Of a prismatic joint q is in m and tau a force [N].
+    Units of a prismatic joint are m and N.
 
     `D(q, f)` (n, n), `h(q, qd, f)` (n, 1), `C(q, qd, f)` (n, n) with h = C qd + gravity and Ddot - 2 C skew, and
-    `Y(q, qd, qdd)` (n, p) with tau = Y f, or `Y(q, qd, qd_r, qdd_r)` with D qdd_r + C qd_r + gravity = Y f. All can be
-    called with numpy arrays (giving casadi DM) or with casadi symbols.
+    `Y(q, qd, qdd)` (n, p) with tau = Y f, or `Y(q, qd, qd_r, qdd_r)` with D qdd_r + C qd_r + gravity = Y f. All
+    take numpy arrays (and give casadi DM) or casadi symbols.
     """
 
     chain: Chain = structure(Chain)
     lumping: Lumping = structure(Lumping)
-    ranges: tuple = structure(default=None)
+    ranges: Nested = structure(default=None)
 
-    def __repr__(self):
-        return f"Dynamics({self.n} joints, f: {', '.join(self.names)})"
+    def __repr__(self) -> str:
+        return f"Dynamics({self.n} joints, {self.p} parameters {self.short_names[0]}..{self.short_names[-1]})"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         width = len(STANDARD) * self.chain.n
         if len(self.lumping.matrix[0]) != width:
             raise ValueError(f"lumping must have {width} columns; got {len(self.lumping.matrix[0])}. Match the chain.")
@@ -75,42 +75,42 @@ class Dynamics(Part):
         self._prove()
 
     @classmethod
-    def from_chain(cls, chain, *, rotors=True):
-        """The equations of a chain in its base parameters, with motor inertias or without (`base_parameters`)."""
+    def from_chain(cls, chain: Chain, *, rotors: bool = True) -> Dynamics:
+        """Equations of a chain in its base parameters, with rotor inertias or without (`base_parameters`)."""
         return cls(chain=chain, lumping=base_lumping(chain, rotors=rotors))
 
     @property
-    def n(self):
+    def n(self) -> int:
         """Number of joints."""
         return self.chain.n
 
     @property
-    def p(self):
+    def p(self) -> int:
         """Number of parameters f."""
         return len(self.lumping.names)
 
     @property
-    def names(self):
+    def names(self) -> tuple[str, ...]:
         """Names of f."""
         return self.lumping.names
 
     @property
-    def short_names(self):
+    def short_names(self) -> tuple[str, ...]:
         """Names of f for tables and figures: the names themselves, or f1, f2, ... where they are sums (`legend`)."""
         if max(map(len, self.names)) <= _SHORT:
             return self.names
         return tuple(f"f{i + 1}" for i in range(self.p))
 
     @property
-    def legend(self):
+    def legend(self) -> str:
         """What each short name means, one line each; empty where names are short."""
         if self.short_names == self.names:
             return ""
         width = len(self.short_names[-1])
         return "\n".join(f"{s:<{width}} = {name}" for s, name in zip(self.short_names, self.names, strict=True))
 
-    def f(self, bodies=None):
-        """Parameters f (p,) of an arm whose links are these bodies, one per link; by default those of the chain."""
+    def f(self, bodies: Sequence[Body] | None = None) -> NDArray[np.float64]:
+        """Parameters f (p,) of an arm with these bodies, one per link; by default those of the chain."""
         bodies = self.chain.bodies if bodies is None else tuple(bodies)
         if not bodies:
             raise ValueError("bodies must be known to work out f; this chain has none. Give the Chain its bodies.")
@@ -121,62 +121,62 @@ class Dynamics(Part):
         in_place = [body.seen_from(link.frame) for body, link in zip(bodies, self.chain.links, strict=True)]
         return np.array(self.lumping.matrix) @ standard_parameters(in_place)
 
-    def arm(self, f):
+    def arm(self, f: ArrayLike) -> Arm:
         """The arm with these f (p,)."""
         return Arm(dynamics=self, f=f)
 
     # -- everything below is read off one torque ----------------------------------------------------------------
     @cached_property
-    def _symbols(self):
+    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
         q, qd, qdd = (ca.SX.sym(name, self.n) for name in ("q", "qd", "qdd"))
         return q, qd, qdd, ca.SX.sym("f", self.p)
 
     @cached_property
-    def _equations(self):
-        """D, Coriolis and gravity torque; with few joints collected in f, as sums of (d/df) f: what cancels is gone."""
+    def _equations(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """D, Coriolis and gravity torque; with few joints collected as sums over f, in which terms have cancelled."""
         q, qd, qdd, f = self._symbols
         lumping, rest = self.lumping, ca.SX.zeros(self.n)
         moving = torque(self.chain, q, qd, qdd, ca.SX(lumping.inertial_section()) @ f, (0, 0, 0))
         strength = float(np.linalg.norm(self.chain.gravity))
         down = np.array(self.chain.gravity) / strength if strength else np.zeros(3)
-        hanging = torque(self.chain, q, rest, rest, strength * (ca.SX(lumping.gravity_section()) @ f), down)
+        at_rest = torque(self.chain, q, rest, rest, strength * (ca.SX(lumping.gravity_section()) @ f), down)
         D, coriolis = ca.jacobian(moving, qdd), ca.substitute(moving, qdd, rest)
         if self.n <= _FEW:
             D = ca.reshape(collected(D, q, f), self.n, self.n)
             coriolis = by_speeds(coriolis, q, qd, f)
-            unit = ca.substitute(hanging, f, f / strength) if strength else hanging
-            hanging = ca.substitute(collected(unit, q, f), f, strength * f)
-        return ca.tril2symm(ca.tril(D)), coriolis, hanging
+            unit = ca.substitute(at_rest, f, f / strength) if strength else at_rest
+            at_rest = ca.substitute(collected(unit, q, f), f, strength * f)
+        return ca.tril2symm(ca.tril(D)), coriolis, at_rest
 
     @cached_property
-    def D(self):
-        """Inertia matrix D(q, f) (n, n) [kg m^2], motor inertias included. Source: paper eq. (2)."""
+    def D(self) -> CheckedFunction:
+        """Inertia matrix D(q, f) (n, n) [kg m^2], rotor inertias included. Source: paper eq. (2)."""
         q, _, _, f = self._symbols
         return CheckedFunction(ca.Function("D", [q, f], [self._equations[0]], ["q", "f"], ["D"]))
 
     @cached_property
-    def h(self):
+    def h(self) -> CheckedFunction:
         """Coriolis, centrifugal and gravity torque h(q, qd, f) (n, 1) [N m]. Source: paper eq. (2)."""
         q, qd, _, f = self._symbols
         _, coriolis, gravity = self._equations
         return CheckedFunction(ca.Function("h", [q, qd, f], [coriolis + gravity], ["q", "qd", "f"], ["h"]))
 
     @cached_property
-    def coriolis(self):
-        """Coriolis and centrifugal torque C(q, qd, f) qd (n, 1) [N m], the part of h that moving adds."""
+    def coriolis(self) -> CheckedFunction:
+        """Coriolis and centrifugal torque C(q, qd, f) qd (n, 1) [N m], h without gravity."""
         q, qd, _, f = self._symbols
         return CheckedFunction(
             ca.Function("coriolis", [q, qd, f], [self._equations[1]], ["q", "qd", "f"], ["coriolis"])
         )
 
     @cached_property
-    def gravity(self):
-        """Torque of gravity (q, f) -> (n, 1) [N m], the part of h at rest. Source: paper eq. (2), last term."""
+    def gravity(self) -> CheckedFunction:
+        """Gravity torque (q, f) -> (n, 1) [N m], h at rest. Source: paper eq. (2), last term."""
         q, _, _, f = self._symbols
         return CheckedFunction(ca.Function("gravity", [q, f], [self._equations[2]], ["q", "f"], ["gravity"]))
 
     @cached_property
-    def C(self):
+    def C(self) -> CheckedFunction:
         """Coriolis matrix C(q, qd, f) (n, n) from the Christoffel symbols of D: Ddot - 2 C is skew."""
         q, qd, _, f = self._symbols
         D = self._equations[0]
@@ -189,14 +189,14 @@ class Dynamics(Part):
         return CheckedFunction(ca.Function("C", [q, qd, f], [(rate + skewed) / 2], ["q", "qd", "f"], ["C"]))
 
     @cached_property
-    def _regressor(self):
+    def _regressor(self) -> CheckedFunction:
         q, qd, qdd, f = self._symbols
         D, coriolis, gravity = self._equations
         Y = ca.jacobian(D @ qdd + coriolis + gravity, f)
         return CheckedFunction(ca.Function("Y", [q, qd, qdd], [ca.densify(Y)], ["q", "qd", "qdd"], ["Y"]))
 
     @cached_property
-    def _passive_regressor(self):
+    def _passive_regressor(self) -> CheckedFunction:
         q, qd, _, f = self._symbols
         qd_r, qdd_r = ca.SX.sym("qd_r", self.n), ca.SX.sym("qdd_r", self.n)
         D, _, gravity = self._equations
@@ -204,14 +204,14 @@ class Dynamics(Part):
         names = ["q", "qd", "qd_r", "qdd_r"]
         return CheckedFunction(ca.Function("Y", [q, qd, qd_r, qdd_r], [ca.densify(Y)], names, ["Y"]))
 
-    def Y(self, q, qd, *accelerations):
+    def Y(self, q: ArrayOrSymbols, qd: ArrayOrSymbols, *accelerations: ArrayOrSymbols) -> ArrayOrSymbols:
         """Regressor (n, p): tau = Y(q, qd, qdd) f, or D qdd_r + C qd_r + gravity = Y(q, qd, qd_r, qdd_r) f."""
         return (self._passive_regressor if len(accelerations) == 2 else self._regressor)(q, qd, *accelerations)
 
-    def _prove(self):
-        """Refuse a lumping that says something else than the chain: compare both at random points.
+    def _prove(self) -> None:
+        """Refuse a lumping whose torque is not the chain's, at random states.
 
-        A lumping that knows of no motor inertia at all is for an arm without.
+        A lumping without any rotor inertia is for an arm without rotors.
         """
         random, matrix = np.random.default_rng(0), np.array(self.lumping.matrix)
         rotors = slice(STANDARD.index("J"), None, len(STANDARD))

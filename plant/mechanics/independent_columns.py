@@ -1,17 +1,23 @@
-"""Columns of a matrix that do not depend on each other, taken in an order of preference."""
+"""Linearly independent columns of a regressor, chosen in an order of preference."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
+from numpy.typing import NDArray
 
 __all__ = ["independent_columns"]
 
 
-def independent_columns(regressor, order, tolerance):
-    """Columns (r,) that stay, taken in this order, and the matrix (r, columns) that says which others join them."""
+def independent_columns(
+    regressor: NDArray[np.float64], order: Iterable[int], tolerance: float
+) -> tuple[list[int], NDArray[np.float64]]:
+    """The independent columns (r,), preferred in this order, and all columns as combinations (r, columns) of them."""
     lengths = np.linalg.norm(regressor, axis=0)
     order = [column for column in order if lengths[column] > tolerance * lengths.max()]
-    kept, basis = [], np.empty((len(regressor), 0))
+    kept: list[int] = []
+    basis = np.empty((len(regressor), 0))
     for column in order:
         new = regressor[:, column] / lengths[column]
         for _ in range(2):  # twice is enough for orthogonality to rounding
@@ -21,7 +27,7 @@ def independent_columns(regressor, order, tolerance):
             basis = np.column_stack([basis, new / np.linalg.norm(new)])
     kept.sort()
     matrix = np.zeros((len(kept), regressor.shape[1]))
-    shares = np.linalg.lstsq(regressor[:, kept], regressor[:, order], rcond=None)[0]
-    matrix[:, order] = np.where(np.abs(shares) > 1e-9, shares, 0.0)
+    combinations = np.linalg.lstsq(regressor[:, kept], regressor[:, order], rcond=None)[0]
+    matrix[:, order] = np.where(np.abs(combinations) > 1e-9, combinations, 0.0)
     matrix[:, kept] = np.eye(len(kept))
     return kept, matrix

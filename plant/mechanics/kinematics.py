@@ -1,37 +1,39 @@
-"""Where a chain's joints are: forward kinematics over the frames of its dynamics."""
+"""Forward kinematics of a chain, over the frames of its dynamics."""
 
 from __future__ import annotations
 
 import casadi as ca
+from numpy.typing import ArrayLike
 
+from plant.mechanics.chain import Chain
 from plant.parts.arguments import array
 from plant.parts.checked_function import CheckedFunction
 
 __all__ = ["joint_positions"]
 
 
-def joint_positions(chain, tip=(0.0, 0.0, 0.0)):
-    """Positions of the base, of each link's frame and of the tip, as a function of q.
+def joint_positions(chain: Chain, tip: ArrayLike = (0.0, 0.0, 0.0)) -> CheckedFunction:
+    """Positions of the base, the origins of the links' frames and the tip, as a function of q.
 
     Parameters
     ----------
     chain : Chain
     tip : (3,) array_like
-        A point of the last link, seen from its frame [m].
+        A point in the frame of the last link [m].
 
     Returns
     -------
     CheckedFunction
-        Called with q (n,), (3, n + 2) [m] in the base frame; the frames are those of `plant.mechanics.dynamics.torque`.
+        Called with q (n,), (3, n + 2) [m] in the base frame; the frames are those of `plant.mechanics.newton_euler`.
     """
     tip = array("tip", tip, (3,), advice="Give x, y and z in the frame of the last link [m].")
     q = ca.SX.sym("q", chain.n)
-    turned, reached = ca.SX.eye(3), ca.SX(3, 1)
-    positions = [reached]
+    orientation, position = ca.SX.eye(3), ca.SX(3, 1)
+    positions = [position]
     for i, link in enumerate(chain.links):
         rotation, origin = link.rotation(q[i])
-        reached = reached + turned @ origin
-        turned = turned @ rotation
-        positions.append(reached)
-    positions.append(reached + turned @ tip)
+        position = position + orientation @ origin
+        orientation = orientation @ rotation
+        positions.append(position)
+    positions.append(position + orientation @ tip)
     return CheckedFunction(ca.Function("joints", [q], [ca.densify(ca.horzcat(*positions))], ["q"], ["positions"]))

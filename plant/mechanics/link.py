@@ -21,7 +21,7 @@ class Link(Part):
     Parameters
     ----------
     name : str
-        Number or name of the link as the literature counts it; it labels its parameters ("m3", "Izz3").
+        Number or name of the link as the literature counts it; it labels the joint and the link's parameters ("Izz3").
     alpha : float
         Twist alpha_{i-1} about x_{i-1} [rad].
     a : float
@@ -33,9 +33,9 @@ class Link(Part):
     prismatic : bool
         The joint slides: q is in m, and the torque a force [N].
     before : Placement
-        What no row can say: a frame fixed to the previous link, in which the row begins.
+        Pose, in the previous link's frame, of the frame in which the row begins: for geometry that no row describes.
     frame : Placement
-        Where, seen from the link's frame, the frame is in which its body is given (`Body`).
+        Pose, in the link's frame, of the frame in which its body is given (`Body`).
     """
 
     name: str = structure(str)
@@ -47,14 +47,14 @@ class Link(Part):
     before: Placement = structure(Placement, default=Placement())
     frame: Placement = structure(Placement, default=Placement())
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("alpha", "theta"):
             if abs(getattr(self, name)) > 2 * np.pi:
                 got = f"got {getattr(self, name)}. Use np.radians."
                 raise ValueError(f"{name} of link {self.name} must be an angle in radians, within one turn; {got}")
 
-    def rotation(self, q):
+    def rotation(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rotation (3, 3) from this link's frame to the previous one, and the origin's position (3,) there [m]."""
         angle, offset = (self.theta, self.d + q) if self.prismatic else (q + self.theta, self.d)
         ca_, sa = (float(exact(f(self.alpha))) for f in (np.cos, np.sin))

@@ -1,40 +1,45 @@
-"""Lumping f = B(pi): which combinations of the links' parameters the motion can show.
+"""Lumping f = B pi: the combinations of the links' standard parameters in which the torque is written.
 
-The torque is linear in the *standard parameters* pi of the links (11 each). Only some combinations of them matter,
-f = B pi, and tau = Y f. B is written down once, as an expression in masses, centres of mass and inertias (for the
-paper's arm: equation (3)), and turned into a matrix here. A row of B belongs to the inertial torque, to the torque
-of gravity, or to both: the paper's f3 = m3 x3 a3 moves the arm and its f5 = m3 x3 only hangs on it, although on a
-physical arm f3 = a3 f5.
+The torque is linear in the *standard parameters* pi of the links (11 each), of which only some combinations f = B pi
+are identifiable, and tau = Y f. B is written once, as an expression in masses, centres of mass and inertias (for the
+paper's arm: equation (3)), and made a matrix here. A row of B belongs to the inertial torque, to the gravity torque, or
+to both: the paper's f3 = m3 x3 a3 is inertial and its f5 = m3 x3 gravitational, although on a physical arm f3 = a3 f5.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Iterable
 from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import qr
+from numpy.typing import NDArray
 
-from plant.mechanics.body import parallel_axis
-from plant.parts.part import Part, part, structure
+from plant.mechanics.body import Body, parallel_axis
+from plant.parts.part import Nested, Part, part, structure
+
+if TYPE_CHECKING:
+    from plant.mechanics.chain import Chain
+    from plant.mechanics.link import Link
 
 __all__ = ["STANDARD", "Lumping", "standard_parameters"]
 
 STANDARD = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "J")
 """Names of one link's standard parameters: mass [kg], first moments [kg m], inertia about the frame's *origin*
-[kg m^2], and the motor inertia reflected to the joint J [kg m^2]."""
+[kg m^2], and the rotor inertia reflected to the joint, J [kg m^2]."""
 
 _PHYSICAL = ("m", "x", "y", "z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "J")
 
 
-def parameter_name(kind, link):
+def parameter_name(kind: str, link: Link) -> str:
     """Name of a link's parameter: "m3", or "m_elbow" where links have names instead of numbers."""
     return f"{kind}{link.name}" if link.name[:1].isdigit() else f"{kind}_{link.name}"
 
 
-def standard_parameters(bodies):
-    """Standard parameters (11 n,) of bodies given by mass, centre of mass and inertia about it."""
-    values = []
+def standard_parameters(bodies: Iterable[Body]) -> NDArray[np.float64]:
+    """Standard parameters (11 n,) of bodies, which are given by mass, centre of mass and inertia about it."""
+    values: list[float] = []
     for body in bodies:
         about_origin = body.inertia + body.mass * parallel_axis(body.com)
         values += [body.mass, *(body.mass * body.com), *about_origin, body.rotor]
@@ -43,7 +48,7 @@ def standard_parameters(bodies):
 
 @part
 class Lumping(Part):
-    """Matrix B of f = B pi and what each f is for.
+    """Matrix B of f = B pi, and the torques that each f enters.
 
     Parameters
     ----------
@@ -52,15 +57,18 @@ class Lumping(Part):
     matrix : (p, 11 n) nested tuple
         B, for the standard parameters in the order of `STANDARD`, link by link.
     inertial, gravitational : tuple of bool
-        Whether each f enters the inertial torque (D and the Coriolis terms) and the torque of gravity.
+        Whether each f enters the inertial torque (D and the Coriolis terms), and the gravity torque.
     """
 
-    names: tuple = structure()
-    matrix: tuple = structure()
-    inertial: tuple = structure()
-    gravitational: tuple = structure()
+    names: tuple[str, ...] = structure()
+    matrix: Nested = structure()
+    inertial: tuple[bool, ...] = structure()
+    gravitational: tuple[bool, ...] = structure()
 
-    def __post_init__(self):
+    def __repr__(self) -> str:
+        return f"Lumping({len(self.names)} of {len(self.matrix[0])} standard parameters)"
+
+    def __post_init__(self) -> None:
         matrix = np.asarray(self.matrix, float)
         p = len(self.names)
         if matrix.ndim != 2 or matrix.shape[0] != p or matrix.shape[1] % len(STANDARD) or not np.isfinite(matrix).all():
@@ -73,24 +81,31 @@ class Lumping(Part):
         object.__setattr__(self, "matrix", tuple(tuple(row) for row in matrix.tolist()))
 
     @classmethod
-    def standard(cls, chain):
+    def standard(cls, chain: Chain) -> Lumping:
         """No lumping: f is the standard parameters themselves."""
         names = tuple(parameter_name(name, link) for link in chain.links for name in STANDARD)
         everywhere = (True,) * len(names)
         return cls(names=names, matrix=np.eye(len(names)), inertial=everywhere, gravitational=everywhere)
 
     @classmethod
-    def from_equation(cls, equation, links, *, inertial, gravitational):
+    def from_equation(
+        cls,
+        equation: Callable[..., dict[str, Any]],
+        links: int,
+        *,
+        inertial: Collection[str],
+        gravitational: Collection[str],
+    ) -> Lumping:
         """Read B off an equation for f in physical parameters.
 
         Parameters
         ----------
         equation : callable
             Takes one object per link with attributes m, x, y, z [m, in the link's frame], Ixx..Izz (about the centre
-            of mass) and J (reflected motor inertia); returns a dictionary name -> expression.
+            of mass) and J (reflected rotor inertia); returns a dictionary name -> expression.
         links : int
-        inertial, gravitational : iterable of str
-            Names that enter the inertial torque, and the torque of gravity.
+        inertial, gravitational : collection of str
+            Names that enter the inertial torque, and the gravity torque.
 
         Raises
         ------
@@ -105,7 +120,7 @@ class Lumping(Part):
         # For unit masses at the origin, physical and standard parameters change alike, so the slope there is B.
         matrix = slope([1.0 if name == "m" else 0.0 for name in _PHYSICAL] * links).full()
         trial = np.random.default_rng(0).uniform(0.5, 1.5, (links, len(_PHYSICAL)))
-        bodies = [SimpleNamespace(mass=v[0], com=v[1:4], inertia=v[4:10], rotor=v[10]) for v in trial]
+        bodies = [Body(mass=v[0], com=v[1:4], inertia=v[4:10], rotor=v[10]) for v in trial]
         lumped = values(trial.ravel()).full().ravel()
         if not np.allclose(matrix @ standard_parameters(bodies), lumped, rtol=1e-12):
             raise ValueError("equation must be linear in masses, first moments and inertias; it is not. Correct it.")
@@ -113,27 +128,29 @@ class Lumping(Part):
         return cls(
             names=names,
             matrix=matrix,
-            inertial=[name in inertial for name in names],
-            gravitational=[name in gravitational for name in names],
+            inertial=tuple(name in inertial for name in names),
+            gravitational=tuple(name in gravitational for name in names),
         )
 
-    def inertial_section(self):
-        """Standard parameters (11 n, p) that show each f in the inertial torque: links that move as f says."""
+    def inertial_section(self) -> NDArray[np.float64]:
+        """Standard parameters (11 n, p) of links with the inertial torque of each f."""
         return self._section(self.inertial)
 
-    def gravity_section(self):
-        """Standard parameters (11 n, p) that show each f in the torque of gravity: links that hang as f says."""
+    def gravity_section(self) -> NDArray[np.float64]:
+        """Standard parameters (11 n, p) of links with the gravity torque of each f."""
         return self._section(self.gravitational)
 
-    def _section(self, rows):
+    def _section(self, rows: tuple[bool, ...]) -> NDArray[np.float64]:
         """Fewest parameters S with B S = 1 on these rows: as many columns of B as rows, found by pivoted QR."""
+        from scipy.linalg import qr  # 0.1 s, which no log needs; its choice among equal columns is in all results
+
         matrix = np.array(self.matrix)
         section = np.zeros(matrix.T.shape)
-        rows = np.flatnonzero(rows)
-        if len(rows):
-            _, triangle, order = qr(matrix[rows], mode="economic", pivoting=True)
-            if abs(triangle[-1, len(rows) - 1]) < 1e-10 * abs(triangle[0, 0]):
-                raise ValueError(f"f must be independent; {len(rows)} of {self.names} are not. Leave some out.")
-            columns = np.sort(order[: len(rows)])
-            section[np.ix_(columns, rows)] = np.linalg.inv(matrix[np.ix_(rows, columns)])
+        chosen = np.flatnonzero(rows)
+        if len(chosen):
+            _, triangle, order = qr(matrix[chosen], mode="economic", pivoting=True)
+            if abs(triangle[-1, len(chosen) - 1]) < 1e-10 * abs(triangle[0, 0]):
+                raise ValueError(f"f must be independent; the {len(chosen)} of one torque are not. Leave some out.")
+            columns = np.sort(order[: len(chosen)])
+            section[np.ix_(columns, chosen)] = np.linalg.inv(matrix[np.ix_(chosen, columns)])
         return section

@@ -5,14 +5,20 @@ Source: paper eq. (1); Craig, Introduction to Robotics, ch. 6.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
 import casadi as ca
 
 from plant.mechanics.lumping import STANDARD
 
+if TYPE_CHECKING:
+    from plant.mechanics.chain import Chain
+
 __all__ = ["torque"]
 
 
-def torque(chain, q, qd, qdd, pi, gravity):
+def torque(chain: Chain, q: ca.SX, qd: ca.SX, qdd: ca.SX, pi: ca.SX, gravity: Iterable[float]) -> ca.SX:
     """Joint torques of a chain with given standard parameters.
 
     Parameters
@@ -33,7 +39,7 @@ def torque(chain, q, qd, qdd, pi, gravity):
     Source: paper eq. (1), left side.
     """
     axis = ca.vertcat(0, 0, 1)
-    w, wd, acceleration = ca.SX(3, 1), ca.SX(3, 1), -ca.DM(list(gravity))
+    w, wd, acceleration = ca.SX(3, 1), ca.SX(3, 1), ca.SX(-ca.DM(list(gravity)))
     frames, forces, moments = [], [], []
     for i, link in enumerate(chain.links):
         rotation, origin = link.rotation(q[i])
@@ -59,8 +65,8 @@ def torque(chain, q, qd, qdd, pi, gravity):
     return tau + chain.coupling.joint_torque(rotors * chain.coupling.shaft(qdd))
 
 
-def _standard(pi, i):
-    """Mass, first moment (3,), inertia (3, 3) about the origin and reflected motor inertia of link i."""
+def _standard(pi: ca.SX, i: int) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Mass, first moment (3,), inertia (3, 3) about the origin and reflected rotor inertia of link i."""
     m, mx, my, mz, ixx, ixy, ixz, iyy, iyz, izz, rotor = ca.vertsplit(pi[len(STANDARD) * i : len(STANDARD) * (i + 1)])
     inertia = ca.vertcat(ca.horzcat(ixx, ixy, ixz), ca.horzcat(ixy, iyy, iyz), ca.horzcat(ixz, iyz, izz))
     return m, ca.vertcat(mx, my, mz), inertia, rotor

@@ -1,48 +1,51 @@
-"""Placement: one frame as seen from another."""
+"""Placement: the pose of a frame in another one, as rotation matrix and position."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from plant.parts.arguments import array
-from plant.parts.part import Part, part, structure
+from plant.parts.part import Nested, Part, part, structure
 
 __all__ = ["Placement", "turn"]
 
 
-def turn(axis, angle):
-    """Rotation matrix (3, 3) by an angle [rad] about the axis (3,), of any length."""
+def turn(axis: ArrayLike, angle: float) -> NDArray[np.float64]:
+    """Rotation matrix (3, 3) by an angle [rad] about an axis (3,) of any length."""
     x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + exact(np.sin(angle)) * cross + (1 - exact(np.cos(angle))) * (cross @ cross)
 
 
-def exact(x):
-    """Sines and cosines of right angles are whole numbers; rounding them back keeps the equations short."""
+def exact(x: Any) -> NDArray[np.float64]:
+    """Sines and cosines with those of right angles made whole, which keeps the equations short."""
     return np.where(np.abs(x - np.round(x)) < 1e-15, np.round(x), x)
 
 
 @part
 class Placement(Part):
-    """A frame: how it is turned and where it is.
+    """Pose of a frame in a reference frame.
 
     Parameters
     ----------
     rotation : (3, 3) array_like
-        Its axes as columns, in the frame from which it is seen.
+        Rotation matrix: the frame's axes as columns, in the reference frame.
     position : (3,) array_like
-        Its origin there [m].
+        Its origin in the reference frame [m].
 
     Raises
     ------
     ValueError
-        A matrix that is no rotation.
+        A matrix that is not a right-handed rotation.
     """
 
-    rotation: tuple = structure(default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
-    position: tuple = structure(default=(0.0, 0.0, 0.0))
+    rotation: Nested = structure(default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    position: Nested = structure(default=(0.0, 0.0, 0.0))
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         rotation = array("rotation", self.rotation, (3, 3), advice="Give the axes of the frame as columns.")
         position = array("position", self.position, (3,), advice="Give x, y and z [m].")
         if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-9) or np.linalg.det(rotation) < 0:
@@ -50,24 +53,24 @@ class Placement(Part):
         object.__setattr__(self, "rotation", tuple(tuple(row) for row in rotation.tolist()))
         object.__setattr__(self, "position", tuple(position.tolist()))
 
-    def __matmul__(self, other):
-        """The other frame, given in this one, as seen from where this one is seen from."""
+    def __matmul__(self, other: Placement) -> Placement:
+        """Composition: `other`, a pose in this frame, as a pose in this frame's reference frame."""
         rotation, position = np.array(self.rotation), np.array(self.position)
         return Placement(rotation=rotation @ other.rotation, position=position + rotation @ other.position)
 
-    def inverse(self):
-        """The frame from which this one is seen, as seen from this one."""
+    def inverse(self) -> Placement:
+        """Pose of the reference frame in this frame."""
         rotation = np.array(self.rotation).T
         return Placement(rotation=rotation, position=-rotation @ self.position)
 
     @classmethod
-    def of_row(cls, *, alpha=0.0, a=0.0, d=0.0, theta=0.0):
+    def of_row(cls, *, alpha: float = 0.0, a: float = 0.0, d: float = 0.0, theta: float = 0.0) -> Placement:
         """RotX(alpha) TransX(a) RotZ(theta) TransZ(d): a row of the modified Denavit-Hartenberg table."""
         twist = cls(rotation=turn((1, 0, 0), alpha), position=(a, 0.0, 0.0))
         return twist @ cls(rotation=turn((0, 0, 1), theta), position=(0.0, 0.0, d))
 
     @classmethod
-    def of_angles(cls, roll, pitch, yaw, position=(0.0, 0.0, 0.0)):
+    def of_angles(cls, roll: float, pitch: float, yaw: float, position: ArrayLike = (0.0, 0.0, 0.0)) -> Placement:
         """RotZ(yaw) RotY(pitch) RotX(roll), as URDF has them [rad]."""
         rotation = turn((0, 0, 1), yaw) @ turn((0, 1, 0), pitch) @ turn((1, 0, 0), roll)
         return cls(rotation=rotation, position=position)

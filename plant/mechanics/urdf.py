@@ -1,19 +1,22 @@
-"""A chain from a URDF file: fixed joints lumped, every number and body checked, nothing executed or fetched."""
+"""URDF reader: links and bodies of a chain, fixed joints lumped, numbers checked, nothing executed or fetched."""
 
 from __future__ import annotations
 
 import dataclasses
 import re
 import xml.parsers.expat
+from collections.abc import Collection, Sequence
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.mechanics.body import Body
 from plant.mechanics.link import Link
 from plant.mechanics.placement import Placement
 from plant.parts.arguments import choice
+from plant.parts.labels import joint_labels
 
 __all__ = ["links_from_urdf"]
 
@@ -28,13 +31,13 @@ _MOVING = {"revolute": False, "continuous": False, "prismatic": True}  # -> whet
 @dataclasses.dataclass
 class _Element:
     tag: str
-    attributes: dict
-    children: list
+    attributes: dict[str, str]
+    children: list[_Element]
 
-    def find(self, tag):
+    def find(self, tag: str) -> _Element | None:
         return next((child for child in self.children if child.tag == tag), None)
 
-    def all(self, tag):
+    def all(self, tag: str) -> list[_Element]:
         return [child for child in self.children if child.tag == tag]
 
 
@@ -45,49 +48,50 @@ class _Joint:
     parent: str
     child: str
     origin: Placement
-    axis: np.ndarray
+    axis: NDArray[np.float64]
     mimics: bool
 
 
-def links_from_urdf(path, joints):
+def links_from_urdf(path: str | Path, joints: Sequence[str] | None) -> tuple[tuple[Link, ...], tuple[Body, ...]]:
     """Links and bodies (tuples) of the chain; see `Chain.from_urdf`."""
     robot = _parsed(path)
     bodies, every = _links(robot), _joints(robot)
     _require_tree(bodies, every)
     chosen = _chosen(every, joints)
     links, made = [], []
-    at = Placement()  # where the last chosen joint's frame is, as seen from the link being walked
+    at = Placement()  # pose of the last chosen joint's frame in the link being walked
     for i, joint in enumerate(chosen):
         before, start = Placement(), chosen[i - 1].child if i else None
         for step in _way(every, start, joint):
             before = before @ step.origin
-        turned = Placement(rotation=_axis_frame(joint.axis))
+        on_axis = Placement(rotation=_axis_frame(joint.axis))
         links.append(
-            Link(name=joint.name, prismatic=_MOVING[joint.kind], before=at @ before @ turned, frame=turned.inverse())
+            Link(name=joint.name, prismatic=_MOVING[joint.kind], before=at @ before @ on_axis, frame=on_axis.inverse())
         )
-        at = turned.inverse()
+        at = on_axis.inverse()
         made.append(_lumped(bodies, every, joint.child, {other.name for other in chosen}))
-    for link, body in zip(links, made, strict=True):
-        body.require_physical(f"behind joint {link.name}")
+    for label, body in zip(joint_labels([joint.name for joint in chosen], len(chosen)), made, strict=True):
+        body.require_physical(f"behind {label}")
     return tuple(links), tuple(made)
 
 
 # -- reading --------------------------------------------------------------------------------------------------------
-def _parsed(path):
+def _parsed(path: str | Path) -> _Element:
     if isinstance(path, str) and path.lstrip().startswith("<"):
         raise ValueError("path must be the name of a URDF file; got its text. Write it to a file first.")
     path = Path(path)
     data = path.read_bytes()
     if len(data) > _LARGEST:
         raise ValueError(f"{path} must be a URDF file of at most {_LARGEST} bytes; it has {len(data)}. Give the file.")
-    root, open_elements = [], []
+    root: list[_Element] = []
+    open_elements: list[_Element] = []
 
-    def start(tag, attributes):
+    def start(tag: str, attributes: dict[str, str]) -> None:
         element = _Element(tag, attributes, [])
         (open_elements[-1].children if open_elements else root).append(element)
         open_elements.append(element)
 
-    def refuse(*_):
+    def refuse(*_: object) -> None:
         raise ValueError(f"{path} must not declare a document type or entities; it does. Remove them.")
 
     parser = xml.parsers.expat.ParserCreate()
@@ -102,7 +106,9 @@ def _parsed(path):
     return root[0]
 
 
-def _numbers(element, attribute, count, default, where):
+def _numbers(
+    element: _Element | None, attribute: str, count: int, default: str | None, where: str
+) -> NDArray[np.float64]:
     """So many finite numbers of an attribute."""
     text = default if element is None else element.attributes.get(attribute, default)
     if text is None:
@@ -115,15 +121,16 @@ def _numbers(element, attribute, count, default, where):
     return values
 
 
-def _origin(element, where):
+def _origin(element: _Element, where: str) -> Placement:
     origin = element.find("origin")
     position = _numbers(origin, "xyz", 3, "0 0 0", f"{where}, origin")
-    return Placement.of_angles(*_numbers(origin, "rpy", 3, "0 0 0", f"{where}, origin"), position)
+    roll, pitch, yaw = _numbers(origin, "rpy", 3, "0 0 0", f"{where}, origin")
+    return Placement.of_angles(roll, pitch, yaw, position)
 
 
-def _links(robot):
+def _links(robot: _Element) -> dict[str, Body | None]:
     """Name of a link -> its Body in its own frame, or None where it has no mass."""
-    bodies = {}
+    bodies: dict[str, Body | None] = {}
     if not robot.all("link"):
         raise ValueError("the file must have links; it has none. Give a URDF file, xacro expanded.")
     for element in robot.all("link"):
@@ -150,9 +157,9 @@ def _links(robot):
     return bodies
 
 
-def _joints(robot):
+def _joints(robot: _Element) -> dict[str, _Joint]:
     """Name of a joint -> _Joint."""
-    joints = {}
+    joints: dict[str, _Joint] = {}
     for element in robot.all("joint"):
         name, kind = element.attributes.get("name", ""), element.attributes.get("type", "")
         where = f"joint {name}"
@@ -162,21 +169,21 @@ def _joints(robot):
             raise ValueError(f"{where} must move about or along one axis; it is {kind}. Replace it by single joints.")
         choice(f"type of {where}", kind, (*_MOVING, "fixed"))
         ends = [element.find(tag) for tag in ("parent", "child")]
-        if None in ends or not all(end.attributes.get("link") for end in ends):
+        parent, child = ("" if end is None else end.attributes.get("link", "") for end in ends)
+        if not parent or not child:
             raise ValueError(f"{where} must have a parent and a child link; one is missing. Add it.")
         axis = _numbers(element.find("axis"), "xyz", 3, "1 0 0", f"{where}, axis")
         if kind in _MOVING and np.linalg.norm(axis) < 1e-6:
             raise ValueError(f"{where} must have an axis that is not zero; got {axis.tolist()}. Correct it.")
-        parent, child = (end.attributes["link"] for end in ends)
         mimics = element.find("mimic") is not None
         joints[name] = _Joint(name, kind, parent, child, _origin(element, where), axis, mimics)
     return joints
 
 
 # -- the tree -------------------------------------------------------------------------------------------------------
-def _require_tree(bodies, joints):
+def _require_tree(bodies: dict[str, Body | None], joints: dict[str, _Joint]) -> None:
     """Refuse missing links, links with two parents, and loops."""
-    parents = {}
+    parents: dict[str, _Joint] = {}
     for joint in joints.values():
         for link in (joint.parent, joint.child):
             if link not in bodies:
@@ -196,7 +203,7 @@ def _require_tree(bodies, joints):
             link = parents[link].parent
 
 
-def _chosen(every, names):
+def _chosen(every: dict[str, _Joint], names: Sequence[str] | None) -> list[_Joint]:
     """The joints of the chain, from the base outwards."""
     moving = [joint for joint in every.values() if joint.kind in _MOVING]
     if names is None:
@@ -228,7 +235,7 @@ def _chosen(every, names):
     return chosen
 
 
-def _depth(every, joint):
+def _depth(every: dict[str, _Joint], joint: _Joint) -> list[_Joint]:
     """Joints between the base and this one, from the base outwards, with this one."""
     parents, way = {other.child: other for other in every.values()}, [joint]
     while way[0].parent in parents:
@@ -236,7 +243,7 @@ def _depth(every, joint):
     return way
 
 
-def _ordered(every, joints):
+def _ordered(every: dict[str, _Joint], joints: list[_Joint]) -> list[_Joint] | None:
     """These joints from the base outwards; None if they are not all on one way."""
     ways = sorted((_depth(every, joint) for joint in joints), key=len)
     if any(shorter != longer[: len(shorter)] for shorter, longer in pairwise(ways)):
@@ -244,7 +251,7 @@ def _ordered(every, joints):
     return [way[-1] for way in ways]
 
 
-def _way(every, start, joint):
+def _way(every: dict[str, _Joint], start: str | None, joint: _Joint) -> list[_Joint]:
     """Joints from behind a link (None: the base) to this joint; those between are fixed, or held at zero."""
     way = _depth(every, joint)
     if start is not None:
@@ -252,13 +259,13 @@ def _way(every, start, joint):
     return way
 
 
-def _lumped(bodies, every, link, moving):
+def _lumped(bodies: dict[str, Body | None], every: dict[str, _Joint], link: str, moving: Collection[str]) -> Body:
     """Everything that moves with a link, as one Body in its frame."""
     found, waiting = None, [(link, Placement())]
     while waiting:
         name, placement = waiting.pop()
-        if bodies[name] is not None:
-            body = bodies[name].seen_from(placement)
+        if (body := bodies[name]) is not None:
+            body = body.seen_from(placement)
             found = body if found is None else found.joined(body)
         waiting += [
             (joint.child, placement @ joint.origin)
@@ -270,11 +277,11 @@ def _lumped(bodies, every, link, moving):
     return found
 
 
-def _axis_frame(axis):
+def _axis_frame(axis: NDArray[np.float64]) -> NDArray[np.float64]:
     """A rotation whose z axis is this axis; the smallest turn that takes z there."""
     z = axis / np.linalg.norm(axis)
     if abs(z[0]) < 1e-12 and abs(z[1]) < 1e-12:
         return np.eye(3) if z[2] > 0 else np.diag([1.0, -1.0, -1.0])
-    x = np.cross((0, 0, 1), z)
+    x = np.cross((0.0, 0.0, 1.0), z)
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(z, x), z])

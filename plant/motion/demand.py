@@ -1,8 +1,8 @@
-"""What a motion demands of the drives: peak torque as a share of the amplifier's limit, and how fast it may be.
+"""Torque demand of a motion: its peak as a share of the amplifiers' limits, and its shortest duration.
 
-Along a path r(s), passed with speed v = ds/dt and acceleration a = dv/dt, q = r, qd = r' v and qdd = r'' v^2 + r' a, so
-the torque is affine in a and v^2 but for friction. Its coefficients are D, coriolis and gravity of `Dynamics` at the
-path's own motion. All torques are those on the shafts (`Drive.torque_limit`), without coupling on the joints.
+Along a path r(s), at speed v = ds/dt and acceleration a = dv/dt, q = r, qd = r' v and qdd = r'' v^2 + r' a, so the
+torque is affine in a and v^2 but for friction. Its coefficients are D, coriolis and gravity of `Dynamics` at the
+path's own motion. All torques are those on the shafts (`Drive.torque_limit`), which without coupling are the joints.
 """
 
 from __future__ import annotations
@@ -11,22 +11,24 @@ import dataclasses
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.motion.reference import Motion, Reference
 from plant.parts.arguments import instance, known_options, real
+from plant.parts.part import ArrayOrSymbols
 
 __all__ = ["Demand", "demand", "shortest_duration", "torque_share"]
 
 _POINTS = 4000
-"""At which a motion is looked at, at least; otherwise once per sample period."""
+"""At which a motion is evaluated, at least; otherwise once per sampling period."""
 
 _TINY = 1e-9
-"""Speed along the path at which friction is dry friction."""
+"""Speed along the path at which only Coulomb friction acts."""
 
 _FASTEST = 2.0**30
-"""A motion that may be so many times as fast meets no limit at all."""
+"""A motion that may be so many times as fast meets no limit."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,30 +45,31 @@ class Demand:
     """
 
     rig: Rig
-    along: np.ndarray
-    inertial: np.ndarray
-    centrifugal: np.ndarray
-    holding: np.ndarray
+    along: NDArray[np.float64]
+    inertial: NDArray[np.float64]
+    centrifugal: NDArray[np.float64]
+    holding: NDArray[np.float64]
 
-    def torque(self, a, v, friction):
-        """Torque (N, n) [N m] at an acceleration and a speed along the path, numbers or (N, 1), also of casadi."""
+    def torque(self, a: ArrayOrSymbols, v: ArrayOrSymbols, friction: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Torque (N, n) [N m] at an acceleration and a speed along the path: numbers, arrays (N, 1) or casadi."""
         return self.inertial * a + self.centrifugal * v**2 + self.holding + friction
 
-    def friction(self, v):
+    def friction(self, v: ArrayOrSymbols) -> ArrayOrSymbols:
         """Friction torque (N, n) [N m] at a speed along the path."""
         return self.rig.drive.coupling.shaft_torque(self.rig.drive.friction(self.along * v))
 
-    def dry_friction(self):
-        """Friction torque (N, n) [N m] of a very slow motion along the path."""
-        return self.friction(_TINY)
+    def dry_friction(self) -> NDArray[np.float64]:
+        """Coulomb friction (N, n) [N m] of a very slow motion along the path."""
+        return np.asarray(self.friction(_TINY))
 
-    def share(self, v):
-        """Peak share (n,) of the limits at a constant speed along the path."""
-        return np.abs(self.torque(0.0, v, self.friction(v))).max(axis=0) / self.rig.drive.torque_limit()
+    def share(self, v: float) -> NDArray[np.float64]:
+        """Peak torque over the limits (n,) at a constant speed along the path."""
+        peak: NDArray[np.float64] = np.abs(self.torque(0.0, v, self.friction(v))).max(axis=0)
+        return peak / self.rig.drive.torque_limit()
 
 
-def demand(arm, rig, motion):
-    """The demand of a path whose motion at its own speed (v = 1, a = 0) is this.
+def demand(arm: Arm, rig: Rig, motion: Motion) -> Demand:
+    """Torque demand of a path, given by its motion at its own speed (v = 1, a = 0).
 
     Parameters
     ----------
@@ -87,7 +90,7 @@ def demand(arm, rig, motion):
     return Demand(rig, motion.qd, *(rig.drive.coupling.shaft_torque(value.full().T) for value in values))
 
 
-def _watched(arm, rig, reference):
+def _sampled(arm: Arm, rig: Rig, reference: Reference) -> tuple[NDArray[np.float64], Motion, Demand]:
     """Closely spaced times, the motion of a reference there, and its demand."""
     instance("arm", arm, Arm, "The order is arm, rig, reference.")
     instance("rig", rig, Rig, "The order is arm, rig, reference.")
@@ -102,29 +105,29 @@ def _watched(arm, rig, reference):
 
 
 @known_options
-def torque_share(arm, rig, reference):
-    """How much of its amplifier's limit each joint needs to follow a reference exactly.
+def torque_share(arm: Arm, rig: Rig, reference: Reference) -> NDArray[np.float64]:
+    """Peak torque of each joint, over its amplifier's limit, to follow a reference exactly.
 
     Parameters
     ----------
     arm : Arm
         As identified, ``found.arm``.
     rig : Rig
-        As identified, ``found.rig``: its friction counts.
+        As identified, ``found.rig``, with its friction.
     reference : Reference
 
     Returns
     -------
     (n,) numpy.ndarray
-        Largest magnitude of the torque over its limit, during one duration; above 1 no law can follow. Of coupled
-        motors, per shaft. What feedback adds comes on top.
+        Largest magnitude of torque over limit during one duration, of coupled motors per shaft; above 1 no law can
+        follow. Feedback torque comes on top.
     """
-    return _watched(arm, rig, reference)[-1].share(1.0)
+    return _sampled(arm, rig, reference)[-1].share(1.0)
 
 
 @known_options
-def shortest_duration(arm, rig, reference, *, share=0.9):
-    """Shortest duration to which a motion may be scaled uniformly.
+def shortest_duration(arm: Arm, rig: Rig, reference: Reference, *, share: float = 0.9) -> float:
+    """Shortest duration to which a motion may be uniformly scaled under the torque limits.
 
     Parameters
     ----------
@@ -132,39 +135,39 @@ def shortest_duration(arm, rig, reference, *, share=0.9):
     rig : Rig
     reference : Reference
     share : float
-        Of the amplifier's limit that the motion may take; what is left is for feedback.
+        Share of the amplifiers' limits that the motion may take; the rest is for feedback.
 
     Returns
     -------
     float
-        [s]; ``slowed(reference, duration / reference.duration)`` is that motion.
+        [s]; the motion is ``slowed(reference, duration / reference.duration)``.
 
     Raises
     ------
     ValueError
-        A path that the drives cannot hold, or one that meets no limit.
+        A path along which the drives cannot hold the arm, or one that meets no limit.
     """
     share = real("share", share, "Give the part of the limit to use, like 0.9.", positive=True)
-    t, motion, needed = _watched(arm, rig, reference)
-    names = [link.name for link in arm.dynamics.chain.links]
+    t, motion, needed = _sampled(arm, rig, reference)
     torque = np.abs(needed.holding + needed.dry_friction())
     limit = share * rig.drive.torque_limit()
     if (torque >= limit).any():
         i, joint = np.unravel_index(np.argmax(torque / limit), torque.shape)
         raise ValueError(
-            f"path must be one along which the drives can hold the arm and creep; joint {names[joint]} needs "
+            f"path must be one along which the drives can hold the arm and creep; "
+            f"{arm.dynamics.chain.joint_labels[joint]} needs "
             f"{torque[i, joint]:.4g} of {limit[joint]:.4g} N m at t = {t[i]:.3f} s, q = {np.round(motion.q[i], 3)}. "
             "Raise share or the limit, or leave that place out."
         )
 
-    def held(v):
-        return (needed.share(v) <= share).all()
+    def within(v: float) -> bool:
+        return bool((needed.share(v) <= share).all())
 
     low = 1.0
-    while not held(low):
+    while not within(low):
         low /= 2
     high = 2 * low
-    while held(high):
+    while within(high):
         low, high = high, 2 * high
         if high > _FASTEST:
             raise ValueError(
@@ -173,5 +176,5 @@ def shortest_duration(arm, rig, reference, *, share=0.9):
             )
     while high - low > 1e-12 * high:
         middle = (low + high) / 2
-        low, high = (middle, high) if held(middle) else (low, middle)
+        low, high = (middle, high) if within(middle) else (low, middle)
     return reference.duration / low

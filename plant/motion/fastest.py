@@ -1,14 +1,14 @@
-"""The fastest time law of a path under torque limits.
+"""Time-optimal motion along a path under torque limits.
 
 With v(s) the speed along the path and b = v^2, a = b'/2 and the time is the integral of ds / sqrt(b). Torque is affine
 in a and b but for friction (`plant.motion.demand`): without viscous friction the problem is convex. b is a cubic
 spline, positive, whose coefficients are found by Ipopt with derivatives from casadi. A cubic spline has a continuous
 slope, and so is the acceleration along the path. The given motion, uniformly scaled, is one such b, and the start.
 
-The path parameter is the given motion's own time. Where that motion rests the new one does, whatever b is there. Dry
-friction has at each point the sign of the path's direction there, so both sides of a turn hold the limit. Between the
-points, and by what Ipopt tolerates, the torque may be a little too large: the result is looked at more closely, and
-scaled uniformly until it holds everywhere.
+The path parameter is the given motion's own time. Where that motion rests the new one does, whatever b is there.
+Coulomb friction has at each point the sign of the path's direction there, so the limit holds on both sides of a
+reversal. Between the points, and within Ipopt's tolerance, the torque may be a little too large: the result is
+evaluated on a finer grid, and uniformly scaled until the limit holds everywhere.
 
 Source: D. Verscheure et al., Time-optimal path tracking for robots: a convex optimization approach, IEEE Transactions
 on Automatic Control 54 (2009).
@@ -16,11 +16,16 @@ on Automatic Control 54 (2009).
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from plant.motion.demand import demand, shortest_duration
-from plant.motion.reference import Motion
+from plant.machine.rig import Rig
+from plant.mechanics.arm import Arm
+from plant.motion.demand import Demand, demand, shortest_duration
+from plant.motion.reference import Motion, Reference
 from plant.motion.scaled import Scaled, slowed
 from plant.motion.table import Table
 from plant.parts.arguments import array, known_options
@@ -28,45 +33,54 @@ from plant.parts.arguments import array, known_options
 __all__ = ["fastest"]
 
 _INSIDE, _AT_ENDS = 4, 24
-"""Points per interval of the spline at which the torque is held below its limit and the time is counted; and in the
-first and the last, where b is steep: along a motion that ends without acceleration it grows like 1 / s."""
+"""Points per interval of the spline at which the torque is limited and the time integrated; and in the first and the
+last, where b is steep: along a motion that ends without acceleration it grows like 1 / s."""
 
 _NODES = 4
 """Points of the time law per interval of the spline."""
 
 _REST = 1e-6
-"""A motion slower than this share of its own peak rests."""
+"""A motion below this share of its peak speed is at rest."""
 
 _LEAST, _MOST = 1e-8, 1e8
-"""Bounds of b, in units of that of the uniform motion: a path that rests for a while is passed in no time there."""
+"""Bounds of b, in units of that of the uniform motion: a rest on the path then takes no time."""
 
 
 @known_options
-def fastest(arm, rig, reference, *, share=0.9, motor_speed=None, torque_rate=None, intervals=120):
-    """The fastest motion along the path of a reference that the amplifiers allow.
+def fastest(
+    arm: Arm,
+    rig: Rig,
+    reference: Reference,
+    *,
+    share: float = 0.9,
+    motor_speed: ArrayLike | None = None,
+    torque_rate: ArrayLike | None = None,
+    intervals: int = 120,
+) -> Scaled:
+    """Time-optimal motion along the path of a reference under the amplifiers' limits.
 
     Parameters
     ----------
     arm : Arm
         As identified, ``found.arm``.
     rig : Rig
-        As identified, ``found.rig``: its friction and its limits count.
+        As identified, ``found.rig``, with its friction and its limits.
     reference : Reference
         The path, as a smooth motion along it (no `Table`). One that moves at its ends becomes one from rest to rest.
     share : float
-        Of the amplifiers' limits that the motion may take; what is left is for feedback.
+        Share of the amplifiers' limits that the motion may take; the rest is for feedback.
     motor_speed : (n,) array_like, optional
-        Largest speeds of the motors [rad/s]; inf where there is no bound.
+        Largest motor speeds [rad/s]; inf where there is no bound.
     torque_rate : (n,) array_like, optional
-        Largest change of the torque [N m/s], but for dry friction, which jumps where a joint turns round. On the joint;
-        of coupled ones, on the shaft.
+        Largest rate of the torque [N m/s] without Coulomb friction, which jumps where a joint reverses; on the joint,
+        of coupled motors on the shaft.
     intervals : int
-        Of the spline; more come closer to the fastest, and switch the torque faster.
+        Of the spline; more come closer to the optimum, and switch the torque faster.
 
     Returns
     -------
     Scaled
-        Its acceleration is continuous; at the ends it is what bend and speed of the path make it, zero if the reference
+        With continuous acceleration; at the ends it follows from curvature and speed of the path, zero if the reference
         is a `PointToPoint` or a `Spline`.
 
     Raises
@@ -79,7 +93,7 @@ def fastest(arm, rig, reference, *, share=0.9, motor_speed=None, torque_rate=Non
     if not isinstance(intervals, (int, np.integer)) or intervals < 4:
         raise ValueError(f"intervals must be a whole number of at least 4; got {intervals!r}. The default is 120.")
     uniform = shortest_duration(arm, rig, reference, share=share)
-    motor_speed, torque_rate = _bound("motor_speed", motor_speed, rig.n), _bound("torque_rate", torque_rate, rig.n)
+    fastest_motor, steepest = _bound("motor_speed", motor_speed, rig.n), _bound("torque_rate", torque_rate, rig.n)
 
     spline = _Spline(reference.duration, intervals)
     motion = Motion(*reference(spline.places))
@@ -88,10 +102,10 @@ def fastest(arm, rig, reference, *, share=0.9, motor_speed=None, torque_rate=Non
     x = ca.SX.sym("x", spline.count)
     b, a = unit * (spline.matrix(0) @ x), unit / 2 * (spline.matrix(1) @ x)
     v = ca.sqrt(b + _LEAST * unit * 1e-3)  # whose slope is finite where the motion starts from rest
-    held = _held(needed, spline.places, a, v, share * rig.drive.torque_limit(), torque_rate, motor_speed)
-    problem = {"x": x, "f": ca.dot(spline.weights, 1 / v) / uniform, "g": held}
-    quiet = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-7}}
-    solver = ca.nlpsol("fastest", "ipopt", problem, quiet)
+    limited = _limited(needed, spline.places, a, v, share * rig.drive.torque_limit(), steepest, fastest_motor)
+    problem = {"x": x, "f": ca.dot(spline.weights, 1 / v) / uniform, "g": limited}
+    ipopt: dict[str, Any] = {"print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-7}
+    solver = ca.nlpsol("fastest", "ipopt", problem, {"print_time": False, "ipopt": ipopt})
     least, most = np.full(spline.count, _LEAST), np.full(spline.count, _MOST)
     speed = np.linalg.norm(motion.qd, axis=1)
     for end in (0, -1):
@@ -104,21 +118,29 @@ def fastest(arm, rig, reference, *, share=0.9, motor_speed=None, torque_rate=Non
             "Try fewer, or a smoother path."
         )
     law = spline.law(reference, unit * found["x"].full().ravel())
-    closely = np.linspace(0.0, law.duration, 10 * len(law.times))
-    too_fast = np.abs(rig.drive.motor_angle(law(closely).qd) / motor_speed).max()
+    fine = np.linspace(0.0, law.duration, 10 * len(law.times))
+    too_fast = np.abs(rig.drive.motor_angle(law(fine).qd) / fastest_motor).max()
     longer = max(shortest_duration(arm, rig, law, share=share) / law.duration, too_fast)
     return slowed(law, longer) if longer > 1 else law
 
 
-def _held(needed, places, a, v, limit, torque_rate, motor_speed):
-    """What must stay within +-1: torque, its rate and motor speeds (n at each of N places), over their bounds."""
+def _limited(
+    needed: Demand,
+    places: NDArray[np.float64],
+    a: ca.SX,
+    v: ca.SX,
+    limit: NDArray[np.float64],
+    torque_rate: NDArray[np.float64],
+    motor_speed: NDArray[np.float64],
+) -> ca.SX:
+    """Constraints within +-1: torque, its rate and motor speeds (n at each of N places), over their bounds."""
     drive = needed.rig.drive
     friction = [
         drive.friction(ca.DM(along) * speed) for along, speed in zip(needed.along, ca.vertsplit(v), strict=True)
     ]
     frictionless = needed.torque(a, v, 0.0)
     torque = frictionless + drive.coupling.shaft_torque(ca.horzcat(*friction)).T
-    ends = frictionless[[0, -1], :]  # where it stands still, and dry friction does not help to brake
+    ends = frictionless[[0, -1], :]  # at rest, where Coulomb friction does not help to brake
     smooth = torque - needed.dry_friction()
     rate = (smooth[1:, :] - smooth[:-1, :]) * (v[1:] + v[:-1]) / (2 * np.diff(places))
     turning = drive.motor_angle(needed.along) * v
@@ -127,24 +149,24 @@ def _held(needed, places, a, v, limit, torque_rate, motor_speed):
     return ca.vertcat(*shares)
 
 
-def _bound(name, value, n):
+def _bound(name: str, value: ArrayLike | None, n: int) -> NDArray[np.float64]:
     if value is None:
         return np.full(n, np.inf)
-    value = array(name, value, (n,), advice="Give one per joint.", finite=False)
-    if not (value > 0).all():
-        raise ValueError(f"{name} must be positive; got {value}. It is a magnitude, inf where there is no bound.")
-    return value
+    bound = array(name, value, (n,), advice="Give one per joint.", finite=False)
+    if not (bound > 0).all():
+        raise ValueError(f"{name} must be positive; got {bound}. It is a magnitude, inf where there is no bound.")
+    return bound
 
 
 class _Spline:
     """b(s) as a cubic spline on equal intervals: as matrices at Gauss points and ends, and as a time law."""
 
-    def __init__(self, end, intervals):
+    def __init__(self, end: float, intervals: int) -> None:
         from scipy.interpolate import BSpline  # 0.2 s, for those who use it
 
         self.count, self.edges = intervals + 3, np.linspace(0.0, end, intervals + 1)
         knots = np.concatenate([[0.0] * 3, self.edges, [end] * 3])
-        self._of = lambda coefficients: BSpline(knots, coefficients, 3)
+        self._of: Any = lambda coefficients: BSpline(knots, coefficients, 3)
         orders = [_AT_ENDS] + [_INSIDE] * (intervals - 2) + [_AT_ENDS]
         rules = {order: np.polynomial.legendre.leggauss(order) for order in set(orders)}
         half = end / intervals / 2
@@ -152,15 +174,15 @@ class _Spline:
         self.places = np.concatenate([[0.0], *inside, [end]])
         self.weights = np.concatenate([[0.0], *(half * rules[order][1] for order in orders), [0.0]])
 
-    def matrix(self, derivative):
+    def matrix(self, derivative: int) -> ca.DM:
         """Values (N, count) of the splines, or of their derivatives, at `places`."""
         return ca.sparsify(ca.DM(self._of(np.eye(self.count)).derivative(derivative)(self.places)))
 
-    def law(self, path, coefficients):
+    def law(self, path: Reference, coefficients: NDArray[np.float64]) -> Scaled:
         """The time law of a path with these coefficients of b."""
         b = self._of(coefficients)
         s = np.linspace(0.0, self.edges[-1], _NODES * (len(self.edges) - 1) + 1)
-        # Within s = low + width x^2 (3 - 2 x): where b starts at zero, 1 / sqrt(b) is infinite, and this takes it away.
+        # Within s = low + width x^2 (3 - 2 x): where b starts at zero, 1 / sqrt(b) is infinite, and this removes it.
         node, weight = np.polynomial.legendre.leggauss(12)
         x, low, width = (1 + node) / 2, s[:-1, None], np.diff(s)[:, None]
         lasting = (width * 3 * x * (1 - x) * weight / np.sqrt(b(low + width * x**2 * (3 - 2 * x)))).sum(axis=1)

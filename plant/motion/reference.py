@@ -1,4 +1,4 @@
-"""Motions to be followed: position, velocity and acceleration of every joint as functions of time.
+"""Reference trajectories: position, velocity and acceleration of every joint as functions of time.
 
 A reference called with times (N,) gives `Motion(q, qd, qdd)`, each (N, n), joint side, SI. Source: paper 3.5.
 """
@@ -6,30 +6,29 @@ A reference called with times (N,) gives `Motion(q, qd, qdd)`, each (N, n), join
 from __future__ import annotations
 
 import abc
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant.parts.arguments import array, real
-from plant.parts.part import Part, declared, part, structure
+from plant.parts.part import Nested, Part, declared, part, structure
 
-__all__ = ["Harmonics", "Motion", "PointToPoint", "Reference", "Spline", "require_increasing"]
+__all__ = ["Harmonics", "Motion", "PointToPoint", "Reference", "Spline", "Timed", "require_increasing"]
 
 
 class Motion(NamedTuple):
     """Position [rad], velocity [rad/s] and acceleration [rad/s^2], each (N, n), joint side."""
 
-    q: np.ndarray
-    qd: np.ndarray
-    qdd: np.ndarray
+    q: NDArray[np.float64]
+    qd: NDArray[np.float64]
+    qdd: NDArray[np.float64]
 
 
 class Reference(Part, abc.ABC):
     """Base of all references: a new one is a `@part` class that gives ``n``, ``duration`` and ``motion``.
 
-    The duration is what is simulated when nothing else is said; periodic references go on after it, the others rest
-    at their last point.
+    The duration is simulated by default; after it periodic references go on, and the others rest at their last point.
     """
 
     n: int = declared("Number of joints.")
@@ -41,18 +40,38 @@ class Reference(Part, abc.ABC):
 
     def __call__(self, t: ArrayLike) -> Motion:
         """Motion at times t (N,) [s] from the start."""
-        t = array("t", t, ("N",), advice="Give times in seconds from the start.")
-        return Motion(*(np.ascontiguousarray(x, dtype=float) for x in self.motion(t)))
+        times = array("t", t, ("N",), advice="Give times in seconds from the start.")
+        return Motion(*(np.ascontiguousarray(x, dtype=float) for x in self.motion(times)))
 
-    def _keep(self, name, shape, advice):
+    def _keep(self, name: str, shape: tuple[int | str | None, ...], advice: str) -> NDArray[np.float64]:
         """Check a field and hold it as nested tuples, so that the reference can be compared and written."""
         value = array(name, getattr(self, name), shape, advice=advice)
         object.__setattr__(self, name, _nested(value))
         return value
 
 
-def _nested(value):
+def _nested(value: Any) -> Any:
     return tuple(_nested(v) for v in value) if np.ndim(value) else float(value)
+
+
+class Timed(Reference):
+    """Base of references by a table of times: they last until the last one."""
+
+    times: Nested
+
+    def _keep_times(self, *, from_zero: bool = False) -> int:
+        """Check the times, and count them."""
+        times = self._keep("times", ("N",), "Give the time of each point [s].")
+        require_increasing("times", times)
+        if len(times) < 2 or (from_zero and times[0] != 0):
+            rule = "two or more, from 0" if from_zero else "two or more"
+            raise ValueError(f"times must be {rule}; got {len(times)}: {times[:3]}. Give the whole path.")
+        return len(times)
+
+    @property
+    def duration(self) -> float:  # type: ignore[override]  # declared, and read only
+        """The last time [s]."""
+        return float(self.times[-1])
 
 
 @part
@@ -72,27 +91,27 @@ class Harmonics(Reference):
     """
 
     period: float = structure(float)
-    offset: tuple = structure()
-    cosine: tuple = structure()
-    sine: tuple = structure()
+    offset: Nested = structure()
+    cosine: Nested = structure()
+    sine: Nested = structure()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         real("period", self.period, "Give it in seconds.", positive=True)
         n = len(self._keep("offset", ("n",), "One angle per joint."))
         shape = self._keep("cosine", (n, "H"), "One row per joint, one column per harmonic.").shape
         self._keep("sine", shape, "The same shape as cosine.")
 
     @property
-    def n(self):
+    def n(self) -> int:  # type: ignore[override]  # declared, and read only
         """Number of joints."""
         return len(self.offset)
 
     @property
-    def duration(self):
+    def duration(self) -> float:  # type: ignore[override]  # declared, and read only
         """One period [s]."""
         return self.period
 
-    def motion(self, t):
+    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Motion at times (N,), by derivatives of exp(i j w t)."""
         rate = 2j * np.pi / self.period * np.arange(1, np.shape(self.cosine)[1] + 1)
         amplitude = np.asarray(self.cosine) - 1j * np.asarray(self.sine)
@@ -113,21 +132,21 @@ class PointToPoint(Reference):
         [s]
     """
 
-    start: tuple = structure()
-    goal: tuple = structure()
+    start: Nested = structure()
+    goal: Nested = structure()
     duration: float = structure(float)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         real("duration", self.duration, "Give it in seconds.", positive=True)
         n = len(self._keep("start", ("n",), "One angle per joint."))
         self._keep("goal", (n,), "One angle per joint, like start.")
 
     @property
-    def n(self):
+    def n(self) -> int:  # type: ignore[override]  # declared, and read only
         """Number of joints."""
         return len(self.start)
 
-    def motion(self, t):
+    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Motion at times (N,)."""
         path = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
         s = np.clip(t / self.duration, 0.0, 1.0)[:, None]
@@ -138,7 +157,7 @@ class PointToPoint(Reference):
 
 
 @part
-class Spline(Reference):
+class Spline(Timed):
     """Quintic spline through points, from rest to rest, then at its last point.
 
     Parameters
@@ -149,27 +168,18 @@ class Spline(Reference):
         [rad]
     """
 
-    times: tuple = structure()
-    points: tuple = structure()
+    times: Nested = structure()
+    points: Nested = structure()
 
-    def __post_init__(self):
-        times = self._keep("times", ("N",), "Give the time of each point [s].")
-        self._keep("points", (len(times), "n"), "One row per time, one column per joint.")
-        require_increasing("times", times)
-        if len(times) < 2 or times[0] != 0:
-            raise ValueError(f"times must be two or more, from 0; got {times[:3]}. Start the path at t = 0.")
+    def __post_init__(self) -> None:
+        self._keep("points", (self._keep_times(from_zero=True), "n"), "One row per time, one column per joint.")
 
     @property
-    def n(self):
+    def n(self) -> int:  # type: ignore[override]  # declared, and read only
         """Number of joints."""
         return len(self.points[0])
 
-    @property
-    def duration(self):
-        """Time of the last point [s]."""
-        return self.times[-1]
-
-    def motion(self, t):
+    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Motion at times (N,)."""
         rest = [(1, np.zeros(self.n)), (2, np.zeros(self.n))]
         from scipy.interpolate import make_interp_spline  # 0.2 s, for those who use it
@@ -180,7 +190,7 @@ class Spline(Reference):
         return spline(s), inside * spline(s, 1), inside * spline(s, 2)
 
 
-def require_increasing(name, times):
+def require_increasing(name: str, times: NDArray[np.float64]) -> None:
     """Refuse times that do not increase."""
     stuck = np.flatnonzero(np.diff(times) <= 0)
     if len(stuck):

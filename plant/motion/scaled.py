@@ -1,24 +1,26 @@
-"""The same path in another time: a reference whose path is another's, run through by a time law of its own."""
+"""Time scaling: the path of a reference under another time law."""
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
-from plant.motion.reference import Reference, require_increasing
+from plant.motion.reference import Reference, Timed
 from plant.parts.arguments import instance, known_options, real
-from plant.parts.part import part, structure
+from plant.parts.part import Nested, part, structure
 
 __all__ = ["Scaled", "slowed"]
 
 
 @part
-class Scaled(Reference):
-    """The path of a reference, passed at other times: q(t) = path.q(s(t)), where s is the time of the path.
+class Scaled(Timed):
+    """The path of a reference under a time law: q(t) = path.q(s(t)), where s is the path's own time.
 
-    Between two points of the time law s is the polynomial of degree 5 that has place, speed and acceleration of both,
-    so the acceleration of the joints is continuous where that of the path is. `fastest` and `slowed` make such laws.
+    Between two points of the time law s is the polynomial of degree 5 with their places, speeds and accelerations, so
+    the joints' acceleration is continuous where that of the path is. `fastest` and `slowed` make such laws.
 
     Parameters
     ----------
@@ -30,44 +32,36 @@ class Scaled(Reference):
     speeds, accelerations : (N,) array_like
         First and second derivative of s by time [1], [1/s].
     stays : bool
-        Outside its times the motion stays at its first or last point. With False it goes on along the path, at the
-        first or last speed, and a periodic path repeats.
+        Outside its times the motion rests at its first or last point. With False it goes on along the path, at the
+        first or last speed; a periodic path repeats.
     """
 
     path: Reference = structure(Reference)
-    times: tuple = structure()
-    places: tuple = structure()
-    speeds: tuple = structure()
-    accelerations: tuple = structure()
+    times: Nested = structure()
+    places: Nested = structure()
+    speeds: Nested = structure()
+    accelerations: Nested = structure()
     stays: bool = structure(bool, default=True)
 
-    def __post_init__(self):
-        times = self._keep("times", ("N",), "Give the times of the law [s].")
-        if len(times) < 2 or times[0] != 0:
-            raise ValueError(f"times must be two or more, from 0; got {times[:3]}. Start the law at t = 0.")
-        require_increasing("times", times)
+    def __post_init__(self) -> None:
+        count = self._keep_times(from_zero=True)
         for name in ("places", "speeds", "accelerations"):
-            self._keep(name, (len(times),), "One number per time.")
+            self._keep(name, (count,), "One number per time.")
 
     @property
-    def n(self):
+    def n(self) -> int:  # type: ignore[override]  # declared, and read only
         """Number of joints."""
         return self.path.n
 
-    @property
-    def duration(self):
-        """The last time [s]."""
-        return self.times[-1]
-
     @functools.cached_property
-    def _law(self):
+    def _law(self) -> tuple[Callable[[NDArray[np.float64]], NDArray[np.float64]], ...]:
         """Functions of time: s and its two derivatives."""
         from scipy.interpolate import BPoly  # 0.2 s, for those who use it
 
         law = BPoly.from_derivatives(self.times, np.column_stack([self.places, self.speeds, self.accelerations]))
         return law, law.derivative(1), law.derivative(2)
 
-    def motion(self, t):
+    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Motion at times (N,), by the chain rule."""
         inside = np.clip(t, 0.0, self.duration)
         s, speed, acceleration = (derivative(inside) for derivative in self._law)
@@ -79,14 +73,14 @@ class Scaled(Reference):
 
 
 @known_options
-def slowed(reference, factor):
-    """The same motion, `factor` times as long; below one it is faster.
+def slowed(reference: Reference, factor: float) -> Scaled:
+    """The same motion, uniformly scaled to `factor` times its duration; below one it is faster.
 
     Parameters
     ----------
     reference : Reference
     factor : float
-        Speeds become 1 / factor, accelerations 1 / factor^2 of what they were.
+        Speeds are divided by it, accelerations by its square.
 
     Returns
     -------
@@ -97,8 +91,8 @@ def slowed(reference, factor):
     factor = real("factor", factor, "Give how many times as long the motion is to take.", positive=True)
     if not isinstance(reference, Scaled):
         end = reference.duration
-        law = {"path": reference, "places": (0.0, end), "speeds": (1.0, 1.0), "accelerations": (0.0, 0.0)}
-        reference = Scaled(times=(0.0, end), stays=False, **law)
+        law = {"times": (0.0, end), "places": (0.0, end), "speeds": (1.0, 1.0), "accelerations": (0.0, 0.0)}
+        reference = Scaled(path=reference, stays=False, **law)
     return Scaled(
         path=reference.path,
         times=np.multiply(reference.times, factor),

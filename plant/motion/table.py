@@ -1,22 +1,26 @@
-"""Positions from a file or another program as a reference."""
+"""Table of positions, from a file or another program, as a reference."""
 
 from __future__ import annotations
 
-import numpy as np
+from pathlib import Path
+from typing import Self
 
-from plant.motion.reference import Reference, require_increasing
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.motion.reference import Timed
 from plant.parts.arguments import known_options
-from plant.parts.part import part, structure
+from plant.parts.part import Nested, part, structure
 
 __all__ = ["Table"]
 
 
 @part
-class Table(Reference):
-    """Positions from a file or another program; straight lines between them.
+class Table(Timed):
+    """Table of positions, from a file or another program, linearly interpolated.
 
-    Between two samples the position is interpolated linearly, so the velocity is that of the line and the
-    acceleration is zero: right for replaying a logged P loop, too rough for computed torque (use `Spline`).
+    Velocity is piecewise constant and acceleration zero: right for replaying a logged P loop, too rough for computed
+    torque (use `Spline`).
 
     Parameters
     ----------
@@ -28,21 +32,17 @@ class Table(Reference):
     Source: paper 4.1 (reference trajectories from a file).
     """
 
-    times: tuple = structure()
-    points: tuple = structure()
+    times: Nested = structure()
+    points: Nested = structure()
 
-    def __post_init__(self):
-        times = self._keep("times", ("N",), "Give the time of each point [s].")
-        self._keep("points", (len(times), "n"), "One row per time, one column per joint.")
-        require_increasing("times", times)
-        if len(times) < 2:
-            raise ValueError(f"times must be two or more; got {len(times)}. Give the whole path.")
+    def __post_init__(self) -> None:
+        self._keep("points", (self._keep_times(), "n"), "One row per time, one column per joint.")
 
     @classmethod
     @known_options
-    def from_csv(cls, path):
+    def from_csv(cls, path: str | Path) -> Self:
         """Read columns t [s], q_1..q_n [rad]; lines that start with # or a letter are headings."""
-        rows = []
+        rows: list[list[float]] = []
         with open(path, encoding="utf-8") as file:
             for count, line in enumerate(file, 1):
                 if not line.strip() or line.lstrip()[0] == "#" or line.lstrip()[0].isalpha():
@@ -60,16 +60,11 @@ class Table(Reference):
         return cls(times=table[:, 0], points=table[:, 1:])
 
     @property
-    def n(self):
+    def n(self) -> int:  # type: ignore[override]  # declared, and read only
         """Number of joints."""
         return len(self.points[0])
 
-    @property
-    def duration(self):
-        """From 0 to the last sample [s]."""
-        return self.times[-1]
-
-    def motion(self, t):
+    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Motion at times (N,)."""
         times, points = np.asarray(self.times), np.asarray(self.points)
         row = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)

@@ -1,3 +1,8 @@
-"""What every description is made of: parts with named numbers, and checks of what a user gives."""
+"""What every description is made of: parts with named numbers, and checks of what a user gives.
+
+Read `part` (named numbers, copies, descriptions; `fields` are their types) and `arguments` (the checks); then
+`checked_function` (casadi with checked shapes), `labels` (names of joints), `frozen` (results that compare) and
+`deprecation` (old names).
+"""
 
 __all__: list[str] = []

@@ -5,20 +5,29 @@ from __future__ import annotations
 import difflib
 import functools
 import inspect
+import math
 import numbers
+from collections.abc import Callable, Collection, Iterable
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["array", "choice", "instance", "known_options", "optional_period", "real", "signs"]
 
+T = TypeVar("T")
+C = TypeVar("C", bound=Callable[..., Any])
 
-def array(name, value, shape, *, advice, finite=True):
+
+def array(
+    name: str, value: ArrayLike, shape: tuple[int | str | None, ...], *, advice: str, finite: bool = True
+) -> NDArray[np.float64]:
     """Turn `value` into a float64 array of exactly `shape`, or refuse it in one line.
 
     Parameters
     ----------
     name : str
-        What the value is, as the user knows it.
+        Name of the value, in the user's terms.
     value : array_like
     shape : tuple of (int, str or None)
         Expected lengths; a string or None stands for any length.
@@ -55,7 +64,7 @@ def array(name, value, shape, *, advice, finite=True):
     return result
 
 
-def choice(name, value, allowed):
+def choice(name: str, value: T, allowed: Collection[T]) -> T:
     """Return `value` if it is one of `allowed`, or refuse it and offer the nearest.
 
     Raises
@@ -69,7 +78,7 @@ def choice(name, value, allowed):
     raise ValueError(f"{name} must be one of {', '.join(repr(a) for a in allowed)}; got {value!r}. {hint}")
 
 
-def instance(name, value, kind, advice):
+def instance(name: str, value: T, kind: type[Any], advice: str) -> T:
     """Return `value` if it is a `kind`, or refuse it.
 
     Raises
@@ -82,20 +91,20 @@ def instance(name, value, kind, advice):
     raise ValueError(f"{name} must be of type {kind.__name__}; got {given}. {advice}")
 
 
-def real(name, value, advice, *, positive=False):
+def real(name: str, value: Any, advice: str, *, positive: bool = False) -> float:
     """Return `value` as a float if it is one finite number (above zero if `positive`), or refuse it.
 
     Raises
     ------
     ValueError
     """
-    sound = isinstance(value, numbers.Real) and not isinstance(value, bool) and np.isfinite(value)
+    sound = isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
     if sound and (value > 0 or not positive):
         return float(value)
     raise ValueError(f"{name} must be a {'positive' if positive else 'finite'} number; got {value!r:.60}. {advice}")
 
 
-def signs(owner, *, positive=(), not_negative=()):
+def signs(owner: object, *, positive: Iterable[str] = (), not_negative: Iterable[str] = ()) -> None:
     """Refuse a part of which one of these numbers, or one entry of them, has the wrong sign.
 
     Raises
@@ -112,7 +121,7 @@ def signs(owner, *, positive=(), not_negative=()):
                 raise ValueError(f"{name} must {rule}; got {value}. {advice}")
 
 
-def optional_period(law):
+def optional_period(law: Any) -> None:
     """Keep the period of a law as a float, or None for fast hardware; refuse anything else.
 
     Raises
@@ -124,7 +133,7 @@ def optional_period(law):
         object.__setattr__(law, "period", real("period", law.period, advice, positive=True))
 
 
-def known_options(callable_):
+def known_options(callable_: C) -> C:
     """Decorate a function or class so that a call that does not fit is a ValueError, with the nearest name offered."""
     signature = inspect.signature(callable_)
     if any(p.kind is p.VAR_KEYWORD for p in signature.parameters.values()):
@@ -153,7 +162,7 @@ def known_options(callable_):
             verify(args, kwargs)
             initialise(self, *args, **kwargs)
 
-        callable_.__init__ = __init__
+        callable_.__init__ = __init__  # type: ignore[method-assign]  # of whatever class
         return callable_
 
     @functools.wraps(callable_)
@@ -161,4 +170,4 @@ def known_options(callable_):
         verify(args, kwargs)
         return callable_(*args, **kwargs)
 
-    return wrapper
+    return wrapper  # type: ignore[return-value]  # has the signature of what it wraps

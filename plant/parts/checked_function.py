@@ -1,6 +1,8 @@
-"""A casadi Function with a guard: casadi broadcasts a scalar and turns a row into a column without a word."""
+"""A casadi Function that checks the shapes of its arguments, where casadi broadcasts and transposes silently."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import casadi as ca
 
@@ -10,17 +12,17 @@ __all__ = ["CheckedFunction"]
 
 
 class CheckedFunction:
-    """A casadi Function that refuses wrong shapes, where casadi would broadcast or transpose without a word."""
+    """A casadi Function that refuses arguments of the wrong shape."""
 
-    def __init__(self, function):
+    def __init__(self, function: ca.Function) -> None:
         self.function = function
 
-    def __call__(self, *arguments):
+    def __call__(self, *arguments: Any) -> Any:
         names = self.function.name_in()
         if len(arguments) != len(names):
             given = f"{self.function.name()} takes ({', '.join(names)}); got {len(arguments)} arguments"
             raise ValueError(f"{given}. Give all of them, in this order.")
-        checked = []
+        checked: list[Any] = []
         for i, (name, value) in enumerate(zip(names, arguments, strict=True)):
             shape = self.function.size_in(i)
             if isinstance(value, (ca.SX, ca.MX, ca.DM)):
@@ -32,8 +34,8 @@ class CheckedFunction:
                 checked.append(array(name, value, (shape[0],), advice=advice))
         return self.function(*checked)
 
-    def __getattr__(self, name):
+    def __getattr__(self, name: str) -> Any:
         return getattr(self.function, name)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return repr(self.function)

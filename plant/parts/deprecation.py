@@ -5,9 +5,11 @@ from __future__ import annotations
 import functools
 import warnings
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 __all__ = ["Renamed", "install", "old_order", "warn_renamed"]
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 def warn_renamed(old: str, new: str, *, stacklevel: int = 3) -> None:
@@ -16,7 +18,7 @@ def warn_renamed(old: str, new: str, *, stacklevel: int = 3) -> None:
 
 
 class Renamed:
-    """An attribute or a method under its old name: ``Rig.turned = Renamed("to_angle")``.
+    """An attribute or a method under its old name: ``Renamed("to_angle")``.
 
     Parameters
     ----------
@@ -45,17 +47,24 @@ def install(owner: type, **names: str) -> None:
         setattr(owner, old, renamed)
 
 
-def old_order(*names: str, new: str, told: Callable[[Any], bool]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Decorate a function whose positional arguments had another order, `names`; `told` knows it by the first one."""
+def old_order(*names: str, first: type, new: str, **absent: Any) -> Callable[[F], F]:
+    """Decorate a function whose positional arguments had another order, `names`; then a `first` comes first.
 
-    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+    `absent` are arguments that could be left out, with what they were then.
+    """
+
+    def decorate(function: F) -> F:
         @functools.wraps(function)
         def wrapper(*arguments: Any, **options: Any) -> Any:
-            if arguments and told(arguments[0]):
-                warn_renamed(f"{function.__name__}({', '.join(names)})", new)
-                return function(**dict(zip(names, arguments, strict=False)), **options)
-            return function(*arguments, **options)
+            if arguments:
+                old = len(arguments) <= len(names) and isinstance(arguments[0], first)
+            else:
+                old = not absent.keys() <= options.keys()
+            if not old:
+                return function(*arguments, **options)
+            warn_renamed(f"{function.__name__}({', '.join(names)})", new)
+            return function(**dict(zip(names, arguments, strict=False)), **(absent | options))
 
-        return wrapper
+        return wrapper  # type: ignore[return-value]  # users see the function that is decorated
 
     return decorate

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,6 +12,8 @@ __all__ = ["Frozen"]
 
 class Frozen:
     """Base of a frozen dataclass with ``eq=False``: equal when all fields are, arrays bit for bit; so is every copy."""
+
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for value in state.values():
@@ -22,11 +24,11 @@ class Frozen:
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
             return NotImplemented
-        names = [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]  # each subclass is one
+        names = [field.name for field in dataclasses.fields(self)]
         return self is other or all(_same(getattr(self, name), getattr(other, name)) for name in names)
 
     def __hash__(self) -> int:
-        plain = (getattr(self, field.name) for field in dataclasses.fields(self))  # type: ignore[arg-type]
+        plain = (getattr(self, field.name) for field in dataclasses.fields(self))
         return hash((type(self), *(value for value in plain if isinstance(value, (bool, int, float, str)))))
 
 

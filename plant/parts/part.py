@@ -12,43 +12,22 @@ import dataclasses
 import difflib
 import functools
 import json
-from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform, overload
+from collections.abc import Iterator, Mapping
+from typing import Any, ClassVar, Self, TypeVar, dataclass_transform
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from plant.parts.arguments import array, instance, known_options, real
+from plant.parts.fields import ArrayOrSymbols, Nested, Vector
 
-__all__ = ["Declared", "Nested", "Part", "Vector", "declared", "number", "part", "restore", "structure"]
+__all__ = [
+    "ArrayOrSymbols", "Declared", "Nested", "Part", "Vector", "declared", "number", "part", "restore", "structure",
+]  # fmt: skip
 
-T = TypeVar("T")
+T = TypeVar("T", bound="Part")
 
 _KINDS: dict[str, type] = {}
-
-if TYPE_CHECKING:
-
-    class Vector:
-        """A field of numbers: anything array-like goes in, a numpy.ndarray comes out."""
-
-        @overload
-        def __get__(self, part: None, owner: Any) -> Vector: ...
-        @overload
-        def __get__(self, part: object, owner: Any) -> NDArray[np.float64]: ...
-        def __get__(self, part: object | None, owner: Any = None) -> Any: ...
-        def __set__(self, part: object, value: ArrayLike) -> None: ...
-
-    class Nested:
-        """A field of numbers that is structure: anything array-like goes in, nested tuples of floats come out."""
-
-        @overload
-        def __get__(self, part: None, owner: Any) -> Nested: ...
-        @overload
-        def __get__(self, part: object, owner: Any) -> tuple[Any, ...]: ...
-        def __get__(self, part: object | None, owner: Any = None) -> Any: ...
-        def __set__(self, part: object, value: ArrayLike) -> None: ...
-
-else:
-    Vector, Nested = np.ndarray, tuple
 
 
 class Declared:
@@ -84,8 +63,10 @@ def structure(kind: type | None = None, *, default: Any = dataclasses.MISSING, k
 class Part:
     """Base of all parts. Two parts are equal when their descriptions are."""
 
-    def __post_init__(self):
-        lengths = {}
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
+
+    def __post_init__(self) -> None:
+        lengths: dict[str, int] = {}
         for field in dataclasses.fields(self):
             if "number" not in field.metadata:
                 continue
@@ -107,7 +88,7 @@ class Part:
             object.__setattr__(self, field.name, value if shape else float(value))
 
     # -- numbers by name --------------------------------------------------------------------------------------
-    def _leaves(self, prefix=""):
+    def _leaves(self, prefix: str = "") -> Iterator[tuple[str, Part, dataclasses.Field[Any], Any]]:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if "number" in field.metadata and value is not None:
@@ -115,29 +96,29 @@ class Part:
             elif isinstance(value, Part):
                 yield from value._leaves(f"{prefix}{field.name}.")
 
-    def number_names(self, prefix=""):
+    def number_names(self, prefix: str = "") -> list[str]:
         """Names of all numbers, in order: ``drive.gear[0]``; a single number has no index."""
-        names = []
+        names: list[str] = []
         for name, _, _, value in self._leaves(prefix):
             names += [name] if np.ndim(value) == 0 else [f"{name}[{i}]" for i in range(len(value))]
         return names
 
-    def number_values(self):
+    def number_values(self) -> NDArray[np.float64]:
         """Values of all numbers, (k,), in the order of `number_names`."""
         return np.concatenate([np.atleast_1d(np.asarray(v, float)) for *_, v in self._leaves()] or [np.empty(0)])
 
-    def with_numbers(self, vector):
+    def with_numbers(self, vector: ArrayOrSymbols) -> Self:
         """Copy with its numbers taken from `vector` (k,): floats, or casadi symbols for use in an equation."""
         symbolic = not isinstance(vector, np.ndarray)
         return self._filled(vector, [0], symbolic)
 
-    def filled(self, values, prefix=""):
+    def filled(self, values: Mapping[str, float], prefix: str = "") -> Self:
         """Copy with some of its numbers replaced: name, as in `number_names(prefix)` -> float."""
         names = self.number_names(prefix)
         numbers = [values.get(name, given) for name, given in zip(names, self.number_values(), strict=True)]
         return self.with_numbers(np.array(numbers))
 
-    def _filled(self, vector, position, symbolic):
+    def _filled(self, vector: ArrayOrSymbols, position: list[int], symbolic: bool) -> Self:
         changes = {}
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
@@ -156,7 +137,7 @@ class Part:
         return copy
 
     # -- description -----------------------------------------------------------------------------------------
-    def describe(self):
+    def describe(self) -> dict[str, Any]:
         """Kind and fields as a dictionary that JSON can hold without loss; `restore` is the way back."""
         fields = {f.name: _plain(getattr(self, f.name)) for f in dataclasses.fields(self)}
         return {"kind": _kind(type(self)), **fields}
@@ -172,28 +153,28 @@ class Part:
                 value.setflags(write=False)
             object.__setattr__(self, name, value)
 
-    def __eq__(self, other):
+    def __eq__(self, other: object) -> bool:
         return self is other or (type(self) is type(other) and self.describe() == other.describe())
 
-    def __hash__(self):
+    def __hash__(self) -> int:
         return self._hash
 
     @functools.cached_property
-    def _hash(self):
+    def _hash(self) -> int:
         return hash(json.dumps(self.describe()))
 
 
-def _amount(shape):
+def _amount(shape: tuple[int | str, ...]) -> str:
     if not shape:
         return "one number"
     return "one number per joint" if isinstance(shape[0], str) else f"{shape[0]} numbers"
 
 
-def _kind(cls):
+def _kind(cls: type) -> str:
     return f"{cls.__module__.split('.')[0]}.{cls.__name__}"
 
 
-def _plain(value):
+def _plain(value: Any) -> Any:
     if isinstance(value, Part):
         return value.describe()
     if isinstance(value, np.ndarray):
@@ -215,7 +196,7 @@ def part(cls: type[T]) -> type[T]:
     complete = cls.__post_init__
 
     @functools.wraps(complete)
-    def __post_init__(self):
+    def __post_init__(self: Any) -> None:
         for field in dataclasses.fields(self):
             kind, name = field.metadata.get("kind"), f"{field.name} of {cls.__name__}"
             if kind is float:
@@ -224,18 +205,18 @@ def part(cls: type[T]) -> type[T]:
                 instance(name, getattr(self, field.name), kind, f"Give one {kind.__name__}.")
         complete(self)
 
-    cls.__post_init__ = __post_init__
+    cls.__post_init__ = __post_init__  # type: ignore[method-assign]  # wrapped
     cls = dataclasses.dataclass(frozen=True, kw_only=True, eq=False)(cls)
     lacking = sorted(set(getattr(cls, "__abstractmethods__", ())) - {field.name for field in dataclasses.fields(cls)})
     if lacking:
         base, absent = next(b.__name__ for b in cls.__mro__[1:] if lacking[0] in vars(b)), ", ".join(lacking)
         raise ValueError(f"{cls.__name__} must give all that {base} declares; it lacks {absent}. Define it.")
-    cls.__abstractmethods__ = frozenset()  # a declared attribute may be a field
+    cls.__abstractmethods__ = frozenset()  # type: ignore[attr-defined]  # a declared attribute may be a field
     _KINDS[_kind(cls)] = cls
     return known_options(cls)
 
 
-def restore(description):
+def restore(description: Any) -> Any:
     """Rebuild a part from what `Part.describe` gave.
 
     Raises

@@ -1,7 +1,7 @@
-"""A law as C99 for a controller of its own: header, source, a program that replays a record, and a Makefile.
+"""C99 code of a law for an embedded controller: header, source, a program that replays a record, and a Makefile.
 
-The equations are those of `Law.block`, of the rig's encoder and of its amplifier's limit, as everywhere; here is only
-how they are put into files. The C needs no file but those of its own library, allocates nothing and shares nothing.
+The equations are those of `Law.block`, of the rig's encoder and of its amplifier's limit; here they are put into files.
+The C needs the standard library alone, allocates nothing and has no global state.
 """
 
 from __future__ import annotations
@@ -10,10 +10,13 @@ import dataclasses
 import inspect
 import re
 import textwrap
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from plant.compiler.c_statements import SIGN, literal, statements
 from plant.compiler.instructions import STATE, TIME, UNIFORM
@@ -26,14 +29,23 @@ from plant.version import __version__
 __all__ = ["write_c"]
 
 _SECTIONS = {
-    UNIFORM: "from the numbers alone: worked out by the compiler",
+    UNIFORM: "from the numbers alone: evaluated by the compiler",
     TIME: "from the reference alone",
     STATE: "from counts and state",
 }
 
 
-def write_c(law, folder, rig, *, name, output, counts_per_ampere, largest_count):
-    """Do what `Law.to_c` says."""
+def write_c(
+    law: Any,
+    folder: str | Path,
+    rig: Rig | None,
+    *,
+    name: str,
+    output: str,
+    counts_per_ampere: ArrayLike | None,
+    largest_count: int,
+) -> None:
+    """Write the files of `Law.to_c`."""
     rig = getattr(law, "rig", None) if rig is None else rig
     if rig is None:
         raise ValueError(f"rig must be given, since {type(law).__name__} holds none. Call to_c(folder, rig).")
@@ -45,18 +57,18 @@ def write_c(law, folder, rig, *, name, output, counts_per_ampere, largest_count)
         raise ValueError(f"name must {rule}; got {name!r:.60}. It names the files and the functions.")
     scale = None
     if choice("output", output, ("torque", "dac")) == "dac":
-        scale = _scale(rig, counts_per_ampere, largest_count)
+        scale = _scale(law, rig, counts_per_ampere, largest_count)
     elif counts_per_ampere is not None:
         raise ValueError("counts_per_ampere must be left out for output='torque'; got one. Choose output='dac'.")
     texts = _texts(law, rig, name, scale, largest_count)
-    folder = _free(folder, texts, name)
-    folder.mkdir(parents=True, exist_ok=True)
+    place = _free(folder, texts, name)
+    place.mkdir(parents=True, exist_ok=True)
     for file, text in texts.items():
-        (folder / file).write_bytes(text)
+        (place / file).write_bytes(text)
 
 
-def _scale(rig, counts_per_ampere, largest):
-    """Counts per ampere (n,) of a converter that can ask for all that the amplifier gives."""
+def _scale(law: Any, rig: Rig, counts_per_ampere: Any, largest: int) -> NDArray[np.float64]:
+    """Counts per ampere (n,) of a converter that covers the amplifier's range."""
     advice = "Give one number per joint, with the sign of its wiring."
     scale = array("counts_per_ampere", counts_per_ampere, (rig.n,), advice=advice)
     if (scale == 0).any():
@@ -68,18 +80,19 @@ def _scale(rig, counts_per_ampere, largest):
     if len(short):
         joint = int(short[0])
         raise ValueError(
-            f"largest_count must reach the current limit, {rig.drive.current_limit[joint]:g} A at joint {joint}; it "
-            f"ends at {largest / abs(scale[joint]):g} A. Lower drive.current_limit, so that the law knows what acts."
+            f"largest_count must reach the current limit, {rig.drive.current_limit[joint]:g} A at "
+            f"{law.joint_labels(rig)[joint]}; it ends at {largest / abs(scale[joint]):g} A. Lower drive.current_limit, "
+            "so that the law knows the applied torque."
         )
     return scale
 
 
-def _free(folder, texts, name):
-    """The folder, if nothing in it would be lost; what was exported under this name before may be overwritten."""
+def _free(given: str | Path, texts: Iterable[str], name: str) -> Path:
+    """The folder, if no file in it would be lost; earlier exports of this name may be overwritten."""
     try:
-        folder = Path(folder)
+        folder = Path(given)
     except TypeError:
-        raise ValueError(f"folder must be a path; got {folder!r:.60}. Give the name of a folder.") from None
+        raise ValueError(f"folder must be a path; got {given!r:.60}. Give the name of a folder.") from None
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"folder must be a folder; {folder} is a file. Name another.")
     for file in texts:
@@ -125,7 +138,7 @@ def _texts(law, rig, name, scale, largest):
         "meaning": f"of the converter: rounded, within +-{largest:.0f}" if dac
         else "of the joints, after the amplifier's limit [N m]",
         "about": _about(law, rig, block),
-        "state": (f"    int32_t counts[{n}]; /* that ask for it */\n" if dac else "")
+        "state": (f"    int32_t counts[{n}]; /* of the converter, for it */\n" if dac else "")
         + (f"    double state[{states}]; /* of the law */\n" if states else ""),
         "numbers": "\n".join(each for each in numbers if each),
         "helpers": SIGN if re.search(r"\bsign\(", body) else "",
@@ -175,13 +188,13 @@ def _step(block, rig, scale, largest):
 
 
 def _about(law, rig, block):
-    """What stands in the header: the law, its options, sides and units, and how often it wants to be called."""
+    """Text of the header: the law, its options, sides and units, and how often it is to be called."""
     options = {field.name: getattr(law, field.name) for field in dataclasses.fields(law)}
     flags = ", ".join(f"{key} = {value}" for key, value in options.items() if isinstance(value, (bool, int, str)))
     summary = inspect.cleandoc(type(law).__doc__ or "").split("\n\n")[0]
     called = f"Once every {block.period or rig.period:.9g} s."
     if not law.has_memory(rig.n):
-        called = "A law without memory, for fast hardware: as often as that can, at the latest every period."
+        called = "A law without memory, for fast hardware: as often as possible, at least once per period."
     said = [
         f"{type(law).__name__}{f' ({flags})' if flags else ''}: {summary}",
         f"{called} Counts are those of the motors' encoders, with their sign; reference and torque are joint side, SI "

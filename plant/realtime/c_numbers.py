@@ -1,31 +1,35 @@
-"""The numbers of a law and its rig as constants in C, each with what its class says of it."""
+"""The numbers of a law and its rig as constants in C, each under its description from the class's docstring."""
 
 from __future__ import annotations
 
 import inspect
 import re
 import textwrap
+from collections.abc import Collection
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.compiler.c_statements import literal
+from plant.machine.rig import Rig
 
 __all__ = ["braced", "comment", "constant", "constants", "identifier"]
 
 
-def identifier(name):
+def identifier(name: str) -> str:
     """A number's name as C writes it: ``drive.gear[0]`` is ``drive_gear[0]``."""
     return name.replace(".", "_")
 
 
-def comment(text, width=116):
-    """A C comment of one or more lines; what could end it, or is not ASCII, is left out."""
+def comment(text: str, width: int = 116) -> str:
+    """A C comment of one or more lines, without what could end it or is not ASCII."""
     text = re.sub(r"[^\w\s()\[\]{}+\-^.,:;=*<>'/|%]", " ", text, flags=re.ASCII)
     text = " ".join(text.replace("*/", "* /").replace("/*", "/ *").split())
     return "/* " + "\n * ".join(textwrap.wrap(text, width)) + " */"
 
 
-def braced(values):
+def braced(values: NDArray[np.float64]) -> str:
     """Values of an array, on as many lines as they need."""
     inner = "{" + ", ".join(literal(value) for value in values) + "}"
     if len(inner) < 70:
@@ -33,15 +37,15 @@ def braced(values):
     return "{\n" + textwrap.fill(inner[1:-1], 112, initial_indent="    ", subsequent_indent="    ") + ",\n}"
 
 
-def constant(name, values, said):
-    """Declaration of a constant, or of an array of them, under a comment."""
+def constant(name: str, values: Any, said: str) -> str:
+    """Declaration of a constant, or of an array of constants, under a comment."""
     if np.ndim(values):
         return f"{comment(said)}\nstatic const double {name}[{len(values)}] = {braced(values)};\n"
     return f"{comment(said)}\nstatic const double {name} = {literal(values)};\n"
 
 
-def constants(law, rig, used):
-    """Declarations of those numbers whose expressions are in `used`, in the order of `Law.block`."""
+def constants(law: Any, rig: Rig, used: Collection[str]) -> str:
+    """Declarations of the numbers whose expressions are in `used`, in the order of `Law.block`."""
     text = []
     for name, owner, field, value in (*law._leaves("law."), *rig._leaves()):
         name = identifier(name)
@@ -50,8 +54,8 @@ def constants(law, rig, used):
     return "\n".join(text)
 
 
-def _said(owner, field):
-    """What the docstring of a part, or of a class that it comes from, says of a field; for f also its names."""
+def _said(owner: Any, field: str) -> str:
+    """Description of a field from the docstring of a part, or of a base class; of f with its parameters' names."""
     for cls in type(owner).__mro__:
         text = inspect.cleandoc(cls.__doc__ or "") + "\n"
         entry = re.search(rf"^(?:\w+, )*{field}(?:, \w+)* : .*\n((?:[ \t]+\S.*\n|\n(?=[ \t]))+)", text, re.MULTILINE)

@@ -133,7 +133,7 @@ static row *rows_of(const char *path, size_t *count)
 {
     char line[128 + 128 * $n];
     row *rows = NULL;
-    size_t room = 0, number = 0;
+    size_t capacity = 0, number = 0;
     FILE *file = fopen(path, "r");
     *count = 0;
     if (!file) {
@@ -146,8 +146,8 @@ static row *rows_of(const char *path, size_t *count)
             continue;
         if (number == 1 && isalpha((unsigned char)line[0]))
             continue;
-        if (*count == room) {
-            row *more = realloc(rows, (room = 2 * room + 1024) * sizeof *rows);
+        if (*count == capacity) {
+            row *more = realloc(rows, (capacity = 2 * capacity + 1024) * sizeof *rows);
             if (!more) {
                 fprintf(stderr, "%s does not fit into memory\\n", path);
                 goto refused;

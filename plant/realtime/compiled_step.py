@@ -1,26 +1,30 @@
-"""The compiled core of a running controller: a law, its rig and the shell around them in one generated function.
+"""The compiled core of a running controller: law, rig, guards and safe stop in one generated function.
 
-What the shell (`plant.realtime.safety`) needs of law and rig is written here in casadi, each piece as a function from
-places of the one vector `memory` to other places of it. All numbers stand in that vector, so that laws and rigs of one
-structure share a kernel.
+What `plant.realtime.safety` needs of law and rig is written here in casadi, each piece as a function from places of
+the one vector `memory` to other places of it. All numbers are in that vector, so that laws and rigs of one structure
+share a kernel.
 """
 
 from __future__ import annotations
 
 import inspect
 import re
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.compiler.instructions import STATE, UNIFORM
 from plant.compiler.intrinsics import head, intrinsic
 from plant.compiler.kernel_cache import Kernel
 from plant.compiler.translate import Names, translate
+from plant.machine.rig import Rig
 from plant.realtime import safety
+from plant.realtime.guards import Guards
 
-__all__ = ["Core", "compiled", "has_weight", "row"]
+__all__ = ["Core", "compensates_gravity", "compiled", "row"]
 
 
 class Core(NamedTuple):
@@ -33,15 +37,15 @@ class Core(NamedTuple):
         but `now` are (n,) arrays, contiguous; `now` is a float [s], NaN without a clock; torque is written [N m].
         It allocates nothing, and does what `Running.step` does.
     memory : (m,) numpy.ndarray
-        All that the controller remembers; shared with the `Running` that it belongs to.
+        The controller's whole state; shared with the `Running` that it belongs to.
     """
 
-    step: object
-    memory: np.ndarray
+    step: Callable[..., int]
+    memory: NDArray[np.float64]
 
 
-def compiled(law, rig, block, guards):
-    """Core of a law on a rig, at its start.
+def compiled(law: Any, rig: Rig, block: Any, guards: Guards | None) -> Core:
+    """Core of a law on a rig, in its initial state.
 
     Parameters
     ----------
@@ -56,7 +60,7 @@ def compiled(law, rig, block, guards):
     Core
     """
     n, states = rig.n, len(block.initial)
-    weight = has_weight(law, guards)
+    weight = compensates_gravity(law, guards)
     kernel = Kernel(_source(_pieces(law, rig, block)), ["step"])
     rows, scalars = np.zeros((safety.ROWS, n)), np.zeros(safety.SCALARS)
     rows[safety.JUMP : safety.FRICTION + 1] = np.inf
@@ -72,29 +76,36 @@ def compiled(law, rig, block, guards):
     return Core(kernel.function("step", *trial, np.nan, memory.copy(), np.zeros(n)), memory)
 
 
-def row(index, n):
+def row(index: int, n: int) -> range:
     """Places of one row of numbers per joint."""
     return range(safety.SCALARS + index * n, safety.SCALARS + (index + 1) * n)
 
 
-def has_weight(law, guards):
-    """Whether a ramp ends at the torque of gravity."""
+def compensates_gravity(law: Any, guards: Guards | None) -> bool:
+    """Whether a ramp stops with gravity compensation.
+
+    Raises
+    ------
+    ValueError
+        Gravity compensation under a law without an arm.
+    """
     known = _knows_arm(law)
     if guards is not None and guards.stop == "gravity" and not known:
-        given = f"stop must be 'hold' or 'zero' for a law that knows no arm; got 'gravity' for {type(law).__name__}"
+        given = f"stop must be 'hold' or 'zero' for a law without an arm; got 'gravity' for {type(law).__name__}"
         raise ValueError(f"{given}. Give such a law its arm, or stop otherwise.")
     return known and (guards is None or guards.stop != "zero")
 
 
-def _knows_arm(law):
+def _knows_arm(law: Any) -> bool:
     return getattr(law, "arm", None) is not None
 
 
-def _pieces(law, rig, block):
+def _pieces(law: Any, rig: Rig, block: Any) -> dict[str, tuple[ca.Function, list[Any], list[Any]]]:
     """Name -> (function, places in the memory of each input, places of each output)."""
     n, s, own = rig.n, len(block.initial), len(law.number_names())
     per_joint = ("COUNTS", "SPEED", "ANGLE", "Q", "QD", "QDD", "REFERENCE", "TORQUE", "FROM_Q", "FROM_QD")
-    places = {name: row(getattr(safety, name), n) for name in (*per_joint, "WANTED", "GIVEN", "REST")}
+    rows = (*per_joint, "WANTED", "GIVEN", "REST")
+    places: dict[str, range | list[int]] = {name: row(getattr(safety, name), n) for name in rows}
     places |= {name: [getattr(safety, name)] for name in ("DT", "SINCE", "DURATION", "WEIGHT")}
     end = safety.SCALARS + safety.ROWS * n
     places |= {"STATE": range(end + s, end + 2 * s), "FOLLOWING": range(end + 2 * s, end + 3 * s)}
@@ -102,7 +113,7 @@ def _pieces(law, rig, block):
     at = {name: ca.SX.sym(name, len(places[name])) for name in places}
     rig, law = rig.with_numbers(at["NUMBERS"][own:]), law.with_numbers(at["NUMBERS"][:own])
 
-    motion = [at["Q"], at["QD"], at["QDD"]]
+    motion = at["Q"], at["QD"], at["QDD"]
     asked, following = block.step(
         at["STATE"], *motion, at["REFERENCE"], at["COUNTS"], at["TORQUE"], at["DT"], at["NUMBERS"]
     )
@@ -126,15 +137,15 @@ def _pieces(law, rig, block):
 
 
 def _ahead(q, qd, qdd, dt):
-    """A motion that goes on with its acceleration for a time dt."""
+    """A motion extrapolated with its acceleration over a time dt."""
     return q + dt * qd + dt * dt / 2 * qdd, qd + dt * qdd, qdd
 
 
 def _slowing(at):
-    """Motion of a stop: from a speed to rest, accelerations zero at both ends; q and qdd follow from qd."""
+    """Reference of a stop: from a speed to rest, accelerations zero at both ends."""
     since, duration = ca.SX.sym("since"), ca.SX.sym("duration")
     s = since / duration
-    travelled = duration * (s - s**3 + s**4 / 2)  # at unit speed: half of the duration in the end
+    travelled = duration * (s - s**3 + s**4 / 2)  # from unit speed: half of the duration in the end
     speed = ca.jacobian(travelled, since)
     slowing = ca.Function("slowing", [since, duration], [travelled, speed, ca.jacobian(speed, since)])
     travelled, speed, acceleration = slowing(ca.fmin(at["SINCE"], at["DURATION"]), at["DURATION"])
@@ -142,13 +153,13 @@ def _slowing(at):
 
 
 def _brake(rig, at):
-    """Torque of a damping under which the motors alone would come to rest in a quarter of the duration."""
+    """Damping torque; under it the motors alone would stop with a time constant of a quarter of the duration."""
     speed = rig.drive.coupling.shaft(rig.to_angle(at["SPEED"]))
     return rig.drive.coupling.joint_torque(rig.drive.reflected_inertia() * speed / (at["DURATION"] / 4))
 
 
 def _source(pieces):
-    """Text of the shell with these pieces in place."""
+    """Text of `plant.realtime.safety` with these pieces in place."""
     text = inspect.getsource(safety)
     functions = re.findall(r"^def (\w+)", text, re.MULTILINE)
     text = re.sub(rf"\b({'|'.join(functions)})(?=\()", r"\1_{h}", text)

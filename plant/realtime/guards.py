@@ -1,11 +1,13 @@
-"""Guards of a running controller: what they watch for, and when and how they stop the arm."""
+"""Guards of a running controller: what they monitor, and when and how they stop the arm."""
 
 from __future__ import annotations
 
 import dataclasses
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from plant.machine.rig import Rig
 from plant.parts.arguments import array, choice, known_options, real
 from plant.realtime import safety
 
@@ -17,33 +19,32 @@ STOPS = ("hold", "gravity", "zero")
 @known_options
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Guards:
-    """Settings of the guards around a law at work; ``np.inf`` switches one of them off.
+    """Settings of the guards of a running controller; ``np.inf`` switches one of them off.
 
-    A sample in which something is wrong is bridged; after `patience` of them in a row the arm is stopped. A stop lasts
-    until `Running.reset`.
+    A bad sample is bridged; more than `patience` of them in a row stop the arm. A stop lasts until `Running.reset`.
 
     Parameters
     ----------
     jump : float or (n,) array_like, optional
-        Pulses by which a count may miss where it was going; as much again as the joint moves in a sample is allowed.
-        By default 8 and four times what the amplifiers can add to the motion within one sample, on the motors' own
-        inertia; a tenth of a turn of the motor where one of these is not known (infinite, or zero). Bridged by where
-        the joint was going.
+        Largest innovation [pulses]: count minus the one predicted from the last speed; as much again as the joint
+        moves in a sample is allowed. By default 8 and four times what the amplifiers can add to the motion within one
+        sample, on the rotor inertias alone; a tenth of a turn of the motor where one of these is not known (infinite,
+        or zero). Bridged by the predicted count.
     stuck : float or (n,) array_like, optional
-        Pulses by which the reference may move while the counts do not and the torque leaves the band of static
-        friction, three times its level. By default a fortieth of a turn of the motor. Stops at once.
+        Pulses by which the reference may move while the counts do not and the torque leaves a band of three times
+        static friction. By default a fortieth of a turn of the motor. Stops at once.
     error : float or (n,) array_like, optional
         Largest tracking error [pulses]. By default one turn of the motor. Stops at once.
     late : float
-        Share of a period by which a call may come late, if it is given `now`. A later one counts as one bad sample for
-        every period that is missing, and the law is told the time that really passed.
+        Share of a period by which a call may come late, if it is given `now`. A later one counts as one bad sample per
+        missing period, and the law is given the time that really passed.
     patience : int
         Bad samples in a row that are bridged.
     stop : {"hold", "gravity", "zero"}
-        Brake to a standstill under the law and hold there; or ramp the torque, within a tenth of `duration`, to that of
-        gravity at the pose of the moment (of laws with an ``arm``), or to zero, with a damping that brakes what the
-        encoders see moving. A hold becomes such a ramp (to gravity where the law has an arm) where there is nothing to
-        hold by: an encoder stands still, goes on jumping, or the law gives no finite torque.
+        Brake to a standstill under the law and hold there; or stop with gravity compensation (laws with an ``arm``), or
+        without torque: the torque ramps there within a tenth of `duration`, with damping by the measured speeds. A hold
+        becomes such a ramp (to gravity compensation where the law has an arm) where there is no feedback to hold by: an
+        encoder stands still, goes on jumping, or the law gives no finite torque.
     duration : float
         Of the braking [s].
 
@@ -52,15 +53,15 @@ class Guards:
     ValueError
     """
 
-    jump: np.ndarray | float | None = None
-    stuck: np.ndarray | float | None = None
-    error: np.ndarray | float | None = None
+    jump: ArrayLike | None = None
+    stuck: ArrayLike | None = None
+    error: ArrayLike | None = None
     late: float = 0.5
     patience: int = 3
     stop: str = "hold"
     duration: float = 0.2
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("jump", "stuck", "error", "late"):
             value = getattr(self, name)
             if value is None and name != "late":
@@ -75,8 +76,8 @@ class Guards:
         choice("stop", self.stop, STOPS)
         real("duration", self.duration, "Give seconds.", positive=True)
 
-    def limits(self, rig):
-        """What jump, stuck and error allow on this rig [pulses], and the band of static friction [N m]: (4, n)."""
+    def limits(self, rig: Rig) -> NDArray[np.float64]:
+        """Limits of jump, stuck and error on this rig [pulses], and the band of static friction [N m]: (4, n)."""
         drive, turn = rig.drive, rig.encoder.resolution
         inertia, torque = drive.reflected_inertia(), drive.torque_limit()
         jump, friction = turn / 10, drive.coupling.joint_torque(drive.joint_coulomb())
@@ -87,7 +88,7 @@ class Guards:
         given = [self._each(name, default) for name, default in (("jump", jump), ("stuck", turn / 40), ("error", turn))]
         return np.array([*given, 3 * np.abs(friction)])
 
-    def _each(self, name, default):
+    def _each(self, name: str, default: NDArray[np.float64]) -> NDArray[np.float64]:
         value = getattr(self, name)
         if value is None:
             return default
@@ -95,8 +96,8 @@ class Guards:
         return array(name, value, default.shape, finite=False, advice="Give one number, or one per joint.")
 
 
-def wording(cause, joint, amount):
-    """A cause in words; `amount` is what the shell noted with it."""
+def wording(cause: float, joint: str, amount: float) -> str:
+    """A cause in words, with the joint's label; `amount` is what the core noted with it."""
     return {
         safety.WAS_LATE: f"a call that came {1e3 * amount:.3g} ms late",
         safety.HAD_GAPS: "a reference that is no finite position",

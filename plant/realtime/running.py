@@ -1,16 +1,19 @@
-"""A law at work in a control script: the same equations as in the simulator, one sample at a time."""
+"""A running controller for a control script: the same equations as in the simulator, one sample at a time."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
+from collections.abc import Mapping
+from typing import Any, NoReturn
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from plant.machine.rig import Rig
 from plant.parts.arguments import array, choice, instance, real
 from plant.realtime import safety
-from plant.realtime.compiled_step import compiled, has_weight, row
+from plant.realtime.compiled_step import compensates_gravity, compiled, row
 from plant.realtime.guards import Guards, wording
 
 __all__ = ["Running"]
@@ -19,7 +22,7 @@ _ARGUMENTS = ("pulses", "q_r", "qd_r", "qdd_r")
 
 
 class Running:
-    """A running controller; made by `Law.start`.
+    """A controller at work, sample by sample, with guards and safe stop; made by `Law.start`.
 
     Parameters
     ----------
@@ -28,10 +31,10 @@ class Running:
     pulses : (n,) array_like
         Encoder counts now.
     guards : Guards, optional
-        None for none: then a call that cannot be answered is refused, and nothing else is watched.
+        None for none: then a call that cannot be answered is refused, and nothing else is monitored.
     torque_limit : (n,) array_like, optional
         Largest torque [N m], magnitude, joint side (of coupled joints: on the shaft), where the amplifier can give
-        more. Like the amplifier's limit it is known to the law, whose observer sees what was cut.
+        more. Like the amplifier's limit it is known to the law, whose observer takes the limited torque.
 
     Attributes
     ----------
@@ -44,16 +47,23 @@ class Running:
     state : numpy.ndarray
         State of the law.
     reference : (n,) numpy.ndarray
-        Joint position [rad] that the law was asked for in the last call; in a stop its own.
+        Commanded joint position [rad] of the last call; in a stop that of the stop.
     stopped : bool
         Whether a guard has stopped the arm.
     bridged : int
-        Calls in which something was wrong and was bridged.
+        Number of calls with a bridged sample.
     status : str
         "running", with what was bridged last, or "safe stop" and why.
     """
 
-    def __init__(self, law, rig, pulses, guards=None, torque_limit=None):
+    def __init__(
+        self,
+        law: Any,
+        rig: Rig,
+        pulses: ArrayLike,
+        guards: Guards | None = None,
+        torque_limit: ArrayLike | None = None,
+    ) -> None:
         instance("rig", rig, Rig, "Pass found.rig.")
         if guards is not None:
             instance("guards", guards, Guards, "Give Guards(...), or None for none.")
@@ -75,10 +85,10 @@ class Running:
         self._torque, self._rows = np.empty(rig.n), slice(safety.SCALARS, safety.SCALARS + safety.ROWS * rig.n)
         self._set(counts)
 
-    def reset(self, pulses):
-        """Start anew, as after `Law.start`: with the law's initial state, and whatever stopped the arm forgotten.
+    def reset(self, pulses: ArrayLike) -> None:
+        """Start anew, as after `Law.start`: with the law's initial state, and the stop cleared.
 
-        After a safe stop: find out why (`status`), plan a reference that begins where the arm stands
+        After a safe stop: find out why (`status`), plan a reference that begins at the arm's position
         (``rig.cell_centre(pulses)``), and reset.
 
         Parameters
@@ -88,16 +98,25 @@ class Running:
         """
         self._set(self._counts(pulses))
 
-    def step(self, pulses=None, q_r=None, qd_r=None, qdd_r=None, *, now=None, **unknown):
-        """Torque to be applied until the next call.
+    def step(
+        self,
+        pulses: ArrayLike | None = None,
+        q_r: ArrayLike | None = None,
+        qd_r: ArrayLike | None = None,
+        qdd_r: ArrayLike | None = None,
+        *,
+        now: float | None = None,
+        **unknown: Any,
+    ) -> NDArray[np.float64]:
+        """Torque to be applied until the next call; to be called once per period.
 
         Parameters
         ----------
         pulses : (n,) array_like
-            Encoder counts, whole numbers, read now; to be called once per period.
+            Encoder counts, whole numbers, read now.
         q_r, qd_r, qdd_r : (n,) array_like
-            Reference for now, joint side [rad, rad/s, rad/s^2]. With guards, one that is not finite is continued from
-            the last one; only the first must be finite.
+            Reference for now, joint side [rad, rad/s, rad/s^2]. With guards, one that is not finite is extrapolated
+            from the last one; only the first must be finite.
         now : float, optional
             Time of a steady clock [s] (``time.perf_counter()``), for the guard that sees calls come late.
 
@@ -112,9 +131,10 @@ class Running:
             Something missing, wrong shapes, counts that are not whole, a clock that does not advance; without guards
             also NaN in the reference, or a law that gives no finite torque. Nothing has changed then.
         """
-        ours = self._arguments
+        ours, shape = self._arguments, self._shape
         try:
-            if not pulses.shape == q_r.shape == qd_r.shape == qdd_r.shape == self._shape or unknown:
+            fits = pulses.shape == q_r.shape == qd_r.shape == qdd_r.shape == shape  # type: ignore[union-attr]  # caught
+            if not fits or unknown:
                 raise ValueError
             ours[0][:], ours[1][:], ours[2][:], ours[3][:] = pulses, q_r, qd_r, qdd_r
             time = np.nan if now is None else float(now)
@@ -125,64 +145,59 @@ class Running:
             self._refuse(refusal, time)
         return self._torque.copy()
 
-    # -- what there is to know --------------------------------------------------------------------------------------
+    # -- attributes ---------------------------------------------------------------------------------------------------
     @property
-    def pulses(self):
+    def pulses(self) -> NDArray[np.float64]:
         return self._row(safety.COUNTS)
 
     @property
-    def torque(self):
+    def torque(self) -> NDArray[np.float64]:
         return self._row(safety.TORQUE)
 
     @property
-    def reference(self):
+    def reference(self) -> NDArray[np.float64]:
         return self._row(safety.Q)
 
     @property
-    def state(self):
+    def state(self) -> NDArray[np.float64]:
         states = int(self._memory[safety.STATES])
         return self._memory[self._rows.stop + states :][:states].copy()
 
     @property
-    def stopped(self):
-        return self._memory[safety.CAUSE] != safety.RUNNING
+    def stopped(self) -> bool:
+        return bool(self._memory[safety.CAUSE] != safety.RUNNING)
 
     @property
-    def bridged(self):
+    def bridged(self) -> int:
         return int(self._memory[safety.BRIDGED])
 
     @property
-    def status(self):
+    def status(self) -> str:
         event, joint, amount, call = self._memory[safety.EVENT : safety.EVENT_CALL + 1]
         if event == safety.RUNNING:
             return "running"
-        said = wording(event, self._joint(int(joint)), amount)
+        said = wording(event, self.law.joint_labels(self.rig)[int(joint)], amount)
         if not self.stopped:
             return f"running; bridged {said} at call {call:.0f}"
-        again = (
-            f", {self.guards.patience + 1} times in a row" if event in safety.PATIENT and self.guards.patience else ""
-        )
+        patience = self._memory[safety.PATIENCE]
+        again = f", {patience + 1:.0f} times in a row" if event in safety.PATIENT and patience else ""
         return f"safe stop, {self._end()}: {said}{again}, at call {call:.0f}"
 
-    def _end(self):
+    def _end(self) -> str:
         if not self._memory[safety.RELEASED]:
             return "holding"
-        return "ramp to gravity" if has_weight(self.law, self.guards) else "ramp to zero"
+        return "ramp to gravity compensation" if compensates_gravity(self.law, self.guards) else "ramp to zero"
 
-    def _joint(self, index):
-        arm = getattr(self.law, "arm", None)
-        return f"joint index {index}" if arm is None else f"joint {arm.dynamics.chain.links[index].name}"
-
-    def _row(self, index):
+    def _row(self, index: int) -> NDArray[np.float64]:
         return self._memory[self._rows][index * self.n : (index + 1) * self.n].copy()
 
-    # -- what is no array of the right shape, and what is wrong -------------------------------------------------------
-    def _set(self, counts):
+    # -- arguments of any kind, and refusals ---------------------------------------------------------------------------
+    def _set(self, counts: NDArray[np.float64]) -> None:
         self._memory[:] = self._initial
         self._memory[row(safety.COUNTS, self.n)] = counts
 
-    def _take(self, given, now, unknown):
-        """Read arguments of any kind; the time."""
+    def _take(self, given: tuple[Any, ...], now: float | None, unknown: Mapping[str, Any]) -> float:
+        """Take arguments of any kind; returns the time."""
         if now is None and not unknown:
             with contextlib.suppress(TypeError, ValueError):  # lists of numbers, in half the time
                 block = np.array(given, float)
@@ -198,7 +213,7 @@ class Running:
             place[:] = array(name, value, (self.n,), advice=advice, finite=False)
         return np.nan if now is None else real("now", now, "Give seconds of a steady clock.")
 
-    def _refuse(self, refusal, time):
+    def _refuse(self, refusal: int, time: float) -> NoReturn:
         counts, *motion = self._arguments
         if refusal == safety.BAD_PULSES:
             self._counts(counts)
@@ -213,8 +228,9 @@ class Running:
             )
         raise ValueError(f"the law must give finite torques; it does not at pulses {counts}. Check its numbers.")
 
-    def _counts(self, pulses):
-        pulses = array("pulses", pulses, (self.n,), advice="Give the encoder count of each joint.")
-        if (pulses != np.trunc(pulses)).any():
-            raise ValueError(f"pulses must be whole encoder counts; got {pulses}. Give counts, not angles.")
-        return pulses
+    def _counts(self, pulses: ArrayLike) -> NDArray[np.float64]:
+
+        counts = array("pulses", pulses, (self.n,), advice="Give the encoder count of each joint.")
+        if (counts != np.trunc(counts)).any():
+            raise ValueError(f"pulses must be whole encoder counts; got {counts}. Give counts, not angles.")
+        return counts

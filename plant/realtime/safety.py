@@ -1,10 +1,10 @@
-"""What stands around a law at work, sample by sample: checks, guards and the safe stop, in the compiled core.
+"""One sample of a running controller: checks of the inputs, guards, the law, and the safe stop.
 
-The text of this module stands in every generated file of a running controller (`plant.realtime.compiled_step`), so it
-is Python that numba can compile: arrays and numbers, no objects, nothing allocated. The law, the amplifier's limit and
-all that crosses to pulses are generated from casadi and put in the place of `ahead` ... `rest` below; each reads
-`memory` and writes its results there. `memory` is one vector: `SCALARS` numbers, `ROWS` rows of one number per joint,
-then the law's initial state, its state, the state that follows, and its numbers.
+The text of this module is part of every generated controller (`plant.realtime.compiled_step`), so it is Python that
+numba can compile: arrays and numbers, no objects, nothing allocated. The law, the amplifier's limit and all that
+crosses to pulses are generated from casadi in place of `ahead` ... `rest` below; each reads `memory` and writes its
+results there. `memory` is one vector: `SCALARS` numbers, `ROWS` rows of one number per joint, then the law's initial
+state, its state, the state that follows, and its numbers.
 """
 
 import numpy as np
@@ -15,10 +15,10 @@ FAR = 1e5
 """Angle [rad] up to which the kernels' sines are exact to rounding."""
 
 SMOOTHING = 0.25
-"""Share of a new change of the counts in the speed, one pulse of rounding being much of a change."""
+"""Smoothing factor of the measured speed: quantisation is much of a change of counts."""
 
 RAMP = 0.1
-"""Share of the duration of a stop in which the torque goes to that at rest: short, since it may begin at the limit."""
+"""Share of the duration of a stop in which the torque ramps to its end: short, since it may begin at the limit."""
 
 GUARDED, PATIENCE, LATE, PERIOD, STOP, DURATION, STATES = range(7)
 CALLS, NOW, DT, LATE_CALLS, JUMPS, GAPS, CAUSE, SINCE, RELEASED = range(7, 16)
@@ -31,19 +31,19 @@ JUMP, STUCK, ERROR, FRICTION = range(18, 22)
 ROWS = 22
 
 DONE, BAD_PULSES, BAD_REFERENCE, BAD_CLOCK, BAD_LAW = range(5)
-"""What a step gives back; unless it is DONE, nothing has changed."""
+"""Return codes of a step; unless it is DONE, nothing has changed."""
 
 RUNNING, WAS_LATE, HAD_GAPS, HAS_JUMPED, IS_STUCK, IS_OFF, NO_TORQUE = range(7)
-"""Causes of a stop, and of what was bridged."""
+"""Causes of a stop, and of a bridged sample."""
 
 PATIENT = (HAD_GAPS, HAS_JUMPED)
-"""Those that were bridged so many times before they stopped the arm."""
+"""Causes that were bridged `PATIENCE` times in a row before they stopped the arm."""
 
 HOLD = 0.0
 
 ahead = moving = counted = standing = slowing = law = rest = None
-"""Generated: the reference one sample on; the speed that it means; counts of the reference and angle of the counts;
-where a stop begins at the arm; the reference of a stop; the law; the torque at which a stop ends."""
+"""Generated: the reference one sample on; its speed in pulses; counts of the reference and angle of the counts; the
+measured motion, where a stop begins; the reference of a stop; the law; the torque at which a stop ends."""
 
 
 def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
@@ -95,7 +95,7 @@ def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
 
 
 def refused(pulses, q_r, qd_r, qdd_r, now, own):
-    """What is wrong with a call that no guard can mend."""
+    """Return code of a call that no guard can bridge."""
     for count in pulses:
         if not (abs(count) < np.inf and count == np.floor(count)):
             return BAD_PULSES
@@ -107,7 +107,7 @@ def refused(pulses, q_r, qd_r, qdd_r, now, own):
 
 
 def usable(q_r, qd_r, qdd_r):
-    """Whether a reference is finite, and its angles are such that the kernels know their sines."""
+    """Whether a reference is finite, and its angles small enough for the kernels' sines."""
     sound = True
     for i in range(len(q_r)):
         sound = sound and abs(q_r[i]) <= FAR and abs(qd_r[i]) < np.inf and abs(qdd_r[i]) < np.inf
@@ -115,7 +115,7 @@ def usable(q_r, qd_r, qdd_r):
 
 
 def in_time(now, own):
-    """Guard of the clock; what is late is told to the law as the time that really passed."""
+    """Guard of the clock; after a late call the law is given the time that really passed."""
     elapsed = now - own[NOW]
     over = elapsed / own[PERIOD] - 1.0 - own[LATE]
     own[NOW], own[DT] = now, own[PERIOD]
@@ -128,7 +128,7 @@ def in_time(now, own):
 
 
 def follow(q_r, qd_r, qdd_r, own, joints, memory):
-    """Guard of the reference: one that cannot be used is continued from the last that could."""
+    """Guard of the reference: one that cannot be used is extrapolated from the last that could."""
     if usable(q_r, qd_r, qdd_r):
         own[GAPS] = 0.0
         for i in range(len(q_r)):
@@ -140,22 +140,22 @@ def follow(q_r, qd_r, qdd_r, own, joints, memory):
 
 
 def read(pulses, first, own, joints):
-    """Guard of the counts: what jumped is replaced by where it was going, unless it goes on doing so."""
+    """Guard of the counts: one with too large an innovation is replaced by its prediction, unless this goes on."""
     dt, joint, largest = own[DT], -1, 0.0
     for i in range(len(pulses)):
         joints[BEFORE, i] = joints[COUNTS, i]
-        coming = joints[COUNTS, i] + joints[SPEED, i] * dt
-        surprise = pulses[i] - coming
+        predicted = joints[COUNTS, i] + joints[SPEED, i] * dt
+        innovation = pulses[i] - predicted
         joints[EXPECTED, i] = pulses[i]
-        if not first and abs(surprise) > joints[JUMP, i] + abs(joints[SPEED, i]) * dt:
-            joints[EXPECTED, i] = np.floor(coming + 0.5)
-            if abs(surprise) > abs(largest):
-                joint, largest = i, surprise
+        if not first and abs(innovation) > joints[JUMP, i] + abs(joints[SPEED, i]) * dt:
+            joints[EXPECTED, i] = np.floor(predicted + 0.5)
+            if abs(innovation) > abs(largest):
+                joint, largest = i, innovation
     own[JUMPS] = own[JUMPS] + 1.0 if joint >= 0 else 0.0
     lost = own[JUMPS] > own[PATIENCE]
     if joint >= 0:
         if lost and own[CAUSE] != RUNNING:
-            release(own, joints)  # a stop that nothing can be read in
+            release(own, joints)  # a stop without feedback
         bridge(HAS_JUMPED, joint, largest, lost, own)
     for i in range(len(pulses)):
         joints[COUNTS, i] = pulses[i] if lost else joints[EXPECTED, i]
@@ -168,8 +168,8 @@ def read(pulses, first, own, joints):
 def watch(first, own, joints):
     """Guards of the tracking error, and of an encoder that stands still.
 
-    Static friction holds a joint while the torque stays within a band of twice its level. Where the torque has left
-    that band since the counts last changed, the joint must have moved.
+    Static friction holds a joint while the torque stays within a band of twice its level. Once the torque has left that
+    band since the counts last changed, the joint must have moved.
     """
     for i in range(joints.shape[1]):
         error = joints[REFERENCE, i] - joints[COUNTS, i]
@@ -183,7 +183,7 @@ def watch(first, own, joints):
 
 
 def bridge(cause, joint, amount, too_often, own):
-    """Note what was bridged, or stop if it came too often in a row."""
+    """Note a bridged sample, or stop after too many in a row."""
     if too_often:
         stop(cause, joint, amount, own)
     elif own[CAUSE] == RUNNING:
@@ -196,14 +196,14 @@ def note(cause, joint, amount, own):
 
 
 def stop(cause, joint, amount, own):
-    """Stop for the first cause that there is."""
+    """Stop, for the first cause that comes."""
     if own[CAUSE] == RUNNING:
         own[CAUSE], own[SINCE] = cause, -1.0
         note(cause, joint, amount, own)
 
 
 def begin_stop(own, joints, memory):
-    """A stop begins at the reference where the arm followed it, and at the arm, with a law as new, where it did not."""
+    """Begin a stop: from the reference if the arm tracks it, otherwise from the measured motion with a reset law."""
     own[SINCE] = own[JUMPS] = 0.0
     counted(memory)
     if own[STOP] != HOLD or own[CAUSE] == IS_STUCK:  # a law that sees no motion would push on
@@ -219,14 +219,14 @@ def begin_stop(own, joints, memory):
 
 
 def release(own, joints):
-    """From here on the torque goes to that at rest, whatever the counts say."""
+    """From here on the torque ramps to its end, whatever the counts say."""
     if own[RELEASED] == 0.0:
         own[RELEASED], own[SINCE] = 1.0, 0.0
         copy(TORQUE, FROM_TORQUE, joints)
 
 
 def finite(own, joints, memory):
-    """Whether the torque that the law wants, and the state that would follow, are numbers."""
+    """Whether the commanded torque, and the state that would follow, are finite."""
     total, states = 0.0, int(own[STATES])
     start = SCALARS + ROWS * joints.shape[1] + 2 * states
     for i in range(joints.shape[1]):

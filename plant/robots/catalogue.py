@@ -18,12 +18,12 @@ __all__ = ["planar", "puma560", "puma560_rig", "tx40", "tx40_rig"]
 _QUARTER_TURN = np.pi / 2
 
 
-def puma560():
+def puma560() -> Chain:
     """All six joints of the PUMA 560, with bodies.
 
     Standard Denavit-Hartenberg rows; at q = 0 the upper arm is level and the forearm hangs from it at a right angle.
-    Motor inertias are in the bodies, reflected through the gears of `puma560_rig`. Of link 1 only Iyy is known, which
-    is all that its motion shows, so its mass is zero.
+    Rotor inertias are in the bodies, reflected through the gears of `puma560_rig`. Of link 1 only Iyy is known, the one
+    parameter of it that is identifiable, so its mass is zero.
 
     Source: P. Corke and B. Armstrong-Helouvry, A search for consensus among model parameters reported for the PUMA 560
     robot, IEEE International Conference on Robotics and Automation 1994.
@@ -52,10 +52,10 @@ def puma560():
     return Chain.standard(rows, bodies=bodies)
 
 
-def puma560_rig():
+def puma560_rig() -> Rig:
     """Its drives and encoders: gears, motor inertia, friction (Coulomb: mean of both directions) and counts.
 
-    The amplifiers' limits are not in the source and left infinite; the motors' coupling in the wrist is left out.
+    The amplifiers' limits are not in the source and infinite here; the coupling of the wrist's motors is left out.
 
     Source: as for `puma560`.
     """
@@ -70,7 +70,7 @@ def puma560_rig():
     return Rig(drive=drive, encoder=Encoder(resolution=(1000, 800, 1000, 1000, 1000, 500)), period=0.7e-3)
 
 
-def planar(n, *, length=0.4, mass=2.0, rotor=0.05):
+def planar(n: int, *, length: float = 0.4, mass: float = 2.0, rotor: float = 0.05) -> Chain:
     """A chain of n equal links in a vertical plane, q = 0 level.
 
     Parameters
@@ -79,7 +79,7 @@ def planar(n, *, length=0.4, mass=2.0, rotor=0.05):
     length, mass : float
         Of each link, a thin rod [m], [kg].
     rotor : float
-        Motor inertia as each joint feels it [kg m^2].
+        Rotor inertia reflected to each joint [kg m^2].
     """
     links = [Link(name="1", alpha=_QUARTER_TURN)] + [Link(name=str(i + 1), a=length) for i in range(1, n)]
     about = mass * length**2 / 12
@@ -87,34 +87,35 @@ def planar(n, *, length=0.4, mass=2.0, rotor=0.05):
     return Chain(links=tuple(links), bodies=(rod,) * n)
 
 
-def tx40():
+def tx40() -> Chain:
     """Geometry of the Staubli TX40, modified Denavit-Hartenberg rows, base flange down; without bodies.
 
-    Motor 6 turns with joint 5 as well. Frame 6 is turned by half a turn about its axis, which gives the first moments
+    Motor 6 moves with joint 5 as well. Frame 6 is turned by half a turn about its axis, which gives the first moments
     and products of inertia of link 6 the signs of the published ones.
 
     Source: example staubli_TX40 of figaroh-plus (Apache-2.0), commit c3b5172.
     """
     rows = (
-        (0.0, 0.0, 0.320),
-        (-_QUARTER_TURN, 0.0, 0.0),
-        (0.0, 0.225, 0.035),
-        (_QUARTER_TURN, 0.0, 0.225),
-        (-_QUARTER_TURN, 0.0, 0.0),
+        (0.0, 0.0, 0.320, 0.0),
+        (-_QUARTER_TURN, 0.0, 0.0, 0.0),
+        (0.0, 0.225, 0.035, 0.0),
+        (_QUARTER_TURN, 0.0, 0.225, 0.0),
+        (-_QUARTER_TURN, 0.0, 0.0, 0.0),
         (_QUARTER_TURN, 0.0, 0.0, np.pi),
     )
-    keys = ("alpha", "a", "d", "theta")
-    links = tuple(Link(name=str(i + 1), **dict(zip(keys, row, strict=False))) for i, row in enumerate(rows))
+    links = tuple(
+        Link(name=str(i), alpha=alpha, a=a, d=d, theta=theta) for i, (alpha, a, d, theta) in enumerate(rows, 1)
+    )
     return Chain(links=links, coupling=_TX40_WRIST)
 
 
 _TX40_WRIST = Coupling(matrix=np.eye(6) + np.eye(6)[5][:, None] * np.eye(6)[4])
 
 
-def tx40_rig(period=0.2e-3):
-    """Its gears, motor = R q, without friction, motor inertia or limits: those are to be found.
+def tx40_rig(period: float = 0.2e-3) -> Rig:
+    """Its gears, motor = R q, without friction, motor inertia or limits, which are to be identified.
 
-    The published log holds motor angles, so a pulse of this rig is one radian of the motor, not rounded.
+    The published log holds motor angles, so a pulse of this rig is one radian of the motor, not quantised.
 
     Source: as for `tx40`.
     """

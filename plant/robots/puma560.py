@@ -6,12 +6,16 @@ appendix, corrected where the print is wrong) or, where said, from the literatur
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from plant.laws.pid import P
 from plant.machine.drive import Drive
 from plant.machine.encoder import Encoder
 from plant.machine.rig import Rig
+from plant.mechanics.arm import Arm
 from plant.mechanics.body import Body
 from plant.mechanics.chain import Chain
 from plant.mechanics.dynamics import Dynamics
@@ -52,7 +56,7 @@ PRINTED_RANGES = (
 derives [0, 1.27] and [1.25, 18.76]); the published f3 and f4 lie outside theirs."""
 
 
-def equation_3(link2, link3, a3):
+def equation_3(link2: Any, link3: Any, a3: Any) -> dict[str, Any]:
     """f1..f9 from the physical parameters of links 2 and 3.
 
     Parameters
@@ -83,8 +87,8 @@ def equation_3(link2, link3, a3):
     }
 
 
-def dynamics():
-    """Equations (1)-(2) of links 2 and 3 with f1..f9 open, and the printed ranges to search them in."""
+def dynamics() -> Dynamics:
+    """Equations (1)-(2) of links 2 and 3 with f1..f9 open, and their printed search ranges."""
     chain = Chain(
         links=(
             Link(name="2", alpha=-np.pi / 2, a=0.0, d=0.0),
@@ -100,25 +104,25 @@ def dynamics():
     return Dynamics(chain=chain, lumping=lumping, ranges=PRINTED_RANGES)
 
 
-def arm():
+def arm() -> Arm:
     """The arm with the published f."""
     return dynamics().arm(PUBLISHED)
 
 
-def literature_arm(tool_mass=0.0, tool_position=(0.0, -0.55)):
+def literature_arm(tool_mass: float = 0.0, tool_position: tuple[float, float] = (0.0, -0.55)) -> Arm:
     """A physical PUMA 560 (links 2 and 3, the wrist lumped into link 3), with a point mass as a tool.
 
     Parameters
     ----------
     tool_mass : float
         [kg]
-    tool_position : (2,) array_like
+    tool_position : (float, float)
         x, y in frame 3 [m].
 
     Source: Armstrong, Khatib and Burdick (1986); Corke and Armstrong-Helouvry (1994).
     """
 
-    def body(mass, x, y, izz=0.0, rotor=0.0):
+    def body(mass: float, x: float, y: float, izz: float = 0.0, rotor: float = 0.0) -> Body:
         return Body(mass=mass, com=(x, y, 0.0), inertia=(0, 0, 0, 0, 0, izz), rotor=rotor)
 
     rotor2, rotor3 = rig().drive.reflected_inertia()
@@ -132,7 +136,7 @@ def literature_arm(tool_mass=0.0, tool_position=(0.0, -0.55)):
     return model.arm(model.f((link2, link3)))
 
 
-def rig():
+def rig() -> Rig:
     """Drives and encoders of joints 2 and 3.
 
     Source: paper appendix (gears, friction, encoders; its second "Kfr-stat2" is motor 3's), 4.1 (0.7 ms, 12 A
@@ -150,7 +154,7 @@ def rig():
     return Rig(drive=drive, encoder=Encoder(resolution=(800, 1000)), period=0.7e-3)
 
 
-def p_law(gain=(0.20, 0.15)):
+def p_law(gain: ArrayLike = (0.20, 0.15)) -> P:
     """The P controller of the experiment: motor torque per pulse of error [N m].
 
     The paper prints neither P nor K_i. With (0.20, 0.15) the tracking errors stay within about +-10 pulses, as in
@@ -159,7 +163,7 @@ def p_law(gain=(0.20, 0.15)):
     return P(gain=gain)
 
 
-def reference(period=3.65):
+def reference(period: float = 3.65) -> Harmonics:
     """The test trajectory, `period` seconds long. Source: paper eq. (6)."""
     quarter = np.pi / 4
     return Harmonics(

@@ -7,22 +7,33 @@ import math
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
+from plant.simulation.clock import Clock
+from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.loop_kernel import Structure
 
 __all__ = ["by_casadi"]
 
 
-def by_casadi(loop, tables, clock, state, numbers):
-    """The same loop by casadi: `mapaccum` over chunks in which law and log come round once, then the rest."""
+def by_casadi(
+    loop: ClosedLoop,
+    tables: tuple[NDArray[np.float64], ...],
+    clock: Clock,
+    state: NDArray[np.float64],
+    numbers: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], int, NDArray[np.float64], NDArray[np.float64]]:
+    """Final state, steps done, log and true errors: `mapaccum` over whole periods of law and log, then the rest."""
     law_time, sample_time, step_time = tables
     per_sample, per_law = loop.steps_per_sample, loop.steps_per_law
     chunk = math.lcm(per_sample, per_law or per_sample)
     chunks, n = len(step_time) // chunk, loop.n
     law_rows, sample_rows = (chunk // per_law if per_law else 0), chunk // per_sample
-    logs, errors, done = [], [], 0
+    logs: list[NDArray[np.float64]] = []
+    errors: list[NDArray[np.float64]] = []
+    done = 0
 
-    def accumulate(count, state):
+    def accumulate(count: int, state: NDArray[np.float64]) -> NDArray[np.float64]:
         nonlocal done
         start = done // chunk
         arguments = [
@@ -39,7 +50,7 @@ def by_casadi(loop, tables, clock, state, numbers):
     if chunks:
         state = accumulate(chunks, state)
     for i in range(done, len(step_time)):
-        if per_law and i % per_law == 0:
+        if loop.law_step is not None and i % per_law == 0:
             state = loop.law_step(state, law_time[i // per_law], numbers).full()[:, 0]
         if i % per_sample == 0:
             state, log = (x.full()[:, 0] for x in loop.sample(state, sample_time[i // per_sample], numbers, []))
@@ -69,7 +80,7 @@ def _chunk(loop, chunk):
     step_time = ca.MX.sym("step_time", times, chunk)
     inputs, logs, errors = [state, law_time, sample_time, step_time, numbers], [], []
     for i in range(chunk):
-        if per_law and i % per_law == 0:
+        if loop.law_step is not None and i % per_law == 0:
             state = loop.law_step(state, law_time[:, i // per_law], numbers)
         if i % loop.steps_per_sample == 0:
             state, log = loop.sample(state, sample_time[:, i // loop.steps_per_sample], numbers, ca.MX(0, 1))

@@ -1,21 +1,23 @@
-"""When a loop is sampled: evenly, or at the time stamps of a log."""
+"""Sampling times of a loop: even, or the time stamps of a log."""
 
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 __all__ = ["Clock"]
 
 _EVEN = 0.01
-"""Periods by which time stamps may be off and still count as even."""
+"""Jitter [periods] up to which time stamps count as even."""
 
 _OTHER = 0.1
-"""Share by which the usual interval of a log may differ from its rig's period."""
+"""Largest relative difference of a log's median interval from its rig's period."""
 
 _LONGEST = 1.5
-"""Periods after which a gap is bridged by samples that nobody has measured."""
+"""Periods above which a gap is bridged by samples without measurement."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -34,27 +36,27 @@ class Clock:
         The period, where all intervals have it.
     """
 
-    t: np.ndarray
-    lengths: np.ndarray
-    rows: np.ndarray
+    t: NDArray[Any]
+    lengths: NDArray[Any]
+    rows: NDArray[np.int_]
     even: float | None
 
     @classmethod
-    def regular(cls, samples, period):
+    def regular(cls, samples: int, period: float) -> Clock:
         """So many samples at k period."""
         return cls(np.arange(samples) * period, np.full(samples, period), np.arange(samples), period)
 
     @classmethod
-    def of(cls, record):
+    def of(cls, record: Any) -> Clock:
         """The clock of a record: its time stamps, or k period where they are that.
 
-        In a gap of more than 1.5 periods, samples are put between that nobody has measured, so that no step is longer
-        than what the rig's period allows.
+        A gap of more than 1.5 periods is divided by samples without measurement, so that no sub-step is longer than
+        the rig's period allows.
 
         Raises
         ------
         ValueError
-            Time stamps that have nothing to do with the rig's period.
+            Time stamps that do not fit the rig's period.
         """
         t, period = record.t - record.t[0], record.rig.period
         late = t - np.arange(len(t)) * period
@@ -74,45 +76,45 @@ class Clock:
         shorter = lengths / parts
         return cls(np.repeat(t, parts) + within * np.repeat(shorter, parts), np.repeat(shorter, parts), first, None)
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.t)
 
-    def place(self, t):
-        """Place (K,) of times among the samples of the log, as a fraction between two; whole ones are exact."""
+    def place(self, t: NDArray[Any]) -> NDArray[np.float64]:
+        """Index (K,) of times in the log, with the fraction between two samples; whole ones are exact."""
         if self.even is not None:
             place = np.asarray(t) / self.even
             return np.where(np.abs(place - np.round(place)) < 1e-9, np.round(place), place)
         return np.interp(t, self.t[self.rows], np.arange(len(self.rows)))
 
-    def apart(self, rows):
-        """From samples of the log to the next, (K, 1) [s]."""
+    def apart(self, rows: NDArray[np.int_]) -> NDArray[np.float64] | float:
+        """Intervals from samples of the log to the next, (K, 1) [s]; one number where they are even."""
         if self.even is not None:
             return self.even
         return np.append(np.diff(self.t[self.rows]), self.lengths[-1])[rows][:, None]
 
-    def bridged(self, values):
+    def bridged(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values (N, m) of the log's samples for all samples (M, m), on straight lines across gaps."""
         return np.column_stack([np.interp(np.arange(len(self)), self.rows, column) for column in values.T])
 
-    def measured(self, values):
+    def measured(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values (N, m) of the log's samples for all samples (M, m), zero between."""
         filled = np.zeros((len(self), values.shape[1]))
         filled[self.rows] = values
         return filled
 
-    def starts(self, steps, every=1):
+    def starts(self, steps: int, every: int = 1) -> NDArray[Any]:
         """Start (K,) [s] of every so many sub-steps, with so many sub-steps per sample."""
         if self.even is not None:
             return np.arange(-(-len(self) * steps // every)) * (self.even / steps * every)
         return (self.t[:, None] + self.lengths[:, None] / steps * np.arange(steps)).ravel()[::every]
 
-    def step_lengths(self, steps):
+    def step_lengths(self, steps: int) -> NDArray[Any]:
         """Length (K,) [s] of all sub-steps."""
         if self.even is not None:
             return np.full(len(self) * steps, self.even / steps)
         return np.repeat(self.lengths / steps, steps)
 
-    def middles(self, steps):
+    def middles(self, steps: int) -> NDArray[Any]:
         """Middle (K,) [s] of all sub-steps."""
         if self.even is not None:
             return (np.arange(len(self) * steps) + 0.5) * (self.even / steps)

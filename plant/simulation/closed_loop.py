@@ -2,35 +2,37 @@
 
 Everything that simulates, verifies or differentiates the loop is generated from the functions made here. Time runs in
 *sub-steps* of length h; every `steps_per_sample` of them the log takes a *sample*. Order at one instant: the law (if
-it has a period and its time has come), then the log, then the sub-step.
+it has a period and is due), then the log, then the sub-step.
 
-The sub-step is a midpoint (leapfrog) step: everything is evaluated at q + h/2 qd. It adds no damping of its own, which
+The sub-step is a midpoint (leapfrog) step: everything is evaluated at q + h/2 qd. It adds no numerical damping, which
 matters: the P loop has a mode with a damping ratio near 0.005. The Coriolis torque is taken at the mid-step velocity,
-by one predictor pass, so that energy is kept to order h^2.
+by one predictor pass, so that energy is conserved to order h^2.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import functools
+from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
-from plant.laws.law import Law
+from plant.laws.law import Block, Law
 from plant.machine.drive import lagging
 from plant.machine.friction import friction_impulse, smooth_impulse
 from plant.machine.rig import Rig
-from plant.machine.spring import spring
 from plant.mechanics.dynamics import Dynamics
-from plant.mechanics.symmetric_inverse import inverse, row_by_row
+from plant.mechanics.symmetric_inverse import Inverse
 from plant.simulation.correction import Correction
+from plant.simulation.sub_step import elastic, rigid
 
 __all__ = ["ClosedLoop", "bounded"]
 
 FAR = 1e6
-"""Where the positions [rad] and velocities [rad/s] of all joints have a length beyond this, the loop has diverged."""
+"""Norm of all positions [rad] and velocities [rad/s] above which the loop has diverged."""
 
 _SETTLED = 20
 """Rounds in which a link finds where it hangs in its spring; each gains a factor of stiffness over weight."""
@@ -52,11 +54,11 @@ class ClosedLoop:
     smooth : bool
         Encoder as identity and friction regularised, for derivatives.
     score : casadi Function, optional
-        (log, data, memory) -> number, memory; the number is added up over the samples in the state ``score``. `data` is
-        measured, one row a sample; `memory` is state of the score, zero at the start.
+        (log, data, memory) -> number, memory; the number is summed over the samples in the state ``score``. `data` is
+        measured, one row per sample; `memory` is state of the score, zero at the start.
     correction : Correction, optional
-        How the counted positions (n,) [pulses], then in `data` with a weight (1 or 0) behind them, correct the
-        simulated ones at every sample.
+        Observer gains with which the counted positions (n,) [pulses] correct the simulated ones at every sample;
+        `data` then holds these counts, and behind them a weight (1 or 0).
 
     Attributes
     ----------
@@ -75,7 +77,7 @@ class ClosedLoop:
     score: ca.Function | None = None
     correction: Correction | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("steps_per_sample", "sweeps"):
             value = getattr(self, name)
             if not isinstance(value, (int, np.integer)) or value < 1:
@@ -94,17 +96,17 @@ class ClosedLoop:
             )
 
     @property
-    def n(self):
+    def n(self) -> int:
         """Number of joints."""
         return self.dynamics.n
 
     @property
-    def h(self):
+    def h(self) -> float:
         """Length of a sub-step [s]."""
         return self.rig.period / self.steps_per_sample
 
     @cached_property
-    def steps_per_law(self):
+    def steps_per_law(self) -> int:
         """Sub-steps per step of the law; 0 for a law that is evaluated in every sub-step."""
         if self._block.period is None:
             return 0
@@ -117,16 +119,16 @@ class ClosedLoop:
         return steps
 
     @cached_property
-    def _block(self):
+    def _block(self) -> Block:
         return self.law.block(self.rig)
 
     # -- layout of the vectors ---------------------------------------------------------------------------------
     @property
-    def state_names(self):
-        """Joint state, friction impulse, torque, state of law and so on, the score, and if all is well (1 or 0).
+    def state_names(self) -> list[str]:
+        """Joint state, friction impulse, torque, states of law, transport and score, the score, and ok (1 or 0).
 
-        Where gears give, ``q`` and ``qd`` are the motors', as the joints would have them were the gears rigid, and the
-        joints' own are ``link`` and ``link_speed``; ``driven`` is the torque of currents that lag.
+        With elastic gears ``q`` and ``qd`` are the motors', as joints on rigid gears would have them, and the joints'
+        own are ``link`` and ``link_speed``; ``driven`` is the torque of currents that lag.
         """
         per_joint = [f"{name}[{i}]" for name in ("q", "qd", "impulse", "torque") for i in range(self.n)]
         carried = [
@@ -138,8 +140,8 @@ class ClosedLoop:
         return [*per_joint, *carried, "score", "ok"]
 
     @property
-    def time_names(self):
-        """What changes with time and is known beforehand: the reference, a log, the length of the coming sub-step.
+    def time_names(self) -> list[str]:
+        """Inputs that are known beforehand: the reference, a replayed log, the length of the coming sub-step.
 
         With a transport also the place of the sub-step after the law's, and which loops lose their counts.
         """
@@ -148,69 +150,68 @@ class ClosedLoop:
         return [*(f"{name}[{i}]" for name in columns for i in range(self.n)), *passing, "h"]
 
     @property
-    def n_data(self):
+    def n_data(self) -> int:
         """Measured numbers per sample that the score or the correction needs."""
         if self.correction is not None:
             return self.n + 1
-        return 0 if self.score is None else self.score.nnz_in(1)
+        return 0 if self.score is None else int(self.score.nnz_in(1))
 
     @property
-    def n_passing(self):
-        """State of the transport: the torque before, and the counts that the law saw."""
+    def n_passing(self) -> int:
+        """State of the transport: the torque before, and the counts that the law read."""
         return 0 if self.rig.transport is None else 2 * self.n
 
     @cached_property
-    def giving(self):
-        """Names of the states, n each, that a drive which gives or lags adds."""
+    def giving(self) -> tuple[str, ...]:
+        """Names of the states, n each, that elastic gears and lagging currents add."""
         drive = self.rig.drive
         springs = () if drive.elasticity is None else ("link", "link_speed")
         return springs if drive.current_lag is None else (*springs, "driven")
 
     @property
-    def n_memory(self):
+    def n_memory(self) -> int:
         """State of the score."""
-        return 0 if self.score is None else self.score.nnz_in(2)
+        return 0 if self.score is None else int(self.score.nnz_in(2))
 
     @property
-    def number_names(self):
+    def number_names(self) -> list[str]:
         """f, then the law's numbers, then the rig's, then the correction's."""
         more = [] if self.correction is None else self.correction.number_names("correction.")
         return [*self.dynamics.names, *self._block.names, *more]
 
-    def number_values(self, f):
+    def number_values(self, f: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values (k,) of `number_names` with these f (p,)."""
         more = np.empty(0) if self.correction is None else self.correction.number_values()
         return np.concatenate([f, self._block.values, more])
 
-    def initial_state(self, q, qd, f=None):
-        """State (s,) of an arm at q, qd (n,) with nothing applied yet.
-
-        Gears that give hold the links at rest below that, where f (p,) is known.
-        """
+    def initial_state(
+        self, q: NDArray[np.float64], qd: NDArray[np.float64], f: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """State (s,) of an arm at q, qd (n,) with no torque applied yet; with f (p,) links hang in elastic gears."""
         giving = dict.fromkeys(self.giving, np.zeros(self.n))
         if "link" in giving:
             giving |= {"link": q if f is None else self._hanging(q, f), "link_speed": qd}
         more = [np.zeros(self.n_passing), *giving.values(), np.zeros(self.n_memory)]
         return np.concatenate([q, qd, np.zeros(2 * self.n), self._block.initial, *more, [0.0, 1.0]])
 
-    def _hanging(self, q, f):
-        """Where links (n,) hang in the springs of motors held at q (n,)."""
+    def _hanging(self, q: NDArray[np.float64], f: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where links (n,) are at rest in the gears of motors held at q (n,)."""
         coupling, elasticity, link = self.rig.drive.coupling, self.rig.drive.elasticity, np.array(q, float)
         for _ in range(_SETTLED):
             torque = coupling.shaft_torque(self.dynamics.gravity(link, f).full().ravel())
-            half = 0.0 if elasticity.backlash is None else np.sign(torque) * elasticity.backlash / 2
-            link = coupling.joint(coupling.shaft(q) - torque / elasticity.stiffness - half)
+            play = 0.0 if elasticity.backlash is None else np.sign(torque) * elasticity.backlash / 2
+            link = coupling.joint(coupling.shaft(q) - torque / elasticity.stiffness - play)
         return link
 
     @cached_property
-    def _symbols(self):
+    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         state = ca.SX.sym("state", len(self.state_names))
         time = ca.SX.sym("time", len(self.time_names))
         return state, time, ca.SX.sym("numbers", len(self.number_names))
 
     @cached_property
-    def _parts(self):
-        """Symbols by what they are."""
+    def _parts(self) -> tuple[Any, ...]:
+        """The symbols, in their groups."""
         state, time, numbers = self._symbols
         n, p = self.n, self.dynamics.p
         q, qd, impulse, torque = (state[i * n : (i + 1) * n] for i in range(4))
@@ -220,22 +221,14 @@ class ClosedLoop:
         given = [block, time[4 * n : 5 * n]] if self.law.replays else [block]
         return q, qd, impulse, torque, state[4 * n : -2], state[-2:], motion, time[-1], numbers[:p], given, rig
 
-    def _given(self, name):
-        """Symbols of what a drive that gives adds to the state."""
+    def _given(self, name: str) -> ca.SX:
+        """Symbols (n, 1) of one of the states that elastic gears and lagging currents add."""
         start = 4 * self.n + len(self._block.initial) + self.n_passing + self.giving.index(name) * self.n
         return self._symbols[0][start : start + self.n]
 
-    def _joint(self, own, name="link"):
-        """The joints' position or speed: the links', where gears give."""
-        return self._given(name) if "link" in self.giving else own
-
-    def _read(self, q, link, rig):
-        """What the encoders turn with."""
-        return link if rig.encoder.side == "link" else q
-
     # -- the three steps -----------------------------------------------------------------------------------------
-    def _asked(self, q, dt):
-        """Torque that the law asks for at q, after the amplifier's limit (which swallows NaN), its state, if finite."""
+    def _applied(self, q: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """The law at q: torque after the amplifier's limit (which hides NaN), state, whether the command is finite."""
         *_, torque, carried, _, motion, _, _, given, rig = self._parts
         own, n, pulses = len(self._block.initial), self.n, rig.true_counts(q)
         rest = carried[own:, 0]
@@ -245,7 +238,9 @@ class ClosedLoop:
         asked, following = self._block.step(carried[:own, 0], *motion, pulses, torque, dt, *given)
         return rig.drive.limited(asked), ca.vertcat(following, rest), ca.sum1(ca.fabs(asked)) < ca.inf
 
-    def _function(self, name, following, log=None, data=None):
+    def _function(
+        self, name: str, following: Sequence[Any], log: ca.SX | None = None, data: ca.SX | None = None
+    ) -> ca.Function:
         outputs = [ca.densify(ca.vertcat(*following))] + ([] if log is None else [ca.densify(log)])
         inputs = [*self._symbols] + ([] if data is None else [data])
         names = ["state", "time", "numbers", "data"], ["following", "log"]
@@ -253,38 +248,37 @@ class ClosedLoop:
         return ca.Function(name, inputs, outputs, names[0][: len(inputs)], names[1][: len(outputs)])
 
     @cached_property
-    def law_step(self):
+    def law_step(self) -> ca.Function | None:
         """One step of a law with a period; the torque is held until the next. None for a law without one."""
         if not self.steps_per_law:
             return None
-        q, qd, impulse, _, _, status, *_, rig = self._parts
-        torque, carried, finite = self._asked(self._read(q, self._joint(q), rig), ca.SX(self._block.period))
+        q, qd, impulse, _, _, status, *_ = self._parts
+        torque, carried, finite = self._applied(self._encoded(q), ca.SX(self._block.period))
         return self._function("law_step", [q, qd, impulse, torque, carried, status[0], _if(finite, status[1])])
 
     @cached_property
-    def sample(self):
+    def sample(self) -> ca.Function:
         """The log at a sample: error [pulses], joint torque [N m], true q and qd, each (n,), joined.
 
-        With a correction the first is the counted position minus the predicted one instead, and the state that goes on
-        is corrected. Here divergence is found: what is not finite stays so.
+        With a correction the first is the innovation instead, counted minus predicted position, and the following state
+        is corrected. Divergence is detected here; what is not finite stays so.
         """
         q, qd, impulse, torque, carried, status, motion, *_, rig = self._parts
-        at_sample, ok = torque, status[1]
-        joint, joint_speed = self._joint(q), self._joint(qd, "link_speed")
-        seen = self._read(q, joint, rig)
+        at_sample, ok, seen = torque, status[1], self._encoded(q)
         if not self.steps_per_law:
-            at_sample, _, finite = self._asked(seen, ca.SX(self.h))
+            at_sample, _, finite = self._applied(seen, ca.SX(self.h))
             ok = _if(finite, ok)
         ok = _if(bounded(ca.vertsplit(ca.vertcat(q, qd))), ok)
         data = ca.SX.sym("data", self.n_data)
+        joint = (self._given("link"), self._given("link_speed")) if "link" in self.giving else (q, qd)
         if self.correction is None:
-            log = ca.vertcat(motion[3] - rig.true_counts(seen), at_sample, joint, joint_speed)
+            first = motion[3] - rig.true_counts(seen)
         else:
-            shares = self.correction.with_numbers(self._symbols[2][-3 * self.n :])
-            surprise = data[:-1] + rig.position_in_pulses(shares.zero) - rig.position_in_pulses(seen)
-            log = ca.vertcat(surprise, at_sample, joint, joint_speed)
-            known = data[-1] * surprise
-            q, qd = q + rig.to_angle(shares.position * known), qd + rig.to_angle(shares.speed * known) / rig.period
+            gains = self.correction.with_numbers(self._symbols[2][-3 * self.n :])
+            first = data[:-1] + rig.position_in_pulses(gains.zero) - rig.position_in_pulses(seen)
+            known = data[-1] * first
+            q, qd = q + rig.to_angle(gains.position * known), qd + rig.to_angle(gains.speed * known) / rig.period
+        log = ca.vertcat(first, at_sample, *joint)
         score = status[0]
         if self.score is not None:
             kept = carried.shape[0] - self.n_memory
@@ -293,33 +287,31 @@ class ClosedLoop:
         return self._function("sample", [q, qd, impulse, torque, carried, score, ok], log, data)
 
     @cached_property
-    def substep(self):
-        """One midpoint step of length h; its log is the joint's true error [pulses] at the middle of the step.
-
-        Where gears give it is the motor's error, as a joint on a rigid gear would have it.
-        """
+    def substep(self) -> ca.Function:
+        """One midpoint step of length h; its log is the motor's true error [pulses] at the middle of the step."""
         q, qd, impulse, torque, carried, status, motion, h, f, _, rig = self._parts
-        middle, drive = q + h / 2 * qd, rig.drive
-        springs = "link" in self.giving
-        link_middle = self._given("link") + h / 2 * self._given("link_speed") if springs else middle
+        middle, drive, giving = q + h / 2 * qd, rig.drive, []
+        if "link" in self.giving:
+            link = self._given("link") + h / 2 * self._given("link_speed"), self._given("link_speed")
         if not self.steps_per_law:
-            torque, carried, _ = self._asked(self._read(middle, link_middle, rig), h)
+            torque, carried, _ = self._applied(link[0] if rig.encoder.side == "link" else middle, h)
         acting, own = torque, len(self._block.initial)
         if rig.transport is not None:
             acting = rig.transport.acting(torque, carried[own : own + self.n, 0], self._symbols[1][-3], h)
-        giving = []
         if drive.current_lag is not None:
             acting, driven = lagging(acting, self._given("driven"), drive.current_lag, h)
-        if springs:
-            step = self._sprung(middle, link_middle, qd, self._given("link_speed"), impulse, acting, h, f, drive)
-            following, link_following, impulse, positive = step
-            giving += [link_middle + h / 2 * link_following, link_following]
+        if "link" in self.giving:
+            following, links, impulse, positive = elastic(
+                self.dynamics, drive, f, (middle, qd), link, acting, impulse, h, self._friction
+            )
+            giving = [link[0] + h / 2 * links, links]
         else:
-            following, impulse, positive = self._rigid(middle, qd, impulse, acting, h, f, drive)
-        if drive.current_lag is not None:
-            giving.append(driven)
-        if giving:
-            start, rows = own + self.n_passing, ca.vertcat(*giving)
+            following, impulse, positive = rigid(
+                self.dynamics, drive, f, middle, qd, acting, impulse, h, self._friction
+            )
+        if self.giving:
+            rows = ca.vertcat(*giving, *([] if drive.current_lag is None else [driven]))
+            start = own + self.n_passing
             carried = ca.vertcat(carried[:start, 0], rows, carried[start + rows.shape[0] :, 0])
         ok = _if(positive > 0, status[1])
         error = rig.position_in_pulses(motion[0]) - rig.position_in_pulses(middle)
@@ -327,63 +319,21 @@ class ClosedLoop:
             "substep", [middle + h / 2 * following, following, impulse, torque, carried, status[0], ok], error
         )
 
-    def _rigid(self, middle, qd, impulse, acting, h, f, drive):
-        """Speeds (n, 1) after a step, the impulse of friction, and the least of what must be positive."""
-        # On the motors' shafts, where friction acts; without coupling they are the joints.
-        coupling, viscous = drive.coupling, drive.joint_viscous()
-        speed = coupling.shaft(qd)
-        mobility = inverse(coupling.shaft_inertia(self.dynamics.D(middle, f)) + ca.diag(h / 2 * viscous))
-        pushing = coupling.shaft_torque(acting - self.dynamics.gravity(middle, f))
-        pushing = pushing - viscous * speed - drive.joint_offset()
+    def _encoded(self, q: ca.SX) -> ca.SX:
+        """Position with which the encoders turn."""
+        return self._given("link") if self.rig.encoder.side == "link" else q
 
-        def left(at):
-            return pushing - coupling.shaft_torque(self.dynamics.coriolis(middle, coupling.joint(at), f))
-
-        own = mobility.own(left(speed + h / 2 * mobility.solve(left(speed))))  # torque on each, as if it were alone
-        impulse = self._friction(mobility, -(mobility.alone * speed + h * own), impulse, h * drive.joint_coulomb(speed))
-        following = coupling.joint(speed + mobility.diagonal * (h * own + mobility.own(impulse)))
-        return following, impulse, functools.reduce(ca.fmin, mobility.minors)
-
-    def _sprung(self, middle, link_middle, qd, link_speed, impulse, acting, h, f, drive):
-        """The same with gears that give: speeds of motors and links, each (n, 1).
-
-        Motors and links are joined by what a spring adds to the inertia of both (`plant.machine.spring`). With the
-        motors eliminated, which feel each other through the links alone, what is left is one matrix (n, n).
-        """
-        coupling, viscous, motor = drive.coupling, drive.joint_viscous(), drive.reflected_inertia()
-        speed, v = coupling.shaft(qd), coupling.shaft(link_speed)
-        links = coupling.shaft_inertia(self.dynamics.D(link_middle, f)) - ca.diag(motor)
-        held = spring(drive.elasticity, coupling.shaft(middle - link_middle), speed - v, h, motor, ca.diag(links))
-        alone = motor + h / 2 * viscous
-        passed = held.added / (alone + held.added)  # share of a motor's impulse that its link gets
-        joined = inverse(links + ca.diag(passed * alone))
-        pushing = h * (coupling.shaft_torque(acting) - viscous * speed - drive.joint_offset() - held.torque)
-        weight = coupling.shaft_torque(self.dynamics.gravity(link_middle, f))
-
-        def change(at):
-            resisting = coupling.shaft_torque(self.dynamics.coriolis(link_middle, coupling.joint(at), f))
-            return joined.solve(h * (held.torque - weight - resisting) + passed * pushing)
-
-        link_change = change(v + change(v) / 2)
-        free = speed + pushing / (alone + held.added) + passed * link_change
-        mobility = row_by_row(ca.diag(1 / (alone + held.added)) + ca.diag(passed) @ joined.matrix() @ ca.diag(passed))
-        impulse = self._friction(mobility, -mobility.alone * free, impulse, h * drive.joint_coulomb(speed))
-        following = coupling.joint(free + mobility.solve(impulse))
-        link_following = coupling.joint(v + link_change + joined.solve(passed * impulse))
-        positive = functools.reduce(ca.fmin, [*joined.minors, *ca.vertsplit(ca.diag(links))])
-        return following, link_following, impulse, positive
-
-    def _friction(self, mobility, stopping, impulse, bound):
+    def _friction(self, mobility: Inverse, stopping: ca.SX, impulse: ca.SX, bound: ca.SX) -> ca.SX:
         if self.smooth:
             return smooth_impulse(mobility, stopping, bound)
         return friction_impulse(mobility, stopping, impulse, bound, self.sweeps)
 
 
-def bounded(state):
+def bounded(state: Any) -> Any:
     """Whether q and qd, given row by row as casadi's or numpy's, are finite and have not diverged."""
     return sum(value * value for value in state) < FAR**2
 
 
-def _if(condition, value):
+def _if(condition: ca.SX, value: ca.SX) -> ca.SX:
     """The value where the condition holds, 0 elsewhere; a NaN in the condition counts as not."""
     return ca.if_else(condition, value, 0)

@@ -1,16 +1,19 @@
-"""What a controller read in the course of an experiment, as a file that its exported C replays."""
+"""The inputs of a controller in an experiment, as a file that its exported C replays."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
+from plant.logs.record import Record
 from plant.simulation.followed_path import path_of
 
 __all__ = ["write_replay"]
 
 
-def write_replay(record, path):
-    """Write what a controller reads in the course of an experiment, as ``main.c`` replays it.
+def write_replay(record: Record, path: str | Path) -> None:
+    """Write the inputs of a controller in an experiment, as ``main.c`` replays them.
 
     Parameters
     ----------

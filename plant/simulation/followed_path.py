@@ -1,49 +1,53 @@
-"""What a loop is commanded: a reference as its rig sees it, or the counts of a log.
+"""The commanded path of a loop: a reference with its counts, or the commanded counts of a log.
 
-The reference counts are rounded as the encoder rounds, also between samples, as the control card does. A record that
-comes without a reference is replayed from its logged counts: straight lines between two samples, rounded likewise.
+The reference counts are rounded as the encoder rounds, also between samples, as the control card does. A record without
+a reference is replayed from its logged counts: straight lines between two samples, rounded likewise.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any
 
-from plant.machine.rig import smooth_rig
-from plant.motion.reference import Motion
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.logs.record import Record
+from plant.machine.rig import Rig, smooth_rig
+from plant.motion.reference import Motion, Reference
 from plant.simulation.clock import Clock
 
 __all__ = ["Logged", "Path", "path_of", "start_of"]
 
 
 _FIRST = 10
-"""Samples from which the first speed is taken."""
+"""Samples from which the initial speed is estimated."""
 
 
 class Path:
-    """A reference as a rig sees it: motion and pulses."""
+    """A reference with its counts on a rig."""
 
-    def __init__(self, reference, rig):
+    def __init__(self, reference: Reference, rig: Rig) -> None:
         if reference.n != rig.n:
             raise ValueError(f"reference must have {rig.n} joints like the rig; got {reference.n}. Use a matching one.")
         self.reference, self.rig = reference, rig
 
-    def __call__(self, t):
+    def __call__(self, t: NDArray[np.float64]) -> tuple[Motion, NDArray[np.float64]]:
         motion = self.reference(t)
         return motion, self.rig.counts(motion.q)
 
-    def start(self):
+    def start(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Position and velocity (n,) of the reference at t = 0."""
         motion = self.reference(np.zeros(1))
         return motion.q[0], motion.qd[0]
 
 
 class Logged:
-    """The reference of a record that has none but its logged pulses (N, n), at the samples of a clock."""
+    """Commanded counts of a log (N, n), at the samples of a clock, as a path."""
 
-    def __init__(self, reference_pulses, rig, clock):
+    def __init__(self, reference_pulses: NDArray[np.float64], rig: Rig, clock: Clock) -> None:
         self.pulses, self.rig, self.clock = reference_pulses, rig, clock
 
-    def __call__(self, t):
+    def __call__(self, t: NDArray[np.float64]) -> tuple[Motion, NDArray[np.float64]]:
         place = self.clock.place(t)
         row = np.clip(np.floor(place).astype(int), 0, len(self.pulses) - 1)
         following = np.minimum(row + 1, len(self.pulses) - 1)
@@ -54,15 +58,15 @@ class Logged:
         )
         return motion, self.rig.encoder.quantised(pulses)
 
-    def start(self):
-        """Position at t = 0, at rest: two counts say nothing of a velocity."""
+    def start(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Position at t = 0, at rest: two counts give no velocity."""
         return self.rig.to_angle(self.pulses[0]), np.zeros(self.rig.n)
 
 
-def path_of(record, clock=None, *, smooth=False):
-    """What a record's loop was asked to follow: its reference where it has one, its logged counts otherwise.
+def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False) -> Path | Logged:
+    """Commanded path of a record: its reference where it has one, its logged counts otherwise.
 
-    Smooth: not rounded to pulses; counts then stand for the middle of their cell.
+    Smooth: not rounded to pulses; counts then stand for the middle of their quantisation cell.
 
     Raises
     ------
@@ -85,12 +89,12 @@ def path_of(record, clock=None, *, smooth=False):
     return Path(record.reference, smooth_rig(record.rig)) if smooth else path
 
 
-def start_of(record, path):
+def start_of(record: Record, path: Path | Logged) -> Any:
     """Position and velocity (n,) from which a record is replayed.
 
-    As the record says; or the reference's, but a joint whose first error is a pulse or more (an arm that hangs in its
-    P loop before it starts) is where its encoder says, in the middle of that cell. What replays a torque without a
-    reference starts at the speed of its first counts.
+    The record's `initial`; otherwise the reference's, but a joint whose first error is a pulse or more (an arm that
+    hangs in its P loop before it starts) is where its encoder reads, in the middle of that quantisation cell. A
+    replayed torque without a reference starts at the speed of the first counts.
     """
     if record.initial is not None:
         return record.initial
@@ -102,8 +106,8 @@ def start_of(record, path):
     return q, _first_speed(record) if unknown else qd
 
 
-def _first_speed(record):
-    """Speed (n,) [rad/s] at the start of a parabola through the first counts; zero where they hardly move."""
+def _first_speed(record: Record) -> NDArray[np.float64]:
+    """Initial speed (n,) [rad/s] of a parabola through the first counts; zero where they hardly move."""
     t, counts = record.t[:_FIRST] - record.t[0], record.counts[:_FIRST]
     if len(t) < _FIRST or (np.ptp(counts, axis=0) <= 1).all():
         return np.zeros(record.n)

@@ -1,12 +1,16 @@
-"""A closed loop compiled, for one individual or for many."""
+"""The compiled closed loop, for one individual or for many."""
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.compiler.kernel_cache import Kernel
+from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.loop_source import loop_source
 
 __all__ = ["LANES", "LoopKernel", "Structure", "loop_kernel"]
@@ -30,14 +34,14 @@ class LoopKernel:
         Steps of several lengths.
     """
 
-    def __init__(self, loop, lanes, width=LANES, *, uneven=False):
+    def __init__(self, loop: ClosedLoop, lanes: Iterable[int], width: int = LANES, *, uneven: bool = False) -> None:
         self.loop, self.lanes, self._uneven = loop, tuple(lanes), uneven
         self.uniform = tuple(i for i in range(len(loop.number_names)) if i not in set(self.lanes))
         source, self._columns = loop_source(loop, self.lanes, self.uniform, width, uneven)
         self._kernel = Kernel(source, ["single", "population"])
 
-    def prepared(self, tables, *, logged=False):
-        """Of the tables (law_time, sample_time, step_time, data) what a run with, or without, a log reads; and h."""
+    def prepared(self, tables: Sequence[NDArray[np.float64]], *, logged: bool = False) -> tuple[Any, ...]:
+        """The columns of the tables (law_time, sample_time, step_time, data) that a run reads; and h."""
         lengths = np.concatenate([table[:, -1] for table in tables[:3]])
         if not self._uneven and len(lengths) and np.ptp(lengths) > 0:
             raise ValueError(f"all steps must have one length; got {lengths.min()} to {lengths.max()} s. Say uneven.")
@@ -45,7 +49,14 @@ class LoopKernel:
         used = [np.ascontiguousarray(table[:, some]) for table, some in zip(tables, columns, strict=True)]
         return *used, lengths[0] if len(lengths) else 0.0
 
-    def run(self, tables, initial, lanes, uniform, logs=None):
+    def run(
+        self,
+        tables: tuple[Any, ...],
+        initial: NDArray[np.float64],
+        lanes: NDArray[np.float64],
+        uniform: NDArray[np.float64],
+        logs: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
+    ) -> tuple[NDArray[np.float64], int]:
         """Run the loop.
 
         Parameters
@@ -82,25 +93,27 @@ class LoopKernel:
 
 
 class Structure:
-    """A loop compared by its structure alone: loops with other numbers share one kernel."""
+    """A loop compared by its structure alone: loops that differ in numbers share one kernel."""
 
-    def __init__(self, loop):
+    def __init__(self, loop: ClosedLoop) -> None:
         self.loop = loop
         functions = (loop.law_step, loop.sample, loop.substep)
         self.key = tuple(None if f is None else f.serialize() for f in functions), loop.steps_per_law
 
-    def __eq__(self, other):
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Structure):
+            return NotImplemented
         return self.key == other.key and self.loop.steps_per_sample == other.loop.steps_per_sample
 
-    def __hash__(self):
+    def __hash__(self) -> int:
         return hash(self.key)
 
 
 @functools.lru_cache(maxsize=64)
-def _kernel(key, lanes, uneven):
+def _kernel(key: Structure, lanes: tuple[int, ...], uneven: bool) -> LoopKernel:
     return LoopKernel(key.loop, lanes, uneven=uneven)
 
 
-def loop_kernel(loop, lanes=(), *, uneven=False):
+def loop_kernel(loop: ClosedLoop, lanes: Iterable[int] = (), *, uneven: bool = False) -> LoopKernel:
     """Compiled kernel of a closed loop; `lanes` are the numbers that differ between individuals."""
     return _kernel(Structure(loop), tuple(lanes), uneven)

@@ -1,4 +1,4 @@
-"""The text of a closed loop's kernels, for one individual with its log or W individuals side by side.
+"""Source text of a closed loop's kernels, for one individual with its log or W individuals side by side.
 
 Quantity r of individual j is ``work[r * W + j]``, with W a constant of the file; time is the outer loop, the
 individuals are the innermost, and the body has no branch, so that LLVM vectorises it. The loops are Python for numba;
@@ -10,11 +10,14 @@ from __future__ import annotations
 import itertools
 import math
 import re
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from plant.compiler.instructions import LANE, STATE, TIME, UNIFORM
 from plant.compiler.intrinsics import head, intrinsic
 from plant.compiler.splitting import cut
 from plant.compiler.translate import Names, translate
+from plant.simulation.closed_loop import ClosedLoop
 
 __all__ = ["loop_source"]
 
@@ -27,27 +30,32 @@ PIECE, LONG_PIECE = 40, 1000
 """Instructions in one loop over them; and in one for a single individual, where there is nothing to overlap."""
 
 
-def loop_source(loop, lanes, uniform, width, uneven):
-    """Text of ``single`` and ``population``, and the columns that each needs of its tables.
+def loop_source(
+    loop: ClosedLoop, lanes: Sequence[int], uniform: Sequence[int], width: int, uneven: bool
+) -> tuple[str, dict[str, dict[str, list[int]]]]:
+    """Text of ``single`` and ``population``, and the columns that each reads of its tables.
 
-    `lanes` and `uniform` are positions in ``loop.number_names``. The length of a step is the same for all, and stands
-    behind the uniform numbers; with uneven time it is in the tables.
+    `lanes` and `uniform` are positions in ``loop.number_names``. The length of a sub-step is the last of the uniform
+    numbers; with uneven time it is in the tables.
     """
     single, columns = _loop(loop, lanes, uniform, uneven, "single", 1, LONG_PIECE)
     population, fewer = _loop(loop, lanes, uniform, uneven, "population", width, PIECE if width > 1 else LONG_PIECE)
     return head() + single + population, {"single": columns, "population": fewer}
 
 
-def _loop(loop, lanes, uniform, uneven, name, width, size):
+def _loop(
+    loop: ClosedLoop, lanes: Sequence[int], uniform: Sequence[int], uneven: bool, name: str, width: int, size: int
+) -> tuple[str, dict[str, list[int]]]:
     """Text of one loop, and the columns (law, sample, step, data) that it reads; a single individual is logged."""
     states, vector = len(loop.state_names), math.gcd(width, VECTOR)
     rows = itertools.count(states + len(lanes))
     kept = {f"s{i}": i for i in range(states)} | {f"l{i}": states + i for i in range(len(lanes))}
     programs = _programs(loop, lanes, uniform, uneven, lambda: next(rows), None if name == "single" else states)
     given = {number: kind for program in programs.values() for number, kind in program.used.items()}
-    text, columns = [], {"law": [], "sample": [], "step": [], "data": []}
+    text: list[str] = []
+    columns: dict[str, list[int]] = {"law": [], "sample": [], "step": [], "data": []}
 
-    # Worked out once, and once per individual.
+    # Evaluated once, and once per individual.
     numbers = [number for number, kind in given.items() if kind == UNIFORM]
     once = ["u = e.view(kinds[0], u, 1, e.index(0, 0))", *(f"{number} = u[{number[1:]}]" for number in numbers)]
     of_lane = [f"work = e.view(kinds[0], work, {width}, j)", "uniform"]
@@ -63,7 +71,7 @@ def _loop(loop, lanes, uniform, uneven, name, width, size):
 
     blocks = dict.fromkeys(_BLOCKS, "pass")
     for which, program in programs.items():
-        # Worked out once per step.
+        # Evaluated once per step.
         read = [number for number, kind in program.used.items() if kind == TIME]
         for letter, table in (("t", which), ("d", "data")):
             columns[table] += [int(number[1:]) for number in read if number[0] == letter]
@@ -78,10 +86,10 @@ def _loop(loop, lanes, uniform, uneven, name, width, size):
         times = read + _made(program.lines[TIME])
         text.append(intrinsic(f"{name}_{which}_times", ["t", "d", "i", "uniform"], lines, times))
 
-        # Worked out once per step and individual.
+        # Evaluated once per step and individual.
         table, index, log = _BLOCKS[which]
         results, logged = program.results, program.results[states:]
-        stores = {i: result for i, result in enumerate(results[:states]) if result != f"s{i}"}
+        stores: dict[int | str, str] = {i: result for i, result in enumerate(results[:states]) if result != f"s{i}"}
         stores |= {f"log[{i}]": result for i, result in enumerate(logged)}
         start = [f"work = e.view(kinds[0], work, {width}, j)", _unpacked(numbers, "uniform"), _unpacked(times, "times")]
         start += [f"log = e.view(kinds[4], log, 1, e.index(i, {len(logged)}))"] if logged else []
@@ -94,12 +102,19 @@ def _loop(loop, lanes, uniform, uneven, name, width, size):
             text.append(intrinsic(function, parameters, lines, width=vector))
             block += [f"for {j} in range(0, {width}, {vector}):", f"    {function}_{{h}}(work, {j}, {arguments})"]
         blocks[which] = "\n            ".join(block)
-    settings = {"states": states, "lanes": len(lanes), "per_law": loop.steps_per_law or 1}
+    settings: dict[str, Any] = {"states": states, "lanes": len(lanes), "per_law": loop.steps_per_law or 1}
     settings |= {"per_sample": loop.steps_per_sample, "rows": next(rows), "W": width, "name": name}
     return "".join(text) + _LOOP.format(**settings, **blocks), columns
 
 
-def _programs(loop, lanes, uniform, uneven, fresh, wanted):
+def _programs(
+    loop: ClosedLoop,
+    lanes: Sequence[int],
+    uniform: Sequence[int],
+    uneven: bool,
+    fresh: Callable[[], int],
+    wanted: int | None,
+) -> dict[str, Any]:
     """The translated law (if it has a period), log and sub-step; of each only what the wanted outputs need."""
     names = Names()
     where = {number: (f"l{i}", LANE) for i, number in enumerate(lanes)}
@@ -113,17 +128,17 @@ def _programs(loop, lanes, uniform, uneven, fresh, wanted):
     ]
     functions = {"law": loop.law_step, "sample": loop.sample, "step": loop.substep}
     return {
-        which: translate(function, inputs[: function.n_in()], names, fresh, free=which == "step", wanted=wanted)
+        which: translate(function, inputs[: function.n_in()], names, fresh, relaxed=which == "step", wanted=wanted)
         for which, function in functions.items()
         if function is not None
     }
 
 
-def _unpacked(names, values):
+def _unpacked(names: Sequence[str], values: str) -> str:
     return f"{', '.join(names or ['_'])}, = e.unpack({values})"
 
 
-def _made(lines):
+def _made(lines: Sequence[Any]) -> list[str]:
     return [name for line in lines for name in line.names]
 
 

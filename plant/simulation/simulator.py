@@ -1,11 +1,13 @@
-"""The one simulator: an arm with a rig under a law, following a reference, gives a record."""
+"""The simulator: an arm with a rig under a law, following a reference, gives a record."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any, NoReturn, cast
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from plant.laws.law import Law
 from plant.logs.record import Record
@@ -28,7 +30,18 @@ class DivergenceError(ValueError):
 
 
 @known_options
-def simulate(arm, rig, law, reference, *, duration=None, steps_per_sample=4, sweeps=3, initial=None, backend="numba"):
+def simulate(
+    arm: Arm,
+    rig: Rig,
+    law: Law,
+    reference: Reference,
+    *,
+    duration: float | None = None,
+    steps_per_sample: int = 4,
+    sweeps: int = 3,
+    initial: ArrayLike | None = None,
+    backend: str = "numba",
+) -> Record:
     """Simulate the closed loop and log it as the experiment does.
 
     Parameters
@@ -42,8 +55,8 @@ def simulate(arm, rig, law, reference, *, duration=None, steps_per_sample=4, swe
     steps_per_sample : int
         Integration steps between two samples; 4 is accurate to the noise of the encoder, 16 is nearly converged.
     sweeps : int
-        Of the friction law over the joints, per integration step; what fewer or more of both change in pulses is a
-        table in docs/background/speed.md.
+        Gauss-Seidel sweeps of the friction law over the joints, per integration step; docs/background/speed.md has a
+        table of the errors, in pulses, of fewer or more of both.
     initial : (2, n) array_like, optional
         Position [rad] and velocity [rad/s] at t = 0; by default those of the reference.
     backend : {"numba", "casadi"}
@@ -66,7 +79,7 @@ def simulate(arm, rig, law, reference, *, duration=None, steps_per_sample=4, swe
 
 @dataclasses.dataclass(frozen=True)
 class Trace:
-    """A record together with what happened between its samples.
+    """A record together with the true error between its samples.
 
     Attributes
     ----------
@@ -76,10 +89,20 @@ class Trace:
     """
 
     record: Record
-    true_error_pulses: np.ndarray
+    true_error_pulses: NDArray[np.float64]
 
 
-def run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, sweeps=3):
+def run(
+    arm: Arm,
+    rig: Rig,
+    law: Law,
+    reference: Reference,
+    duration: float | None,
+    steps_per_sample: int,
+    initial: ArrayLike | None,
+    backend: str,
+    sweeps: int = 3,
+) -> Trace:
     """`simulate`, with the sub-steps kept."""
     order = "The order is arm, rig, law, reference."
     for name, value, kind in (
@@ -96,9 +119,8 @@ def run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, 
     duration = real("duration", duration, "Leave it out for one period of the reference.", positive=True)
     clock = Clock.regular(math.ceil(duration / rig.period - 1e-9), rig.period)
     path = Path(reference, rig)
-    if initial is not None:
-        initial = array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
-    start = path.start() if initial is None else initial
+    given = None if initial is None else array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
+    start = path.start() if given is None else given
     log, true_error = _evaluated(loop, arm, time_tables(loop, path, clock), clock, start, backend)
     error, torque, q, qd = np.hsplit(log, 4)
     record = Record(
@@ -110,7 +132,7 @@ def run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, 
         rig=rig,
         law=law,
         reference=reference,
-        initial=initial,
+        initial=given,
         true_q=q,
         true_qd=qd,
     )
@@ -118,8 +140,17 @@ def run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, 
 
 
 @known_options
-def replay(arm, record, *, rig=None, law=None, steps_per_sample=4, sweeps=3, backend="numba"):
-    """Simulate the experiment of a record with another arm: what the log would have been, were the arm this one.
+def replay(
+    arm: Arm,
+    record: Record,
+    *,
+    rig: Rig | None = None,
+    law: Law | None = None,
+    steps_per_sample: int = 4,
+    sweeps: int = 3,
+    backend: str = "numba",
+) -> Record:
+    """Simulate the experiment of a record with another arm: the log that this arm would have given.
 
     Parameters
     ----------
@@ -145,8 +176,8 @@ def replay(arm, record, *, rig=None, law=None, steps_per_sample=4, sweeps=3, bac
     choice("backend", backend, ("numba", "casadi"))
     instance("arm", arm, Arm, "The order is arm, record.")
     instance("record", record, Record, "The order is arm, record.")
-    rig, law = record.rig if rig is None else rig, record.law if law is None else law
-    instance("law", law, Law, "Pass law= here or with the record.")
+    rig = record.rig if rig is None else rig
+    law = cast(Law, instance("law", record.law if law is None else law, Law, "Pass law= here or with the record."))
     record = dataclasses.replace(record, rig=rig, law=law)
     loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, sweeps=sweeps)
     clock = Clock.of(record)
@@ -159,17 +190,25 @@ def replay(arm, record, *, rig=None, law=None, steps_per_sample=4, sweeps=3, bac
     )
 
 
-def _evaluated(loop, arm, tables, clock, start, backend):
+def _evaluated(
+    loop: ClosedLoop, arm: Arm, tables: tuple[NDArray[np.float64], ...], clock: Clock, start: Any, backend: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Log and true errors of a run from a start, or a refusal where it diverges."""
     evaluate = _by_kernel if backend == "numba" else by_casadi
-    state, numbers = loop.initial_state(*start, arm.f), loop.number_values(arm.f)
-    final, steps, log, true_error = evaluate(loop, tables, clock, state, numbers)
+    state, numbers = loop.initial_state(start[0], start[1], arm.f), loop.number_values(arm.f)
+    final, _, log, true_error = evaluate(loop, tables, clock, state, numbers)
     if not (final[-1] > 0 and bounded(final[: 2 * loop.n])):
-        _refuse(loop, arm, log, final, steps)
+        _refuse(loop, arm, log, final)
     return log, true_error
 
 
-def _by_kernel(loop, tables, clock, state, numbers):
+def _by_kernel(
+    loop: ClosedLoop,
+    tables: tuple[NDArray[np.float64], ...],
+    clock: Clock,
+    state: NDArray[np.float64],
+    numbers: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], int, NDArray[np.float64], NDArray[np.float64]]:
     samples, steps = len(tables[1]), len(tables[2])
     log, true_error = np.full((samples, 4 * loop.n), np.nan), np.full((steps, loop.n), np.nan)
     kernel = loop_kernel(loop, uneven=clock.even is None)
@@ -178,17 +217,17 @@ def _by_kernel(loop, tables, clock, state, numbers):
     return final[:, 0], done, log, true_error
 
 
-def _refuse(loop, arm, log, final, steps):
+def _refuse(loop: ClosedLoop, arm: Arm, log: NDArray[np.float64], final: NDArray[np.float64]) -> NoReturn:
     """Say when and where a simulation diverged."""
     n = loop.n
     q = log[:, 2 * n : 3 * n]
     values = np.abs(np.where(np.isfinite(final[: 2 * n]), final[: 2 * n], np.inf)).reshape(2, n)
-    name = arm.dynamics.chain.links[int(np.argmax(values.max(axis=0)))].name
+    label = arm.dynamics.chain.joint_labels[int(np.argmax(values.max(axis=0)))]
     finite = np.flatnonzero(np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1) < 1e3))
     time = (finite[-1] if len(finite) else 0) * loop.rig.period
     start = q[0] if len(finite) else final[:n]
     arm.require_positive(start)
     raise DivergenceError(
-        f"the closed loop must stay bounded; it diverges after t = {time:.4f} s, joint {name} first. "
+        f"the closed loop must stay bounded; it diverges after t = {time:.4f} s, {label} first. "
         "Lower the gains, shorten the law's period, or check that f belongs to this arm."
     )

@@ -1,17 +1,24 @@
-"""What the loop is commanded, worked out beforehand for every step of the law, the log and the plant.
+"""The reference of a loop, tabulated beforehand for every step of the law, the log and the plant.
 
 Samples are at the times of a `Clock`. The sub-steps read the reference at their middle. A logged torque or current is
-held from its sample to the next, and goes on straight lines across gaps.
+held from its sample to the next, and interpolated linearly across gaps.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
+
+from plant.simulation.clock import Clock
+from plant.simulation.closed_loop import ClosedLoop
+from plant.simulation.followed_path import Logged, Path
 
 __all__ = ["time_tables"]
 
 
-def time_tables(loop, path, clock, logged=None):
+def time_tables(
+    loop: ClosedLoop, path: Path | Logged, clock: Clock, logged: NDArray[np.float64] | None = None
+) -> tuple[NDArray[np.float64], ...]:
     """Rows of `loop.time_names` for every step of the law, the log and the plant.
 
     Parameters

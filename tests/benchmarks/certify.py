@@ -1,4 +1,4 @@
-"""The verdict over what is not known: what 10,000 closed loops cost, and whether brute force says the same.
+"""Probability of leaving a pulse limit: what 10,000 closed loops cost, and whether brute force says the same.
 
     python tests/benchmarks/certify.py [--samples 10000] [--brute 2000]
 
@@ -37,13 +37,13 @@ def main():
         for steps in (4, 16):
             seconds = []
             for _ in range(4):
-                certificate = certify(law, found, rig, path, samples=options.samples, steps_per_sample=steps, **drawn)
+                certificate = certify(found, rig, law, path, samples=options.samples, steps_per_sample=steps, **drawn)
                 seconds.append(certificate.seconds)
             warm = statistics.median(seconds[1:])
             per_loop = 1e3 * warm * certificate.threads / options.samples
             print(f"| {name} | {steps} | {options.samples} | {seconds[0]:.1f} | {warm:.2f} | {per_loop:.2f} |")
 
-    certificate = certify(law, found, rig, path, samples=options.samples)
+    certificate = certify(found, rig, law, path, samples=options.samples)
     print(f"\n{certificate}\n")
     random, failures, started = np.random.default_rng(2026), 0, time.perf_counter()
     for _ in range(options.brute):

@@ -128,7 +128,7 @@ def starts(count=50):
     everywhere, ends, lost = np.array([(-np.inf, np.inf)] * 9), [], 0
     for start in points[:count]:
         try:
-            fit = gauss_newton(Prediction(DYNAMICS, record, free=True), start, 1e-4 * WIDTH, everywhere, rounds=40)
+            fit = gauss_newton(Prediction(DYNAMICS, record, simulated=True), start, 1e-4 * WIDTH, everywhere, rounds=40)
             ends.append(objective(fit.values[None])[0])
         except ValueError:
             lost += 1
@@ -271,7 +271,7 @@ def unknowns(count=12):
 def whole():
     """All six joints of the PUMA 560: forty base parameters from one log, no ranges."""
     yield (
-        "| method | error over standard deviation, rms and worst | 95 % intervals that hold the truth | surprise "
+        "| method | error over standard deviation, rms and worst | 95 % intervals that hold the truth | RMS innovation "
         "[pulses] | computed torque, share within +-1 | s, kernels built |"
     )
     yield "|---|---|---|---|---|---|"
@@ -287,9 +287,9 @@ def whole():
         found = identify(dynamics, record, method=method, progress=False)
         z = np.abs(found.f - arm.f) / found.std
         report = evaluate(arm, rig, ComputedTorque(found.arm, found.rig), path, backend="numba")
-        scatter = "" if found.scatter is None else f"{found.scatter:.3f}"
+        rms = "" if found.fit.rms_innovation is None else f"{found.fit.rms_innovation:.3f}"
         yield (
-            f"| {method} | {np.sqrt(np.mean(z**2)):.2f}, {z.max():.1f} | {100 * np.mean(z < 1.96):.0f} % | {scatter} | "
+            f"| {method} | {np.sqrt(np.mean(z**2)):.2f}, {z.max():.1f} | {100 * np.mean(z < 1.96):.0f} % | {rms} | "
             f"{report.share_within(1)} | {found.seconds:.1f} |"
         )
 

@@ -124,7 +124,7 @@ def tuned(names, arms):
         settings = list(itertools.product(*grid))
         worst = np.zeros(len(settings))
         for arm in arms[:1] if name in KNOWN else arms:
-            found = compare({str(i): make(arm, *x) for i, x in enumerate(settings)}, ROBOT, RIG, path).evaluations
+            found = compare(ROBOT, RIG, {str(i): make(arm, *x) for i, x in enumerate(settings)}, path).evaluations
             quiet = {int(i): rms(each) for i, each in found.items() if each.chatter[0] <= loudest}
             worst = np.maximum(worst, [quiet.get(i, np.inf) for i in range(len(settings))])
         best = settings[int(np.argmin(worst))]
@@ -145,7 +145,7 @@ def table(makers, arms):
         laws = {str(i): make(arm) for i, arm in enumerate(arms[:1] if name in KNOWN else arms)}
         cells, runs = [], []
         for path in MOTIONS.values():
-            comparison = compare(laws, ROBOT, RIG, path)
+            comparison = compare(ROBOT, RIG, laws, path)
             found = list(comparison.evaluations.values())
             runs += found
             if comparison.diverged:

@@ -34,7 +34,7 @@ started = time.perf_counter()
 import numpy as np
 from identification import Objective
 from plant import Record, puma560
-from plant.simulation.time_tables import Path
+from plant.simulation.followed_path import Path
 rig, path = puma560.rig(), puma560.reference()
 t = np.arange(5215) * rig.period
 record = Record(t=t, reference_pulses=Path(path, rig)(t)[1], error_pulses=np.zeros((5215, 2)), rig=rig,
@@ -180,6 +180,12 @@ def starts(rounds):
         f"From `import` to the first value of the objective: {statistics.median(cold):.2f} s with an empty cache, "
         f"{statistics.median(warm):.2f} s with a filled one (medians of {rounds} processes each)."
     )
+    imports = {code: [] for code in ("pass", "import plant", "import ctc")}
+    for _ in range(2 * rounds):
+        for code, spent in imports.items():
+            spent.append(seconds(lambda: subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)))  # noqa: B023, S603 - called at once
+    said = ", ".join(f"`{code}` {statistics.median(spent):.2f} s" for code, spent in imports.items())
+    yield f"Whole processes (medians of {2 * rounds}): {said}."
     yield f"1,000 individuals over 10 s of samples every 0.7 ms: {memory / 1024:.0f} MB more than before, at the peak."
 
 

@@ -71,3 +71,9 @@ def test_a_law_without_equations_is_refused():
 
             def initial_state(self, n):
                 return np.empty(0)
+
+
+def test_problems_of_a_checkup():
+    record = simulate(ARM, RIG, LAW, puma560.reference(), duration=0.01)
+    with pytest.warns(DeprecationWarning, match=r"Checkup\.troubles will go .* Use Checkup\.problems"):
+        assert record.check().troubles == record.check().problems

@@ -1,4 +1,4 @@
-"""The verdict over what is not known: what is drawn, what becomes of it, and what is said about it.
+"""Probability of leaving a pulse limit: what is drawn, how its loops run, and what is said about them.
 
 Short runs of (6), of 0.05 s: with half a pulse between the arm and its reference at the start, the default law leaves
 +-1 pulse at 14 ms in about 9 of 100 loops, which makes them a case for counting.
@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import beta, binom
+from scipy.stats import beta, binom, rankdata
 
 import ctc.certification.reserves
 from ctc import ComputedTorque, certify, clopper_pearson, evaluate
-from ctc.certification.sensitivity import influences
+from ctc.certification.sensitivity import influences, ranked
 from ctc.certification.uncertainty import Uncertainty
 from identification import identify
 from plant import PD, Body, Harmonics, P, Phase, Transport, puma560, simulate
@@ -32,7 +32,7 @@ EVERYTHING = {
 
 def certified(**options):
     return certify(
-        options.pop("law", LAW), ARM, options.pop("rig", RIG), options.pop("path", PATH),
+        ARM, options.pop("rig", RIG), options.pop("law", LAW), options.pop("path", PATH),
         **{"covariance": COVARIANCE, "duration": 0.05, "samples": 200, "steps_per_sample": 4} | options,
     )  # fmt: skip
 
@@ -103,7 +103,7 @@ def test_a_probability_known_beforehand():
     still = DYNAMICS.arm([1.6, 1.4, 0, 0, 0, 0, 6.6, 0, 0])
     rest = Harmonics(period=1.0, offset=RIG.to_angle(np.array([0.7, 0.7])), cosine=((0,), (0,)), sine=((0,), (0,)))
     certificate = certify(
-        P(gain=(0, 0)), still, RIG, rest, covariance=np.zeros((9, 9)), duration=0.01, samples=4000, within=0,
+        still, RIG, P(gain=(0, 0)), rest, covariance=np.zeros((9, 9)), duration=0.01, samples=4000, within=0,
         steps_per_sample=4,
     )  # fmt: skip
     known = 1 - 0.8**2  # of two joints
@@ -172,11 +172,12 @@ def test_what_was_identified_is_drawn_from_its_own_covariance(found):
     np.testing.assert_allclose(own.std(axis=0) / found.std, 1, atol=6 / np.sqrt(2 * 3000))
     friction = plants.values[:, plants.names.index("drive.coulomb[1]")] / RIG.drive.coulomb[1]
     assert abs(friction.std() - 0.1) < 6 * 0.1 / np.sqrt(2 * 3000)
-    with_friction = dataclasses.replace(
-        found, unknown=(*found.unknown, "drive.coulomb[1]", "law.gain[0]"), values=np.append(found.values, (0.2, 9.0)),
+    more = dataclasses.replace(
+        found.fit, unknown=(*found.unknown, "drive.coulomb[1]", "law.gain[0]"),
+        values=np.append(found.values, (0.2, 9.0)),
         covariance=np.pad(found.covariance, (0, 2)) + np.diag([0.0] * 9 + [0.01**2, 1.0]),
     )  # fmt: skip
-    plants = Uncertainty().draw(with_friction, RIG, 3000, 0)
+    plants = Uncertainty().draw(dataclasses.replace(found, fit=more), RIG, 3000, 0)
     level = plants.values[:, plants.names.index("drive.coulomb[1]")]
     assert abs(level.mean() - 0.2) < 6 * 0.01 / np.sqrt(3000)
     assert abs(level.std() - 0.01) < 6 * 0.01 / np.sqrt(2 * 3000)
@@ -255,13 +256,13 @@ def test_the_certificate_adds_up():
     text = str(certificate)
     assert certificate.verdict in text
     assert "possible plants leave ±1 pulse" in text
-    first = certificate.hurts[0]
+    first = certificate.sensitivities[0]
     assert first.name == "encoder.phase.shift[0]"  # the joint that carries the other one
-    assert first.sense == "less hurts"
+    assert first.sense == "decreasing"
     assert "fewer than 0.75 % of all would" in certified(samples=400, after=0.03).verdict
 
 
-def test_what_hurts_is_found_whatever_its_shape():
+def test_a_sensitivity_is_found_whatever_its_shape():
     random = np.random.default_rng(0)
     values = random.normal(size=(3000, 4))
     noise = 0.1 * random.normal(size=3000)
@@ -271,7 +272,7 @@ def test_what_hurts_is_found_whatever_its_shape():
     assert either.share > 0.3
     assert either.sense == "either way"
     assert more.share > 0.2
-    assert more.sense == "more hurts"
+    assert more.sense == "increasing"
     assert none.share < 0.01
     assert none.sense == ""
     infinite = np.where(values[:, 0] > 1, np.inf, 0.0)
@@ -280,12 +281,17 @@ def test_what_hurts_is_found_whatever_its_shape():
     assert all(each.share == 0 for each in influences("abcd", values[:30], noise[:30]))
 
 
+@given(st.lists(st.sampled_from((-np.inf, -1.5, 0.0, -0.0, 1e-300, 2.0, np.inf)), min_size=1, max_size=30))
+def test_equal_values_share_their_ranks(values):
+    np.testing.assert_array_equal(ranked(np.array(values)), rankdata(values))
+
+
 def test_reserves(monkeypatch):
     """Bandwidth and period at which the same plants, run by hand, begin to leave."""
     monkeypatch.setattr(ctc.certification.reserves, "_BANDWIDTHS", (0.5, 0.1, 0.05))
     monkeypatch.setattr(ctc.certification.reserves, "_PERIODS", (8.0,))
     certificate = certified(samples=40, after=0.05, duration=0.3)
-    found = certificate.margins(samples=40)
+    found = certificate.reserves(samples=40)
     left = {
         share: certified(
             law=dataclasses.replace(LAW, bandwidth=250 * share), samples=40, after=0.05, duration=0.3
@@ -303,7 +309,7 @@ def test_reserves(monkeypatch):
     assert found.tried[-1] == ("period", slow.period, late)
     assert found.period == (RIG.period if late else slow.period)
     assert f"holds down to {found.bandwidth:.4g} rad/s" in str(found)
-    failing = certified(samples=40).margins(samples=40)
+    failing = certified(samples=40).reserves(samples=40)
     assert not failing.holds
     assert failing.bandwidth is failing.period is None
     assert "does not hold as it is" in str(failing)
@@ -324,16 +330,16 @@ def test_figure():
 # -- bad input ------------------------------------------------------------------------------------------------------
 SWAPPED = np.diag([1.0] * 8 + [-1.0])
 WRONG = {
-    "swapped law and arm": (lambda: certify(ARM, LAW, RIG, PATH), "law must be of type Law"),
-    "no uncertainty": (lambda: certify(LAW, ARM, RIG, PATH), "Pass covariance=, or plants="),
-    "neither": (lambda: certify(LAW, DYNAMICS, RIG, PATH), "found must be of type Arm"),
+    "swapped law and arm": (lambda: certify(ARM, LAW, RIG, PATH), "rig must be of type Rig"),
+    "no uncertainty": (lambda: certify(ARM, RIG, LAW, PATH), "Pass covariance=, or plants="),
+    "neither": (lambda: certify(DYNAMICS, RIG, LAW, PATH), "found must be of type Arm"),
     "both": (lambda: certified(plants=[puma560.PUBLISHED]), "got both"),
     "misspelt": (lambda: certified(frictoin=0.1), "Did you mean 'friction'"),
     "a covariance too small": (lambda: certified(covariance=np.eye(3)), r"must have shape \(9, 9\)"),
     "a factor of one": (lambda: certified(covariance=np.tril(np.ones((9, 9)))), "must be symmetric"),
     "no covariance": (lambda: certified(covariance=SWAPPED), "positive semidefinite"),
     "hardly an arm": (
-        lambda: certify(LAW, DYNAMICS.arm(-puma560.PUBLISHED), RIG, PATH, covariance=COVARIANCE),
+        lambda: certify(DYNAMICS.arm(-puma560.PUBLISHED), RIG, LAW, PATH, covariance=COVARIANCE),
         "Give a smaller covariance",
     ),
     "no arm": (lambda: certified(covariance=None, plants=-puma560.PUBLISHED[None]), "row 0 has D"),
@@ -348,7 +354,7 @@ WRONG = {
     "fast and lost": (lambda: certified(law=puma560.p_law(), dropped=0.1), "Use a sampled law"),
     "nothing left": (lambda: certified(after=0.05), "below the duration"),
     "text for a flag": (lambda: certified(phase="yes"), "phase must be of type bool"),
-    "more margins than plants": (lambda: certified(samples=20).margins(), "from 1 to 20"),
+    "more reserves than plants": (lambda: certified(samples=20).reserves(), "from 1 to 20"),
     "no such plant": (lambda: certified(samples=20).plant(20), "from 0 to 19"),
 }
 
@@ -361,15 +367,17 @@ def test_wrong_calls_are_refused_in_one_line(call, message):
 
 
 def test_a_gear_cannot_be_drawn(found):
-    with_gear = dataclasses.replace(
-        found, unknown=(*found.unknown, "drive.gear[0]"), values=np.append(found.values, 107.8),
+    gear = dataclasses.replace(
+        found.fit, unknown=(*found.unknown, "drive.gear[0]"), values=np.append(found.values, 107.8),
         covariance=np.pad(found.covariance, (0, 1)) + np.diag([0.0] * 9 + [1.0]),
     )  # fmt: skip
+    with_gear = dataclasses.replace(found, fit=gear)
     with pytest.raises(ValueError, match="laws read their counts by it"):
-        certify(LAW, with_gear, RIG, PATH)
-    with_curve = dataclasses.replace(
-        found, unknown=(*found.unknown, "drive.curve.offset[0]"), values=np.append(found.values, 0.01),
+        certify(with_gear, RIG, LAW, PATH)
+    curve = dataclasses.replace(
+        found.fit, unknown=(*found.unknown, "drive.curve.offset[0]"), values=np.append(found.values, 0.01),
         covariance=np.pad(found.covariance, (0, 1)),
     )  # fmt: skip
+    with_curve = dataclasses.replace(found, fit=curve)
     with pytest.raises(ValueError, match=r"Pass found\.rig"):
-        certify(LAW, with_curve, RIG, PATH)
+        certify(with_curve, RIG, LAW, PATH)

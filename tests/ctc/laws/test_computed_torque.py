@@ -44,7 +44,7 @@ def law(rig=RIG, robot=None, **options):
 
 
 def asked(controller, pulses, *motion, state=None):
-    """Torque that a law asks for and its next state, by casadi: its symbolic step, before the amplifier."""
+    """Commanded torque of a law and its next state, by casadi: its symbolic step, before the amplifier."""
     block = controller.block(RIG)
     state = block.initial if state is None else state
     torque, following = block.step(
@@ -243,7 +243,7 @@ def test_options_run_and_track(options):
 
 
 def test_a_delayed_torque_acts_one_sample_later():
-    """The first torque of a delayed law is what it held back at the start, nothing; the second what it asked first."""
+    """The first torque of a delayed law is nothing, held back at the start; the second what it commanded first."""
     pulses = np.array([100, -200])
     arguments = (pulses, RIG.cell_centre(pulses), (0.3, -0.2), (1.0, 2.0))
     at_once, _ = asked(law(), *arguments)

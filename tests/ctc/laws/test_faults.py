@@ -36,7 +36,7 @@ def test_torques_stay_finite_and_within_the_amplifier(name):
     ("name", "status", "bridged"),
     [
         ("none", "running", 0),
-        ("jump", f"running; bridged a jump of 800 pulses of joint 2 at call {BEGIN + 1}", 1),
+        ("jump", f"running; bridged a jump of 800 pulses of joint 2 (q[0]) at call {BEGIN + 1}", 1),
         ("late", f"running; bridged a call that came 1.4 ms late at call {BEGIN + 1}", 1),
         ("gap", f"running; bridged a reference that is no finite position at call {BEGIN + 2}", 2),
     ],
@@ -52,14 +52,18 @@ def test_what_lasts_a_moment_is_bridged(name, status, bridged):
     ("name", "status", "error"),
     [
         # The 800 pulses are the fault's own: it is the counts that are held.
-        ("slip", "safe stop, holding: a jump of 799 pulses of joint 2, 4 times in a row, at call 1004", (802, 2)),
+        (
+            "slip",
+            "safe stop, holding: a jump of 799 pulses of joint 2 (q[0]), 4 times in a row, at call 1004",
+            (802, 2),
+        ),
         ("too late", "safe stop, holding: a call that came 10.5 ms late, at call 1001", (8, 8)),
         (
             "no reference",
             "safe stop, holding: a reference that is no finite position, 4 times in a row, at call 1004",
             (1, 1),
         ),
-        ("leap", "safe stop, holding: joint 2 is 1372 pulses from its reference, at call 1001", (4, 4)),
+        ("leap", "safe stop, holding: joint 2 (q[0]) is 1372 pulses from its reference, at call 1001", (4, 4)),
     ],
 )
 def test_what_lasts_stops_the_arm_under_the_law(name, status, error):
@@ -73,16 +77,16 @@ def test_what_lasts_stops_the_arm_under_the_law(name, status, error):
 @pytest.mark.parametrize(
     ("name", "why", "moved"),
     [
-        ("noise", "pulses of joint 2, 4 times in a row, at call 1004", (8000, 1500)),
-        ("stuck", "the encoder of joint 3 stands still while its reference moved by", (1000, 1500)),
+        ("noise", "pulses of joint 2 (q[0]), 4 times in a row, at call 1004", (8000, 1500)),
+        ("stuck", "the encoder of joint 3 (q[1]) stands still while its reference moved by", (1000, 1500)),
         ("no reference, gravity", "a reference that is no finite position, 4 times in a row", (1500, 600)),
-        ("blocked", "the encoder of joint 2 stands still while its reference moved by", (50, 400)),
+        ("blocked", "the encoder of joint 2 (q[0]) stands still while its reference moved by", (50, 400)),
     ],
 )
 def test_where_there_is_nothing_to_hold_by_the_torque_goes_to_gravity(name, why, moved):
     """The joints come to rest where their friction and the damping stop them."""
     result = outcome(name)
-    assert result.status.startswith("safe stop, ramp to gravity: ")
+    assert result.status.startswith("safe stop, ramp to gravity compensation: ")
     assert why in result.status
     assert (result.peak_error <= moved).all()
 
@@ -100,7 +104,7 @@ def test_a_ramp_to_gravity_ends_at_the_weight_of_the_arm():
 
 def test_a_ramp_to_zero_ends_there():
     result = outcome("blocked, zero")
-    assert result.status.startswith("safe stop, ramp to zero: the encoder of joint 2 stands still")
+    assert result.status.startswith("safe stop, ramp to zero: the encoder of joint 2 (q[0]) stands still")
     assert (np.abs(result.torque[-1]) < (0.1, 10.0)).all()  # joint 3 sags, and what is left brakes it
     assert result.peak_error[1] < 2500
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from ctc import Adaptive, ComputedTorque, ComputedTorqueIntegral, FeedForward, PDGravity, SlidingMode
+from identification import identify
 from plant import PD, PID, Cascade, P, PointToPoint, puma560, simulate
 from plant.parts.part import part, restore
 from plant.simulation.simulator import run
@@ -57,7 +58,7 @@ EVERY = pytest.mark.parametrize("law", ALL.values(), ids=ALL)
 
 
 def step(law, pulses, *motion, rig=RIG, state=None, torque=(0.0, 0.0)):
-    """Torque that a law asks for and its next state, by casadi: its symbolic step, before the amplifier."""
+    """Commanded torque of a law and its next state, by casadi: its symbolic step, before the amplifier."""
     block = law.block(rig)
     state = block.initial if state is None else state
     both = block.step(state, *motion, rig.counts(motion[0]), pulses, torque, law.period or 1e-4, block.values)
@@ -82,7 +83,7 @@ def test_on_the_reference_the_torque_is_inverse_dynamics_and_friction(law, seed)
 
 
 def test_pd_with_gravity_holds_the_arm_where_it_is():
-    """At rest on its reference it asks for the weight alone, at the measured pose; so an arm at rest stays there."""
+    """At rest on its reference it commands the weight alone, at the measured pose; so an arm at rest stays there."""
     pulses = np.array([300, -700])
     q, still = RIG.cell_centre(pulses), np.zeros(2)
     law = PDGravity(arm(), RIG, feedback=FEEDBACK)
@@ -96,7 +97,7 @@ def test_pd_with_gravity_holds_the_arm_where_it_is():
 
 @pytest.mark.parametrize("feedback", [P(gain=(0.2, 0.15)), FEEDBACK, PID_FEEDBACK, CASCADE])
 def test_the_feedback_beside_a_model_is_the_feedback_alone(feedback):
-    """Fed the same counts, the torque asked for is that of the feedback alone plus inverse dynamics and friction.
+    """Fed the same counts, the commanded torque is that of the feedback alone plus inverse dynamics and friction.
 
     At the limit too: of what is cut off, the feedback hears its own part. Alone that is applied - model.
     """
@@ -172,7 +173,7 @@ def test_what_the_amplifier_cuts_off_does_not_wind_up():
     """
 
     class Deaf(ComputedTorqueIntegral):
-        """Takes what it asked for to be what was applied."""
+        """Takes the commanded torque to be what was applied."""
 
         def equations(self, rig, state, setpoint, pulses, torque, dt):
             return super().equations(rig, state, setpoint, pulses, state[-rig.n :], dt)
@@ -243,6 +244,24 @@ def test_a_rig_of_another_arm_is_refused(law):
         law(rig=one)
 
 
+@cache
+def found():
+    record = simulate(arm(), RIG, puma560.p_law(), puma560.reference(), duration=0.5)
+    return identify(arm().dynamics, record, seed=1, progress=False)
+
+
+@EVERY
+def test_an_identification_is_its_arm_and_its_rig(law):
+    plain, own = law(found().rig, found().arm), law(None, found())
+    assert type(own.arm) is type(plain.arm)
+    assert own == plain
+    assert own.describe() == plain.describe()
+    assert hash(own) == hash(plain)
+    other = dataclasses.replace(RIG, period=2 * RIG.period)
+    assert law(other, found()) == law(other, found().arm)  # a rig that is given comes first
+    assert dataclasses.replace(own) == restore(plain.describe()) == own
+
+
 @pytest.mark.parametrize(
     ("call", "said"),
     [
@@ -266,6 +285,10 @@ def test_a_rig_of_another_arm_is_refused(law):
         (lambda: sliding(layer=-0.1), "layer must be positive"),
         (lambda: SlidingMode(arm(), RIG, bandwidth=60, reach=5, layr=0.05, filter=600), "Did you mean 'layer'"),
         (lambda: SlidingMode(RIG, arm(), bandwidth=60, reach=5, layer=0.05, filter=600), "must be of type Arm"),
+        (lambda: ComputedTorque(arm()), "rig of ComputedTorque must be of type Rig; .* or an identification in place"),
+        (lambda: FeedForward(arm(), feedback=FEEDBACK), "rig of FeedForward must be .* Pass the arm's rig, or an"),
+        (lambda: ComputedTorque(found(), arm()), "rig of ComputedTorque must be of type Rig; got a value of type Arm"),
+        (lambda: ComputedTorque(rig=RIG), "missing a required argument: 'arm'"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(call, said):

@@ -1,4 +1,4 @@
-"""The observer of one joint: exact prediction, a triple pole where it was asked for, and what follows from both."""
+"""The observer of one joint: exact prediction, a triple pole where it was placed, and what follows from both."""
 
 import casadi as ca
 import numpy as np

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from ctc import ComputedTorque
 from ctc.stability.error_loop import error_loop, open_loops, opened
 from ctc.stability.margins import margins
+from identification import identify
 from plant import PointToPoint, StatelessLaw, puma560, simulate
 from plant.parts.part import number, part, structure
 
@@ -25,7 +26,7 @@ def rig_with(**changes):
 
 @cache
 def found(index):
-    return margins(ComputedTorque(ARM, RIG, **OPTIONS[index]), RIG, pose=POSE)
+    return margins(None, RIG, ComputedTorque(ARM, RIG, **OPTIONS[index]), pose=POSE)
 
 
 def by_hand(bandwidth, omega, delay, z):
@@ -71,7 +72,7 @@ def test_the_loop_of_a_joint_is_the_one_written_down_by_hand(options):
     z = np.exp(1j * np.geomspace(10, 4000, 25) * DT)
     expected = by_hand(law.bandwidth, law.bandwidth * law.observer_ratio, law.delay, z)
     for joint in range(2):
-        system = error_loop(law, rig, joint=joint, pose=POSE)
+        system = error_loop(None, rig, law, joint=joint, pose=POSE)
         assert system.dt == DT
         np.testing.assert_allclose(system(z), expected, rtol=1e-9)
 
@@ -82,7 +83,7 @@ def test_margins_are_where_the_closed_loop_becomes_unstable(index):
     frequencies is far finer (4,000 points over four decades: 0.2 %).
     """
     law, result = ComputedTorque(ARM, RIG, **OPTIONS[index]), found(index)
-    A, B, C, _ = open_loops(law, RIG, pose=POSE)
+    A, B, C, _ = open_loops(None, RIG, law, pose=POSE)
     assert result.stable
     for joint in range(2):
         a, b, c = opened(A, B, C, joint)
@@ -112,9 +113,9 @@ def test_the_simulation_agrees_on_the_gain_margin(factor, grows):
     """
     rig = rig_with(viscous=(0.0, 0.0), coulomb=(0.0, 0.0), current_limit=(np.inf, np.inf))
     rig = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, smooth=True))
-    up = margins(ComputedTorque(ARM, rig), rig, pose=POSE).gain_up.mean()
+    up = margins(ARM, rig, ComputedTorque(ARM, rig), pose=POSE).gain_up.mean()
     law = ComputedTorque(puma560.dynamics().arm(factor * up * ARM.f), rig)
-    assert margins(law, rig, arm=ARM, pose=POSE).stable != grows
+    assert margins(ARM, rig, law, pose=POSE).stable != grows
     hold = PointToPoint(start=POSE, goal=POSE, duration=0.25)
     error = simulate(ARM, rig, law, hold, initial=[np.add(POSE, 1e-6), (0, 0)]).error_pulses
     early, late = (np.abs(error[a:b]).max() for a, b in ((100, 150), (300, 350)))
@@ -135,14 +136,25 @@ def test_delay_and_bandwidth_cost_margin():
 
 def test_a_model_much_too_heavy_is_said_to_be_unstable():
     law = ComputedTorque(puma560.dynamics().arm(4.5 * ARM.f), RIG)
-    assert not margins(law, RIG, arm=ARM).stable
-    assert str(margins(law, RIG, arm=ARM)).startswith("The closed loop is not stable.")
+    assert not margins(ARM, RIG, law).stable
+    assert str(margins(ARM, RIG, law)).startswith("The closed loop is not stable.")
+
+
+def test_the_arm_may_be_an_identification_or_that_of_the_law():
+    record = simulate(ARM, RIG, puma560.p_law(), puma560.reference(), duration=0.5)
+    known, law = identify(ARM.dynamics, record, seed=1, progress=False), ComputedTorque(ARM, RIG)
+    for arm, same in ((known, known.arm), (None, ARM)):
+        np.testing.assert_array_equal(margins(arm, RIG, law).response, margins(same, RIG, law).response)
+        z = np.exp(1j * np.geomspace(0.01, 1, 5))
+        np.testing.assert_array_equal(error_loop(arm, RIG, law)(z), error_loop(same, RIG, law)(z))
 
 
 def test_table_and_figure_show_each_joint():
     text = str(found(0)).splitlines()
     assert len(text) == 3
     assert f"{found(0).phase[1]:.1f}" in text[2]
+    assert text[1].startswith("joint 2 (q[0])  ")
+    assert len(set(map(len, text))) == 1
     assert isinstance(found(0).plot(), Figure)
 
 
@@ -159,7 +171,7 @@ class Remembering(ComputedTorque):
 
 
 def test_what_a_law_keeps_is_no_instability():
-    result = margins(Remembering(ARM, RIG), RIG, pose=POSE)
+    result = margins(None, RIG, Remembering(ARM, RIG), pose=POSE)
     assert result.stable
     np.testing.assert_allclose(result.phase, found(0).phase, rtol=1e-6)
 
@@ -182,7 +194,7 @@ def test_an_arm_is_linearised_where_it_hangs():
     from plant.machine.rig import smooth_rig
 
     rig = smooth_rig(RIG)
-    q, _, torque, _ = held(law, law.block(rig), rig, ARM, np.array(POSE))
+    q, _, torque, _ = held(ARM, rig, law, law.block(rig), np.array(POSE))
     np.testing.assert_allclose(law.stiffness * (POSE - q), ARM.h(q, np.zeros(2)), rtol=1e-9)
     np.testing.assert_allclose(torque, ARM.h(q, np.zeros(2)), rtol=1e-9)
     assert np.abs(POSE - q).max() > 1e-3
@@ -191,12 +203,14 @@ def test_an_arm_is_linearised_where_it_hangs():
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda law: margins(puma560.p_law(), RIG, arm=ARM), "law must have a period; P has none"),
-        (lambda law: margins(Sagging(stiffness=(1, 1), period=DT), RIG), "arm must be of type Arm"),
-        (lambda law: margins(law, ARM), "rig must be of type Rig"),
-        (lambda law: margins(law, RIG, pose=(0,)), "pose must have shape"),
-        (lambda law: margins(law, RIG, posee=(0, 0)), "Did you mean 'pose'"),
-        (lambda law: error_loop(law, RIG, joint=2), "joint must be a whole number from 0 to 1; got 2"),
+        (lambda law: margins(ARM, RIG, puma560.p_law()), "law must have a period; P has none"),
+        (lambda law: margins(None, RIG, Sagging(stiffness=(1, 1), period=DT)), "arm must be of type Arm"),
+        (lambda law: margins(ARM, ARM, law), "rig must be of type Rig"),
+        (lambda law: margins(ARM, RIG, law, pose=(0,)), "pose must have shape"),
+        (lambda law: margins(ARM, RIG, law, posee=(0, 0)), "Did you mean 'pose'"),
+        (lambda law: error_loop(None, RIG, law, joints=1), "Did you mean 'joint'"),
+        (lambda law: margins(RIG, RIG, law), "arm must be of type Arm; got a value of type Rig"),
+        (lambda law: error_loop(None, RIG, law, joint=2), "joint must be a whole number from 0 to 1; got 2"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(call, said):

@@ -16,7 +16,7 @@ LAWS = {"P": puma560.p_law(), "wild": puma560.p_law((1e5, 1e5)), "computed torqu
 
 @cache
 def compared():
-    return compare(LAWS, ARM, UNLIMITED, PATH, duration=0.3, steps_per_sample=4)
+    return compare(ARM, UNLIMITED, LAWS, PATH, duration=0.3, steps_per_sample=4)
 
 
 def test_every_row_holds_the_numbers_of_its_evaluation():
@@ -25,7 +25,7 @@ def test_every_row_holds_the_numbers_of_its_evaluation():
     assert list(got.evaluations) == ["P", "computed torque"]
     head, *rows, last = str(got).splitlines()
     assert head.split()[0] == "law"
-    assert last == "a / b: joints 2, 3"
+    assert last == "a / b: joint 2 (q[0]), joint 3 (q[1])"
     assert len({len(row) for row in rows[:2]} | {len(head)}) == 1
     for name, row in zip(got.evaluations, rows, strict=False):
         alone = evaluate(
@@ -70,7 +70,7 @@ def test_a_law_that_diverges_is_a_row_that_says_so():
 
 
 def test_a_table_of_divergences_alone():
-    got = compare({"wild": LAWS["wild"]}, ARM, UNLIMITED, PATH, duration=0.1)
+    got = compare(ARM, UNLIMITED, {"wild": LAWS["wild"]}, PATH, duration=0.1)
     assert len(str(got).splitlines()) == 2
     with pytest.raises(ValueError, match="evaluations must be a dict, one per law; got none"):
         got.plot()
@@ -81,7 +81,7 @@ def test_the_figure_draws_every_error(count):
     matplotlib = pytest.importorskip("matplotlib")
     matplotlib.use("Agg")
     law = LAWS["P"]
-    got = compare({f"P{i}": law for i in range(count)}, ARM, RIG, PATH, duration=0.1, steps_per_sample=4)
+    got = compare(ARM, RIG, {f"P{i}": law for i in range(count)}, PATH, duration=0.1, steps_per_sample=4)
     figure = got.plot()
     width, height = figure.get_size_inches()
     assert max(width, height) < 13
@@ -97,14 +97,14 @@ def test_the_figure_draws_every_error(count):
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: compare({}, ARM, RIG, PATH), "laws must be a dict of name -> Law; got {}"),
-        (lambda: compare([LAWS["P"]], ARM, RIG, PATH), "laws must be a dict"),
-        (lambda: compare({1: LAWS["P"]}, ARM, RIG, PATH), "laws must be a dict"),
-        (lambda: compare({"P": 0.2}, ARM, RIG, PATH), "law 'P' must be of type Law; got a value of type float"),
-        (lambda: compare(LAWS, RIG, ARM, PATH), "arm must be of type Arm"),
-        (lambda: compare(LAWS, ARM, RIG, PATH, backend="nunba"), "Did you mean 'numba'"),
-        (lambda: compare(LAWS, ARM, RIG, PATH, durations=1), "Did you mean 'duration'"),
-        (lambda: compare(LAWS, ARM, RIG), "missing a required argument: 'reference'"),
+        (lambda: compare(ARM, RIG, {}, PATH), "laws must be a dict of name -> Law; got {}"),
+        (lambda: compare(ARM, RIG, [LAWS["P"]], PATH), "laws must be a dict"),
+        (lambda: compare(ARM, RIG, {1: LAWS["P"]}, PATH), "laws must be a dict"),
+        (lambda: compare(ARM, RIG, {"P": 0.2}, PATH), "law 'P' must be of type Law; got a value of type float"),
+        (lambda: compare(RIG, ARM, LAWS, PATH), "arm must be of type Arm"),
+        (lambda: compare(ARM, RIG, LAWS, PATH, backend="nunba"), "Did you mean 'numba'"),
+        (lambda: compare(ARM, RIG, LAWS, PATH, durations=1), "Did you mean 'duration'"),
+        (lambda: compare(ARM, RIG, LAWS), "missing a required argument: 'reference'"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(call, said):

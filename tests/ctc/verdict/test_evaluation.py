@@ -248,7 +248,7 @@ def run(**options):
 def test_a_loop_that_diverges_says_when_and_where():
     """Gains beyond what a sub-step can follow, without limit: no verdict, but a time and a joint."""
     limitless = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, current_limit=(np.inf, np.inf)))
-    with pytest.raises(ValueError, match=r"diverges after t = 0\.\d* s, joint [23] first") as refusal:
+    with pytest.raises(ValueError, match=r"diverges after t = 0\.\d* s, joint [23] \(q\[[01]\]\) first") as refusal:
         evaluate(arm(), limitless, puma560.p_law((1e5, 1e5)), puma560.reference(), duration=0.5)
     assert "\n" not in str(refusal.value)
 

@@ -157,8 +157,9 @@ def test_fit_prints_a_table_and_offers_the_nearest_name(made):
     found = fit_torque(dynamics, motion.q, torque, rig=rig, cutoff=100, band=20, every=20)
     assert isinstance(found, TorqueFit)
     lines = str(found).splitlines()
-    assert len(lines) == dynamics.p + 1
-    assert "relative torque error 0." in lines[-1]
+    assert [line.split()[0] for line in lines[: dynamics.p]] == list(dynamics.short_names)
+    assert "relative torque error 0." in lines[dynamics.p]
+    assert lines[dynamics.p + 1 :] == dynamics.legend.splitlines()
     with pytest.raises(ValueError, match="Did you mean 'my1'"):
         found["mz1"]
 
@@ -179,7 +180,7 @@ def test_fit_prints_a_table_and_offers_the_nearest_name(made):
         ({"unknown": None, "rig": puma560.rig()}, "rig must have 3 joints"),
         ({"extra": {"x": lambda q, qd, qdd: qd[:5]}}, "x must have shape"),
         ({"extra": {"x": lambda q, qd, qdd: 0 * qd}}, "x does not in this motion"),
-        ({"extra": {"x": lambda q, qd, qdd: qd, "y": lambda q, qd, qdd: 2 * qd}}, "y is one with x"),
+        ({"extra": {"x": lambda q, qd, qdd: qd, "y": lambda q, qd, qdd: 2 * qd}}, "y is a combination of x"),
         ({"least_speed": (1.0, 2.0)}, "least_speed"),
         ({"bnad": 20}, "Did you mean 'band'"),
         ({"torque": np.zeros((5, 3))}, "torque must have shape"),

@@ -36,7 +36,7 @@ def test_bound_is_the_scatter_of_fits_to_readings_that_err_by_rounding_alone(bud
     for _ in range(12):
         noise = random.uniform(-0.5, 0.5, made.error_pulses.shape)
         log = dataclasses.replace(made, error_pulses=made.error_pulses + noise)
-        prediction = Prediction(ARM.dynamics, log, free=True)
+        prediction = Prediction(ARM.dynamics, log, simulated=True)
         prediction._followed[0].weight[:] = 1.0
         fit = gauss_newton(prediction, ARM.f, budget.bound * 0.1, np.array([(-np.inf, np.inf)] * 9))
         found.append((fit.values - ARM.f) / budget.bound)
@@ -59,7 +59,7 @@ def test_friction_and_gains_have_a_worth_too():
 
 def test_numbers_without_worth_are_refused():
     still = PointToPoint(start=(0.0, 0.5), goal=(0.5, 0.5), duration=0.5)
-    with pytest.raises(ValueError, match=r"told apart by the log|does not in this motion"):
+    with pytest.raises(ValueError, match=r"separately identifiable|does not in this motion"):
         pulse_budget(ARM, RIG, LAW, PATH, unknown=(*ARM.dynamics.names, "drive.motor_inertia[0]"), duration=0.3)
     with pytest.raises(ValueError, match="Did you mean 'unknown'"):
         pulse_budget(ARM, RIG, LAW, still, unknwon=("f1",))

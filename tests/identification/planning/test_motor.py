@@ -63,7 +63,7 @@ def test_friction_is_found_within_five_per_cent():
                     PointToPoint(start=(0, 0), goal=(0, 0), duration=0.01),
                 )
             ),
-            "motor 0 must have errors",
+            r"motor of joint q\[0\] must have errors",
         ),
         (lambda r: gain_from_current(RIG), "must be of type Record"),
         (

@@ -336,7 +336,7 @@ def test_a_band_is_ignored_as_scipy_filters_it():
     assert got < 0.9 * np.sum(difference**2)
 
 
-def test_a_nuisance_that_is_ignored_costs_nothing():
+def test_a_disturbance_that_is_ignored_costs_nothing():
     clean = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), steps_per_sample=16)
     wave = np.round(6 * np.sin(2 * np.pi * 70 * clean.t))[:, None]
     shaken = dataclasses.replace(clean, error_pulses=clean.error_pulses + wave)

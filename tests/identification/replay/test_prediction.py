@@ -1,4 +1,4 @@
-"""Prediction error: surprises of the true arm, Gauss-Newton on a problem with a known answer, honest refusals."""
+"""Prediction error: innovations of the true arm, Gauss-Newton on a problem with a known answer, honest refusals."""
 
 import numpy as np
 import pytest
@@ -15,14 +15,14 @@ def record():
     return simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), steps_per_sample=16)
 
 
-def test_the_true_arm_is_surprised_by_rounding_alone(record):
+def test_the_innovations_of_the_true_arm_are_rounding_alone(record):
     """1 / sqrt(12) = 0.289 pulses, and hardly more; without memory, so that their squares are a likelihood."""
     prediction = Prediction(puma560.dynamics(), record)
-    surprise = prediction.surprises(np.append(puma560.PUBLISHED, prediction.nuisances)).reshape(-1, 2)
+    innovation = prediction.innovations(np.append(puma560.PUBLISHED, prediction.nuisances)).reshape(-1, 2)
     weight = prediction.weights.reshape(-1, 2)
-    rms = np.sqrt((surprise**2).sum(axis=0) / (weight**2).sum(axis=0))
+    rms = np.sqrt((innovation**2).sum(axis=0) / (weight**2).sum(axis=0))
     assert ((rms > 0.28) & (rms < 0.32)).all()
-    for column in surprise.T:
+    for column in innovation.T:
         assert abs(np.corrcoef(column[:-1], column[1:])[0, 1]) < 0.15
 
 
@@ -38,21 +38,21 @@ def test_samples_weigh_by_the_cells_they_cross():
     assert weight[0].max() < 1.0  # the reference starts at rest
 
 
-def test_several_records_and_threads_give_the_same_surprises(record):
+def test_several_records_and_threads_give_the_same_innovations(record):
     short = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(2.5), duration=0.3)
     both = Prediction(puma560.dynamics(), [record, short], threads=1)
     values = np.append(puma560.PUBLISHED, both.nuisances)
-    apart = [Prediction(puma560.dynamics(), each).surprises(values) for each in (record, short)]
-    np.testing.assert_array_equal(both.surprises(values), np.concatenate(apart))
+    apart = [Prediction(puma560.dynamics(), each).innovations(values) for each in (record, short)]
+    np.testing.assert_array_equal(both.innovations(values), np.concatenate(apart))
     many = [values * (1 + 0.01 * i) for i in range(5)]
-    on_two = Prediction(puma560.dynamics(), [record, short], threads=2).all_surprises(many)
-    np.testing.assert_array_equal(both.all_surprises(many), on_two)
+    on_two = Prediction(puma560.dynamics(), [record, short], threads=2).all_innovations(many)
+    np.testing.assert_array_equal(both.all_innovations(many), on_two)
 
 
-def test_an_arm_that_is_none_is_infinitely_surprised(record):
+def test_an_arm_that_is_none_has_infinite_innovations(record):
     prediction = Prediction(puma560.dynamics(), record)
     impossible = np.append(-puma560.PUBLISHED, prediction.nuisances)
-    assert np.isinf(prediction.surprises(impossible)).all()
+    assert np.isinf(prediction.innovations(impossible)).all()
     with pytest.raises(ValueError, match="must start from an arm that follows the log"):
         gauss_newton(prediction, impossible, np.ones(13), np.array([(-np.inf, np.inf)] * 13))
 
@@ -67,11 +67,11 @@ class Curve:
         self.y = 2.0 * np.exp(-0.7 * self.t) + noise * np.random.default_rng(seed).normal(size=400)
         self.weights, self.scales = np.ones(400), np.ones(400)
 
-    def surprises(self, x):
+    def innovations(self, x):
         return self.y - x[0] * np.exp(-x[1] * self.t) + 0 * x[2] if x[1] < 5 else np.full(400, np.inf)
 
-    def all_surprises(self, many):
-        return [self.surprises(x) for x in many]
+    def all_innovations(self, many):
+        return [self.innovations(x) for x in many]
 
 
 EVERYWHERE = np.array([(-np.inf, np.inf)] * 3)
@@ -88,7 +88,7 @@ def test_its_covariance_is_the_scatter_of_repeated_noise():
     scatter = np.std([fit.values[:2] for fit in fits], axis=0)
     said = np.median([np.sqrt(np.diag(fit.covariance))[:2] for fit in fits], axis=0)
     assert (np.abs(np.log(said / scatter)) < np.log(1.35)).all()
-    assert np.median([fit.scatter for fit in fits]) == pytest.approx(0.1, rel=0.05)
+    assert np.median([fit.rms_innovation for fit in fits]) == pytest.approx(0.1, rel=0.05)
 
 
 def test_values_stay_in_their_bounds_and_long_steps_are_shortened():
@@ -104,8 +104,8 @@ def test_unknowns_without_effect_are_named():
 
 def test_an_unknown_that_loses_the_log_however_small_its_change_is_named():
     class Edge(Curve):
-        def surprises(self, x):
-            return np.full(400, np.inf) if x[1] != 0.1 else super().surprises(x)
+        def innovations(self, x):
+            return np.full(400, np.inf) if x[1] != 0.1 else super().innovations(x)
 
     with pytest.raises(ValueError, match="any change of b loses it"):
         gauss_newton(Edge(0.1), (1.0, 0.1, 0.0), (1e-4, 1e-4, 0.0), EVERYWHERE)

@@ -68,14 +68,14 @@ def test_the_arm_its_friction_and_the_zeros_are_found():
     off = (found().values - true)[free]
     assert (np.abs(off) < 4 * found().std[free]).all(), off / found().std[free]
     assert (np.abs(off / true[free])[:5] < 0.03).all()
-    np.testing.assert_allclose(found().zeros, [(0.05, -0.1), (-0.03, 0.04)], atol=3e-3)
+    np.testing.assert_allclose(found().fit.zeros, [(0.05, -0.1), (-0.03, 0.04)], atol=3e-3)
     assert (found().values[~free] == 0).all()
-    assert found().scatter < 0.6
+    assert found().fit.rms_innovation < 0.6
 
 
 def test_the_simulated_runs_begin_where_the_zeros_are():
     """Free runs are compared with the records moved to where they began: far closer than without."""
-    assert found().difference < 0.5 * found(zeros=False).difference
+    assert found().diagnostics.difference < 0.5 * found(zeros=False).diagnostics.difference
 
 
 def test_the_torque_equation_begins_near_the_truth():
@@ -114,12 +114,12 @@ def test_zeros_that_are_there_and_not_looked_for_do_harm():
     """The point of `zeros`: without them the same logs give worse values, and a worse fit."""
     off = [np.abs(each.values[[0, 2, 3, 5]] / F[[0, 2, 3, 5]] - 1).max() for each in (found(), found(zeros=False))]
     assert off[1] > 3 * off[0]
-    assert found(zeros=False).scatter > 2 * found().scatter
+    assert found(zeros=False).fit.rms_innovation > 2 * found().fit.rms_innovation
 
 
 def test_least_squares_is_compared_band_by_band():
     """In some band it is nearly right, far above the motion it finds less, and the warning says so."""
-    bands = found().bands
+    bands = found().diagnostics.bands
     assert max(bands.values()) > 0.97
     assert bands[max(bands)] < 0.9
     assert any("least squares on these torques is biased in bands above" in text for text in found().warnings)
@@ -154,9 +154,9 @@ def test_a_start_in_motion_is_not_compared_until_it_is_found():
 def test_a_record_that_the_model_cannot_follow_counts_less():
     prediction = Prediction(DYNAMICS, [log(1), log(4, friction=2.5)], UNKNOWN)
     values = np.concatenate([F, TRUE, prediction.nuisances])
-    before = prediction.surprises(values)
+    before = prediction.innovations(values)
     assert prediction.reweigh(values)
-    after, half = prediction.surprises(values), len(log(1)) * 2
+    after, half = prediction.innovations(values), len(log(1)) * 2
     for joint in (0, 1):
         assert before[half + joint :: 2].std() > 1.5 * before[joint:half:2].std()
         np.testing.assert_allclose(
@@ -179,13 +179,13 @@ def test_samples_without_weight_are_as_good_as_none():
     values = np.append(F, TRUE)
     costs = [Objective(DYNAMICS, record, UNKNOWN)(values[None])[0] for record in records]
     assert costs[0] == costs[1]
-    surprises = []
+    innovations = []
     for record in records:
         prediction = Prediction(DYNAMICS, record, UNKNOWN)
-        surprises.append(prediction.surprises(np.append(values, prediction.nuisances)).reshape(-1, 2))
+        innovations.append(prediction.innovations(np.append(values, prediction.nuisances)).reshape(-1, 2))
     far = np.abs(np.arange(len(base)) - 310) > 25  # how fast counts move is taken over some samples around
-    np.testing.assert_array_equal(surprises[0][far], surprises[1][far])
-    assert (surprises[0][300:320] == 0).all()
+    np.testing.assert_array_equal(innovations[0][far], innovations[1][far])
+    assert (innovations[0][300:320] == 0).all()
 
 
 def test_a_log_of_computed_torque_tells_f_by_its_torques():
@@ -196,7 +196,7 @@ def test_a_log_of_computed_torque_tells_f_by_its_torques():
     fit = identify(puma560.dynamics(), bare, progress=False)
     width = np.ptp(puma560.dynamics().ranges, axis=1)
     assert (np.abs(fit.f - arm.f) < 0.003 * width).all(), (fit.f - arm.f) / width
-    assert fit.scatter < 0.3
+    assert fit.fit.rms_innovation < 0.3
 
 
 class Line:
@@ -208,11 +208,11 @@ class Line:
         self.t = np.linspace(0, 1, 50)
         self.weights, self.scales = np.ones(50), np.ones(50)
 
-    def surprises(self, x):
+    def innovations(self, x):
         return (-1.0 + 3.0 * self.t) - x[0] - x[1] * self.t
 
-    def all_surprises(self, many):
-        return [self.surprises(x) for x in many]
+    def all_innovations(self, many):
+        return [self.innovations(x) for x in many]
 
 
 def test_a_value_at_its_bound_stays_and_the_others_make_up_for_it():

@@ -30,7 +30,7 @@ def quick(record, **options):
 
 def test_a_log_in_time_is_not_warned_about(record):
     found = quick(record)
-    assert abs(found.delay) < 0.01
+    assert abs(found.diagnostics.delay) < 0.01
     assert not any("samples late" in text for text in found.warnings)
 
 
@@ -38,20 +38,20 @@ def test_a_log_in_time_is_not_warned_about(record):
 def test_delay_is_found_and_its_correction_brings_the_parameters_back(record, samples):
     """A tenth of a sample, 70 microseconds, throws f off by more than its whole range."""
     found = quick(late(record, samples))
-    assert found.delay == pytest.approx(samples, abs=0.01)
+    assert found.diagnostics.delay == pytest.approx(samples, abs=0.01)
     assert any(f"samples {'late' if samples > 0 else 'early'}" in text for text in found.warnings)
-    again = quick(without_delay(late(record, samples), found.delay))
+    again = quick(without_delay(late(record, samples), found.diagnostics.delay))
     off = [100 * np.abs(each.f - puma560.PUBLISHED).max() / WIDTH.min() for each in (found, again)]
     assert off[1] < 0.2 * off[0]
     assert (100 * np.median(np.abs(again.f - puma560.PUBLISHED) / WIDTH)) < 1.5
-    assert abs(again.delay) < 0.02
+    assert abs(again.diagnostics.delay) < 0.02
 
 
-def test_unknown_friction_takes_the_delay_upon_itself_and_is_warned_about(record):
+def test_unknown_friction_absorbs_the_delay_and_is_warned_about(record):
     unknown = (*DYNAMICS.names, "drive.viscous[0]", "drive.viscous[1]")
     found = quick(late(record, 0.1), unknown=unknown)
     assert found.rig.drive.viscous[0] > 1.5 * RIG.drive.viscous[0]
-    assert any("cannot be told from drive.viscous[0], drive.viscous[1]" in text for text in found.warnings)
+    assert any("not separately identifiable from drive.viscous[0], drive.viscous[1]" in text for text in found.warnings)
 
 
 def test_correction_moves_counts_along_their_motion(record):

@@ -18,13 +18,13 @@ def test_mass_is_found_to_some_grams(mass):
     found = find_load(puma560.literature_arm(), log(mass), PLACE)
     assert found.mass == pytest.approx(mass, abs=max(3 * found.std, 0.01))
     assert found.std < 0.01
-    assert found.scatter < 0.33
+    assert found.rms_innovation < 0.33
     np.testing.assert_allclose(found.arm.f, puma560.literature_arm(mass).f, atol=0.02)
 
 
-def test_load_at_the_wrong_place_shows_in_the_surprises():
+def test_load_at_the_wrong_place_shows_in_the_innovations():
     right, wrong = (find_load(puma560.literature_arm(), log(2.5), (0.0, y, 0.0)) for y in (-0.55, -0.2))
-    assert wrong.scatter > 1.02 * right.scatter
+    assert wrong.rms_innovation > 1.02 * right.rms_innovation
     assert abs(wrong.mass - 2.5) > 10 * right.std
 
 

@@ -77,8 +77,9 @@ def test_bad_input_is_refused(physical, change, says):
 
 
 def test_result_without_covariance_is_refused(physical):
-    with pytest.raises(ValueError, match="does not know how well it knows"):
-        nearest_physical(dataclasses.replace(physical, covariance=None), BOXES)
+    without = dataclasses.replace(physical, fit=dataclasses.replace(physical.fit, covariance=None))
+    with pytest.raises(ValueError, match="this fit provides none"):
+        nearest_physical(without, BOXES)
 
 
 def test_standard_parameters_end_with_the_rotor():

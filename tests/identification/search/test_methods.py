@@ -84,7 +84,7 @@ def test_default_finds_the_robots_again(arm, gain):
     true = Objective(DYNAMICS, measured(arm, gain))(ARMS[arm]().f[None])[0]
     assert result.objective <= 1.3 * true
     assert result.evaluations <= 4000
-    assert 0.28 < result.scatter < 0.33
+    assert 0.28 < result.fit.rms_innovation < 0.33
     assert result.warnings == []
 
 
@@ -125,7 +125,9 @@ def test_gain_and_friction_together_are_reported_as_inseparable():
     """With all friction and both gains unknown, everything can be scaled: nothing tells how much a pulse is worth."""
     friction = [f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in (0, 1)]
     unknown = (*DYNAMICS.names, *friction, "law.gain[0]", "law.gain[1]")
-    with pytest.raises(ValueError, match=r"told apart by the log; law.gain\[1\] is one with f1, .*law.gain\[0\]"):
+    with pytest.raises(
+        ValueError, match=r"separately identifiable; law.gain\[1\] is a combination of f1, .*law.gain\[0\]"
+    ):
         identify(DYNAMICS, measured(), unknown=unknown, settings=TINY, progress=False)
 
 
@@ -140,7 +142,7 @@ def test_every_method_gives_one_kind_of_result(method):
     text = result.summary()
     assert all(name in text for name in DYNAMICS.names)
     if method == "genetic":
-        with pytest.raises(ValueError, match="does not know how well it knows"):
+        with pytest.raises(ValueError, match="this fit provides none: its method has none"):
             result.std  # noqa: B018
     else:
         assert np.median(off(result.f)) < 3.0
@@ -170,11 +172,11 @@ def test_last_of_several_records_is_kept_aside():
     result = identify(DYNAMICS, records, settings=TINY, progress=False)
     assert result.records == (records[0],)
     assert result.held_out == (records[1],)
-    assert 0.3 < result.held_out_difference < 1.5
+    assert 0.3 < result.diagnostics.held_out_difference < 1.5
     assert "kept aside" in result.summary()
     both = identify(DYNAMICS, records, settings=TINY, held_out=(), progress=False)
     assert both.records == tuple(records)
-    assert both.held_out_difference is None
+    assert both.diagnostics.held_out_difference is None
     assert (both.std < result.std).all()  # twice the data
 
 
@@ -197,14 +199,14 @@ def test_bound_is_below_what_was_reached_and_needs_a_reference():
     assert "bound" not in counted.summary()
 
 
-def test_plot_draws_fit_surprises_spectrum_and_intervals():
+def test_plot_draws_errors_innovations_spectrum_and_intervals():
     import matplotlib
 
     matplotlib.use("Agg")
     figure = found().plot()
     assert [axis.get_title(loc="left") for axis in figure.axes if axis.get_title(loc="left")] == [
-        "tracking error, whole record", "a stretch of it", "surprise: counted minus predicted from all samples before",
-        "spectrum", "95 % intervals",
+        "joint 2 (q[0])", "a stretch of it", "innovation: counted minus predicted", "joint 3 (q[1])", "spectrum",
+        "95 % intervals",
     ]  # fmt: skip
     matplotlib.pyplot.close(figure)
 
@@ -226,7 +228,7 @@ def test_fit_that_is_no_arm_of_this_rig_leaves_no_intervals():
     log = dataclasses.replace(measured(), rig=dataclasses.replace(RIG, drive=drive))
     result = identify(DYNAMICS, log, settings=TINY, progress=False)
     assert result.covariance is None
-    assert result.scatter is None
+    assert result.fit.rms_innovation is None
     assert any("falls short of the motors' own inertia" in text for text in result.warnings)
     assert "warning: D(q)" in result.summary()
 
@@ -260,7 +262,7 @@ def test_signs_and_order_that_are_wrong_are_warned_about(wrong):
 def test_held_out_takes_one_record_or_several():
     other, options = measured(period=2.5), {"method": "equation_error", "progress": False}
     results = [identify(DYNAMICS, measured(), held_out=kept, **options) for kept in (other, [other])]
-    assert results[0].held_out_difference == results[1].held_out_difference > 0
+    assert results[0].diagnostics.held_out_difference == results[1].diagnostics.held_out_difference > 0
     for nonsense in (True, 5, "record"):
         with pytest.raises(ValueError, match="must be at least one Record; got"):
             identify(DYNAMICS, measured(), held_out=nonsense, **options)
@@ -276,7 +278,7 @@ def test_log_of_an_arm_that_stands_still_is_refused():
 def test_log_at_the_amplifiers_limit_is_refused():
     drive = dataclasses.replace(RIG.drive, current_limit=(2.0, 12.0))
     weak = simulate(puma560.arm(), dataclasses.replace(RIG, drive=drive), puma560.p_law(), PATH)
-    with pytest.raises(ValueError, match="below the amplifier's limit; motor 0 is at it for"):
+    with pytest.raises(ValueError, match=r"below the amplifier's limit; the motor of joint 2 \(q\[0\]\) is at it for"):
         identify(DYNAMICS, weak, progress=False)
 
 

@@ -1,4 +1,4 @@
-"""P gains: they keep what was asked for, are the paper's for the paper's error, and say why where there are none."""
+"""P gains: they keep the given error, are the paper's for the paper's error, and say why where there are none."""
 
 import dataclasses
 
@@ -27,7 +27,7 @@ def test_ten_pulses_on_the_paper_s_trajectory_take_gains_like_the_paper_s():
     [
         ({"peak": 0.5}, "peak must be at least 1 pulse; got 0.5"),
         ({"peak": (1, 2, 3)}, r"peak must have shape \(2,\)"),
-        ({"reference": puma560.reference(0.9)}, "motor 1 needs .* N m and has 2.86"),
+        ({"reference": puma560.reference(0.9)}, r"motor of joint 3 \(q\[1\]\) needs .* N m and has 2.86"),
     ],
 )
 def test_what_cannot_be_is_said(change, said):

@@ -1,23 +1,22 @@
 """The machine code of the lane loop: every way of losing vectorisation is silent, so it is read."""
 
-import platform
 import re
 import types
 
 import casadi as ca
-import llvmlite.binding
 import numpy as np
 import pytest
+from numba.core.registry import cpu_target
 
 from identification.replay.objective import squared_error
 from plant import P, puma560
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.loop_kernel import LANES, LoopKernel
 
-FEATURES = llvmlite.binding.get_host_cpu_features() if platform.machine() == "x86_64" else {}
-VECTOR = "zmm" if FEATURES.get("avx512f") else "ymm"
+FEATURES = cpu_target.target_context.codegen().magic_tuple()[2].split(",")
+VECTOR = "zmm" if "+avx512f" in FEATURES else "ymm"
 
-pytestmark = pytest.mark.skipif(not FEATURES.get("avx2"), reason="no x86 processor with AVX2")
+pytestmark = pytest.mark.skipif("+avx2" not in FEATURES, reason="no x86 processor with AVX2")
 
 
 def assembly(loop):

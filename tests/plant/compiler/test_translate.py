@@ -236,42 +236,42 @@ def test_sine_and_cosine_of_one_angle_and_divisions_by_one_number_share_their_wo
     np.testing.assert_allclose(MapKernel(function)(x), expected, rtol=4 * EPS, atol=1e-14)
 
 
-def texts(expression, *symbols, free):
+def texts(expression, *symbols, relaxed):
     """What the instructions of an expression in these state symbols become."""
     function = ca.Function("f", list(symbols), [expression])
     inputs = [[(f"{symbol.name()}{i}", STATE) for i in range(symbol.numel())] for symbol in symbols]
-    return [line.text() for line in translate(function, inputs, Names(), None, free=free).lines[STATE]]
+    return [line.text() for line in translate(function, inputs, Names(), None, relaxed=relaxed).lines[STATE]]
 
 
 def test_products_are_fused_with_the_sum_that_alone_needs_them():
     a, b, c = x = [ca.SX.sym(name) for name in "abc"]
-    assert texts(a * b + c, *x, free=False) == ["e.mul(a0, b0)", "e.add(v1, c0)"]
-    assert texts(a * b + c, *x, free=True) == ["e.fma(a0, b0, c0)"]
-    assert texts(c + a * b, *x, free=True) == ["e.fma(a0, b0, c0)"]
-    assert texts(c - a * b, *x, free=True) == ["e.fnma(a0, b0, c0)"]
-    assert texts(a * b - c, *x, free=True) == ["e.fms(a0, b0, c0)"]
-    assert texts(2 * a - c, *x, free=True) == ["e.fms(a0, 2.0, c0)"]
-    assert texts(a * a + c, *x, free=True) == ["e.fma(a0, a0, c0)"]
+    assert texts(a * b + c, *x, relaxed=False) == ["e.mul(a0, b0)", "e.add(v1, c0)"]
+    assert texts(a * b + c, *x, relaxed=True) == ["e.fma(a0, b0, c0)"]
+    assert texts(c + a * b, *x, relaxed=True) == ["e.fma(a0, b0, c0)"]
+    assert texts(c - a * b, *x, relaxed=True) == ["e.fnma(a0, b0, c0)"]
+    assert texts(a * b - c, *x, relaxed=True) == ["e.fms(a0, b0, c0)"]
+    assert texts(2 * a - c, *x, relaxed=True) == ["e.fms(a0, 2.0, c0)"]
+    assert texts(a * a + c, *x, relaxed=True) == ["e.fma(a0, a0, c0)"]
     first = "e.fnma(a0, b0, c0)"  # c - (a b + a c) is c - a b - a c
-    assert texts(c - (a * b + a * c), *x, free=True) == [first, "e.fnma(a0, c0, v1)"]
-    assert texts(c - (a * b - a * c), *x, free=True) == [first, "e.fma(a0, c0, v1)"]
+    assert texts(c - (a * b + a * c), *x, relaxed=True) == [first, "e.fnma(a0, c0, v1)"]
+    assert texts(c - (a * b - a * c), *x, relaxed=True) == [first, "e.fma(a0, c0, v1)"]
     product = a * b
-    twice = texts(ca.vertcat(product + c, product), *x, free=True)
+    twice = texts(ca.vertcat(product + c, product), *x, relaxed=True)
     assert twice == ["e.mul(a0, b0)", "e.add(v1, c0)"]  # the product is needed for itself too
 
 
 def test_rounding_towards_zero_is_one_instruction_if_it_is_all_of_one_number():
     x = a, b = [ca.SX.sym(name) for name in "ab"]
-    assert texts(ca.copysign(ca.floor(ca.fabs(a)), a), *x, free=False) == ["e.trunc(a0)"]
-    assert len(texts(ca.copysign(ca.floor(ca.fabs(a)), b), *x, free=False)) == 3
+    assert texts(ca.copysign(ca.floor(ca.fabs(a)), a), *x, relaxed=False) == ["e.trunc(a0)"]
+    assert len(texts(ca.copysign(ca.floor(ca.fabs(a)), b), *x, relaxed=False)) == 3
 
 
 def test_limits_are_one_instruction_if_they_cannot_be_negative():
     x = a, b = [ca.SX.sym(name) for name in "ab"]
     magnitude = ca.fabs(b)
-    assert texts(ca.fmin(ca.fmax(a, -magnitude), magnitude), *x, free=False)[-1] == "e.limit(a0, v1)"
-    assert len(texts(ca.fmin(ca.fmax(a, -b), b), *x, free=False)) == 3
-    assert len(texts(ca.fmin(ca.fmax(a, -magnitude), b), *x, free=False)) == 4
+    assert texts(ca.fmin(ca.fmax(a, -magnitude), magnitude), *x, relaxed=False)[-1] == "e.limit(a0, v1)"
+    assert len(texts(ca.fmin(ca.fmax(a, -b), b), *x, relaxed=False)) == 3
+    assert len(texts(ca.fmin(ca.fmax(a, -magnitude), b), *x, relaxed=False)) == 4
 
 
 def fused(x, y, z):

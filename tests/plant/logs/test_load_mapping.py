@@ -71,7 +71,9 @@ def test_coupled_joints_are_counted_on_their_motors():
 
 
 def test_a_resolution_that_is_not_the_log_s_is_noted():
-    with pytest.warns(UserWarning, match=r"no whole pulses of rig.encoder.resolution \(smallest step 1\.31 pulses\)"):
+    with pytest.warns(
+        UserWarning, match=r"not in whole pulses of rig.encoder.resolution \(smallest step 1\.31 pulses\)"
+    ):
         found = angles("rad", ANGLE * np.array([1.31, 1.0]))
     np.testing.assert_array_equal(found.counts[:, 1], COUNTS[:, 1])
     np.testing.assert_array_equal(found.counts[:, 0], np.trunc(1.31 * COUNTS[:, 0]))
@@ -216,13 +218,13 @@ TABLE = {"t": T, "q": ANGLE, "u": np.full((N, 2), 20.0), "c": COUNTS, "s": np.fu
     ("call", "message"),
     [
         (lambda: angles("deg"), r"position in 'deg' must be whole pulses .* as 'position' in 'rad' they would be"),
-        (lambda: angles("rad", np.degrees(4 * ANGLE)), r"spans .* turns of joint 0; at most 10\. 'deg' would fit"),
+        (lambda: angles("rad", np.degrees(4 * ANGLE)), r"spans .* turns of joint q\[0\]; at most 10\. 'deg' would fit"),
         (lambda: angles("rad", np.degrees(ANGLE)), r"must be whole pulses of the rig; .* as 'position' in 'deg' they"),
         (
             lambda: record({"q": ANGLE}, {"motor_position": "q"}, {"motor_position": "rad"}),
             r"motor_position in 'rad' must be whole pulses of the rig; they are not, as 'position' in 'rad'",
         ),
-        (lambda: angles("pulses"), r"'position' must be whole pulses; got .* in row 0, joint 1. Map angles"),
+        (lambda: angles("pulses"), r"'position' must be whole pulses; got .* in row 0, joint q\[1\]. Map angles"),
         (lambda: record(TABLE, COLUMNS, {"t": "ms", "position": "rad"}), r"step of 2e-06 s; .*'s' would fit"),
         (
             lambda: record(TABLE | {"t": 1e3 * T}, COLUMNS, {"t": "s", "position": "rad"}),
@@ -231,7 +233,7 @@ TABLE = {"t": T, "q": ANGLE, "u": np.full((N, 2), 20.0), "c": COUNTS, "s": np.fu
         (lambda: record(TABLE | {"t": 30 * T}, COLUMNS, {"t": "s", "position": "rad"}), "Give the rig the log's"),
         (
             lambda: record(TABLE, {"counts": "c", "torque": "u"}, {"torque": "motor N m"}),
-            r"torque in 'motor N m' reaches 20 at joint 1?0?; the amplifier drives .* 'N m' would fit",
+            r"torque in 'motor N m' reaches 20 at joint q\[[01]\]; the amplifier drives .* 'N m' would fit",
         ),
         (
             lambda: record(TABLE | {"u": 1000 * TABLE["u"]}, {"counts": "c", "torque": "u"}, {"torque": "N m"}),
@@ -261,7 +263,7 @@ TABLE = {"t": T, "q": ANGLE, "u": np.full((N, 2), 20.0), "c": COUNTS, "s": np.fu
         (lambda: record(TABLE, {"counts": "d"}), "column 'd' must be there; got 5 others"),
         (lambda: record(TABLE, {"counts": ["s", "c"]}), "column 's' must be real numbers"),
         (lambda: record(TABLE | {"t": T[:-1]}, COLUMNS, {"t": "s", "position": "rad"}), "columns must have one length"),
-        (lambda: record({"c": np.full((9, 2), np.nan)}, {"counts": "c"}), "must hold numbers; joint 0 has none"),
+        (lambda: record({"c": np.full((9, 2), np.nan)}, {"counts": "c"}), "must hold numbers; joint q\\[0\\] has none"),
         (lambda: record({"c": np.full((9, 2), np.inf)}, {"counts": "c"}), "must be finite, or NaN where it is missing"),
         (lambda: record(TABLE, {"counts": "c"}, wrap=4096), "wrap must be as large as what is logged; got 4096"),
         (lambda: record(TABLE, {"counts": "c"}, wrap=-1), "wrap must be a positive number"),

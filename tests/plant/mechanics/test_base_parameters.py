@@ -145,7 +145,7 @@ def test_a_joint_that_stands_still_hides_and_joins_parameters():
             np.testing.assert_allclose(dynamics.Y(*state).full() @ (changed - f), 0, atol=1e-12)
     joined = [name for name in seen.combinations if " " in name]
     assert joined
-    assert "not visible" in str(seen) or not seen.invisible
+    assert "not identifiable" in str(seen) or not seen.invisible
     assert str(len(seen.combinations)) in str(seen)
 
 

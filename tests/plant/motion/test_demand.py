@@ -56,7 +56,7 @@ def weak(current):
     ("call", "message"),
     [
         (lambda: shortest_duration(ARM, weak((3.0, 12.0)), puma560.reference()),
-         r"can hold the arm and creep; joint 2 needs 120\.4 of 66\.36 N m at t = .* s, q = \["),
+         r"can hold the arm and creep; joint 2 \(q\[0\]\) needs 120\.4 of 66\.36 N m at t = .* s, q = \["),
         (lambda: shortest_duration(ARM, weak((np.inf, np.inf)), puma560.reference()), "must meet a limit somewhere"),
         (lambda: shortest_duration(ARM, RIG, puma560.reference(), share=-1), "share must be a positive number"),
         (lambda: torque_share(RIG, ARM, puma560.reference()), "arm must be of type Arm"),

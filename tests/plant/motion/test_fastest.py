@@ -184,7 +184,10 @@ def test_it_is_tracked_within_one_pulse_where_the_uniform_motion_of_its_duration
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"share": 0.1}, "path must be one along which the drives can hold the arm and creep; joint 2 needs"),
+        (
+            {"share": 0.1},
+            r"path must be one along which the drives can hold the arm and creep; joint 2 \(q\[0\]\) needs",
+        ),
         ({"motor_speed": (100, 0)}, "motor_speed must be positive"),
         ({"motor_speed": 100}, r"motor_speed must have shape \(2,\)"),
         ({"torque_rate": (1e4, -1)}, "torque_rate must be positive"),

@@ -297,7 +297,7 @@ def test_files_that_are_not_its_own_stay(tmp_path):
         ({"outptu": "torque"}, "Did you mean 'output'"),
         ({"output": "dac"}, "counts_per_ampere must be numbers|counts_per_ampere must have shape"),
         ({"output": "dac", "counts_per_ampere": (1, 0)}, "must not be zero"),
-        ({"output": "dac", "counts_per_ampere": (1, 5000)}, "must reach the current limit, 12 A at joint 1"),
+        ({"output": "dac", "counts_per_ampere": (1, 5000)}, r"must reach the current limit, 12 A at joint q\[1\]"),
         ({"output": "dac", "counts_per_ampere": (1, 1), "largest_count": 20.5}, "must be whole"),
         ({"output": "dac", "counts_per_ampere": (1, 1), "largest_count": 2**31}, "below 2.31"),
         ({"counts_per_ampere": (1, 1)}, "Choose output='dac'"),

@@ -1,4 +1,4 @@
-"""The running controller: its compiled core, what it costs, what it refuses, and what the shell does by itself.
+"""The running controller: its compiled core, what it costs, what it refuses, and guards and safe stop by themselves.
 
 What the guards do to an arm is in tests/ctc/laws/test_faults.py.
 """
@@ -148,7 +148,7 @@ def test_a_torque_limit_above_the_amplifiers_changes_nothing():
     np.testing.assert_allclose(np.abs(running.step(*far)), LIMIT, rtol=1e-12)
 
 
-# -- what the shell does by itself ------------------------------------------------------------------------------------
+# -- guards and safe stop by themselves ------------------------------------------------------------------------------
 def test_a_law_without_a_torque_is_refused_or_stopped():
     """Without guards nothing changes; with them the torque goes to zero within a tenth of the duration."""
     good, bad = ((0, 0), ZERO, ZERO, ZERO), ((3, 4), ZERO, ZERO, (50.0, 50.0))
@@ -232,7 +232,7 @@ def test_a_joint_that_its_friction_holds_is_not_stuck(gain, stops):
         running.step((0, 0), RIG.to_angle(np.array([pulses + 0.5, 0.0])), ZERO, ZERO)
     assert running.stopped == stops
     if stops:
-        assert running.status.startswith("safe stop, ramp to zero: the encoder of joint index 0 stands still")
+        assert running.status.startswith("safe stop, ramp to zero: the encoder of joint q[0] stands still")
 
 
 def test_a_stop_at_the_arm_begins_with_the_law_as_new():
@@ -242,7 +242,7 @@ def test_a_stop_at_the_arm_begins_with_the_law_as_new():
     run(running, counts[:50], [x[:50] for x in motion])
     leap = motion.q[50] + (0.2, 0.0)
     running.step(counts[50], leap, motion.qd[50], motion.qdd[50])
-    assert running.status.startswith("safe stop, holding: joint index 0 is 27")
+    assert running.status.startswith("safe stop, holding: joint q[0] is 27")
     q, qd, qdd = (running._row(i) for i in (5, 6, 7))
     np.testing.assert_allclose(q, RIG.cell_centre(counts[50]), rtol=1e-12)
     np.testing.assert_allclose(qd, motion.qd[50], atol=0.2)  # three pulses of noise a sample, smoothed: 0.1 rad/s
@@ -274,7 +274,7 @@ def test_what_is_wrong_twice_in_a_row_stops_with_a_patience_of_one():
         jump.step((0, 500 if k else 0), ZERO, ZERO, ZERO)
     assert late.status == "safe stop, holding: a call that came 0.7 ms late, at call 3"
     assert gap.status == ("safe stop, holding: a reference that is no finite position, 2 times in a row, at call 3")
-    assert jump.status == "safe stop, holding: a jump of 500 pulses of joint index 1, 2 times in a row, at call 3"
+    assert jump.status == "safe stop, holding: a jump of 500 pulses of joint q[1], 2 times in a row, at call 3"
 
 
 def test_a_joint_with_an_unlimited_amplifier_may_jump_by_a_tenth_of_a_turn():
@@ -314,7 +314,7 @@ def started(**options):
         (lambda: started(torque_limit=(1.0,)), "torque_limit must have shape"),
         (lambda: started(torque_limit=(1.0, 0.0)), "torque_limit must be positive"),
         (lambda: started(guards=Guards(jump=(1, 2, 3))), r"jump must have shape \(2,\)"),
-        (lambda: started(guards=Guards(stop="gravity")), "law that knows no arm; got 'gravity' for Filtered"),
+        (lambda: started(guards=Guards(stop="gravity")), "law without an arm; got 'gravity' for Filtered"),
         (lambda: Guards(stop="brake"), "stop must be one of"),
         (lambda: Guards(patience=1.5), "patience must be a whole number"),
         (lambda: Guards(error=-1), "error must be positive"),

@@ -1,20 +1,21 @@
-"""The inertia matrix that a log in open loop shows, averaged over its poses.
+"""Regression of the equation of motion averaged over time: the mean inertia matrix of a log in open loop.
 
-An arm that swings freely needs little torque for much acceleration, and what little there is drowns in the noise of
-twice differentiated counts. So the equation of motion of each motor is formed with all its terms (inertia and velocity
-products that change with the angles between the links, friction, gravity), and then averaged over a good part of a
-swing, which leaves it true and the noise behind.
+An arm that swings freely needs little torque for much acceleration, less than the noise of twice differentiated counts.
+So the equation of motion of each motor is formed with all its terms (inertia and velocity products that change with the
+angles between the links, friction, gravity) and averaged over a good part of a swing: it holds, without the noise.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from plant.checkup.balance import least_squares
+from plant.checkup.torque_regression import least_squares
 
-__all__ = ["Swing"]
+__all__ = ["AveragedRegression"]
 
 _AVERAGE = 0.4
 """Window [s] over which the equation is averaged; shorter where the log would not hold enough of them."""
@@ -24,32 +25,32 @@ _PER_WINDOW = 7
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Swing:
+class AveragedRegression:
     """Coefficients of the torque of one motor, with standard deviations.
 
     Attributes
     ----------
     inertia, inertia_std : (n,) numpy.ndarray
         Of the acceleration of every motor, mean over the log [kg m^2].
-    drag, drag_std : (n,) numpy.ndarray
-        Of the sign of the speed of every motor [N m].
-    dry, dry_std : float
-        Of the sign of its own, the only one that should rub [N m].
+    cross_coulomb, cross_coulomb_std : (n,) numpy.ndarray
+        Of the sign of the speed of every motor, if all are allowed to rub [N m].
+    coulomb, coulomb_std : float
+        Of the sign of its own, the only one that should [N m].
     delay, delay_std : float
-        Counts behind torque [samples].
+        Delay of the counts behind the torque [samples].
     """
 
-    inertia: np.ndarray
-    inertia_std: np.ndarray
-    drag: np.ndarray
-    drag_std: np.ndarray
-    dry: float
-    dry_std: float
+    inertia: NDArray[np.float64]
+    inertia_std: NDArray[np.float64]
+    cross_coulomb: NDArray[np.float64]
+    cross_coulomb_std: NDArray[np.float64]
+    coulomb: float
+    coulomb_std: float
     delay: float
     delay_std: float
 
     @classmethod
-    def all_of(cls, signals, torque):
+    def all_of(cls, signals: Any, torque: NDArray[np.float64]) -> list[AveragedRegression] | None:
         """Fit the torques (M, n) [N m] of all motors; None where the log is too short for that many unknowns."""
         n, encoder, interval = signals.n, signals.rig.encoder, signals.interval
         counts, *rates = signals.motion
@@ -72,25 +73,24 @@ class Swing:
         if len(rows) < _PER_WINDOW * unknown:
             return None
 
-        def averaged(columns):
+        def means(columns: Any) -> NDArray[np.float64]:
             return np.column_stack([np.convolve(x, kernel / kernel.sum(), mode="same") for x in columns])
 
-        shared, smooth = averaged(shared)[rows], signals.smooth(torque)
-        viscous, dry = averaged(speed.T)[rows], averaged([signals.smooth_even(np.sign(rate)) for rate in speed.T])[rows]
-        wanted, slope = averaged(smooth.T), averaged(np.gradient(smooth, interval, axis=0).T)
+        common, smooth = means(shared)[rows], signals.smooth(torque)
+        viscous, dry = means(speed.T)[rows], means([signals.smooth_even(np.sign(rate)) for rate in speed.T])[rows]
+        measured, slope = means(smooth.T), means(np.gradient(smooth, interval, axis=0).T)
         found = []
         for i in range(n):
-            columns, torques = np.column_stack([shared, viscous[:, i], dry[:, i]]), wanted[rows, i]
+            columns, torques = np.column_stack([common, viscous[:, i], dry[:, i]]), measured[rows, i]
             if not np.ptp(torques):
                 return None
             value, std = least_squares(columns, torques, memory=_PER_WINDOW)
-            # Late counts: the model gives the torque of that time ago.
+            # Late counts: the model gives the torque of a delay ago.
             late, late_std = least_squares(np.column_stack([columns, slope[rows, i]]), torques, memory=_PER_WINDOW)
-            # Friction is its own motor's, so another's tells of a wrong column.
-            drag, drag_std = least_squares(np.column_stack([shared, viscous, dry]), torques, memory=_PER_WINDOW)
+            # Friction goes with a motor's own speed; with another's, columns are exchanged.
+            cross, cross_std = least_squares(np.column_stack([common, viscous, dry]), torques, memory=_PER_WINDOW)
             found.append(cls(
-                inertia=value[:n], inertia_std=std[:n], drag=drag[-n:], drag_std=drag_std[-n:], dry=value[-1],
-                dry_std=std[-1], delay=late[-1] / interval,
-                delay_std=late_std[-1] / interval,
+                inertia=value[:n], inertia_std=std[:n], cross_coulomb=cross[-n:], cross_coulomb_std=cross_std[-n:],
+                coulomb=value[-1], coulomb_std=std[-1], delay=late[-1] / interval, delay_std=late_std[-1] / interval,
             ))  # fmt: skip
         return found

@@ -1,0 +1,111 @@
+"""Regressor and measured torque of a log, filtered alike: the two sides of the torque equation.
+
+Velocity and acceleration come from positions alone: low-passed without phase (forwards and backwards), then central
+differences. Regressor and measured torque then pass the same zero-phase filter (its band is where they are compared),
+and every k-th row is kept, counted from the first sample.
+"""
+
+from __future__ import annotations
+
+import difflib
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from identification.equation_error.filtering import derivatives, low_pass
+from plant import Dynamics, Motion, Rig
+from plant.parts.arguments import array
+
+__all__ = ["LINEAR", "System", "regressor_and_torque"]
+
+LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
+
+System = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]
+"""Regressor (N', n, k), measured torque (N', n), and which of their rows count (N', n)."""
+
+_AT_ONCE = 4096
+"""Samples whose regressors are worked out in one go."""
+
+
+def regressor_and_torque(
+    dynamics: Dynamics,
+    q: NDArray[np.float64],
+    torque: NDArray[np.float64],
+    rig: Rig,
+    cutoff: float,
+    band: float,
+    every: int,
+    unknown: Sequence[str],
+    slowest: NDArray[np.float64],
+    extra: Mapping[str, Callable[..., ArrayLike]],
+    valid: NDArray[np.float64] | None = None,
+) -> System:
+    """Regressor of the unknowns and measured torque less that of what is known, both filtered.
+
+    Rows whose filters feel the ends of the log, or a sample without weight in `valid` (N,), do not count.
+    """
+    motion = derivatives(q, rig.period, cutoff)
+    regressor, given = _columns(dynamics, rig, unknown, motion)
+    more = [array(name, column(*motion), q.shape, advice="Give (N, n).") for name, column in extra.items()]
+    signals = [torque - given, *np.moveaxis(regressor, 2, 0), *more]
+    margin = int(np.ceil(1 / (min(cutoff, band) * rig.period)))  # where the filters still feel the ends of the log
+    rows = slice(-(-margin // every) * every, len(q) - margin, every)
+    measured, *columns = (low_pass(signal, rig.period, band)[rows] for signal in signals)
+    used = (np.abs(low_pass(motion.qd, rig.period, band)[rows]) > slowest) | (slowest == 0)
+    if valid is not None:
+        lost = np.append(0, np.cumsum(valid == 0))
+        near = np.clip(np.arange(len(q))[:, None] + (-margin, margin + 1), 0, len(q))
+        used &= (lost[near[:, 1]] == lost[near[:, 0]])[rows, None]
+    return np.stack(columns, axis=-1), measured, used
+
+
+def _columns(
+    dynamics: Dynamics, rig: Rig, unknown: Sequence[str], motion: Motion
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Regressor of the unknowns (N, n, k), and the torque of what is known (N, n)."""
+    names, function = _balance(dynamics, rig, tuple(unknown))
+    values = np.concatenate([np.zeros(dynamics.p), rig.number_values()])
+    values[[names.index(name) for name in unknown]] = 0.0
+    n, k = dynamics.n, len(unknown)
+    regressor, given = np.empty((len(motion.q), n, k)), np.empty((len(motion.q), n))
+    for start in range(0, len(given), _AT_ONCE):
+        some = slice(start, start + _AT_ONCE)
+        block, rest = function.map(len(given[some]))(*(part[some].T for part in motion), values)
+        regressor[some] = block.full().reshape(n, -1, k).transpose(1, 0, 2)
+        given[some] = rest.full().T
+    return regressor, given
+
+
+@functools.lru_cache(maxsize=16)
+def _balance(dynamics: Dynamics, rig: Rig, unknown: tuple[str, ...]) -> tuple[list[str], Any]:
+    """Names of all numbers, and (q, qd, qdd, numbers) -> regressor of the unknowns, torque of these numbers."""
+    names = [*dynamics.names, *rig.number_names()]
+    of_drive = [name for name in names if name.startswith(LINEAR)]
+    for name in unknown:
+        if name not in names:
+            near = difflib.get_close_matches(name, [*dynamics.names, *of_drive], n=1, cutoff=0.4)
+            raise ValueError(
+                f"unknown must be names of f and of friction, with the joint's index; got {name!r}. "
+                f"{f'Did you mean {near[0]!r}?' if near else ''} Friction: {', '.join(of_drive)}."
+            )
+    missing = [name for name in dynamics.names if name not in unknown]
+    twice = [name for i, name in enumerate(unknown) if name in unknown[:i]]
+    if missing or twice:
+        what = f"{missing[0]} is missing" if missing else f"{twice[0]} comes twice"
+        raise ValueError(f"unknown must name all of f, each name once; {what}. Write (*dynamics.names, ...).")
+    n, numbers = dynamics.n, ca.SX.sym("numbers", len(names))
+    q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
+    drive = rig.with_numbers(numbers[dynamics.p :]).drive
+    tau = dynamics.Y(q, qd, qdd) @ numbers[: dynamics.p] + drive.friction(qd)
+    places = [names.index(name) for name in unknown]
+    regressor = ca.densify(ca.jacobian(tau, numbers)[:, places])
+    for name, place in zip(unknown, places, strict=True):
+        if ca.depends_on(regressor, numbers[place]):
+            raise ValueError(f"unknown must enter the torque linearly; {name} does not. Take f and friction levels.")
+        if regressor[:, unknown.index(name)].is_zero():
+            raise ValueError(f"unknown must act on the torque; {name} does not. Leave it out.")
+    return names, ca.Function("balance", [q, qd, qdd, numbers], [regressor, tau])

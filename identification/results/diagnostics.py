@@ -1,0 +1,77 @@
+"""How well what was found repeats the records: differences, delay of the counts, least squares in bands."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from identification.equation_error.pulse_fit import over_bands
+from identification.replay.objective import Objective
+from identification.replay.timing import delay_of
+from identification.search.outcome import Fit
+from identification.search.problem import Problem
+from plant.parts.frozen import Frozen
+
+__all__ = ["Diagnostics"]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Diagnostics(Frozen):
+    """How well what was found repeats the records.
+
+    Attributes
+    ----------
+    objective : float
+        Objective (4) in the records that were searched [pulses^2].
+    difference, held_out_difference : float, float or None
+        Root mean square, per sample and joint, between the errors measured and simulated with what was found [pulses]:
+        in the records, and in those kept aside. Two roundings alone give 0.58.
+    bands : dict
+        Of logged torques: pass band [Hz] -> mean ratio of least squares in that band to f as found, each weighted by
+        its precision.
+    delay, delay_std : float
+        By how many samples the counts are read late, against a simulation with what was found, and its standard
+        deviation; NaN and inf where that is not known.
+    """
+
+    objective: float
+    difference: float
+    held_out_difference: float | None
+    bands: dict[float, float]
+    delay: float
+    delay_std: float
+
+    @classmethod
+    def of(cls, problem: Problem, fit: Fit, objective: Objective, cost: float) -> Diagnostics:
+        """Of a fit to a problem; its objective is that of the records with their zeros in place, its value the cost."""
+        delay, delay_std, kept = np.nan, np.inf, problem.held_out
+        if fit.covariance is not None and not any(problem.replays):  # values that may be far off say nothing of timing
+            delay, delay_std = delay_of(problem.dynamics, objective.records, fit.unknown, fit.values, **problem.options)
+        return cls(
+            objective=cost,
+            difference=_difference(cost, objective),
+            held_out_difference=None if kept is None else _difference(float(kept(fit.values[None])[0]), kept),
+            bands=_bands(problem, fit.values),
+            delay=delay,
+            delay_std=delay_std,
+        )
+
+
+def _difference(cost: float, objective: Objective) -> float:
+    """Objective (4) as a root mean square per sample and joint [pulses]."""
+    return float(np.sqrt(cost / sum(record.error_pulses.size for record in objective.records)))
+
+
+def _bands(problem: Problem, values: NDArray[np.float64]) -> dict[float, float]:
+    """Least squares on logged torques in bands of their own, in what was found: band [Hz] -> mean ratio."""
+    if not all(problem.replays):
+        return {}
+    found, ratios = dict(zip(problem.unknown, values, strict=True)), {}
+    for band, fit in over_bands(problem.dynamics, problem.records, problem.unknown, problem.known).items():
+        names = [name for name in problem.dynamics.names if name in fit.names and found[name]]
+        ours, least = np.array([found[name] for name in names]), np.array([fit[name] for name in names])
+        std = fit.std[[fit.names.index(name) for name in names]]
+        ratios[band] = float(np.average(least / ours, weights=(ours / std) ** 2))
+    return ratios

@@ -1,0 +1,93 @@
+"""What a method of identification gives back: the fit, and how it came about."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from identification.search.genetic import GeneticResult
+from plant.parts.frozen import Frozen
+
+__all__ = ["Fit", "Outcome"]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Fit(Frozen):
+    """The values of the unknowns, and how well they are known.
+
+    Attributes
+    ----------
+    unknown : tuple of str
+        Names of what was searched.
+    values : (k,) numpy.ndarray
+    candidates : (C, k) numpy.ndarray
+        Vectors that repeat the records as well as the values do, but for the noise of objective (4), best first; the
+        values alone where a method tries no others. ``certify(..., plants=...)`` takes them for want of a covariance.
+    covariance : (k, k) numpy.ndarray or None
+        Of the values; None where the method provides none. It is scaled by the innovations, so that quantisation and
+        what the model lacks count, and so does the innovations' autocorrelation.
+    rms_innovation : float or None
+        Root mean square of the innovations [pulses]: counted positions minus their one-step predictions. Rounding alone
+        gives 0.289.
+    fallback_reason : str or None
+        Why the values are not those of the last fit; its covariance then says nothing of them.
+    zeros : (R, n) numpy.ndarray or None
+        Where the joints of each record are when its counters say zero [rad], if that was unknown.
+    """
+
+    unknown: tuple[str, ...]
+    values: NDArray[np.float64]
+    candidates: NDArray[np.float64]
+    covariance: NDArray[np.float64] | None = None
+    rms_innovation: float | None = None
+    fallback_reason: str | None = None
+    zeros: NDArray[np.float64] | None = None
+
+    @property
+    def std(self) -> NDArray[np.float64]:
+        """Standard deviations (k,) of the values.
+
+        Raises
+        ------
+        ValueError
+            A fit without a covariance.
+        """
+        return np.sqrt(np.diag(self._required_covariance))
+
+    @property
+    def correlation(self) -> NDArray[np.float64]:
+        """Correlations (k, k) of the values; of what was kept fixed, zero."""
+        std = np.where(self.std > 0, self.std, np.inf)
+        return self._required_covariance / np.outer(std, std)
+
+    @property
+    def _required_covariance(self) -> NDArray[np.float64]:
+        if self.covariance is None:
+            why = self.fallback_reason or "its method has none; use the default method"
+            raise ValueError(f"standard deviations need a covariance; this fit provides none: {why}.")
+        return self.covariance
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Outcome:
+    """What a method found.
+
+    Attributes
+    ----------
+    fit : Fit
+    message : str
+        Why the search ended.
+    evaluations : int
+        Simulated experiments.
+    genetic : GeneticResult or None
+    stages : dict
+        What each stage before the last found: name -> (k,) values.
+    """
+
+    fit: Fit
+    message: str = ""
+    evaluations: int = 0
+    genetic: GeneticResult | None = None
+    stages: dict[str, NDArray[np.float64]] = dataclasses.field(default_factory=dict)

@@ -1,0 +1,132 @@
+"""Regression of a motor's torque on its motion, without a model of the arm.
+
+Regressors are the accelerations of all motors, the motor's speed (viscous friction) and its sign (Coulomb friction),
+and sines and cosines of the joint angles and of their sums: all of a planar arm's gravity, most of another's. The
+coefficients are averages over the log; their signs and sizes tell whether a log can be an arm's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["TorqueRegression", "least_squares"]
+
+_SLOW = 0.05
+"""Share of the RMS speed below which a joint may stick, and its friction is unknown."""
+
+_SINGULAR = 1e-10
+"""Relative eigenvalue below which a direction of the normal equations is not identifiable."""
+
+_TENTHS = 10
+
+_PER_WINDOW = 7
+"""Rows taken from a smoothing window: more are not independent."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class TorqueRegression:
+    """Coefficients of the torque of one motor, with standard deviations.
+
+    Attributes
+    ----------
+    inertia, inertia_std : (n,) numpy.ndarray
+        Of the acceleration of every motor [kg m^2].
+    viscous, viscous_std : float
+        Of its own speed [N m s/rad].
+    coulomb, coulomb_std : float
+        Of the sign of its speed [N m].
+    delay, delay_std : float
+        Delay of the counts behind the torque [samples].
+    backlash, backlash_std : float
+        Motion of the motor alone where the load torque changes sign [pulses].
+    reversals : int
+        Number of such changes.
+    """
+
+    inertia: NDArray[np.float64]
+    inertia_std: NDArray[np.float64]
+    viscous: float
+    viscous_std: float
+    coulomb: float
+    coulomb_std: float
+    delay: float
+    delay_std: float
+    backlash: float
+    backlash_std: float
+    reversals: int
+
+    @classmethod
+    def of(cls, signals: Any, torque: NDArray[np.float64], i: int) -> TorqueRegression | None:
+        """Fit the torque (M, n) [N m] of motor i; None for too few rows, or a constant torque."""
+        n, encoder = signals.n, signals.rig.encoder
+        counts, speed, acceleration = signals.motion
+        own = speed[:, i]
+        rows = signals.clear & (np.abs(own) > _SLOW * np.sqrt(np.mean(own[signals.clear] ** 2)))
+        rows = np.flatnonzero(rows)[:: max(1, signals.window // _PER_WINDOW)]
+        if len(rows) < 10 * _PER_WINDOW or not np.ptp(torque[:, i]):
+            return None
+        angle = np.cumsum(signals.rig.cell_centre(counts), axis=1)
+        direction = signals.smooth_even(np.sign(own))
+        columns = np.column_stack([
+            encoder.to_angle(acceleration), encoder.to_angle(speed)[:, i], direction, np.ones(len(own)), np.sin(angle),
+            np.cos(angle),
+        ])  # fmt: skip
+        measured = signals.smooth(torque)[:, i]
+
+        def fitted(*more: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+            return least_squares(np.column_stack([columns, *more])[rows], measured[rows], memory=_PER_WINDOW)
+
+        # Late counts: the torque correlates with the jerk, too.
+        jerk = encoder.to_angle(np.gradient(acceleration, signals.interval, axis=0))
+        value, std = fitted()
+        with_jerk, with_jerk_std = fitted(jerk)
+        late, late_std = (x[-n + i] / with_jerk[i] / signals.interval for x in (with_jerk, with_jerk_std))
+        slope = fitted(np.gradient(measured, signals.interval))[0][-1] / signals.interval  # another estimate of it
+        late_std = max(abs(late_std), abs(late - slope) / 2)
+        # Backlash: where the load torque changes sign, the motor turns alone.
+        alone = signals.rig.drive.motor_inertia[i]
+        load = columns @ value - value[n] * columns[:, n] - value[n + 1] * direction - alone * columns[:, i]
+        side = signals.smooth_even(np.sign(load))
+        ahead, ahead_std = fitted(signals.rates(side[:, None])[1])
+        scale = 2 / max(abs(value[i] - alone), 1e-300) / encoder.to_angle(np.ones(n))[i]
+        return cls(
+            inertia=value[:n], inertia_std=std[:n], viscous=value[n], viscous_std=std[n], coulomb=value[n + 1],
+            coulomb_std=std[n + 1], delay=late, delay_std=abs(late_std), backlash=ahead[-1] * scale,
+            backlash_std=ahead_std[-1] * scale, reversals=int(np.sum(np.diff(np.sign(load)) != 0)),
+        )  # fmt: skip
+
+
+def least_squares(
+    columns: NDArray[np.float64], measured: NDArray[np.float64], memory: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Coefficients and standard deviations of a regression with correlated residuals and a model error.
+
+    Residuals count as independent only every `memory` rows; a jackknife over tenths of the log covers what changes
+    with the pose. The larger standard deviation counts.
+
+    Parameters
+    ----------
+    columns : (N, k) numpy.ndarray
+    measured : (N,) numpy.ndarray
+    memory : int
+    """
+    scale = np.sqrt(np.mean(columns**2, axis=0))
+    scale[scale == 0] = 1.0
+    columns = columns / scale
+    tenths = np.array_split(np.arange(len(measured)), _TENTHS)
+    squares = np.array([columns[rows].T @ columns[rows] for rows in tenths])
+    products = np.array([columns[rows].T @ measured[rows] for rows in tenths])
+    inverse = np.linalg.pinv(squares.sum(axis=0), _SINGULAR, hermitian=True)
+    value = inverse @ products.sum(axis=0)
+    residual = np.mean((measured - columns @ value) ** 2)
+    variance = np.diag(inverse) * residual * memory
+    without = np.array([
+        np.linalg.pinv(squares.sum(axis=0) - A, _SINGULAR, hermitian=True) @ (products.sum(axis=0) - b)
+        for A, b in zip(squares, products, strict=True)
+    ])  # fmt: skip
+    jackknife = (_TENTHS - 1) * np.mean((without - value) ** 2, axis=0)
+    return value / scale, np.sqrt(np.maximum(variance, jackknife)) / scale

@@ -1,0 +1,33 @@
+"""Types of the fields of parts, for editors and type checkers; at run time they are a plain array and a plain tuple."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeAlias, TypeVar, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["ArrayOrSymbols", "Nested", "Vector"]
+
+ArrayOrSymbols: TypeAlias = Any
+"""A numpy array, or a casadi expression of that shape; what comes out is of the kind that went in."""
+
+if TYPE_CHECKING:
+    T = TypeVar("T")
+
+    class _ArrayLike(Generic[T]):
+        @overload
+        def __get__(self, part: None, owner: Any) -> Self: ...
+        @overload
+        def __get__(self, part: object, owner: Any) -> T: ...
+        def __get__(self, part: object | None, owner: Any = None) -> Any: ...
+        def __set__(self, part: object, value: ArrayLike) -> None: ...
+
+    class Vector(_ArrayLike[NDArray[np.float64]]):
+        """A field of numbers: anything array-like goes in, a numpy.ndarray comes out."""
+
+    class Nested(_ArrayLike[tuple[Any, ...]]):
+        """A field of numbers that is structure: anything array-like goes in, nested tuples of floats come out."""
+
+else:
+    Vector, Nested = np.ndarray, tuple

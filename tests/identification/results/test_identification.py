@@ -1,0 +1,96 @@
+"""The result in groups, and its table and figure for an arm of long names: short names, joints by their labels."""
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+
+from identification import Diagnostics, Fit, Search, fit_torque, identify, pulse_budget
+from plant import Dynamics, puma560, simulate
+
+RIG, LAW, PATH = puma560.rig(), puma560.p_law(), puma560.reference()
+JOINTS = ("shoulder_lift_joint", "elbow_joint")
+
+
+@cache
+def renamed():
+    """The physical PUMA 560, links 2 and 3, by its base parameters, with joints of long names."""
+    chain = puma560.dynamics().chain
+    links = tuple(dataclasses.replace(link, name=name) for link, name in zip(chain.links, JOINTS, strict=True))
+    return Dynamics.from_chain(dataclasses.replace(chain, links=links))
+
+
+@cache
+def found():
+    record = simulate(puma560.literature_arm(1.5), RIG, LAW, PATH, steps_per_sample=16)
+    return identify(renamed(), record, method="equation_error", progress=False)
+
+
+def test_groups_hold_what_the_result_gives_at_the_top():
+    result = found()
+    assert (type(result.fit), type(result.search), type(result.diagnostics)) == (Fit, Search, Diagnostics)
+    for group, names in (
+        (result.fit, ("unknown", "values", "candidates", "covariance", "std")),
+        (result.search, ("method", "seed", "settings", "evaluations", "seconds", "message", "history")),
+        (result.search, ("initial_objective", "initial_population")),
+        (result.diagnostics, ("objective",)),
+        (result.arm, ("f",)),
+    ):
+        for name in names:
+            np.testing.assert_array_equal(getattr(result, name), getattr(group, name))
+    np.testing.assert_allclose(np.diag(result.fit.correlation), 1.0, rtol=1e-12)
+
+
+def test_a_fit_without_covariance_says_why():
+    fit = dataclasses.replace(found().fit, covariance=None, fallback_reason="the fit is no arm")
+    for name in ("std", "correlation"):
+        with pytest.raises(ValueError, match="need a covariance; this fit provides none: the fit is no arm"):
+            getattr(fit, name)
+
+
+def test_tables_name_parameters_shortly_and_say_once_what_they_mean():
+    dynamics, p = renamed(), renamed().p
+    assert max(map(len, dynamics.names)) > 40
+    record = found().records[0]
+    torque_fit = fit_torque(
+        dynamics, RIG.cell_centre(record.counts), record.torque, rig=RIG, cutoff=100, band=20, every=20
+    )
+    for text, head in (
+        (found().summary(), 2),
+        (str(pulse_budget(dynamics.arm(found().f), RIG, LAW, PATH)), 1),
+        (str(torque_fit), 0),
+    ):
+        lines = text.splitlines()
+        assert [line.split()[0] for line in lines[head : head + p]] == [f"f{i + 1}" for i in range(p)]
+        assert max(len(line) for line in lines[head : head + p]) < 100
+        assert lines[-p:] == dynamics.legend.splitlines()
+
+
+def test_figure_of_long_names_is_short_at_its_ticks_and_apart_in_its_texts():
+    import matplotlib
+
+    matplotlib.use("Agg")
+    figure = found().plot()
+    figure.draw_without_rendering()
+    titles = {axis.get_title(loc="left"): axis for axis in figure.axes}
+    assert set(renamed().chain.joint_labels) <= set(titles)
+    assert [tick.get_text() for tick in titles["95 % intervals"].get_xticklabels()] == list(found().short_names)
+    texts = [*(axis._left_title for axis in titles.values()), *titles["95 % intervals"].get_xticklabels()]
+    legends = [axis.get_legend() for axis in figure.axes if axis.get_legend() is not None]
+    boxes = [
+        each.get_window_extent() for each in (*texts, *legends) if not hasattr(each, "get_text") or each.get_text()
+    ]
+    overlapping = [(a, b) for i, a in enumerate(boxes) for b in boxes[:i] if a.shrunk(0.9, 0.9).overlaps(b)]
+    assert not overlapping
+    matplotlib.pyplot.close(figure)
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+def test_a_motor_that_stands_still_is_named_by_its_joint(joint):
+    record = found().records[0]
+    errors, reference = record.error_pulses.copy(), record.reference_pulses.copy()
+    errors[:, joint] = reference[:, joint] = 0
+    still = dataclasses.replace(record, error_pulses=errors, reference_pulses=reference, reference=None)
+    with pytest.raises(ValueError, match=rf"that of {JOINTS[joint]} \(q\[{joint}\]\) moves by 0"):
+        identify(renamed(), still, progress=False)
