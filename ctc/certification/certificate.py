@@ -207,6 +207,9 @@ class Certificate:
         lines += [line for each in long for line in textwrap.wrap(each, 110, subsequent_indent="    ")]
         if self.plants.redrawn:
             lines.append(f"{self.plants.redrawn} draws were no arm, and were drawn again")
+        lines.append(
+            "assumed: rigid gears without backlash, currents without lag, no jitter, friction that does not drift"
+        )
         return "\n".join(lines)
 
 
