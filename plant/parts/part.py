@@ -65,6 +65,9 @@ class Part:
 
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
 
+    def __init__(self, *_: Any, **__: Any) -> None:
+        raise ValueError(f"{type(self).__name__} must be a dataclass of named fields; it is none. Put @part above it.")
+
     def __post_init__(self) -> None:
         lengths: dict[str, int] = {}
         for field in dataclasses.fields(self):

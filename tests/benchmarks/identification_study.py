@@ -1,4 +1,4 @@
-"""How near the default identification comes to known robots, and whether it knows how near.
+"""Accuracy of the default identification on known robots, and coverage of its intervals.
 
     python tests/benchmarks/identification_study.py # tables of docs/background/identification.md, 20 minutes
     python tests/benchmarks/identification_study.py seeds     # or some of them, by name
@@ -41,7 +41,7 @@ def seeds(count=20):
     """Default identification, many seeds: worst and median error, objective, cost."""
     yield (
         "| robot | gains | median error, worst seed | worst of f without f3 | f3, worst seed | "
-        "objective, of the true f's, worst | evaluations | s |"
+        "objective over that of the true f, worst | evaluations | s |"
     )
     yield "|---|---|---|---|---|---|---|---|"
     for name, arm in ARMS.items():
@@ -60,7 +60,7 @@ def seeds(count=20):
 
 def methods():
     """Every method on the same four logs."""
-    yield "| method | median error, worst of four logs | worst error of the four | objective, of the true f's | s |"
+    yield "| method | median error, worst of 4 logs | worst error of the 4 | objective over that of the true f | s |"
     yield "|---|---|---|---|---|"
     logs = [(arm, log(arm, gain)) for arm in ARMS.values() for gain in GAINS]
     true = [Objective(DYNAMICS, record)(arm.f[None])[0] for arm, record in logs]
@@ -76,7 +76,7 @@ def methods():
 
 def knowledge(count=5):
     """The physical arm, with its link's length known (7 parameters), or with three records; errors of all nine f."""
-    yield "| gains | what is given | median error, worst seed | worst error | standard deviation of the worst, said |"
+    yield "| gains | given | median error, worst seed | worst error | its standard deviation, estimated |"
     yield "|---|---|---|---|---|"
     arm, base = ARMS["literature + 1.5 kg"], Dynamics.from_chain(DYNAMICS.chain)
     seven, nine = (np.array(each.lumping.matrix) for each in (base, DYNAMICS))
@@ -116,7 +116,7 @@ def knowledge(count=5):
 
 def starts(count=50):
     """The paper's claim of 3.1: how many of so many wide starts end in a local minimum."""
-    yield "| search | end at the bottom (objective (4) at most 1.3 times the true f's) | elsewhere | lost |"
+    yield "| search | at the global minimum (objective (4) below 1.3 times the true f's) | elsewhere | failed |"
     yield "|---|---|---|---|"
     arm, record, random = ARMS["published f"], log(ARMS["published f"], GAINS[1]), np.random.default_rng(0)
     objective, low = Objective(DYNAMICS, record), np.array(puma560.PRINTED_RANGES)[:, 0]
@@ -231,7 +231,7 @@ def arms(count=25, realisations=25):
         "mean error [% of the range]": (np.concatenate(wrong).mean(axis=0), ".2f"),
         "worst error [%]": (np.max(largest, axis=0), ".1f"),
         "rms error over the bound, median of the arms": (np.median(ratio, axis=0), ".1f"),
-        "95 % intervals that hold the truth [%]": (100 * np.mean(inside, axis=0), ".0f"),
+        "95 % intervals that cover the truth [%]": (100 * np.mean(inside, axis=0), ".0f"),
     }
     for name, (values, form) in rows.items():
         yield f"| {name} | " + " | ".join(f"{value:{form}}" for value in values) + " |"
@@ -239,7 +239,7 @@ def arms(count=25, realisations=25):
 
 def unknowns(count=12):
     """Coverage of the 95 % intervals when more than f is unknown, or the reference is known by its counts only."""
-    yield "| what is unknown | 95 % intervals that hold the truth | rms of error over standard deviation | worst such |"
+    yield "| unknown | 95 % intervals that cover the truth | error over standard deviation, RMS | worst |"
     yield "|---|---|---|---|"
     friction = tuple(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in (0, 1))
     curve = FrictionCurve(offset=(0.0, 0.0), breakaway=(0.0, 0.0), speed=(1.0, 1.0))
@@ -271,8 +271,8 @@ def unknowns(count=12):
 def whole():
     """All six joints of the PUMA 560: forty base parameters from one log, no ranges."""
     yield (
-        "| method | error over standard deviation, rms and worst | 95 % intervals that hold the truth | RMS innovation "
-        "[pulses] | computed torque, share within +-1 | s, kernels built |"
+        "| method | error over standard deviation, RMS and worst | 95 % intervals that cover the truth | "
+        "RMS innovation [pulses] | computed torque, share within +-1 | s, kernels built |"
     )
     yield "|---|---|---|---|---|---|"
     dynamics, rig = Dynamics.from_chain(arms_of_others.puma560()), arms_of_others.puma560_rig()
