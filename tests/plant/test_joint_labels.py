@@ -11,7 +11,8 @@ from plant import DivergenceError, Dynamics, Harmonics, P, Record, catalogue, si
 
 NAMES = tuple(f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"))
 LABELS = [f"{name} (q[{i}])" for i, name in enumerate(NAMES)]
-BARE = catalogue.puma560_rig()
+WHOLE = catalogue.puma560_rig()
+BARE = dataclasses.replace(WHOLE, drive=dataclasses.replace(WHOLE.drive, joints=()))
 RIG = dataclasses.replace(BARE, drive=dataclasses.replace(BARE.drive, joints=NAMES))
 CHAIN = catalogue.puma560()
 CHAIN = dataclasses.replace(

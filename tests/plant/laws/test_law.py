@@ -84,5 +84,5 @@ def test_a_law_that_is_written_wrongly_says_how():
         ValueError, match=r"equations of NoTime must take \(self, rig, .*, dt\); got \(self, rig.*Correct"
     ):
         NoTime().block(RIG)
-    with pytest.raises(ValueError, match="Bare must be a dataclass of named fields; it is none. Put @part above it"):
+    with pytest.raises(ValueError, match=r"Bare must be a dataclass of named fields; it is none\. Put @part above it"):
         Bare(gain=1.0)
