@@ -1,4 +1,4 @@
-"""Spread of the result over a series of identifications: the paper's *alteration*. Source: paper 4.2."""
+"""Spread of the result over a series of identifications. Source: paper 4.2 (alteration)."""
 
 from __future__ import annotations
 

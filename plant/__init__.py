@@ -32,6 +32,7 @@ from plant.laws.replayed import LoggedCurrent, LoggedTorque
 from plant.logs.logfile import LoadError, read_table
 from plant.logs.record import Record
 from plant.machine.drive import Drive
+from plant.machine.elasticity import Elasticity
 from plant.machine.encoder import Encoder, Phase
 from plant.machine.friction import FrictionCurve
 from plant.machine.rig import Rig
@@ -75,6 +76,7 @@ __all__ = [
     "DivergenceError",
     "Drive",
     "Dynamics",
+    "Elasticity",
     "Encoder",
     "Finding",
     "FrictionCurve",

@@ -184,8 +184,8 @@ class Certificate:
         ]
         if self.failures:
             rows.append(("first left, median [s]", f"{np.nanmedian(runs.first):.3f}"))
-        peak = f"{worst.peak:.0f} pulse(s)" if np.isfinite(worst.peak) else "diverges"
-        rows.append(("worst plant", f"{worst.index}, {peak}"))
+        peak = f"peak {worst.peak:.0f} pulses" if np.isfinite(worst.peak) else "diverges"
+        rows.append(("worst plant", f"number {worst.index}, {peak}"))
         high_quantile = np.quantile(runs.unrounded, 0.99, axis=0, method="higher")
         quantities = [
             ("counted error, worst peak [pulses]", *(f"{peak:.0f}" for peak in runs.peak.max(axis=0))),
@@ -207,6 +207,9 @@ class Certificate:
         lines += [line for each in long for line in textwrap.wrap(each, 110, subsequent_indent="    ")]
         if self.plants.redrawn:
             lines.append(f"{self.plants.redrawn} draws were no arm, and were drawn again")
+        lines.append(
+            "assumed: rigid gears without backlash, currents without lag, no jitter, friction that does not drift"
+        )
         return "\n".join(lines)
 
 

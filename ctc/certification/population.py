@@ -104,6 +104,7 @@ class Population:
         after: float = 0.0,
     ) -> None:  # fmt: skip
         rig = plants.rig
+        rig.require_rigid("certify")
         nominal = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, phase=None), transport=None)
         loop = ClosedLoop(
             dynamics=plants.arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, score=tally(nominal)

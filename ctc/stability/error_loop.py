@@ -92,6 +92,7 @@ def open_loops(
     """
     instance("law", law, Law, "Give a law, such as ComputedTorque(arm, rig).")
     instance("rig", rig, Rig, "Pass the rig that the law drives.")
+    rig.require_rigid("the error loop")
     arm = controlled(arm, law)
     n, rig = rig.n, smooth_rig(rig)
     at = array("pose", np.zeros(n) if pose is None else pose, (n,), advice="Give one angle per joint [rad].")

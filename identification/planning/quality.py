@@ -42,19 +42,17 @@ def require_informative(record: Record, labels: Sequence[str]) -> None:
         )
     if len(record) < _LEAST_SAMPLES:
         raise ValueError(f"a log must have at least {_LEAST_SAMPLES} samples; got {len(record)}. Log longer.")
-    seconds = len(record) * record.rig.period
-    if seconds < _PERIODS / mode_in(record):
-        raise ValueError(
-            f"a log must last {_PERIODS} periods of its oscillation; {seconds:.3g} s hold "
-            f"{seconds * mode_in(record):.1f} of {mode_in(record):.1f} Hz. Log longer."
-        )
-    if record.law is not None and record.law.replays:
-        return  # the torque is known, also at the limit
-    drive = record.rig.drive
+    drive, replays = record.rig.drive, record.law is not None and record.law.replays
     share = (np.abs(drive.current(torque_of(record))) >= drive.current_limit * (1 - 1e-9)).mean(axis=0)
-    if (share > _SATURATED).any():
+    if (share > _SATURATED).any() and not replays:  # of a replay the torque is known, also at the limit
         motor = int(np.argmax(share))
         raise ValueError(
             f"a log must be below the amplifier's limit; the motor of {labels[motor]} is at it for {share[motor]:.0%} "
             "of the samples. Slow the reference down or lower the gains."
+        )
+    seconds = len(record) * record.rig.period
+    if seconds < _PERIODS / mode_in(record):
+        raise ValueError(
+            f"a log must last {_PERIODS} periods of its oscillation; {seconds:.3g} s hold "
+            f"{seconds * mode_in(record):.1f} periods of {mode_in(record):.1f} Hz. Log longer."
         )

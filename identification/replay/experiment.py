@@ -63,6 +63,7 @@ class Experiment:
             raise ValueError(
                 f"the record must have {dynamics.n} joints; it has {record.n}. Use the record of this arm."
             )
+        record.rig.require_rigid("identification")
         rig = smooth_rig(record.rig) if smooth else record.rig
         self.record = record
         self.loop = ClosedLoop(dynamics=dynamics, rig=rig, law=record.law, **options)

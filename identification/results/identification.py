@@ -192,7 +192,9 @@ class Identification(Frozen):
                 together = f"{names[most]} ({others[i, most]:+.2f})"
                 least = f"{bound:9.2g}" if known else ""
                 lines.append(f"{name:<{width}} {value:12.5g} {std:9.2g} {least} {interval:>25}   {together}")
-        lines.append(f"simulated and measured errors differ by {diagnostics.difference:.2f} pulses (rms)")
+        known = np.isfinite(diagnostics.difference)
+        by = f"{diagnostics.difference:.2f} pulses (rms)" if known else "an unknown amount"
+        lines.append(f"simulated and measured errors differ by {by}")
         if diagnostics.held_out_difference is not None:
             lines[-1] += f", in the record(s) kept aside by {diagnostics.held_out_difference:.2f}"
         lines += [f"warning: {text}" for text in self.warnings]

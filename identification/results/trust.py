@@ -102,7 +102,10 @@ def _of_timing(found: Any) -> Iterator[str]:
 def _of_repeats(found: Any, replayed: bool) -> Iterator[str]:
     difference, held_out = found.diagnostics.difference, found.diagnostics.held_out_difference
     if not np.isfinite(difference):
-        yield "the arm cannot repeat the record in a simulation: it diverges, or D(q) is no arm's."
+        yield (
+            "D(q) is not positive definite at every q, or the simulation diverges: the arm cannot be compared with the "
+            "record, and no computed torque can be built on it. Log longer, or another motion."
+        )
     elif difference > _FAR and not replayed:
         yield (
             f"simulated and measured errors differ by {difference:.2f} pulses (rms); two roundings alone give "

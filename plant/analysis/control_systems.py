@@ -115,15 +115,20 @@ def _arm_system(arm: Arm, rig: Rig | None, sampled: bool, steps_per_sample: int)
         steps_per_sample=steps_per_sample,
         smooth=not sampled,
     )
-    names = ("q", "qd", "impulse") if sampled else ("q", "qd")
+    own = ("q", "qd", "impulse") if sampled else ("q", "qd")
+    names, kept = (*own, *loop.giving), len(own) * n
     state, tau = ca.SX.sym("state", len(names) * n), rig.drive.limited(torque)
-    following = ca.vertcat(state, ca.SX.zeros((3 - len(names)) * n), tau, 0, 1)
+    following = ca.vertcat(state[:kept, 0], ca.SX.zeros(3 * n - kept), tau, state[kept:, 0], 0, 1)
     for _ in range(steps_per_sample if sampled else 1):
         following = loop.substep(following, ca.vertcat(ca.SX.zeros(4 * n), h), loop.number_values(arm.f))[0]
-    following = following[: state.shape[0]]
+    following = ca.vertcat(following[:kept, 0], following[4 * n : -2, 0])
     following = following if sampled else ca.jacobian(following, h)
     following = ca.substitute(following, h, loop.h if sampled else 0)
-    outputs = {"q": state[:n], "qd": state[n : 2 * n], "tau": tau}
+    parts = dict(zip(names, ca.vertsplit(state, n), strict=True))
+    outputs = {"q": parts["q"], "qd": parts["qd"], "tau": tau}
+    if "link" in parts:
+        outputs |= {name: parts[name] for name in ("link", "link_speed")}
+        outputs["q"] = parts["link" if rig.encoder.side == "link" else "q"]
     return _system("arm", state, {"asked": torque}, following, outputs, rig.period if sampled else 0, names)
 
 

@@ -48,10 +48,10 @@ def linearise(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> control.StateSpa
     import control
 
     n = arm.n
-    A, B, C = jacobians(arm, rig, law, pose)
+    A, B, C, states = jacobians(arm, rig, law, pose)
     return control.StateSpace(
         A, B, C, np.eye(n),
-        states=[f"q[{i}]" for i in range(n)] + [f"qd[{i}]" for i in range(n)],
+        states=states,
         inputs=[f"reference_pulses[{i}]" for i in range(n)],
         outputs=[f"error_pulses[{i}]" for i in range(n)],
     )  # fmt: skip
@@ -59,8 +59,8 @@ def linearise(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> control.StateSpa
 
 def jacobians(
     arm: Arm, rig: Rig, law: Law, pose: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """The matrices A (2n, 2n), B (2n, n) and C (n, 2n) of `linearise`, without python-control."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], list[str]]:
+    """The matrices A (m, m), B (m, n) and C (n, m) of `linearise`, and the names of its m states."""
     n = arm.n
     q = array("pose", pose, (n,), advice="Give one angle per joint [rad].")
     if law.has_memory(n):
@@ -69,21 +69,26 @@ def jacobians(
     state, time, numbers = (ca.SX.sym(name, len(names)) for name, names in _vectors(loop))
     following, error = loop.substep(state, time, numbers)
     pulses = time[3 * n : 4 * n]
-    joint = state[: 2 * n]
+    moving = [i for i, name in enumerate(loop.state_names) if name.startswith(("q", "link", "driven"))]
     # Commanded counts at which the loop holds the pose against gravity.
     step = 1e-7  # [s]: of the derivative, d(following)/d(joint) = 1 + A step + O(step^2)
-    A = (ca.jacobian(following[: 2 * n], joint) - ca.DM.eye(2 * n)) / step
-    B = ca.jacobian(following[: 2 * n], pulses) / step
+    A = (ca.jacobian(following[moving], state[moving]) - ca.DM.eye(len(moving))) / step
+    B = ca.jacobian(following[moving], pulses) / step
     values = loop.number_values(arm.f)
     for i, name in enumerate(loop.number_names):
         if name.startswith(("drive.coulomb", "drive.curve.breakaway")):
             values[i] = 0.0
-    at_rest = loop.initial_state(q, np.zeros(n))
+    at_rest = loop.initial_state(q, np.zeros(n), arm.f)
     held = rig.position_in_pulses(q) + _holding(arm, rig, loop, at_rest, values)
     row = np.concatenate([q, np.zeros(2 * n), held, [step]])
     function = ca.Function("linear", [state, time, numbers], [A, B])
     A, B = (matrix.full() for matrix in function(at_rest, row, values))
-    return A, B, -np.hstack([rig.position_in_pulses(np.eye(n)).T, np.zeros((n, n))])
+    names = [loop.state_names[i] for i in moving]
+    C = np.zeros((n, len(moving)))
+    C[
+        :, [i for i, name in enumerate(names) if name.startswith("link[" if rig.encoder.side == "link" else "q[")]
+    ] = -rig.position_in_pulses(np.eye(n)).T
+    return A, B, C, names
 
 
 def modes(system: Any) -> NDArray[np.float64]:

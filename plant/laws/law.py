@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import inspect
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -211,10 +212,22 @@ class Law(Part, abc.ABC):
         )
         logged = [ca.SX.sym("logged", n)] if self.replays else []
         setpoint = Setpoint(q, qd, qdd, reference_pulses, *logged)
-        asked, following = law.equations(symbolic_rig, state, setpoint, pulses, torque, dt)
+        symbols = (symbolic_rig, state, setpoint, pulses, torque, dt)
+        kind = type(self).__name__
+        try:
+            inspect.signature(law.equations).bind(*symbols)
+        except TypeError:
+            takes = f"equations of {kind} must take (self, rig, state, setpoint, pulses, torque, dt)"
+            raise ValueError(
+                f"{takes}; got {inspect.signature(type(self).equations)}. Correct the arguments."
+            ) from None
+        result = law.equations(*symbols)
+        if not isinstance(result, tuple) or len(result) != 2:
+            raise ValueError(f"equations of {kind} must return (torque, state); got a {type(result).__name__}. Add it.")
+        asked, following = result
         if asked.shape != (n, 1) or following.shape != (len(initial), 1):
             raise ValueError(
-                f"{type(self).__name__} must give torque ({n}, 1) and state ({len(initial)}, 1); got {asked.shape} and "
+                f"{kind} must give torque ({n}, 1) and state ({len(initial)}, 1); got {asked.shape} and "
                 f"{following.shape}. One number per joint of the rig."
             )
         names = ["state", "q", "qd", "qdd", "reference_pulses", "pulses", "torque", "dt", "numbers"]

@@ -9,18 +9,38 @@ neglected (paper 3.3, 4.2: its time constant is far below the mechanical one): t
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plant.machine.elasticity import Elasticity, Resonance
 from plant.machine.friction import FrictionCurve
 from plant.mechanics.coupling import Coupling
 from plant.parts.arguments import instance
 from plant.parts.labels import joint_label
 from plant.parts.part import ArrayOrSymbols, Part, Vector, number, part, structure
 
-__all__ = ["Drive"]
+__all__ = ["CurrentLag", "Drive", "lagging"]
+
+
+@part
+class CurrentLag(Part):
+    """How the motor currents follow the commanded ones: a first-order lag.
+
+    Parameters
+    ----------
+    time : float
+        Time constant [s].
+    """
+
+    time: float = number(())
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.time > 0:
+            raise ValueError(f"current_lag must be positive; got {self.time:g} s. Leave it out for none.")
 
 
 @part
@@ -45,6 +65,10 @@ class Drive(Part):
         Friction offset (unequal levels of the two directions) and Stribeck effect.
     coupling : Coupling, optional
         Where one motor moves several joints; the same as the chain's.
+    elasticity : Elasticity, optional
+        Stiffness, damping and backlash of the gears (also `Elasticity.from_resonance`); none by default: rigid gears.
+    current_lag : float or CurrentLag, optional
+        Time constant with which the motor currents follow the commanded ones [s]; none by default.
     joints : tuple of str, optional
         Names of the joints, for messages, tables and figures of the logs and the laws of this drive.
     """
@@ -58,6 +82,8 @@ class Drive(Part):
     curve: FrictionCurve | None = structure(default=None)
     coupling: Coupling = structure(Coupling, default=Coupling())
     joints: tuple[str, ...] = structure(default=())
+    elasticity: Any = structure(default=None)
+    current_lag: Any = structure(default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -79,6 +105,15 @@ class Drive(Part):
                 label = joint_label(joints, joint)
                 raise ValueError(f"{name} must {rule}; got {value} at {label}. Friction and gains are magnitudes.")
         self.coupling.require_joints(self.n, "drive")
+        if self.current_lag is not None and not isinstance(self.current_lag, CurrentLag):
+            object.__setattr__(self, "current_lag", CurrentLag(time=self.current_lag))
+        if isinstance(self.elasticity, Resonance):
+            object.__setattr__(self, "elasticity", self.elasticity.of(self))
+        if self.elasticity is not None:
+            instance("elasticity", self.elasticity, Elasticity, "Give Elasticity(stiffness=, damping=).")
+            if len(self.elasticity.stiffness) != self.n:
+                given = len(self.elasticity.stiffness)
+                raise ValueError(f"elasticity must have {self.n} joints; got {given}. Give one number per gear.")
         if self.curve is not None:
             instance("curve", self.curve, FrictionCurve, "Give FrictionCurve(offset=..., breakaway=..., speed=...).")
             if len(self.curve.offset) != self.n:
@@ -156,3 +191,10 @@ class Drive(Part):
 
 def _magnitude(x: ArrayOrSymbols) -> ArrayOrSymbols:
     return ca.fabs(x) if isinstance(x, ca.SX) else np.abs(x)
+
+
+def lagging(commanded: ca.SX, driven: ca.SX, lag: CurrentLag, h: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Mean torque in a step of length h, and the torque at its end, of currents that follow with a time constant."""
+    decay = ca.exp(-h / lag.time)
+    end = commanded + (driven - commanded) * decay
+    return commanded + (driven - commanded) * (lag.time / h) * (1 - decay), end

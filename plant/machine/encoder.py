@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from plant.parts.arguments import instance
+from plant.parts.arguments import choice, instance
 from plant.parts.part import ArrayOrSymbols, Part, Vector, number, part, structure
 
 __all__ = ["Encoder", "Phase", "fix"]
@@ -44,17 +44,22 @@ class Encoder(Part):
         rounded towards zero (`fix`), as the paper's are: the cell around zero is two pulses wide.
     phase : Phase, optional
         By default zero is where a pulse begins.
+    side : {"motor", "link"}
+        Whether it turns with the motor, or behind an elastic gear with the link; its pulses are those of the motor's
+        shaft in any case.
     """
 
     resolution: Vector = number(("n",))
     smooth: bool = structure(bool, default=False)
     floor: bool = structure(bool, default=False)
     phase: Phase | None = structure(default=None)
+    side: str = structure(str, default="motor")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.resolution <= 0).any():
             raise ValueError(f"resolution must be positive; got {self.resolution}. Give pulses per motor turn.")
+        choice("side", self.side, ("motor", "link"))
         if self.phase is not None:
             instance("phase", self.phase, Phase, "Give Phase(shift=...).")
             if len(self.phase.shift) != len(self.resolution):

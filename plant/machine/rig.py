@@ -44,6 +44,9 @@ class Rig(Part):
                 "Give one resolution per joint."
             )
 
+        if self.encoder.side == "link" and self.drive.elasticity is None:
+            raise ValueError("an encoder on the link's side needs a drive that gives; got a rigid one. Add elasticity.")
+
     @property
     def n(self) -> int:
         """Number of joints."""
@@ -68,6 +71,21 @@ class Rig(Part):
                 f"chain and drive must have the same coupling; got {chain.coupling.matrix or 'none'} in the chain and "
                 f"{self.drive.coupling.matrix or 'none'} in the drive. Give both the same Coupling (chain.coupled)."
             )
+
+    def require_rigid(self, what: str) -> None:
+        """Refuse elastic gears and lagging currents where something does not take them into account yet.
+
+        Raises
+        ------
+        ValueError
+        """
+        has = {
+            "elastic gears": self.drive.elasticity is not None,
+            "currents that lag": self.drive.current_lag is not None,
+        }
+        for name, there in has.items():
+            if there:
+                raise ValueError(f"{what} takes rigid gears and currents without lag; got {name}. Simulate it instead.")
 
     def counts(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
         """Encoder counts at a joint position [rad], whole numbers with the motor's sign, without the unknown phase."""

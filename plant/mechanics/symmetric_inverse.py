@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-__all__ = ["Inverse", "inverse", "pivots"]
+__all__ = ["Inverse", "inverse", "pivots", "row_by_row"]
 
 
 class Inverse(NamedTuple):
@@ -41,6 +41,10 @@ class Inverse(NamedTuple):
         """A^-1 x."""
         return self.diagonal * self.own(x)
 
+    def matrix(self):
+        """A^-1 (n, n)."""
+        return ca.diag(self.diagonal) @ (ca.SX.eye(self.diagonal.shape[0]) - self.share)
+
 
 def inverse(matrix: ca.SX) -> Inverse:
     """Symbolic inverse of a symmetric matrix (n, n), by blocks of two rows."""
@@ -50,9 +54,14 @@ def inverse(matrix: ca.SX) -> Inverse:
         share = ca.vertcat(ca.horzcat(0, b / c), ca.horzcat(b / a, 0))
         return Inverse(ca.vertcat(c, a) / determinant, determinant / ca.vertcat(c, a), share, [a, determinant])
     of, minors = _by_blocks(matrix)
-    diagonal = ca.diag(of)
-    felt = ca.diag(1 / diagonal) @ of
-    return Inverse(diagonal, 1 / diagonal, ca.diag(ca.diag(felt)) - felt, minors)
+    return row_by_row(of, minors)
+
+
+def row_by_row(inverted, minors=()):
+    """The `Inverse` that has these numbers (n, n)."""
+    diagonal = ca.diag(inverted)
+    felt = ca.diag(1 / diagonal) @ inverted
+    return Inverse(diagonal, 1 / diagonal, ca.diag(ca.diag(felt)) - felt, list(minors))
 
 
 def _by_blocks(matrix: ca.SX) -> tuple[ca.SX, list[ca.SX]]:

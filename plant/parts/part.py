@@ -45,7 +45,10 @@ def declared(meaning: str) -> Any:
 
 
 def number(shape: tuple[int | str, ...], *, default: Any = dataclasses.MISSING, finite: bool = True) -> Any:
-    """Declare a field of numbers: `shape` is () for one number or ("n",) for one per joint (any name for a length)."""
+    """Declare a field of numbers: `shape` is () for one number or ("n",) for one per joint (any name for a length).
+
+    With `default` None it may be left out; then it is none of the part's numbers, and of no equation.
+    """
     return dataclasses.field(default=default, metadata={"number": shape, "finite": finite})
 
 
@@ -62,11 +65,16 @@ class Part:
 
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
 
+    def __init__(self, *_: Any, **__: Any) -> None:
+        raise ValueError(f"{type(self).__name__} must be a dataclass of named fields; it is none. Put @part above it.")
+
     def __post_init__(self) -> None:
         lengths: dict[str, int] = {}
         for field in dataclasses.fields(self):
             if "number" not in field.metadata:
                 continue
+            if getattr(self, field.name) is None and field.default is None:
+                continue  # a number that this one does not have
             shape = field.metadata["number"]
             known = tuple(lengths.get(s, s) for s in shape)
             value = array(
@@ -86,7 +94,7 @@ class Part:
     def _leaves(self, prefix: str = "") -> Iterator[tuple[str, Part, dataclasses.Field[Any], Any]]:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            if "number" in field.metadata:
+            if "number" in field.metadata and value is not None:
                 yield f"{prefix}{field.name}", self, field, value
             elif isinstance(value, Part):
                 yield from value._leaves(f"{prefix}{field.name}.")
@@ -117,7 +125,7 @@ class Part:
         changes = {}
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            if "number" in field.metadata:
+            if "number" in field.metadata and value is not None:
                 count = 1 if np.ndim(value) == 0 else len(value)
                 taken = vector[position[0] : position[0] + count]
                 changes[field.name] = taken if symbolic or np.ndim(value) else float(taken[0])

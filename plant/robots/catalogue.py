@@ -66,6 +66,7 @@ def puma560_rig() -> Rig:
         coulomb=(0.415, 0.0985, 0.1185, 14.05e-3, 11.88e-3, 7.23e-3),
         motor_gain=(0.223, 0.226, 0.240, 0.069, 0.072, 0.066),
         current_limit=(np.inf,) * 6,
+        joints=tuple("123456"),
     )
     return Rig(drive=drive, encoder=Encoder(resolution=(1000, 800, 1000, 1000, 1000, 500)), period=0.7e-3)
 

@@ -12,7 +12,6 @@ by one predictor pass, so that energy is conserved to order h^2.
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
@@ -22,16 +21,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.laws.law import Block, Law
+from plant.machine.drive import lagging
 from plant.machine.friction import friction_impulse, smooth_impulse
 from plant.machine.rig import Rig
 from plant.mechanics.dynamics import Dynamics
-from plant.mechanics.symmetric_inverse import inverse
+from plant.mechanics.symmetric_inverse import Inverse
 from plant.simulation.correction import Correction
+from plant.simulation.sub_step import elastic, rigid
 
 __all__ = ["ClosedLoop", "bounded"]
 
 FAR = 1e6
 """Norm of all positions [rad] and velocities [rad/s] above which the loop has diverged."""
+
+_SETTLED = 20
+"""Rounds in which a link finds where it hangs in its spring; each gains a factor of stiffness over weight."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -121,11 +125,16 @@ class ClosedLoop:
     # -- layout of the vectors ---------------------------------------------------------------------------------
     @property
     def state_names(self) -> list[str]:
-        """Joint state, friction impulse, torque, states of law, transport and score, the score, and ok (1 or 0)."""
+        """Joint state, friction impulse, torque, states of law, transport and score, the score, and ok (1 or 0).
+
+        With elastic gears ``q`` and ``qd`` are the motors', as joints on rigid gears would have them, and the joints'
+        own are ``link`` and ``link_speed``; ``driven`` is the torque of currents that lag.
+        """
         per_joint = [f"{name}[{i}]" for name in ("q", "qd", "impulse", "torque") for i in range(self.n)]
         carried = [
             *(f"law[{i}]" for i in range(len(self._block.initial))),
             *(f"{name}[{i}]" for name in ("before", "seen") for i in range(self.n_passing // 2)),
+            *(f"{name}[{i}]" for name in self.giving for i in range(self.n)),
             *(f"memory[{i}]" for i in range(self.n_memory)),
         ]
         return [*per_joint, *carried, "score", "ok"]
@@ -152,6 +161,13 @@ class ClosedLoop:
         """State of the transport: the torque before, and the counts that the law read."""
         return 0 if self.rig.transport is None else 2 * self.n
 
+    @cached_property
+    def giving(self) -> tuple[str, ...]:
+        """Names of the states, n each, that elastic gears and lagging currents add."""
+        drive = self.rig.drive
+        springs = () if drive.elasticity is None else ("link", "link_speed")
+        return springs if drive.current_lag is None else (*springs, "driven")
+
     @property
     def n_memory(self) -> int:
         """State of the score."""
@@ -168,10 +184,24 @@ class ClosedLoop:
         more = np.empty(0) if self.correction is None else self.correction.number_values()
         return np.concatenate([f, self._block.values, more])
 
-    def initial_state(self, q: NDArray[np.float64], qd: NDArray[np.float64]) -> NDArray[np.float64]:
-        """State (s,) of an arm at q, qd (n,) with no torque applied yet."""
-        more = np.zeros(self.n_passing + self.n_memory)
-        return np.concatenate([q, qd, np.zeros(2 * self.n), self._block.initial, more, [0.0, 1.0]])
+    def initial_state(
+        self, q: NDArray[np.float64], qd: NDArray[np.float64], f: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """State (s,) of an arm at q, qd (n,) with no torque applied yet; with f (p,) links hang in elastic gears."""
+        giving = dict.fromkeys(self.giving, np.zeros(self.n))
+        if "link" in giving:
+            giving |= {"link": q if f is None else self._hanging(q, f), "link_speed": qd}
+        more = [np.zeros(self.n_passing), *giving.values(), np.zeros(self.n_memory)]
+        return np.concatenate([q, qd, np.zeros(2 * self.n), self._block.initial, *more, [0.0, 1.0]])
+
+    def _hanging(self, q: NDArray[np.float64], f: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where links (n,) are at rest in the gears of motors held at q (n,)."""
+        coupling, elasticity, link = self.rig.drive.coupling, self.rig.drive.elasticity, np.array(q, float)
+        for _ in range(_SETTLED):
+            torque = coupling.shaft_torque(self.dynamics.gravity(link, f).full().ravel())
+            play = 0.0 if elasticity.backlash is None else np.sign(torque) * elasticity.backlash / 2
+            link = coupling.joint(coupling.shaft(q) - torque / elasticity.stiffness - play)
+        return link
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -191,16 +221,21 @@ class ClosedLoop:
         given = [block, time[4 * n : 5 * n]] if self.law.replays else [block]
         return q, qd, impulse, torque, state[4 * n : -2], state[-2:], motion, time[-1], numbers[:p], given, rig
 
+    def _given(self, name: str) -> ca.SX:
+        """Symbols (n, 1) of one of the states that elastic gears and lagging currents add."""
+        start = 4 * self.n + len(self._block.initial) + self.n_passing + self.giving.index(name) * self.n
+        return self._symbols[0][start : start + self.n]
+
     # -- the three steps -----------------------------------------------------------------------------------------
     def _applied(self, q: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """The law at q: torque after the amplifier's limit (which hides NaN), state, whether the command is finite."""
         *_, torque, carried, _, motion, _, _, given, rig = self._parts
         own, n, pulses = len(self._block.initial), self.n, rig.true_counts(q)
-        rest = carried[own:]
+        rest = carried[own:, 0]
         if rig.transport is not None:
-            pulses = rig.transport.arrived(pulses, rest[n : 2 * n], self._symbols[1][-2])
-            rest = ca.vertcat(torque, pulses, rest[2 * n :])
-        asked, following = self._block.step(carried[:own], *motion, pulses, torque, dt, *given)
+            pulses = rig.transport.arrived(pulses, rest[n : 2 * n, 0], self._symbols[1][-2])
+            rest = ca.vertcat(torque, pulses, rest[2 * n :, 0])
+        asked, following = self._block.step(carried[:own, 0], *motion, pulses, torque, dt, *given)
         return rig.drive.limited(asked), ca.vertcat(following, rest), ca.sum1(ca.fabs(asked)) < ca.inf
 
     def _function(
@@ -218,7 +253,7 @@ class ClosedLoop:
         if not self.steps_per_law:
             return None
         q, qd, impulse, _, _, status, *_ = self._parts
-        torque, carried, finite = self._applied(q, ca.SX(self._block.period))
+        torque, carried, finite = self._applied(self._encoded(q), ca.SX(self._block.period))
         return self._function("law_step", [q, qd, impulse, torque, carried, status[0], _if(finite, status[1])])
 
     @cached_property
@@ -229,60 +264,69 @@ class ClosedLoop:
         is corrected. Divergence is detected here; what is not finite stays so.
         """
         q, qd, impulse, torque, carried, status, motion, *_, rig = self._parts
-        at_sample, ok = torque, status[1]
+        at_sample, ok, seen = torque, status[1], self._encoded(q)
         if not self.steps_per_law:
-            at_sample, _, finite = self._applied(q, ca.SX(self.h))
+            at_sample, _, finite = self._applied(seen, ca.SX(self.h))
             ok = _if(finite, ok)
         ok = _if(bounded(ca.vertsplit(ca.vertcat(q, qd))), ok)
         data = ca.SX.sym("data", self.n_data)
+        joint = (self._given("link"), self._given("link_speed")) if "link" in self.giving else (q, qd)
         if self.correction is None:
-            log = ca.vertcat(motion[3] - rig.true_counts(q), at_sample, q, qd)
+            first = motion[3] - rig.true_counts(seen)
         else:
             gains = self.correction.with_numbers(self._symbols[2][-3 * self.n :])
-            innovation = data[:-1] + rig.position_in_pulses(gains.zero) - rig.position_in_pulses(q)
-            log = ca.vertcat(innovation, at_sample, q, qd)
-            known = data[-1] * innovation
+            first = data[:-1] + rig.position_in_pulses(gains.zero) - rig.position_in_pulses(seen)
+            known = data[-1] * first
             q, qd = q + rig.to_angle(gains.position * known), qd + rig.to_angle(gains.speed * known) / rig.period
+        log = ca.vertcat(first, at_sample, *joint)
         score = status[0]
         if self.score is not None:
             kept = carried.shape[0] - self.n_memory
-            added, memory = self.score(log, data, carried[kept:])
-            score, carried = score + added, ca.vertcat(carried[:kept], memory)
+            added, memory = self.score(log, data, carried[kept:, 0])
+            score, carried = score + added, ca.vertcat(carried[:kept, 0], memory)
         return self._function("sample", [q, qd, impulse, torque, carried, score, ok], log, data)
 
     @cached_property
     def substep(self) -> ca.Function:
-        """One midpoint step of length h; its log is the true error [pulses] at the middle of the step."""
+        """One midpoint step of length h; its log is the motor's true error [pulses] at the middle of the step."""
         q, qd, impulse, torque, carried, status, motion, h, f, _, rig = self._parts
-        middle = q + h / 2 * qd
+        middle, drive, giving = q + h / 2 * qd, rig.drive, []
+        if "link" in self.giving:
+            link = self._given("link") + h / 2 * self._given("link_speed"), self._given("link_speed")
         if not self.steps_per_law:
-            torque, carried, _ = self._applied(middle, h)
+            torque, carried, _ = self._applied(link[0] if rig.encoder.side == "link" else middle, h)
         acting, own = torque, len(self._block.initial)
         if rig.transport is not None:
-            acting = rig.transport.acting(torque, carried[own : own + self.n], self._symbols[1][-3], h)
-        # From here on the motors' shafts, where friction acts; without coupling they are the joints.
-        coupling, viscous = rig.drive.coupling, rig.drive.joint_viscous()
-        speed = coupling.shaft(qd)
-        mobility = inverse(coupling.shaft_inertia(self.dynamics.D(middle, f)) + ca.diag(h / 2 * viscous))
-        pushing = coupling.shaft_torque(acting - self.dynamics.gravity(middle, f))
-        pushing = pushing - viscous * speed - rig.drive.joint_offset()
-
-        def left(at: ca.SX) -> ca.SX:
-            return pushing - coupling.shaft_torque(self.dynamics.coriolis(middle, coupling.joint(at), f))
-
-        own = mobility.own(left(speed + h / 2 * mobility.solve(left(speed))))  # torque on each, as if it were alone
-        stopping = -(mobility.alone * speed + h * own)
-        bound = h * rig.drive.joint_coulomb(speed)
-        if self.smooth:
-            impulse = smooth_impulse(mobility, stopping, bound)
+            acting = rig.transport.acting(torque, carried[own : own + self.n, 0], self._symbols[1][-3], h)
+        if drive.current_lag is not None:
+            acting, driven = lagging(acting, self._given("driven"), drive.current_lag, h)
+        if "link" in self.giving:
+            following, links, impulse, positive = elastic(
+                self.dynamics, drive, f, (middle, qd), link, acting, impulse, h, self._friction
+            )
+            giving = [link[0] + h / 2 * links, links]
         else:
-            impulse = friction_impulse(mobility, stopping, impulse, bound, self.sweeps)
-        following = coupling.joint(speed + mobility.diagonal * (h * own + mobility.own(impulse)))
-        ok = _if(functools.reduce(ca.fmin, mobility.minors) > 0, status[1])
+            following, impulse, positive = rigid(
+                self.dynamics, drive, f, middle, qd, acting, impulse, h, self._friction
+            )
+        if self.giving:
+            rows = ca.vertcat(*giving, *([] if drive.current_lag is None else [driven]))
+            start = own + self.n_passing
+            carried = ca.vertcat(carried[:start, 0], rows, carried[start + rows.shape[0] :, 0])
+        ok = _if(positive > 0, status[1])
         error = rig.position_in_pulses(motion[0]) - rig.position_in_pulses(middle)
         return self._function(
             "substep", [middle + h / 2 * following, following, impulse, torque, carried, status[0], ok], error
         )
+
+    def _encoded(self, q: ca.SX) -> ca.SX:
+        """Position with which the encoders turn."""
+        return self._given("link") if self.rig.encoder.side == "link" else q
+
+    def _friction(self, mobility: Inverse, stopping: ca.SX, impulse: ca.SX, bound: ca.SX) -> ca.SX:
+        if self.smooth:
+            return smooth_impulse(mobility, stopping, bound)
+        return friction_impulse(mobility, stopping, impulse, bound, self.sweeps)
 
 
 def bounded(state: Any) -> Any:

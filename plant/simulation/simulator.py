@@ -195,7 +195,7 @@ def _evaluated(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Log and true errors of a run from a start, or a refusal where it diverges."""
     evaluate = _by_kernel if backend == "numba" else by_casadi
-    state, numbers = loop.initial_state(*start), loop.number_values(arm.f)
+    state, numbers = loop.initial_state(start[0], start[1], arm.f), loop.number_values(arm.f)
     final, _, log, true_error = evaluate(loop, tables, clock, state, numbers)
     if not (final[-1] > 0 and bounded(final[: 2 * loop.n])):
         _refuse(loop, arm, log, final)

@@ -41,7 +41,7 @@ def seeds(count=20):
     """Default identification, many seeds: worst and median error, objective, cost."""
     yield (
         "| robot | gains | median error, worst seed | worst of f without f3 | f3, worst seed | "
-        "objective over the true f's, worst | evaluations | s |"
+        "objective over that of the true f, worst | evaluations | s |"
     )
     yield "|---|---|---|---|---|---|---|---|"
     for name, arm in ARMS.items():
@@ -60,7 +60,7 @@ def seeds(count=20):
 
 def methods():
     """Every method on the same four logs."""
-    yield "| method | median error, worst of four logs | worst error of the four | objective over the true f's | s |"
+    yield "| method | median error, worst of 4 logs | worst error of the 4 | objective over that of the true f | s |"
     yield "|---|---|---|---|---|"
     logs = [(arm, log(arm, gain)) for arm in ARMS.values() for gain in GAINS]
     true = [Objective(DYNAMICS, record)(arm.f[None])[0] for arm, record in logs]
@@ -116,7 +116,7 @@ def knowledge(count=5):
 
 def starts(count=50):
     """The paper's claim of 3.1: how many of so many wide starts end in a local minimum."""
-    yield "| search | global minimum (objective (4) at most 1.3 times the true f's) | elsewhere | failed |"
+    yield "| search | at the global minimum (objective (4) below 1.3 times the true f's) | elsewhere | failed |"
     yield "|---|---|---|---|"
     arm, record, random = ARMS["published f"], log(ARMS["published f"], GAINS[1]), np.random.default_rng(0)
     objective, low = Objective(DYNAMICS, record), np.array(puma560.PRINTED_RANGES)[:, 0]
@@ -220,9 +220,9 @@ def arms(count=25, realisations=25):
         largest.append(wrong[-1].max(axis=0))
     runs = sum(map(len, wrong))
     yield (
-        f"{count} random arms, {realisations} logs each: {runs} identifications in "
-        f"{time.perf_counter() - started:.0f} s; {lost} failed, {unsure} provide no covariance (with a warning; their "
-        "errors are counted)."
+        f"{count} random arms, {realisations} logs each: {runs} identifications, {lost} lost, {unsure} "
+        "that say themselves that they know no interval (with a warning, and counted among the errors), "
+        f"{time.perf_counter() - started:.0f} s"
     )
     yield ""
     yield "| | " + " | ".join(DYNAMICS.names) + " |"
@@ -230,7 +230,7 @@ def arms(count=25, realisations=25):
     rows = {
         "mean error [% of the range]": (np.concatenate(wrong).mean(axis=0), ".2f"),
         "worst error [%]": (np.max(largest, axis=0), ".1f"),
-        "RMS error over the bound, median of the arms": (np.median(ratio, axis=0), ".1f"),
+        "rms error over the bound, median of the arms": (np.median(ratio, axis=0), ".1f"),
         "95 % intervals that cover the truth [%]": (100 * np.mean(inside, axis=0), ".0f"),
     }
     for name, (values, form) in rows.items():
@@ -271,8 +271,8 @@ def unknowns(count=12):
 def whole():
     """All six joints of the PUMA 560: forty base parameters from one log, no ranges."""
     yield (
-        "| method | error over standard deviation, RMS and worst | 95 % intervals that cover the truth "
-        "| RMS innovation [pulses] | computed torque, share within +-1 | s, kernels built |"
+        "| method | error over standard deviation, RMS and worst | 95 % intervals that cover the truth | "
+        "RMS innovation [pulses] | computed torque, share within +-1 | s, kernels built |"
     )
     yield "|---|---|---|---|---|---|"
     dynamics, rig = Dynamics.from_chain(arms_of_others.puma560()), arms_of_others.puma560_rig()

@@ -200,7 +200,7 @@ def accuracy():
         floor = np.sum((record.error_pulses - other.error_pulses) ** 2)
         return f"{rms[0]:.2f}, {rms[1]:.2f} | {np.abs(pulses).max():.2f} | {floor:,.0f}"
 
-    yield "| sub-steps | sweeps | true position, RMS error of joints 2, 3 [pulses] | largest [pulses] | objective (4) |"
+    yield "| sub-steps | sweeps | true position error, RMS of joints 2, 3 [pulses] | largest [pulses] | objective (4) |"
     yield "|---|---|---|---|---|"
     for steps in (1, 2, 4, 8, 16, 32, 64):
         yield f"| {steps} | 3 | {off(simulate(arm, rig, law, path, steps_per_sample=steps), exact)} |"

@@ -21,6 +21,30 @@ class NoTorque(StatelessLaw):
 
 
 @part
+class Constant(StatelessLaw):
+    """The same torque always."""
+
+    torque: float = number(())
+    period: float = structure()
+
+    def equations(self, rig, state, setpoint, pulses, torque, dt):
+        return self.torque * ca.SX.ones(rig.n), state
+
+
+@part
+class Counting(Law):
+    """A torque of as many N m as there were samples: one number of state."""
+
+    period: float = structure()
+
+    def initial_state(self, n):
+        return np.zeros(1)
+
+    def equations(self, rig, state, setpoint, pulses, torque, dt):
+        return state * ca.SX.ones(rig.n), state + 1
+
+
+@part
 class SampledP(StatelessLaw):
     """The P controller as a digital loop: held from one of its samples to the next."""
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from closed_loops import Filtered, NoTorque
 
-from plant import puma560, simulate
+from plant import StatelessLaw, part, puma560, simulate
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 LAW = Filtered(gain=(8.0, 6.0), rate=40.0, period=RIG.period)
@@ -59,3 +59,30 @@ def test_law_of_the_wrong_size_is_refused():
 
     with pytest.raises(ValueError, match=r"Short must give torque \(2, 1\) and state \(0, 1\); got \(1, 1\)"):
         Short().block(RIG)
+
+
+def test_a_law_that_is_written_wrongly_says_how():
+    """Its commonest mistakes: no state returned, an argument forgotten, no @part."""
+
+    @part
+    class OneResult(StatelessLaw):
+        def equations(self, rig, state, setpoint, pulses, torque, dt):
+            return ca.SX.zeros(rig.n)
+
+    @part
+    class NoTime(StatelessLaw):
+        def equations(self, rig, state, setpoint, pulses, torque):
+            return ca.SX.zeros(rig.n), state
+
+    class Bare(StatelessLaw):
+        def equations(self, rig, state, setpoint, pulses, torque, dt):
+            return ca.SX.zeros(rig.n), state
+
+    with pytest.raises(ValueError, match=r"equations of OneResult must return \(torque, state\); got a SX"):
+        OneResult().block(RIG)
+    with pytest.raises(
+        ValueError, match=r"equations of NoTime must take \(self, rig, .*, dt\); got \(self, rig.*Correct"
+    ):
+        NoTime().block(RIG)
+    with pytest.raises(ValueError, match="Bare must be a dataclass of named fields; it is none. Put @part above it"):
+        Bare(gain=1.0)

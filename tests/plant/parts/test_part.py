@@ -17,6 +17,7 @@ from plant import (
     Cascade,
     Chain,
     Coupling,
+    Elasticity,
     Encoder,
     FrictionCurve,
     Link,
@@ -35,6 +36,7 @@ from plant import (
     simulate,
     slowed,
 )
+from plant.machine.drive import CurrentLag
 from plant.parts.part import _KINDS, Part, number, part, restore, structure
 from plant.simulation.correction import Correction
 
@@ -49,6 +51,9 @@ EXAMPLES = {
     "Dynamics": puma560.dynamics(),
     "Arm": puma560.arm(),
     "Drive": puma560.rig().drive,
+    "Elasticity": Elasticity(stiffness=(1e4, 2e4), damping=(3.0, 0.0), backlash=(1e-3, 0.0)),
+    "Resonance": Elasticity.from_resonance(puma560.arm(), (50, 60), 0.02),
+    "CurrentLag": CurrentLag(time=1e-3),
     "FrictionCurve": FrictionCurve(offset=(0.1, -0.2), breakaway=(0.3, 0.0), speed=(5.0, 6.0)),
     "Correction": Correction(position=(0.1, 0.2), speed=(0.01, 0.02), zero=(0.1, 0)),
     "Coupling": Coupling(matrix=((1, 0), (0.5, -1))),
@@ -193,7 +198,8 @@ MISSPELT = {
     "Drive": "gaer", "Encoder": "smoth", "Rig": "priod", "P": "gian", "Harmonics": "cosin", "PointToPoint": "gaol",
     "Spline": "point", "Table": "time", "Placement": "positon", "FrictionCurve": "ofset",
     "Coupling": "matirx", "Phase": "shfit", "Transport": "dealy", "Correction": "positoin", "Scaled": "palces",
-    "PD": "derivativ", "PID": "intergal", "Cascade": "sped",
+    "PD": "derivativ", "PID": "intergal", "Cascade": "sped", "Elasticity": "stifness", "Resonance": "hx",
+    "CurrentLag": "tmie",
 }  # fmt: skip
 
 

@@ -1,0 +1,148 @@
+"""Elastic gears: stiffness and damping between the motor's shaft and its joint, and backlash."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plant.mechanics.arm import Arm
+from plant.parts.arguments import array, instance
+from plant.parts.labels import joint_label
+from plant.parts.part import Part, Vector, number, part
+
+__all__ = ["Elasticity", "Resonance"]
+
+_CRITICAL = 1.0
+
+
+@part
+class Elasticity(Part):
+    """Stiffness, damping and backlash of every gear, joint side (of coupled motors: on their shafts).
+
+    Parameters
+    ----------
+    stiffness : (n,) array_like
+        Torque per deflection [N m/rad].
+    damping : (n,) array_like
+        Torque per rate of deflection [N m s/rad].
+    backlash : (n,) array_like, optional
+        How far the joint can turn while the motor stands [rad]. None by default.
+
+    Raises
+    ------
+    ValueError
+        Stiffness that is not positive, negative damping, backlash beyond a turn.
+    """
+
+    stiffness: Vector = number(("n",))
+    damping: Vector = number(("n",))
+    backlash: Any = number(("n",), default=None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, wrong, rule in (
+            ("stiffness", self.stiffness <= 0, "be positive; leave elasticity out of a rigid drive"),
+            ("damping", self.damping < 0, "not be negative"),
+            ("backlash", np.zeros(1) if self.backlash is None else self.backlash < 0, "not be negative"),
+            ("backlash", np.zeros(1) if self.backlash is None else self.backlash > 2 * np.pi, "be within one turn"),
+        ):
+            if np.any(wrong):
+                value = getattr(self, name)[np.flatnonzero(wrong)[0]]
+                raise ValueError(f"{name} must {rule}; got {value:g}. Give it joint side, in N m, rad and s.")
+
+    @classmethod
+    def from_resonance(
+        cls, arm: Arm, hz: ArrayLike, damping_ratio: ArrayLike, *, drive: Any = None,
+        q: ArrayLike | None = None, backlash: ArrayLike | None = None,
+    ) -> Elasticity | Resonance:  # fmt: skip
+        """The gears whose links swing at so many Hz against their locked motors.
+
+        Hz of joint i: sqrt(k_i / (D_ii - Jm_i k_i^2)) / 2 pi, every other joint held.
+
+        Parameters
+        ----------
+        arm : Arm
+        hz : float or (n,) array_like
+            Locked-rotor resonance [Hz].
+        damping_ratio : float or (n,) array_like
+            Of that resonance.
+        drive : Drive, optional
+            Whose motor inertias are part of the arm's D; without it, those of the `Drive` that this becomes a part of.
+        q : (n,) array_like, optional
+            Pose [rad]; zeros by default.
+        backlash : (n,) array_like, optional
+            As of `Elasticity`.
+
+        Returns
+        -------
+        Elasticity, or Resonance
+            The latter without a drive; ``Drive(..., elasticity=...)`` makes the former of it.
+
+        Raises
+        ------
+        ValueError
+            No positive frequency, a damping ratio that is negative; above critical it warns.
+        """
+        instance("arm", arm, Arm, "The order is arm, hz, damping_ratio.")
+        n = arm.n
+        hz, ratio = (np.broadcast_to(np.asarray(value, float), n) for value in (hz, damping_ratio))
+        pose = array("q", np.zeros(n) if q is None else q, (n,), advice="Give one angle per joint [rad].")
+        shaft = arm.dynamics.chain.coupling.shaft_inertia(ca.DM(arm.D(pose))).full()
+        found = Resonance(hz=hz, damping_ratio=ratio, inertia=np.diag(shaft), backlash=backlash)
+        return found if drive is None else found.of(drive)
+
+
+@part
+class Resonance(Part):
+    """Gears known by their locked-rotor resonance, until a drive says what its motors weigh.
+
+    Parameters
+    ----------
+    hz : (n,) array_like
+        [Hz]
+    damping_ratio : (n,) array_like
+    inertia : (n,) array_like
+        Diagonal of D at the pose, motors included [kg m^2].
+    backlash : (n,) array_like, optional
+        [rad]
+    """
+
+    hz: Vector = number(("n",))
+    damping_ratio: Vector = number(("n",))
+    inertia: Vector = number(("n",))
+    backlash: Any = number(("n",), default=None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.hz <= 0).any():
+            raise ValueError(f"hz must be positive; got {self.hz.min():g}. Leave elasticity out of a rigid drive.")
+        if (self.damping_ratio < 0).any():
+            raise ValueError(f"damping_ratio must not be negative; got {self.damping_ratio.min():g}. 0.02 is usual.")
+        if (self.damping_ratio > _CRITICAL).any():
+            most = self.damping_ratio.max()
+            warnings.warn(f"damping_ratio {most:g} is above critical: such a gear does not swing.", stacklevel=2)
+
+    def of(self, drive: Any) -> Elasticity:
+        """The elasticity of a drive.
+
+        Raises
+        ------
+        ValueError
+            Motors that weigh more than the arm's whole inertia.
+        """
+        links = self.inertia - drive.reflected_inertia()
+        if (links <= 0).any():
+            joint = int(np.flatnonzero(links <= 0)[0])
+            label, rotor = joint_label(drive.joints, joint), drive.reflected_inertia()[joint]
+            raise ValueError(
+                f"D must exceed the motors' inertia; {label} has {self.inertia[joint]:.4g} kg m^2, its motor "
+                f"{rotor:.4g}. Use the drive whose motors are in f."
+            )
+        omega = 2 * np.pi * self.hz
+        return Elasticity(
+            stiffness=links * omega**2, damping=2 * self.damping_ratio * links * omega, backlash=self.backlash
+        )
