@@ -34,11 +34,13 @@ class Evaluation:
     record : Record
         The run, sample by sample.
     true_error_pulses : (N steps_per_sample, n) numpy.ndarray
-        Reference minus joint, unrounded, at every sub-step [pulses].
+        Reference minus joint, unrounded, at every sub-step [pulses]; with elastic gears, of the motor.
     max_error_pulses : (n,) numpy.ndarray
         Largest integer encoder error, magnitude.
     max_true_error_pulses : (n,) numpy.ndarray
-        Largest error of the joint itself, at every sub-step, magnitude [pulses].
+        Largest of the true error, at every sub-step, magnitude [pulses].
+    link_error : (N, n) numpy.ndarray
+        Reference minus joint behind its gear, at the samples [rad]; with elastic gears another than the motor's.
     rms_error_pulses : (n,) numpy.ndarray
         Of the integer encoder error.
     peak_torque : (n,) numpy.ndarray
@@ -67,6 +69,11 @@ class Evaluation:
     @property
     def max_true_error_pulses(self) -> NDArray[np.float64]:
         return np.abs(self.true_error_pulses).max(axis=0)
+
+    @property
+    def link_error(self) -> NDArray[np.float64]:
+        record: Any = self.record
+        return record.reference(record.t).q - record.true_q
 
     @property
     def rms_error_pulses(self) -> NDArray[np.float64]:
@@ -112,12 +119,18 @@ class Evaluation:
         return plot_evaluation(self, axes)
 
     def __str__(self) -> str:
+        elastic, link = self.record.rig.drive.elasticity is not None, 1e3 * np.abs(self.link_error)
+        behind = [
+            ("link error, peak [mrad]", link.max(axis=0), ".3f"),
+            ("link error, RMS [mrad]", np.sqrt(np.mean(link**2, axis=0)), ".3f"),
+        ]
         quantities = [
             (title, *(format(value, form) for value in values))
             for title, values, form in (
                 ("encoder error, peak [pulses]", self.max_error_pulses, ".0f"),
                 ("encoder error, RMS [pulses]", self.rms_error_pulses, ".2f"),
-                ("true joint error, peak [pulses]", self.max_true_error_pulses, ".2f"),
+                (f"true {'motor' if elastic else 'joint'} error, peak [pulses]", self.max_true_error_pulses, ".2f"),
+                *(behind if elastic else []),
                 ("torque, peak [N m]", self.peak_torque, ".0f"),
                 ("torque chatter per sample [N m]", self.chatter, ".1f"),
                 ("share at the amplifier's limit", self.saturation, ".2%"),

@@ -1,3 +1,3 @@
-"""Robots to start from: `puma560` (the paper's two links, complete) and `catalogue` (chains and rigs of others)."""
+"""Robots to start from: the paper's two links (`puma560`), and others (`catalogue`)."""
 
 __all__: list[str] = []

@@ -8,7 +8,7 @@ import pytest
 from closed_loops import Constant, Counting, NoTorque, joint
 from scipy.linalg import eig
 
-from ctc import ComputedTorque, FeedForward, certify, margins
+from ctc import ComputedTorque, FeedForward, certify, evaluate, margins
 from identification import identify
 from plant import PD, Drive, Elasticity, Encoder, P, PointToPoint, Rig, linearise, puma560, simulate, to_control
 from plant.simulation.closed_loop import ClosedLoop
@@ -289,3 +289,22 @@ def test_what_does_not_know_elastic_gears_says_so():
         ):
             with pytest.raises(ValueError, match=f"takes rigid gears and currents without lag; got {what}. Simulate"):
                 attempt()
+
+
+def test_the_evaluation_has_columns_of_their_own_for_motor_and_link():
+    """At 25 Hz the motor stays within a pulse while its link is off by the weight over the stiffness."""
+    arm, rig, path = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
+    elasticity = Elasticity.from_resonance(arm, 25, 0.02, drive=rig.drive)
+    law = FeedForward(arm, rig, feedback=PD(
+        gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0, period=rig.period))  # fmt: skip
+    report = evaluate(arm, with_gears(rig, elasticity), law, path, duration=0.7, backend="numba")
+    assert report.max_error_pulses.max() <= 1
+    weight = np.abs([arm.h(q, np.zeros(2)) for q in path(report.record.t).q]).max(axis=0) / elasticity.stiffness
+    peak = np.abs(report.link_error).max(axis=0)
+    assert (peak > 0.5 * weight).all()
+    assert (peak < 3 * weight + 1e-3).all()
+    assert "link error, peak [mrad]" in str(report)
+    rigid = evaluate(arm, rig, law, path, duration=0.2, backend="numba")
+    assert "link error" not in str(rigid)
+    pulse = 2 * np.pi / np.abs(rig.drive.gear * rig.encoder.resolution)
+    assert (np.abs(rigid.link_error).max(axis=0) < 2 * pulse).all()
