@@ -209,11 +209,9 @@ def test_files_stay_short_or_say_why(path):
 
 
 LONG = {
-    "plant/laws/law.py": "what a law has to give, and what is made of it",
     "ctc/figures.py": "every figure of a verdict, in one style",
     "identification/search/genetic.py": "every operator of the toolbox in one file that knows nothing of robots",
     "plant/simulation/closed_loop.py": "one loop: its state, its numbers and its three steps",
-    "plant/mechanics/urdf.py": "one reader, half of it the checks of what it reads",
     "plant/compiler/llvm.py": "every operation of a kernel; its text stands in each",
 }
 

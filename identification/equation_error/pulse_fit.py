@@ -17,7 +17,7 @@ from identification.equation_error.regressor import LINEAR, System, regressor_an
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from plant import Arm, Dynamics, Record, Rig
 from plant.analysis.linearise import jacobians, modes
-from plant.laws.law import commanded_torque
+from plant.laws.commanded import commanded_torque
 
 __all__ = [
     "equation_error", "fit_systems", "linear", "mode_in", "over_bands", "pass_band", "system_of", "torque_of",

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from plant.checkup.averaged_regression import AveragedRegression
 from plant.checkup.torque_regression import TorqueRegression
-from plant.laws.law import commanded_torque
+from plant.laws.commanded import commanded_torque
 
 __all__ = ["LEAST_MOTION", "TRACKING", "Signals"]
 

@@ -24,7 +24,7 @@ from plant.realtime.c_export import write_c
 from plant.realtime.guards import Guards
 from plant.realtime.running import Running
 
-__all__ = ["Block", "Law", "Setpoint", "StatelessLaw", "commanded_torque"]
+__all__ = ["Block", "Law", "Setpoint", "StatelessLaw"]
 
 
 class Setpoint(NamedTuple):
@@ -236,20 +236,6 @@ class Law(Part, abc.ABC):
         step = ca.Function("law", inputs, [asked, following], names, ["asked", "following"])
         values = np.concatenate([self.number_values(), rig.number_values()])
         return Block(step=step, initial=initial, names=own + rigs, values=values, period=self.period)
-
-
-def commanded_torque(record: Any) -> NDArray[np.float64] | None:
-    """Commanded torques (N, n) [N m] of a record under a law without memory, before the limit; None for other laws."""
-    law, rig = record.law, record.rig
-    if law is None or law.replays or law.has_memory(record.n):
-        return None
-    N, zero = len(record), np.zeros((record.n, len(record)))
-    block = law.block(rig)
-    asked, _ = block.step.map(N)(
-        np.empty((0, N)), zero, zero, zero, record.reference_pulses.T, record.counts.T, zero,
-        np.full((1, N), rig.period), np.repeat(block.values[:, None], N, axis=1),
-    )  # fmt: skip
-    return asked.full().T
 
 
 class StatelessLaw(Law):

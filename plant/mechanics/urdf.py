@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import re
-import xml.parsers.expat
 from collections.abc import Collection, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -15,47 +12,17 @@ from numpy.typing import NDArray
 from plant.mechanics.body import Body
 from plant.mechanics.link import Link
 from plant.mechanics.placement import Placement
+from plant.mechanics.urdf_file import MOVING, UrdfJoint, joints_of, links_of, parsed
 from plant.parts.arguments import choice
 from plant.parts.labels import joint_labels
 
 __all__ = ["links_from_urdf"]
 
-_LARGEST = 5_000_000
-"""Bytes; the largest real files have a few hundred thousand."""
-
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-
-_MOVING = {"revolute": False, "continuous": False, "prismatic": True}  # -> whether it slides
-
-
-@dataclasses.dataclass
-class _Element:
-    tag: str
-    attributes: dict[str, str]
-    children: list[_Element]
-
-    def find(self, tag: str) -> _Element | None:
-        return next((child for child in self.children if child.tag == tag), None)
-
-    def all(self, tag: str) -> list[_Element]:
-        return [child for child in self.children if child.tag == tag]
-
-
-@dataclasses.dataclass
-class _Joint:
-    name: str
-    kind: str
-    parent: str
-    child: str
-    origin: Placement
-    axis: NDArray[np.float64]
-    mimics: bool
-
 
 def links_from_urdf(path: str | Path, joints: Sequence[str] | None) -> tuple[tuple[Link, ...], tuple[Body, ...]]:
     """Links and bodies (tuples) of the chain; see `Chain.from_urdf`."""
-    robot = _parsed(path)
-    bodies, every = _links(robot), _joints(robot)
+    robot = parsed(path)
+    bodies, every = links_of(robot), joints_of(robot)
     _require_tree(bodies, every)
     chosen = _chosen(every, joints)
     links, made = [], []
@@ -66,7 +33,7 @@ def links_from_urdf(path: str | Path, joints: Sequence[str] | None) -> tuple[tup
             before = before @ step.origin
         on_axis = Placement(rotation=_axis_frame(joint.axis))
         links.append(
-            Link(name=joint.name, prismatic=_MOVING[joint.kind], before=at @ before @ on_axis, frame=on_axis.inverse())
+            Link(name=joint.name, prismatic=MOVING[joint.kind], before=at @ before @ on_axis, frame=on_axis.inverse())
         )
         at = on_axis.inverse()
         made.append(_lumped(bodies, every, joint.child, {other.name for other in chosen}))
@@ -76,114 +43,12 @@ def links_from_urdf(path: str | Path, joints: Sequence[str] | None) -> tuple[tup
 
 
 # -- reading --------------------------------------------------------------------------------------------------------
-def _parsed(path: str | Path) -> _Element:
-    if isinstance(path, str) and path.lstrip().startswith("<"):
-        raise ValueError("path must be the name of a URDF file; got its text. Write it to a file first.")
-    path = Path(path)
-    data = path.read_bytes()
-    if len(data) > _LARGEST:
-        raise ValueError(f"{path} must be a URDF file of at most {_LARGEST} bytes; it has {len(data)}. Give the file.")
-    root: list[_Element] = []
-    open_elements: list[_Element] = []
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        element = _Element(tag, attributes, [])
-        (open_elements[-1].children if open_elements else root).append(element)
-        open_elements.append(element)
-
-    def refuse(*_: object) -> None:
-        raise ValueError(f"{path} must not declare a document type or entities; it does. Remove them.")
-
-    parser = xml.parsers.expat.ParserCreate()
-    parser.StartElementHandler, parser.EndElementHandler = start, lambda tag: open_elements.pop()
-    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
-    try:
-        parser.Parse(data, True)
-    except xml.parsers.expat.ExpatError as error:
-        raise ValueError(f"{path} must be well-formed XML; {error}. Correct the file.") from None
-    if root[0].tag != "robot":
-        raise ValueError(f"{path} must hold a <robot>; got <{root[0].tag}>. Give a URDF file, xacro expanded.")
-    return root[0]
-
-
-def _numbers(
-    element: _Element | None, attribute: str, count: int, default: str | None, where: str
-) -> NDArray[np.float64]:
-    """So many finite numbers of an attribute."""
-    text = default if element is None else element.attributes.get(attribute, default)
-    if text is None:
-        raise ValueError(f"{where} must have {attribute}; it has none. Add it.")
-    words = text.split()
-    values = np.array([float(word) for word in words if _NUMBER.fullmatch(word)])
-    if len(words) != count or values.shape != (count,) or not np.isfinite(values).all():
-        what = "one finite number" if count == 1 else f"{count} finite numbers"
-        raise ValueError(f"{where} must have {what} in {attribute}; got {text!r:.60}. Write them like 17.4 or 1e-3.")
-    return values
-
-
-def _origin(element: _Element, where: str) -> Placement:
-    origin = element.find("origin")
-    position = _numbers(origin, "xyz", 3, "0 0 0", f"{where}, origin")
-    roll, pitch, yaw = _numbers(origin, "rpy", 3, "0 0 0", f"{where}, origin")
-    return Placement.of_angles(roll, pitch, yaw, position)
-
-
-def _links(robot: _Element) -> dict[str, Body | None]:
-    """Name of a link -> its Body in its own frame, or None where it has no mass."""
-    bodies: dict[str, Body | None] = {}
-    if not robot.all("link"):
-        raise ValueError("the file must have links; it has none. Give a URDF file, xacro expanded.")
-    for element in robot.all("link"):
-        name = element.attributes.get("name", "")
-        where = f"link {name}"
-        if not name or name in bodies:
-            raise ValueError(f"links must have names of their own; got {name!r} {'twice' if name else ''}. Name it.")
-        inertial, bodies[name] = element.find("inertial"), None
-        if len(element.all("inertial")) > 1:
-            raise ValueError(f"{where} must have one <inertial>; it has {len(element.all('inertial'))}. Join them.")
-        if inertial is not None:
-            mass = _numbers(inertial.find("mass"), "value", 1, None, f"{where}, mass")[0]
-            matrix = inertial.find("inertia")
-            inertia = [
-                _numbers(matrix, key, 1, None, f"{where}, inertia")[0]
-                for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-            ]
-            if mass < 0:
-                raise ValueError(f"{where} must have a positive mass; got {mass}. Correct it.")
-            if mass or any(inertia):
-                body = Body(mass=mass, com=np.zeros(3), inertia=inertia)
-                body.require_physical(name)
-                bodies[name] = body.seen_from(_origin(inertial, where))
-    return bodies
-
-
-def _joints(robot: _Element) -> dict[str, _Joint]:
-    """Name of a joint -> _Joint."""
-    joints: dict[str, _Joint] = {}
-    for element in robot.all("joint"):
-        name, kind = element.attributes.get("name", ""), element.attributes.get("type", "")
-        where = f"joint {name}"
-        if not name or name in joints:
-            raise ValueError(f"joints must have names of their own; got {name!r} {'twice' if name else ''}. Name it.")
-        if kind in ("floating", "planar"):
-            raise ValueError(f"{where} must move about or along one axis; it is {kind}. Replace it by single joints.")
-        choice(f"type of {where}", kind, (*_MOVING, "fixed"))
-        ends = [element.find(tag) for tag in ("parent", "child")]
-        parent, child = ("" if end is None else end.attributes.get("link", "") for end in ends)
-        if not parent or not child:
-            raise ValueError(f"{where} must have a parent and a child link; one is missing. Add it.")
-        axis = _numbers(element.find("axis"), "xyz", 3, "1 0 0", f"{where}, axis")
-        if kind in _MOVING and np.linalg.norm(axis) < 1e-6:
-            raise ValueError(f"{where} must have an axis that is not zero; got {axis.tolist()}. Correct it.")
-        mimics = element.find("mimic") is not None
-        joints[name] = _Joint(name, kind, parent, child, _origin(element, where), axis, mimics)
-    return joints
 
 
 # -- the tree -------------------------------------------------------------------------------------------------------
-def _require_tree(bodies: dict[str, Body | None], joints: dict[str, _Joint]) -> None:
+def _require_tree(bodies: dict[str, Body | None], joints: dict[str, UrdfJoint]) -> None:
     """Refuse missing links, links with two parents, and loops."""
-    parents: dict[str, _Joint] = {}
+    parents: dict[str, UrdfJoint] = {}
     for joint in joints.values():
         for link in (joint.parent, joint.child):
             if link not in bodies:
@@ -203,9 +68,9 @@ def _require_tree(bodies: dict[str, Body | None], joints: dict[str, _Joint]) -> 
             link = parents[link].parent
 
 
-def _chosen(every: dict[str, _Joint], names: Sequence[str] | None) -> list[_Joint]:
+def _chosen(every: dict[str, UrdfJoint], names: Sequence[str] | None) -> list[UrdfJoint]:
     """The joints of the chain, from the base outwards."""
-    moving = [joint for joint in every.values() if joint.kind in _MOVING]
+    moving = [joint for joint in every.values() if joint.kind in MOVING]
     if names is None:
         chosen = _ordered(every, moving)
         if chosen is None:
@@ -235,7 +100,7 @@ def _chosen(every: dict[str, _Joint], names: Sequence[str] | None) -> list[_Join
     return chosen
 
 
-def _depth(every: dict[str, _Joint], joint: _Joint) -> list[_Joint]:
+def _depth(every: dict[str, UrdfJoint], joint: UrdfJoint) -> list[UrdfJoint]:
     """Joints between the base and this one, from the base outwards, with this one."""
     parents, way = {other.child: other for other in every.values()}, [joint]
     while way[0].parent in parents:
@@ -243,7 +108,7 @@ def _depth(every: dict[str, _Joint], joint: _Joint) -> list[_Joint]:
     return way
 
 
-def _ordered(every: dict[str, _Joint], joints: list[_Joint]) -> list[_Joint] | None:
+def _ordered(every: dict[str, UrdfJoint], joints: list[UrdfJoint]) -> list[UrdfJoint] | None:
     """These joints from the base outwards; None if they are not all on one way."""
     ways = sorted((_depth(every, joint) for joint in joints), key=len)
     if any(shorter != longer[: len(shorter)] for shorter, longer in pairwise(ways)):
@@ -251,7 +116,7 @@ def _ordered(every: dict[str, _Joint], joints: list[_Joint]) -> list[_Joint] | N
     return [way[-1] for way in ways]
 
 
-def _way(every: dict[str, _Joint], start: str | None, joint: _Joint) -> list[_Joint]:
+def _way(every: dict[str, UrdfJoint], start: str | None, joint: UrdfJoint) -> list[UrdfJoint]:
     """Joints from behind a link (None: the base) to this joint; those between are fixed, or held at zero."""
     way = _depth(every, joint)
     if start is not None:
@@ -259,7 +124,7 @@ def _way(every: dict[str, _Joint], start: str | None, joint: _Joint) -> list[_Jo
     return way
 
 
-def _lumped(bodies: dict[str, Body | None], every: dict[str, _Joint], link: str, moving: Collection[str]) -> Body:
+def _lumped(bodies: dict[str, Body | None], every: dict[str, UrdfJoint], link: str, moving: Collection[str]) -> Body:
     """Everything that moves with a link, as one Body in its frame."""
     found, waiting = None, [(link, Placement())]
     while waiting:
