@@ -34,12 +34,13 @@ def tally(rig: Rig) -> ca.Function:
     the first [s], and q_r. The memory holds, per joint, the largest counted error, the highest and lowest error of the
     joint before rounding [pulses], and the largest motor current [A]; and the time of the first sample outside.
     """
-    n = rig.n
-    log, data, memory = ca.SX.sym("log", 4 * n), ca.SX.sym("data", n + 3), ca.SX.sym("memory", 4 * n + 1)
+    n, elastic = rig.n, rig.drive.elasticity is not None
+    log, data, memory = ca.SX.sym("log", (4 + elastic) * n), ca.SX.sym("data", n + 3), ca.SX.sym("memory", 4 * n + 1)
     counted, highest, lowest, current = ca.vertsplit(memory[:-1], n)
     limit, counts, time, first = data[0], data[1], data[2], memory[-1]
     error = counts * ca.fabs(log[:n])
-    unrounded = counts * rig.position_in_pulses(data[3:] - log[2 * n : 3 * n])
+    position = log[-n:] if elastic and rig.encoder.side == "motor" else log[2 * n : 3 * n]
+    unrounded = counts * rig.position_in_pulses(data[3:] - position)
     outside = functools.reduce(ca.fmax, ca.vertsplit(error)) > limit
     following = ca.vertcat(
         ca.fmax(counted, error),
@@ -104,7 +105,6 @@ class Population:
         after: float = 0.0,
     ) -> None:  # fmt: skip
         rig = plants.rig
-        rig.require_rigid("certify")
         nominal = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, phase=None), transport=None)
         loop = ClosedLoop(
             dynamics=plants.arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, score=tally(nominal)
@@ -123,8 +123,7 @@ class Population:
         self._kernel = loop_kernel(loop, lanes)
         data = [np.full(len(clock), float(within)), counts, clock.t + rig.period, reference(clock.t).q]
         self._tables = self._kernel.prepared((*self._times, np.column_stack(data)))
-        self._uniform = loop.number_values(plants.arm.f)[list(self._kernel.uniform)]
-        self._state = np.repeat(loop.initial_state(*path.start())[:, None], LANES, axis=1)
+        self._numbers, self._start, self._lanes = loop.number_values(plants.arm.f), path.start(), lanes
 
     def run(self, threads: int) -> Runs:
         """Run all plants.
@@ -165,7 +164,11 @@ class Population:
             law_time[:, self.loop.time_names.index("lost")] = lost @ bits
             nothing = (self._times[1][:0], self._times[2][:0], np.empty((0, self.loop.n_data)))
             tables = (self._kernel.prepared((law_time, *nothing))[0], *tables[1:])
-        final, steps = self._kernel.run(tables, self._state, np.ascontiguousarray(lanes), self._uniform)
+        numbers = np.repeat(self._numbers[:, None], LANES, axis=1)
+        numbers[self._lanes] = lanes
+        state = np.ascontiguousarray(self.loop.initial_state(*self._start, numbers))
+        uniform = self._numbers[list(self._kernel.uniform)]
+        final, steps = self._kernel.run(tables, state, np.ascontiguousarray(lanes), uniform)
         if steps < self._steps:  # all have diverged
             final[-1] = 0.0
         return final[:, :count].T, missing[:count]

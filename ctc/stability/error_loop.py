@@ -28,6 +28,9 @@ __all__ = ["error_loop", "open_loops"]
 
 _SUB_STEPS = 16
 
+_MOVING = "q[", "qd[", "link", "driven"
+"""What the states of a moving arm begin with; they come before all others but friction and torque."""
+
 Matrix = NDArray[np.float64]
 
 
@@ -88,11 +91,11 @@ def open_loops(
 ) -> tuple[Matrix, Matrix, Matrix, float]:
     """Matrices A (m, m), B (m, n), C (n, m) from the counts read to the positions, in pulses, and the period [s].
 
-    States: q, qd, the law's, and the torque applied last. All loops are closed by A + B C.
+    States: q, qd (with elastic gears the motors', then the links'), currents that lag, the law's, and the torque
+    applied last. All loops are closed by A + B C.
     """
     instance("law", law, Law, "Give a law, such as ComputedTorque(arm, rig).")
     instance("rig", rig, Rig, "Pass the rig that the law drives.")
-    rig.require_rigid("the error loop")
     arm = controlled(arm, law)
     n, rig = rig.n, smooth_rig(rig)
     at = array("pose", np.zeros(n) if pose is None else pose, (n,), advice="Give one angle per joint [rad].")
@@ -108,11 +111,14 @@ def open_loops(
     for i, name in enumerate(loop.number_names):
         if name.startswith(("drive.coulomb", "drive.curve.breakaway")):
             numbers[i] = 0.0
-    at_rest = loop.initial_state(q, np.zeros(n))
+    at_rest = loop.initial_state(q, np.zeros(n), numbers)
     at_rest[3 * n : 4 * n] = torque
+    if "driven" in loop.giving:
+        at_rest[[i for i, name in enumerate(loop.state_names) if name.startswith("driven")]] = torque
     slope = ca.Function("slope", [state], [ca.jacobian(loop.substep(state, row, numbers)[0], state)])(at_rest).full()
-    kept = np.r_[: 2 * n, 3 * n : 4 * n]
-    moved = np.linalg.matrix_power(slope[np.ix_(kept, kept)], loop.steps_per_law)[: 2 * n]
+    kept = [i for i, name in enumerate(loop.state_names) if name.startswith(_MOVING)]
+    m, kept = len(kept), kept + list(range(3 * n, 4 * n))
+    moved = np.linalg.matrix_power(slope[np.ix_(kept, kept)], loop.steps_per_law)[:m]
 
     # The law: the torque that it commands now, and its next state.
     s, t, p = ca.SX.sym("own", len(own)), ca.SX.sym("torque", n), ca.SX.sym("pulses", n)
@@ -120,12 +126,13 @@ def open_loops(
     slopes = ca.Function("law", [s, t, p], [ca.jacobian(step, x) for x in (s, t, p)])(own, torque, pulses)
     by_own, by_torque, by_pulses = (each.full() for each in slopes)
 
-    remembered = np.hstack([np.zeros((n + len(own), 2 * n)), by_own, by_torque])
-    arm_and_law = moved[:, : 2 * n], moved[:, 2 * n :]
+    remembered = np.hstack([np.zeros((n + len(own), m)), by_own, by_torque])
+    arm_and_law = moved[:, :m], moved[:, m:]
     A = np.vstack([arm_and_law[1] @ remembered[:n], remembered[n:], remembered[:n]])
-    A[: 2 * n, : 2 * n] += arm_and_law[0]
+    A[:m, :m] += arm_and_law[0]
     B = np.vstack([arm_and_law[1] @ by_pulses[:n], by_pulses[n:], by_pulses[:n]])
-    C = np.hstack([rig.position_in_pulses(np.eye(n)).T, np.zeros((n, len(A) - n))])
+    C, first = np.zeros((n, len(A))), 2 * n if rig.encoder.side == "link" else 0
+    C[:, first : first + n] = rig.position_in_pulses(np.eye(n)).T
     return A, B, C, block.period
 
 

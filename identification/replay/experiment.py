@@ -50,8 +50,10 @@ class Experiment:
         Where the unknowns are among the loop's numbers.
     times : tuple
         Time tables of law, samples and sub-steps.
-    numbers, state : numpy.ndarray
+    numbers : numpy.ndarray
         As the record says; f is NaN.
+    begin : tuple of numpy.ndarray
+        q and qd (n,) at its start.
     """
 
     def __init__(
@@ -63,7 +65,6 @@ class Experiment:
             raise ValueError(
                 f"the record must have {dynamics.n} joints; it has {record.n}. Use the record of this arm."
             )
-        record.rig.require_rigid("identification")
         rig = smooth_rig(record.rig) if smooth else record.rig
         self.record = record
         self.loop = ClosedLoop(dynamics=dynamics, rig=rig, law=record.law, **options)
@@ -88,7 +89,7 @@ class Experiment:
         path = path_of(record, self.clock, smooth=smooth)
         self.times = time_tables(self.loop, path, self.clock, record.law.replayed(record))
         self.numbers = self.loop.number_values(np.full(dynamics.p, np.nan))
-        self.state = self.loop.initial_state(*start_of(record, path_of(record, self.clock)))
+        self.begin = start_of(record, path_of(record, self.clock))
 
     def kernel(self, lanes: Sequence[int] = ()) -> Any:
         """The compiled loop; `lanes` are the numbers that differ between individuals."""

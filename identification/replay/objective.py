@@ -167,7 +167,9 @@ class _Scored(Experiment):
         lanes = np.empty((len(self.places), LANES))
         lanes[:, : len(candidates)] = candidates.T
         lanes[:, len(candidates) :] = candidates[-1][:, None]
-        state = np.repeat(self.state[:, None], LANES, axis=1)
+        numbers = np.repeat(self.numbers[:, None], LANES, axis=1)
+        numbers[self.places] = lanes
+        state = np.ascontiguousarray(self.loop.initial_state(self.begin[0], self.begin[1], numbers))
         final, steps = self._kernel.run(self._tables, state, lanes, self.numbers[list(self._kernel.uniform)])
         score, ok = final[-2], final[-1]
         complete = (ok > 0) & bounded(final[: 2 * self.loop.dynamics.n]) & np.isfinite(score) & (steps == self.steps)

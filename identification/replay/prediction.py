@@ -163,7 +163,7 @@ class Prediction:
         """Joint positions (N, n) [rad] of each record's arm with these values."""
         self.evaluations += 1
         logs = [followed.run(own)[0] for followed, own in self._each(values)]
-        return [np.hsplit(log, 4)[2] for log in logs]
+        return [np.hsplit(log[:, : 4 * self._followed[0].loop.n], 4)[2] for log in logs]
 
 
 class _Followed(Experiment):
@@ -188,7 +188,7 @@ class _Followed(Experiment):
             return settled
         measured = np.flatnonzero(record.valid)
         begins = measured[1:][np.diff(record.t[measured]) > _LOST * record.rig.period].tolist()
-        if record.reference is None and record.initial is None and self.state[self.loop.n : 2 * self.loop.n].any():
+        if record.reference is None and record.initial is None and self.begin[1].any():
             begins.append(0)
         for row in begins:
             settled[row : row + _SETTLING] = 0
@@ -196,10 +196,10 @@ class _Followed(Experiment):
 
     def run(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Log (N, 4n) and final state of a run with these values."""
-        numbers, n, state = self.numbers.copy(), self.loop.n, self.state.copy()
+        numbers, n, (q, qd) = self.numbers.copy(), self.loop.n, self.begin
         numbers[self.places] = values
-        state[:n] += numbers[-n:]  # where the counters' zero is
-        log, errors = np.full((len(self.clock), 4 * n), np.nan), np.empty((self.steps, n))
+        state = self.loop.initial_state(q + numbers[-n:], qd, numbers)  # where the counters' zero is
+        log, errors = np.full((len(self.clock), self.loop.n_log), np.nan), np.empty((self.steps, n))
         final, _ = self._kernel.run(self._tables, state[:, None], np.empty((0, 1)), numbers, (log, errors))
         return log[self.clock.rows], final[:, 0]
 

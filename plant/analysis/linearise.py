@@ -78,7 +78,7 @@ def jacobians(
     for i, name in enumerate(loop.number_names):
         if name.startswith(("drive.coulomb", "drive.curve.breakaway")):
             values[i] = 0.0
-    at_rest = loop.initial_state(q, np.zeros(n), arm.f)
+    at_rest = loop.initial_state(q, np.zeros(n), values)
     held = rig.position_in_pulses(q) + _holding(arm, rig, loop, at_rest, values)
     row = np.concatenate([q, np.zeros(2 * n), held, [step]])
     function = ca.Function("linear", [state, time, numbers], [A, B])

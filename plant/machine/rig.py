@@ -72,21 +72,6 @@ class Rig(Part):
                 f"{self.drive.coupling.matrix or 'none'} in the drive. Give both the same Coupling (chain.coupled)."
             )
 
-    def require_rigid(self, what: str) -> None:
-        """Refuse elastic gears and lagging currents where something does not take them into account yet.
-
-        Raises
-        ------
-        ValueError
-        """
-        has = {
-            "elastic gears": self.drive.elasticity is not None,
-            "currents that lag": self.drive.current_lag is not None,
-        }
-        for name, there in has.items():
-            if there:
-                raise ValueError(f"{what} takes rigid gears and currents without lag; got {name}. Simulate it instead.")
-
     def counts(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
         """Encoder counts at a joint position [rad], whole numbers with the motor's sign, without the unknown phase."""
         return self.encoder.quantised(self.position_in_pulses(q))

@@ -42,7 +42,7 @@ def by_casadi(
         ]
         repeated = _repeated(Structure(loop), chunk, count)
         states, log, error = repeated(state, *arguments, np.repeat(numbers[:, None], count, axis=1))
-        logs.append(log.full().T.reshape(-1, 4 * n))
+        logs.append(log.full().T.reshape(-1, loop.n_log))
         errors.append(error.full().T.reshape(-1, n))
         done += count * chunk
         return states.full()[:, -1]

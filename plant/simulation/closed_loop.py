@@ -54,8 +54,8 @@ class ClosedLoop:
     smooth : bool
         Encoder as identity and friction regularised, for derivatives.
     score : casadi Function, optional
-        (log, data, memory) -> number, memory; the number is summed over the samples in the state ``score``. `data` is
-        measured, one row per sample; `memory` is state of the score, zero at the start.
+        (log, or its beginning, data, memory) -> number, memory; the number is summed over the samples in the state
+        ``score``. `data` is measured, one row per sample; `memory` is state of the score, zero at the start.
     correction : Correction, optional
         Observer gains with which the counted positions (n,) [pulses] correct the simulated ones at every sample;
         `data` then holds these counts, and behind them a weight (1 or 0).
@@ -150,6 +150,11 @@ class ClosedLoop:
         return [*(f"{name}[{i}]" for name in columns for i in range(self.n)), *passing, "h"]
 
     @property
+    def n_log(self) -> int:
+        """Numbers in the log of a sample."""
+        return (5 if "link" in self.giving else 4) * self.n
+
+    @property
     def n_data(self) -> int:
         """Measured numbers per sample that the score or the correction needs."""
         if self.correction is not None:
@@ -185,23 +190,36 @@ class ClosedLoop:
         return np.concatenate([f, self._block.values, more])
 
     def initial_state(
-        self, q: NDArray[np.float64], qd: NDArray[np.float64], f: NDArray[np.float64] | None = None
+        self, q: NDArray[np.float64], qd: NDArray[np.float64], numbers: NDArray[np.float64] | None = None
     ) -> NDArray[np.float64]:
-        """State (s,) of an arm at q, qd (n,) with no torque applied yet; with f (p,) links hang in elastic gears."""
-        giving = dict.fromkeys(self.giving, np.zeros(self.n))
-        if "link" in giving:
-            giving |= {"link": q if f is None else self._hanging(q, f), "link_speed": qd}
-        more = [np.zeros(self.n_passing), *giving.values(), np.zeros(self.n_memory)]
-        return np.concatenate([q, qd, np.zeros(2 * self.n), self._block.initial, *more, [0.0, 1.0]])
+        """State (s,) of an arm at q, qd (n,) with no torque applied yet.
 
-    def _hanging(self, q: NDArray[np.float64], f: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where links (n,) are at rest in the gears of motors held at q (n,)."""
-        coupling, elasticity, link = self.rig.drive.coupling, self.rig.drive.elasticity, np.array(q, float)
+        With its numbers (k,), links hang in elastic gears; with those of many arms (k, P), their states (s, P).
+        """
+        q, qd, many = np.asarray(q, float), np.asarray(qd, float), () if numbers is None else numbers.shape[1:]
+        giving = [q if numbers is None else self._hanging(q, numbers), qd] if "link" in self.giving else []
+        lagging = np.zeros(self.n) if "driven" in self.giving else np.empty(0)
+        more = [np.zeros(self.n_passing), *giving, lagging, np.zeros(self.n_memory)]
+        rows = [q, qd, np.zeros(2 * self.n), self._block.initial, *more, np.array([0.0, 1.0])]
+        return np.concatenate([np.broadcast_to(x if x.ndim > len(many) else x[:, None], (len(x), *many)) for x in rows])
+
+    def _hanging(self, q: NDArray[np.float64], numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where links (n,), or (n, P), are at rest in the gears of motors held at q (n,), with these numbers."""
+        link = np.broadcast_to(np.reshape(q, (-1, *[1] * (numbers.ndim - 1))), (self.n, *numbers.shape[1:]))
         for _ in range(_SETTLED):
-            torque = coupling.shaft_torque(self.dynamics.gravity(link, f).full().ravel())
-            play = 0.0 if elasticity.backlash is None else np.sign(torque) * elasticity.backlash / 2
-            link = coupling.joint(coupling.shaft(q) - torque / elasticity.stiffness - play)
+            link = self._settle(link, q, numbers).full().reshape(link.shape)
         return link
+
+    @cached_property
+    def _settle(self) -> ca.Function:
+        """(link, q, numbers) -> where the link (n,) would be if its weight stayed that of the given one."""
+        link, q, numbers = ca.SX.sym("link", self.n), ca.SX.sym("q", self.n), self._symbols[2]
+        *_, f, _, rig = self._parts
+        coupling, elasticity = rig.drive.coupling, rig.drive.elasticity
+        torque = coupling.shaft_torque(self.dynamics.gravity(link, f))
+        play = 0.0 if elasticity.backlash is None else ca.sign(torque) * elasticity.backlash / 2
+        hanging = coupling.joint(coupling.shaft(q) - torque / elasticity.stiffness - play)
+        return ca.Function("settle", [link, q, numbers], [hanging])
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -225,6 +243,13 @@ class ClosedLoop:
         """Symbols (n, 1) of one of the states that elastic gears and lagging currents add."""
         start = 4 * self.n + len(self._block.initial) + self.n_passing + self.giving.index(name) * self.n
         return self._symbols[0][start : start + self.n]
+
+    def _with_given(self, carried: ca.SX, **following: ca.SX) -> ca.SX:
+        """What follows of the carried states, with these of `giving` in it."""
+        start = len(self._block.initial) + self.n_passing
+        rows = [carried[start + i * self.n : start + (i + 1) * self.n, 0] for i in range(len(self.giving))]
+        rows = [following.get(name, row) for name, row in zip(self.giving, rows, strict=True)]
+        return ca.vertcat(carried[:start, 0], *rows, carried[start + len(rows) * self.n :, 0])
 
     # -- the three steps -----------------------------------------------------------------------------------------
     def _applied(self, q: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -260,6 +285,7 @@ class ClosedLoop:
     def sample(self) -> ca.Function:
         """The log at a sample: error [pulses], joint torque [N m], true q and qd, each (n,), joined.
 
+        With elastic gears these are the links', and q of the motors comes last.
         With a correction the first is the innovation instead, counted minus predicted position, and the following state
         is corrected. Divergence is detected here; what is not finite stays so.
         """
@@ -270,19 +296,22 @@ class ClosedLoop:
             ok = _if(finite, ok)
         ok = _if(bounded(ca.vertsplit(ca.vertcat(q, qd))), ok)
         data = ca.SX.sym("data", self.n_data)
-        joint = (self._given("link"), self._given("link_speed")) if "link" in self.giving else (q, qd)
+        joint = (self._given("link"), self._given("link_speed"), q) if "link" in self.giving else (q, qd)
         if self.correction is None:
             first = motion[3] - rig.true_counts(seen)
         else:
             gains = self.correction.with_numbers(self._symbols[2][-3 * self.n :])
             first = data[:-1] + rig.position_in_pulses(gains.zero) - rig.position_in_pulses(seen)
             known = data[-1] * first
-            q, qd = q + rig.to_angle(gains.position * known), qd + rig.to_angle(gains.speed * known) / rig.period
+            shift, change = rig.to_angle(gains.position * known), rig.to_angle(gains.speed * known) / rig.period
+            q, qd = q + shift, qd + change
+            if "link" in self.giving:  # the gear's deflection stays
+                carried = self._with_given(carried, link=joint[0] + shift, link_speed=joint[1] + change)
         log = ca.vertcat(first, at_sample, *joint)
         score = status[0]
         if self.score is not None:
             kept = carried.shape[0] - self.n_memory
-            added, memory = self.score(log, data, carried[kept:, 0])
+            added, memory = self.score(log[: self.score.nnz_in(0)], data, carried[kept:, 0])
             score, carried = score + added, ca.vertcat(carried[:kept, 0], memory)
         return self._function("sample", [q, qd, impulse, torque, carried, score, ok], log, data)
 
@@ -290,7 +319,7 @@ class ClosedLoop:
     def substep(self) -> ca.Function:
         """One midpoint step of length h; its log is the motor's true error [pulses] at the middle of the step."""
         q, qd, impulse, torque, carried, status, motion, h, f, _, rig = self._parts
-        middle, drive, giving = q + h / 2 * qd, rig.drive, []
+        middle, drive, giving = q + h / 2 * qd, rig.drive, {}
         if "link" in self.giving:
             link = self._given("link") + h / 2 * self._given("link_speed"), self._given("link_speed")
         if not self.steps_per_law:
@@ -299,20 +328,18 @@ class ClosedLoop:
         if rig.transport is not None:
             acting = rig.transport.acting(torque, carried[own : own + self.n, 0], self._symbols[1][-3], h)
         if drive.current_lag is not None:
-            acting, driven = lagging(acting, self._given("driven"), drive.current_lag, h)
+            acting, giving["driven"] = lagging(acting, self._given("driven"), drive.current_lag, h)
         if "link" in self.giving:
             following, links, impulse, positive = elastic(
                 self.dynamics, drive, f, (middle, qd), link, acting, impulse, h, self._friction
             )
-            giving = [link[0] + h / 2 * links, links]
+            giving |= {"link": link[0] + h / 2 * links, "link_speed": links}
         else:
             following, impulse, positive = rigid(
                 self.dynamics, drive, f, middle, qd, acting, impulse, h, self._friction
             )
         if self.giving:
-            rows = ca.vertcat(*giving, *([] if drive.current_lag is None else [driven]))
-            start = own + self.n_passing
-            carried = ca.vertcat(carried[:start, 0], rows, carried[start + rows.shape[0] :, 0])
+            carried = self._with_given(carried, **giving)
         ok = _if(positive > 0, status[1])
         error = rig.position_in_pulses(motion[0]) - rig.position_in_pulses(middle)
         return self._function(

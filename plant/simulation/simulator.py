@@ -122,7 +122,7 @@ def run(
     given = None if initial is None else array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
     start = path.start() if given is None else given
     log, true_error = _evaluated(loop, arm, time_tables(loop, path, clock), clock, start, backend)
-    error, torque, q, qd = np.hsplit(log, 4)
+    error, torque, q, qd = np.hsplit(log[:, : 4 * rig.n], 4)
     record = Record(
         t=clock.t,
         reference_pulses=path(clock.t)[1],
@@ -184,7 +184,7 @@ def replay(
     path = path_of(record, clock)
     tables = time_tables(loop, path, clock, law.replayed(record))
     log, _ = _evaluated(loop, arm, tables, clock, start_of(record, path), backend)
-    error, torque, q, qd = np.hsplit(log[clock.rows], 4)
+    error, torque, q, qd = np.hsplit(log[clock.rows, : 4 * rig.n], 4)
     return dataclasses.replace(
         record, error_pulses=error, torque=torque, current=rig.drive.current(torque), true_q=q, true_qd=qd
     )
@@ -195,7 +195,8 @@ def _evaluated(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Log and true errors of a run from a start, or a refusal where it diverges."""
     evaluate = _by_kernel if backend == "numba" else by_casadi
-    state, numbers = loop.initial_state(start[0], start[1], arm.f), loop.number_values(arm.f)
+    numbers = loop.number_values(arm.f)
+    state = loop.initial_state(start[0], start[1], numbers)
     final, _, log, true_error = evaluate(loop, tables, clock, state, numbers)
     if not (final[-1] > 0 and bounded(final[: 2 * loop.n])):
         _refuse(loop, arm, log, final)
@@ -210,7 +211,7 @@ def _by_kernel(
     numbers: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], int, NDArray[np.float64], NDArray[np.float64]]:
     samples, steps = len(tables[1]), len(tables[2])
-    log, true_error = np.full((samples, 4 * loop.n), np.nan), np.full((steps, loop.n), np.nan)
+    log, true_error = np.full((samples, loop.n_log), np.nan), np.full((steps, loop.n), np.nan)
     kernel = loop_kernel(loop, uneven=clock.even is None)
     tables = kernel.prepared((*tables, np.empty((samples, 0))), logged=True)
     final, done = kernel.run(tables, state[:, None], np.empty((0, 1)), numbers, (log, true_error))

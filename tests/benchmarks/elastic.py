@@ -29,7 +29,7 @@ def runner(rig, *, population):
     tables = (*time_tables(loop, path, clock), np.empty((5215, 0)))
     prepared = kernel.prepared(tables, logged=not population)
     numbers = loop.number_values(ARM.f)
-    state = loop.initial_state(*path.start(), ARM.f)[:, None]
+    state = loop.initial_state(*path.start(), loop.number_values(ARM.f))[:, None]
     if population:
         state = np.repeat(state, LANES, axis=1)
         given = np.repeat(ARM.f[:, None], LANES, axis=1), numbers[list(kernel.uniform)]
