@@ -6,6 +6,7 @@ The bounds are those of Clopper and Pearson, exact whatever the distribution of 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import textwrap
 from typing import TYPE_CHECKING, Any
@@ -15,9 +16,11 @@ from numpy.typing import NDArray
 
 from ctc.certification.binomial import clopper_pearson
 from ctc.certification.figure import plot_certificate
+from ctc.certification.gears import Cell, cells
 from ctc.certification.plants import Plants
 from ctc.certification.reserves import Reserves, reserves
 from ctc.certification.sensitivity import Influence, influences
+from ctc.verdict.lowest_resonance import DAMPING_RATIO, SETTLED, LowestResonance, lowest_resonance
 from ctc.verdict.table import aligned, by_joint
 from plant import Arm, Law, Reference, Rig
 from plant.parts.arguments import known_options
@@ -105,8 +108,37 @@ class Certificate:
 
     @property
     def upper(self) -> float:
-        """One-sided upper bound of that probability, at the confidence."""
+        """One-sided upper bound of that probability, at the confidence; of stated resonances, that of the worst cell."""
+        if self.worst_cell is not None:
+            return self.worst_cell.upper(self.confidence)
         return clopper_pearson(self.failures, len(self.plants), 2 * self.confidence - 1)[1]
+
+    @functools.cached_property
+    def cells(self) -> list[Cell]:
+        """The stated ranges of resonance and damping in small parts, with what became of the plants in each."""
+        return cells(self.plants.ranges, self.plants.names, self.plants.values, self.runs.outside > 0)
+
+    @property
+    def worst_cell(self) -> Cell | None:
+        """The part of the stated resonances with the highest bound; None where none were stated."""
+        return max(self.cells, key=lambda cell: cell.upper(self.confidence), default=None)
+
+    @functools.cached_property
+    def on_gears(self) -> LowestResonance | None:
+        """On which elastic gears the nominal arm stays within the limit; None where the gears are elastic already."""
+        if self.plants.rig.drive.elasticity is not None:
+            return None
+        ratio, settings = self.plants.ranges.lowest_damping, self.settings
+        return lowest_resonance(
+            self.plants.arm, self.plants.own, self.law, self.reference, within=self.within,
+            damping_ratio=DAMPING_RATIO if ratio is None else ratio, after=max(SETTLED, settings["after"]),
+            duration=settings["duration"], steps_per_sample=settings["steps_per_sample"], threads=self.threads,
+        )  # fmt: skip
+
+    @property
+    def lowest_resonance(self) -> float | None:
+        """Locked-rotor resonance [Hz] above which the nominal arm stays within the limit on gears; see `on_gears`."""
+        return None if self.on_gears is None else self.on_gears.hz
 
     @property
     def share_outside(self) -> float:
@@ -155,14 +187,18 @@ class Certificate:
 
     @property
     def verdict(self) -> str:
-        """One sentence."""
+        """What was found, and on which gears it holds: one sentence, two on rigid ones."""
         count, limit = f"{len(self.plants):,} possible plants", f"±{self.within:g} pulse{'s' * (self.within != 1)}"
-        sure = f"with {100 * self.confidence:g} % confidence"
-        if not self.failures:
-            return f"None of {count} leaves {limit}; {sure}, fewer than {_percent(self.upper, up=True)} of all would."
-        share = _percent(self.probability)
-        bound = _percent(self.upper, up=True)
-        return f"{share} of {count} leave {limit} at some sample; {sure}, at most {bound} of all would."
+        sure, bound = f"with {100 * self.confidence:g} % confidence", _percent(self.upper, up=True)
+        of = "of all" if self.worst_cell is None else f"at the worst resonance ({self.worst_cell})"
+        if self.failures:
+            share = _percent(self.probability)
+            sentence = f"{share} of {count} leave {limit} at some sample; {sure}, at most {bound} {of} would."
+        else:
+            sentence = f"None of {count} leaves {limit}; {sure}, fewer than {bound} {of} would."
+        return (
+            sentence if self.on_gears is None else f"{sentence} Rigid gears assumed; the nominal arm {self.on_gears}."
+        )
 
     @known_options
     def reserves(self, *, samples: int = 400, allowed: float = 0.0) -> Reserves:
@@ -191,6 +227,7 @@ class Certificate:
             ("counted error, worst peak [pulses]", *(f"{peak:.0f}" for peak in runs.peak.max(axis=0))),
             ("error before rounding, median peak [pulses]", *(f"{x:.2f}" for x in np.median(runs.unrounded, axis=0))),
             ("error before rounding, 99 % peak [pulses]", *(f"{x:.2f}" for x in high_quantile)),
+            ("torque chatter per sample, median [N m]", *(f"{x:.1f}" for x in np.median(runs.chatter, axis=0))),
             ("motor current, median peak / limit", *(f"{share:.0%}" for share in self.current_share)),
             ("loops that reach the limit", *map(_percent, self.saturation)),
         ]
@@ -207,9 +244,8 @@ class Certificate:
         lines += [line for each in long for line in textwrap.wrap(each, 110, subsequent_indent="    ")]
         if self.plants.redrawn:
             lines.append(f"{self.plants.redrawn} draws were no arm, and were drawn again")
-        lines.append(
-            "assumed: rigid gears without backlash, currents without lag, no jitter, friction that does not drift"
-        )
+        for what, names in zip(("drawn", "not drawn"), self.plants.said, strict=True):
+            lines += textwrap.wrap(f"{what}: {', '.join(names)}", 110, subsequent_indent="    ")
         return "\n".join(lines)
 
 

@@ -37,6 +37,10 @@ _WORDS = {
     "encoder.phase.shift": "encoder's zero",
     "transport.delay": "delay of the torque",
     "load": "load in the hand",
+    "resonance": "resonance",
+    "damping_ratio": "damping ratio",
+    "drive.elasticity.backlash": "backlash",
+    "drive.current_lag.time": "current lag",
 }
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ctc.certification.gears import Gears, between
 from ctc.certification.plants import Plants
 from identification import Identification
 from plant import Arm, Body, Phase, Rig, Transport
@@ -25,6 +26,9 @@ _PATIENCE = 20
 """Draws per plant at most, until one is an arm."""
 
 _NOT_NEGATIVE = ("drive.viscous", "drive.coulomb", "drive.curve.breakaway")
+
+_NEVER = "jitter", "drift of friction", "presliding", "torque ripple", "error within an encoder's period"
+"""What is never drawn."""
 
 _KNOWN_TO_LAWS = ("drive.gear", "encoder.resolution")
 """Numbers of the rig by which a law reads its counts: law and plant have the same."""
@@ -53,6 +57,8 @@ class Uncertainty:
         Of the torque [s], constant during a run: one value, or uniform between two; at most one period of the law.
     dropped : float
         Probability that the counts of a sample do not arrive; the law then reads those of the sample before.
+    gears : Gears
+        What gears and drives do.
 
     Raises
     ------
@@ -67,10 +73,11 @@ class Uncertainty:
     phase: bool = True
     delay: Any = (0.0, 0.0)
     dropped: float = 0.0
+    gears: Gears = Gears()  # noqa: RUF009 - frozen
 
     def __post_init__(self) -> None:
         for name, unit in (("load", "kg"), ("delay", "s")):
-            object.__setattr__(self, name, _between(name, getattr(self, name), unit))
+            object.__setattr__(self, name, between(name, getattr(self, name), unit))
         if not real("friction", self.friction, "Give a share, such as 0.1.") >= 0:
             raise ValueError(f"friction must not be negative; got {self.friction}. Give a share, such as 0.1.")
         if not 0 <= real("dropped", self.dropped, "Give a probability, such as 0.01.") < 1:
@@ -83,7 +90,7 @@ class Uncertainty:
         if self.covariance is not None and self.plants is not None:
             raise ValueError("one of covariance and plants must be given; got both. Leave one out.")
 
-    def draw(self, found: Identification | Arm, rig: Rig, samples: int, seed: int) -> Plants:
+    def draw(self, found: Identification | Arm, rig: Rig, samples: int, seed: int, pose: ArrayLike) -> Plants:
         """Draw plants.
 
         Parameters
@@ -91,6 +98,8 @@ class Uncertainty:
         found : Identification or Arm
         rig : Rig
         samples, seed : int
+        pose : (n,) array_like
+            At which resonances are those of the gears [rad].
 
         Returns
         -------
@@ -148,10 +157,15 @@ class Uncertainty:
             names += ("transport.delay",)
             values = np.column_stack([values, random.uniform(self.delay[0], self.delay[1], samples)])
             rig = dataclasses.replace(rig, transport=Transport(delay=self.delay[1]))
+        own, said = rig, self._said(rig, unknown)
+        rig = self.gears.prepared(arm, rig, pose)
+        gears = self.gears.draw(random, arm, rig, f, pose)
+        names, values = names + gears.names, np.hstack([values, gears.values])
         varying = np.flatnonzero(np.ptp(values, axis=0) > 0)
         return Plants(
             arm=arm, rig=rig, f=f, names=tuple(names[i] for i in varying), values=values[:, varying],
-            dropped=float(self.dropped), redrawn=redrawn, seed=seed,
+            dropped=float(self.dropped), redrawn=redrawn, seed=seed, own=own, ranges=self.gears,
+            derived_names=gears.derived_names, derived=gears.derived, said=said,
         )  # fmt: skip
 
     def _friction(self, rig, unknown):
@@ -196,6 +210,24 @@ class Uncertainty:
         root = scale[:, None] * axes * np.sqrt(np.maximum(sizes, 0))
         return arm, tuple(names[i] for i in plant), np.asarray(values)[plant], root
 
+    def _said(self, rig: Rig, unknown: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """What is drawn, and what is not, in words."""
+        drawn, left = self.gears.said(rig)
+        given = "f of given arms" if self.plants is not None else "what was identified"
+        first = [given] if self.plants is not None or unknown else []
+        for there, what, otherwise in (
+            (self.friction > 0, f"friction ±{100 * self.friction:g} % (standard deviation)", "friction"),
+            (self.load[1] > 0, f"load {self.load[0]:g} to {self.load[1]:g} kg", "load"),
+            (self.phase, "encoder zeros", "encoder zeros"),
+            (self.delay[1] > 0, f"delay {self.delay[0]:g} to {self.delay[1]:g} s", "delay"),
+            (self.dropped > 0, f"lost counts {100 * self.dropped:g} %", "lost counts"),
+        ):
+            if there:
+                first.append(what)
+            else:
+                left.append(otherwise)
+        return (*first, *drawn), (*left, *_NEVER)
+
     def _load_direction(self, dynamics):
         """Change (p,) of f per kg in the hand."""
         if self.load[1] == 0:
@@ -203,18 +235,6 @@ class Uncertainty:
         position = array("load_position", self.load_position, (3,), advice="Give x, y and z in the last frame [m].")
         nothing = [Body(mass=0.0, com=(0, 0, 0)) for _ in range(dynamics.n - 1)]
         return dynamics.f([*nothing, Body(mass=1.0, com=position)])
-
-
-def _between(name, value, unit):
-    """(low, high) of one number, or of two."""
-    if np.ndim(value) == 0:
-        value = (real(name, value, f"Give {unit}, or the two ends of a range."),) * 2
-    low, high = array(name, value, (2,), advice=f"Give one number [{unit}], or the two ends of a range.").tolist()
-    if not 0 <= low <= high:
-        raise ValueError(
-            f"{name} must be from 0 upwards, the lower end first; got ({low:g}, {high:g}). Swap or correct."
-        )
-    return low, high
 
 
 def _with_found(rig, values):
