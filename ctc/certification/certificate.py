@@ -108,7 +108,7 @@ class Certificate:
 
     @property
     def upper(self) -> float:
-        """One-sided upper bound of that probability, at the confidence; of stated resonances, that of the worst cell."""
+        """One-sided upper bound of that probability, at the confidence; that of the worst cell of resonances."""
         if self.worst_cell is not None:
             return self.worst_cell.upper(self.confidence)
         return clopper_pearson(self.failures, len(self.plants), 2 * self.confidence - 1)[1]
