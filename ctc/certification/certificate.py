@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import math
 import textwrap
 from typing import TYPE_CHECKING, Any
 
@@ -15,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctc.certification.binomial import clopper_pearson
+from ctc.certification.cells import Cell, cells
 from ctc.certification.figure import plot_certificate
-from ctc.certification.gears import Cell, cells
 from ctc.certification.plants import Plants
 from ctc.certification.reserves import Reserves, reserves
 from ctc.certification.sensitivity import Influence, influences
+from ctc.certification.statement import percent, verdict
 from ctc.verdict.lowest_resonance import DAMPING_RATIO, SETTLED, LowestResonance, lowest_resonance
 from ctc.verdict.table import aligned, by_joint
 from plant import Arm, Law, Reference, Rig
@@ -188,17 +188,7 @@ class Certificate:
     @property
     def verdict(self) -> str:
         """What was found, and on which gears it holds: one sentence, two on rigid ones."""
-        count, limit = f"{len(self.plants):,} possible plants", f"±{self.within:g} pulse{'s' * (self.within != 1)}"
-        sure, bound = f"with {100 * self.confidence:g} % confidence", _percent(self.upper, up=True)
-        of = "of all" if self.worst_cell is None else f"at the worst resonance ({self.worst_cell})"
-        if self.failures:
-            share = _percent(self.probability)
-            sentence = f"{share} of {count} leave {limit} at some sample; {sure}, at most {bound} {of} would."
-        else:
-            sentence = f"None of {count} leaves {limit}; {sure}, fewer than {bound} {of} would."
-        return (
-            sentence if self.on_gears is None else f"{sentence} Rigid gears assumed; the nominal arm {self.on_gears}."
-        )
+        return verdict(self)
 
     @known_options
     def reserves(self, *, samples: int = 400, allowed: float = 0.0) -> Reserves:
@@ -215,8 +205,8 @@ class Certificate:
     def __str__(self) -> str:
         worst, runs, (low, high) = self.worst, self.runs, self.interval
         rows = [
-            (f"probability, {100 * self.confidence:g} % interval", f"{_percent(low)} to {_percent(high, up=True)}"),
-            ("samples outside, share of all", _percent(self.share_outside)),
+            (f"probability, {100 * self.confidence:g} % interval", f"{percent(low)} to {percent(high, up=True)}"),
+            ("samples outside, share of all", percent(self.share_outside)),
         ]
         if self.failures:
             rows.append(("first left, median [s]", f"{np.nanmedian(runs.first):.3f}"))
@@ -229,13 +219,13 @@ class Certificate:
             ("error before rounding, 99 % peak [pulses]", *(f"{x:.2f}" for x in high_quantile)),
             ("torque chatter per sample, median [N m]", *(f"{x:.1f}" for x in np.median(runs.chatter, axis=0))),
             ("motor current, median peak / limit", *(f"{share:.0%}" for share in self.current_share)),
-            ("loops that reach the limit", *map(_percent, self.saturation)),
+            ("loops that reach the limit", *map(percent, self.saturation)),
         ]
         shown, dynamics = self.sensitivities[:_SHOWN], self.plants.arm.dynamics
         short = dict(zip(dynamics.names, dynamics.short_names, strict=True))
         explained = [(short.get(x.name, x.name), f"{x.share:.0%}", x.sense) for x in shown]
         lines = [
-            f"{type(self.law).__name__}: {self.verdict}",
+            *textwrap.wrap(f"{type(self.law).__name__}: {self.verdict}", 110),
             *aligned(rows),
             *by_joint(dynamics.chain.joint_labels, quantities),
             *aligned([("sensitivity to", "explains", "direction"), *explained]),
@@ -247,12 +237,3 @@ class Certificate:
         for what, names in zip(("drawn", "not drawn"), self.plants.said, strict=True):
             lines += textwrap.wrap(f"{what}: {', '.join(names)}", 110, subsequent_indent="    ")
         return "\n".join(lines)
-
-
-def _percent(share: float, up: bool = False) -> str:
-    """A probability as text, with two digits that count, or three; a bound is rounded up."""
-    percent = 100 * share
-    if percent > 0:
-        step = 10.0 ** min(math.floor(math.log10(percent)) - 1, -1)
-        percent = step * (math.ceil(percent / step - 1e-9) if up else round(percent / step))
-    return f"{percent:.3g} %"

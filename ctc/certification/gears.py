@@ -1,7 +1,7 @@
 """What gears and drives do that a rigid rig leaves out, drawn for each plant: resonance, damping, backlash, lag.
 
 A resonance is stated as a range in which it lies, not as a distribution: somewhere in it is the one that the arm has.
-The plants are spread over it, and what is said of them holds for the worst part of it (`Cell`).
+The plants are spread over it, and what is said of them holds for the worst part of it (`ctc.certification.cells`).
 """
 
 from __future__ import annotations
@@ -12,27 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctc.certification.binomial import clopper_pearson
 from plant import Arm, Elasticity, Rig
 from plant.machine.elasticity import gears
 from plant.parts.arguments import array, real
 from plant.parts.frozen import Frozen
 
-__all__ = ["Cell", "Drawn", "Gears", "between", "cells"]
-
-_WIDTH = 1.1
-"""Ratio of the resonances at the ends of a cell, at most."""
-
-_DAMPINGS = 3
-"""Cells in the range of the damping ratio."""
+__all__ = ["Drawn", "Gears", "between"]
 
 _USUAL = (0.01, 0.03)
 """Damping ratio unless stated."""
 
 _FOLLOWED = 0.6
 """Phase [rad] of a resonance in one sub-step up to which its frequency is right to 1 %."""
-
-_NAMES = ("resonance", "damping_ratio", "drive.elasticity.backlash", "drive.current_lag.time")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,6 +80,8 @@ class Gears:
             return
         usual = _USUAL if self.damping_ratio is None else self.damping_ratio
         object.__setattr__(self, "damping_ratio", between("damping_ratio", usual, "a ratio"))
+        if np.ndim(self.resonance) == 0:
+            raise ValueError(f"resonance must be (lowest, highest) [Hz]; got {self.resonance!r:.60}. Give a range.")
         pairs = np.atleast_2d(np.asarray(self.resonance, float))
         pairs = array("resonance", pairs, ("m", 2), advice="Give the lowest and the highest [Hz].")
         if not ((pairs[:, 0] > 0) & (pairs[:, 0] <= pairs[:, 1])).all():
@@ -102,26 +95,6 @@ class Gears:
     def lowest_damping(self) -> float | None:
         """Lowest damping ratio that is stated."""
         return None if self.damping_ratio is None or not self.damping_ratio[0] > 0 else float(self.damping_ratio[0])
-
-    def said(self, rig: Rig) -> tuple[list[str], list[str]]:
-        """What is drawn of gears and drives, and what is not, in words."""
-        drive, drawn, left = rig.drive, [], []
-        if self.resonance is not None:
-            alike = "all joints alike" if len(self.resonance) == 1 else "of each joint"
-            hz = ", ".join(f"{low:g} to {high:g}" for low, high in self.resonance)
-            drawn.append(f"resonance {hz} Hz ({alike}), damping ratio {_range(self.damping_ratio)}")
-        else:
-            left.append("elasticity" if drive.elasticity is None else "resonance (as the rig has it)")
-        elastic = drive.elasticity
-        for name, (low, high), unit, there in (
-            ("backlash", self.backlash, "rad", elastic is not None and elastic.backlash is not None),
-            ("current lag", self.lag, "s", drive.current_lag is not None),
-        ):
-            if high:
-                drawn.append(f"{name} {_range((low, high))} {unit}")
-            else:
-                left.append(f"{name} (as the rig has it)" if there else name)
-        return drawn, left
 
     def require_followed(self, step: float) -> None:
         """Refuse resonances that steps of this length [s] cannot follow.
@@ -190,79 +163,6 @@ def _inertias(arm: Arm, rig: Rig, pose: ArrayLike) -> NDArray[np.float64]:
     """Diagonal (p, n) of D on the motors' shafts at a pose, of each parameter alone: D is linear in f."""
     own = [rig.drive.coupling.shaft_inertia(arm.dynamics.D(pose, unit)) for unit in np.eye(arm.dynamics.p)]
     return np.array([np.diag(matrix.full()) for matrix in own])
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Cell(Frozen):
-    """A part of the range of resonance and damping, and what became of its plants.
-
-    Attributes
-    ----------
-    name : str
-        ``resonance``, or that of a joint, as ``resonance[0]``.
-    hz, damping_ratio : tuple of float
-        Lowest and highest.
-    count, failures : int
-        Plants in it, and those that left the limit.
-    """
-
-    name: str
-    hz: tuple[float, float]
-    damping_ratio: tuple[float, float]
-    count: int
-    failures: int
-
-    def upper(self, confidence: float) -> float:
-        """One-sided upper bound of the probability to leave, at a confidence; 1 for a cell without plants."""
-        return clopper_pearson(self.failures, self.count, 2 * confidence - 1)[1] if self.count else 1.0
-
-    def __str__(self) -> str:
-        (low, high), (least, most) = self.hz, self.damping_ratio
-        damping = f"{least:.3g}" if least == most else f"{least:.3g} to {most:.3g}"
-        return f"{low:.3g} to {high:.3g} Hz, damping ratio {damping}"
-
-
-def cells(ranges: Gears, names: tuple[str, ...], values: NDArray[np.float64], outside: NDArray[np.bool_]) -> list[Cell]:
-    """The ranges of resonance and damping in cells of at most 10 %; of several joints, each joint's own.
-
-    Parameters
-    ----------
-    ranges : Gears
-    names, values
-        Of the plants: names (K), values (P, K). What does not vary is not among them.
-    outside : (P,) numpy.ndarray of bool
-        Which of them left the limit.
-    """
-    found, pairs = [], ranges.resonance or ()
-    for i, (low, high) in enumerate(pairs):
-        name = "resonance" if len(pairs) == 1 else f"resonance[{i}]"
-        edges = np.geomspace(low, high, max(1, int(np.ceil(np.log(high / low) / np.log(_WIDTH)))) + 1)
-        dampings = np.linspace(*ranges.damping_ratio, (_DAMPINGS if np.ptp(ranges.damping_ratio) else 1) + 1)
-        hz, ratio = (_place(names, values, *each) for each in ((name, edges), ("damping_ratio", dampings)))
-        for j in range(len(edges) - 1):
-            for k in range(len(dampings) - 1):
-                inside = (hz == j) & (ratio == k)
-                found.append(
-                    Cell(
-                        name=name,
-                        hz=(edges[j], edges[j + 1]),
-                        damping_ratio=(dampings[k], dampings[k + 1]),
-                        count=int(inside.sum()),
-                        failures=int(outside[inside].sum()),
-                    )
-                )
-    return found
-
-
-def _place(names: tuple[str, ...], values: NDArray[np.float64], name: str, edges: Any) -> NDArray[np.intp]:
-    """In which interval between the edges the number of each plant (P,) is."""
-    if name not in names:
-        return np.zeros(len(values), int)
-    return np.clip(np.searchsorted(edges, values[:, names.index(name)], side="right") - 1, 0, len(edges) - 2)
-
-
-def _range(ends: Any) -> str:
-    return f"{ends[0]:g}" if ends[0] == ends[1] else f"{ends[0]:g} to {ends[1]:g}"
 
 
 def between(name: str, value: Any, unit: str) -> tuple[float, float]:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from ctc.certification.gears import Gears, between
 from ctc.certification.plants import Plants
+from ctc.certification.statement import statement
 from identification import Identification
 from plant import Arm, Body, Phase, Rig, Transport
 from plant.machine.motor_inertia import least_inertia_margin
@@ -26,9 +27,6 @@ _PATIENCE = 20
 """Draws per plant at most, until one is an arm."""
 
 _NOT_NEGATIVE = ("drive.viscous", "drive.coulomb", "drive.curve.breakaway")
-
-_NEVER = "jitter", "drift of friction", "presliding", "torque ripple", "error within an encoder's period"
-"""What is never drawn."""
 
 _KNOWN_TO_LAWS = ("drive.gear", "encoder.resolution")
 """Numbers of the rig by which a law reads its counts: law and plant have the same."""
@@ -90,7 +88,7 @@ class Uncertainty:
         if self.covariance is not None and self.plants is not None:
             raise ValueError("one of covariance and plants must be given; got both. Leave one out.")
 
-    def draw(self, found: Identification | Arm, rig: Rig, samples: int, seed: int, pose: ArrayLike) -> Plants:
+    def draw(self, found: Identification | Arm, rig: Rig, samples: int, seed: int, pose: Any = None) -> Plants:
         """Draw plants.
 
         Parameters
@@ -98,8 +96,8 @@ class Uncertainty:
         found : Identification or Arm
         rig : Rig
         samples, seed : int
-        pose : (n,) array_like
-            At which resonances are those of the gears [rad].
+        pose : (n,) array_like, optional
+            At which resonances are those of the gears [rad]; zeros by default.
 
         Returns
         -------
@@ -112,6 +110,7 @@ class Uncertainty:
         """
         instance("rig", rig, Rig, "The order is found, rig, law, reference.")
         arm, unknown, centre, root = self._identified(found)
+        pose = np.zeros(rig.n) if pose is None else pose
         dynamics, random = arm.dynamics, np.random.default_rng(seed)
         rig = _with_found(rig, {n: v for n, v in zip(unknown, centre, strict=True) if n not in dynamics.names})
         given = None if self.plants is None else _possible(dynamics, rig, self.plants)
@@ -157,7 +156,7 @@ class Uncertainty:
             names += ("transport.delay",)
             values = np.column_stack([values, random.uniform(self.delay[0], self.delay[1], samples)])
             rig = dataclasses.replace(rig, transport=Transport(delay=self.delay[1]))
-        own, said = rig, self._said(rig, unknown)
+        own, said = rig, statement(self, rig, unknown)
         rig = self.gears.prepared(arm, rig, pose)
         gears = self.gears.draw(random, arm, rig, f, pose)
         names, values = names + gears.names, np.hstack([values, gears.values])
@@ -209,24 +208,6 @@ class Uncertainty:
             )
         root = scale[:, None] * axes * np.sqrt(np.maximum(sizes, 0))
         return arm, tuple(names[i] for i in plant), np.asarray(values)[plant], root
-
-    def _said(self, rig: Rig, unknown: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """What is drawn, and what is not, in words."""
-        drawn, left = self.gears.said(rig)
-        given = "f of given arms" if self.plants is not None else "what was identified"
-        first = [given] if self.plants is not None or unknown else []
-        for there, what, otherwise in (
-            (self.friction > 0, f"friction ±{100 * self.friction:g} % (standard deviation)", "friction"),
-            (self.load[1] > 0, f"load {self.load[0]:g} to {self.load[1]:g} kg", "load"),
-            (self.phase, "encoder zeros", "encoder zeros"),
-            (self.delay[1] > 0, f"delay {self.delay[0]:g} to {self.delay[1]:g} s", "delay"),
-            (self.dropped > 0, f"lost counts {100 * self.dropped:g} %", "lost counts"),
-        ):
-            if there:
-                first.append(what)
-            else:
-                left.append(otherwise)
-        return (*first, *drawn), (*left, *_NEVER)
 
     def _load_direction(self, dynamics):
         """Change (p,) of f per kg in the hand."""

@@ -7,6 +7,7 @@ nominal arm still stays within the limit, found by simulating it on gears of man
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -41,15 +42,15 @@ class LowestResonance(Frozen):
         All joints alike [Hz]; 10 where the loop stays at every resonance tried, which are 10 to 500 Hz, and infinite
         where it leaves also at the highest or when rigid; NaN where it cannot be told.
     damping_ratio : float
-    within : float
-        Limit [pulses].
+    within : float or None
+        Limit [pulses]; None where only stability is meant.
     reason : str
         Why it cannot be told, or that the loop leaves when rigid; empty otherwise.
     """
 
     hz: float
     damping_ratio: float
-    within: float
+    within: float | None
     reason: str = ""
 
     @classmethod
@@ -62,16 +63,19 @@ class LowestResonance(Frozen):
 
     def __str__(self) -> str:
         """On which gears the loop stays within its limit."""
-        limit, damped = f"±{self.within:g} pulse", f"(damping ratio {self.damping_ratio:g})"
+        damped = f"(damping ratio {self.damping_ratio:g})"
+        stays, leaves = "stable", "is unstable"
+        if self.within is not None:
+            stays, leaves = f"stays within ±{self.within:g} pulse", f"leaves ±{self.within:g} pulse"
         if np.isnan(self.hz):
             return f"on elastic gears: cannot tell, {self.reason}"
         if self.reason:
-            return f"leaves {limit} {self.reason}"
+            return f"{leaves} {self.reason}"
         if self.hz <= LOWEST:
-            return f"stays within {limit} on elastic gears too, at any resonance above {LOWEST:g} Hz {damped}"
+            return f"{stays} on elastic gears too, at any resonance above {LOWEST:g} Hz {damped}"
         if self.hz > HIGHEST:
-            return f"stays within {limit} on rigid gears only: it leaves at resonances up to {HIGHEST:g} Hz {damped}"
-        return f"stays within {limit} on gears that resonate above {self.hz:.3g} Hz {damped}, not below"
+            return f"{stays} on rigid gears only: at resonances up to {HIGHEST:g} Hz it {leaves} {damped}"
+        return f"{stays} on gears that resonate above {self.hz:.3g} Hz {damped}, not below"
 
 
 @known_options
@@ -139,16 +143,19 @@ def lowest_resonance(
         values = np.array([np.append(gear.stiffness, gear.damping) for gear in each])
         return Population(arm, elastic, law, reference, names, values, **options).run(threads or cores()).outside > 0
 
-    tried = np.append(np.geomspace(LOWEST, HIGHEST, 2 * LANES - 1), _RIGID)
-    left = leaves(tried)
-    if left[-1]:
+    if leaves([_RIGID])[0]:
         return LowestResonance.none(ratio, within)
-    if not left.any():
-        return LowestResonance(hz=LOWEST, damping_ratio=ratio, within=within)
-    last = int(np.flatnonzero(left)[-1])
-    if tried[last] == HIGHEST:
-        return LowestResonance(hz=np.inf, damping_ratio=ratio, within=within)
-    between = np.geomspace(tried[last], tried[last + 1], LANES + 1)
-    return LowestResonance(
-        hz=float(between[np.flatnonzero(leaves(between[:-1]))[-1] + 1]), damping_ratio=ratio, within=within
-    )
+    return LowestResonance(hz=above(leaves, 2 * LANES), damping_ratio=ratio, within=within)
+
+
+def above(fails: Callable[[Any], Any], count: int) -> float:
+    """The lowest frequency [Hz] above which nothing fails, of so many tried and more in the last gap between them.
+
+    10 where nothing fails at all, infinite where it does at 500 Hz.
+    """
+    tried = np.geomspace(LOWEST, HIGHEST, count)
+    failed = np.flatnonzero(fails(tried))
+    if not len(failed) or failed[-1] == count - 1:
+        return np.inf if len(failed) else LOWEST
+    gap = np.geomspace(tried[failed[-1]], tried[failed[-1] + 1], count // 2)
+    return float(gap[np.flatnonzero(fails(gap[:-1]))[-1] + 1])
