@@ -6,7 +6,7 @@ Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above
 `certification` `certify`: Monte Carlo probability of leaving a pulse limit under parameter uncertainty
 `stability`     the error loop linearised, its margins, gains by design (python-control)
 `verdict`       `evaluate` one arm under one law, `compare` several, animate
-`laws`          computed torque with observer, feed-forward, integral, adaptive, sliding mode
+`laws`          computed torque with observer, PID, integral; feed-forward, adaptive, sliding mode
 `figures`       figures of records and results, in one style
 =============== ====================================================================================================
 
@@ -36,6 +36,7 @@ from ctc.figures import plot_comparison, plot_evaluation, plot_identification, p
 from ctc.laws.adaptive import Adaptive
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.laws.computed_torque_integral import ComputedTorqueIntegral
+from ctc.laws.computed_torque_pid import ComputedTorquePID
 from ctc.laws.feed_forward import FeedForward, PDGravity
 from ctc.laws.sliding_mode import SlidingMode
 from ctc.stability.design import kalman_gains, lqr_gains, motor_gain, observer_gains, pid_gains
@@ -46,9 +47,9 @@ from ctc.verdict.comparison import Comparison, compare
 from ctc.verdict.evaluation import Evaluation, evaluate
 
 __all__ = [
-    "Adaptive", "Certificate", "Comparison", "ComputedTorque", "ComputedTorqueIntegral", "Evaluation",
-    "FeedForward", "Influence", "Margins", "PDGravity", "Reserves", "SlidingMode", "animate", "certify",
-    "clopper_pearson", "compare", "error_loop", "evaluate", "kalman_gains", "lqr_gains", "margins", "motor_gain",
-    "observer_gains", "pid_gains", "plot_arm", "plot_certificate", "plot_comparison", "plot_evaluation",
-    "plot_identification", "plot_margins", "plot_phase", "plot_record",
+    "Adaptive", "Certificate", "Comparison", "ComputedTorque", "ComputedTorqueIntegral", "ComputedTorquePID",
+    "Evaluation", "FeedForward", "Influence", "Margins", "PDGravity", "Reserves", "SlidingMode", "animate",
+    "certify", "clopper_pearson", "compare", "error_loop", "evaluate", "kalman_gains", "lqr_gains", "margins",
+    "motor_gain", "observer_gains", "pid_gains", "plot_arm", "plot_certificate", "plot_comparison",
+    "plot_evaluation", "plot_identification", "plot_margins", "plot_phase", "plot_record",
 ]  # fmt: skip

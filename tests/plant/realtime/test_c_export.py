@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from ctc import ComputedTorque
+from ctc import ComputedTorque, ComputedTorquePID
 from plant import Law, P, puma560, simulate
 from plant.compiler.c_statements import statements
 from plant.compiler.instructions import STATE
@@ -26,6 +26,9 @@ needs_c = pytest.mark.skipif(CC is None or shutil.which("make") is None, reason=
 LAWS = {
     "computed torque": ComputedTorque(ARM, RIG),
     "measured and delayed": ComputedTorque(ARM, RIG, measured=True, delay=1),
+    "PID": ComputedTorquePID(
+        ARM, RIG, bandwidth=179.0, ratio=1.44, integral=66.4, roll_off=1085.0, roll_off_damping=0.99
+    ),
     "P": puma560.p_law(),
 }
 
