@@ -3,6 +3,7 @@
 Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above all that it imports:
 
 =============== ====================================================================================================
+`tuning`        `tune`: the quietest law that keeps a pulse limit over stated uncertainty
 `certification` `certify`: Monte Carlo probability of leaving a pulse limit under parameter uncertainty
 `stability`     the error loop linearised, its margins, gains by design (python-control)
 `verdict`       `evaluate` one arm under one law, `compare` several, animate
@@ -43,14 +44,18 @@ from ctc.laws.sliding_mode import SlidingMode
 from ctc.stability.design import kalman_gains, lqr_gains, motor_gain, observer_gains, pid_gains
 from ctc.stability.error_loop import error_loop
 from ctc.stability.margins import Margins, margins
+from ctc.tuning.tune import tune
+from ctc.tuning.tuning import Trial, Tuning
 from ctc.verdict.animation import animate, plot_arm
 from ctc.verdict.comparison import Comparison, compare
 from ctc.verdict.evaluation import Evaluation, evaluate
+from ctc.verdict.lowest_resonance import LowestResonance, lowest_resonance
 
 __all__ = [
     "Adaptive", "Certificate", "Comparison", "ComputedTorque", "ComputedTorqueIntegral", "ComputedTorquePID",
-    "Evaluation", "FeedForward", "FlexibleJointComputedTorque", "Influence", "Margins", "PDGravity", "Reserves",
-    "SlidingMode", "animate", "certify", "clopper_pearson", "compare", "error_loop", "evaluate", "kalman_gains",
-    "lqr_gains", "margins", "motor_gain", "observer_gains", "pid_gains", "plot_arm", "plot_certificate",
-    "plot_comparison", "plot_evaluation", "plot_identification", "plot_margins", "plot_phase", "plot_record",
+    "Evaluation", "FeedForward", "FlexibleJointComputedTorque", "Influence", "LowestResonance", "Margins",
+    "PDGravity", "Reserves", "SlidingMode", "Trial", "Tuning", "animate", "certify", "clopper_pearson",
+    "compare", "error_loop", "evaluate", "kalman_gains", "lowest_resonance", "lqr_gains", "margins",
+    "motor_gain", "observer_gains", "pid_gains", "plot_arm", "plot_certificate", "plot_comparison",
+    "plot_evaluation", "plot_identification", "plot_margins", "plot_phase", "plot_record", "tune",
 ]  # fmt: skip

@@ -8,6 +8,7 @@ way (viscous friction acts, dry friction does not), and the amplifier is below i
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
@@ -94,46 +95,82 @@ def open_loops(
     States: q, qd (with elastic gears the motors', then the links'), currents that lag, the law's, and the torque
     applied last. All loops are closed by A + B C.
     """
-    instance("law", law, Law, "Give a law, such as ComputedTorque(arm, rig).")
-    instance("rig", rig, Rig, "Pass the rig that the law drives.")
-    arm = controlled(arm, law)
-    n, rig = rig.n, smooth_rig(rig)
-    at = array("pose", np.zeros(n) if pose is None else pose, (n,), advice="Give one angle per joint [rad].")
-    block = law.block(rig)
-    if block.period is None:
-        raise ValueError(f"law must have a period; {type(law).__name__} has none. Give it one, or use plant.linearise.")
-    q, own, torque, pulses = held(arm, rig, law, block, at)
+    loops = Loops(arm, rig, law, pose)
+    return *loops.matrices(), loops.period
 
-    # The arm, from one step of the law to the next: so many sub-steps under one torque.
-    loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=_SUB_STEPS, smooth=True)
-    state, row = ca.SX.sym("state", len(loop.state_names)), np.append(np.zeros(4 * n), loop.h)
-    numbers = loop.number_values(arm.f)
+
+class Loops:
+    """The linearised loops of all joints about a pose, ready for other numbers of the rig.
+
+    Parameters
+    ----------
+    arm, rig, law, pose
+        As for `error_loop`.
+
+    Attributes
+    ----------
+    names : list of str
+        Numbers of the closed loop.
+    period : float
+        Of the law [s].
+    """
+
+    def __init__(self, arm: Arm | Identification | None, rig: Rig, law: Law, pose: ArrayLike | None = None) -> None:
+        instance("law", law, Law, "Give a law, such as ComputedTorque(arm, rig).")
+        instance("rig", rig, Rig, "Pass the rig that the law drives.")
+        arm = controlled(arm, law)
+        n, rig = rig.n, smooth_rig(rig)
+        at = array("pose", np.zeros(n) if pose is None else pose, (n,), advice="Give one angle per joint [rad].")
+        block = law.block(rig)
+        if block.period is None:
+            kind = type(law).__name__
+            raise ValueError(f"law must have a period; {kind} has none. Give it one, or use plant.linearise.")
+        self.period, self.rig = block.period, rig
+        self._q, own, self._torque, pulses = held(arm, rig, law, block, at)
+
+        # The arm, from one step of the law to the next: so many sub-steps under one torque.
+        loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=_SUB_STEPS, smooth=True)
+        state, numbers = ca.SX.sym("state", len(loop.state_names)), ca.SX.sym("numbers", len(loop.number_names))
+        row, self.names, self._values, self._loop = np.append(np.zeros(4 * n), loop.h), *_sliding(loop, arm), loop
+        following = loop.substep(state, row, numbers)[0]
+        kept = [i for i, name in enumerate(loop.state_names) if name.startswith(_MOVING)]
+        self._moving = len(kept)
+        kept += range(3 * n, 4 * n)
+        self._slope = ca.Function("slope", [state, numbers], [ca.jacobian(following, state)[kept, kept]])
+
+        # The law: the torque that it commands now, and its next state.
+        s, t, p = ca.SX.sym("own", len(own)), ca.SX.sym("torque", n), ca.SX.sym("pulses", n)
+        step = ca.vertcat(*block.step(s, at, 0, 0, rig.counts(at), p, t, block.period, block.values))
+        slopes = ca.Function("law", [s, t, p], [ca.jacobian(step, x) for x in (s, t, p)])
+        self._law = [each.full() for each in slopes(own, self._torque, pulses)]
+
+    def matrices(self, numbers: Mapping[str, float] | None = None) -> tuple[Matrix, Matrix, Matrix]:
+        """A, B, C of `open_loops`; with other numbers of the rig, by name, while the law stays."""
+        loop, n, m, values = self._loop, self.rig.n, self._moving, self._values.copy()
+        for name, value in (numbers or {}).items():
+            values[self.names.index(name)] = value
+        at_rest = loop.initial_state(self._q, np.zeros(n), values)
+        at_rest[3 * n : 4 * n] = self._torque
+        if "driven" in loop.giving:
+            at_rest[[i for i, name in enumerate(loop.state_names) if name.startswith("driven")]] = self._torque
+        moved = np.linalg.matrix_power(self._slope(at_rest, values).full(), loop.steps_per_law)[:m]
+        by_own, by_torque, by_pulses = self._law
+        remembered = np.hstack([np.zeros((len(by_own), m)), by_own, by_torque])
+        A = np.vstack([moved[:, m:] @ remembered[:n], remembered[n:], remembered[:n]])
+        A[:m, :m] += moved[:, :m]
+        B = np.vstack([moved[:, m:] @ by_pulses[:n], by_pulses[n:], by_pulses[:n]])
+        C, first = np.zeros((n, len(A))), 2 * n if self.rig.encoder.side == "link" else 0
+        C[:, first : first + n] = self.rig.position_in_pulses(np.eye(n)).T
+        return A, B, C
+
+
+def _sliding(loop: ClosedLoop, arm: Arm) -> tuple[list[str], Matrix]:
+    """Names and values of a loop's numbers without dry friction, as for a joint that slides one way."""
+    values = loop.number_values(arm.f)
     for i, name in enumerate(loop.number_names):
         if name.startswith(("drive.coulomb", "drive.curve.breakaway")):
-            numbers[i] = 0.0
-    at_rest = loop.initial_state(q, np.zeros(n), numbers)
-    at_rest[3 * n : 4 * n] = torque
-    if "driven" in loop.giving:
-        at_rest[[i for i, name in enumerate(loop.state_names) if name.startswith("driven")]] = torque
-    slope = ca.Function("slope", [state], [ca.jacobian(loop.substep(state, row, numbers)[0], state)])(at_rest).full()
-    kept = [i for i, name in enumerate(loop.state_names) if name.startswith(_MOVING)]
-    m, kept = len(kept), kept + list(range(3 * n, 4 * n))
-    moved = np.linalg.matrix_power(slope[np.ix_(kept, kept)], loop.steps_per_law)[:m]
-
-    # The law: the torque that it commands now, and its next state.
-    s, t, p = ca.SX.sym("own", len(own)), ca.SX.sym("torque", n), ca.SX.sym("pulses", n)
-    step = ca.vertcat(*block.step(s, at, 0, 0, rig.counts(at), p, t, block.period, block.values))
-    slopes = ca.Function("law", [s, t, p], [ca.jacobian(step, x) for x in (s, t, p)])(own, torque, pulses)
-    by_own, by_torque, by_pulses = (each.full() for each in slopes)
-
-    remembered = np.hstack([np.zeros((n + len(own), m)), by_own, by_torque])
-    arm_and_law = moved[:, :m], moved[:, m:]
-    A = np.vstack([arm_and_law[1] @ remembered[:n], remembered[n:], remembered[:n]])
-    A[:m, :m] += arm_and_law[0]
-    B = np.vstack([arm_and_law[1] @ by_pulses[:n], by_pulses[n:], by_pulses[:n]])
-    C, first = np.zeros((n, len(A))), 2 * n if rig.encoder.side == "link" else 0
-    C[:, first : first + n] = rig.position_in_pulses(np.eye(n)).T
-    return A, B, C, block.period
+            values[i] = 0.0
+    return loop.number_names, values
 
 
 def held(arm: Arm, rig: Rig, law: Law, block: Block, pose: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix]:

@@ -1,0 +1,154 @@
+"""The quietest law that keeps its limit over what is stated to be uncertain."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from tqdm import tqdm
+
+from ctc.certification.certify import certify
+from ctc.certification.gears import Gears
+from ctc.certification.uncertainty import Uncertainty
+from ctc.tuning.families import Family, families
+from ctc.tuning.search import SETTINGS, Tunings, searched
+from ctc.tuning.tuning import Trial, Tuning
+from ctc.verdict.lowest_resonance import SETTLED
+from identification import Identification
+from plant import Arm, Reference, Rig
+from plant.parts.arguments import instance, known_options, real
+from plant.simulation.threads import cores
+
+__all__ = ["tune"]
+
+_PLANTS, _FRESH = 20, 200
+"""Plants on which tunings are searched, and others on which the best are tried."""
+
+_TRIED = 8
+"""Tunings of a search that are tried on fresh plants."""
+
+_AIMS = (0.95, 0.85, 0.7)
+"""Shares of the limit within which the plants of a search are to stay, one search after another until one holds."""
+
+
+@known_options
+def tune(
+    found: Identification | Arm, rig: Rig, reference: Reference, *, resonance: ArrayLike | None = None,
+    damping_ratio: ArrayLike | None = None, friction: float = 0.1, within: float = 1, backlash: ArrayLike = 0.0,
+    lag: ArrayLike = 0.0, load: ArrayLike = 0.0, load_position: ArrayLike | None = None, delay: ArrayLike = 0.0,
+    covariance: ArrayLike | None = None, plants: ArrayLike | None = None, after: float = SETTLED,
+    samples: int = 2_000, seed: int = 0, duration: float | None = None, threads: int | None = None,
+    progress: bool = True,
+) -> Tuning:  # fmt: skip
+    """Find the quietest law that keeps its limit over the stated uncertainty.
+
+    Of computed torque with observer, computed torque with a PID that rolls off, and feed-forward with PD, tunings are
+    searched by the genetic algorithm on plants drawn from the uncertainty, and the best are tried on fresh ones. Quiet
+    is a small mean change of the torque from sample to sample.
+
+    Parameters
+    ----------
+    found : Identification or Arm
+        The model of the laws, and where the plants are drawn; an arm needs one of `covariance` and `plants`.
+    rig : Rig
+        Of the plants, such as ``found.rig``.
+    reference : Reference
+    resonance, damping_ratio, friction, backlash, lag, load, load_position, delay, covariance, plants
+        What is uncertain, as for `certify`: ``resonance=(40, 80)`` [Hz].
+    within : float
+        Limit of the counted error [pulses].
+    after : float
+        Samples before this time do not count [s].
+    samples : int
+        Plants of the certificate.
+    seed : int
+        Same seed, same result, to the bit, on any number of threads.
+    duration : float, optional
+        [s]; by default one period of the reference.
+    threads : int, optional
+        By default one per core.
+    progress : bool
+        Show a progress bar.
+
+    Returns
+    -------
+    Tuning
+        ``.law``, the table of all families in ``.table``, and the law's ``.certificate``. Where no law holds, that
+        which loses the fewest plants.
+
+    Raises
+    ------
+    ValueError
+        Bad input.
+    """
+    instance("rig", rig, Rig, "The order is found, rig, reference.")
+    instance("reference", reference, Reference, "The order is found, rig, reference.")
+    if not real("within", within, "Give pulses, such as 1.") > 0:
+        raise ValueError(f"within must be positive; got {within:g}. The promise is 1 pulse.")
+    duration = reference.duration if duration is None else duration
+    stated: dict[str, Any] = {
+        "covariance": covariance, "plants": plants, "friction": friction, "load": load, "load_position": load_position,
+        "delay": delay,
+    }  # fmt: skip
+    gears: dict[str, Any] = {"resonance": resonance, "damping_ratio": damping_ratio, "backlash": backlash, "lag": lag}
+    uncertainty = Uncertainty(**stated, gears=Gears(**gears))
+    uncertainty.gears.require_followed(rig.period / _STEPS[0])
+    pose = reference(np.zeros(1)).q[0]
+    searching, fresh = (
+        uncertainty.draw(found, rig, count, seed + i, pose) for i, count in enumerate((_PLANTS, _FRESH))
+    )
+    arm, scale = searching.arm, _scale(searching.arm, reference, float(duration))
+    threads = int(threads or cores())
+    options = {"within": within, "duration": duration, "after": after}
+    laws: list[Family] = families(arm, searching.own, pose)
+    trials: list[Trial] = []
+    total = len(laws) * len(_AIMS) * SETTINGS.generations
+    with tqdm(total=total, desc="tune", unit="generation", disable=not progress, leave=False) as bar:
+        for i, family in enumerate(laws):
+            search, check = (
+                Tunings(family, drawn, reference, options | {"steps_per_sample": steps}, scale, threads)
+                for drawn, steps in zip((searching, fresh), _STEPS, strict=True)
+            )
+            known = np.array([list(each.values()) for each in family.known])
+            tried: list[Trial] = []
+            for j, aim in enumerate(_AIMS):
+                bar.set_postfix_str(f"{family.name}, peaks within {aim * within:g} pulses")
+                known = searched(search, aim * within, seed, known, lambda _: bar.update())[:_TRIED]
+                tried += _trials(check, known)
+                if any(trial.left == 0 for trial in tried) or min(trial.left for trial in tried) > _FRESH / 2:
+                    break
+                bar.n = (i * len(_AIMS) + j + 1) * SETTINGS.generations
+            trials.append(min(tried, key=lambda trial: (trial.left, trial.noise)))
+    best = min(trials, key=lambda trial: (trial.left, trial.noise))
+    certificate = certify(
+        found, rig, best.law, reference, samples=samples, seed=seed + 2, within=within, after=after, threads=threads,
+        duration=duration, **stated, **gears,
+    )  # fmt: skip
+    return Tuning(law=best.law, trials=tuple(trials), certificate=certificate, fresh=_FRESH)
+
+
+_STEPS = 4, 16
+"""Integration steps per sample of a search, and of a trial."""
+
+
+def _trials(tunings: Tunings, values: NDArray[np.float64]) -> list[Trial]:
+    """What tunings (T, k) do on fresh plants."""
+    runs, shape = tunings.runs(values)
+    left = (runs.outside > 0).reshape(shape).sum(axis=1)
+    chatter = runs.chatter.reshape(*shape, -1).mean(axis=1)
+    return [
+        Trial(
+            family=tunings.family.name, law=tunings.family.tuned(row), left=int(lost), chatter=noise,
+            numbers=dict(zip(tunings.family.variables, row.tolist(), strict=True)),
+            noise=float((noise / tunings.scale).mean()),
+        )
+        for row, lost, noise in zip(values, left, chatter, strict=True)
+    ]  # fmt: skip
+
+
+def _scale(arm: Arm, reference: Reference, duration: float) -> NDArray[np.float64]:
+    """Torque [N m] of each joint that its chatter is compared to: root mean square along the reference."""
+    motion = reference(np.linspace(0, duration, 200))
+    torque = [arm.inverse(*row) for row in zip(motion.q, motion.qd, motion.qdd, strict=True)]
+    return np.sqrt(np.mean(np.square(torque), axis=0))
