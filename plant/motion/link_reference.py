@@ -44,7 +44,8 @@ class LinkReference(Reference):
     ------
     ValueError
         A rig that does not fit, without elastic gears, with backlash, or with its encoders on the links; a motion
-        without higher derivatives, such as a `Table`.
+        without higher derivatives, such as a `Table`; one so rough (that of `fastest`) that winding the gears alone
+        takes more than the amplifiers give.
     """
 
     arm: Any = structure(Arm, kw_only=False)
@@ -59,7 +60,20 @@ class LinkReference(Reference):
             raise ValueError(f"reference must be the motion of the links; got {given}, of motors. Give its .links.")
         if self.reference.n != self.rig.n:
             raise ValueError(f"reference must have {self.rig.n} joints like the rig; got {self.reference.n}. Match it.")
-        self.reference.higher(np.zeros(1))  # refuses a motion without them
+        self._require_smooth()
+
+    def _require_smooth(self) -> None:
+        """Refuse a motion that asks more of the motors than their amplifiers give, sampled once per period."""
+        t = np.arange(0.0, self.duration, self.rig.period)
+        drive, winding = self.rig.drive, self.motion(t)[2] - self.reference.motion(t)[2]
+        torque, limit = np.abs(drive.reflected_inertia() * drive.coupling.shaft(winding)), drive.torque_limit()
+        if (torque > limit).any():
+            i, joint = np.unravel_index(np.argmax(torque / limit), torque.shape)
+            motor, needed = self.arm.dynamics.chain.joint_labels[joint], f"{torque[i, joint]:.3g} of {limit[joint]:.3g}"
+            raise ValueError(
+                f"reference must be smooth, with a bounded snap; at t = {t[i]:.3f} s the motor of {motor} needs "
+                f"{needed} N m to wind its gear. Put a Spline through fewer points, or slow it down."
+            )
 
     @property
     def n(self) -> int:  # type: ignore[override]  # declared, and read only

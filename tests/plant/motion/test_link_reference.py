@@ -23,6 +23,7 @@ from plant import (
     Scaled,
     Spline,
     Table,
+    fastest,
     part,
     puma560,
     simulate,
@@ -178,6 +179,10 @@ SEEN = dataclasses.replace(on_gears(), encoder=dataclasses.replace(RIG.encoder, 
         (
             lambda: LinkReference(ARM, on_gears(), LinkReference(ARM, on_gears(), PATH)),
             "must be the motion of the links; got LinkReference, of motors",
+        ),
+        (
+            lambda: LinkReference(ARM, on_gears(), fastest(ARM, RIG, MOTIONS[1], intervals=20)),
+            r"must be smooth, with a bounded snap; at t = 0.\d+ s the motor of joint . .* needs .* of 295 N m to wind",
         ),
         (lambda: slowed(LinkReference(ARM, on_gears(), PATH), 2.0), "path must be the motion of the links"),
         (
