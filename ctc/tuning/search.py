@@ -22,7 +22,7 @@ from plant.simulation.population import Population, Runs
 
 __all__ = ["ROUNDS", "Tunings"]
 
-ROUNDS = 24, 10, 10, 10
+ROUNDS = 24, 10, 10, 10, 10, 10
 """Generations of one search after another."""
 
 _STEPS = 4, 16
@@ -31,11 +31,8 @@ _STEPS = 4, 16
 _CHECKED, _JOINING = 3, 6
 """Tunings of a search that are checked, and plants that leave under the best of them which join the next."""
 
-_AIM = 0.95
-"""Share of the limit within which errors before rounding are to stay."""
-
 _LEFT, _BEYOND = 20.0, 5.0
-"""Weight of the share of loops that leave, and of the peak error beyond the aim [pulses], against chatter."""
+"""Weight of the share of loops that leave, and of the peak error beyond the limit [pulses], against chatter."""
 
 _FAR = 20.0
 """Peak error [pulses] beyond which one is as bad as another."""
@@ -84,10 +81,10 @@ class Tunings:
     def costs(self, values: Floats, plants: Floats) -> Floats:
         """What the search minimises, (T,): mean chatter, and what leaves."""
         runs, shape = self.runs(values, plants, _STEPS[0])
-        beyond = runs.unrounded.max(axis=1).reshape(shape) - _AIM * self.options["within"]
-        beyond = np.clip(beyond, 0, _FAR)
+        left = (runs.outside > 0).reshape(shape)
+        beyond = np.clip(runs.unrounded.max(axis=1).reshape(shape) - self.options["within"], 0, _FAR)
         noise = np.minimum((runs.chatter / self.scale).mean(axis=1).reshape(shape), _FAR)
-        return noise.mean(axis=1) + _LEFT * (beyond > 0).mean(axis=1) + _BEYOND * beyond.mean(axis=1)
+        return noise.mean(axis=1) + _LEFT * left.mean(axis=1) + _BEYOND * beyond.mean(axis=1)
 
     def best(self, plants: Floats, seed: int, show: Callable[[], Any]) -> Trial:
         """The quietest tuning under which no plant of the check leaves, or that under which the fewest do.

@@ -32,7 +32,7 @@ def tune(
     damping_ratio: ArrayLike | None = None, friction: float = 0.1, within: float = 1, backlash: ArrayLike = 0.0,
     lag: ArrayLike = 0.0, load: ArrayLike = 0.0, load_position: ArrayLike | None = None, delay: ArrayLike = 0.0,
     covariance: ArrayLike | None = None, plants: ArrayLike | None = None, after: float = SETTLED,
-    samples: int = 2_000, seed: int = 0, duration: float | None = None, threads: int | None = None,
+    samples: int = 10_000, seed: int = 0, duration: float | None = None, threads: int | None = None,
     progress: bool = True,
 ) -> Tuning:  # fmt: skip
     """Find the quietest law that keeps its limit over the stated uncertainty.
