@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures import plot_margins
-from ctc.stability.error_loop import Loops, controlled, open_loops, opened
+from ctc.stability.error_loop import controlled, opened
 from ctc.verdict.lowest_resonance import DAMPING_RATIO, HIGHEST, LowestResonance, above
 from ctc.verdict.table import aligned
 from identification import Identification
 from plant import Arm, Elasticity, Law, Rig
-from plant.parts.arguments import known_options, real
+from plant.analysis.sampled_loops import SampledLoops
+from plant.parts.arguments import instance, known_options, real
 from plant.parts.deprecation import old_order
 
 if TYPE_CHECKING:
@@ -26,9 +27,6 @@ _POINTS = 4000
 
 _RESONANCES, _GEAR = 60, ("stiffness", "damping")
 """Resonances that are tried, and half as many in the last gap between them; and what makes one."""
-
-_KEPT = 1e-9
-"""By how much rounding may put the eigenvalue 1 of a constant state, such as parameters at rest, outside 1."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -137,7 +135,9 @@ def margins(
     """
     import control
 
-    A, B, C, period = open_loops(arm, rig, law, pose)
+    instance("law", law, Law, "Give a law, such as ComputedTorque(arm, rig).")
+    loops = SampledLoops(controlled(arm, law), rig, law, pose)
+    (A, B, C), period = loops.matrices(), loops.period
     omega = np.geomspace(1e-4, 1, _POINTS, endpoint=False) * np.pi / period
     found = []
     for joint in range(len(C)):
@@ -158,7 +158,7 @@ def margins(
             }
         )
     return Margins(
-        stable=_stable(A, B, C),
+        stable=loops.unstable_pole() is None,
         period=period,
         joint_labels=controlled(arm, law).dynamics.chain.joint_labels,
         lowest_resonance=_lowest_resonance(arm, rig, law, pose, damping_ratio),
@@ -166,11 +166,6 @@ def margins(
         frequency=omega / (2 * np.pi),
         **{name: np.array([each[name] for each in found]) for name in found[0]},
     )
-
-
-def _stable(A: Any, B: Any, C: Any) -> bool:
-    """Whether loops that are closed by A + B C are stable."""
-    return bool(np.abs(np.linalg.eigvals(A + B @ C)).max() < 1 + _KEPT)
 
 
 def _lowest_resonance(
@@ -185,7 +180,7 @@ def _lowest_resonance(
         elastic = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=known))
     except ValueError:  # motors that weigh more than the arm
         return np.nan
-    loops = Loops(arm, elastic, law, pose)
+    loops = SampledLoops(controlled(arm, law), elastic, law, pose)
 
     def unstable(tried: Any) -> Any:
         """Whether the loops are unstable at each of these resonances [Hz], all joints alike."""
@@ -193,7 +188,7 @@ def _lowest_resonance(
         for hz in tried:
             gear = dataclasses.replace(known, hz=np.full(rig.n, hz)).of(rig.drive)
             numbers = {f"drive.elasticity.{name}[{i}]": getattr(gear, name)[i] for name in _GEAR for i in range(rig.n)}
-            found.append(not _stable(*loops.matrices(numbers)))
+            found.append(loops.unstable_pole(numbers) is not None)
         return np.array(found)
 
     return above(unstable, _RESONANCES)

@@ -11,9 +11,9 @@ from tqdm import tqdm
 from ctc.certification.certify import certify
 from ctc.certification.gears import Gears
 from ctc.certification.uncertainty import Uncertainty
-from ctc.tuning.families import Family, families
-from ctc.tuning.search import SETTINGS, Tunings, searched
-from ctc.tuning.tuning import Trial, Tuning
+from ctc.tuning.families import families
+from ctc.tuning.search import ROUNDS, Tunings
+from ctc.tuning.tuning import Tuning
 from ctc.verdict.lowest_resonance import SETTLED
 from identification import Identification
 from plant import Arm, Reference, Rig
@@ -22,14 +22,8 @@ from plant.simulation.threads import cores
 
 __all__ = ["tune"]
 
-_PLANTS, _FRESH = 20, 200
-"""Plants on which tunings are searched, and others on which the best are tried."""
-
-_TRIED = 8
-"""Tunings of a search that are tried on fresh plants."""
-
-_AIMS = (0.95, 0.85, 0.7)
-"""Shares of the limit within which the plants of a search are to stay, one search after another until one holds."""
+_PLANTS, _FRESH = 16, 800
+"""Plants with which a search begins, and others on which its best are checked."""
 
 
 @known_options
@@ -38,7 +32,7 @@ def tune(
     damping_ratio: ArrayLike | None = None, friction: float = 0.1, within: float = 1, backlash: ArrayLike = 0.0,
     lag: ArrayLike = 0.0, load: ArrayLike = 0.0, load_position: ArrayLike | None = None, delay: ArrayLike = 0.0,
     covariance: ArrayLike | None = None, plants: ArrayLike | None = None, after: float = SETTLED,
-    samples: int = 2_000, seed: int = 0, duration: float | None = None, threads: int | None = None,
+    samples: int = 10_000, seed: int = 0, duration: float | None = None, threads: int | None = None,
     progress: bool = True,
 ) -> Tuning:  # fmt: skip
     """Find the quietest law that keeps its limit over the stated uncertainty.
@@ -93,58 +87,29 @@ def tune(
     }  # fmt: skip
     gears: dict[str, Any] = {"resonance": resonance, "damping_ratio": damping_ratio, "backlash": backlash, "lag": lag}
     uncertainty = Uncertainty(**stated, gears=Gears(**gears))
-    uncertainty.gears.require_followed(rig.period / _STEPS[0])
+    uncertainty.gears.require_followed(rig.period / 4)
     pose = reference(np.zeros(1)).q[0]
     searching, fresh = (
         uncertainty.draw(found, rig, count, seed + i, pose) for i, count in enumerate((_PLANTS, _FRESH))
     )
-    arm, scale = searching.arm, _scale(searching.arm, reference, float(duration))
+    arm, scale = fresh.arm, _scale(fresh.arm, reference, float(duration))
     threads = int(threads or cores())
     options = {"within": within, "duration": duration, "after": after}
-    laws: list[Family] = families(arm, searching.own, pose)
-    trials: list[Trial] = []
-    total = len(laws) * len(_AIMS) * SETTINGS.generations
-    with tqdm(total=total, desc="tune", unit="generation", disable=not progress, leave=False) as bar:
+    laws, trials = families(arm, fresh.own, pose), []
+    with tqdm(total=len(laws) * sum(ROUNDS), desc="tune", unit="generation", disable=not progress, leave=False) as bar:
         for i, family in enumerate(laws):
-            search, check = (
-                Tunings(family, drawn, reference, options | {"steps_per_sample": steps}, scale, threads)
-                for drawn, steps in zip((searching, fresh), _STEPS, strict=True)
+            bar.set_postfix_str(family.name)
+            tunings = Tunings(
+                family=family, plants=fresh, reference=reference, options=options, scale=scale, threads=threads
             )
-            known = np.array([list(each.values()) for each in family.known])
-            tried: list[Trial] = []
-            for j, aim in enumerate(_AIMS):
-                bar.set_postfix_str(f"{family.name}, peaks within {aim * within:g} pulses")
-                known = searched(search, aim * within, seed, known, lambda _: bar.update())[:_TRIED]
-                tried += _trials(check, known)
-                if any(trial.left == 0 for trial in tried) or min(trial.left for trial in tried) > _FRESH / 2:
-                    break
-                bar.n = (i * len(_AIMS) + j + 1) * SETTINGS.generations
-            trials.append(min(tried, key=lambda trial: (trial.left, trial.noise)))
-    best = min(trials, key=lambda trial: (trial.left, trial.noise))
+            trials.append(tunings.best(searching.numbers()[1], seed, bar.update))
+            bar.update((i + 1) * sum(ROUNDS) - bar.n)
+    best = min(trials, key=lambda trial: trial.rank)
     certificate = certify(
         found, rig, best.law, reference, samples=samples, seed=seed + 2, within=within, after=after, threads=threads,
         duration=duration, **stated, **gears,
     )  # fmt: skip
     return Tuning(law=best.law, trials=tuple(trials), certificate=certificate, fresh=_FRESH)
-
-
-_STEPS = 4, 16
-"""Integration steps per sample of a search, and of a trial."""
-
-
-def _trials(tunings: Tunings, values: NDArray[np.float64]) -> list[Trial]:
-    """What tunings (T, k) do on fresh plants."""
-    runs, shape = tunings.runs(values)
-    left = (runs.outside > 0).reshape(shape).sum(axis=1)
-    chatter = runs.chatter.reshape(*shape, -1).mean(axis=1)
-    return [
-        Trial(
-            family=tunings.family.name, law=tunings.family.tuned(row), left=int(lost), chatter=noise,
-            numbers=dict(zip(tunings.family.variables, row.tolist(), strict=True)),
-            noise=float((noise / tunings.scale).mean()),
-        )
-        for row, lost, noise in zip(values, left, chatter, strict=True)
-    ]  # fmt: skip
 
 
 def _scale(arm: Arm, reference: Reference, duration: float) -> NDArray[np.float64]:

@@ -43,6 +43,11 @@ class Trial(Frozen):
     chatter: NDArray[np.float64]
     noise: float
 
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Smaller is better: fewer plants leave, or as many with less chatter."""
+        return self.left, self.noise
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Tuning(Frozen):
@@ -74,7 +79,7 @@ class Tuning(Frozen):
     def table(self) -> str:
         """The best tuning of each family: how many of the fresh plants leave, its chatter, its numbers."""
         rows = [("", f"leave, of {self.fresh}", "chatter [N m]", "tuned")]
-        for trial in sorted(self.trials, key=lambda trial: (trial.left, trial.noise)):
+        for trial in sorted(self.trials, key=lambda trial: trial.rank):
             each = trial.chatter if len(trial.chatter) <= _EACH else np.max(trial.chatter, keepdims=True)
             numbers = ", ".join(f"{name} {value:.4g}" for name, value in trial.numbers.items())
             rows.append((trial.family, f"{trial.left}", " / ".join(f"{x:.1f}" for x in each), numbers))

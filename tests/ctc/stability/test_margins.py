@@ -191,7 +191,7 @@ class Sagging(StatelessLaw):
 def test_an_arm_is_linearised_where_it_hangs():
     """At rest the spring carries the weight; the stiffness of gravity there is in the loop: L(1) = stiffness / it."""
     law = Sagging(stiffness=(4e3, 3e3), period=DT)
-    from ctc.stability.error_loop import held
+    from plant.analysis.sampled_loops import held
     from plant.machine.rig import smooth_rig
 
     rig = smooth_rig(RIG)
