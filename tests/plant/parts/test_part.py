@@ -21,6 +21,7 @@ from plant import (
     Encoder,
     FrictionCurve,
     Link,
+    LinkReference,
     LoggedCurrent,
     LoggedTorque,
     Lumping,
@@ -42,6 +43,7 @@ from plant.simulation.correction import Correction
 
 LINKS = (Link(name="1", alpha=0.1, a=0.2, d=0.3, theta=0.4), Link(name="2", alpha=-np.pi / 2, a=1 / 3, d=0.0))
 CHAIN = Chain(links=LINKS, gravity=(0.1, 0.2, -9.7))
+GEARS = Elasticity.from_resonance(puma560.arm(), (50, 60), 0.02)
 EXAMPLES = {
     "Link": LINKS[0],
     "Placement": Placement.of_angles(0.1, 0.2, 0.3, (1, 2, 3)),
@@ -52,7 +54,7 @@ EXAMPLES = {
     "Arm": puma560.arm(),
     "Drive": puma560.rig().drive,
     "Elasticity": Elasticity(stiffness=(1e4, 2e4), damping=(3.0, 0.0), backlash=(1e-3, 0.0)),
-    "Resonance": Elasticity.from_resonance(puma560.arm(), (50, 60), 0.02),
+    "Resonance": GEARS,
     "CurrentLag": CurrentLag(time=1e-3),
     "FrictionCurve": FrictionCurve(offset=(0.1, -0.2), breakaway=(0.3, 0.0), speed=(5.0, 6.0)),
     "Correction": Correction(position=(0.1, 0.2), speed=(0.01, 0.02), zero=(0.1, 0)),
@@ -71,6 +73,11 @@ EXAMPLES = {
     "PointToPoint": PointToPoint(start=(0.0, 0.1), goal=(1.0, 2.0), duration=0.3),
     "Spline": Spline(times=(0, 1, 2), points=((0, 0), (1, 1 / 3), (2, 0))),
     "Scaled": slowed(PointToPoint(start=(0.0,), goal=(1.0,), duration=0.3), 2.0),
+    "LinkReference": LinkReference(
+        puma560.arm(),
+        dataclasses.replace(puma560.rig(), drive=dataclasses.replace(puma560.rig().drive, elasticity=GEARS)),
+        puma560.reference(),
+    ),
     "Table": Table(times=(0.1, 1), points=((0,), (0.1,))),
 }
 EVERY = pytest.mark.parametrize("example", EXAMPLES.values(), ids=EXAMPLES.keys())
@@ -199,7 +206,7 @@ MISSPELT = {
     "Spline": "point", "Table": "time", "Placement": "positon", "FrictionCurve": "ofset",
     "Coupling": "matirx", "Phase": "shfit", "Transport": "dealy", "Correction": "positoin", "Scaled": "palces",
     "PD": "derivativ", "PID": "intergal", "Cascade": "sped", "Elasticity": "stifness", "Resonance": "hx",
-    "CurrentLag": "tmie",
+    "CurrentLag": "tmie", "LinkReference": "refrence",
 }  # fmt: skip
 
 
