@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from ctc.certification.binomial import clopper_pearson
 from ctc.certification.figure import plot_certificate
 from ctc.certification.plants import Plants
-from ctc.certification.population import Runs
 from ctc.certification.reserves import Reserves, reserves
 from ctc.certification.sensitivity import Influence, influences
 from ctc.verdict.table import aligned, by_joint
 from plant import Arm, Law, Reference, Rig
 from plant.parts.arguments import known_options
 from plant.simulation.loop_kernel import LANES
+from plant.simulation.population import Runs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ctc.certification.certificate import Certificate
-from ctc.certification.population import Population
 from ctc.certification.uncertainty import Uncertainty
 from identification import Identification
 from plant import Arm, Law, Reference, Rig
@@ -100,7 +99,7 @@ def certify(
     )  # fmt: skip
     drawn = uncertainty.draw(found, rig, int(samples), int(seed))
     settings: dict[str, Any] = {"steps_per_sample": steps_per_sample, "duration": duration, "after": float(after)}
-    population = Population(drawn, law, reference, within=within, **settings)
+    population = drawn.under(law, reference, within=within, **settings)
     threads = int(threads or cores())
     runs = population.run(threads)
     return Certificate(

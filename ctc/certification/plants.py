@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plant import Arm, Rig
+from plant import Arm, Law, Reference, Rig
+from plant.simulation.population import Population
 
 __all__ = ["Plants"]
 
@@ -54,6 +55,11 @@ class Plants:
         """Names of the numbers of a closed loop that differ, and their values (P, L); all of f among them."""
         own = [i for i, name in enumerate(self.names) if name in self.rig.number_names()]
         return (*self.arm.dynamics.names, *(self.names[i] for i in own)), np.hstack([self.f, self.values[:, own]])
+
+    def under(self, law: Law, reference: Reference, **options: Any) -> Population:
+        """All of them under a law on a reference, ready to run; options as of `Population`."""
+        lost = self.lost if self.dropped else None
+        return Population(self.arm, self.rig, law, reference, *self.numbers(), lost=lost, **options)
 
     def lost(self, block: int, width: int, steps: int) -> NDArray[np.bool_]:
         """Whether the counts of each step of the law are lost, (steps, width), in a block of so many loops."""

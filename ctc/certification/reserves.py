@@ -11,7 +11,6 @@ from typing import Any
 
 from ctc.certification.binomial import clopper_pearson
 from ctc.certification.plants import Plants
-from ctc.certification.population import Population
 from plant import Law, Rig
 from plant.parts.arguments import real
 
@@ -98,7 +97,7 @@ def reserves(certificate: Any, samples: int = 400, allowed: float = 0.0) -> Rese
 
     def left(kind: str, value: float, law: Law, plants: Plants) -> bool:
         options = {name: certificate.settings[name] for name in ("steps_per_sample", "duration", "after")}
-        population = Population(plants, law, certificate.reference, within=certificate.within, **options)
+        population = plants.under(law, certificate.reference, within=certificate.within, **options)
         count = int((population.run(certificate.threads).outside > 0).sum())
         tried.append((kind, value, count))
         return count <= allowed * samples

@@ -1,7 +1,6 @@
-"""Closed loops of many plants under one law, simulated side by side.
+"""Closed loops that differ in numbers, simulated side by side.
 
-The law, and so its model, is the same in all; only the plants differ. Of a run a few numbers are kept, worked out in
-the kernel at every sample.
+Of a run a few numbers are kept, worked out in the kernel at every sample.
 """
 
 from __future__ import annotations
@@ -9,13 +8,16 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Callable, Sequence
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from ctc.certification.plants import Plants
-from plant import Law, Reference, Rig
+from plant.laws.law import Law
+from plant.machine.rig import Rig
+from plant.mechanics.arm import Arm
+from plant.motion.reference import Reference
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop, bounded
 from plant.simulation.followed_path import Path
@@ -32,13 +34,14 @@ def tally(rig: Rig) -> ca.Function:
 
     The data are the limit [pulses], whether the sample counts (1 or 0), its time after the start of the one before
     the first [s], and q_r. The memory holds, per joint, the largest counted error, the highest and lowest error of the
-    joint before rounding [pulses], and the largest motor current [A]; and the time of the first sample outside.
+    joint before rounding [pulses], the largest motor current [A], the sum of the torque's changes from sample to sample
+    and the last torque [N m]; and the time of the first sample outside.
     """
     n, elastic = rig.n, rig.drive.elasticity is not None
-    log, data, memory = ca.SX.sym("log", (4 + elastic) * n), ca.SX.sym("data", n + 3), ca.SX.sym("memory", 4 * n + 1)
-    counted, highest, lowest, current = ca.vertsplit(memory[:-1], n)
+    log, data, memory = ca.SX.sym("log", (4 + elastic) * n), ca.SX.sym("data", n + 3), ca.SX.sym("memory", 6 * n + 1)
+    counted, highest, lowest, current, changed, last = ca.vertsplit(memory[:-1], n)
     limit, counts, time, first = data[0], data[1], data[2], memory[-1]
-    error = counts * ca.fabs(log[:n])
+    error, torque = counts * ca.fabs(log[:n]), log[n : 2 * n]
     position = log[-n:] if elastic and rig.encoder.side == "motor" else log[2 * n : 3 * n]
     unrounded = counts * rig.position_in_pulses(data[3:] - position)
     outside = functools.reduce(ca.fmax, ca.vertsplit(error)) > limit
@@ -46,7 +49,9 @@ def tally(rig: Rig) -> ca.Function:
         ca.fmax(counted, error),
         ca.fmax(highest, unrounded),
         ca.fmin(lowest, unrounded),
-        ca.fmax(current, ca.fabs(rig.drive.current(log[n : 2 * n]))),
+        ca.fmax(current, ca.fabs(rig.drive.current(torque))),
+        changed + counts * (time > 1.5 * rig.period) * ca.fabs(torque - last),
+        torque,
         first + outside * (first == 0) * time,
     )
     return ca.Function("tally", [log, data, memory], [outside, following])
@@ -66,6 +71,8 @@ class Runs:
         Samples at which a joint is outside the limit.
     current : (P, n) numpy.ndarray
         Largest motor current [A].
+    chatter : (P, n) numpy.ndarray
+        Mean change of the torque from sample to sample [N m]; inf where the loop diverged.
     first : (P,) numpy.ndarray
         Time of the first sample outside [s]; NaN where there is none.
     lost : (P,) numpy.ndarray
@@ -78,19 +85,23 @@ class Runs:
     unrounded: NDArray[np.float64]
     outside: NDArray[np.int64]
     current: NDArray[np.float64]
+    chatter: NDArray[np.float64]
     first: NDArray[np.float64]
     lost: NDArray[np.int64]
     samples: int
 
 
 class Population:
-    """Plants under a law on a reference, ready to run.
+    """Plants (or laws) that differ in numbers, on one reference, ready to run.
 
     Parameters
     ----------
-    plants : Plants
-    law : Law
-    reference : Reference
+    arm, rig, law, reference
+        Their structure, and the numbers that all have in common.
+    names : sequence of str
+        Of the numbers of the closed loop that differ.
+    values : (P, L) numpy.ndarray
+        Their values.
     within : float
         Limit [pulses].
     steps_per_sample : int
@@ -98,48 +109,48 @@ class Population:
         [s]
     after : float
         Samples before do not count [s].
+    initial : (2, n) numpy.ndarray, optional
+        Position [rad] and velocity [rad/s] at the start; by default those of the reference.
+    lost : callable, optional
+        (block, width, steps) -> (steps, width), whether the counts of each step of the law are lost.
     """
 
     def __init__(
-        self, plants: Plants, law: Law, reference: Reference, *, within: float, steps_per_sample: int, duration: float,
-        after: float = 0.0,
+        self, arm: Arm, rig: Rig, law: Law, reference: Reference, names: Sequence[str], values: NDArray[np.float64], *,
+        within: float, steps_per_sample: int, duration: float, after: float = 0.0,
+        initial: NDArray[np.float64] | None = None, lost: Callable[..., NDArray[np.bool_]] | None = None,
     ) -> None:  # fmt: skip
-        rig = plants.rig
         nominal = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, phase=None), transport=None)
         loop = ClosedLoop(
-            dynamics=plants.arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, score=tally(nominal)
+            dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, score=tally(nominal)
         )
         clock = Clock.regular(math.ceil(duration / rig.period - 1e-9), rig.period)
         path = Path(reference, rig)
-        self.loop, self.plants, self.clock = loop, plants, clock
+        self.loop, self._names, self._values, self._lost = loop, tuple(names), values, lost
         counts = clock.t >= after - 1e-9 * rig.period
-        self.samples = int(counts.sum())
+        self.samples, self._changes = int(counts.sum()), int(counts[1:].sum())
         self._times = time_tables(loop, path, clock)
         self.law_steps, self._steps = len(self._times[0]), len(self._times[2])
-        names, self._values = plants.numbers()
-        if plants.dropped:
-            names = (*names, "transport.bit")
-        lanes = [loop.number_names.index(name) for name in names]
-        self._kernel = loop_kernel(loop, lanes)
+        self._lanes = [loop.number_names.index(name) for name in (*names, *(["transport.bit"] if lost else []))]
+        self._kernel = loop_kernel(loop, self._lanes)
         data = [np.full(len(clock), float(within)), counts, clock.t + rig.period, reference(clock.t).q]
         self._tables = self._kernel.prepared((*self._times, np.column_stack(data)))
-        self._numbers, self._start, self._lanes = loop.number_values(plants.arm.f), path.start(), lanes
+        self._numbers, self._start = loop.number_values(arm.f), path.start() if initial is None else initial
 
     def run(self, threads: int) -> Runs:
-        """Run all plants.
+        """Run them all.
 
         Returns
         -------
         Runs
         """
-        blocks = shared_out(self._block, range(-(-len(self.plants) // LANES)), threads)
+        blocks = shared_out(self._block, range(-(-len(self._values) // LANES)), threads)
         final, missing = (np.concatenate(each) for each in zip(*blocks, strict=True))
         n = self.loop.n
-        counted, highest, lowest, current = np.hsplit(final[:, -3 - 4 * n : -3], 4)
+        counted, highest, lowest, current, chatter, _ = np.hsplit(final[:, -3 - 6 * n : -3], 6)
         shift = np.zeros(n)
-        names = list(self.plants.names)
-        if "encoder.phase.shift[0]" in names:
-            shift = self.plants.values[:, [names.index(f"encoder.phase.shift[{i}]") for i in range(n)]]
+        if "encoder.phase.shift[0]" in self._names:
+            shift = self._values[:, [self._names.index(f"encoder.phase.shift[{i}]") for i in range(n)]]
         diverged = ~((final[:, -1] > 0) & bounded(final[:, : 2 * n].T))
         unrounded = np.maximum(np.abs(highest - shift), np.abs(lowest - shift))
         return Runs(
@@ -147,18 +158,19 @@ class Population:
             unrounded=np.where(diverged[:, None], np.inf, unrounded),
             outside=np.where(diverged, self.samples, final[:, -2]).astype(int),
             current=current,
+            chatter=np.where(diverged[:, None], np.inf, chatter / max(self._changes, 1)),
             first=np.where(final[:, -3] > 0, final[:, -3] - self.loop.rig.period, np.nan),
             lost=missing,
             samples=self.samples,
         )
 
-    def _block(self, block):
+    def _block(self, block: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Final states (W, s) of at most `LANES` loops, and their lost counts; empty lanes repeat the last."""
         values = self._values[block * LANES : (block + 1) * LANES]
         count, tables, missing = len(values), self._tables, np.zeros(LANES, int)
         lanes = np.vstack([values, np.repeat(values[-1:], LANES - count, axis=0)]).T
-        if self.plants.dropped:
-            lost, bits = self.plants.lost(block, LANES, self.law_steps), 2.0 ** np.arange(LANES)
+        if self._lost:
+            lost, bits = self._lost(block, LANES, self.law_steps), 2.0 ** np.arange(LANES)
             lanes, missing = np.vstack([lanes, 1 / bits]), lost.sum(axis=0)
             law_time = self._times[0].copy()
             law_time[:, self.loop.time_names.index("lost")] = lost @ bits
@@ -166,7 +178,7 @@ class Population:
             tables = (self._kernel.prepared((law_time, *nothing))[0], *tables[1:])
         numbers = np.repeat(self._numbers[:, None], LANES, axis=1)
         numbers[self._lanes] = lanes
-        state = np.ascontiguousarray(self.loop.initial_state(*self._start, numbers))
+        state = np.ascontiguousarray(self.loop.initial_state(self._start[0], self._start[1], numbers))
         uniform = self._numbers[list(self._kernel.uniform)]
         final, steps = self._kernel.run(tables, state, np.ascontiguousarray(lanes), uniform)
         if steps < self._steps:  # all have diverged
