@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from identification import Identification
 from plant import Arm, Block, Law, Rig
+from plant.machine.friction_step import DRY_FRICTION
 from plant.machine.rig import smooth_rig
 from plant.parts.arguments import array, instance, known_options
 from plant.parts.deprecation import old_order
@@ -109,7 +110,7 @@ def open_loops(
     state, row = ca.SX.sym("state", len(loop.state_names)), np.append(np.zeros(4 * n), loop.h)
     numbers = loop.number_values(arm.f)
     for i, name in enumerate(loop.number_names):
-        if name.startswith(("drive.coulomb", "drive.curve.breakaway")):
+        if name.startswith(DRY_FRICTION):
             numbers[i] = 0.0
     at_rest = loop.initial_state(q, np.zeros(n), numbers)
     at_rest[3 * n : 4 * n] = torque

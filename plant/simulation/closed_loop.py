@@ -18,9 +18,8 @@ from typing import Any
 
 import casadi as ca
 
-from plant.machine.drive import lagging
-from plant.machine.friction import friction_impulse, smooth_impulse
-from plant.mechanics.symmetric_inverse import Inverse
+from plant.machine.current_lag import lagging
+from plant.machine.friction_step import FrictionStep
 from plant.simulation.layout import Layout
 from plant.simulation.sub_step import elastic, rigid
 
@@ -66,7 +65,7 @@ class ClosedLoop(Layout):
         own, n, pulses = len(self._block.initial), self.n, rig.true_counts(q)
         rest = carried[own:, 0]
         if rig.transport is not None:
-            pulses = rig.transport.arrived(pulses, rest[n : 2 * n, 0], self._symbols[1][-2])
+            pulses = rig.transport.arrived(pulses, rest[n : 2 * n, 0], self._known("lost"))
             rest = ca.vertcat(torque, pulses, rest[2 * n :, 0])
         asked, following = self._block.step(carried[:own, 0], *motion, pulses, torque, dt, *given)
         return rig.drive.limited(asked), ca.vertcat(following, rest), ca.sum1(ca.fabs(asked)) < ca.inf
@@ -86,7 +85,11 @@ class ClosedLoop(Layout):
         if not self.steps_per_law:
             return None
         q, qd, impulse, _, _, status, *_ = self._parts
-        torque, carried, finite = self._applied(self._encoded(q), ca.SX(self._block.period))
+        read, period = self._encoded(q), ca.SX(self._block.period)
+        if self.rig.jitter is not None:
+            speed = self._given("link_speed") if self.rig.encoder.side == "link" else qd
+            read = read + speed * self._parts[-1].jitter.late(self._known("draw"), period)
+        torque, carried, finite = self._applied(read, period)
         return self._function("law_step", [q, qd, impulse, torque, carried, status[0], _if(finite, status[1])])
 
     @cached_property
@@ -128,40 +131,37 @@ class ClosedLoop(Layout):
         """One midpoint step of length h; its log is the motor's true error [pulses] at the middle of the step."""
         q, qd, impulse, torque, carried, status, motion, h, f, _, rig = self._parts
         middle, drive, giving = q + h / 2 * qd, rig.drive, {}
+        had = {name: self._given(name) for name in ("bristle", "drifted") if name in self.giving}
+        friction = FrictionStep(drive=drive, h=h, impulse=impulse, sweeps=self.sweeps, smooth=self.smooth, **had)
         if "link" in self.giving:
             link = self._given("link") + h / 2 * self._given("link_speed"), self._given("link_speed")
         if not self.steps_per_law:
             torque, carried, _ = self._applied(link[0] if rig.encoder.side == "link" else middle, h)
         acting, own = torque, len(self._block.initial)
         if rig.transport is not None:
-            acting = rig.transport.acting(torque, carried[own : own + self.n, 0], self._symbols[1][-3], h)
+            acting = rig.transport.acting(torque, carried[own : own + self.n, 0], self._known("place"), h)
         if drive.current_lag is not None:
             acting, giving["driven"] = lagging(acting, self._given("driven"), drive.current_lag, h)
+        if drive.ripple is not None:
+            acting = acting + drive.ripple_torque(middle)
+        if drive.friction_drift is not None:
+            giving["drifted"] = drive.friction_drift.following(had["drifted"], h)
         if "link" in self.giving:
-            following, links, impulse, positive = elastic(
-                self.dynamics, drive, f, (middle, qd), link, acting, impulse, h, self._friction
-            )
-            giving |= {"link": link[0] + h / 2 * links, "link_speed": links}
+            after = elastic(self.dynamics, drive, f, (middle, qd), link, acting, h, friction)
+            giving["link"] = link[0] + h / 2 * after.states["link_speed"]
         else:
-            following, impulse, positive = rigid(
-                self.dynamics, drive, f, middle, qd, acting, impulse, h, self._friction
-            )
+            after = rigid(self.dynamics, drive, f, middle, qd, acting, h, friction)
         if self.giving:
-            carried = self._with_given(carried, **giving)
-        ok = _if(positive > 0, status[1])
+            carried = self._with_given(carried, **giving, **after.states)
+        ok, following = _if(after.positive > 0, status[1]), after.speed
         error = rig.position_in_pulses(motion[0]) - rig.position_in_pulses(middle)
         return self._function(
-            "substep", [middle + h / 2 * following, following, impulse, torque, carried, status[0], ok], error
+            "substep", [middle + h / 2 * following, following, after.impulse, torque, carried, status[0], ok], error
         )
 
     def _encoded(self, q: ca.SX) -> ca.SX:
         """Position with which the encoders turn."""
         return self._given("link") if self.rig.encoder.side == "link" else q
-
-    def _friction(self, mobility: Inverse, stopping: ca.SX, impulse: ca.SX, bound: ca.SX) -> ca.SX:
-        if self.smooth:
-            return smooth_impulse(mobility, stopping, bound)
-        return friction_impulse(mobility, stopping, impulse, bound, self.sweeps)
 
 
 def bounded(state: Any) -> Any:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.laws.law import Block, Law
-from plant.machine.rig import Rig
+from plant.machine.rig import Rig, punctual_rig
 from plant.mechanics.dynamics import Dynamics
 from plant.simulation.correction import Correction
 
@@ -49,13 +49,15 @@ class Layout:
         self.rig.require_fit(self.dynamics.chain)
         if self.smooth:
             encoder = dataclasses.replace(self.rig.encoder, smooth=True)
-            object.__setattr__(self, "rig", dataclasses.replace(self.rig, encoder=encoder, transport=None))
+            object.__setattr__(self, "rig", punctual_rig(dataclasses.replace(self.rig, encoder=encoder)))
         self.steps_per_law  # noqa: B018 - refuses a period that does not fit
         if self.rig.transport is not None and not self.rig.transport.delay <= (self._block.period or -1):
             raise ValueError(
                 f"a rig with a transport needs a law whose period is at least its delay {self.rig.transport.delay:g} "
                 f"s; got {self._block.period} s. Use a sampled law, or a shorter delay."
             )
+        if self.rig.jitter is not None and not self.steps_per_law:
+            raise ValueError("a rig with jitter needs a law with a period; got none. Use a sampled law.")
 
     @property
     def n(self) -> int:
@@ -89,7 +91,8 @@ class Layout:
         """Joint state, friction impulse, torque, states of law, transport and score, the score, and ok (1 or 0).
 
         With elastic gears ``q`` and ``qd`` are the motors', as joints on rigid gears would have them, and the joints'
-        own are ``link`` and ``link_speed``; ``driven`` is the torque of currents that lag.
+        own are ``link`` and ``link_speed``; ``driven`` is the torque of currents that lag, ``bristle`` the deflection
+        of presliding friction, ``drifted`` how far the drift of friction has come.
         """
         per_joint = [f"{name}[{i}]" for name in ("q", "qd", "impulse", "torque") for i in range(self.n)]
         carried = [
@@ -104,11 +107,13 @@ class Layout:
     def time_names(self) -> list[str]:
         """Inputs that are known beforehand: the reference, a replayed log, the length of the coming sub-step.
 
-        With a transport also the place of the sub-step after the law's, and which loops lose their counts.
+        With a transport also the place of the sub-step after the law's, and which loops lose their counts; with jitter
+        the draw of the law's instant.
         """
         columns = ("q_r", "qd_r", "qdd_r", "pulses_r", *(["logged"] if self.law.replays else []))
         passing = [] if self.rig.transport is None else ["place", "lost"]
-        return [*(f"{name}[{i}]" for name in columns for i in range(self.n)), *passing, "h"]
+        drawn = [] if self.rig.jitter is None else ["draw"]
+        return [*(f"{name}[{i}]" for name in columns for i in range(self.n)), *passing, *drawn, "h"]
 
     @property
     def n_log(self) -> int:
@@ -129,10 +134,16 @@ class Layout:
 
     @cached_property
     def giving(self) -> tuple[str, ...]:
-        """Names of the states, n each, that elastic gears and lagging currents add."""
+        """Names of the states, n each, that the parts of the drive add."""
         drive = self.rig.drive
-        springs = () if drive.elasticity is None else ("link", "link_speed")
-        return springs if drive.current_lag is None else (*springs, "driven")
+        added = {
+            "link": drive.elasticity,
+            "link_speed": drive.elasticity,
+            "driven": drive.current_lag,
+            "bristle": drive.presliding,
+            "drifted": drive.friction_drift,
+        }
+        return tuple(name for name, given in added.items() if given is not None)
 
     @property
     def n_memory(self) -> int:
@@ -158,9 +169,10 @@ class Layout:
         With its numbers (k,), links hang in elastic gears; with those of many arms (k, P), their states (s, P).
         """
         q, qd, many = np.asarray(q, float), np.asarray(qd, float), () if numbers is None else numbers.shape[1:]
-        giving = [q if numbers is None else self._hanging(q, numbers), qd] if "link" in self.giving else []
-        lagging = np.zeros(self.n) if "driven" in self.giving else np.empty(0)
-        more = [np.zeros(self.n_passing), *giving, lagging, np.zeros(self.n_memory)]
+        giving = {name: np.zeros(self.n) for name in self.giving}
+        if "link" in giving:
+            giving |= {"link": q if numbers is None else self._hanging(q, numbers), "link_speed": qd}
+        more = [np.zeros(self.n_passing), *giving.values(), np.zeros(self.n_memory)]
         rows = [q, qd, np.zeros(2 * self.n), self._block.initial, *more, np.array([0.0, 1.0])]
         return np.concatenate([np.broadcast_to(x if x.ndim > len(many) else x[:, None], (len(x), *many)) for x in rows])
 
@@ -201,9 +213,13 @@ class Layout:
         return q, qd, impulse, torque, state[4 * n : -2], state[-2:], motion, time[-1], numbers[:p], given, rig
 
     def _given(self, name: str) -> ca.SX:
-        """Symbols (n, 1) of one of the states that elastic gears and lagging currents add."""
+        """Symbols (n, 1) of one of the states that the parts of the drive add."""
         start = 4 * self.n + len(self._block.initial) + self.n_passing + self.giving.index(name) * self.n
         return self._symbols[0][start : start + self.n]
+
+    def _known(self, name: str) -> ca.SX:
+        """Symbol of one of the inputs that are known beforehand."""
+        return self._symbols[1][self.time_names.index(name)]
 
     def _with_given(self, carried: ca.SX, **following: ca.SX) -> ca.SX:
         """What follows of the carried states, with these of `giving` in it."""
