@@ -44,7 +44,8 @@ class Evaluation:
     max_true_error_pulses : (n,) numpy.ndarray
         Largest of the true error, at every sub-step, magnitude [pulses].
     link_error : (N, n) numpy.ndarray
-        Reference minus joint behind its gear, at the samples [rad]; with elastic gears another than the motor's.
+        Motion asked of the links (`Reference.links`) minus theirs, behind the gears, at the samples [rad]; with elastic
+        gears another than the motors'.
     rms_error_pulses : (n,) numpy.ndarray
         Of the integer encoder error.
     peak_torque : (n,) numpy.ndarray
@@ -78,7 +79,7 @@ class Evaluation:
     @property
     def link_error(self) -> NDArray[np.float64]:
         record: Any = self.record
-        return record.reference(record.t).q - record.true_q
+        return record.reference.links(record.t).q - record.true_q
 
     @property
     def rms_error_pulses(self) -> NDArray[np.float64]:
