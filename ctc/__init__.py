@@ -3,10 +3,11 @@
 Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above all that it imports:
 
 =============== ====================================================================================================
+`tuning`        `tune`: the quietest law that keeps a pulse limit over stated uncertainty
 `certification` `certify`: Monte Carlo probability of leaving a pulse limit under parameter uncertainty
 `stability`     the error loop linearised, its margins, gains by design (python-control)
 `verdict`       `evaluate` one arm under one law, `compare` several, animate
-`laws`          computed torque with observer, feed-forward, integral, adaptive, sliding mode
+`laws`          computed torque (observer, PID, integral, flexible joints), feed-forward, adaptive ...
 `figures`       figures of records and results, in one style
 =============== ====================================================================================================
 
@@ -32,23 +33,39 @@ from ctc.certification.certify import certify
 from ctc.certification.figure import plot_certificate
 from ctc.certification.reserves import Reserves
 from ctc.certification.sensitivity import Influence
-from ctc.figures import plot_comparison, plot_evaluation, plot_identification, plot_margins, plot_phase, plot_record
+from ctc.figures import (
+    plot_comparison,
+    plot_evaluation,
+    plot_identification,
+    plot_margins,
+    plot_phase,
+    plot_record,
+    plot_sweep,
+)
 from ctc.laws.adaptive import Adaptive
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.laws.computed_torque_integral import ComputedTorqueIntegral
+from ctc.laws.computed_torque_pid import ComputedTorquePID
 from ctc.laws.feed_forward import FeedForward, PDGravity
+from ctc.laws.flexible_joint import FlexibleJointComputedTorque
 from ctc.laws.sliding_mode import SlidingMode
 from ctc.stability.design import kalman_gains, lqr_gains, motor_gain, observer_gains, pid_gains
 from ctc.stability.error_loop import error_loop
 from ctc.stability.margins import Margins, margins
+from ctc.tuning.tune import tune
+from ctc.tuning.tuning import Trial, Tuning
 from ctc.verdict.animation import animate, plot_arm
 from ctc.verdict.comparison import Comparison, compare
 from ctc.verdict.evaluation import Evaluation, evaluate
+from ctc.verdict.lowest_resonance import LowestResonance, lowest_resonance
+from ctc.verdict.resonance_sweep import ResonanceSweep, sweep_resonance
 
 __all__ = [
-    "Adaptive", "Certificate", "Comparison", "ComputedTorque", "ComputedTorqueIntegral", "Evaluation",
-    "FeedForward", "Influence", "Margins", "PDGravity", "Reserves", "SlidingMode", "animate", "certify",
-    "clopper_pearson", "compare", "error_loop", "evaluate", "kalman_gains", "lqr_gains", "margins", "motor_gain",
-    "observer_gains", "pid_gains", "plot_arm", "plot_certificate", "plot_comparison", "plot_evaluation",
-    "plot_identification", "plot_margins", "plot_phase", "plot_record",
+    "Adaptive", "Certificate", "Comparison", "ComputedTorque", "ComputedTorqueIntegral", "ComputedTorquePID",
+    "Evaluation", "FeedForward", "FlexibleJointComputedTorque", "Influence", "LowestResonance", "Margins",
+    "PDGravity", "Reserves", "ResonanceSweep", "SlidingMode", "Trial", "Tuning", "animate", "certify",
+    "clopper_pearson", "compare", "error_loop", "evaluate", "kalman_gains", "lowest_resonance", "lqr_gains",
+    "margins", "motor_gain", "observer_gains", "pid_gains", "plot_arm", "plot_certificate", "plot_comparison",
+    "plot_evaluation", "plot_identification", "plot_margins", "plot_phase", "plot_record", "plot_sweep",
+    "sweep_resonance", "tune",
 ]  # fmt: skip

@@ -51,6 +51,7 @@ from plant.mechanics.lumping import Lumping
 from plant.mechanics.placement import Placement
 from plant.motion.demand import shortest_duration, torque_share
 from plant.motion.fastest import fastest
+from plant.motion.link_reference import LinkReference
 from plant.motion.reference import Harmonics, Motion, PointToPoint, Reference, Spline
 from plant.motion.scaled import Scaled, slowed
 from plant.motion.table import Table
@@ -90,6 +91,7 @@ __all__ = [
     "Jitter",
     "Law",
     "Link",
+    "LinkReference",
     "LoadError",
     "LoggedCurrent",
     "LoggedTorque",

@@ -6,7 +6,7 @@ The bounds are those of Clopper and Pearson, exact whatever the distribution of 
 from __future__ import annotations
 
 import dataclasses
-import math
+import functools
 import textwrap
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctc.certification.binomial import clopper_pearson
+from ctc.certification.cells import Cell, cells
 from ctc.certification.figure import plot_certificate
 from ctc.certification.plants import Plants
 from ctc.certification.reserves import Reserves, reserves
 from ctc.certification.sensitivity import Influence, influences
+from ctc.certification.statement import percent, verdict
+from ctc.verdict.lowest_resonance import DAMPING_RATIO, SETTLED, LowestResonance, lowest_resonance
 from ctc.verdict.table import aligned, by_joint
 from plant import Arm, Law, Reference, Rig
 from plant.parts.arguments import known_options
@@ -105,8 +108,37 @@ class Certificate:
 
     @property
     def upper(self) -> float:
-        """One-sided upper bound of that probability, at the confidence."""
+        """One-sided upper bound of that probability, at the confidence; that of the worst cell of resonances."""
+        if self.worst_cell is not None:
+            return self.worst_cell.upper(self.confidence)
         return clopper_pearson(self.failures, len(self.plants), 2 * self.confidence - 1)[1]
+
+    @functools.cached_property
+    def cells(self) -> list[Cell]:
+        """The stated ranges of resonance and damping in small parts, with what became of the plants in each."""
+        return cells(self.plants.ranges, self.plants.names, self.plants.values, self.runs.outside > 0)
+
+    @property
+    def worst_cell(self) -> Cell | None:
+        """The part of the stated resonances with the highest bound; None where none were stated."""
+        return max(self.cells, key=lambda cell: cell.upper(self.confidence), default=None)
+
+    @functools.cached_property
+    def on_gears(self) -> LowestResonance | None:
+        """On which elastic gears the nominal arm stays within the limit; None where the gears are elastic already."""
+        if self.plants.rig.drive.elasticity is not None:
+            return None
+        ratio, settings = self.plants.ranges.lowest_damping, self.settings
+        return lowest_resonance(
+            self.plants.arm, self.plants.own, self.law, self.reference, within=self.within,
+            damping_ratio=DAMPING_RATIO if ratio is None else ratio, after=max(SETTLED, settings["after"]),
+            duration=settings["duration"], steps_per_sample=settings["steps_per_sample"], threads=self.threads,
+        )  # fmt: skip
+
+    @property
+    def lowest_resonance(self) -> float | None:
+        """Locked-rotor resonance [Hz] above which the nominal arm stays within the limit on gears; see `on_gears`."""
+        return None if self.on_gears is None else self.on_gears.hz
 
     @property
     def share_outside(self) -> float:
@@ -155,14 +187,8 @@ class Certificate:
 
     @property
     def verdict(self) -> str:
-        """One sentence."""
-        count, limit = f"{len(self.plants):,} possible plants", f"±{self.within:g} pulse{'s' * (self.within != 1)}"
-        sure = f"with {100 * self.confidence:g} % confidence"
-        if not self.failures:
-            return f"None of {count} leaves {limit}; {sure}, fewer than {_percent(self.upper, up=True)} of all would."
-        share = _percent(self.probability)
-        bound = _percent(self.upper, up=True)
-        return f"{share} of {count} leave {limit} at some sample; {sure}, at most {bound} of all would."
+        """What was found, and on which gears it holds: one sentence, two on rigid ones."""
+        return verdict(self)
 
     @known_options
     def reserves(self, *, samples: int = 400, allowed: float = 0.0) -> Reserves:
@@ -179,8 +205,8 @@ class Certificate:
     def __str__(self) -> str:
         worst, runs, (low, high) = self.worst, self.runs, self.interval
         rows = [
-            (f"probability, {100 * self.confidence:g} % interval", f"{_percent(low)} to {_percent(high, up=True)}"),
-            ("samples outside, share of all", _percent(self.share_outside)),
+            (f"probability, {100 * self.confidence:g} % interval", f"{percent(low)} to {percent(high, up=True)}"),
+            ("samples outside, share of all", percent(self.share_outside)),
         ]
         if self.failures:
             rows.append(("first left, median [s]", f"{np.nanmedian(runs.first):.3f}"))
@@ -191,14 +217,15 @@ class Certificate:
             ("counted error, worst peak [pulses]", *(f"{peak:.0f}" for peak in runs.peak.max(axis=0))),
             ("error before rounding, median peak [pulses]", *(f"{x:.2f}" for x in np.median(runs.unrounded, axis=0))),
             ("error before rounding, 99 % peak [pulses]", *(f"{x:.2f}" for x in high_quantile)),
+            ("torque chatter per sample, median [N m]", *(f"{x:.1f}" for x in np.median(runs.chatter, axis=0))),
             ("motor current, median peak / limit", *(f"{share:.0%}" for share in self.current_share)),
-            ("loops that reach the limit", *map(_percent, self.saturation)),
+            ("loops that reach the limit", *map(percent, self.saturation)),
         ]
         shown, dynamics = self.sensitivities[:_SHOWN], self.plants.arm.dynamics
         short = dict(zip(dynamics.names, dynamics.short_names, strict=True))
         explained = [(short.get(x.name, x.name), f"{x.share:.0%}", x.sense) for x in shown]
         lines = [
-            f"{type(self.law).__name__}: {self.verdict}",
+            *textwrap.wrap(f"{type(self.law).__name__}: {self.verdict}", 110),
             *aligned(rows),
             *by_joint(dynamics.chain.joint_labels, quantities),
             *aligned([("sensitivity to", "explains", "direction"), *explained]),
@@ -207,16 +234,6 @@ class Certificate:
         lines += [line for each in long for line in textwrap.wrap(each, 110, subsequent_indent="    ")]
         if self.plants.redrawn:
             lines.append(f"{self.plants.redrawn} draws were no arm, and were drawn again")
-        lines.append(
-            "assumed: rigid gears without backlash, currents without lag, no jitter, friction that does not drift"
-        )
+        for what, names in zip(("drawn", "not drawn"), self.plants.said, strict=True):
+            lines += textwrap.wrap(f"{what}: {', '.join(names)}", 110, subsequent_indent="    ")
         return "\n".join(lines)
-
-
-def _percent(share: float, up: bool = False) -> str:
-    """A probability as text, with two digits that count, or three; a bound is rounded up."""
-    percent = 100 * share
-    if percent > 0:
-        step = 10.0 ** min(math.floor(math.log10(percent)) - 1, -1)
-        percent = step * (math.ceil(percent / step - 1e-9) if up else round(percent / step))
-    return f"{percent:.3g} %"

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ctc.certification.certificate import Certificate
+from ctc.certification.gears import Gears
 from ctc.certification.uncertainty import Uncertainty
+from ctc.verdict.lowest_resonance import SETTLED
 from identification import Identification
 from plant import Arm, Law, Reference, Rig
 from plant.parts.arguments import instance, known_options, real
@@ -30,8 +32,9 @@ def certify(
     found: Identification | Arm, rig: Rig, law: Law, reference: Reference, *, samples: int = 10_000, seed: int = 0,
     within: float = 1, confidence: float = 0.95, covariance: ArrayLike | None = None, plants: ArrayLike | None = None,
     friction: float = 0.1, load: ArrayLike = 0.0, load_position: ArrayLike | None = None, phase: bool = True,
-    delay: ArrayLike = 0.0, dropped: float = 0.0, after: float = 0.0, steps_per_sample: int = 16,
-    duration: float | None = None, threads: int | None = None,
+    delay: ArrayLike = 0.0, dropped: float = 0.0, resonance: ArrayLike | None = None,
+    damping_ratio: ArrayLike | None = None, backlash: ArrayLike = 0.0, lag: ArrayLike = 0.0,
+    after: float | None = None, steps_per_sample: int = 16, duration: float | None = None, threads: int | None = None,
 ) -> Certificate:  # fmt: skip
     """Monte Carlo probability of leaving a pulse limit under parameter uncertainty.
 
@@ -54,9 +57,13 @@ def certify(
         Of the bounds.
     covariance, plants, friction, load, load_position, phase, delay, dropped
         What is drawn: see `ctc.certification.uncertainty.Uncertainty`.
-    after : float
-        Samples before this time do not count [s]; by default all do, also the first, at which the arm is up to half a
-        pulse off its reference.
+    resonance, damping_ratio, backlash, lag
+        What is drawn of gears and drives: see `ctc.certification.gears.Gears`. ``resonance=(40, 120)`` [Hz] says that
+        it lies in that range, and the bound holds for the worst part of it. Without a resonance the gears are the
+        rig's, and the lowest resonance that is stated is that at the damping ratio's lower end.
+    after : float, optional
+        Samples before this time do not count [s]. On rigid gears all count by default, also the first, at which the arm
+        is up to half a pulse off its reference; on elastic ones those after 20 ms do.
     steps_per_sample : int
         Integration steps between two samples; 16 is what `evaluate` takes.
     duration : float, optional
@@ -89,15 +96,19 @@ def certify(
         )
     duration = reference.duration if duration is None else duration
     duration = real("duration", duration, "Leave it out for one period of the reference.", positive=True)
-    if not 0 <= real("after", after, "Give seconds, or 0.") < duration:
+    if after is not None and not 0 <= real("after", after, "Give seconds, or 0.") < duration:
         raise ValueError(f"after must be from 0 to below the duration {duration:g} s; got {after:g}. Give seconds.")
     if law.replays:
         raise ValueError(f"the law must be a controller; {type(law).__name__} repeats a log. Use another.")
     uncertainty = Uncertainty(
         covariance=covariance, plants=plants, friction=friction, load=load, load_position=load_position, phase=phase,
         delay=delay, dropped=dropped,
+        gears=Gears(resonance=resonance, damping_ratio=damping_ratio, backlash=backlash, lag=lag),
     )  # fmt: skip
-    drawn = uncertainty.draw(found, rig, int(samples), int(seed))
+    uncertainty.gears.require_followed(rig.period / steps_per_sample)
+    drawn = uncertainty.draw(found, rig, int(samples), int(seed), reference(np.zeros(1)).q[0])
+    if after is None:
+        after = 0.0 if drawn.rig.drive.elasticity is None else min(SETTLED, duration / 2)
     settings: dict[str, Any] = {"steps_per_sample": steps_per_sample, "duration": duration, "after": float(after)}
     population = drawn.under(law, reference, within=within, **settings)
     threads = int(threads or cores())

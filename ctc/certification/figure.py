@@ -31,12 +31,19 @@ _NUMBERED = 3
 _LINE = 200
 """Letters of a line below the panels."""
 
+_TITLE = 150
+"""Of a line of the title."""
+
 _WORDS = {
     "drive.viscous": "viscous friction",
     "drive.coulomb": "dry friction",
     "encoder.phase.shift": "encoder's zero",
     "transport.delay": "delay of the torque",
     "load": "load in the hand",
+    "resonance": "resonance",
+    "damping_ratio": "damping ratio",
+    "drive.elasticity.backlash": "backlash",
+    "drive.current_lag.time": "current lag",
 }
 
 
@@ -60,7 +67,7 @@ def plot_certificate(certificate: Any) -> Figure:
     _peaks(axes[0], certificate, labels)
     _worst(axes[1], certificate, labels)
     _sensitivities(axes[2], certificate, labels)
-    figure.suptitle(certificate.verdict, fontsize=11)
+    figure.suptitle(textwrap.fill(certificate.verdict, _TITLE), fontsize=11)
     return figure
 
 

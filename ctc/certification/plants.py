@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ctc.certification.gears import Gears
 from plant import Arm, Law, Reference, Rig
 from plant.simulation.population import Population
 
@@ -33,6 +34,15 @@ class Plants:
     redrawn : int
         How many draws were no arm, and were drawn again.
     seed : int
+    own : Rig
+        The nominal rig without what is drawn of gears and drives.
+    ranges : Gears
+        What is drawn of them.
+    derived_names : tuple of str
+    derived : (P, L) numpy.ndarray
+        Numbers of the loop that follow from those drawn.
+    said : (tuple of str, tuple of str)
+        What is drawn, and what is not.
     """
 
     arm: Arm
@@ -43,18 +53,25 @@ class Plants:
     dropped: float
     redrawn: int
     seed: int
+    own: Rig
+    ranges: Gears
+    derived_names: tuple[str, ...]
+    derived: NDArray[np.float64]
+    said: tuple[tuple[str, ...], tuple[str, ...]]
 
     def __len__(self) -> int:
         return len(self.f)
 
     def first(self, count: int) -> Plants:
         """The first so many of them."""
-        return dataclasses.replace(self, f=self.f[:count], values=self.values[:count])
+        first = {name: getattr(self, name)[:count] for name in ("f", "values", "derived")}
+        return dataclasses.replace(self, **first)
 
     def numbers(self) -> tuple[tuple[str, ...], NDArray[np.float64]]:
         """Names of the numbers of a closed loop that differ, and their values (P, L); all of f among them."""
         own = [i for i, name in enumerate(self.names) if name in self.rig.number_names()]
-        return (*self.arm.dynamics.names, *(self.names[i] for i in own)), np.hstack([self.f, self.values[:, own]])
+        names = (*self.arm.dynamics.names, *(self.names[i] for i in own), *self.derived_names)
+        return names, np.hstack([self.f, self.values[:, own], self.derived])
 
     def under(self, law: Law, reference: Reference, **options: Any) -> Population:
         """All of them under a law on a reference, ready to run; options as of `Population`."""
@@ -69,7 +86,8 @@ class Plants:
 
     def plant(self, i: int, width: int, steps: int) -> tuple[Arm, Rig]:
         """Arm and rig of plant i, with its own lost samples; `width` and `steps` as for `lost`."""
-        rig = self.rig.filled(dict(zip(self.names, self.values[i].tolist(), strict=True)))
+        numbers = [*self.values[i].tolist(), *self.derived[i].tolist()]
+        rig = self.rig.filled(dict(zip((*self.names, *self.derived_names), numbers, strict=True)))
         if self.dropped:
             block, lane = divmod(i, width)
             lost = tuple(np.flatnonzero(self.lost(block, width, steps)[:, lane]).tolist())

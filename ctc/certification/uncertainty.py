@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ctc.certification.gears import Gears, between
 from ctc.certification.plants import Plants
+from ctc.certification.statement import statement
 from identification import Identification
 from plant import Arm, Body, Phase, Rig, Transport
 from plant.machine.motor_inertia import least_inertia_margin
@@ -53,6 +55,8 @@ class Uncertainty:
         Of the torque [s], constant during a run: one value, or uniform between two; at most one period of the law.
     dropped : float
         Probability that the counts of a sample do not arrive; the law then reads those of the sample before.
+    gears : Gears
+        What gears and drives do.
 
     Raises
     ------
@@ -67,10 +71,11 @@ class Uncertainty:
     phase: bool = True
     delay: Any = (0.0, 0.0)
     dropped: float = 0.0
+    gears: Gears = Gears()  # noqa: RUF009 - frozen
 
     def __post_init__(self) -> None:
         for name, unit in (("load", "kg"), ("delay", "s")):
-            object.__setattr__(self, name, _between(name, getattr(self, name), unit))
+            object.__setattr__(self, name, between(name, getattr(self, name), unit))
         if not real("friction", self.friction, "Give a share, such as 0.1.") >= 0:
             raise ValueError(f"friction must not be negative; got {self.friction}. Give a share, such as 0.1.")
         if not 0 <= real("dropped", self.dropped, "Give a probability, such as 0.01.") < 1:
@@ -83,7 +88,7 @@ class Uncertainty:
         if self.covariance is not None and self.plants is not None:
             raise ValueError("one of covariance and plants must be given; got both. Leave one out.")
 
-    def draw(self, found: Identification | Arm, rig: Rig, samples: int, seed: int) -> Plants:
+    def draw(self, found: Identification | Arm, rig: Rig, samples: int, seed: int, pose: Any = None) -> Plants:
         """Draw plants.
 
         Parameters
@@ -91,6 +96,8 @@ class Uncertainty:
         found : Identification or Arm
         rig : Rig
         samples, seed : int
+        pose : (n,) array_like, optional
+            At which resonances are those of the gears [rad]; zeros by default.
 
         Returns
         -------
@@ -103,6 +110,7 @@ class Uncertainty:
         """
         instance("rig", rig, Rig, "The order is found, rig, law, reference.")
         arm, unknown, centre, root = self._identified(found)
+        pose = np.zeros(rig.n) if pose is None else pose
         dynamics, random = arm.dynamics, np.random.default_rng(seed)
         rig = _with_found(rig, {n: v for n, v in zip(unknown, centre, strict=True) if n not in dynamics.names})
         given = None if self.plants is None else _possible(dynamics, rig, self.plants)
@@ -148,10 +156,15 @@ class Uncertainty:
             names += ("transport.delay",)
             values = np.column_stack([values, random.uniform(self.delay[0], self.delay[1], samples)])
             rig = dataclasses.replace(rig, transport=Transport(delay=self.delay[1]))
+        own, said = rig, statement(self, rig, unknown)
+        rig = self.gears.prepared(arm, rig, pose)
+        gears = self.gears.draw(random, arm, rig, f, pose)
+        names, values = names + gears.names, np.hstack([values, gears.values])
         varying = np.flatnonzero(np.ptp(values, axis=0) > 0)
         return Plants(
             arm=arm, rig=rig, f=f, names=tuple(names[i] for i in varying), values=values[:, varying],
-            dropped=float(self.dropped), redrawn=redrawn, seed=seed,
+            dropped=float(self.dropped), redrawn=redrawn, seed=seed, own=own, ranges=self.gears,
+            derived_names=gears.derived_names, derived=gears.derived, said=said,
         )  # fmt: skip
 
     def _friction(self, rig, unknown):
@@ -203,18 +216,6 @@ class Uncertainty:
         position = array("load_position", self.load_position, (3,), advice="Give x, y and z in the last frame [m].")
         nothing = [Body(mass=0.0, com=(0, 0, 0)) for _ in range(dynamics.n - 1)]
         return dynamics.f([*nothing, Body(mass=1.0, com=position)])
-
-
-def _between(name, value, unit):
-    """(low, high) of one number, or of two."""
-    if np.ndim(value) == 0:
-        value = (real(name, value, f"Give {unit}, or the two ends of a range."),) * 2
-    low, high = array(name, value, (2,), advice=f"Give one number [{unit}], or the two ends of a range.").tolist()
-    if not 0 <= low <= high:
-        raise ValueError(
-            f"{name} must be from 0 upwards, the lower end first; got ({low:g}, {high:g}). Swap or correct."
-        )
-    return low, high
 
 
 def _with_found(rig, values):

@@ -12,12 +12,12 @@ from ctc.laws.model_law import ModelLaw, base
 from plant import Block, Law, Rig, Setpoint
 from plant.parts.part import part, structure
 
-__all__ = ["Aided", "FeedForward", "PDGravity"]
+__all__ = ["Aided", "FeedForward", "PDGravity", "WithFeedback"]
 
 
 @base
-class Aided(ModelLaw):
-    """Base: tau = feedback + what `aid` gives, as often as the feedback runs.
+class WithFeedback(ModelLaw):
+    """Base of laws around a simple feedback, as often as that one runs.
 
     Parameters
     ----------
@@ -44,6 +44,11 @@ class Aided(ModelLaw):
     def block(self, rig: Rig) -> Block:
         self.feedback.block(rig)  # refuses gains for other joints
         return super().block(rig)
+
+
+@base
+class Aided(WithFeedback):
+    """Base: tau = feedback + what `aid` gives of the setpoint and the counts."""
 
     def initial_state(self, n: int) -> NDArray[np.float64]:
         """The feedback's, and no aid given yet."""

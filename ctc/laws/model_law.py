@@ -5,15 +5,22 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, TypeVar, dataclass_transform
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from identification import Identification
-from plant import Arm, Block, Law, Rig
+from plant import Arm, Block, Law, Rig, Running
+from plant.analysis.sampled_loops import SampledLoops
 from plant.machine.motor_inertia import require_inertia
-from plant.parts.arguments import instance
+from plant.parts.arguments import array, instance
 from plant.parts.part import number, structure
 
 __all__ = ["ModelLaw", "base"]
 
 T = TypeVar("T")
+
+_FAST = 0.5
+"""Bandwidth times period from which on stability is looked at before a start; at 1 computed torque loses it."""
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, eq_default=False, field_specifiers=(number, structure))
@@ -61,6 +68,42 @@ class ModelLaw(Law):
     def period(self) -> float | None:  # type: ignore[override]  # declared, and here the rig's
         """Once per sample of the rig [s]."""
         return self.rig.period
+
+    def start(self, rig: Rig, pulses: ArrayLike, **options: Any) -> Running:
+        """This law as a running controller, as `Law.start`; refused where its linearised loop is unstable.
+
+        That is looked at where the rig, or the law's own, states elastic gears, and where the bandwidth is high for the
+        period.
+
+        Raises
+        ------
+        ValueError
+            As `Law.start`; an unstable loop, with the frequency at which it would swing.
+        """
+        stated = rig if getattr(rig.drive, "elasticity", None) is not None else self.rig
+        fast = getattr(self, "bandwidth", 0.0) * self.rig.period > _FAST
+        if self.period is not None and (fast or stated.drive.elasticity is not None):
+            self._require_stable(stated, pulses)
+        return super().start(rig, pulses, **options)
+
+    def _require_stable(self, rig: Rig, pulses: ArrayLike) -> None:
+        counts = array("pulses", pulses, (rig.n,), advice="Give the encoder count of each joint.")
+        try:
+            pole = SampledLoops(self.arm, rig, self, rig.cell_centre(counts)).unstable_pole()
+        except ValueError:  # it cannot hold this pose at rest, so there is no loop to linearise
+            return
+        if pole is not None:
+            bandwidth = getattr(self, "bandwidth", None)
+            own = (
+                ""
+                if bandwidth is None
+                else (f"; its bandwidth is {bandwidth:g} rad/s, {bandwidth * rig.period:.2g} times the period")
+            )
+            raise ValueError(
+                f"{type(self).__name__} must be stable on this rig; linearised it swings up at "
+                f"{abs(pole.imag) / (2 * np.pi):.3g} Hz with the time constant {1 / pole.real:.2g} s{own}. "
+                "Lower it, or take what tune finds."
+            )
 
     def block(self, rig: Rig) -> Block:
         rig.require_fit(self.arm.dynamics.chain)

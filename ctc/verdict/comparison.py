@@ -75,6 +75,8 @@ class Comparison:
         if len(joints) > 1:
             cell = "a / b" if len(joints) <= _EACH else "largest of the joints, and which"
             lines += textwrap.wrap(f"{cell}: {', '.join(joint_labels(joints, len(joints)))}", 110)
+        if any(evaluation.record.rig.drive.elasticity is None for evaluation in self.evaluations.values()):
+            lines.append("rigid gears assumed; .evaluations[name].lowest_resonance [Hz] says from where on it holds")
         return "\n".join(lines)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from numbers import Real
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures import plot_evaluation
+from ctc.verdict.lowest_resonance import DAMPING_RATIO, SETTLED, LowestResonance, lowest_resonance
 from ctc.verdict.table import by_joint
 from plant import Arm, Law, Record, Reference, Rig
 from plant.parts.arguments import choice, known_options
@@ -31,6 +33,8 @@ class Evaluation:
     ----------
     joints : tuple of str
         Names of the joints, those of the links that they move.
+    arm : Arm
+        That was controlled.
     record : Record
         The run, sample by sample.
     true_error_pulses : (N steps_per_sample, n) numpy.ndarray
@@ -40,7 +44,8 @@ class Evaluation:
     max_true_error_pulses : (n,) numpy.ndarray
         Largest of the true error, at every sub-step, magnitude [pulses].
     link_error : (N, n) numpy.ndarray
-        Reference minus joint behind its gear, at the samples [rad]; with elastic gears another than the motor's.
+        Motion asked of the links (`Reference.links`) minus theirs, behind the gears, at the samples [rad]; with elastic
+        gears another than the motors'.
     rms_error_pulses : (n,) numpy.ndarray
         Of the integer encoder error.
     peak_torque : (n,) numpy.ndarray
@@ -54,6 +59,7 @@ class Evaluation:
     """
 
     joints: tuple[str, ...]
+    arm: Arm
     record: Record
     true_error_pulses: NDArray[np.float64]
 
@@ -73,11 +79,29 @@ class Evaluation:
     @property
     def link_error(self) -> NDArray[np.float64]:
         record: Any = self.record
-        return record.reference(record.t).q - record.true_q
+        return record.reference.links(record.t).q - record.true_q
 
     @property
     def rms_error_pulses(self) -> NDArray[np.float64]:
         return np.sqrt(np.mean(self.record.error_pulses**2, axis=0))
+
+    @functools.cached_property
+    def on_gears(self) -> LowestResonance | None:
+        """On which elastic gears this run would stay within ±1 pulse; None for a rig whose gears are elastic."""
+        record: Any = self.record
+        if record.rig.drive.elasticity is not None:
+            return None
+        if (np.abs(record.error_pulses[record.t >= SETTLED]) > 1).any():
+            return LowestResonance.none(DAMPING_RATIO, 1)
+        return lowest_resonance(
+            self.arm, record.rig, record.law, record.reference, initial=record.initial,
+            duration=len(record) * record.rig.period, steps_per_sample=len(self.true_error_pulses) // len(record),
+        )  # fmt: skip
+
+    @property
+    def lowest_resonance(self) -> float | None:
+        """Locked-rotor resonance [Hz] above which this run stays within ±1 pulse on elastic gears; see `on_gears`."""
+        return None if self.on_gears is None else self.on_gears.hz
 
     @property
     def _torque(self) -> NDArray[np.float64]:
@@ -137,7 +161,8 @@ class Evaluation:
             )
         ]
         verdict = f"{self.share_within(1)} of {len(self.record)} samples within +-1 pulse"
-        return "\n".join([f"{type(self.record.law).__name__}: {verdict}", *by_joint(self.joint_labels, quantities)])
+        lines = [f"{type(self.record.law).__name__}: {verdict}", *by_joint(self.joint_labels, quantities)]
+        return "\n".join([*lines, *([] if self.on_gears is None else [f"rigid gears assumed; {self.on_gears}"])])
 
 
 @known_options
@@ -176,4 +201,4 @@ def evaluate(
     choice("backend", backend, ("casadi", "numba"))
     trace = run(arm, rig, law, reference, duration, steps_per_sample, initial, backend)
     joints = tuple(link.name for link in arm.dynamics.chain.links)
-    return Evaluation(joints=joints, record=trace.record, true_error_pulses=trace.true_error_pulses)
+    return Evaluation(joints=joints, arm=arm, record=trace.record, true_error_pulses=trace.true_error_pulses)

@@ -14,7 +14,7 @@ from plant.parts.arguments import array, instance
 from plant.parts.labels import joint_label
 from plant.parts.part import Part, Vector, number, part
 
-__all__ = ["Elasticity", "Resonance"]
+__all__ = ["Elasticity", "Resonance", "gears"]
 
 _CRITICAL = 1.0
 
@@ -142,7 +142,11 @@ class Resonance(Part):
                 f"D must exceed the motors' inertia; {label} has {self.inertia[joint]:.4g} kg m^2, its motor "
                 f"{rotor:.4g}. Use the drive whose motors are in f."
             )
-        omega = 2 * np.pi * self.hz
-        return Elasticity(
-            stiffness=links * omega**2, damping=2 * self.damping_ratio * links * omega, backlash=self.backlash
-        )
+        stiffness, damping = gears(self.hz, self.damping_ratio, links)
+        return Elasticity(stiffness=stiffness, damping=damping, backlash=self.backlash)
+
+
+def gears(hz: Any, damping_ratio: Any, inertia: Any) -> tuple[Any, Any]:
+    """Stiffness [N m/rad] and damping [N m s/rad] of gears behind which an inertia [kg m^2] swings, motors locked."""
+    omega = 2 * np.pi * hz
+    return inertia * omega**2, 2 * damping_ratio * inertia * omega

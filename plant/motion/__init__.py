@@ -1,7 +1,8 @@
 """References, what they demand of the drives, and which parameters their excitation identifies.
 
-Read `reference`, then `table` and `scaled` (other references), `demand` (torques along a path), `fastest` (the
-time-optimal motion) and `visibility` (identifiability).
+Read `reference`, then `table` and `scaled` (other references), `link_reference` (of motors for the sake of their links
+behind elastic gears), `demand` (torques along a path), `fastest` (the time-optimal motion) and `visibility`
+(identifiability).
 """
 
 __all__: list[str] = []

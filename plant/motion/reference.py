@@ -6,6 +6,7 @@ A reference called with times (N,) gives `Motion(q, qd, qdd)`, each (N, n), join
 from __future__ import annotations
 
 import abc
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,6 +39,25 @@ class Reference(Part, abc.ABC):
     def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Position [rad], velocity [rad/s], acceleration [rad/s^2], each (N, n), joint side, at times t (N,) [s]."""
 
+    def higher(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Jerk [rad/s^3] and snap [rad/s^4], third and fourth derivative of q, each (N, n), at times t (N,) [s].
+
+        Raises
+        ------
+        ValueError
+            A motion without them.
+        """
+        name = type(self).__name__
+        raise ValueError(
+            f"a motion must have its third and fourth derivative here; {name} gives none. Put a Spline through its "
+            f"points, or define {name}.higher(t)."
+        )
+
+    @property
+    def links(self) -> Reference:
+        """Motion that the links are to make: this one, unless it is that of motors before elastic gears."""
+        return self
+
     def __call__(self, t: ArrayLike) -> Motion:
         """Motion at times t (N,) [s] from the start."""
         times = array("t", t, ("N",), advice="Give times in seconds from the start.")
@@ -52,6 +72,24 @@ class Reference(Part, abc.ABC):
 
 def _nested(value: Any) -> Any:
     return tuple(_nested(v) for v in value) if np.ndim(value) else float(value)
+
+
+class _Smooth(Reference):
+    """Base of references whose derivatives of any order are one formula; where one jumps, it is that of one side."""
+
+    @abc.abstractmethod
+    def _derivatives(self, t: NDArray[np.float64], orders: Sequence[int]) -> list[NDArray[np.float64]]:
+        """Derivatives of q of these orders, 0 for q itself, each (N, n), at times t (N,)."""
+
+    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Motion at times (N,)."""
+        q, qd, qdd = self._derivatives(t, range(3))
+        return q, qd, qdd
+
+    def higher(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Jerk and snap at times (N,)."""
+        jerk, snap = self._derivatives(t, (3, 4))
+        return jerk, snap
 
 
 class Timed(Reference):
@@ -75,7 +113,7 @@ class Timed(Reference):
 
 
 @part
-class Harmonics(Reference):
+class Harmonics(_Smooth):
     """Sum of harmonics: q = offset + sum over j of cosine[:, j] cos(j w t) + sine[:, j] sin(j w t), w = 2 pi / period.
 
     Parameters
@@ -111,17 +149,17 @@ class Harmonics(Reference):
         """One period [s]."""
         return self.period
 
-    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Motion at times (N,), by derivatives of exp(i j w t)."""
+    def _derivatives(self, t: NDArray[np.float64], orders: Sequence[int]) -> list[NDArray[np.float64]]:
+        """Of exp(i j w t)."""
         rate = 2j * np.pi / self.period * np.arange(1, np.shape(self.cosine)[1] + 1)
         amplitude = np.asarray(self.cosine) - 1j * np.asarray(self.sine)
         waves = np.exp(t[:, None] * rate)
-        q, qd, qdd = (((amplitude * rate**k)[None] * waves[:, None, :]).sum(axis=2).real for k in range(3))
-        return q + np.asarray(self.offset), qd, qdd
+        swings = [((amplitude * rate**k)[None] * waves[:, None, :]).sum(axis=2).real for k in orders]
+        return [each + np.asarray(self.offset) if k == 0 else each for k, each in zip(orders, swings, strict=True)]
 
 
 @part
-class PointToPoint(Reference):
+class PointToPoint(_Smooth):
     """Move from rest to rest by a polynomial of degree 5 (acceleration zero at both ends), then stay.
 
     Parameters
@@ -146,18 +184,17 @@ class PointToPoint(Reference):
         """Number of joints."""
         return len(self.start)
 
-    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Motion at times (N,)."""
+    def _derivatives(self, t: NDArray[np.float64], orders: Sequence[int]) -> list[NDArray[np.float64]]:
+        """From the third on they jump at the ends."""
         path = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
         s = np.clip(t / self.duration, 0.0, 1.0)[:, None]
-        move = np.subtract(self.goal, self.start)
+        move, start = np.subtract(self.goal, self.start), np.asarray(self.start)
         inside = ((t >= 0) & (t <= self.duration))[:, None]
-        qd, qdd = (inside * path.deriv(k)(s) * move / self.duration**k for k in (1, 2))
-        return np.asarray(self.start) + path(s) * move, qd, qdd
+        return [inside * path.deriv(k)(s) * move / self.duration**k if k else start + path(s) * move for k in orders]
 
 
 @part
-class Spline(Timed):
+class Spline(Timed, _Smooth):
     """Quintic spline through points, from rest to rest, then at its last point.
 
     Parameters
@@ -179,15 +216,15 @@ class Spline(Timed):
         """Number of joints."""
         return len(self.points[0])
 
-    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Motion at times (N,)."""
+    def _derivatives(self, t: NDArray[np.float64], orders: Sequence[int]) -> list[NDArray[np.float64]]:
+        """From the third on they jump at the ends; between, the fifth is the first that does."""
         rest = [(1, np.zeros(self.n)), (2, np.zeros(self.n))]
         from scipy.interpolate import make_interp_spline  # 0.2 s, for those who use it
 
         spline = make_interp_spline(self.times, self.points, k=5, bc_type=(rest, rest))
         inside = ((t >= 0) & (t <= self.duration))[:, None]
         s = np.clip(t, 0, self.duration)
-        return spline(s), inside * spline(s, 1), inside * spline(s, 2)
+        return [inside * spline(s, k) if k else spline(s) for k in orders]
 
 
 def require_increasing(name: str, times: NDArray[np.float64]) -> None:

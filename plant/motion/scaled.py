@@ -45,6 +45,9 @@ class Scaled(Timed):
 
     def __post_init__(self) -> None:
         count = self._keep_times(from_zero=True)
+        if self.path.links is not self.path:
+            given = type(self.path).__name__
+            raise ValueError(f"path must be the motion of the links; got {given}, of motors. Scale its .links.")
         for name in ("places", "speeds", "accelerations"):
             self._keep(name, (count,), "One number per time.")
 
@@ -55,21 +58,36 @@ class Scaled(Timed):
 
     @functools.cached_property
     def _law(self) -> tuple[Callable[[NDArray[np.float64]], NDArray[np.float64]], ...]:
-        """Functions of time: s and its two derivatives."""
+        """Functions of time: s and its four derivatives."""
         from scipy.interpolate import BPoly  # 0.2 s, for those who use it
 
         law = BPoly.from_derivatives(self.times, np.column_stack([self.places, self.speeds, self.accelerations]))
-        return law, law.derivative(1), law.derivative(2)
+        return law, *(law.derivative(k) for k in range(1, 5))
 
     def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Motion at times (N,), by the chain rule."""
+        place, (speed, acceleration, *_) = self._places(t)
+        q, along, bend = self.path.motion(place)
+        return q, along * speed, bend * speed**2 + along * acceleration
+
+    def higher(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Jerk and snap at times (N,), by the chain rule; both jump at the points of the time law."""
+        place, (v, a, j, s) = self._places(t)
+        _, first, second = self.path.motion(place)
+        third, fourth = self.path.higher(place)
+        return (
+            third * v**3 + 3 * second * v * a + first * j,
+            fourth * v**4 + 6 * third * v**2 * a + second * (3 * a**2 + 4 * v * j) + first * s,
+        )
+
+    def _places(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+        """The path's own time at times (N,), and its four derivatives, each (N, 1)."""
         inside = np.clip(t, 0.0, self.duration)
-        s, speed, acceleration = (derivative(inside) for derivative in self._law)
+        s, speed, *higher = (derivative(inside) for derivative in self._law)
         beyond = t - inside
         speed = np.where((beyond != 0) & self.stays, 0.0, speed)
-        acceleration = np.where(beyond != 0, 0.0, acceleration)
-        q, along, bend = self.path.motion(s + speed * beyond)
-        return q, along * speed[:, None], bend * speed[:, None] ** 2 + along * acceleration[:, None]
+        higher = [np.where(beyond != 0, 0.0, each) for each in higher]
+        return s + speed * beyond, [each[:, None] for each in (speed, *higher)]
 
 
 @known_options

@@ -27,7 +27,8 @@ def write_replay(record: Record, path: str | Path) -> None:
     ValueError
         Counts that are not whole.
     """
-    motion, _ = path_of(record)(record.t)
+    followed, law = path_of(record), record.law
+    motion = followed(record.t)[0] if law is None else followed.setpoint(record.t, law)
     pulses = record.reference_pulses - record.error_pulses
     if (pulses != np.trunc(pulses)).any():
         raise ValueError("pulses of the record must be whole; got fractions. Simulate with an encoder that counts.")

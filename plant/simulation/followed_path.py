@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plant.laws.law import Law
 from plant.logs.record import Record
 from plant.machine.rig import Rig, smooth_rig
 from plant.motion.reference import Motion, Reference
@@ -35,6 +36,10 @@ class Path:
         motion = self.reference(t)
         return motion, self.rig.counts(motion.q)
 
+    def setpoint(self, t: NDArray[np.float64], law: Law) -> Motion:
+        """What a law is given at times t (N,): the motion of the motors, or that of the links."""
+        return (self.reference.links if law.of_links else self.reference)(t)
+
     def start(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Position and velocity (n,) of the reference at t = 0."""
         motion = self.reference(np.zeros(1))
@@ -57,6 +62,10 @@ class Logged:
             self.rig.to_angle(pulses), self.rig.to_angle(step / self.clock.apart(row)), np.zeros_like(pulses)
         )
         return motion, self.rig.encoder.quantised(pulses)
+
+    def setpoint(self, t: NDArray[np.float64], law: Law) -> Motion:
+        """What any law is given at times t (N,)."""
+        return self(t)[0]
 
     def start(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Position at t = 0, at rest: two counts give no velocity."""

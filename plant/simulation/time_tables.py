@@ -45,10 +45,15 @@ def time_tables(
     lengths = clock.step_lengths(steps)
     rows = [slice(None, None, every) if every else slice(0), slice(None, None, steps), slice(None)]
     times = clock.starts(steps, every) if every else np.empty(0), clock.t, clock.middles(steps)
+    if loop.law.of_links and not every:
+        name = type(loop.law).__name__
+        raise ValueError(f"a law that follows the links must have a period; {name} has none. Give it one.")
     tables = []
-    for t, some in zip(times, rows, strict=True):
+    for i, (t, some) in enumerate(zip(times, rows, strict=True)):
         sample, h = owner[some], lengths[some]
         motion, pulses = path(t)
+        if i == 0 and loop.law.of_links:  # the log is of the motors
+            motion = path.setpoint(t, loop.law)
         replayed = [] if logged is None else [clock.bridged(logged)[sample]]
         tables.append(np.ascontiguousarray(np.column_stack([*motion, pulses, *replayed, passing[some], h])))
     return tuple(tables)

@@ -55,6 +55,7 @@ def test_each_lane_is_a_simulation(options):
         np.testing.assert_array_equal(runs.peak[i], error.max(axis=0))
         assert runs.outside[i] == (error > 1).any(axis=1).sum()
         np.testing.assert_array_equal(runs.current[i], np.abs(record.current).max(axis=0))
+        np.testing.assert_allclose(runs.chatter[i], np.abs(np.diff(record.torque, axis=0)).mean(axis=0), rtol=1e-9)
         assert (runs.current[i] <= limit * (1 + 1e-12)).all()
         shift = plant.rig.encoder.phase.shift
         unrounded = RIG.position_in_pulses(PATH(record.t).q) - RIG.position_in_pulses(record.true_q) - shift
@@ -254,7 +255,7 @@ def test_the_certificate_adds_up():
     np.testing.assert_allclose(certificate.upper, beta.ppf(0.95, certificate.failures + 1, 400 - certificate.failures))
     assert certificate.share_outside == pytest.approx(runs.outside.sum() / (400 * 72), rel=1e-12)
     text = str(certificate)
-    assert certificate.verdict in text
+    assert certificate.verdict in " ".join(text.split())
     assert "possible plants leave ±1 pulse" in text
     first = certificate.sensitivities[0]
     assert first.name == "encoder.phase.shift[0]"  # the joint that carries the other one
@@ -318,7 +319,7 @@ def test_reserves(monkeypatch):
 def test_figure():
     certificate = certified(samples=200)
     figure = certificate.plot()
-    assert figure.get_suptitle() == certificate.verdict
+    assert figure.get_suptitle().replace("\n", " ") == certificate.verdict
     bars = [patch.get_height() for patch in figure.axes[0].patches if patch.get_label() != "outside"][:6]
     shares = [[(column == k).mean() * 100 for k in range(3)] for column in certificate.runs.peak.T]
     np.testing.assert_allclose(bars, list(itertools.chain(*shares)))

@@ -10,7 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from ctc import Adaptive, ComputedTorque, ComputedTorqueIntegral, FeedForward, PDGravity, SlidingMode
+from ctc import (
+    Adaptive,
+    ComputedTorque,
+    ComputedTorqueIntegral,
+    ComputedTorquePID,
+    FeedForward,
+    PDGravity,
+    SlidingMode,
+)
 from identification import identify
 from plant import PD, PID, Cascade, P, PointToPoint, puma560, simulate
 from plant.parts.part import part, restore
@@ -35,6 +43,11 @@ def integral(rig=RIG, robot=None, **options):
     return ComputedTorqueIntegral(robot or arm(), rig, **{"bandwidth": 60.0, "filter": 600.0, **options})
 
 
+def rolling_off(rig=RIG, robot=None, **options):
+    chosen = {"bandwidth": 179.0, "ratio": 1.44, "integral": 66.4, "roll_off": 1085.0, "roll_off_damping": 0.99}
+    return ComputedTorquePID(robot or arm(), rig, **{**chosen, **options})
+
+
 def adaptive(rig=RIG, robot=None, **options):
     chosen = {"bandwidth": 60.0, "gain": (300.0, 80.0), "adaptation": np.full(9, 0.01), "filter": 600.0, **options}
     return Adaptive(robot or arm(), rig, **chosen)
@@ -50,6 +63,7 @@ MODEL = {
     "feed-forward": lambda rig=RIG, robot=None: FeedForward(robot or arm(), rig, feedback=FEEDBACK),
     "feed-forward, PID": pid_ahead,
     "integral": integral,
+    "PID": rolling_off,
     "adaptive": adaptive,
     "sliding mode": sliding,
 }
@@ -275,6 +289,8 @@ def test_an_identification_is_its_arm_and_its_rig(law):
         (lambda: integral(bandwidth=0), "bandwidth must be positive; got 0"),
         (lambda: integral(filter=-1), "filter must be positive"),
         (lambda: integral(bandwith=60), "Did you mean 'bandwidth'"),
+        (lambda: rolling_off(roll_off=0), "roll_off must be positive; got 0"),
+        (lambda: rolling_off(rolloff=900), "Did you mean 'roll_off'"),
         (lambda: adaptive(adaptation=(1, 2)), "adaptation must have 9 numbers, one for each of f1..f9; got 2"),
         (lambda: adaptive(adaptation=np.full(9, -1)), "adaptation must not be negative"),
         (lambda: adaptive(gain=(300, -80)), "gain must not be negative"),

@@ -23,7 +23,8 @@ def test_every_row_holds_the_numbers_of_its_evaluation():
     got = compared()
     assert isinstance(got, Comparison)
     assert list(got.evaluations) == ["P", "computed torque"]
-    head, *rows, last = str(got).splitlines()
+    head, *rows, last, gears = str(got).splitlines()
+    assert gears.startswith("rigid gears assumed")
     assert head.split()[0] == "law"
     assert last == "a / b: joint 2 (q[0]), joint 3 (q[1])"
     assert len({len(row) for row in rows[:2]} | {len(head)}) == 1
@@ -51,6 +52,7 @@ def test_columns_stay_apart_however_many_the_joints():
 
     class Many:
         joints = tuple("12345678")
+        record = one.record
         share_within = one.share_within
         max_error_pulses = np.abs(wide["error_pulses"]).max(axis=0)
         rms_error_pulses = rms_torque = chatter = saturation = np.full(8, 12345.678)

@@ -69,7 +69,7 @@ def test_six_long_names_have_a_row_each(table):
 
 
 def test_a_comparison_of_six_joints_has_the_largest_and_says_whose():
-    head, row, *labels = str(Comparison(evaluations={"P": evaluation()}, diverged={})).splitlines()
+    head, row, *labels, _ = str(Comparison(evaluations={"P": evaluation()}, diverged={})).splitlines()
     assert len(head) == len(row)
     peak, rms = evaluation().max_error_pulses, evaluation().rms_error_pulses
     assert cells(row)[2] == f"{peak.max():.0f} q[{peak.argmax()}]"

@@ -69,6 +69,24 @@ def test_velocity_and_acceleration_are_derivatives(reference):
         np.testing.assert_allclose((after.qd - before.qd) / (2 * step), now.qdd, rtol=0, atol=1e-3)
 
 
+# Central differences with steps of 1e-5: rounding, and 1e-10 / 6 times the second derivative of what they are of.
+@pytest.mark.parametrize("reference", [HARMONICS, MOVE, SPLINE], ids=lambda r: type(r).__name__)
+def test_jerk_and_snap_are_derivatives(reference):
+    t, step = np.random.default_rng(0).uniform(0.01, reference.duration - 0.01, 50), 1e-5
+    t = t[[np.abs(np.asarray(getattr(reference, "times", (9.0,))) - x).min() > 2 * step for x in t]]
+    before, after = (reference(t + k * step).qdd for k in (-1, 1))
+    jerk, snap = reference.higher(t)
+    np.testing.assert_allclose((after - before) / (2 * step), jerk, rtol=0, atol=1e-6 * np.abs(jerk).max())
+    before, after = (reference.higher(t + k * step)[0] for k in (-1, 1))
+    np.testing.assert_allclose((after - before) / (2 * step), snap, rtol=0, atol=1e-6 * np.abs(snap).max())
+    assert np.abs(snap).max() > 10
+
+
+def test_a_table_has_no_jerk():
+    with pytest.raises(ValueError, match=r"Table gives none. Put a Spline through its points, or define Table.higher"):
+        TABLE.higher(np.zeros(1))
+
+
 @pytest.mark.parametrize("reference", [MOVE, SPLINE], ids=lambda r: type(r).__name__)
 def test_motion_begins_and_ends_at_rest_and_stays(reference):
     end = reference.duration

@@ -41,6 +41,28 @@ def test_velocity_and_acceleration_are_derivatives(path):
     np.testing.assert_allclose((after.qd - before.qd) / (2 * step), now.qdd, rtol=0, atol=1e-4)
 
 
+@pytest.mark.parametrize("path", PATHS, ids=lambda p: type(p).__name__)
+def test_jerk_and_snap_are_derivatives(path):
+    """Central differences with steps of 1e-5, away from the points of the time law, where they jump."""
+    t, step, motion = np.random.default_rng(0).uniform(0.01, 1.69, 60), 1e-5, warped(path)
+    corners = [*motion.times, *(motion.times[-1] * np.asarray(getattr(path, "times", (9.0,))))]
+    t = t[[np.abs(np.array(corners) - x).min() > 1e-3 for x in t]]
+    before, after = (motion(t + k * step).qdd for k in (-1, 1))
+    jerk, snap = motion.higher(t)
+    np.testing.assert_allclose((after - before) / (2 * step), jerk, rtol=0, atol=1e-5 * np.abs(jerk).max())
+    before, after = (motion.higher(t + k * step)[0] for k in (-1, 1))
+    np.testing.assert_allclose((after - before) / (2 * step), snap, rtol=0, atol=1e-5 * np.abs(snap).max())
+
+
+def test_jerk_and_snap_beyond_the_ends():
+    """At rest where the motion stays; along a path that goes on, those of the path at that speed."""
+    t = np.array([-0.2, 1.9])
+    assert not np.any(warped(WAVE).higher(t))
+    on = slowed(WAVE, 1.7)
+    for k, (got, expected) in enumerate(zip(on.higher(t * 9), WAVE.higher(t * 9 / 1.7), strict=True), 3):
+        np.testing.assert_allclose(got, expected / 1.7**k, rtol=0, atol=1e-10)
+
+
 @pytest.mark.parametrize("path", [*PATHS, warped(WAVE)], ids=lambda p: type(p).__name__)
 @pytest.mark.parametrize("factor", [0.5, 1.0, 3.0])
 def test_slowed_is_the_motion_in_another_time(path, factor):

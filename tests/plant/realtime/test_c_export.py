@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from ctc import ComputedTorque
-from plant import Law, P, puma560, simulate
+from ctc import ComputedTorque, ComputedTorquePID, FlexibleJointComputedTorque
+from plant import PD, Elasticity, Law, LinkReference, P, puma560, simulate
 from plant.compiler.c_statements import statements
 from plant.compiler.instructions import STATE
 from plant.parts.part import number, part
@@ -23,15 +23,28 @@ ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 CC = shutil.which("cc")
 needs_c = pytest.mark.skipif(CC is None or shutil.which("make") is None, reason="no C compiler (cc) or no make here")
 
+
+def elastic_rig():
+    gears = Elasticity.from_resonance(ARM, 25, 0.02, drive=RIG.drive)
+    return dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears))
+
+
 LAWS = {
     "computed torque": ComputedTorque(ARM, RIG),
     "measured and delayed": ComputedTorque(ARM, RIG, measured=True, delay=1),
+    "PID": ComputedTorquePID(
+        ARM, RIG, bandwidth=179.0, ratio=1.44, integral=66.4, roll_off=1085.0, roll_off_damping=0.99
+    ),
+    "flexible joint": FlexibleJointComputedTorque(ARM, elastic_rig(), feedback=PD(
+        gain=(0.06, 0.045), derivative=(2.4e-4, 1.8e-4), filter=4000.0, period=RIG.period)),
     "P": puma560.p_law(),
-}
+}  # fmt: skip
 
 
 @cache
 def simulated(name):
+    if name == "flexible joint":
+        return simulate(ARM, elastic_rig(), LAWS[name], LinkReference(ARM, elastic_rig(), PATH))
     return simulate(ARM, RIG, LAWS[name], PATH)
 
 

@@ -1,0 +1,91 @@
+"""Stated ranges of resonance and damping in small parts, so that what is said of a range holds for its worst part."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ctc.certification.binomial import clopper_pearson
+from ctc.certification.gears import Gears
+from plant.parts.frozen import Frozen
+
+__all__ = ["Cell", "cells"]
+
+_WIDTH = 1.1
+"""Ratio of the resonances at the ends of a cell, at most."""
+
+_DAMPINGS = 3
+"""Cells in the range of the damping ratio."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Cell(Frozen):
+    """A part of the range of resonance and damping, and what became of its plants.
+
+    Attributes
+    ----------
+    name : str
+        ``resonance``, or that of a joint, as ``resonance[0]``.
+    hz, damping_ratio : tuple of float
+        Lowest and highest.
+    count, failures : int
+        Plants in it, and those that left the limit.
+    """
+
+    name: str
+    hz: tuple[float, float]
+    damping_ratio: tuple[float, float]
+    count: int
+    failures: int
+
+    def upper(self, confidence: float) -> float:
+        """One-sided upper bound of the probability to leave, at a confidence; 1 for a cell without plants."""
+        return clopper_pearson(self.failures, self.count, 2 * confidence - 1)[1] if self.count else 1.0
+
+    def __str__(self) -> str:
+        (low, high), (least, most) = self.hz, self.damping_ratio
+        damping = f"{least:.3g}" if least == most else f"{least:.3g} to {most:.3g}"
+        return f"{low:.3g} to {high:.3g} Hz, damping ratio {damping}"
+
+
+def cells(ranges: Gears, names: tuple[str, ...], values: NDArray[np.float64], outside: NDArray[np.bool_]) -> list[Cell]:
+    """The ranges of resonance and damping in cells of at most 10 %; of several joints, each joint's own.
+
+    Parameters
+    ----------
+    ranges : Gears
+    names, values
+        Of the plants: names (K), values (P, K). What does not vary is not among them.
+    outside : (P,) numpy.ndarray of bool
+        Which of them left the limit.
+    """
+    found, pairs = [], ranges.resonance or ()
+    least, most = ranges.damping_ratio or (0.0, 0.0)
+    for i, (low, high) in enumerate(pairs):
+        name = "resonance" if len(pairs) == 1 else f"resonance[{i}]"
+        edges = np.geomspace(low, high, max(1, int(np.ceil(np.log(high / low) / np.log(_WIDTH)))) + 1)
+        dampings = np.linspace(least, most, 1 + (_DAMPINGS if least < most else 1))
+        hz, ratio = (_place(names, values, *each) for each in ((name, edges), ("damping_ratio", dampings)))
+        for j in range(len(edges) - 1):
+            for k in range(len(dampings) - 1):
+                inside = (hz == j) & (ratio == k)
+                found.append(
+                    Cell(
+                        name=name,
+                        hz=(edges[j], edges[j + 1]),
+                        damping_ratio=(dampings[k], dampings[k + 1]),
+                        count=int(inside.sum()),
+                        failures=int(outside[inside].sum()),
+                    )
+                )
+    return found
+
+
+def _place(names: tuple[str, ...], values: NDArray[np.float64], name: str, edges: Any) -> NDArray[np.intp]:
+    """In which interval between the edges the number of each plant (P,) is."""
+    if name not in names:
+        return np.zeros(len(values), int)
+    return np.clip(np.searchsorted(edges, values[:, names.index(name)], side="right") - 1, 0, len(edges) - 2)

@@ -1,0 +1,75 @@
+"""What a certificate says in words: its verdict, what was drawn, and what was not."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from plant import Rig
+
+__all__ = ["percent", "statement", "verdict"]
+
+_NEVER = "jitter", "drift of friction", "presliding", "torque ripple", "error within an encoder's period"
+"""What is never drawn."""
+
+
+def statement(uncertainty: Any, rig: Rig, unknown: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What is drawn of an `Uncertainty` with these identified numbers, and what is not."""
+    u, gears, drive = uncertainty, uncertainty.gears, rig.drive
+    drawn, left = [], []
+    if u.plants is not None or unknown:
+        drawn.append("f of given arms" if u.plants is not None else "what was identified")
+    if gears.resonance is not None:
+        alike = "all joints alike" if len(gears.resonance) == 1 else "of each joint"
+        hz = ", ".join(f"{low:g} to {high:g}" for low, high in gears.resonance)
+        drawn.append(f"resonance {hz} Hz ({alike}), damping ratio {_range(gears.damping_ratio)}")
+    else:
+        left.append("elasticity" if drive.elasticity is None else "resonance (as the rig has it)")
+    elastic = drive.elasticity
+    for there, said, name in (
+        (u.friction > 0, f"friction ±{100 * u.friction:g} % (standard deviation)", "friction"),
+        (u.load[1] > 0, f"load {_range(u.load)} kg", "load"),
+        (u.phase, "encoder zeros", "encoder zeros"),
+        (u.delay[1] > 0, f"delay {_range(u.delay)} s", "delay"),
+        (u.dropped > 0, f"lost counts {100 * u.dropped:g} %", "lost counts"),
+        (gears.backlash[1] > 0, f"backlash {_range(gears.backlash)} rad",
+         _own("backlash", elastic is not None and elastic.backlash is not None)),
+        (gears.lag[1] > 0, f"current lag {_range(gears.lag)} s", _own("current lag", drive.current_lag is not None)),
+    ):  # fmt: skip
+        if there:
+            drawn.append(said)
+        else:
+            left.append(name)
+    return tuple(drawn), (*left, *_NEVER)
+
+
+def _own(name: str, there: bool) -> str:
+    return f"{name} (as the rig has it)" if there else name
+
+
+def _range(ends: Any) -> str:
+    return f"{ends[0]:g}" if ends[0] == ends[1] else f"{ends[0]:g} to {ends[1]:g}"
+
+
+def verdict(certificate: Any) -> str:
+    """What a `Certificate` found, and on which gears it holds."""
+    count, within = f"{len(certificate.plants):,} possible plants", certificate.within
+    limit = f"±{within:g} pulse{'s' * (within != 1)}"
+    sure, bound = f"with {100 * certificate.confidence:g} % confidence", percent(certificate.upper, up=True)
+    cell, gears = certificate.worst_cell, certificate.on_gears
+    of = "of all would" if cell is None else f"would at the worst resonance ({cell})"
+    if certificate.failures:
+        share = percent(certificate.probability)
+        sentence = f"{share} of {count} leave {limit} at some sample; {sure}, at most {bound} {of}."
+    else:
+        sentence = f"None of {count} leaves {limit}; {sure}, fewer than {bound} {of}."
+    return sentence if gears is None else f"{sentence} Rigid gears assumed; the nominal arm {gears}."
+
+
+def percent(share: float, up: bool = False) -> str:
+    """A probability as text, with two digits that count, or three; a bound is rounded up."""
+    percent = 100 * share
+    if percent > 0:
+        step = 10.0 ** min(math.floor(math.log10(percent)) - 1, -1)
+        percent = step * (math.ceil(percent / step - 1e-9) if up else round(percent / step))
+    return f"{percent:.3g} %"

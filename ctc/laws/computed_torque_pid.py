@@ -1,0 +1,91 @@
+"""Computed torque with a PID feedback that rolls off above its bandwidth: for gears that give."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from ctc.laws.model_law import ModelLaw
+from ctc.laws.roll_off import rolled_off
+from plant import Rig, Setpoint
+from plant.laws.anti_windup import integrated
+from plant.mechanics.symmetric_inverse import inverse
+from plant.parts.arguments import signs
+from plant.parts.part import number, part
+
+__all__ = ["ComputedTorquePID"]
+
+
+@part
+class ComputedTorquePID(ModelLaw):
+    """tau = D-hat(q_r) (qdd_r + a(e)) + h-hat(q_r, qd_r) + friction(qd_r), with a PID a(s) that rolls off.
+
+    a(s) = w (s + w/r) (s + i) / s / ((s/f)^2 + 2 z s/f + 1), sampled by Tustin's method, once per sample; e is q_r
+    minus the middle of the encoder's cell. From its upper zero to its roll-off the phase of a(s) leads, so a resonance
+    between motor and link is damped there; an observer's lag (`ComputedTorque`) would excite it. The first error that
+    is read makes no kick: it counts as if it had been there before. What the amplifier cuts off is taken back from the
+    integral.
+
+    Parameters
+    ----------
+    arm : Arm or Identification
+        The identified arm; an identification gives its rig, too.
+    rig : Rig, optional
+        The identified rig, ``found.rig``: its friction is fed forward.
+    bandwidth : float
+        w, where the loop's gain is about one [rad/s]: far above its zeros, and below f, a(s) is w s.
+    ratio : float
+        r, of the bandwidth over the upper zero.
+    integral : float
+        i, the lower zero [rad/s]; zero for no integral action.
+    roll_off : float
+        f, the corner of the low-pass [rad/s].
+    roll_off_damping : float
+        z, of the low-pass.
+
+    Raises
+    ------
+    ValueError
+        As `ModelLaw`; numbers that are not positive, an integral that is negative.
+
+    Source: of anti-windup with the time constant sqrt(T_i T_d), Astrom and Hagglund, Advanced PID Control (2006), 3.5.
+    """
+
+    bandwidth: float = number(())
+    ratio: float = number(())
+    integral: float = number(())
+    roll_off: float = number(())
+    roll_off_damping: float = number(())
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        signs(self, positive=("bandwidth", "ratio", "roll_off", "roll_off_damping"), not_negative=("integral",))
+
+    def initial_state(self, n: int) -> NDArray[np.float64]:
+        """No reading yet (the first number), nothing integrated, no torque commanded."""
+        return np.zeros(1 + 5 * n)
+
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> tuple[ca.SX, ca.SX]:
+        """One sample: what was cut off -> integral -> filtered error and its rate -> acceleration -> torque."""
+        n, model, f = self.arm.n, self.arm.dynamics, self.arm.f
+        read, integral, before, value, rate, commanded = (
+            state[0],
+            *(state[1 + i * n : 1 + (i + 1) * n] for i in range(5)),
+        )
+        e, D = setpoint.q - rig.cell_centre(pulses), model.D(setpoint.q, f)
+        before, value = ca.if_else(read > 0, before, e), ca.if_else(read > 0, value, e)
+
+        # a(s) = slow / s + (one + fast s) / ((s/f)^2 + 2 z s/f + 1), in partial fractions.
+        w, lower, corner, z = self.bandwidth, self.integral, self.roll_off, self.roll_off_damping
+        upper = w / self.ratio
+        slow = w * upper * lower
+        one, fast = w * (upper + lower) - 2 * z / corner * slow, w - slow / corner**2
+        missing = inverse(D).solve(torque - commanded)
+        integral = integrated(integral, slow * (e + before) / 2, missing, ca.sqrt(upper * lower), dt)
+        value, rate = rolled_off(e, before, value, rate, corner, z, dt)
+        wanted = D @ (setpoint.qdd + integral + one * value + fast * rate) + model.h(setpoint.q, setpoint.qd, f)
+        wanted = wanted + self.rig.drive.friction(setpoint.qd)
+        return wanted, ca.vertcat(1, integral, e, value, rate, wanted)

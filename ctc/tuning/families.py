@@ -1,0 +1,119 @@
+"""Families of control laws with the numbers by which each is tuned.
+
+A tuning is a row of numbers, one per variable; `Family.numbers` gives those of the law, so that many tunings run side
+by side in one kernel.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ctc.laws.computed_torque import ComputedTorque
+from ctc.laws.computed_torque_pid import ComputedTorquePID
+from ctc.laws.feed_forward import FeedForward
+from ctc.stability.design import motor_gain
+from plant import PD, Arm, Law, Rig
+
+__all__ = ["Family", "families"]
+
+Numbers = Mapping[str, NDArray[np.float64]]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Family:
+    """A law, and between which numbers it is searched.
+
+    Attributes
+    ----------
+    name : str
+    law : Law
+        Any tuning of it.
+    variables : dict of str -> (float, float)
+        Lowest and highest of each.
+    known : list of dict
+        Tunings with which the search begins.
+    numbers : callable
+        Variables by name, each (T,) -> numbers of the law by name, each (T,).
+    """
+
+    name: str
+    law: Law
+    variables: dict[str, tuple[float, float]]
+    known: list[dict[str, float]]
+    numbers: Callable[[Numbers], Numbers]
+
+    def tuned(self, values: NDArray[np.float64]) -> Law:
+        """The law with these values (k,) of its variables."""
+        named = {name: np.array([value]) for name, value in zip(self.variables, values, strict=True)}
+        return self.law.filled({name: float(own[0]) for name, own in self.numbers(named).items()}, "law.")
+
+
+def families(arm: Arm, rig: Rig, pose: NDArray[np.float64]) -> list[Family]:
+    """Computed torque with observer and with PID, and feed-forward with PD, about an identified arm.
+
+    Parameters
+    ----------
+    arm, rig : Arm, Rig
+        The identified ones.
+    pose : (n,) numpy.ndarray
+        At which the PD gains of the joints are in proportion to their inertia [rad].
+    """
+    most = 0.6 / rig.period  # [rad/s]: a bandwidth beyond has too few samples
+    corner = 3.0 / rig.period
+    found = [
+        Family(
+            name="computed torque with observer",
+            law=ComputedTorque(arm, rig),
+            variables={"bandwidth": (10.0, min(400.0, most)), "observer_ratio": (0.5, 4.0)},
+            known=[{"bandwidth": w, "observer_ratio": 1.5} for w in (20.0, 60.0, 100.0, 150.0, 200.0)],
+            numbers=_named,
+        ),
+        Family(
+            name="computed torque with PID that rolls off",
+            law=ComputedTorquePID(
+                arm, rig, bandwidth=150.0, ratio=1.5, integral=40.0, roll_off=1000.0, roll_off_damping=0.8
+            ),
+            variables={
+                "bandwidth": (30.0, min(500.0, most)), "ratio": (1.0, 8.0), "integral": (2.0, 150.0),
+                "roll_off": (100.0, corner), "roll_off_damping": (0.3, 1.5),
+            },
+            known=[
+                dict(zip(("bandwidth", "ratio", "integral", "roll_off", "roll_off_damping"), row, strict=True))
+                for row in ((206, 1.28, 24.0, 2124, 0.96), (177, 1.52, 79.5, 2969, 0.91), (155, 1.66, 40.6, 449, 0.53))
+            ],
+            numbers=_named,
+        ),
+    ]  # fmt: skip
+    if not rig.drive.coupling.matrix:
+        unit = motor_gain(rig, np.diag(arm.D(pose)), 1.0)
+        pd = PD(gain=unit * 150.0**2, derivative=unit * 300.0, filter=corner, period=rig.period)
+
+        def numbers(values: Numbers) -> Numbers:
+            w, damping = values["bandwidth"], values["damping"]
+            each = {f"law.feedback.gain[{i}]": unit[i] * w**2 for i in range(rig.n)}
+            each |= {f"law.feedback.derivative[{i}]": unit[i] * 2 * damping * w for i in range(rig.n)}
+            return each | {"law.feedback.filter": values["filter"]}
+
+        found.append(
+            Family(
+                name="feed-forward with PD",
+                law=FeedForward(arm, rig, feedback=pd),
+                variables={
+                    "bandwidth": (20.0, min(500.0, most)),
+                    "damping": (0.2, 3.0),
+                    "filter": (200.0, 2 * corner),
+                },
+                known=[{"bandwidth": w, "damping": d, "filter": 3000.0} for w in (150.0, 250.0) for d in (0.7, 1.0)],
+                numbers=numbers,
+            )
+        )
+    return found
+
+
+def _named(values: Numbers) -> Numbers:
+    """Of a law whose variables are numbers of its own."""
+    return {f"law.{name}": value for name, value in values.items()}

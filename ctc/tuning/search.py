@@ -1,0 +1,147 @@
+"""Search of one family: the quietest tuning whose loops stay within the limit, by the genetic algorithm of 3.7.
+
+Few plants are simulated in the search, many in the check of its best. Those that leave there join the search, until
+none leaves: what a tuning fails on is not left to chance.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ctc.certification.plants import Plants
+from ctc.tuning.families import Family
+from ctc.tuning.tuning import Trial
+from identification import GeneticSettings, minimize_genetic
+from plant import Reference
+from plant.simulation.population import Population, Runs
+
+__all__ = ["ROUNDS", "Tunings"]
+
+ROUNDS = 24, 10, 10, 10, 10, 10
+"""Generations of one search after another."""
+
+_STEPS = 4, 16
+"""Integration steps per sample in a search, and in a check."""
+
+_CHECKED, _JOINING = 3, 6
+"""Tunings of a search that are checked, and plants that leave under the best of them which join the next."""
+
+_LEFT, _BEYOND = 20.0, 5.0
+"""Weight of the share of loops that leave, and of the peak error beyond the limit [pulses], against chatter."""
+
+_FAR = 20.0
+"""Peak error [pulses] beyond which one is as bad as another."""
+
+_HOPE, _HOPELESS = 8, 0.5
+"""Generation after which a search is given up whose best tuning still loses such a share of the loops."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Tunings:
+    """Tunings of a family on drawn plants, each with each.
+
+    Attributes
+    ----------
+    family : Family
+    plants : Plants
+        On which tunings are checked; the search has its own.
+    reference : Reference
+    options : dict
+        Of `plant.simulation.population.Population`.
+    scale : (n,) numpy.ndarray
+        Torque [N m] of each joint to which its chatter is compared.
+    threads : int
+    """
+
+    family: Family
+    plants: Plants
+    reference: Reference
+    options: dict[str, Any]
+    scale: Floats
+    threads: int
+
+    def runs(self, values: Floats, plants: Floats, steps: int) -> tuple[Runs, tuple[int, int]]:
+        """Plants (P, L) under tunings (T, k), tuning by tuning, and the shape (T, P)."""
+        named = dict(zip(self.family.variables, values.T, strict=True))
+        own, names = self.family.numbers(named), self.plants.numbers()[0]
+        count, each = len(values), len(plants)
+        lanes = np.hstack([np.repeat(np.column_stack(list(own.values())), each, axis=0), np.tile(plants, (count, 1))])
+        arm, rig, law = self.plants.arm, self.plants.rig, self.family.law
+        options = self.options | {"steps_per_sample": steps}
+        population = Population(arm, rig, law, self.reference, (*own, *names), lanes, **options)
+        return population.run(self.threads), (count, each)
+
+    def costs(self, values: Floats, plants: Floats) -> Floats:
+        """What the search minimises, (T,): mean chatter, and what leaves."""
+        runs, shape = self.runs(values, plants, _STEPS[0])
+        left = (runs.outside > 0).reshape(shape)
+        beyond = np.clip(runs.unrounded.max(axis=1).reshape(shape) - self.options["within"], 0, _FAR)
+        noise = np.minimum((runs.chatter / self.scale).mean(axis=1).reshape(shape), _FAR)
+        return noise.mean(axis=1) + _LEFT * left.mean(axis=1) + _BEYOND * beyond.mean(axis=1)
+
+    def best(self, plants: Floats, seed: int, show: Callable[[], Any]) -> Trial:
+        """The quietest tuning under which no plant of the check leaves, or that under which the fewest do.
+
+        Parameters
+        ----------
+        plants : (P, L) numpy.ndarray
+            With which the search begins.
+        seed : int
+        show : callable
+            Called once per generation.
+        """
+        known, tried = np.array([list(each.values()) for each in self.family.known]), []
+        for generations in ROUNDS:
+            known = self._searched(plants, known, generations, seed, show)
+            trials, leaving = self._checked(known[:_CHECKED])
+            tried += trials
+            best = min(range(len(trials)), key=lambda i: trials[i].rank)
+            if not trials[best].left or trials[best].left > _HOPELESS * len(self.plants):
+                break
+            plants = np.vstack([plants, leaving[best][:_JOINING]])
+        return min(tried, key=lambda trial: trial.rank)
+
+    def _searched(self, plants: Floats, known: Floats, generations: int, seed: int, show: Callable[[], Any]) -> Floats:
+        """Tunings (T, k) of the last generation, best first; variables are searched by their logarithms."""
+        bounds = np.log(np.array(list(self.family.variables.values())))
+        settings = GeneticSettings(individuals=20, subpopulations=2, generations=generations, bits_per_variable=10)
+
+        def generation(state: Any) -> bool:
+            show()
+            return bool(state.generation >= _HOPE and state.best_cost > _HOPELESS * _LEFT)
+
+        initial = np.clip(np.log(known), bounds[:, 0], bounds[:, 1])[: settings.individuals]
+        result = minimize_genetic(
+            lambda population: self.costs(np.exp(population), plants), bounds, settings, seed, initial=initial,
+            callback=generation,
+        )  # fmt: skip
+        found, costs = np.vstack([result.x, result.final_population]), np.append(result.cost, result.final_costs)
+        found, first = np.unique(found, axis=0, return_index=True)
+        return np.exp(found[np.argsort(costs[first], kind="stable")])
+
+    def _checked(self, values: Floats) -> tuple[list[Trial], list[Floats]]:
+        """Trials of tunings (T, k), and the plants that leave under each, the farthest first."""
+        plants = self.plants.numbers()[1]
+        runs, shape = self.runs(values, plants, _STEPS[1])
+        left, peak = (runs.outside > 0).reshape(shape), runs.unrounded.max(axis=1).reshape(shape)
+        chatter = runs.chatter.reshape(*shape, -1).mean(axis=1)
+        trials = [
+            Trial(
+                family=self.family.name,
+                law=self.family.tuned(row),
+                numbers=dict(zip(self.family.variables, row.tolist(), strict=True)),
+                left=int(lost.sum()),
+                chatter=noise,
+                noise=float((noise / self.scale).mean()),
+            )
+            for row, lost, noise in zip(values, left, chatter, strict=True)
+        ]
+        far = [np.argsort(-np.where(lost, own, -1.0), kind="stable") for lost, own in zip(left, peak, strict=True)]
+        return trials, [plants[order[: lost.sum()]] for order, lost in zip(far, left, strict=True)]

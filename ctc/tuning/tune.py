@@ -1,0 +1,119 @@
+"""The quietest law that keeps its limit over what is stated to be uncertain."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from tqdm import tqdm
+
+from ctc.certification.certify import certify
+from ctc.certification.gears import Gears
+from ctc.certification.uncertainty import Uncertainty
+from ctc.tuning.families import families
+from ctc.tuning.search import ROUNDS, Tunings
+from ctc.tuning.tuning import Tuning
+from ctc.verdict.lowest_resonance import SETTLED
+from identification import Identification
+from plant import Arm, Reference, Rig
+from plant.parts.arguments import instance, known_options, real
+from plant.simulation.threads import cores
+
+__all__ = ["tune"]
+
+_PLANTS, _FRESH = 16, 800
+"""Plants with which a search begins, and others on which its best are checked."""
+
+
+@known_options
+def tune(
+    found: Identification | Arm, rig: Rig, reference: Reference, *, resonance: ArrayLike | None = None,
+    damping_ratio: ArrayLike | None = None, friction: float = 0.1, within: float = 1, backlash: ArrayLike = 0.0,
+    lag: ArrayLike = 0.0, load: ArrayLike = 0.0, load_position: ArrayLike | None = None, delay: ArrayLike = 0.0,
+    covariance: ArrayLike | None = None, plants: ArrayLike | None = None, after: float = SETTLED,
+    samples: int = 10_000, seed: int = 0, duration: float | None = None, threads: int | None = None,
+    progress: bool = True,
+) -> Tuning:  # fmt: skip
+    """Find the quietest law that keeps its limit over the stated uncertainty.
+
+    Of computed torque with observer, computed torque with a PID that rolls off, and feed-forward with PD, tunings are
+    searched by the genetic algorithm on plants drawn from the uncertainty, and the best are tried on fresh ones. Quiet
+    is a small mean change of the torque from sample to sample.
+
+    Parameters
+    ----------
+    found : Identification or Arm
+        The model of the laws, and where the plants are drawn; an arm needs one of `covariance` and `plants`.
+    rig : Rig
+        Of the plants, such as ``found.rig``.
+    reference : Reference
+    resonance, damping_ratio, friction, backlash, lag, load, load_position, delay, covariance, plants
+        What is uncertain, as for `certify`: ``resonance=(40, 80)`` [Hz].
+    within : float
+        Limit of the counted error [pulses].
+    after : float
+        Samples before this time do not count [s].
+    samples : int
+        Plants of the certificate.
+    seed : int
+        Same seed, same result, to the bit, on any number of threads.
+    duration : float, optional
+        [s]; by default one period of the reference.
+    threads : int, optional
+        By default one per core.
+    progress : bool
+        Show a progress bar.
+
+    Returns
+    -------
+    Tuning
+        ``.law``, the table of all families in ``.table``, and the law's ``.certificate``. Where no law holds, that
+        which loses the fewest plants.
+
+    Raises
+    ------
+    ValueError
+        Bad input.
+    """
+    instance("rig", rig, Rig, "The order is found, rig, reference.")
+    instance("reference", reference, Reference, "The order is found, rig, reference.")
+    if not real("within", within, "Give pulses, such as 1.") > 0:
+        raise ValueError(f"within must be positive; got {within:g}. The promise is 1 pulse.")
+    duration = reference.duration if duration is None else duration
+    stated: dict[str, Any] = {
+        "covariance": covariance, "plants": plants, "friction": friction, "load": load, "load_position": load_position,
+        "delay": delay,
+    }  # fmt: skip
+    gears: dict[str, Any] = {"resonance": resonance, "damping_ratio": damping_ratio, "backlash": backlash, "lag": lag}
+    uncertainty = Uncertainty(**stated, gears=Gears(**gears))
+    uncertainty.gears.require_followed(rig.period / 4)
+    pose = reference(np.zeros(1)).q[0]
+    searching, fresh = (
+        uncertainty.draw(found, rig, count, seed + i, pose) for i, count in enumerate((_PLANTS, _FRESH))
+    )
+    arm, scale = fresh.arm, _scale(fresh.arm, reference, float(duration))
+    threads = int(threads or cores())
+    options = {"within": within, "duration": duration, "after": after}
+    laws, trials = families(arm, fresh.own, pose), []
+    with tqdm(total=len(laws) * sum(ROUNDS), desc="tune", unit="generation", disable=not progress, leave=False) as bar:
+        for i, family in enumerate(laws):
+            bar.set_postfix_str(family.name)
+            tunings = Tunings(
+                family=family, plants=fresh, reference=reference, options=options, scale=scale, threads=threads
+            )
+            trials.append(tunings.best(searching.numbers()[1], seed, bar.update))
+            bar.update((i + 1) * sum(ROUNDS) - bar.n)
+    best = min(trials, key=lambda trial: trial.rank)
+    certificate = certify(
+        found, rig, best.law, reference, samples=samples, seed=seed + 2, within=within, after=after, threads=threads,
+        duration=duration, **stated, **gears,
+    )  # fmt: skip
+    return Tuning(law=best.law, trials=tuple(trials), certificate=certificate, fresh=_FRESH)
+
+
+def _scale(arm: Arm, reference: Reference, duration: float) -> NDArray[np.float64]:
+    """Torque [N m] of each joint that its chatter is compared to: root mean square along the reference."""
+    motion = reference(np.linspace(0, duration, 200))
+    torque = [arm.inverse(*row) for row in zip(motion.q, motion.qd, motion.qdd, strict=True)]
+    return np.sqrt(np.mean(np.square(torque), axis=0))

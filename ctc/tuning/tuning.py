@@ -1,0 +1,90 @@
+"""Result of a tuning: the law, what the best of each family does, and the certificate of the one chosen."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ctc.certification.certificate import Certificate
+from ctc.verdict.table import aligned
+from plant import Law
+from plant.parts.frozen import Frozen
+
+__all__ = ["Trial", "Tuning"]
+
+_EACH = 3
+"""Joints up to which a row has the chatter of each; with more it has the largest."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Trial(Frozen):
+    """A tuning on fresh plants.
+
+    Attributes
+    ----------
+    family : str
+    law : Law
+    numbers : dict of str -> float
+        Its variables.
+    left : int
+        Plants that left the limit.
+    chatter : (n,) numpy.ndarray
+        Mean change of the torque from sample to sample, mean of the plants [N m]; infinite where one diverged.
+    noise : float
+        The same in shares of each joint's torque along the reference, mean of the joints.
+    """
+
+    family: str
+    law: Law
+    numbers: dict[str, float]
+    left: int
+    chatter: NDArray[np.float64]
+    noise: float
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Smaller is better: fewer plants leave, or as many with less chatter."""
+        return self.left, self.noise
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Tuning(Frozen):
+    """What `tune` found. Print it for the table and the verdict.
+
+    Attributes
+    ----------
+    law : Law
+        The quietest that keeps its limit on all fresh plants; where none does, that which loses the fewest.
+    trials : tuple of Trial
+        The best of each family.
+    certificate : Certificate
+        Of the law, on plants of its own.
+    fresh : int
+        Plants of each trial.
+    """
+
+    law: Law
+    trials: tuple[Trial, ...]
+    certificate: Certificate
+    fresh: int
+
+    @property
+    def holds(self) -> bool:
+        """Whether a law was found that keeps its limit on all fresh plants."""
+        return any(trial.left == 0 for trial in self.trials)
+
+    @property
+    def table(self) -> str:
+        """The best tuning of each family: how many of the fresh plants leave, its chatter, its numbers."""
+        rows = [("", f"leave, of {self.fresh}", "chatter [N m]", "tuned")]
+        for trial in sorted(self.trials, key=lambda trial: trial.rank):
+            each = trial.chatter if len(trial.chatter) <= _EACH else np.max(trial.chatter, keepdims=True)
+            numbers = ", ".join(f"{name} {value:.4g}" for name, value in trial.numbers.items())
+            rows.append((trial.family, f"{trial.left}", " / ".join(f"{x:.1f}" for x in each), numbers))
+        return "\n".join(aligned(rows))
+
+    def __str__(self) -> str:
+        none = "" if self.holds else "No law keeps the limit on all plants; this one loses the fewest.\n"
+        return f"{self.table}\n{none}{self.certificate}"

@@ -1,0 +1,54 @@
+"""Torque that passes through the gears of a moving arm, and how far it winds them."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from plant.machine.drive import Drive
+from plant.machine.rig import Rig
+from plant.mechanics.dynamics import Dynamics
+
+__all__ = ["gear_torque", "require_elastic", "wound"]
+
+
+def gear_torque(dynamics: Dynamics, drive: Drive, q: ca.SX, qd: ca.SX, qdd: ca.SX, f: ca.SX) -> ca.SX:
+    """D(q) qdd + h(q, qd) without what turns the motors (n, 1) [N m], joint side; of coupled motors, on their shafts.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+    drive : Drive
+        Whose rotor inertias are part of f.
+    q, qd, qdd : casadi SX (n, 1)
+        Motion of the links [SI].
+    f : casadi SX (p, 1)
+    """
+    whole = dynamics.D(q, f) @ qdd + dynamics.h(q, qd, f)
+    return drive.coupling.shaft_torque(whole) - drive.reflected_inertia() * drive.coupling.shaft(qdd)
+
+
+def wound(drive: Drive, torque: ca.SX) -> ca.SX:
+    """Motor minus link (n, 1) [rad], as joints on rigid gears would have it, under a torque through the gears [N m]."""
+    return drive.coupling.joint(torque / drive.elasticity.stiffness)
+
+
+def require_elastic(owner: str, rig: Rig) -> None:
+    """Refuse a rig whose motors cannot be told where to be for the sake of their links.
+
+    Raises
+    ------
+    ValueError
+        Rigid gears, backlash, encoders that are on the links.
+    """
+    elasticity = rig.drive.elasticity
+    if elasticity is None:
+        raise ValueError(f"rig of {owner} must have elastic gears; got rigid ones. Give Drive(elasticity=...).")
+    if elasticity.backlash is not None and elasticity.backlash.any():
+        raise ValueError(
+            f"rig of {owner} must be without backlash; got {elasticity.backlash.max():g} rad, by which motors would "
+            "have to jump where the torque reverses. Leave it out here; links are then off by half of it."
+        )
+    if rig.encoder.side == "link":
+        raise ValueError(
+            f"encoders in the rig of {owner} must be on the motors; got the link's side. Follow q_r itself."
+        )

@@ -1,0 +1,110 @@
+"""Motion of the motors with which the links behind elastic gears follow a reference."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.machine.gear_torque import gear_torque, require_elastic, wound
+from plant.machine.rig import Rig
+from plant.mechanics.arm import Arm
+from plant.motion.reference import Reference
+from plant.parts.part import part, structure
+
+__all__ = ["LinkReference"]
+
+
+@part
+class LinkReference(Reference):
+    """theta_r = q_r + tau_link(q_r, qd_r, qdd_r) / k: where the motors must be for the links to be at q_r.
+
+    tau_link is the torque through the gears, D(q_r) qdd_r + h(q_r, qd_r) without the motors' own share, and k their
+    stiffness; their damping is neglected, 2 (damping ratio) / (resonance [rad/s]) of the deflection's rate. Speed and
+    acceleration are its derivatives along the motion, which take the jerk and the snap of q_r.
+
+    Where the jerk of q_r jumps (both ends of `PointToPoint` and `Spline`, the points of `Scaled`), the speed of the
+    motors jumps by the links' inertia over k times as much; where its acceleration jumps, the motors would have to jump
+    themselves. A simulation starts with the motors on theta_r and the links as they hang at rest: if the motion begins
+    with an acceleration, they are off by what it adds to tau_link / k, and swing.
+
+    Parameters
+    ----------
+    arm : Arm
+        As identified, ``found.arm``.
+    rig : Rig
+        As identified, with ``drive.elasticity``.
+    reference : Reference
+        q_r, with ``higher`` derivatives: `Harmonics`, `PointToPoint`, `Spline`, or `Scaled` of them.
+
+    Raises
+    ------
+    ValueError
+        A rig that does not fit, without elastic gears, with backlash, or with its encoders on the links; a motion
+        without higher derivatives, such as a `Table`; one so rough (that of `fastest`) that winding the gears alone
+        takes more than the amplifiers give.
+    """
+
+    arm: Any = structure(Arm, kw_only=False)
+    rig: Rig = structure(Rig, kw_only=False)
+    reference: Reference = structure(Reference, kw_only=False)
+
+    def __post_init__(self) -> None:
+        self.rig.require_fit(self.arm.dynamics.chain)
+        require_elastic("LinkReference", self.rig)
+        if self.reference.links is not self.reference:
+            given = type(self.reference).__name__
+            raise ValueError(f"reference must be the motion of the links; got {given}, of motors. Give its .links.")
+        if self.reference.n != self.rig.n:
+            raise ValueError(f"reference must have {self.rig.n} joints like the rig; got {self.reference.n}. Match it.")
+        self._require_smooth()
+
+    def _require_smooth(self) -> None:
+        """Refuse a motion that asks more of the motors than their amplifiers give, sampled once per period."""
+        t = np.arange(0.0, self.duration, self.rig.period)
+        drive, winding = self.rig.drive, self.motion(t)[2] - self.reference.motion(t)[2]
+        torque, limit = np.abs(drive.reflected_inertia() * drive.coupling.shaft(winding)), drive.torque_limit()
+        if (torque > limit).any():
+            i, joint = np.unravel_index(np.argmax(torque / limit), torque.shape)
+            motor, needed = self.arm.dynamics.chain.joint_labels[joint], f"{torque[i, joint]:.3g} of {limit[joint]:.3g}"
+            raise ValueError(
+                f"reference must be smooth, with a bounded snap; at t = {t[i]:.3f} s the motor of {motor} needs "
+                f"{needed} N m to wind its gear. Put a Spline through fewer points, or slow it down."
+            )
+
+    @property
+    def n(self) -> int:  # type: ignore[override]  # declared, and read only
+        """Number of joints."""
+        return self.reference.n
+
+    @property
+    def duration(self) -> float:  # type: ignore[override]  # declared, and read only
+        """That of the links' motion [s]."""
+        return self.reference.duration
+
+    @property
+    def links(self) -> Reference:
+        """q_r, the motion of the links."""
+        return self.reference
+
+    @functools.cached_property
+    def _motors(self) -> ca.Function:
+        """(q, qd, qdd, jerk, snap) of the links -> (theta, thetad, thetadd), all (n, 1)."""
+        along = q, qd, qdd, *_ = [ca.SX.sym(name, self.n) for name in ("q", "qd", "qdd", "jerk", "snap")]
+        drive, arm = self.rig.drive, self.arm
+        theta = q + wound(drive, gear_torque(arm.dynamics, drive, q, qd, qdd, arm.f))
+        state, rate = ca.vertcat(*along[:4]), ca.vertcat(*along[1:])
+        speed = ca.jtimes(theta, state, rate)
+        motion = [theta, speed, ca.jtimes(speed, state, rate)]
+        return ca.Function("motors", along, ca.cse([ca.densify(each) for each in motion]))
+
+    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Motion of the motors at times (N,), as joints on rigid gears would have it."""
+        links = [*self.reference.motion(t), *self.reference.higher(t)]
+        if not len(t):
+            return links[0], links[1], links[2]
+        theta, speed, acceleration = (x.full().T for x in self._motors.map(len(t))(*(each.T for each in links)))
+        return theta, speed, acceleration
