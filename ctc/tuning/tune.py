@@ -25,6 +25,8 @@ __all__ = ["tune"]
 _PLANTS, _FRESH = 16, 800
 """Plants with which a search begins, and others on which its best are checked."""
 
+_GENERATIONS = sum(generations for generations, _ in ROUNDS)
+
 
 @known_options
 def tune(
@@ -96,14 +98,14 @@ def tune(
     threads = int(threads or cores())
     options = {"within": within, "duration": duration, "after": after}
     laws, trials = families(arm, fresh.own, pose), []
-    with tqdm(total=len(laws) * sum(ROUNDS), desc="tune", unit="generation", disable=not progress, leave=False) as bar:
+    with tqdm(total=len(laws) * _GENERATIONS, desc="tune", unit="generation", disable=not progress, leave=False) as bar:
         for i, family in enumerate(laws):
             bar.set_postfix_str(family.name)
             tunings = Tunings(
                 family=family, plants=fresh, reference=reference, options=options, scale=scale, threads=threads
             )
             trials.append(tunings.best(searching.numbers()[1], seed, bar.update))
-            bar.update((i + 1) * sum(ROUNDS) - bar.n)
+            bar.update((i + 1) * _GENERATIONS - bar.n)
     best = min(trials, key=lambda trial: trial.rank)
     certificate = certify(
         found, rig, best.law, reference, samples=samples, seed=seed + 2, within=within, after=after, threads=threads,
