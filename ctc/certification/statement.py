@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from ctc.certification.imperfections import IMPERFECTIONS
 from plant import Rig
 
 __all__ = ["percent", "statement", "verdict"]
-
-_NEVER = "jitter", "drift of friction", "presliding", "torque ripple", "error within an encoder's period"
-"""What is never drawn."""
 
 
 def statement(uncertainty: Any, rig: Rig, unknown: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -25,26 +23,24 @@ def statement(uncertainty: Any, rig: Rig, unknown: tuple[str, ...]) -> tuple[tup
         drawn.append(f"resonance {hz} Hz ({alike}), damping ratio {_range(gears.damping_ratio)}")
     else:
         left.append("elasticity" if drive.elasticity is None else "resonance (as the rig has it)")
-    elastic = drive.elasticity
     for there, said, name in (
         (u.friction > 0, f"friction ±{100 * u.friction:g} % (standard deviation)", "friction"),
         (u.load[1] > 0, f"load {_range(u.load)} kg", "load"),
         (u.phase, "encoder zeros", "encoder zeros"),
         (u.delay[1] > 0, f"delay {_range(u.delay)} s", "delay"),
         (u.dropped > 0, f"lost counts {100 * u.dropped:g} %", "lost counts"),
-        (gears.backlash[1] > 0, f"backlash {_range(gears.backlash)} rad",
-         _own("backlash", elastic is not None and elastic.backlash is not None)),
-        (gears.lag[1] > 0, f"current lag {_range(gears.lag)} s", _own("current lag", drive.current_lag is not None)),
-    ):  # fmt: skip
+    ):
         if there:
             drawn.append(said)
         else:
             left.append(name)
-    return tuple(drawn), (*left, *_NEVER)
-
-
-def _own(name: str, there: bool) -> str:
-    return f"{name} (as the rig has it)" if there else name
+    for name, row in IMPERFECTIONS.items():
+        ends = gears.imperfections.get(name, (0.0, 0.0))
+        if any(ends):
+            drawn.append(f"{row.words} {_range(ends)} {row.unit}")
+        else:
+            left.append(row.words if row.own(rig) is None else f"{row.words} (as the rig has it)")
+    return tuple(drawn), tuple(left)
 
 
 def _range(ends: Any) -> str:

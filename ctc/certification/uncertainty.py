@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ctc.certification.gears import Gears, between
+from ctc.certification.gears import Gears
+from ctc.certification.imperfections import between
 from ctc.certification.plants import Plants
 from ctc.certification.statement import statement
 from identification import Identification
