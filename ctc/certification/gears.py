@@ -115,15 +115,21 @@ class Gears:
             rig = dataclasses.replace(rig, drive=dataclasses.replace(drive, elasticity=elasticity))
         return placed_in(rig, self.imperfections)
 
-    def draw(self, random: Any, arm: Arm, rig: Rig, f: NDArray[np.float64], pose: ArrayLike) -> Drawn:
-        """Draw for arms with these f (P, p) on a rig that is `prepared`."""
+    def places(self, random: Any, count: int) -> NDArray[np.float64]:
+        """Where in their ranges resonances and damping ratio of each plant are (P, m + 1), from 0 to 1."""
+        return random.uniform(0, 1, (count, 1 + len(self.resonance or ())))
+
+    def draw(
+        self, random: Any, arm: Arm, rig: Rig, f: NDArray[np.float64], pose: ArrayLike, places: NDArray[np.float64]
+    ) -> Drawn:
+        """Draw for arms with these f (P, p), at these `places`, on a rig that is `prepared`."""
         count, n = len(f), rig.n
         others = drawn_of(self.imperfections, random, count, n)
         if self.resonance is None:
             return others
         low, high = np.log(self.resonance).T
-        hz = np.exp(random.uniform(low, high, (count, len(low))))
-        ratio = random.uniform(*self.damping_ratio, (count, 1))
+        hz = np.exp(low + places[:, :-1] * (high - low))
+        ratio = self.damping_ratio[0] + places[:, -1:] * np.ptp(self.damping_ratio)
         links = f @ _inertias(arm, rig, pose) - rig.drive.reflected_inertia()
         found = gears(np.broadcast_to(hz, (count, n)), ratio, links)
         names = ["resonance"] if len(low) == 1 else [f"resonance[{i}]" for i in range(n)]

@@ -5,18 +5,23 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from ctc.certification.identified import Identified
 from ctc.certification.imperfections import IMPERFECTIONS
 from plant import Rig
 
 __all__ = ["percent", "statement", "verdict"]
 
 
-def statement(uncertainty: Any, rig: Rig, unknown: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def statement(uncertainty: Any, rig: Rig, known: Identified) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """What is drawn of an `Uncertainty` with these identified numbers, and what is not."""
     u, gears, drive = uncertainty, uncertainty.gears, rig.drive
     drawn, left = [], []
-    if u.plants is not None or unknown:
-        drawn.append("f of given arms" if u.plants is not None else "what was identified")
+    if u.plants is not None:
+        drawn.append("f of given arms")
+    elif known.refits is not None:
+        drawn.append(f"what the log says on gears of {len(known.refits.places)} resonances of the range")
+    elif known.names:
+        drawn.append("what was identified")
     if gears.resonance is not None:
         alike = "all joints alike" if len(gears.resonance) == 1 else "of each joint"
         hz = ", ".join(f"{low:g} to {high:g}" for low, high in gears.resonance)

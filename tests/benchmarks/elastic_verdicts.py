@@ -1,10 +1,10 @@
-"""Is the bound of a certificate a bound on the machine? Robots on elastic gears, identified from their P log, certified.
+"""Is the bound of a certificate a bound on the machine? Elastic robots, identified from their P log and certified.
 
     python tests/benchmarks/elastic_verdicts.py [--quick]
 
 For each resonance, damping ratio and pair of P gains: the robot's log is identified with rigid gears, a law is built on
-what was found, and certified with the resonance stated to +-10 % and friction to 2 %. Beside it what the robot itself
-does: the true f on gears of the true resonance and damping, in 1,000 loops with friction and encoder zeros of their own.
+what was found, and certified with the resonance stated to +-10 % and friction to 2 %. Beside it what the robot does:
+the true f on gears of the true resonance and damping, in 1,000 loops with friction and encoder zeros of their own.
 A bound holds if it is at least the lower 99 % bound of the robot's share; it is useful if it is below 1 % where a range
 of +-10 % around the robot is clean.
 """
