@@ -33,7 +33,15 @@ from ctc.certification.certify import certify
 from ctc.certification.figure import plot_certificate
 from ctc.certification.reserves import Reserves
 from ctc.certification.sensitivity import Influence
-from ctc.figures import plot_comparison, plot_evaluation, plot_identification, plot_margins, plot_phase, plot_record
+from ctc.figures import (
+    plot_comparison,
+    plot_evaluation,
+    plot_identification,
+    plot_margins,
+    plot_phase,
+    plot_record,
+    plot_sweep,
+)
 from ctc.laws.adaptive import Adaptive
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.laws.computed_torque_integral import ComputedTorqueIntegral
@@ -50,12 +58,14 @@ from ctc.verdict.animation import animate, plot_arm
 from ctc.verdict.comparison import Comparison, compare
 from ctc.verdict.evaluation import Evaluation, evaluate
 from ctc.verdict.lowest_resonance import LowestResonance, lowest_resonance
+from ctc.verdict.resonance_sweep import ResonanceSweep, sweep_resonance
 
 __all__ = [
     "Adaptive", "Certificate", "Comparison", "ComputedTorque", "ComputedTorqueIntegral", "ComputedTorquePID",
     "Evaluation", "FeedForward", "FlexibleJointComputedTorque", "Influence", "LowestResonance", "Margins",
-    "PDGravity", "Reserves", "SlidingMode", "Trial", "Tuning", "animate", "certify", "clopper_pearson",
-    "compare", "error_loop", "evaluate", "kalman_gains", "lowest_resonance", "lqr_gains", "margins",
-    "motor_gain", "observer_gains", "pid_gains", "plot_arm", "plot_certificate", "plot_comparison",
-    "plot_evaluation", "plot_identification", "plot_margins", "plot_phase", "plot_record", "tune",
+    "PDGravity", "Reserves", "ResonanceSweep", "SlidingMode", "Trial", "Tuning", "animate", "certify",
+    "clopper_pearson", "compare", "error_loop", "evaluate", "kalman_gains", "lowest_resonance", "lqr_gains",
+    "margins", "motor_gain", "observer_gains", "pid_gains", "plot_arm", "plot_certificate", "plot_comparison",
+    "plot_evaluation", "plot_identification", "plot_margins", "plot_phase", "plot_record", "plot_sweep",
+    "sweep_resonance", "tune",
 ]  # fmt: skip

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "COLOURS", "draw_band", "plot_comparison", "plot_evaluation", "plot_identification", "plot_margins",
-    "plot_phase", "plot_record",
+    "plot_phase", "plot_record", "plot_sweep",
 ]  # fmt: skip
 
 COLOURS = ("#1f6f8b", "#c8553d", "#5a7d2a", "#7b4b94", "#b8860b", "#2fb5c7", "#d87ca8")
@@ -299,4 +299,51 @@ def plot_margins(margins: Any) -> Figure:
     axes[2, 0].set_ylim(-60, 15)
     axes[0, 0].legend(frameon=False, fontsize=8)
     axes[-1, 0].set_xlabel("frequency [Hz]")
+    return figure
+
+
+def plot_sweep(sweep: Any) -> Figure:
+    """Share of samples within the limit over the resonance of the gears, and bars where every sample is, law by law.
+
+    Parameters
+    ----------
+    sweep : ResonanceSweep
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    import matplotlib.pyplot as plt
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
+
+    names, hz = list(sweep.shares), sweep.hz
+    edges = np.sqrt(hz[1:] * hz[:-1])
+    edges = np.concatenate([[hz[0] ** 2 / edges[0]], edges, [hz[-1] ** 2 / edges[-1]]])
+    heights = (3.6, 0.42 * len(names) + 0.5)
+    figure, (share, bars) = plt.subplots(
+        2, 1, figsize=(9.0, sum(heights)), height_ratios=heights, sharex=True, layout="constrained"
+    )
+    for place, name in enumerate(names):
+        colour, own = COLOURS[place % len(COLOURS)], sweep.shares[name]
+        share.plot(hz, 100 * own, color=colour, linewidth=1.6, label=name)
+        for low, high, inside in zip(edges[:-1], edges[1:], own >= 1, strict=True):
+            if inside:
+                bars.barh(-place, high - low, 0.62, left=low, color=colour, linewidth=0)
+    share.set_ylabel(f"samples within ±{sweep.within:g} pulse [%]")
+    share.set_ylim(-2, 104)
+    share.legend(frameon=False, fontsize=9, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=2, borderaxespad=0.2)
+    bars.set_yticks([-place for place in range(len(names))], names)
+    bars.set_ylim(-len(names) + 0.4, 0.6)
+    bars.set_title("every sample within", loc="left", fontsize=9)
+    bars.set_xscale("log")
+    bars.set_xlim(edges[0], edges[-1])
+    ticks = [x for x in (5, 10, 15, 25, 40, 60, 100, 150, 250, 500, 1000) if edges[0] <= x <= edges[-1]]
+    bars.xaxis.set_major_locator(FixedLocator(ticks))
+    bars.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    bars.xaxis.set_minor_formatter(NullFormatter())
+    bars.set_xlabel(f"resonance of the gears, motors locked [Hz]; damping ratio {sweep.damping_ratio:g}")
+    for axis in (share, bars):
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.grid(alpha=0.25, linewidth=0.5, axis="x")
+    share.grid(alpha=0.25, linewidth=0.5, axis="y")
     return figure

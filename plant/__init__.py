@@ -33,9 +33,13 @@ from plant.logs.logfile import LoadError, read_table
 from plant.logs.record import Record
 from plant.machine.drive import Drive
 from plant.machine.elasticity import Elasticity
-from plant.machine.encoder import Encoder, Phase
+from plant.machine.encoder import Encoder, Phase, QuadratureError
 from plant.machine.friction import FrictionCurve
+from plant.machine.friction_changes import FrictionDrift
+from plant.machine.jitter import Jitter
+from plant.machine.presliding import Presliding
 from plant.machine.rig import Rig
+from plant.machine.torque_ripple import TorqueRipple
 from plant.machine.transport import Transport
 from plant.mechanics.arm import Arm
 from plant.mechanics.body import Body
@@ -81,8 +85,10 @@ __all__ = [
     "Encoder",
     "Finding",
     "FrictionCurve",
+    "FrictionDrift",
     "Guards",
     "Harmonics",
+    "Jitter",
     "Law",
     "Link",
     "LinkReference",
@@ -96,6 +102,8 @@ __all__ = [
     "Phase",
     "Placement",
     "PointToPoint",
+    "Presliding",
+    "QuadratureError",
     "Record",
     "Reference",
     "Rig",
@@ -105,6 +113,7 @@ __all__ = [
     "Spline",
     "StatelessLaw",
     "Table",
+    "TorqueRipple",
     "Transport",
     "catalogue",
     "fastest",

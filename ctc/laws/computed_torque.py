@@ -2,18 +2,38 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
 from ctc.laws.observer import correct, predict
+from identification import Identification
 from plant import Rig, Setpoint
+from plant.analysis.sampled_loops import SampledLoops
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
 from plant.parts.part import number, part, structure
 
 __all__ = ["ComputedTorque"]
+
+_UNKNOWN, _KNOWN, _FRICTION_TOO = 250.0, 200.0, 150.0
+"""Bandwidth [rad/s] by what is known: nothing but f; f with a covariance; friction as well."""
+
+_SAMPLED = 0.3
+"""Bandwidth times period, at most, of one that is chosen."""
+
+_SPARE, _SLOWER = 1.4, 0.8
+"""Share of the bandwidth that a stable one has to spare, and by which one that has not is lowered."""
+
+_STIFFER = 1.0, 1.2, 1.5, 2.0, 3.0, 5.0
+"""Resonances, in shares of the stated, at which it has to be stable: a fast observer can be stable on soft gears, but
+no longer where they are a little stiffer."""
+
+_SLOWEST = 5.0
+"""Bandwidth [rad/s] below which none is tried."""
 
 
 @part
@@ -30,9 +50,11 @@ class ComputedTorque(ModelLaw):
         The identified arm; an identification gives its rig, too.
     rig : Rig, optional
         The identified rig, ``found.rig``: its friction is fed forward.
-    bandwidth : float
-        Double pole of the error [rad/s]. The default hides inertias that are wrong by half, at the price of chatter;
-        with f known to 5 %, 150 is enough and five times quieter (tests/benchmarks/controller_defaults.py).
+    bandwidth : float, optional
+        Double pole of the error [rad/s]. By default 250 with an arm of unknown origin: it hides inertias that are wrong
+        by half, at the price of chatter. With an identification 200, or 150 where friction was identified too
+        (tests/benchmarks/controller_defaults.py), and on its elastic gears one of less that is stable with 40 % to
+        spare; `tune` finds quieter laws.
     observer_ratio : float
         Triple pole of the observer, as a multiple of the bandwidth.
     friction : bool
@@ -57,7 +79,7 @@ class ComputedTorque(ModelLaw):
     Source: paper Fig. 2.
     """
 
-    bandwidth: float = number((), default=250.0)
+    bandwidth: float = number((), default=None)
     observer_ratio: float = number((), default=1.5)
     start_boost: float = number((), default=3.0)
     start_time: float = number((), default=0.02)
@@ -66,6 +88,8 @@ class ComputedTorque(ModelLaw):
     delay: int = structure(default=0)
 
     def __post_init__(self) -> None:
+        if self.bandwidth is None:
+            object.__setattr__(self, "bandwidth", _bandwidth(self.arm, self.rig))
         super().__post_init__()
         signs(self, positive=("bandwidth", "observer_ratio", "start_boost", "start_time"))
         if self.delay not in (0, 1):
@@ -99,3 +123,31 @@ class ComputedTorque(ModelLaw):
         acting, coming = (pending[1], pending) if self.delay else (wanted, ())
         following = [e, rate, disturbance, *coming, feedback, wanted, fresh * ca.exp(-dt / self.start_time)]
         return acting, ca.vertcat(*following)
+
+
+def _bandwidth(found: Any, rig: Rig | None) -> float:
+    """Bandwidth [rad/s] of a law that is given none."""
+    if not isinstance(found, Identification) or not isinstance(rig, (Rig, type(None))):
+        return _UNKNOWN  # what does not fit is refused with the other fields
+    rig = found.rig if rig is None else rig
+    friction = any(name.startswith(("drive.viscous", "drive.coulomb")) for name in found.unknown)
+    known = _FRICTION_TOO if friction else _KNOWN
+    bandwidth = min(_UNKNOWN if found.covariance is None else known, _SAMPLED / rig.period)
+    if rig.drive.elasticity is None:
+        return bandwidth
+    pose = np.zeros(rig.n) if found.records[0].reference is None else found.records[0].reference(np.zeros(1)).q[0]
+    while bandwidth > _SLOWEST:
+        law = ComputedTorque(found.arm, rig, bandwidth=_SPARE * bandwidth)
+        loops, gears = SampledLoops(found.arm, rig, law, pose), rig.drive.elasticity
+        stiffer = (
+            {
+                f"drive.elasticity.{name}[{i}]": value * factor**power
+                for name, power in (("stiffness", 2), ("damping", 1))
+                for i, value in enumerate(getattr(gears, name))
+            }
+            for factor in _STIFFER
+        )
+        if all(loops.unstable_pole(numbers) is None for numbers in stiffer):
+            return bandwidth
+        bandwidth *= _SLOWER
+    raise ValueError("no bandwidth is stable on these elastic gears with 40 % to spare; take what tune finds.")

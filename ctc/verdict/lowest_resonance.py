@@ -13,20 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant import Arm, Elasticity, Law, Reference, Rig
-from plant.parts.arguments import array, known_options, real
+from ctc.verdict.on_gears import RIGID, HeavyMotorsError, OnGears
+from plant import Arm, Law, Reference, Rig
+from plant.parts.arguments import known_options, real
 from plant.parts.frozen import Frozen
 from plant.simulation.loop_kernel import LANES
-from plant.simulation.population import Population
 from plant.simulation.threads import cores
 
 __all__ = ["LowestResonance", "lowest_resonance"]
 
 LOWEST, HIGHEST = 10.0, 500.0
 """Between which resonances are tried [Hz]."""
-
-_RIGID = 1e5
-"""Resonance [Hz] of a gear that moves like a rigid one."""
 
 DAMPING_RATIO, SETTLED = 0.01, 0.02
 """Of the gears, unless stated; and time before which samples do not count [s]."""
@@ -120,30 +117,21 @@ def lowest_resonance(
     ValueError
         A rig whose gears are elastic, a damping ratio that is not positive.
     """
-    if rig.drive.elasticity is not None:
-        raise ValueError("the rig must have rigid gears; got elastic ones. Evaluate it as it is instead.")
-    ratio = real("damping_ratio", damping_ratio, "Give that of the gears, such as 0.01.", positive=True)
-    start = reference(np.zeros(1)).q[0]
-    given: Any = None if initial is None else array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
-    try:
-        gears: Any = Elasticity.from_resonance(arm, _RIGID, ratio, q=start)
-        gears.of(rig.drive)
-    except ValueError as error:
-        return LowestResonance(hz=np.nan, damping_ratio=ratio, within=within, reason=str(error))
-    names = [f"drive.elasticity.{name}[{i}]" for name in ("stiffness", "damping") for i in range(rig.n)]
-    elastic = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=gears))
     options = {
-        "within": within, "steps_per_sample": steps_per_sample, "after": after, "initial": given,
+        "within": within, "steps_per_sample": steps_per_sample, "after": after, "initial": initial,
         "duration": reference.duration if duration is None else duration,
     }  # fmt: skip
+    ratio = real("damping_ratio", damping_ratio, "Give that of the gears, such as 0.01.", positive=True)
+    try:
+        sweep = OnGears(arm, rig, law, reference, ratio, **options)
+    except HeavyMotorsError as error:
+        return LowestResonance(hz=np.nan, damping_ratio=ratio, within=within, reason=str(error))
+    threads = int(threads or cores())
 
     def leaves(hz: Any) -> Any:
-        """Whether the loop leaves, at each of these resonances (P,)."""
-        each = [dataclasses.replace(gears, hz=np.full(rig.n, value)).of(rig.drive) for value in hz]
-        values = np.array([np.append(gear.stiffness, gear.damping) for gear in each])
-        return Population(arm, elastic, law, reference, names, values, **options).run(threads or cores()).outside > 0
+        return sweep.runs(hz, threads).outside > 0
 
-    if leaves([_RIGID])[0]:
+    if leaves([RIGID])[0]:
         return LowestResonance.none(ratio, within)
     return LowestResonance(hz=above(leaves, 2 * LANES), damping_ratio=ratio, within=within)
 

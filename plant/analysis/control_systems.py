@@ -18,7 +18,6 @@ the sampled one makes as many of those sub-steps as `simulate` does, with its se
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, cast
 
@@ -27,7 +26,7 @@ import numpy as np
 
 from plant.laws.law import Law, Setpoint, StatelessLaw
 from plant.logs.record import Record
-from plant.machine.rig import Rig
+from plant.machine.rig import Rig, punctual_rig
 from plant.mechanics.arm import Arm
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import instance, known_options
@@ -108,9 +107,14 @@ def _arm_system(arm: Arm, rig: Rig | None, sampled: bool, steps_per_sample: int)
         qdd = inverse(arm.dynamics.D(q, arm.f)).solve(torque - arm.dynamics.h(q, qd, arm.f))
         return _system("arm", state, {"tau": torque}, ca.vertcat(qd, qdd), {"q": q, "qd": qd}, 0, ("q", "qd"))
     instance("rig", rig, Rig, "Pass the rig that drives the arm.")
+    if not sampled and rig.drive.presliding is not None and not (rig.drive.presliding.distance > 0).all():
+        raise ValueError(
+            f"distance of a continuous arm's presliding must be positive; got {rig.drive.presliding.distance}. Leave "
+            "presliding out, or take sampled=True."
+        )
     loop = ClosedLoop(
         dynamics=arm.dynamics,
-        rig=dataclasses.replace(rig, transport=None),
+        rig=punctual_rig(rig),
         law=_Held(period=rig.period),
         steps_per_sample=steps_per_sample,
         smooth=not sampled,

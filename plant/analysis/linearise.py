@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant.laws.law import Law
+from plant.machine.friction_step import DRY_FRICTION
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.parts.arguments import array
@@ -76,7 +77,7 @@ def jacobians(
     B = ca.jacobian(following[moving], pulses) / step
     values = loop.number_values(arm.f)
     for i, name in enumerate(loop.number_names):
-        if name.startswith(("drive.coulomb", "drive.curve.breakaway")):
+        if name.startswith(DRY_FRICTION):
             values[i] = 0.0
     at_rest = loop.initial_state(q, np.zeros(n), values)
     held = rig.position_in_pulses(q) + _holding(arm, rig, loop, at_rest, values)

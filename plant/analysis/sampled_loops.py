@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant.laws.law import Block, Law
+from plant.machine.friction_step import DRY_FRICTION
 from plant.machine.rig import Rig, smooth_rig
 from plant.mechanics.arm import Arm
 from plant.parts.arguments import array, instance
@@ -113,7 +114,7 @@ def _sliding(loop: ClosedLoop, arm: Arm) -> tuple[list[str], Matrix]:
     """Names and values of a loop's numbers without dry friction, as for a joint that slides one way."""
     values = loop.number_values(arm.f)
     for i, name in enumerate(loop.number_names):
-        if name.startswith(("drive.coulomb", "drive.curve.breakaway")):
+        if name.startswith(DRY_FRICTION):
             values[i] = 0.0
     return loop.number_names, values
 

@@ -15,32 +15,18 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plant.machine.current_lag import CurrentLag
 from plant.machine.elasticity import Elasticity, Resonance
 from plant.machine.friction import FrictionCurve
+from plant.machine.friction_changes import FrictionDrift, LoadFriction
+from plant.machine.presliding import Presliding
+from plant.machine.torque_ripple import TorqueRipple
 from plant.mechanics.coupling import Coupling
 from plant.parts.arguments import instance
 from plant.parts.labels import joint_label
 from plant.parts.part import ArrayOrSymbols, Part, Vector, number, part, structure
 
-__all__ = ["CurrentLag", "Drive", "lagging"]
-
-
-@part
-class CurrentLag(Part):
-    """How the motor currents follow the commanded ones: a first-order lag.
-
-    Parameters
-    ----------
-    time : float
-        Time constant [s].
-    """
-
-    time: float = number(())
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.time > 0:
-            raise ValueError(f"current_lag must be positive; got {self.time:g} s. Leave it out for none.")
+__all__ = ["Drive"]
 
 
 @part
@@ -69,6 +55,14 @@ class Drive(Part):
         Stiffness, damping and backlash of the gears (also `Elasticity.from_resonance`); none by default: rigid gears.
     current_lag : float or CurrentLag, optional
         Time constant with which the motor currents follow the commanded ones [s]; none by default.
+    presliding : Presliding, optional
+        How far friction gives before it slides, and its micro-damping; none by default.
+    load_friction : (n,) array_like or LoadFriction, optional
+        Rise of the Coulomb level over the torque that the gear transmits, joint side; none by default.
+    friction_drift : FrictionDrift, optional
+        Slow drift of all friction from the start of a run; none by default.
+    ripple : TorqueRipple, optional
+        Cogging of the motors; none by default.
     joints : tuple of str, optional
         Names of the joints, for messages, tables and figures of the logs and the laws of this drive.
     """
@@ -84,6 +78,10 @@ class Drive(Part):
     joints: tuple[str, ...] = structure(default=())
     elasticity: Any = structure(default=None)
     current_lag: Any = structure(default=None)
+    presliding: Presliding | None = structure(default=None)
+    load_friction: Any = structure(default=None)
+    friction_drift: FrictionDrift | None = structure(default=None)
+    ripple: TorqueRipple | None = structure(default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -109,17 +107,21 @@ class Drive(Part):
             object.__setattr__(self, "current_lag", CurrentLag(time=self.current_lag))
         if isinstance(self.elasticity, Resonance):
             object.__setattr__(self, "elasticity", self.elasticity.of(self))
-        if self.elasticity is not None:
-            instance("elasticity", self.elasticity, Elasticity, "Give Elasticity(stiffness=, damping=).")
-            if len(self.elasticity.stiffness) != self.n:
-                given = len(self.elasticity.stiffness)
-                raise ValueError(f"elasticity must have {self.n} joints; got {given}. Give one number per gear.")
-        if self.curve is not None:
-            instance("curve", self.curve, FrictionCurve, "Give FrictionCurve(offset=..., breakaway=..., speed=...).")
-            if len(self.curve.offset) != self.n:
-                raise ValueError(
-                    f"curve must have {self.n} joints like the drive; got {len(self.curve.offset)}. Give one per joint."
-                )
+        if self.load_friction is not None and not isinstance(self.load_friction, LoadFriction):
+            object.__setattr__(self, "load_friction", LoadFriction(share=self.load_friction))
+        for name, kind, first in (
+            ("elasticity", Elasticity, "stiffness"),
+            ("curve", FrictionCurve, "offset"),
+            ("presliding", Presliding, "distance"),
+            ("load_friction", LoadFriction, "share"),
+            ("friction_drift", FrictionDrift, "amount"),
+            ("ripple", TorqueRipple, "amplitude"),
+        ):
+            given = getattr(self, name)
+            if given is not None:
+                instance(name, given, kind, f"Give {kind.__name__}({first}=..., ...).")
+                if (count := len(getattr(given, first))) != self.n:
+                    raise ValueError(f"{name} must have {self.n} joints; got {count}. Give one number per joint.")
 
     @property
     def n(self) -> int:
@@ -173,6 +175,17 @@ class Drive(Part):
         level = self.coulomb if self.curve is None else self.coulomb + self.curve.level(self.gear * qd)
         return level * _magnitude(self.gear)
 
+    def joint_presliding(self) -> tuple[ArrayOrSymbols, ArrayOrSymbols | None]:
+        """Presliding distance d / abs(k) [rad] and, if any, micro-damping [N m s/rad], on the joint (or shaft)."""
+        given: Any = self.presliding
+        damping = None if given.damping is None else given.damping * self.gear * self.gear
+        return given.distance / _magnitude(self.gear), damping
+
+    def ripple_torque(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Joint torque of the motors' ripple [N m] at motors that are where joints at q on rigid gears have them."""
+        given: Any = self.ripple
+        return self.joint_torque(given.torque(self.motor_angle(q)))
+
     def joint_offset(self) -> ArrayOrSymbols:
         """Friction torque that keeps its sign when the motion reverses [N m], on the joint (or shaft)."""
         return 0.0 if self.curve is None else self.gear * self.curve.offset
@@ -191,10 +204,3 @@ class Drive(Part):
 
 def _magnitude(x: ArrayOrSymbols) -> ArrayOrSymbols:
     return ca.fabs(x) if isinstance(x, ca.SX) else np.abs(x)
-
-
-def lagging(commanded: ca.SX, driven: ca.SX, lag: CurrentLag, h: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Mean torque in a step of length h, and the torque at its end, of currents that follow with a time constant."""
-    decay = ca.exp(-h / lag.time)
-    end = commanded + (driven - commanded) * decay
-    return commanded + (driven - commanded) * (lag.time / h) * (1 - decay), end

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.parts.arguments import choice, instance
 from plant.parts.part import ArrayOrSymbols, Part, Vector, number, part, structure
 
-__all__ = ["Encoder", "Phase", "fix"]
+__all__ = ["Encoder", "Phase", "QuadratureError", "fix"]
 
 
 def fix(x: ArrayOrSymbols) -> ArrayOrSymbols:
@@ -30,6 +33,34 @@ class Phase(Part):
 
 
 @part
+class QuadratureError(Part):
+    """Periodic error of an encoder's tracks: of their phase and their duty cycle, with the period of four counts.
+
+    Counts are taken of the position plus amplitude sin(pi/2 position + phase), in pulses; a controller does not know.
+
+    Parameters
+    ----------
+    amplitude : (n,) array_like
+        [pulses], below 2/pi: above, counts would run backwards.
+    phase : (n,) array_like, optional
+        At position 0 [rad].
+    """
+
+    amplitude: Vector = number(("n",))
+    phase: Any = number(("n",), default=None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not ((self.amplitude >= 0) & (self.amplitude < 2 / np.pi)).all():
+            raise ValueError(f"amplitude must be from 0 to below 2/pi pulses; got {self.amplitude}. Give pulses.")
+
+    def shifted(self, position: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Position that the tracks show, of a true one, both in pulses."""
+        angle = np.pi / 2 * position if self.phase is None else np.pi / 2 * position + self.phase
+        return position + self.amplitude * (np.sin(angle) if isinstance(angle, np.ndarray) else ca.sin(angle))
+
+
+@part
 class Encoder(Part):
     """Encoders of all joints.
 
@@ -44,6 +75,8 @@ class Encoder(Part):
         rounded towards zero (`fix`), as the paper's are: the cell around zero is two pulses wide.
     phase : Phase, optional
         By default zero is where a pulse begins.
+    quadrature : QuadratureError, optional
+        None by default: every pulse is as wide as the next.
     side : {"motor", "link"}
         Whether it turns with the motor, or behind an elastic gear with the link; its pulses are those of the motor's
         shaft in any case.
@@ -54,6 +87,7 @@ class Encoder(Part):
     floor: bool = structure(bool, default=False)
     phase: Phase | None = structure(default=None)
     side: str = structure(str, default="motor")
+    quadrature: QuadratureError | None = structure(default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -62,9 +96,16 @@ class Encoder(Part):
         choice("side", self.side, ("motor", "link"))
         if self.phase is not None:
             instance("phase", self.phase, Phase, "Give Phase(shift=...).")
-            if len(self.phase.shift) != len(self.resolution):
-                given = f"{len(self.resolution)} joints like the encoder; got {len(self.phase.shift)}"
-                raise ValueError(f"phase must have {given}. Give one shift per joint.")
+            self._require_joints("phase", self.phase.shift)
+        if self.quadrature is not None:
+            instance("quadrature", self.quadrature, QuadratureError, "Give QuadratureError(amplitude=...).")
+            self._require_joints("quadrature", self.quadrature.amplitude)
+
+    def _require_joints(self, name: str, values: NDArray[np.float64]) -> None:
+        """Refuse what is not one value per joint."""
+        n = len(self.resolution)
+        if len(values) != n:
+            raise ValueError(f"{name} must have {n} joints like the encoder; got {len(values)}. Give one per joint.")
 
     def position_in_pulses(self, q_m: ArrayOrSymbols) -> ArrayOrSymbols:
         """Motor angle [rad] in pulses, before rounding."""
@@ -83,7 +124,9 @@ class Encoder(Part):
         return fix(position)
 
     def true_counts(self, position: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Counts at a position in pulses, with the phase."""
+        """Counts at a position in pulses, with the phase and the quadrature error (a smooth encoder has none)."""
+        if self.quadrature is not None and not self.smooth:
+            position = self.quadrature.shifted(position)
         return self.quantised(position if self.phase is None else position + self.phase.shift)
 
     def to_angle(self, position: ArrayOrSymbols) -> ArrayOrSymbols:

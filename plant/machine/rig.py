@@ -6,13 +6,14 @@ import dataclasses
 
 from plant.machine.drive import Drive
 from plant.machine.encoder import Encoder
+from plant.machine.jitter import Jitter
 from plant.machine.transport import Transport
 from plant.mechanics.chain import Chain
 from plant.parts.arguments import instance, real
 from plant.parts.labels import joint_labels
 from plant.parts.part import ArrayOrSymbols, Part, part, structure
 
-__all__ = ["Rig", "smooth_rig"]
+__all__ = ["Rig", "punctual_rig", "smooth_rig"]
 
 
 @part
@@ -27,17 +28,22 @@ class Rig(Part):
         Sampling period of the log [s].
     transport : Transport, optional
         Delay of the torque, lost counts.
+    jitter : Jitter, optional
+        Of the instants at which a law reads the encoders.
     """
 
     drive: Drive = structure(Drive)
     encoder: Encoder = structure(Encoder)
     period: float = structure(float)
     transport: Transport | None = structure(default=None)
+    jitter: Jitter | None = structure(default=None)
 
     def __post_init__(self) -> None:
         real("period", self.period, "Give seconds; the paper logs every 0.7e-3.", positive=True)
         if self.transport is not None:
             instance("transport", self.transport, Transport, "Give Transport(delay=..., lost=...).")
+        if self.jitter is not None:
+            instance("jitter", self.jitter, Jitter, "Give Jitter(share=..., seed=...).")
         if len(self.encoder.resolution) != self.drive.n:
             raise ValueError(
                 f"encoder must have {self.drive.n} joints like the drive; got {len(self.encoder.resolution)}. "
@@ -92,6 +98,11 @@ class Rig(Part):
     def cell_centre(self, counts: ArrayOrSymbols) -> ArrayOrSymbols:
         """Joint position [rad] in the middle of the quantisation cell of these counts."""
         return self.drive.joint_angle(self.encoder.cell_centre(counts))
+
+
+def punctual_rig(rig: Rig) -> Rig:
+    """The same rig without transport and without jitter, for what knows no instants."""
+    return dataclasses.replace(rig, transport=None, jitter=None)
 
 
 def smooth_rig(rig: Rig) -> Rig:

@@ -104,7 +104,12 @@ def real(name: str, value: Any, advice: str, *, positive: bool = False) -> float
     raise ValueError(f"{name} must be a {'positive' if positive else 'finite'} number; got {value!r:.60}. {advice}")
 
 
-def signs(owner: object, *, positive: Iterable[str] = (), not_negative: Iterable[str] = ()) -> None:
+_MAGNITUDES = "Gains and poles are magnitudes; the sign of the gear is in the drive."
+
+
+def signs(
+    owner: object, *, positive: Iterable[str] = (), not_negative: Iterable[str] = (), advice: str = _MAGNITUDES
+) -> None:
     """Refuse a part of which one of these numbers, or one entry of them, has the wrong sign.
 
     Raises
@@ -117,7 +122,6 @@ def signs(owner: object, *, positive: Iterable[str] = (), not_negative: Iterable
     ):
         for name in names:
             if not sound(value := getattr(owner, name), 0).all():
-                advice = "Gains and poles are magnitudes; the sign of the gear is in the drive."
                 raise ValueError(f"{name} must {rule}; got {value}. {advice}")
 
 

@@ -1,7 +1,8 @@
 """The closed loop as one symbolic step, the kernels made of it, `simulate` and `replay`.
 
-Reading order: `correction`, `closed_loop` (the step) -> `loop_source`, `loop_kernel` (compiled), `casadi_loop` (the
-referee) -> `clock`, `followed_path`, `time_tables` (what drives it) -> `simulator`, `controller_log`; `threads`.
+Reading order: `correction`, `layout` (state and numbers), `sub_step`, `closed_loop` (the step) -> `loop_source`,
+`loop_kernel` (compiled), `casadi_loop` (the referee) -> `clock`, `followed_path`, `time_tables` (what drives it) ->
+`simulator`, `controller_log`; `threads`.
 """
 
 __all__: list[str] = []

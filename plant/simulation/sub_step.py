@@ -6,26 +6,45 @@ Everything is on the motors' shafts, where friction acts; without coupling they 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from typing import NamedTuple
 
 import casadi as ca
 
 from plant.machine.drive import Drive
+from plant.machine.friction_step import FrictionStep
 from plant.machine.spring import spring
 from plant.mechanics.dynamics import Dynamics
-from plant.mechanics.symmetric_inverse import Inverse, inverse, row_by_row
+from plant.mechanics.symmetric_inverse import inverse, row_by_row
 
-__all__ = ["elastic", "rigid"]
+__all__ = ["Following", "elastic", "rigid"]
 
-Friction = Callable[[Inverse, ca.SX, ca.SX, ca.SX], ca.SX]
-"""(mobility, stopping impulse, last impulse, bound) -> impulse of Coulomb friction."""
+
+class Following(NamedTuple):
+    """What follows a step.
+
+    Attributes
+    ----------
+    speed : casadi SX (n, 1)
+        Of the joints; with elastic gears of the motors, as joints on rigid gears would have it [rad/s].
+    impulse : casadi SX (n, 1)
+        Of dry friction [N m s].
+    positive : casadi SX
+        A number that is positive where D is.
+    states : dict of str -> casadi SX (n, 1)
+        By name, those that the drive adds: ``link_speed``, ``bristle``.
+    """
+
+    speed: ca.SX
+    impulse: ca.SX
+    positive: ca.SX
+    states: dict[str, ca.SX]
 
 
 def rigid(
-    dynamics: Dynamics, drive: Drive, f: ca.SX, middle: ca.SX, qd: ca.SX, torque: ca.SX, impulse: ca.SX, h: ca.SX,
-    friction: Friction,
-) -> tuple[ca.SX, ca.SX, ca.SX]:  # fmt: skip
-    """Joint speeds (n, 1) after the step, the impulse of friction, and a number that is positive where D is.
+    dynamics: Dynamics, drive: Drive, f: ca.SX, middle: ca.SX, qd: ca.SX, torque: ca.SX, h: ca.SX,
+    friction: FrictionStep,
+) -> Following:  # fmt: skip
+    """The step of an arm on rigid gears.
 
     Parameters
     ----------
@@ -35,12 +54,11 @@ def rigid(
         At its start [rad/s].
     torque : casadi SX (n, 1)
         That acts on the joints [N m].
-    impulse : casadi SX (n, 1)
-        Of friction in the step before [N m s].
     h : casadi SX
         Length of the step [s].
+    friction : FrictionStep
     """
-    coupling, viscous = drive.coupling, drive.joint_viscous()
+    coupling, viscous = drive.coupling, friction.viscous
     speed = coupling.shaft(qd)
     mobility = inverse(coupling.shaft_inertia(dynamics.D(middle, f)) + ca.diag(h / 2 * viscous))
     pushing = coupling.shaft_torque(torque - dynamics.gravity(middle, f))
@@ -50,16 +68,20 @@ def rigid(
         return pushing - coupling.shaft_torque(dynamics.coriolis(middle, coupling.joint(at), f))
 
     own = mobility.own(left(speed + h / 2 * mobility.solve(left(speed))))  # torque on each, as if it were alone
-    impulse = friction(mobility, -(mobility.alone * speed + h * own), impulse, h * drive.joint_coulomb(speed))
+    load = None
+    if drive.load_friction is not None:
+        gained = mobility.diagonal * (h * own + mobility.own(friction.impulse))
+        load = _transmitted(drive, friction, torque, speed, gained)
+    impulse, states = friction(mobility, -(mobility.alone * speed + h * own), speed, load)
     following = coupling.joint(speed + mobility.diagonal * (h * own + mobility.own(impulse)))
-    return following, impulse, functools.reduce(ca.fmin, mobility.minors)
+    return Following(following, impulse, functools.reduce(ca.fmin, mobility.minors), states)
 
 
 def elastic(
     dynamics: Dynamics, drive: Drive, f: ca.SX, motor: tuple[ca.SX, ca.SX], link: tuple[ca.SX, ca.SX], torque: ca.SX,
-    impulse: ca.SX, h: ca.SX, friction: Friction,
-) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:  # fmt: skip
-    """Speeds (n, 1) of motors and of links, the impulse of friction, and a number that is positive where D is.
+    h: ca.SX, friction: FrictionStep,
+) -> Following:  # fmt: skip
+    """The step of motors and of links behind their gears.
 
     Motors and links are joined by what a spring adds to the inertia of both (`plant.machine.spring`). Motors feel each
     other through the links alone, so they are eliminated, and one matrix (n, n) is left.
@@ -68,10 +90,10 @@ def elastic(
     ----------
     motor, link : tuple of casadi SX (n, 1)
         Positions at the middle of the step, speeds at its start; motors as joints on rigid gears would have them.
-    torque, impulse, h
+    torque, h, friction
         As of `rigid`.
     """
-    coupling, viscous, rotors = drive.coupling, drive.joint_viscous(), drive.reflected_inertia()
+    coupling, viscous, rotors = drive.coupling, friction.viscous, drive.reflected_inertia()
     speed, v = coupling.shaft(motor[1]), coupling.shaft(link[1])
     inertia = coupling.shaft_inertia(dynamics.D(link[0], f)) - ca.diag(rotors)
     held = spring(drive.elasticity, coupling.shaft(motor[0] - link[0]), speed - v, h, rotors, ca.diag(inertia))
@@ -88,7 +110,21 @@ def elastic(
     gained = change(v + change(v) / 2)
     free = speed + pushing / (alone + held.added) + passed * gained
     mobility = row_by_row(ca.diag(1 / (alone + held.added)) + ca.diag(passed) @ joined.matrix() @ ca.diag(passed))
-    impulse = friction(mobility, -mobility.alone * free, impulse, h * drive.joint_coulomb(speed))
+    load = None
+    if drive.load_friction is not None:
+        load = _transmitted(drive, friction, torque, speed, free + mobility.solve(friction.impulse) - speed)
+    impulse, states = friction(mobility, -mobility.alone * free, speed, load)
     motors = coupling.joint(free + mobility.solve(impulse))
     links = coupling.joint(v + gained + joined.solve(passed * impulse))
-    return motors, links, impulse, functools.reduce(ca.fmin, [*joined.minors, *ca.vertsplit(ca.diag(inertia))])
+    positive = functools.reduce(ca.fmin, [*joined.minors, *ca.vertsplit(ca.diag(inertia))])
+    return Following(motors, impulse, positive, {"link_speed": links, **states})
+
+
+def _transmitted(drive: Drive, friction: FrictionStep, torque: ca.SX, speed: ca.SX, gained: ca.SX) -> ca.SX:
+    """Torque that the gears pass on [N m]: what their motors leave, with the dry friction of the step before.
+
+    `speed` and `gained` (n, 1) are of the shafts, at the start of the step, and what it would add [rad/s].
+    """
+    h = friction.h
+    taken = friction.viscous * (speed + gained / 2) + drive.joint_offset() + drive.reflected_inertia() * gained / h
+    return drive.coupling.shaft_torque(torque) + friction.impulse / h - taken

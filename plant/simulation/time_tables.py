@@ -38,6 +38,9 @@ def time_tables(
     if transport is not None:
         step = np.arange(len(passing))
         passing = np.column_stack([step % every, transport.words(-(-len(passing) // every))[step // every]])
+    if (jitter := loop.rig.jitter) is not None:
+        draws = jitter.draws(-(-len(passing) // every))
+        passing = np.column_stack([passing, draws[np.arange(len(passing)) // every]])
     owner = np.repeat(np.arange(len(clock)), steps)  # the sample that each sub-step belongs to
     lengths = clock.step_lengths(steps)
     rows = [slice(None, None, every) if every else slice(0), slice(None, None, steps), slice(None)]

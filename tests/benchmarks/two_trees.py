@@ -1,9 +1,11 @@
 """Two checkouts of this project in one run: are their numbers the same bits, how are they built, how fast are they?
 
-    python tests/benchmarks/two_trees.py OLD NEW [--quick] [--only numbers,imports,structure,speed]
+    python tests/benchmarks/two_trees.py OLD NEW [--quick] [--only numbers,kernels,imports,structure,speed]
 
 OLD and NEW are folders that hold plant/, identification/ and ctc/; they are copied before anything runs, and each copy
 has its own kernel cache. Exit status 1 if a number differs.
+
+`kernels`: the generated text of the kernels of closed loops, whose equations are the same where the text is.
 
 `structure`: an ``__init__.py`` is a face, no file; what is imported through one is followed to the file that holds it,
 late imports included. A line of code is a non-empty line of the syntax tree written out again, without what does not
@@ -118,7 +120,36 @@ def exported(law, rig, write, name):
         return f"exported C, {name}: torques of its replay", [float(x) for x in said.replace(",", " ").split()]
 
 
-def answer(quick):
+def sources(_):
+    """Text of the kernels of closed loops, (name, text)."""
+    import dataclasses
+
+    from ctc import ComputedTorque
+    from plant import Elasticity, Encoder, Phase, Transport, puma560
+
+    loop_of = import_module("plant.simulation.closed_loop").ClosedLoop
+    text_of = import_module("plant.simulation.loop_source").loop_source
+    arm, rig, replace = puma560.literature_arm(1.5), puma560.rig(), dataclasses.replace
+    elastic = Elasticity.from_resonance(arm, 60, 0.02, drive=rig.drive, backlash=(1e-4, 1e-4))
+    phase = Encoder(resolution=rig.encoder.resolution, phase=Phase(shift=(0.1, 0.2)))
+    rigs = {
+        "rigid": rig,
+        "rigid, late and shifted": replace(rig, encoder=phase, transport=Transport(delay=2e-4, lost=(3,))),
+        "elastic": replace(rig, drive=replace(rig.drive, elasticity=elastic)),
+        "elastic, lagging": replace(rig, drive=replace(rig.drive, elasticity=elastic, current_lag=1e-4)),
+    }
+    laws = {"P": puma560.p_law(), "computed torque": ComputedTorque(arm, rig)}
+    for name, each in rigs.items():
+        for called, law in laws.items():
+            for smooth in (False, True):
+                if each.transport is None or law.period is not None:
+                    loop = loop_of(dynamics=arm.dynamics, rig=each, law=law, steps_per_sample=4, smooth=smooth)
+                    numbers = range(len(loop.number_names))
+                    text, _ = text_of(loop, numbers[:9], numbers[9:], 40, False)
+                    yield f"{name}, {called}{', smooth' * smooth}: text", text
+
+
+def answer(quick, answers=answers):
     """Print the answers bit for bit; before a failure, those that there are."""
     import numpy as np
 
@@ -134,9 +165,9 @@ def answer(quick):
         print(json.dumps(said))
 
 
-def numbers(trees, quick):
+def numbers(trees, quick, part="numbers"):
     """Compare the answers; whether any differs, or is missing."""
-    running = {name: child(tree, "numbers", quick) for name, tree in trees.items()}
+    running = {name: child(tree, part, quick) for name, tree in trees.items()}
     answered = {name: json.loads(run.communicate()[0] or "{}") for name, run in running.items()}
     rows, said = [("", "numbers", "")], [f"{name} tree: failed" for name, run in running.items() if run.returncode]
     for what in answered["old"] | answered["new"]:
@@ -346,7 +377,12 @@ def speed(trees, quick):
     print(f"{pairs} pairs")
 
 
-PARTS = {"numbers": numbers, "imports": imports, "structure": structure, "speed": speed}
+def kernels(trees, quick):
+    """Compare the texts of kernels; whether any differs, or is missing."""
+    return numbers(trees, quick, "kernels")
+
+
+PARTS = {"numbers": numbers, "kernels": kernels, "imports": imports, "structure": structure, "speed": speed}
 
 
 def main():
@@ -381,6 +417,7 @@ if __name__ == "__main__":
     if sys.argv[1:2] == ["--child"]:
         if not Path(import_module("plant").__file__).resolve().is_relative_to(Path.cwd()):
             sys.exit(f"plant must be that of {Path.cwd()}; another one comes first on the path. Uninstall it.")
-        {"numbers": answer, "speed": clock}[sys.argv[2]](sys.argv[3] == "quick")
+        tasks = {"numbers": answer, "kernels": lambda quick: answer(quick, sources), "speed": clock}
+        tasks[sys.argv[2]](sys.argv[3] == "quick")
     else:
         main()

@@ -1,0 +1,64 @@
+"""One arm under one law on elastic gears of many resonances, simulated side by side."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plant import Arm, Elasticity, Law, Reference, Rig
+from plant.parts.arguments import array
+from plant.simulation.population import Population, Runs
+
+__all__ = ["RIGID", "HeavyMotorsError", "OnGears"]
+
+RIGID = 1e5
+"""Resonance [Hz] of a gear that moves like a rigid one."""
+
+
+class HeavyMotorsError(ValueError):
+    """Motors that weigh more than the arm: there is no link behind the gear."""
+
+
+class OnGears:
+    """An arm with a rigid rig, ready to be simulated on elastic gears, all joints alike.
+
+    Parameters
+    ----------
+    arm, rig, law, reference
+        A gear's resonance is that at the reference's first pose.
+    damping_ratio : float
+    initial : (2, n) array_like, optional
+    options
+        Of `plant.simulation.population.Population`.
+
+    Raises
+    ------
+    ValueError
+        A rig whose gears are elastic; as `HeavyMotorsError`, motors that weigh more than the arm.
+    """
+
+    def __init__(
+        self, arm: Arm, rig: Rig, law: Law, reference: Reference, damping_ratio: float, *,
+        initial: ArrayLike | None = None, **options: Any,
+    ) -> None:  # fmt: skip
+        if rig.drive.elasticity is not None:
+            raise ValueError("the rig must have rigid gears; got elastic ones. Evaluate it as it is instead.")
+        given = None if initial is None else array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
+        self._gears: Any = Elasticity.from_resonance(arm, RIGID, damping_ratio, q=reference(np.zeros(1)).q[0])
+        self._drive = rig.drive
+        try:
+            elastic = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=self._gears))
+        except ValueError as error:
+            raise HeavyMotorsError(str(error)) from None
+        self._loop, self._options = (arm, elastic, law, reference), options | {"initial": given}
+        self._names = [f"drive.elasticity.{name}[{i}]" for name in ("stiffness", "damping") for i in range(rig.n)]
+
+    def runs(self, hz: ArrayLike, threads: int) -> Runs:
+        """One run for each of these resonances (P,) [Hz]."""
+        each = [dataclasses.replace(self._gears, hz=np.full(self._drive.n, value)).of(self._drive)
+                for value in np.asarray(hz, float)]  # fmt: skip
+        values = np.array([np.append(gear.stiffness, gear.damping) for gear in each])
+        return Population(*self._loop, self._names, values, **self._options).run(threads)

@@ -1,0 +1,133 @@
+"""Share of samples within a pulse limit over the resonance of the gears, law by law: on which gears each law holds."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ctc.figures import plot_sweep
+from ctc.verdict.lowest_resonance import DAMPING_RATIO, HIGHEST, LOWEST, SETTLED
+from ctc.verdict.on_gears import RIGID, OnGears
+from ctc.verdict.table import aligned
+from plant import Arm, Law, Reference, Rig
+from plant.parts.arguments import array, instance, known_options, real
+from plant.parts.frozen import Frozen
+from plant.simulation.threads import cores
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["ResonanceSweep", "sweep_resonance"]
+
+_POINTS = 79
+"""Resonances of a sweep unless given."""
+
+_COLUMNS = 7
+"""Resonances in the table."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class ResonanceSweep(Frozen):
+    """Several laws on gears of many resonances. Print it for a table.
+
+    Attributes
+    ----------
+    hz : (H,) numpy.ndarray
+        Locked-rotor resonances, all joints alike [Hz].
+    damping_ratio : float
+    within : float
+        Limit [pulses].
+    shares : dict of str -> (H,) numpy.ndarray
+        By law, share of the samples at which every joint's counted error is within the limit; 0 where it diverged.
+    rigid : dict of str -> float
+        The same on rigid gears.
+    """
+
+    hz: NDArray[np.float64]
+    damping_ratio: float
+    within: float
+    shares: dict[str, NDArray[np.float64]]
+    rigid: dict[str, float]
+
+    def plot(self) -> Figure:
+        """Draw the shares over the resonance, and where every sample is within; see `ctc.figures.plot_sweep`."""
+        return plot_sweep(self)
+
+    def __str__(self) -> str:
+        columns = np.unique(np.linspace(0, len(self.hz) - 1, _COLUMNS).round().astype(int))
+        rows = [("", *(f"{self.hz[i]:.3g} Hz" for i in columns), "rigid")]
+        for name, share in self.shares.items():
+            rows.append((name, *(_percent(share[i]) for i in columns), _percent(self.rigid[name])))
+        title = f"samples within ±{self.within:g} pulse, gears with a damping ratio of {self.damping_ratio:g}"
+        return "\n".join([title, *aligned(rows)])
+
+
+@known_options
+def sweep_resonance(
+    arm: Arm, rig: Rig, laws: dict[str, Law], reference: Reference, *, hz: ArrayLike | None = None,
+    damping_ratio: float = DAMPING_RATIO, within: float = 1, after: float = SETTLED, duration: float | None = None,
+    steps_per_sample: int = 16, threads: int | None = None,
+) -> ResonanceSweep:  # fmt: skip
+    """Simulate an arm on elastic gears of many resonances, under each of several laws.
+
+    Parameters
+    ----------
+    arm : Arm
+        The arm that is controlled.
+    rig : Rig
+        With rigid gears; lag, delay and friction stay as they are.
+    laws : dict of str -> Law
+        By the name that each is to have.
+    reference : Reference
+        A gear's resonance is that at its first pose.
+    hz : (H,) array_like, optional
+        Locked-rotor resonances, all joints alike, rising [Hz]; by default 79 from 10 to 500.
+    damping_ratio : float
+        Of each gear against its locked motor.
+    within : float
+        Limit of the counted error of the motors [pulses].
+    after : float
+        Samples before this time do not count [s].
+    duration : float, optional
+        [s]; by default one period of the reference.
+    steps_per_sample : int
+    threads : int, optional
+        By default one per core.
+
+    Returns
+    -------
+    ResonanceSweep
+
+    Raises
+    ------
+    ValueError
+        Bad input; a rig whose gears are elastic, or whose motors weigh more than the arm.
+    """
+    if not isinstance(laws, dict) or not laws or not all(isinstance(name, str) for name in laws):
+        raise ValueError(f"laws must be a dict of name -> Law; got {laws!r:.60}. Pass {{'P': p_law, ...}}.")
+    for name, law in laws.items():
+        instance(f"law {name!r}", law, Law, "Pass {'P': p_law, ...}.")
+    ratio = real("damping_ratio", damping_ratio, "Give that of the gears, such as 0.01.", positive=True)
+    tried = np.geomspace(LOWEST, HIGHEST, _POINTS) if hz is None else array("hz", hz, ("H",), advice="Give [Hz].")
+    if not len(tried) or tried[0] <= 0 or (np.diff(tried) <= 0).any():
+        raise ValueError(f"hz must be positive and rising; got {tried!r:.60}. Give resonances [Hz].")
+    options: dict[str, Any] = {
+        "within": within, "steps_per_sample": steps_per_sample, "after": after,
+        "duration": reference.duration if duration is None else duration,
+    }  # fmt: skip
+    shares = {}
+    for name, law in laws.items():
+        runs = OnGears(arm, rig, law, reference, ratio, **options).runs([*tried, RIGID], int(threads or cores()))
+        shares[name] = 1 - runs.outside / runs.samples
+    return ResonanceSweep(
+        hz=tried, damping_ratio=ratio, within=within, shares={name: share[:-1] for name, share in shares.items()},
+        rigid={name: float(share[-1]) for name, share in shares.items()},
+    )  # fmt: skip
+
+
+def _percent(share: float) -> str:
+    """Rounded down, so that 100 % means all."""
+    return f"{np.floor(share * 1e3 + 1e-9) / 10:.4g} %"

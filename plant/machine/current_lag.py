@@ -1,0 +1,34 @@
+"""The lag of motor currents behind the commanded ones."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from plant.parts.part import Part, number, part
+
+__all__ = ["CurrentLag", "lagging"]
+
+
+@part
+class CurrentLag(Part):
+    """How the motor currents follow the commanded ones: a first-order lag.
+
+    Parameters
+    ----------
+    time : float
+        Time constant [s].
+    """
+
+    time: float = number(())
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.time > 0:
+            raise ValueError(f"current_lag must be positive; got {self.time:g} s. Leave it out for none.")
+
+
+def lagging(commanded: ca.SX, driven: ca.SX, lag: CurrentLag, h: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Mean torque in a step of length h, and the torque at its end, of currents that follow with a time constant."""
+    decay = ca.exp(-h / lag.time)
+    end = commanded + (driven - commanded) * decay
+    return commanded + (driven - commanded) * (lag.time / h) * (1 - decay), end

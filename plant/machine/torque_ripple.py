@@ -1,0 +1,46 @@
+"""Torque ripple of a motor (cogging): a torque that repeats with the angle of the motor, whatever the current."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from plant.parts.arguments import signs
+from plant.parts.part import ArrayOrSymbols, Part, Vector, number, part
+
+__all__ = ["TorqueRipple"]
+
+
+@part
+class TorqueRipple(Part):
+    """Torque of the motor's magnets and slots, amplitude sin(cycles q_m + phase). Motor side.
+
+    Parameters
+    ----------
+    amplitude : (n,) array_like
+        [N m]; a share of the largest torque is that share of ``motor_gain * current_limit``.
+    cycles : (n,) array_like
+        Per turn of the motor.
+    phase : (n,) array_like, optional
+        At motor angle 0 [rad].
+
+    Raises
+    ------
+    ValueError
+        Negative amplitude, cycles that are not positive.
+    """
+
+    amplitude: Vector = number(("n",))
+    cycles: Vector = number(("n",))
+    phase: Any = number(("n",), default=None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        signs(self, positive=("cycles",), not_negative=("amplitude",), advice="Shift the phase by pi to turn a sign.")
+
+    def torque(self, q_m: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Motor torque [N m] at motor angles [rad]."""
+        angle = self.cycles * q_m if self.phase is None else self.cycles * q_m + self.phase
+        return self.amplitude * (np.sin(angle) if isinstance(angle, np.ndarray) else ca.sin(angle))

@@ -1,0 +1,229 @@
+"""What the vectors of a closed loop hold: its state, what is known beforehand, its numbers; and where a loop starts."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.laws.law import Block, Law
+from plant.machine.rig import Rig, punctual_rig
+from plant.mechanics.dynamics import Dynamics
+from plant.simulation.correction import Correction
+
+__all__ = ["Layout"]
+
+_SETTLED = 20
+"""Rounds in which a link finds where it hangs in its spring; each gains a factor of stiffness over weight."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Layout:
+    """The vectors of a `plant.simulation.closed_loop.ClosedLoop`, which says what its parameters are.
+
+    Attributes
+    ----------
+    state_names, time_names, number_names : list of str
+    """
+
+    dynamics: Dynamics
+    rig: Rig
+    law: Law
+    steps_per_sample: int
+    sweeps: int = 3
+    smooth: bool = False
+    score: ca.Function | None = None
+    correction: Correction | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("steps_per_sample", "sweeps"):
+            value = getattr(self, name)
+            if not isinstance(value, (int, np.integer)) or value < 1:
+                raise ValueError(
+                    f"{name} must be a whole number of at least 1; got {value!r}. The defaults are 4 and 3."
+                )
+        self.rig.require_fit(self.dynamics.chain)
+        if self.smooth:
+            encoder = dataclasses.replace(self.rig.encoder, smooth=True)
+            object.__setattr__(self, "rig", punctual_rig(dataclasses.replace(self.rig, encoder=encoder)))
+        self.steps_per_law  # noqa: B018 - refuses a period that does not fit
+        if self.rig.transport is not None and not self.rig.transport.delay <= (self._block.period or -1):
+            raise ValueError(
+                f"a rig with a transport needs a law whose period is at least its delay {self.rig.transport.delay:g} "
+                f"s; got {self._block.period} s. Use a sampled law, or a shorter delay."
+            )
+        if self.rig.jitter is not None and not self.steps_per_law:
+            raise ValueError("a rig with jitter needs a law with a period; got none. Use a sampled law.")
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.dynamics.n
+
+    @property
+    def h(self) -> float:
+        """Length of a sub-step [s]."""
+        return self.rig.period / self.steps_per_sample
+
+    @cached_property
+    def steps_per_law(self) -> int:
+        """Sub-steps per step of the law; 0 for a law that is evaluated in every sub-step."""
+        if self._block.period is None:
+            return 0
+        steps = round(self._block.period / self.h)
+        if steps < 1 or abs(steps * self.h - self._block.period) > 1e-9 * self._block.period:
+            raise ValueError(
+                f"the law's period must be a whole multiple of the sub-step {self.h:.6g} s; got "
+                f"{self._block.period:.6g} s. Change steps_per_sample or the period."
+            )
+        return steps
+
+    @cached_property
+    def _block(self) -> Block:
+        return self.law.block(self.rig)
+
+    @property
+    def state_names(self) -> list[str]:
+        """Joint state, friction impulse, torque, states of law, transport and score, the score, and ok (1 or 0).
+
+        With elastic gears ``q`` and ``qd`` are the motors', as joints on rigid gears would have them, and the joints'
+        own are ``link`` and ``link_speed``; ``driven`` is the torque of currents that lag, ``bristle`` the deflection
+        of presliding friction, ``drifted`` how far the drift of friction has come.
+        """
+        per_joint = [f"{name}[{i}]" for name in ("q", "qd", "impulse", "torque") for i in range(self.n)]
+        carried = [
+            *(f"law[{i}]" for i in range(len(self._block.initial))),
+            *(f"{name}[{i}]" for name in ("before", "seen") for i in range(self.n_passing // 2)),
+            *(f"{name}[{i}]" for name in self.giving for i in range(self.n)),
+            *(f"memory[{i}]" for i in range(self.n_memory)),
+        ]
+        return [*per_joint, *carried, "score", "ok"]
+
+    @property
+    def time_names(self) -> list[str]:
+        """Inputs that are known beforehand: the reference, a replayed log, the length of the coming sub-step.
+
+        With a transport also the place of the sub-step after the law's, and which loops lose their counts; with jitter
+        the draw of the law's instant.
+        """
+        columns = ("q_r", "qd_r", "qdd_r", "pulses_r", *(["logged"] if self.law.replays else []))
+        passing = [] if self.rig.transport is None else ["place", "lost"]
+        drawn = [] if self.rig.jitter is None else ["draw"]
+        return [*(f"{name}[{i}]" for name in columns for i in range(self.n)), *passing, *drawn, "h"]
+
+    @property
+    def n_log(self) -> int:
+        """Numbers in the log of a sample."""
+        return (5 if "link" in self.giving else 4) * self.n
+
+    @property
+    def n_data(self) -> int:
+        """Measured numbers per sample that the score or the correction needs."""
+        if self.correction is not None:
+            return self.n + 1
+        return 0 if self.score is None else int(self.score.nnz_in(1))
+
+    @property
+    def n_passing(self) -> int:
+        """State of the transport: the torque before, and the counts that the law read."""
+        return 0 if self.rig.transport is None else 2 * self.n
+
+    @cached_property
+    def giving(self) -> tuple[str, ...]:
+        """Names of the states, n each, that the parts of the drive add."""
+        drive = self.rig.drive
+        added = {
+            "link": drive.elasticity,
+            "link_speed": drive.elasticity,
+            "driven": drive.current_lag,
+            "bristle": drive.presliding,
+            "drifted": drive.friction_drift,
+        }
+        return tuple(name for name, given in added.items() if given is not None)
+
+    @property
+    def n_memory(self) -> int:
+        """State of the score."""
+        return 0 if self.score is None else int(self.score.nnz_in(2))
+
+    @property
+    def number_names(self) -> list[str]:
+        """f, then the law's numbers, then the rig's, then the correction's."""
+        more = [] if self.correction is None else self.correction.number_names("correction.")
+        return [*self.dynamics.names, *self._block.names, *more]
+
+    def number_values(self, f: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values (k,) of `number_names` with these f (p,)."""
+        more = np.empty(0) if self.correction is None else self.correction.number_values()
+        return np.concatenate([f, self._block.values, more])
+
+    def initial_state(
+        self, q: NDArray[np.float64], qd: NDArray[np.float64], numbers: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """State (s,) of an arm at q, qd (n,) with no torque applied yet.
+
+        With its numbers (k,), links hang in elastic gears; with those of many arms (k, P), their states (s, P).
+        """
+        q, qd, many = np.asarray(q, float), np.asarray(qd, float), () if numbers is None else numbers.shape[1:]
+        giving = {name: np.zeros(self.n) for name in self.giving}
+        if "link" in giving:
+            giving |= {"link": q if numbers is None else self._hanging(q, numbers), "link_speed": qd}
+        more = [np.zeros(self.n_passing), *giving.values(), np.zeros(self.n_memory)]
+        rows = [q, qd, np.zeros(2 * self.n), self._block.initial, *more, np.array([0.0, 1.0])]
+        return np.concatenate([np.broadcast_to(x if x.ndim > len(many) else x[:, None], (len(x), *many)) for x in rows])
+
+    def _hanging(self, q: NDArray[np.float64], numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where links (n,), or (n, P), are at rest in the gears of motors held at q (n,), with these numbers."""
+        link = np.broadcast_to(np.reshape(q, (-1, *[1] * (numbers.ndim - 1))), (self.n, *numbers.shape[1:]))
+        for _ in range(_SETTLED):
+            link = self._settle(link, q, numbers).full().reshape(link.shape)
+        return link
+
+    @cached_property
+    def _settle(self) -> ca.Function:
+        """(link, q, numbers) -> where the link (n,) would be if its weight stayed that of the given one."""
+        link, q, numbers = ca.SX.sym("link", self.n), ca.SX.sym("q", self.n), self._symbols[2]
+        *_, f, _, rig = self._parts
+        coupling, elasticity = rig.drive.coupling, rig.drive.elasticity
+        torque = coupling.shaft_torque(self.dynamics.gravity(link, f))
+        play = 0.0 if elasticity.backlash is None else ca.sign(torque) * elasticity.backlash / 2
+        hanging = coupling.joint(coupling.shaft(q) - torque / elasticity.stiffness - play)
+        return ca.Function("settle", [link, q, numbers], [hanging])
+
+    @cached_property
+    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        state = ca.SX.sym("state", len(self.state_names))
+        time = ca.SX.sym("time", len(self.time_names))
+        return state, time, ca.SX.sym("numbers", len(self.number_names))
+
+    @cached_property
+    def _parts(self) -> tuple[Any, ...]:
+        """The symbols, in their groups."""
+        state, time, numbers = self._symbols
+        n, p = self.n, self.dynamics.p
+        q, qd, impulse, torque = (state[i * n : (i + 1) * n] for i in range(4))
+        motion = [time[i * n : (i + 1) * n] for i in range(4)]
+        block = numbers[p : p + len(self._block.names)]
+        rig = self.rig.with_numbers(block[len(self._block.names) - len(self.rig.number_values()) :])
+        given = [block, time[4 * n : 5 * n]] if self.law.replays else [block]
+        return q, qd, impulse, torque, state[4 * n : -2], state[-2:], motion, time[-1], numbers[:p], given, rig
+
+    def _given(self, name: str) -> ca.SX:
+        """Symbols (n, 1) of one of the states that the parts of the drive add."""
+        start = 4 * self.n + len(self._block.initial) + self.n_passing + self.giving.index(name) * self.n
+        return self._symbols[0][start : start + self.n]
+
+    def _known(self, name: str) -> ca.SX:
+        """Symbol of one of the inputs that are known beforehand."""
+        return self._symbols[1][self.time_names.index(name)]
+
+    def _with_given(self, carried: ca.SX, **following: ca.SX) -> ca.SX:
+        """What follows of the carried states, with these of `giving` in it."""
+        start = len(self._block.initial) + self.n_passing
+        rows = [carried[start + i * self.n : start + (i + 1) * self.n, 0] for i in range(len(self.giving))]
+        rows = [following.get(name, row) for name, row in zip(self.giving, rows, strict=True)]
+        return ca.vertcat(carried[:start, 0], *rows, carried[start + len(rows) * self.n :, 0])

@@ -1,0 +1,73 @@
+"""What a law is started with: a bandwidth by what is known, and no loop that is unstable on stated gears."""
+
+import dataclasses
+import functools
+
+import numpy as np
+import pytest
+
+from ctc import ComputedTorque, ComputedTorquePID, FeedForward, margins
+from identification import identify
+from plant import PD, Elasticity, puma560, simulate
+
+ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
+START = PATH([0.0]).q[0]
+COUNTS = RIG.counts(START)
+
+
+def on_gears(hz, damping_ratio=0.02):
+    elasticity = Elasticity.from_resonance(ARM, hz, damping_ratio, drive=RIG.drive, q=START)
+    return dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=elasticity))
+
+
+@functools.cache
+def found(*more):
+    record = simulate(ARM, RIG, puma560.p_law(), PATH, duration=1.5)
+    return identify(ARM.dynamics, record, seed=1, progress=False, method="prediction_error",
+                    unknown=(*ARM.dynamics.names, *more))  # fmt: skip
+
+
+def test_the_bandwidth_follows_what_is_known():
+    assert ComputedTorque(ARM, RIG).bandwidth == 250
+    assert ComputedTorque(found().arm, found().rig).bandwidth == 250
+    assert ComputedTorque(found()).bandwidth == 200
+    assert ComputedTorque(found("drive.coulomb[0]")).bandwidth == 150
+    assert ComputedTorque(found(), bandwidth=90).bandwidth == 90
+    unknown = dataclasses.replace(found(), fit=dataclasses.replace(found().fit, covariance=None))
+    assert ComputedTorque(unknown).bandwidth == 250
+    slow = dataclasses.replace(RIG, period=5e-3)
+    assert ComputedTorque(found(), slow).bandwidth == pytest.approx(60)
+
+
+@pytest.mark.parametrize("hz", [40, 120])
+def test_on_elastic_gears_it_is_stable_with_something_to_spare(hz):
+    law = ComputedTorque(found(), on_gears(hz))
+    assert law.bandwidth < 1.1 * hz
+    for factor, stable in ((1.39, True), (2.5, False)):
+        faster = dataclasses.replace(law, bandwidth=factor * law.bandwidth)
+        assert margins(found(), on_gears(hz), faster, pose=START).stable == stable
+
+
+@pytest.mark.parametrize(("law", "rig", "hz"), [
+    (ComputedTorque(ARM, RIG, bandwidth=150), on_gears(60), 106),
+    (ComputedTorque(ARM, RIG, bandwidth=1500), RIG, 714),
+    (FeedForward(ARM, on_gears(60), feedback=PD(gain=(5.0, 4.0), derivative=(0.0, 0.0), filter=3e3, period=0.7e-3)),
+     RIG, None),
+], ids=["observer", "sampling", "stated by the law's rig"])  # fmt: skip
+def test_a_loop_that_swings_up_is_not_started(law, rig, hz):
+    with pytest.raises(ValueError, match=f"{type(law).__name__} must be stable on this rig; linearised") as refusal:
+        law.start(rig, COUNTS)
+    assert "\n" not in str(refusal.value)
+    assert hz is None or f"swings up at {hz} Hz" in str(refusal.value)
+    if hasattr(law, "bandwidth"):
+        assert f"its bandwidth is {law.bandwidth:g} rad/s" in str(refusal.value)
+
+
+@pytest.mark.parametrize(("law", "rig"), [
+    (ComputedTorque(ARM, RIG, bandwidth=150), on_gears(300)),
+    (ComputedTorque(ARM, RIG, bandwidth=1300), RIG),
+    (ComputedTorquePID(ARM, RIG, bandwidth=206, ratio=1.28, integral=24.0, roll_off=2124, roll_off_damping=0.96),
+     on_gears(25)),
+], ids=["stiff enough", "just sampled enough", "one that rolls off"])  # fmt: skip
+def test_what_is_stable_starts(law, rig):
+    assert np.isfinite(law.start(rig, COUNTS).step(COUNTS, START, np.zeros(2), np.zeros(2))).all()

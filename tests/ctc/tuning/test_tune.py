@@ -1,0 +1,122 @@
+"""Tuning: a law that holds on plants that the search has not seen, and is quieter than what else holds."""
+
+import numpy as np
+import pytest
+
+from ctc import ComputedTorque, certify, tune
+from ctc.certification.gears import Gears
+from ctc.certification.uncertainty import Uncertainty
+from ctc.tuning.families import families
+from ctc.tuning.search import Tunings
+from plant import puma560, simulate
+
+ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
+START = PATH([0.0]).q[0]
+STATED = {"resonance": (40, 60), "friction": 0.02, "covariance": np.diag((0.003 * ARM.f) ** 2)}
+SHORT = {"duration": 0.4, "samples": 300, "progress": False}
+
+
+@pytest.fixture(scope="module")
+def tuning():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ctc.tuning.search.ROUNDS", ((6, 1.0), (4, 0.95)))
+        patch.setattr("ctc.tuning.tune._FRESH", 80)
+        return tune(ARM, RIG, PATH, **STATED, **SHORT, seed=1)
+
+
+def test_the_law_holds_on_plants_of_its_own(tuning):
+    assert tuning.holds
+    fresh = certify(ARM, RIG, tuning.law, PATH, **STATED, samples=200, seed=77, duration=0.4)
+    assert fresh.failures <= 2
+    assert tuning.certificate.law is tuning.law
+    assert tuning.certificate.settings["after"] == 0.02
+    assert "resonance 40 to 60 Hz" in str(tuning)
+
+
+def test_it_is_the_quietest_of_those_that_hold(tuning):
+    holding = [trial for trial in tuning.trials if trial.left == 0]
+    assert min(holding, key=lambda trial: trial.noise).law is tuning.law
+    assert len(tuning.trials) == 3
+    # What an observer does on such gears is known: none of its tunings holds, and the table says so.
+    observer = next(trial for trial in tuning.trials if isinstance(trial.law, ComputedTorque))
+    assert observer.left > 8
+    first = tuning.table.splitlines()[1]
+    assert first.split("  ")[0] in {trial.family for trial in holding}
+
+
+def test_same_seed_same_law_whatever_the_threads(monkeypatch):
+    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((2, 1.0),))
+    monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
+    monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[1:2])
+    one, two = (tune(ARM, RIG, PATH, **STATED, **SHORT, threads=threads) for threads in (1, 2))
+    assert one.trials[0].numbers == two.trials[0].numbers
+    np.testing.assert_array_equal(one.trials[0].chatter, two.trials[0].chatter)
+
+
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_a_tuning_side_by_side_is_its_law_simulated(which):
+    family = families(ARM, RIG, START)[which]
+    uncertainty = Uncertainty(friction=0.02, covariance=STATED["covariance"], gears=Gears(resonance=(40, 60)))
+    plants = uncertainty.draw(ARM, RIG, 3, 5, START)
+    values = np.array([list(each.values()) for each in family.known])[:2] * 0.9
+    tunings = Tunings(
+        family=family, plants=plants, reference=PATH, options={"within": 1, "duration": 0.2, "after": 0.02},
+        scale=np.ones(2), threads=1,
+    )  # fmt: skip
+    runs, shape = tunings.runs(values, plants.numbers()[1], 8)
+    assert shape == (2, 3)
+    arm, rig = plants.plant(2, 1, 0)
+    record = simulate(arm, rig, family.tuned(values[1]), PATH, duration=0.2, steps_per_sample=8)
+    counted = np.abs(record.error_pulses[record.t >= 0.02]).max(axis=0)
+    np.testing.assert_array_equal(runs.peak[5], counted)
+    changes = np.abs(np.diff(record.torque, axis=0))[record.t[1:] >= 0.02].mean(axis=0)
+    np.testing.assert_allclose(runs.chatter[5], changes, rtol=1e-9)
+
+
+def test_plants_that_leave_join_the_search(monkeypatch):
+    """A search on one plant cannot know the others; those that it loses are in the next."""
+    seen = []
+    original = Tunings.costs
+    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((1, 1.0),) * 3)
+    monkeypatch.setattr(
+        Tunings,
+        "costs",
+        lambda self, values, plants, aim: seen.append(len(plants)) or original(self, values, plants, aim),
+    )
+    family = families(ARM, RIG, START)[2]
+    uncertainty = Uncertainty(friction=0.5, covariance=STATED["covariance"], gears=Gears(resonance=(15, 300)))
+    plants = uncertainty.draw(ARM, RIG, 40, 5, START)
+    tunings = Tunings(
+        family=family, plants=plants, reference=PATH, options={"within": 1, "duration": 0.2, "after": 0.02},
+        scale=np.ones(2), threads=2,
+    )  # fmt: skip
+    trial = tunings.best(plants.numbers()[1][:1], 0, lambda: None)
+    assert seen[0] == 1
+    assert max(seen) > 1
+    assert trial.left > 0
+
+
+def test_where_nothing_holds_it_says_so(monkeypatch):
+    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((1, 1.0),))
+    monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
+    found = tune(ARM, RIG, PATH, **STATED | {"friction": 2.0}, **SHORT, within=0.1)
+    assert not found.holds
+    assert "No law keeps the limit on all plants" in str(found)
+    assert found.certificate.failures > 0
+
+
+@pytest.mark.parametrize(("options", "message"), [
+    ({"within": 0}, "within must be positive; got 0"),
+    ({"resonance": (60, 40)}, "resonance must be"),
+    ({"resonance": (60, 600)}, "which sub-steps of 0.175 ms can follow"),
+    ({"frictoin": 0.1}, "Did you mean 'friction'"),
+])  # fmt: skip
+def test_wrong_calls_are_refused_in_one_line(options, message):
+    with pytest.raises(ValueError, match=message) as refusal:
+        tune(ARM, RIG, PATH, **STATED | SHORT | options)
+    assert "\n" not in str(refusal.value)
+
+
+def test_arguments_in_another_order_are_refused():
+    with pytest.raises(ValueError, match="The order is found, rig, reference"):
+        tune(ARM, PATH, RIG, **STATED)
