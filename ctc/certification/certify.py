@@ -34,6 +34,8 @@ def certify(
     friction: float = 0.1, load: ArrayLike = 0.0, load_position: ArrayLike | None = None, phase: bool = True,
     delay: ArrayLike = 0.0, dropped: float = 0.0, resonance: ArrayLike | None = None,
     damping_ratio: ArrayLike | None = None, backlash: ArrayLike = 0.0, lag: ArrayLike = 0.0,
+    jitter: ArrayLike = 0.0, friction_drift: ArrayLike = 0.0, presliding: ArrayLike = 0.0,
+    load_friction: ArrayLike = 0.0, ripple: ArrayLike = 0.0, quadrature: ArrayLike = 0.0,
     after: float | None = None, steps_per_sample: int = 16, duration: float | None = None, threads: int | None = None,
 ) -> Certificate:  # fmt: skip
     """Monte Carlo probability of leaving a pulse limit under parameter uncertainty.
@@ -57,10 +59,11 @@ def certify(
         Of the bounds.
     covariance, plants, friction, load, load_position, phase, delay, dropped
         What is drawn: see `ctc.certification.uncertainty.Uncertainty`.
-    resonance, damping_ratio, backlash, lag
-        What is drawn of gears and drives: see `ctc.certification.gears.Gears`. ``resonance=(40, 120)`` [Hz] says that
-        it lies in that range, and the bound holds for the worst part of it. Without a resonance the gears are the
-        rig's, and the lowest resonance that is stated is that at the damping ratio's lower end.
+    resonance, damping_ratio, backlash, lag, jitter, friction_drift, presliding, load_friction, ripple, quadrature
+        What is drawn of gears, drives, encoders and sampling: see `ctc.certification.gears.Gears`.
+        ``resonance=(40, 120)`` [Hz] says that it lies in that range, and the bound holds for the worst part of it.
+        Without a resonance the gears are the rig's, and the lowest resonance that is stated is that at the damping
+        ratio's lower end.
     after : float, optional
         Samples before this time do not count [s]. On rigid gears all count by default, also the first, at which the arm
         is up to half a pulse off its reference; on elastic ones those after 20 ms do.
@@ -103,7 +106,10 @@ def certify(
     uncertainty = Uncertainty(
         covariance=covariance, plants=plants, friction=friction, load=load, load_position=load_position, phase=phase,
         delay=delay, dropped=dropped,
-        gears=Gears(resonance=resonance, damping_ratio=damping_ratio, backlash=backlash, lag=lag),
+        gears=Gears(resonance=resonance, damping_ratio=damping_ratio, imperfections={
+            "backlash": backlash, "lag": lag, "jitter": jitter, "friction_drift": friction_drift,
+            "presliding": presliding, "load_friction": load_friction, "ripple": ripple, "quadrature": quadrature,
+        }),
     )  # fmt: skip
     uncertainty.gears.require_followed(rig.period / steps_per_sample)
     drawn = uncertainty.draw(found, rig, int(samples), int(seed), reference(np.zeros(1)).q[0])

@@ -1,4 +1,4 @@
-"""What gears and drives do that a rigid rig leaves out, drawn for each plant: resonance, damping, backlash, lag.
+"""What gears and drives do that a rigid rig leaves out, drawn for each plant: resonance, damping, imperfections.
 
 A resonance is stated as a range in which it lies, not as a distribution: somewhere in it is the one that the arm has.
 The plants are spread over it, and what is said of them holds for the worst part of it (`ctc.certification.cells`).
@@ -7,41 +7,24 @@ The plants are spread over it, and what is said of them holds for the worst part
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ctc.certification.imperfections import IMPERFECTIONS, Drawn, between, drawn_of, placed_in
 from plant import Arm, Elasticity, Rig
 from plant.machine.elasticity import gears
-from plant.parts.arguments import array, real
-from plant.parts.frozen import Frozen
+from plant.parts.arguments import array
 
-__all__ = ["Drawn", "Gears", "between"]
+__all__ = ["Gears"]
 
 _USUAL = (0.01, 0.03)
 """Damping ratio unless stated."""
 
 _FOLLOWED = 0.6
 """Phase [rad] of a resonance in one sub-step up to which its frequency is right to 1 %."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Drawn(Frozen):
-    """Numbers of each plant, and those of its loop that follow from them.
-
-    Attributes
-    ----------
-    names : tuple of str
-    values : (P, K) numpy.ndarray
-    derived_names : tuple of str
-    derived : (P, L) numpy.ndarray
-    """
-
-    names: tuple[str, ...]
-    values: NDArray[np.float64]
-    derived_names: tuple[str, ...]
-    derived: NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,10 +38,17 @@ class Gears:
         or one for each. None for the rig's own gears.
     damping_ratio : float or (2,) array_like, optional
         Of that resonance, one value or a range; 0.01 to 0.03 by default.
-    backlash : float or (2,) array_like
-        Of each gear [rad], joint side; one value or uniform between two, each joint on its own.
-    lag : float or (2,) array_like
-        Time constant of the motor currents [s]; one value or uniform between two.
+    imperfections : dict of str -> float or (2,) array_like
+        One value, or uniform between two, each joint on its own:
+
+        - ``backlash``: of each gear, joint side [rad]
+        - ``lag``: time constant of the motor currents [s], of all
+        - ``jitter``: largest displacement of a sampling instant, as a share of the period
+        - ``friction_drift``: relative change of all friction, with a time constant of 1 s; may be negative
+        - ``presliding``: distance of `plant.Presliding` [rad of the motor]
+        - ``load_friction``: share of the transmitted torque
+        - ``ripple``: amplitude, six cycles per turn of the motor [N m], motor side
+        - ``quadrature``: amplitude of the encoder's error within four counts [pulses]
 
     Raises
     ------
@@ -67,12 +57,14 @@ class Gears:
 
     resonance: Any = None
     damping_ratio: Any = None
-    backlash: Any = (0.0, 0.0)
-    lag: Any = (0.0, 0.0)
+    imperfections: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name, unit in (("backlash", "rad"), ("lag", "s")):
-            object.__setattr__(self, name, between(name, getattr(self, name), unit))
+        ranges = {
+            name: between(name, value, IMPERFECTIONS[name].unit, IMPERFECTIONS[name].signed)
+            for name, value in self.imperfections.items()
+        }
+        object.__setattr__(self, "imperfections", ranges)
         if self.resonance is None:
             if self.damping_ratio is not None:
                 ratio = between("damping_ratio", self.damping_ratio, "a ratio")
@@ -118,60 +110,37 @@ class Gears:
                 raise ValueError(
                     f"resonance must be one pair, or {rig.n}; got {len(self.resonance)}. Give (low, high)."
                 )
-            middle, play = np.sqrt(np.prod(self.resonance, axis=1)), np.zeros(rig.n) if self.backlash[1] else None
-            elasticity = Elasticity.from_resonance(
-                arm, middle, np.mean(self.damping_ratio), drive=drive, q=pose, backlash=play
-            )
-            drive = dataclasses.replace(drive, elasticity=elasticity)
-        elif self.backlash[1]:
-            if drive.elasticity is None:
-                raise ValueError(
-                    "backlash needs gears that give; got a rigid rig. State their resonance= as well [Hz]."
-                )
-            elasticity = dataclasses.replace(drive.elasticity, backlash=np.zeros(rig.n))
-            drive = dataclasses.replace(drive, elasticity=elasticity)
-        if self.lag[1]:
-            drive = dataclasses.replace(drive, current_lag=self.lag[1])
-        return dataclasses.replace(rig, drive=drive)
+            middle = np.sqrt(np.prod(self.resonance, axis=1))
+            elasticity = Elasticity.from_resonance(arm, middle, np.mean(self.damping_ratio), drive=drive, q=pose)
+            rig = dataclasses.replace(rig, drive=dataclasses.replace(drive, elasticity=elasticity))
+        return placed_in(rig, self.imperfections)
 
-    def draw(self, random: Any, arm: Arm, rig: Rig, f: NDArray[np.float64], pose: ArrayLike) -> Drawn:
-        """Draw for arms with these f (P, p) on a rig that is `prepared`."""
-        count, n, derived = len(f), rig.n, np.empty((len(f), 0))
-        names: list[str] = []
-        derived_names: list[str] = []
-        values: list[Any] = []
-        if self.resonance is not None:
-            low, high = np.log(self.resonance).T
-            hz = np.exp(random.uniform(low, high, (count, len(low))))
-            ratio = random.uniform(*self.damping_ratio, count)
-            names = ["resonance"] if len(low) == 1 else [f"resonance[{i}]" for i in range(n)]
-            names, values = [*names, "damping_ratio"], [*hz.T, ratio]
-            found = gears(np.broadcast_to(hz, (count, n)), ratio[:, None], f @ _inertias(arm, rig, pose)
-                          - rig.drive.reflected_inertia())  # fmt: skip
-            derived = np.hstack(found)
-            derived_names = [f"drive.elasticity.{name}[{i}]" for name in ("stiffness", "damping") for i in range(n)]
-        if self.backlash[1]:
-            names += [f"drive.elasticity.backlash[{i}]" for i in range(n)]
-            values += [*random.uniform(*self.backlash, (n, count))]
-        if self.lag[1]:
-            names, values = [*names, "drive.current_lag.time"], [*values, random.uniform(*self.lag, count)]
-        drawn = np.column_stack(values) if values else np.empty((count, 0))
-        return Drawn(names=tuple(names), values=drawn, derived_names=tuple(derived_names), derived=derived)
+    def places(self, random: Any, count: int) -> NDArray[np.float64]:
+        """Where in their ranges resonances and damping ratio of each plant are (P, m + 1), from 0 to 1."""
+        return random.uniform(0, 1, (count, 1 + len(self.resonance or ())))
+
+    def draw(
+        self, random: Any, arm: Arm, rig: Rig, f: NDArray[np.float64], pose: ArrayLike, places: NDArray[np.float64]
+    ) -> Drawn:
+        """Draw for arms with these f (P, p), at these `places`, on a rig that is `prepared`."""
+        count, n = len(f), rig.n
+        others = drawn_of(self.imperfections, random, count, n)
+        if self.resonance is None:
+            return others
+        low, high = np.log(self.resonance).T
+        hz = np.exp(low + places[:, :-1] * (high - low))
+        ratio = self.damping_ratio[0] + places[:, -1:] * np.ptp(self.damping_ratio)
+        links = f @ _inertias(arm, rig, pose) - rig.drive.reflected_inertia()
+        found = gears(np.broadcast_to(hz, (count, n)), ratio, links)
+        names = ["resonance"] if len(low) == 1 else [f"resonance[{i}]" for i in range(n)]
+        own = [f"drive.elasticity.{name}[{i}]" for name in ("stiffness", "damping") for i in range(n)]
+        return Drawn(
+            names=(*names, "damping_ratio", *others.names), values=np.hstack([hz, ratio, others.values]),
+            derived_names=(*own, *others.derived_names), derived=np.hstack([*found, others.derived]),
+        )  # fmt: skip
 
 
 def _inertias(arm: Arm, rig: Rig, pose: ArrayLike) -> NDArray[np.float64]:
     """Diagonal (p, n) of D on the motors' shafts at a pose, of each parameter alone: D is linear in f."""
     own = [rig.drive.coupling.shaft_inertia(arm.dynamics.D(pose, unit)) for unit in np.eye(arm.dynamics.p)]
     return np.array([np.diag(matrix.full()) for matrix in own])
-
-
-def between(name: str, value: Any, unit: str) -> tuple[float, float]:
-    """(low, high) of one number, or of two."""
-    if np.ndim(value) == 0:
-        value = (real(name, value, f"Give {unit}, or the two ends of a range."),) * 2
-    low, high = array(name, value, (2,), advice=f"Give one number [{unit}], or the two ends of a range.").tolist()
-    if not 0 <= low <= high:
-        raise ValueError(
-            f"{name} must be from 0 upwards, the lower end first; got ({low:g}, {high:g}). Swap or correct."
-        )
-    return low, high

@@ -5,46 +5,47 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from ctc.certification.identified import Identified
+from ctc.certification.imperfections import IMPERFECTIONS
 from plant import Rig
 
 __all__ = ["percent", "statement", "verdict"]
 
-_NEVER = "jitter", "drift of friction", "presliding", "torque ripple", "error within an encoder's period"
-"""What is never drawn."""
 
-
-def statement(uncertainty: Any, rig: Rig, unknown: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def statement(uncertainty: Any, rig: Rig, known: Identified) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """What is drawn of an `Uncertainty` with these identified numbers, and what is not."""
     u, gears, drive = uncertainty, uncertainty.gears, rig.drive
     drawn, left = [], []
-    if u.plants is not None or unknown:
-        drawn.append("f of given arms" if u.plants is not None else "what was identified")
+    if u.plants is not None:
+        drawn.append("f of given arms")
+    elif known.refits is not None:
+        drawn.append(f"what the log says on gears of {len(known.refits.places)} resonances of the range")
+    elif known.names:
+        drawn.append("what was identified")
     if gears.resonance is not None:
         alike = "all joints alike" if len(gears.resonance) == 1 else "of each joint"
         hz = ", ".join(f"{low:g} to {high:g}" for low, high in gears.resonance)
         drawn.append(f"resonance {hz} Hz ({alike}), damping ratio {_range(gears.damping_ratio)}")
     else:
         left.append("elasticity" if drive.elasticity is None else "resonance (as the rig has it)")
-    elastic = drive.elasticity
     for there, said, name in (
         (u.friction > 0, f"friction ±{100 * u.friction:g} % (standard deviation)", "friction"),
         (u.load[1] > 0, f"load {_range(u.load)} kg", "load"),
         (u.phase, "encoder zeros", "encoder zeros"),
         (u.delay[1] > 0, f"delay {_range(u.delay)} s", "delay"),
         (u.dropped > 0, f"lost counts {100 * u.dropped:g} %", "lost counts"),
-        (gears.backlash[1] > 0, f"backlash {_range(gears.backlash)} rad",
-         _own("backlash", elastic is not None and elastic.backlash is not None)),
-        (gears.lag[1] > 0, f"current lag {_range(gears.lag)} s", _own("current lag", drive.current_lag is not None)),
-    ):  # fmt: skip
+    ):
         if there:
             drawn.append(said)
         else:
             left.append(name)
-    return tuple(drawn), (*left, *_NEVER)
-
-
-def _own(name: str, there: bool) -> str:
-    return f"{name} (as the rig has it)" if there else name
+    for name, row in IMPERFECTIONS.items():
+        ends = gears.imperfections.get(name, (0.0, 0.0))
+        if any(ends):
+            drawn.append(f"{row.words} {_range(ends)} {row.unit}")
+        else:
+            left.append(row.words if row.own(rig) is None else f"{row.words} (as the rig has it)")
+    return tuple(drawn), tuple(left)
 
 
 def _range(ends: Any) -> str:

@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ctc.certification.gears import Gears, between
+from ctc.certification.gears import Gears
+from ctc.certification.identified import identified
+from ctc.certification.imperfections import between
 from ctc.certification.plants import Plants
 from ctc.certification.statement import statement
 from identification import Identification
@@ -27,9 +29,6 @@ _PATIENCE = 20
 """Draws per plant at most, until one is an arm."""
 
 _NOT_NEGATIVE = ("drive.viscous", "drive.coulomb", "drive.curve.breakaway")
-
-_KNOWN_TO_LAWS = ("drive.gear", "encoder.resolution")
-"""Numbers of the rig by which a law reads its counts: law and plant have the same."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -109,19 +108,18 @@ class Uncertainty:
             No covariance to draw from, or one so large that hardly a draw is an arm.
         """
         instance("rig", rig, Rig, "The order is found, rig, law, reference.")
-        arm, unknown, centre, root = self._identified(found)
         pose = np.zeros(rig.n) if pose is None else pose
-        dynamics, random = arm.dynamics, np.random.default_rng(seed)
-        rig = _with_found(rig, {n: v for n, v in zip(unknown, centre, strict=True) if n not in dynamics.names})
+        known = identified(self, found, pose)
+        arm, unknown, dynamics, random = known.arm, known.names, known.arm.dynamics, np.random.default_rng(seed)
+        places = self.gears.places(np.random.default_rng((seed, 2)), samples)
+        rig = _with_found(rig, {n: v for n, v in zip(unknown, known.values, strict=True) if n not in dynamics.names})
         given = None if self.plants is None else _possible(dynamics, rig, self.plants)
         direction, friction = self._load_direction(dynamics), self._friction(rig, unknown)
 
         def some(rows):
             """Draws (count, K), their f with the load (count, p), whether each is an arm, and the names."""
             count = len(rows)
-            values = dict(
-                zip(unknown, (centre + random.standard_normal((count, root.shape[1])) @ root.T).T, strict=True)
-            )
+            values = dict(zip(unknown, known.draw(random, places[rows, :-1]).T, strict=True))
             if given is not None:
                 values = dict(zip(dynamics.names, given[rows % len(given)].T, strict=True))
             for name, level in friction.items():
@@ -156,9 +154,9 @@ class Uncertainty:
             names += ("transport.delay",)
             values = np.column_stack([values, random.uniform(self.delay[0], self.delay[1], samples)])
             rig = dataclasses.replace(rig, transport=Transport(delay=self.delay[1]))
-        own, said = rig, statement(self, rig, unknown)
+        own, said = rig, statement(self, rig, known)
         rig = self.gears.prepared(arm, rig, pose)
-        gears = self.gears.draw(random, arm, rig, f, pose)
+        gears = self.gears.draw(random, arm, rig, f, pose, places)
         names, values = names + gears.names, np.hstack([values, gears.values])
         varying = np.flatnonzero(np.ptp(values, axis=0) > 0)
         return Plants(
@@ -172,42 +170,6 @@ class Uncertainty:
         known = dict(zip(rig.number_names(), rig.number_values(), strict=True)) if self.friction > 0 else {}
         names = [name for name in known if name.startswith(("drive.viscous", "drive.coulomb"))]
         return {name: known[name] for name in names if name not in unknown and known[name] > 0}
-
-    def _identified(self, found):
-        """Arm; names, values (k,) and a root (k, r) of the covariance of the identified numbers of the plant."""
-        if isinstance(found, Identification):
-            arm, names, values, covariance = found.arm, found.unknown, found.values, found.covariance
-        else:
-            arm = instance("found", found, Arm, "Pass what identify gave, or an Arm with covariance= or plants=.")
-            names, values, covariance = arm.dynamics.names, arm.f, None
-        if self.plants is not None:
-            return arm, (), np.empty(0), np.empty((0, 0))
-        if self.covariance is not None:
-            covariance = self.covariance
-        if covariance is None:
-            reason = found.fit.fallback_reason if isinstance(found, Identification) else None
-            why = reason or "it comes without a covariance"
-            raise ValueError(
-                f"found must have a covariance: {why}. Pass covariance=, or plants= such as found.candidates."
-            )
-        k = len(names)
-        covariance = array("covariance", covariance, (k, k), advice="Give one row per name of found.unknown.")
-        if np.abs(covariance - covariance.T).max(initial=0) > 1e-6 * np.abs(covariance).max(initial=0):
-            raise ValueError("covariance must be symmetric; this one is not. Pass L L^T, not its factor L.")
-        plant = [i for i, name in enumerate(names) if not name.startswith("law.")]
-        for name in (names[i] for i in plant):
-            if name.startswith(_KNOWN_TO_LAWS) and covariance[names.index(name), names.index(name)] > 0:
-                raise ValueError(f"{name} cannot be drawn: laws read their counts by it. Identify with it fixed.")
-        covariance, scale = covariance[np.ix_(plant, plant)], np.sqrt(np.abs(np.diag(covariance)[plant]))
-        scale[scale == 0] = 1.0  # what is known exactly
-        sizes, axes = np.linalg.eigh((covariance + covariance.T) / 2 / np.outer(scale, scale))
-        if sizes.min() < -1e-6 * max(1.0, sizes.max()):
-            raise ValueError(
-                f"covariance must be positive semidefinite; its correlations have the eigenvalue {sizes.min():.3g}. "
-                "Check its order, or pass found.covariance."
-            )
-        root = scale[:, None] * axes * np.sqrt(np.maximum(sizes, 0))
-        return arm, tuple(names[i] for i in plant), np.asarray(values)[plant], root
 
     def _load_direction(self, dynamics):
         """Change (p,) of f per kg in the hand."""

@@ -25,12 +25,16 @@ __all__ = ["tune"]
 _PLANTS, _FRESH = 16, 800
 """Plants with which a search begins, and others on which its best are checked."""
 
+_GENERATIONS = sum(generations for generations, _ in ROUNDS)
+
 
 @known_options
 def tune(
     found: Identification | Arm, rig: Rig, reference: Reference, *, resonance: ArrayLike | None = None,
     damping_ratio: ArrayLike | None = None, friction: float = 0.1, within: float = 1, backlash: ArrayLike = 0.0,
-    lag: ArrayLike = 0.0, load: ArrayLike = 0.0, load_position: ArrayLike | None = None, delay: ArrayLike = 0.0,
+    lag: ArrayLike = 0.0, jitter: ArrayLike = 0.0, friction_drift: ArrayLike = 0.0, presliding: ArrayLike = 0.0,
+    load_friction: ArrayLike = 0.0, ripple: ArrayLike = 0.0, quadrature: ArrayLike = 0.0,
+    load: ArrayLike = 0.0, load_position: ArrayLike | None = None, delay: ArrayLike = 0.0,
     covariance: ArrayLike | None = None, plants: ArrayLike | None = None, after: float = SETTLED,
     samples: int = 10_000, seed: int = 0, duration: float | None = None, threads: int | None = None,
     progress: bool = True,
@@ -48,7 +52,8 @@ def tune(
     rig : Rig
         Of the plants, such as ``found.rig``.
     reference : Reference
-    resonance, damping_ratio, friction, backlash, lag, load, load_position, delay, covariance, plants
+    resonance, damping_ratio, friction, backlash, lag, jitter, friction_drift, presliding, load_friction, ripple, \
+quadrature, load, load_position, delay, covariance, plants
         What is uncertain, as for `certify`: ``resonance=(40, 80)`` [Hz].
     within : float
         Limit of the counted error [pulses].
@@ -85,8 +90,12 @@ def tune(
         "covariance": covariance, "plants": plants, "friction": friction, "load": load, "load_position": load_position,
         "delay": delay,
     }  # fmt: skip
-    gears: dict[str, Any] = {"resonance": resonance, "damping_ratio": damping_ratio, "backlash": backlash, "lag": lag}
-    uncertainty = Uncertainty(**stated, gears=Gears(**gears))
+    gears: dict[str, Any] = {"resonance": resonance, "damping_ratio": damping_ratio}
+    others: dict[str, Any] = {
+        "backlash": backlash, "lag": lag, "jitter": jitter, "friction_drift": friction_drift, "presliding": presliding,
+        "load_friction": load_friction, "ripple": ripple, "quadrature": quadrature,
+    }  # fmt: skip
+    uncertainty = Uncertainty(**stated, gears=Gears(**gears, imperfections=others))
     uncertainty.gears.require_followed(rig.period / 4)
     pose = reference(np.zeros(1)).q[0]
     searching, fresh = (
@@ -96,18 +105,18 @@ def tune(
     threads = int(threads or cores())
     options = {"within": within, "duration": duration, "after": after}
     laws, trials = families(arm, fresh.own, pose), []
-    with tqdm(total=len(laws) * sum(ROUNDS), desc="tune", unit="generation", disable=not progress, leave=False) as bar:
+    with tqdm(total=len(laws) * _GENERATIONS, desc="tune", unit="generation", disable=not progress, leave=False) as bar:
         for i, family in enumerate(laws):
             bar.set_postfix_str(family.name)
             tunings = Tunings(
                 family=family, plants=fresh, reference=reference, options=options, scale=scale, threads=threads
             )
             trials.append(tunings.best(searching.numbers()[1], seed, bar.update))
-            bar.update((i + 1) * sum(ROUNDS) - bar.n)
+            bar.update((i + 1) * _GENERATIONS - bar.n)
     best = min(trials, key=lambda trial: trial.rank)
     certificate = certify(
         found, rig, best.law, reference, samples=samples, seed=seed + 2, within=within, after=after, threads=threads,
-        duration=duration, **stated, **gears,
+        duration=duration, **stated, **gears, **others,
     )  # fmt: skip
     return Tuning(law=best.law, trials=tuple(trials), certificate=certificate, fresh=_FRESH)
 

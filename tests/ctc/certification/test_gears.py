@@ -26,7 +26,9 @@ def on_gears(hz, damping_ratio):
 @pytest.mark.parametrize("options", [
     {"resonance": (60, 90)},
     {"resonance": [(60, 70), (110, 120)], "damping_ratio": 0.02, "backlash": (0, 2e-4), "lag": (1e-4, 5e-4)},
-], ids=["alike", "each"])  # fmt: skip
+    {"resonance": (60, 90), "jitter": (0, 0.2), "friction_drift": (-0.2, 0.2), "presliding": (0, 0.1),
+     "load_friction": 0.1, "ripple": (0, 0.02), "quadrature": (0, 0.3)},
+], ids=["alike", "each", "the rest"])  # fmt: skip
 def test_each_lane_is_a_simulation_of_gears_with_their_resonance(options):
     found = certify(ARM, RIG, LAW, PATH, **SHORT, **options)
     for i in (0, 17, 59):
@@ -45,6 +47,13 @@ def test_each_lane_is_a_simulation_of_gears_with_their_resonance(options):
         if "lag" in options:
             assert 1e-4 <= drive.current_lag.time <= 5e-4
             assert ((drive.elasticity.backlash >= 0) & (drive.elasticity.backlash <= 2e-4)).all()
+        if "jitter" in options:
+            assert plant.rig.jitter.stream == i
+            assert (np.abs(drive.friction_drift.amount) <= 0.2).all()
+            assert 0 < drive.ripple.amplitude[0] <= 0.02
+            assert drive.ripple.phase[0] > 0
+            assert "jitter 0 to 0.2 of the period" in str(found)
+            np.testing.assert_array_equal(drive.load_friction.share, 0.1)
     assert found.settings["after"] == 0.02
     assert found.on_gears is found.lowest_resonance is None
 
@@ -147,6 +156,8 @@ def test_margins_of_elastic_gears_are_those_of_the_stiff_limit():
     ({"resonance": (60, 90), "damping_ratio": (0.03, 0.01)}, "damping_ratio must be from 0 upwards"),
     ({"backlash": 1e-4}, "backlash needs gears that give; got a rigid rig"),
     ({"lag": -1e-4}, "lag must be from 0 upwards"),
+    ({"friction_drift": (0.2, -0.2)}, "friction_drift must be two numbers, the lower end first"),
+    ({"jitter": 0.7}, "share must be from 0 to 0.5 of the period; got 0.7"),
     ({"resonnance": (60, 90)}, "Did you mean 'resonance'"),
 ])  # fmt: skip
 def test_wrong_calls_are_refused_in_one_line(options, message):

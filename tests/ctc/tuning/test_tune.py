@@ -19,8 +19,7 @@ SHORT = {"duration": 0.4, "samples": 300, "progress": False}
 @pytest.fixture(scope="module")
 def tuning():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ctc.tuning.search.ROUNDS", (6, 4))
-        patch.setattr("ctc.tuning.tune.ROUNDS", (6, 4))
+        patch.setattr("ctc.tuning.search.ROUNDS", ((6, 1.0), (4, 0.95)))
         patch.setattr("ctc.tuning.tune._FRESH", 80)
         return tune(ARM, RIG, PATH, **STATED, **SHORT, seed=1)
 
@@ -46,7 +45,7 @@ def test_it_is_the_quietest_of_those_that_hold(tuning):
 
 
 def test_same_seed_same_law_whatever_the_threads(monkeypatch):
-    monkeypatch.setattr("ctc.tuning.search.ROUNDS", (2,))
+    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((2, 1.0),))
     monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
     monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[1:2])
     one, two = (tune(ARM, RIG, PATH, **STATED, **SHORT, threads=threads) for threads in (1, 2))
@@ -78,9 +77,11 @@ def test_plants_that_leave_join_the_search(monkeypatch):
     """A search on one plant cannot know the others; those that it loses are in the next."""
     seen = []
     original = Tunings.costs
-    monkeypatch.setattr("ctc.tuning.search.ROUNDS", (1, 1, 1))
+    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((1, 1.0),) * 3)
     monkeypatch.setattr(
-        Tunings, "costs", lambda self, values, plants: seen.append(len(plants)) or original(self, values, plants)
+        Tunings,
+        "costs",
+        lambda self, values, plants, aim: seen.append(len(plants)) or original(self, values, plants, aim),
     )
     family = families(ARM, RIG, START)[2]
     uncertainty = Uncertainty(friction=0.5, covariance=STATED["covariance"], gears=Gears(resonance=(15, 300)))
@@ -96,7 +97,7 @@ def test_plants_that_leave_join_the_search(monkeypatch):
 
 
 def test_where_nothing_holds_it_says_so(monkeypatch):
-    monkeypatch.setattr("ctc.tuning.search.ROUNDS", (1,))
+    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((1, 1.0),))
     monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
     found = tune(ARM, RIG, PATH, **STATED | {"friction": 2.0}, **SHORT, within=0.1)
     assert not found.holds

@@ -1,0 +1,109 @@
+"""What was identified of a plant, with its covariance; on gears of a stated range, as it depends on their resonance."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ctc.certification.refits import Refits, refits
+from identification import Identification
+from plant import Arm
+from plant.parts.arguments import array, instance
+
+__all__ = ["Identified", "identified"]
+
+_KNOWN_TO_LAWS = ("drive.gear", "encoder.resolution")
+"""Numbers of the rig by which a law reads its counts: law and plant have the same."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Identified:
+    """Distribution of the identified numbers of a plant, ready to be drawn from.
+
+    Attributes
+    ----------
+    arm : Arm
+    names : tuple of str
+        Of the numbers (k).
+    values : (k,) numpy.ndarray
+    roots : (K, k, r) numpy.ndarray
+        Of the covariance; K = 1 without refits.
+    refits : Refits or None
+        Fits on gears of the stated resonances, of the same numbers.
+    """
+
+    arm: Arm
+    names: tuple[str, ...]
+    values: NDArray[np.float64]
+    roots: NDArray[np.float64]
+    refits: Refits | None = None
+
+    def draw(self, random: Any, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Numbers (P, k) of plants whose resonances are at these places (P, m) of their ranges."""
+        deviations = random.standard_normal((len(places), self.roots.shape[2]))
+        if self.refits is None:
+            return np.asarray(self.values + deviations @ self.roots[0].T)
+        where = places.mean(axis=1)
+        roots = self.roots[self.refits.nearest(where)]
+        return self.refits.centres(where) + (roots * deviations[:, None]).sum(axis=2)
+
+
+def identified(uncertainty: Any, found: Identification | Arm, pose: ArrayLike) -> Identified:
+    """What an `Uncertainty` draws of what was identified.
+
+    With a stated range of resonances the records of an identification on rigid gears are fitted again on such gears.
+
+    Raises
+    ------
+    ValueError
+        No covariance, or one that is none; gears or resolutions that were identified.
+    """
+    if isinstance(found, Identification):
+        arm, names, values, covariance = found.arm, found.unknown, found.values, found.covariance
+    else:
+        arm = instance("found", found, Arm, "Pass what identify gave, or an Arm with covariance= or plants=.")
+        names, values, covariance = arm.dynamics.names, arm.f, None
+    if uncertainty.plants is not None:
+        return Identified(arm=arm, names=(), values=np.empty(0), roots=np.empty((1, 0, 0)))
+    again, gears = None, uncertainty.gears
+    if uncertainty.covariance is not None:
+        covariance = uncertainty.covariance
+    elif isinstance(found, Identification) and gears.resonance is not None and found.rig.drive.elasticity is None:
+        again = refits(found, gears.resonance, gears.damping_ratio, pose)
+    if covariance is None and again is None:
+        reason = found.fit.fallback_reason if isinstance(found, Identification) else None
+        why = reason or "it comes without a covariance"
+        raise ValueError(f"found must have a covariance: {why}. Pass covariance=, or plants= such as found.candidates.")
+    k, plant = len(names), [i for i, name in enumerate(names) if not name.startswith("law.")]
+    if again is None:
+        given: Any = covariance
+        covariances = array("covariance", given, (k, k), advice="Give one row per name of found.unknown.")[None]
+    else:
+        covariances = again.covariances
+    for name in (names[i] for i in plant):
+        if name.startswith(_KNOWN_TO_LAWS) and (covariances[:, names.index(name), names.index(name)] > 0).any():
+            raise ValueError(f"{name} cannot be drawn: laws read their counts by it. Identify with it fixed.")
+    if again is not None:
+        again = dataclasses.replace(again, values=again.values[:, plant])
+    return Identified(
+        arm=arm, names=tuple(names[i] for i in plant), values=np.asarray(values)[plant], refits=again,
+        roots=np.array([_root(each, plant) for each in covariances]),
+    )  # fmt: skip
+
+
+def _root(covariance: NDArray[np.float64], plant: list[int]) -> NDArray[np.float64]:
+    """A root (k, k) of the covariance of these of the unknowns."""
+    if np.abs(covariance - covariance.T).max(initial=0) > 1e-6 * np.abs(covariance).max(initial=0):
+        raise ValueError("covariance must be symmetric; this one is not. Pass L L^T, not its factor L.")
+    covariance, scale = covariance[np.ix_(plant, plant)], np.sqrt(np.abs(np.diag(covariance)[plant]))
+    scale[scale == 0] = 1.0  # what is known exactly
+    sizes, axes = np.linalg.eigh((covariance + covariance.T) / 2 / np.outer(scale, scale))
+    if sizes.min() < -1e-6 * max(1.0, sizes.max()):
+        raise ValueError(
+            f"covariance must be positive semidefinite; its correlations have the eigenvalue {sizes.min():.3g}. "
+            "Check its order, or pass found.covariance."
+        )
+    return np.asarray(scale[:, None] * axes * np.sqrt(np.maximum(sizes, 0)))

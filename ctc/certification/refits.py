@@ -1,0 +1,95 @@
+"""An identification on rigid gears, fitted again on elastic ones of stated resonances.
+
+A log of an elastic arm, identified with rigid gears, gives an f that makes up for them, off by many of its standard
+deviations. Where a range of resonances is stated, what the log says of f depends on the resonance; plants of a
+resonance have the f that fits the log there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from identification import Identification, identify
+from plant import Elasticity
+
+__all__ = ["Refits", "refits"]
+
+_APART, _MOST = 1.15, 7
+"""Ratio of the resonances of two fits, at most, and number of fits; a wider range has them farther apart."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Refits:
+    """Fits over a range of resonances.
+
+    Attributes
+    ----------
+    places : (K,) numpy.ndarray
+        Of each fit in the range, from 0 to 1, in the logarithm of the resonance.
+    values : (K, k) numpy.ndarray
+        Of the unknowns.
+    covariances : (K, k, k) numpy.ndarray
+    """
+
+    places: NDArray[np.float64]
+    values: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+
+    def centres(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values (P, k) at places (P,) of the range."""
+        return np.column_stack([np.interp(places, self.places, column) for column in self.values.T])
+
+    def nearest(self, places: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Which fit (P,) is nearest to each place (P,)."""
+        return np.abs(places[:, None] - self.places).argmin(axis=1)
+
+
+def refits(found: Identification, resonance: Any, damping_ratio: Any, pose: ArrayLike) -> Refits | None:
+    """Fits of an identification's records on gears over the range; None where no resonance of it can be fitted.
+
+    Parameters
+    ----------
+    found : Identification
+        On rigid gears.
+    resonance : sequence of (float, float)
+        Lowest and highest [Hz], one pair or one for each joint.
+    damping_ratio : (float, float)
+    pose : (n,) array_like
+        At which the resonances are those of the gears [rad].
+    """
+    low, high = np.log(resonance).T
+    count = int(np.clip(np.ceil((high - low).max() / np.log(_APART)) + 1, 1 if (high == low).all() else 2, _MOST))
+    places, values, covariances = [], [], []
+    for place in np.linspace(0, 1, count) if count > 1 else [0.5]:
+        fit = _on_gears(found, np.exp(low + place * (high - low)), float(np.mean(damping_ratio)), pose)
+        if fit is not None:
+            places.append(place)
+            values.append(fit[0])
+            covariances.append(fit[1])
+    if not places:
+        return None
+    return Refits(places=np.array(places), values=np.array(values), covariances=np.array(covariances))
+
+
+def _on_gears(found: Identification, hz: Any, ratio: float, pose: ArrayLike) -> tuple[Any, Any] | None:
+    """Values and covariance of the records' unknowns on gears of this resonance; None where they cannot be fitted."""
+    try:
+        gears = Elasticity.from_resonance(found.arm, hz, ratio, drive=found.rig.drive, q=pose)
+        records = [
+            dataclasses.replace(
+                record,
+                rig=dataclasses.replace(record.rig, drive=dataclasses.replace(record.rig.drive, elasticity=gears)),
+            )
+            for record in found.records
+        ]
+        fit = identify(
+            found.arm.dynamics, records, unknown=found.unknown, ranges=found.search.ranges, held_out=(),
+            method="prediction_error", progress=False,
+        )  # fmt: skip
+    except ValueError:  # no fit on such gears: the log contradicts them, or they cannot carry the arm
+        return None
+    return None if fit.covariance is None else (fit.values, fit.covariance)

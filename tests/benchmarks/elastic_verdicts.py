@@ -1,0 +1,96 @@
+"""Is the bound of a certificate a bound on the machine? Elastic robots, identified from their P log and certified.
+
+    python tests/benchmarks/elastic_verdicts.py [--quick]
+
+For each resonance, damping ratio and pair of P gains: the robot's log is identified with rigid gears, a law is built on
+what was found, and certified with the resonance stated to +-10 % and friction to 2 %. Beside it what the robot does:
+the true f on gears of the true resonance and damping, in 1,000 loops with friction and encoder zeros of their own.
+A bound holds if it is at least the lower 99 % bound of the robot's share; it is useful if it is below 1 % where a range
+of +-10 % around the robot is clean.
+"""
+
+import dataclasses
+import sys
+import time
+
+import numpy as np
+
+from ctc import ComputedTorque, ComputedTorquePID, FeedForward, certify, clopper_pearson
+from identification import identify
+from plant import PD, Elasticity, P, puma560, simulate
+
+ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
+START = PATH([0.0]).q[0]
+FRICTION, SHARE, REAL = 0.02, 0.1, 1000
+PD_LAW = PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0, period=RIG.period)
+LAWS = {
+    "observer 60": lambda found: ComputedTorque(found, RIG, bandwidth=60),
+    "observer 150": lambda found: ComputedTorque(found, RIG, bandwidth=150),
+    "PID that rolls off": lambda found: ComputedTorquePID(
+        found, RIG, bandwidth=170.6, ratio=1.041, integral=11.62, roll_off=2188, roll_off_damping=1.185
+    ),
+    "feed-forward + PD": lambda found: FeedForward(found, RIG, feedback=PD_LAW),
+}
+
+
+def on_gears(hz, ratio):
+    elasticity = Elasticity.from_resonance(ARM, hz, ratio, drive=RIG.drive, q=START)
+    return dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=elasticity))
+
+
+def real(law, hz, ratio, seed):
+    """Loops of the robot itself that leave: share, and its lower 99 % bound."""
+    own = certify(ARM, on_gears(hz, ratio), law, PATH, plants=ARM.f[None], friction=FRICTION, samples=REAL, seed=seed)
+    return own.probability, clopper_pearson(own.failures, REAL, 0.98)[0]
+
+
+def main(quick):
+    hertz = (25, 60, 100, 200) if quick else (15, 25, 40, 60, 100, 150, 200, 300)
+    ratios = (0.02,) if quick else (0.01, 0.02, 0.03)
+    samples = 2000 if quick else 10_000
+    broken, dull, cells = [], [], 0
+    print(f"{'gains':>12} {'Hz':>4} {'damping':>7}  {'law':<20} {'robot leaves':>12} {'lower 99 %':>10} {'upper':>7}")
+    for gain in ((0.1, 0.08), (0.2, 0.15)):
+        for hz in hertz:
+            for ratio in ratios:
+                log = simulate(ARM, on_gears(hz, ratio), P(gain=gain), PATH, steps_per_sample=16)
+                log = dataclasses.replace(log, rig=RIG)
+                stated = {"resonance": ((1 - SHARE) * hz, (1 + SHARE) * hz), "friction": FRICTION, "samples": samples}
+                try:
+                    found = identify(ARM.dynamics, log, seed=1, progress=False)
+                except ValueError as error:
+                    print(f"{gain!s:>12} {hz:4} {ratio:7}  not identified: {error}")
+                    continue
+                for name, build in LAWS.items():
+                    started = time.perf_counter()
+                    try:
+                        law = build(found)
+                        upper = certify(found, RIG, law, PATH, **stated).upper
+                    except ValueError as error:
+                        print(f"{gain!s:>12} {hz:4} {ratio:7}  {name:<20} refused: {error}")
+                        continue
+                    share, lower = real(law, hz, ratio, seed=hz)
+                    clean = all(
+                        real(law, hz * factor, each, seed=hz)[0] == 0
+                        for factor in (1 - SHARE, 1.0, 1 + SHARE)
+                        for each in (0.01, 0.03)
+                    )
+                    cells += 1
+                    note = ""
+                    if upper < lower:
+                        broken.append((gain, hz, ratio, name))
+                        note = "BROKEN"
+                    elif clean and upper > 0.01:
+                        dull.append((gain, hz, ratio, name))
+                        note = "not below 1 %, though clean"
+                    print(
+                        f"{gain!s:>12} {hz:4} {ratio:7}  {name:<20} {share:12.2%} {lower:10.2%} {upper:7.2%} "
+                        f"{time.perf_counter() - started:5.1f} s {note}",
+                        flush=True,
+                    )
+    print(f"{cells} cells: bound below the robot's share in {len(broken)}, above 1 % though clean in {len(dull)}")
+
+
+if __name__ == "__main__":
+    np.set_printoptions(precision=4)
+    main("--quick" in sys.argv)
