@@ -11,7 +11,7 @@ An experiment: Arm + Rig + Law + Reference -> Record. The rooms, each above all 
 `laws`          what a control law has to give; P, PD, PID, cascade, laws that repeat a log
 `realtime`      a law at work: `Guards`, safe stop, the compiled step (`Running`), its C
 `motion`        references, the fastest path, what a motion demands, and what it excites
-`machine`       friction, drive, encoder, transport delay; together the `Rig`
+`machine`       friction, drive, encoder, transport delay, jitter; together the `Rig`
 `mechanics`     links and bodies -> one torque; `Dynamics` (D, h, C, Y read off it) and `Arm`
 `compiler`      a casadi Function as machine code or C; knows nothing of arms
 `parts`         descriptions with named numbers; checks of arguments

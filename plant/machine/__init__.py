@@ -1,7 +1,8 @@
 """What stands between a controller and the links: motors, gears, friction, encoders, delay.
 
-Read `drive` (and its `friction`), `encoder` and `transport`, together the `rig`; `gear_torque` is what winds the
-gears; `motor_inertia` is the bound that the rig puts on an arm's inertia matrix.
+Read `drive` (and its `friction`, `presliding`, `friction_changes`, joined by `friction_step`; `torque_ripple`,
+`elasticity` with its `spring`, `current_lag`), `encoder`, `transport` and `jitter`, together the `rig`; `gear_torque`
+is what winds the gears; `motor_inertia` is the bound that the rig puts on an arm's inertia matrix.
 """
 
 __all__: list[str] = []

@@ -50,6 +50,8 @@ class Layout:
         if self.smooth:
             encoder = dataclasses.replace(self.rig.encoder, smooth=True)
             object.__setattr__(self, "rig", punctual_rig(dataclasses.replace(self.rig, encoder=encoder)))
+        if self.law.replays and self.rig.jitter is not None:  # a repeated log reads no counts
+            object.__setattr__(self, "rig", dataclasses.replace(self.rig, jitter=None))
         self.steps_per_law  # noqa: B018 - refuses a period that does not fit
         if self.rig.transport is not None and not self.rig.transport.delay <= (self._block.period or -1):
             raise ValueError(

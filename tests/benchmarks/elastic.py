@@ -1,6 +1,6 @@
-"""What an elastic gear costs per sub-step, and how near its free vibration comes: `python tests/benchmarks/elastic.py`.
+"""What an elastic gear costs per sub-step, and friction beyond Coulomb's: `python tests/benchmarks/elastic.py`.
 
-Rigid and elastic loops take turns in one process: one individual with its log, and 40 side by side without.
+Rigid, elastic and other loops take turns in one process: one individual with its log, and 40 side by side without.
 """
 
 import dataclasses
@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 
-from plant import Elasticity, puma560
+from plant import Elasticity, FrictionDrift, Presliding, TorqueRipple, puma560
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import Path
@@ -34,19 +34,28 @@ def runner(rig, *, population):
         state = np.repeat(state, LANES, axis=1)
         given = np.repeat(ARM.f[:, None], LANES, axis=1), numbers[list(kernel.uniform)]
         return lambda: kernel.run(prepared, state, *given)
-    log, error = np.empty((5215, 8)), np.empty((4 * 5215, 2))
+    log, error = np.empty((5215, loop.n_log)), np.empty((4 * 5215, 2))
     return lambda: kernel.run(prepared, state, np.empty((0, 1)), numbers, (log, error))
 
 
 def main():
     elastic = Elasticity.from_resonance(ARM, 60, 0.02, drive=RIG.drive)
-    gears = {
-        "rigid": None,
-        "elastic": elastic,
-        "elastic, backlash": dataclasses.replace(elastic, backlash=(2e-4, 2e-4)),
+    effects = {
+        "presliding": Presliding(distance=RIG.encoder.to_angle(np.array([5.0, 5.0]))),
+        "load_friction": (0.1, 0.1),
+        "friction_drift": FrictionDrift(amount=(-0.2, -0.2), time=(2.0, 2.0)),
+        "ripple": TorqueRipple(amplitude=(0.05, 0.05), cycles=(6, 6)),
     }
-    rigs = {name: dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=each))
-            for name, each in gears.items()}  # fmt: skip
+    drives = {
+        "rigid": {},
+        "elastic": {"elasticity": elastic},
+        "elastic, backlash": {"elasticity": dataclasses.replace(elastic, backlash=(2e-4, 2e-4))},
+        **{name.replace("_", " "): {name: each} for name, each in effects.items()},
+        "all four": effects,
+        "elastic, all four": {"elasticity": elastic, **effects},
+    }
+    rigs = {name: dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, **each))
+            for name, each in drives.items()}  # fmt: skip
     for population in (False, True):
         runs = {name: runner(rig, population=population) for name, rig in rigs.items()}
         seconds = {name: [] for name in runs}

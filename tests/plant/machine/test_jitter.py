@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from ctc import ComputedTorque
-from plant import Elasticity, Jitter, Rig, StatelessLaw, puma560, simulate
+from plant import Elasticity, Jitter, LoggedTorque, Rig, StatelessLaw, puma560, replay, simulate
 from plant.parts.part import number, part, structure
 
 RIG, PERIOD, PATH = puma560.rig(), puma560.rig().period, puma560.reference()
@@ -93,6 +93,16 @@ def test_no_jitter_changes_no_bit():
     np.testing.assert_array_equal(one.true_q, other.true_q)
     np.testing.assert_array_equal(one.torque, other.torque)
     assert not np.array_equal(one.torque, simulate(arm, shaken(share=0.1), law, PATH, duration=0.1).torque)
+
+
+def test_a_repeated_log_reads_nothing():
+    """The torque of a record with jitter moves the arm as in the record, with jitter in the rig or without."""
+    arm, law = puma560.arm(), ComputedTorque(puma560.arm(), RIG)
+    record = simulate(arm, shaken(share=0.2), law, PATH, duration=0.1)
+    given = dataclasses.replace(record, law=LoggedTorque())
+    again = replay(arm, given)
+    np.testing.assert_array_equal(again.error_pulses, record.error_pulses)
+    np.testing.assert_array_equal(replay(arm, given, rig=RIG).true_q, again.true_q)
 
 
 def test_casadi_gives_the_same():

@@ -5,6 +5,8 @@ import dataclasses
 import casadi as ca
 import numpy as np
 import pytest
+from closed_loops import NoTorque
+from scipy.integrate import solve_ivp
 
 from ctc import ComputedTorque, FeedForward, margins
 from plant import (
@@ -259,6 +261,24 @@ def test_the_continuous_arm_has_the_equations_of_bristles_and_drift():
         to_control(
             ARM, dataclasses.replace(rig, drive=dataclasses.replace(drive, presliding=Presliding(distance=(0, 0))))
         )
+
+
+def test_two_joints_move_as_their_differential_equations_say():
+    """Falling with bristles, drift and ripple, against an integrator of the continuous system: steps of first order."""
+    pytest.importorskip("control")
+    rig = with_effects("presliding", "friction_drift", "ripple")
+    start, system = np.array([[0.1, -0.2], [0.0, 0.5]]), to_control(ARM, rig)
+    t = np.arange(285) * rig.period
+    exact = solve_ivp(
+        lambda t, x: system.dynamics(t, x, np.zeros(2)), (0, t[-1]), np.concatenate([*start, np.zeros(4)]),
+        method="LSODA", rtol=1e-9, atol=1e-11, t_eval=t,
+    ).y[:2].T  # fmt: skip
+    errors = []
+    for steps in (4, 8, 16):
+        record = simulate(ARM, rig, NoTorque(), PATH, initial=start, duration=0.1995, steps_per_sample=steps)
+        errors.append(np.abs(record.true_q - exact).max())
+    assert np.abs(RIG.position_in_pulses(np.full(2, errors[0]))).max() < 0.3
+    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 2, rtol=0.05)
 
 
 def test_derivatives_follow_differences_of_the_smooth_step():
