@@ -169,7 +169,7 @@ class Law(Part, abc.ABC):
     @known_options
     def to_c(
         self, folder: str | Path, rig: Rig | None = None, *, name: str = "controller", output: str = "torque",
-        counts_per_ampere: ArrayLike | None = None, largest_count: int = 32767,
+        counts_per_ampere: ArrayLike | None = None, largest_count: int = 32767, guards: Guards | None = Guards(),  # noqa: B008
     ) -> None:  # fmt: skip
         """This law as self-contained C99: a header, a source, a main that replays a record, and a Makefile.
 
@@ -187,6 +187,8 @@ class Law(Part, abc.ABC):
             Of that converter, signed as it is wired; the output is rounded to whole counts.
         largest_count : int
             Range of the converter: counts within +- this.
+        guards : Guards or None
+            Of these C has `saturation` and `chatter`, and their stop, for laws with a period.
 
         Raises
         ------
@@ -195,7 +197,7 @@ class Law(Part, abc.ABC):
             folder that is not an earlier export.
         """
         write_c(self, folder, rig, name=name, output=output, counts_per_ampere=counts_per_ampere,
-                largest_count=largest_count)  # fmt: skip
+                largest_count=largest_count, guards=guards)  # fmt: skip
 
     def block(self, rig: Rig) -> Block:
         """This law as a symbolic step for a rig."""

@@ -11,6 +11,7 @@ import inspect
 import re
 import textwrap
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,10 @@ from plant.compiler.c_statements import SIGN, literal, statements
 from plant.compiler.instructions import STATE, TIME, UNIFORM
 from plant.machine.rig import Rig
 from plant.parts.arguments import array, choice, instance, real
-from plant.realtime.c_numbers import braced, comment, constant, constants, identifier
+from plant.realtime.c_guards import TorqueGuards
+from plant.realtime.c_numbers import braced, comment, constant, constants, declared, each, identifier
 from plant.realtime.c_templates import HEADER, MAIN, MAKEFILE, SOURCE
+from plant.realtime.guards import Guards
 from plant.version import __version__
 
 __all__ = ["write_c"]
@@ -44,6 +47,7 @@ def write_c(
     output: str,
     counts_per_ampere: ArrayLike | None,
     largest_count: int,
+    guards: Guards | None,
 ) -> None:
     """Write the files of `Law.to_c`."""
     rig = getattr(law, "rig", None) if rig is None else rig
@@ -55,12 +59,14 @@ def write_c(
     if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name) or name == "main":
         rule = "be a small letter and up to 39 small letters, digits or _, and not main"
         raise ValueError(f"name must {rule}; got {name!r:.60}. It names the files and the functions.")
+    if guards is not None:
+        instance("guards", guards, Guards, "Give Guards(...), or None for none.")
     scale = None
     if choice("output", output, ("torque", "dac")) == "dac":
         scale = _scale(law, rig, counts_per_ampere, largest_count)
     elif counts_per_ampere is not None:
         raise ValueError("counts_per_ampere must be left out for output='torque'; got one. Choose output='dac'.")
-    texts = _texts(law, rig, name, scale, largest_count)
+    texts = _texts(law, rig, name, scale, largest_count, guards)
     place = _free(folder, texts, name)
     place.mkdir(parents=True, exist_ok=True)
     for file, text in texts.items():
@@ -106,23 +112,30 @@ def _free(given: str | Path, texts: Iterable[str], name: str) -> Path:
 
 
 # -- the texts -------------------------------------------------------------------------------------------------------
-def _texts(law, rig, name, scale, largest):
+def _texts(law, rig, name, scale, largest, guards):
     """File name -> text, in ASCII."""
     block, n = law.block(rig), rig.n
     period, states = block.period or rig.period, len(block.initial)
+    guarded = TorqueGuards.of(law, rig, block, guards)
     function, inputs = _step(block, rig, scale, largest)
     lines, results, used = statements(function, inputs)
     arrays, results = [], iter(results)
     for quantity, kind, size in (("asked", "double", n), ("torque_now", "double", n), ("following", "double", states),
                                  ("counts_now", "int32_t", n if scale is not None else 0)):  # fmt: skip
-        arrays += [_array(quantity, kind, [next(results) for _ in range(size)])] if size else []
+        arrays += [declared(quantity, kind, [next(results) for _ in range(size)])] if size else []
     blocks = [f"/* {said} */\n" + "\n".join(lines[kind]) for kind, said in _SECTIONS.items() if lines[kind]]
-    unread = [x for x in ("pulses", "q_r", "qd_r", "qdd_r") if not any(f"{x}[" in each for each in used)]
+    unread = [x for x in ("pulses", "q_r", "qd_r", "qdd_r") if not any(f"{x}[" in name for name in used)]
     unread = [" ".join(f"(void){x};" for x in unread)] if unread else []
     body = "\n\n".join([*blocks, "\n".join(arrays), *unread])
+    watching = ""
+    if guarded is not None:
+        watching, more = guarded.functions(name, None if scale is None else partial(_converted, largest))
+        used |= more
     numbers = [constants(law, rig, used)]
     if "period" in used:
         numbers.append(constant("period", period, "From one step to the next [s]."))
+    if guarded is not None:
+        numbers += guarded.constants()
     if scale is not None:
         numbers.append(constant("counts_per_ampere", scale, "Counts of the converter per motor current [1/A]."))
     start = f"static const double state[{states}] = {braced(block.initial)};\n"
@@ -138,26 +151,32 @@ def _texts(law, rig, name, scale, largest):
         "meaning": f"of the converter: rounded, within +-{largest:.0f}" if dac
         else "of the joints, after the amplifier's limit [N m]",
         "about": _about(law, rig, block),
+        "stops": "" if guarded is None else f" *\n{_paragraph(guarded.said())}\n",
+        "guards": watching,
+        "guard": "" if guarded is None else guarded.step,
+        "result": "!sound" if guarded is None else guarded.result,
         "state": (f"    int32_t counts[{n}]; /* of the converter, for it */\n" if dac else "")
-        + (f"    double state[{states}]; /* of the law */\n" if states else ""),
-        "numbers": "\n".join(each for each in numbers if each),
-        "helpers": SIGN if re.search(r"\bsign\(", body) else "",
+        + (f"    double state[{states}]; /* of the law */\n" if states else "")
+        + ("" if guarded is None else guarded.field),
+        "numbers": "\n".join(text for text in numbers if text),
+        "helpers": SIGN if re.search(r"\bsign\(", body + watching) else "",
         "start": textwrap.indent(start, "    ") if states else "",
-        "initial": _each(n, "self->torque[i] = 0.0;")
-        + _each(n * dac, "self->counts[i] = 0;")
-        + _each(states, "self->state[i] = state[i];"),
+        "initial": each(n, "self->torque[i] = 0.0;")
+        + each(n * dac, "self->counts[i] = 0;")
+        + each(states, "self->state[i] = state[i];")
+        + each(0 if guarded is None else guarded.size, "self->guard[i] = 0.0;"),
         "body": textwrap.indent(body, "    "),
-        "check": _each(states, "sound = sound && isfinite(following[i]);"),
+        "check": each(states, "sound = sound && isfinite(following[i]);"),
         "store": textwrap.indent(
-            _each(n, "self->torque[i] = torque_now[i];")
-            + _each(n * dac, "self->counts[i] = counts_now[i];")
-            + _each(states, "self->state[i] = following[i];"),
+            each(n, "self->torque[i] = torque_now[i];")
+            + each(n * dac, "self->counts[i] = counts_now[i];")
+            + each(states, "self->state[i] = following[i];"),
             "    ",
         ),
     }  # fmt: skip
     templates = {f"{name}.h": HEADER, f"{name}.c": SOURCE, "main.c": MAIN, "Makefile": MAKEFILE}
     made = f"made by onepulse {__version__} for {name}"
-    return {file: each.substitute(common, made=f"{file} - {made}").encode("ascii") for file, each in templates.items()}
+    return {file: text.substitute(common, made=f"{file} - {made}").encode("ascii") for file, text in templates.items()}
 
 
 def _step(block, rig, scale, largest):
@@ -172,8 +191,7 @@ def _step(block, rig, scale, largest):
     limited = named.drive.limited(asked)
     results = [asked, limited, following]
     if scale is not None:
-        nearest = ca.floor(factor * named.drive.current(limited) + 0.5)
-        results.append(ca.fmin(ca.fmax(nearest, -largest), largest))
+        results.append(_converted(largest, factor, named, limited))
     function = ca.Function("step", symbols, ca.cse([ca.densify(result) for result in results]))
     inputs = [
         [(f"self->state[{i}]", STATE) for i in range(len(block.initial))],
@@ -185,6 +203,12 @@ def _step(block, rig, scale, largest):
         [(f"counts_per_ampere[{i}]", UNIFORM) for i in range(n)],
     ]
     return function, inputs
+
+
+def _converted(largest, factor, rig, torque):
+    """Whole counts of the converter for a joint torque."""
+    nearest = ca.floor(factor * rig.drive.current(torque) + 0.5)
+    return ca.fmin(ca.fmax(nearest, -largest), largest)
 
 
 def _about(law, rig, block):
@@ -200,13 +224,9 @@ def _about(law, rig, block):
         f"{called} Counts are those of the motors' encoders, with their sign; reference and torque are joint side, SI "
         "units. Compile without -ffast-math, which would leave NaN unseen.",
     ]
-    return "\n *\n".join(f" * {comment(each)[3:-3]}" for each in said)
+    return "\n *\n".join(_paragraph(text) for text in said)
 
 
-def _array(name, kind, values):
-    values = [f"(int32_t)({value})" for value in values] if kind == "int32_t" else values
-    return f"const {kind} {name}[{len(values)}] = {{\n" + "".join(f"    {value},\n" for value in values) + "};"
-
-
-def _each(count, statement):
-    return f"    for (int i = 0; i < {count}; i++)\n        {statement}\n" if count else ""
+def _paragraph(text):
+    """Lines of a comment that has begun."""
+    return f" * {comment(text)[3:-3]}"

@@ -14,7 +14,18 @@ from numpy.typing import NDArray
 from plant.compiler.c_statements import literal
 from plant.machine.rig import Rig
 
-__all__ = ["braced", "comment", "constant", "constants", "identifier"]
+__all__ = ["braced", "comment", "constant", "constants", "declared", "each", "identifier"]
+
+
+def declared(name: str, kind: str, values: Collection[str]) -> str:
+    """Declaration of an array of expressions, of kind double or int32_t."""
+    values = [f"(int32_t)({value})" for value in values] if kind == "int32_t" else values
+    return f"const {kind} {name}[{len(values)}] = {{\n" + "".join(f"    {value},\n" for value in values) + "};"
+
+
+def each(count: int, statement: str) -> str:
+    """A statement for every i below a count."""
+    return f"    for (int i = 0; i < {count}; i++)\n        {statement}\n" if count else ""
 
 
 def identifier(name: str) -> str:

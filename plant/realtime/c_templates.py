@@ -39,7 +39,7 @@ void ${name}_init(${name}_state *self);
  *
  * Gives 0. Where the law has no finite torque (a NaN or an infinity came in) it gives 1, nothing in *self changes,
  * and what is given is that of the last torque: the caller decides how to stop.
- */
+$stops */
 int ${name}_step(${name}_state *self, const int32_t pulses[$n], const double q_r[$n], const double qd_r[$n],
     const double qdd_r[$n], $type $output[$n]);
 
@@ -58,7 +58,7 @@ SOURCE = Template("""\
 
 /* -- numbers -- */
 $numbers
-$helpers/* -- the law -- */
+$helpers$guards/* -- the law -- */
 void ${name}_init(${name}_state *self)
 {
 $start$initial}
@@ -73,9 +73,9 @@ $body
         sound = sound && isfinite(asked[i]);
 $check    if (sound) {
 $store    }
-    for (int i = 0; i < $n; i++)
+$guard    for (int i = 0; i < $n; i++)
         $output[i] = self->$output[i];
-    return !sound;
+    return $result;
 }
 """)
 
@@ -173,6 +173,7 @@ int main(int argc, char **argv)
 {
     const int timed = argc == 3 && !strcmp(argv[1], "--time");
     size_t count;
+    int code = 0;
     $type $output[$n];
     ${name}_state self;
     if (argc != 2 + timed) {
@@ -195,11 +196,15 @@ int main(int argc, char **argv)
         printf("%.1f ns per step\\n", 1e9 * (double)(clock() - start) / CLOCKS_PER_SEC / (double)steps);
     } else {
         for (size_t k = 0; k < count; k++) {
-            if (step(&self, &rows[k], $output)) {
+            const int before = code;
+            code = step(&self, &rows[k], $output);
+            if (code == 1) {
                 fprintf(stderr, "no finite torque in row %zu\\n", k + 1);
                 free(rows);
                 return 1;
             }
+            if (code != before)
+                fprintf(stderr, "safe stop in row %zu: %s\\n", k + 1, code == 2 ? "saturation" : "chatter");
             for (int i = 0; i < $n; i++)
                 printf("%s$format", i ? "," : "", $output[i]);
             putchar('\\n');

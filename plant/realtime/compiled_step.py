@@ -22,7 +22,9 @@ from plant.compiler.kernel_cache import Kernel
 from plant.compiler.translate import Names, translate
 from plant.machine.rig import Rig
 from plant.realtime import safety
+from plant.realtime.braking import ramp, slowing, smoothed
 from plant.realtime.guards import Guards
+from plant.realtime.torque_monitor import SLOT, SLOTS, at_limit, cause, swing, throughout
 
 __all__ = ["Core", "compensates_gravity", "compiled", "row"]
 
@@ -63,14 +65,15 @@ def compiled(law: Any, rig: Rig, block: Any, guards: Guards | None) -> Core:
     weight = compensates_gravity(law, guards)
     kernel = Kernel(_source(_pieces(law, rig, block)), ["step"])
     rows, scalars = np.zeros((safety.ROWS, n)), np.zeros(safety.SCALARS)
-    rows[safety.JUMP : safety.FRICTION + 1] = np.inf
+    rows[safety.JUMP : safety.CHATTER + 1] = np.inf
     scalars[[safety.LATE, safety.DURATION]] = np.inf, 1.0
     if guards is not None:
         rows[safety.JUMP : safety.FRICTION + 1] = guards.limits(rig)
+        rows[safety.SATURATION : safety.CHATTER + 1] = guards.torque_limits(rig)
         scalars[[safety.GUARDED, safety.PATIENCE, safety.LATE]] = 1.0, guards.patience, guards.late
         scalars[[safety.STOP, safety.DURATION]] = float(guards.stop != "hold"), guards.duration
     scalars[[safety.NOW, safety.PERIOD, safety.STATES]] = np.nan, block.period or rig.period, states
-    scalars[safety.WEIGHT] = float(weight)
+    scalars[[safety.WEIGHT, safety.SAMPLED, safety.FULL]] = float(weight), float(block.period is not None), SLOT
     memory = np.concatenate([scalars, rows.ravel(), *[block.initial] * 3, block.values])
     trial = [np.zeros(n) for _ in range(4)]
     return Core(kernel.function("step", *trial, np.nan, memory.copy(), np.zeros(n)), memory)
@@ -103,10 +106,13 @@ def _knows_arm(law: Any) -> bool:
 def _pieces(law: Any, rig: Rig, block: Any) -> dict[str, tuple[ca.Function, list[Any], list[Any]]]:
     """Name -> (function, places in the memory of each input, places of each output)."""
     n, s, own = rig.n, len(block.initial), len(law.number_names())
-    per_joint = ("COUNTS", "SPEED", "ANGLE", "Q", "QD", "QDD", "REFERENCE", "TORQUE", "FROM_Q", "FROM_QD")
-    rows = (*per_joint, "WANTED", "GIVEN", "REST")
+    per_joint = ("COUNTS", "BEFORE", "SPEED", "ANGLE", "Q", "QD", "QDD", "REFERENCE", "TORQUE", "FROM_Q", "FROM_QD")
+    monitored = ("RUN", "AT_LIMIT", "MEAN", "SWING", "OVER", "NEWEST", "SATURATION", "CHATTER")
+    rows = (*per_joint, "WANTED", "GIVEN", "FROM_TORQUE", *monitored)
+    scalars = ("DT", "SINCE", "DURATION", "WEIGHT", "PERIOD", "PASSED", "AGE", "FILLED")
     places: dict[str, range | list[int]] = {name: row(getattr(safety, name), n) for name in rows}
-    places |= {name: [getattr(safety, name)] for name in ("DT", "SINCE", "DURATION", "WEIGHT")}
+    places |= {name: [getattr(safety, name)] for name in scalars}
+    places["OLDER"] = range(row(safety.OLDER, n).start, row(safety.ROWS, n).start)
     end = safety.SCALARS + safety.ROWS * n
     places |= {"STATE": range(end + s, end + 2 * s), "FOLLOWING": range(end + 2 * s, end + 3 * s)}
     places["NUMBERS"] = range(end + 3 * s, end + 3 * s + len(block.values))
@@ -117,15 +123,19 @@ def _pieces(law: Any, rig: Rig, block: Any) -> dict[str, tuple[ca.Function, list
     asked, following = block.step(
         at["STATE"], *motion, at["REFERENCE"], at["COUNTS"], at["TORQUE"], at["DT"], at["NUMBERS"]
     )
+    stop = slowing(at["SINCE"], at["DURATION"], at["FROM_Q"], at["FROM_QD"])
     gravity = at["WEIGHT"] * law.arm.dynamics.gravity(at["ANGLE"], law.arm.f) if _knows_arm(law) else 0
     written = {
         "ahead": dict(zip(("Q", "QD", "QDD"), _ahead(*motion, at["DT"]), strict=True)),
         "moving": {"SPEED": rig.position_in_pulses(at["QD"])},
         "counted": {"REFERENCE": rig.counts(at["Q"]), "ANGLE": rig.cell_centre(at["COUNTS"])},
+        "measured": {"SPEED": smoothed(at["SPEED"], at["COUNTS"], at["BEFORE"], at["DT"])},
         "standing": {"FROM_Q": at["ANGLE"], "FROM_QD": rig.to_angle(at["SPEED"])},
-        "slowing": dict(zip(("Q", "QD", "QDD"), _slowing(at), strict=True)),
+        "slowing": dict(zip(("Q", "QD", "QDD"), stop, strict=True)),
         "law": {"WANTED": asked, "GIVEN": rig.drive.limited(asked), "FOLLOWING": following},
-        "rest": {"REST": rig.drive.limited(gravity - _brake(rig, at))},
+        "monitored": _monitored(rig, at),
+        "shifted": {"OLDER": ca.vertcat(at["NEWEST"], at["OLDER"][:-n]), "NEWEST": ca.SX.zeros(n), "FILLED": ca.SX(0)},
+        "ramp": {"TORQUE": ramp(rig, gravity, at["FROM_TORQUE"], at["SPEED"], at["SINCE"], at["DURATION"])},
     }
     pieces = {}
     for name, results in written.items():
@@ -141,21 +151,15 @@ def _ahead(q, qd, qdd, dt):
     return q + dt * qd + dt * dt / 2 * qdd, qd + dt * qdd, qdd
 
 
-def _slowing(at):
-    """Reference of a stop: from a speed to rest, accelerations zero at both ends."""
-    since, duration = ca.SX.sym("since"), ca.SX.sym("duration")
-    s = since / duration
-    travelled = duration * (s - s**3 + s**4 / 2)  # from unit speed: half of the duration in the end
-    speed = ca.jacobian(travelled, since)
-    slowing = ca.Function("slowing", [since, duration], [travelled, speed, ca.jacobian(speed, since)])
-    travelled, speed, acceleration = slowing(ca.fmin(at["SINCE"], at["DURATION"]), at["DURATION"])
-    return at["FROM_Q"] + travelled * at["FROM_QD"], speed * at["FROM_QD"], acceleration * at["FROM_QD"]
-
-
-def _brake(rig, at):
-    """Damping torque; under it the motors alone would stop with a time constant of a quarter of the duration."""
-    speed = rig.drive.coupling.shaft(rig.to_angle(at["SPEED"]))
-    return rig.drive.coupling.joint_torque(rig.drive.reflected_inertia() * speed / (at["DURATION"] / 4))
+def _monitored(rig, at):
+    """What follows of saturation and chatter, and the cause of a stop per joint."""
+    passed = at["PASSED"]
+    run, counted = throughout(at["RUN"], at["WANTED"], rig.drive, passed, at["PERIOD"])
+    time, newest = at_limit(ca.reshape(ca.vertcat(at["NEWEST"], at["OLDER"]), rig.n, SLOTS), counted)
+    mean, distance, age = swing(at["MEAN"], at["SWING"], at["GIVEN"], rig.drive, at["AGE"], passed)
+    over = cause(time, distance, (at["SATURATION"], at["CHATTER"]), (safety.IS_SATURATED, safety.CHATTERS))
+    return {"RUN": run, "AT_LIMIT": time, "NEWEST": newest, "FILLED": at["FILLED"] + passed,
+            "MEAN": mean, "SWING": distance, "AGE": age, "OVER": over}  # fmt: skip
 
 
 def _source(pieces):
@@ -175,5 +179,6 @@ def _piece(name, function, sources, targets):
     lines = ["memory = e.view(kinds[0], memory, 1, e.index(0, 0))"]
     lines += map(str, program.lines[UNIFORM] + program.lines[STATE])
     places = [place for each in targets for place in each]
-    lines += [f"memory[{place}] = {result}" for place, result in zip(places, program.results, strict=True)]
+    lines += [f"results = [{', '.join(program.results)}]"]  # all are read before one is written
+    lines += [f"memory[{place}] = results[{i}]" for i, place in enumerate(places)]
     return intrinsic(name, ["memory"], lines)

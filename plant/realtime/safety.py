@@ -2,7 +2,7 @@
 
 The text of this module is part of every generated controller (`plant.realtime.compiled_step`), so it is Python that
 numba can compile: arrays and numbers, no objects, nothing allocated. The law, the amplifier's limit and all that
-crosses to pulses are generated from casadi in place of `ahead` ... `rest` below; each reads `memory` and writes its
+crosses to pulses are generated from casadi in place of `ahead` ... `ramp` below; each reads `memory` and writes its
 results there. `memory` is one vector: `SCALARS` numbers, `ROWS` rows of one number per joint, then the law's initial
 state, its state, the state that follows, and its numbers.
 """
@@ -14,36 +14,29 @@ __all__ = ["step"]
 FAR = 1e5
 """Angle [rad] up to which the kernels' sines are exact to rounding."""
 
-SMOOTHING = 0.25
-"""Smoothing factor of the measured speed: quantisation is much of a change of counts."""
-
-RAMP = 0.1
-"""Share of the duration of a stop in which the torque ramps to its end: short, since it may begin at the limit."""
-
 GUARDED, PATIENCE, LATE, PERIOD, STOP, DURATION, STATES = range(7)
 CALLS, NOW, DT, LATE_CALLS, JUMPS, GAPS, CAUSE, SINCE, RELEASED = range(7, 16)
 EVENT, EVENT_JOINT, EVENT_AMOUNT, EVENT_CALL, BRIDGED, WEIGHT = range(16, 22)
-SCALARS = 22
+SAMPLED, PASSED, AGE, FILLED, FULL, SCALARS = range(22, 28)
 
 COUNTS, BEFORE, EXPECTED, SPEED, ANGLE, Q, QD, QDD, REFERENCE = range(9)
-WANTED, GIVEN, TORQUE, REST, FROM_Q, FROM_QD, FROM_TORQUE, MARK, MARK_TORQUE = range(9, 18)
-JUMP, STUCK, ERROR, FRICTION = range(18, 22)
-ROWS = 22
+WANTED, GIVEN, TORQUE, FROM_Q, FROM_QD, FROM_TORQUE, MARK, MARK_TORQUE = range(9, 17)
+JUMP, STUCK, ERROR, FRICTION, SATURATION, CHATTER = range(17, 23)
+RUN, AT_LIMIT, MEAN, SWING, OVER, NEWEST, OLDER, ROWS = *range(23, 30), 34
 
 DONE, BAD_PULSES, BAD_REFERENCE, BAD_CLOCK, BAD_LAW = range(5)
 """Return codes of a step; unless it is DONE, nothing has changed."""
 
-RUNNING, WAS_LATE, HAD_GAPS, HAS_JUMPED, IS_STUCK, IS_OFF, NO_TORQUE = range(7)
+RUNNING, WAS_LATE, HAD_GAPS, HAS_JUMPED, IS_STUCK, IS_OFF, NO_TORQUE, IS_SATURATED, CHATTERS = range(9)
 """Causes of a stop, and of a bridged sample."""
 
 PATIENT = (HAD_GAPS, HAS_JUMPED)
 """Causes that were bridged `PATIENCE` times in a row before they stopped the arm."""
 
-HOLD = 0.0
-
-ahead = moving = counted = standing = slowing = law = rest = None
-"""Generated: the reference one sample on; its speed in pulses; counts of the reference and angle of the counts; the
-measured motion, where a stop begins; the reference of a stop; the law; the torque at which a stop ends."""
+ahead = moving = measured = counted = standing = slowing = law = monitored = shifted = ramp = None
+"""Generated: the reference one sample on; its speed in pulses; that of the counts; counts of the reference and angle of
+the counts; the motion where a stop begins; its reference; the law; saturation and chatter of its torque; a new slot of
+time; the torque of a stop without feedback."""
 
 
 def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
@@ -60,7 +53,7 @@ def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
         follow(q_r, qd_r, qdd_r, own, joints, memory)
     if first:
         moving(memory)
-    read(pulses, first, own, joints)
+    read(pulses, first, own, joints, memory)
     if own[CAUSE] == RUNNING:
         counted(memory)
         watch(first, own, joints)
@@ -77,6 +70,7 @@ def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
         if finite(own, joints, memory):
             copy(GIVEN, TORQUE, joints)
             take_state(2, own, joints, memory)
+            rate(own, joints, memory)
         elif own[GUARDED] == 0.0:
             copy(BEFORE, COUNTS, joints)
             own[NOW] = earlier
@@ -85,12 +79,8 @@ def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
             stop(NO_TORQUE, 0, 0.0, own)
             release(own, joints)
     if own[RELEASED] == 1.0:
-        rest(memory)
-        share = min(1.0, own[SINCE] / (RAMP * own[DURATION]))
-        for i in range(n):
-            joints[TORQUE, i] = joints[FROM_TORQUE, i] + share * (joints[REST, i] - joints[FROM_TORQUE, i])
-    for i in range(n):
-        torque[i] = joints[TORQUE, i]
+        ramp(memory)
+    torque[:] = joints[TORQUE]
     return DONE
 
 
@@ -102,8 +92,7 @@ def refused(pulses, q_r, qd_r, qdd_r, now, own):
     if now <= own[NOW] or abs(now) == np.inf:
         return BAD_CLOCK
     mendable = own[GUARDED] == 1.0 and own[CALLS] > 0.0
-    bad = not mendable and own[CAUSE] == RUNNING and not usable(q_r, qd_r, qdd_r)
-    return BAD_REFERENCE if bad else DONE
+    return BAD_REFERENCE if not mendable and own[CAUSE] == RUNNING and not usable(q_r, qd_r, qdd_r) else DONE
 
 
 def usable(q_r, qd_r, qdd_r):
@@ -125,6 +114,7 @@ def in_time(now, own):
         bridge(WAS_LATE, 0, elapsed - own[PERIOD], own[LATE_CALLS] > own[PATIENCE], own)
     else:
         own[LATE_CALLS] = 0.0
+    own[PASSED] = own[DT] if own[SAMPLED] == 1.0 else elapsed  # how often a law without a period is called: the clock
 
 
 def follow(q_r, qd_r, qdd_r, own, joints, memory):
@@ -139,7 +129,7 @@ def follow(q_r, qd_r, qdd_r, own, joints, memory):
         bridge(HAD_GAPS, 0, own[GAPS], own[GAPS] > own[PATIENCE], own)
 
 
-def read(pulses, first, own, joints):
+def read(pulses, first, own, joints, memory):
     """Guard of the counts: one with too large an innovation is replaced by its prediction, unless this goes on."""
     dt, joint, largest = own[DT], -1, 0.0
     for i in range(len(pulses)):
@@ -159,10 +149,9 @@ def read(pulses, first, own, joints):
         bridge(HAS_JUMPED, joint, largest, lost, own)
     for i in range(len(pulses)):
         joints[COUNTS, i] = pulses[i] if lost else joints[EXPECTED, i]
-        if lost:
-            joints[SPEED, i] *= 1.0 - own[RELEASED]  # unknown from here on
-        elif not first:
-            joints[SPEED, i] += SMOOTHING * ((joints[COUNTS, i] - joints[BEFORE, i]) / dt - joints[SPEED, i])
+        joints[SPEED, i] *= 1.0 - own[RELEASED] if lost else 1.0  # unknown from here on
+    if not (lost or first):
+        measured(memory)
 
 
 def watch(first, own, joints):
@@ -180,6 +169,19 @@ def watch(first, own, joints):
             joints[MARK, i], joints[MARK_TORQUE, i] = joints[REFERENCE, i], joints[TORQUE, i]
         elif abs(asked) > joints[STUCK, i] and abs(pushed) > joints[FRICTION, i]:
             stop(IS_STUCK, i, asked, own)
+
+
+def rate(own, joints, memory):
+    """Guards of the torque: a loop that saturates or oscillates holds nothing, so its mean torque ramps to its end."""
+    if own[GUARDED] == 1.0 and own[PASSED] > 0.0:
+        monitored(memory)
+    if own[FILLED] >= own[FULL]:
+        shifted(memory)
+    for i in range(joints.shape[1]):
+        if own[RELEASED] == 0.0 and joints[OVER, i] != RUNNING:
+            stop(joints[OVER, i], i, joints[AT_LIMIT if joints[OVER, i] == IS_SATURATED else SWING, i], own)
+            release(own, joints)
+            copy(MEAN, FROM_TORQUE, joints)
 
 
 def bridge(cause, joint, amount, too_often, own):
@@ -206,15 +208,14 @@ def begin_stop(own, joints, memory):
     """Begin a stop: from the reference if the arm tracks it, otherwise from the measured motion with a reset law."""
     own[SINCE] = own[JUMPS] = 0.0
     counted(memory)
-    if own[STOP] != HOLD or own[CAUSE] == IS_STUCK:  # a law that sees no motion would push on
+    if own[STOP] != 0.0 or own[CAUSE] == IS_STUCK:  # a law that sees no motion would push on
         release(own, joints)
     elif own[CAUSE] == WAS_LATE or own[CAUSE] == HAD_GAPS:
         copy(Q, FROM_Q, joints)
         copy(QD, FROM_QD, joints)
     else:
         standing(memory)
-        for i in range(joints.shape[1]):
-            joints[TORQUE, i] = 0.0
+        joints[TORQUE, :] = 0.0
         take_state(0, own, joints, memory)
 
 

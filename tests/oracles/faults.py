@@ -28,11 +28,21 @@ class SimulatedArm:
         state, numbers = ca.SX.sym("state", len(loop.state_names)), loop.number_values(arm.f)
         time = np.append(np.zeros(len(loop.time_names) - 1), loop.h)
         self._sample = ca.Function("step", [state], [loop.substep(state, time, numbers)[0]]).fold(steps)
-        self.rig, self.state = rig, loop.initial_state(q, qd)
+        self.rig, self.state = rig, loop.initial_state(q, qd, None if rig.drive.elasticity is None else numbers)
 
     @property
     def q(self):
+        """Of the joints, or, on elastic gears, of their motors as joints on rigid gears would have them."""
         return self.state[: self.rig.n]
+
+    @property
+    def qd(self):
+        return self.state[self.rig.n : 2 * self.rig.n]
+
+    @property
+    def link_speed(self):
+        """Of the links behind elastic gears [rad/s]."""
+        return self.state[-2 - self.rig.n : -2]
 
     def counts(self):
         return self.rig.counts(self.q)

@@ -125,7 +125,8 @@ def test_what_the_torque_limit_cuts_off_reaches_the_observer(known):
     q, zero = np.zeros(2), np.zeros(2)
     robot, limit = SimulatedArm(arm(), RIG, np.array([0.02, 0.0]), zero), np.array([130.0, 60.0])
     assert np.abs(arm().h(q, zero))[0] == pytest.approx(100, abs=5)
-    running = ComputedTorque(arm(), RIG).start(RIG, robot.counts(), torque_limit=limit if known else None)
+    law, guards = ComputedTorque(arm(), RIG), Guards(saturation=None)  # it is saturated for longer than that allows
+    running = law.start(RIG, robot.counts(), guards=guards, torque_limit=limit if known else None)
     torque, error = np.zeros((600, 2)), np.zeros((600, 2))
     for k in range(600):
         torque[k] = np.clip(running.step(robot.counts(), q, zero, zero), -limit, limit)
