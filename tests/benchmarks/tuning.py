@@ -1,0 +1,48 @@
+"""What `tune` finds on stated gears: plants that leave out of 120 fresh ones, and chatter, beside what was asked.
+
+    python tests/benchmarks/tuning.py [--quick]
+
+Literature arm with 1.5 kg, f drawn with 0.3 %, damping ratio 1 to 3 %, friction to 2 % (last row: 10 %), path (6).
+`--quick` takes the first and the last range.
+"""
+
+import sys
+import time
+
+import numpy as np
+
+from ctc import ComputedTorque, certify, tune
+from plant import puma560
+
+ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
+COVARIANCE = np.diag((0.003 * ARM.f) ** 2)
+FRESH = 120
+ASKED = (
+    ((15, 40), 0.02, 0.0, 26.0), ((40, 80), 0.02, 0.0, 24.0), ((80, 150), 0.02, 0.0, 20.0),
+    ((150, 300), 0.02, 0.0, 2.0), ((15, 40), 0.10, 0.05, 40.0),
+)  # fmt: skip
+"""Range [Hz], friction, share that may leave, chatter of joint 2 [N m]."""
+
+
+def main(quick):
+    print(f"{'Hz':>10} {'friction':>8} {'leave, of 120':>14} {'asked':>6} {'chatter [N m]':>14} {'asked':>6} "
+          f"{'observer 150 leaves':>20}  time, law")  # fmt: skip
+    for resonance, friction, share, chatter in ASKED[::3] if quick else ASKED:
+        stated = {"resonance": resonance, "friction": friction, "covariance": COVARIANCE}
+        started = time.perf_counter()
+        found = tune(ARM, RIG, PATH, **stated, progress=False)
+        seconds = time.perf_counter() - started
+        fresh = certify(ARM, RIG, found.law, PATH, **stated, samples=FRESH, seed=1234)
+        observer = certify(ARM, RIG, ComputedTorque(ARM, RIG, bandwidth=150), PATH, **stated, samples=FRESH, seed=1234)
+        best = min(found.trials, key=lambda trial: trial.rank)
+        numbers = ", ".join(f"{name} {value:.4g}" for name, value in best.numbers.items())
+        print(
+            f"{resonance!s:>10} {friction:8.0%} {fresh.failures:14} {share * FRESH:6.0f} "
+            f"{fresh.runs.chatter[:, 0].mean():14.1f} {chatter:6.0f} {observer.failures:20}  {seconds:.0f} s, "
+            f"{best.family}: {numbers}; certificate: {found.certificate.verdict}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main("--quick" in sys.argv)
