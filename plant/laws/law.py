@@ -210,14 +210,13 @@ class Law(Part, abc.ABC):
         own, rigs = self.number_names("law."), rig.number_names()
         numbers = ca.SX.sym("numbers", len(own) + len(rigs))
         law, symbolic_rig = self.with_numbers(numbers[: len(own)]), rig.with_numbers(numbers[len(own) :])
-        state, dt = ca.SX.sym("state", len(initial)), ca.SX.sym("dt")
+        state, dt, kind = ca.SX.sym("state", len(initial)), ca.SX.sym("dt"), type(self).__name__
         q, qd, qdd, reference_pulses, pulses, torque = (
             ca.SX.sym(name, n) for name in ("q", "qd", "qdd", "reference_pulses", "pulses", "torque")
         )
         logged = [ca.SX.sym("logged", n)] if self.replays else []
         setpoint = Setpoint(q, qd, qdd, reference_pulses, *logged)
         symbols = (symbolic_rig, state, setpoint, pulses, torque, dt)
-        kind = type(self).__name__
         try:
             inspect.signature(law.equations).bind(*symbols)
         except TypeError:
@@ -236,9 +235,8 @@ class Law(Part, abc.ABC):
             )
         names = ["state", "q", "qd", "qdd", "reference_pulses", "pulses", "torque", "dt", "numbers"]
         inputs = [state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers, *logged]
-        names += ["logged"][: len(logged)]
-        step = ca.Function("law", inputs, [asked, following], names, ["asked", "following"])
-        values = np.concatenate([self.number_values(), rig.number_values()])
+        step = ca.Function("law", inputs, [asked, following], [*names, "logged"][: len(inputs)], ["asked", "following"])
+        values = np.append(self.number_values(), rig.number_values())
         return Block(step=step, initial=initial, names=own + rigs, values=values, period=self.period)
 
 

@@ -20,6 +20,7 @@ from plant import (
     Elasticity,
     Encoder,
     FrictionCurve,
+    Jitter,
     Link,
     LinkReference,
     LoggedCurrent,
@@ -29,15 +30,19 @@ from plant import (
     Phase,
     Placement,
     PointToPoint,
+    Presliding,
+    QuadratureError,
     Rig,
     Spline,
     Table,
+    TorqueRipple,
     Transport,
     puma560,
     simulate,
     slowed,
 )
 from plant.machine.drive import CurrentLag
+from plant.machine.friction_changes import FrictionDrift, LoadFriction
 from plant.parts.part import _KINDS, Part, number, part, restore, structure
 from plant.simulation.correction import Correction
 
@@ -61,6 +66,12 @@ EXAMPLES = {
     "Coupling": Coupling(matrix=((1, 0), (0.5, -1))),
     "Encoder": Encoder(resolution=(800, 1000), smooth=True),
     "Phase": Phase(shift=(0.1, -0.3)),
+    "QuadratureError": QuadratureError(amplitude=(0.1, 0.2), phase=(0.0, 1 / 3)),
+    "Jitter": Jitter(share=0.1, seed=3, stream=8.0),
+    "Presliding": Presliding(distance=(0.01, 0.02), damping=(1e-3, 0.0)),
+    "LoadFriction": LoadFriction(share=(0.1, 0.2)),
+    "FrictionDrift": FrictionDrift(amount=(-0.1, 0.2), time=(1.0, 2.0)),
+    "TorqueRipple": TorqueRipple(amplitude=(0.01, 0.02), cycles=(6, 12), phase=(0.1, 0.2)),
     "Transport": Transport(delay=2e-4, lost=(3, 7), bit=0.5),
     "Rig": puma560.rig(),
     "P": puma560.p_law(),
@@ -206,7 +217,9 @@ MISSPELT = {
     "Spline": "point", "Table": "time", "Placement": "positon", "FrictionCurve": "ofset",
     "Coupling": "matirx", "Phase": "shfit", "Transport": "dealy", "Correction": "positoin", "Scaled": "palces",
     "PD": "derivativ", "PID": "intergal", "Cascade": "sped", "Elasticity": "stifness", "Resonance": "hx",
-    "CurrentLag": "tmie", "LinkReference": "refrence",
+    "CurrentLag": "tmie", "QuadratureError": "amplitud", "Jitter": "shrae", "Presliding": "distence",
+    "LoadFriction": "shrae", "FrictionDrift": "amuont", "TorqueRipple": "cylces",
+    "LinkReference": "refrence",
 }  # fmt: skip
 
 
