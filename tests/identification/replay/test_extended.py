@@ -61,11 +61,12 @@ def test_backlash_lag_and_friction_are_those_of_the_drive(record, model):
     play = dict.fromkeys(("compliance_0", "compliance_1"), 250.0**-2) | {"backlash_0": 5e-4}
     theirs = predicted(record, elasticity=gears(record, 250.0, backlash=(5e-4, 0.0)))
     np.testing.assert_allclose(model.innovations(values(model, **play)), theirs, atol=1e-4)
-    np.testing.assert_allclose(
-        model.innovations(values(model, lag=1e-4)), predicted(record, current_lag=1e-4), atol=1e-4
-    )
+    lagging = model.innovations(values(model, lag=1e-4))
+    np.testing.assert_allclose(lagging, predicted(record, current_lag=1e-4), atol=1e-4)
     rubbing = model.innovations(values(model, viscous_0=2e-4, coulomb_1=-0.05))
-    theirs = predicted(record, viscous=RIG.drive.viscous + (2e-4, 0), coulomb=RIG.drive.coulomb - (0, 0.05))
+    theirs = predicted(
+        record, viscous=np.add(RIG.drive.viscous, (2e-4, 0)), coulomb=np.subtract(RIG.drive.coulomb, (0, 0.05))
+    )
     np.testing.assert_allclose(rubbing, theirs, atol=1e-5)
 
 
@@ -90,13 +91,8 @@ def test_late_counts_and_several_records(record, model):
 
 
 def test_the_least_of_friction_is_none(model):
-    assert model.stated() == dict(
-        zip(
-            ("viscous[0]", "viscous[1]", "coulomb[0]", "coulomb[1]"),
-            (*RIG.drive.viscous, *RIG.drive.coulomb),
-            strict=True,
-        )
-    )
+    friction = {"viscous": RIG.drive.viscous, "coulomb": RIG.drive.coulomb}
+    assert model.stated() == {f"{kind}[{i}]": numbers[i] for kind, numbers in friction.items() for i in range(2)}
     none, less = (model.innovations(values(model, coulomb_0=times * RIG.drive.coulomb[0])) for times in (-1, -2))
     np.testing.assert_array_equal(none, less)
 
