@@ -5,7 +5,7 @@ Dynamics + Record(s) -> Arm, the same arm with f found. The rooms, each above al
 ================ ===================================================================================================
 `repeatability`  `spread` of the result over seeds (4.2)
 `procedure`      `identify`: prepare, search, assess (3.2)
-`results`        `Identification`, its warnings and figures; physical consistency; a load; Figs. 10-11
+`results`        `Identification`, its warnings and figures; what contradicts the model; a load; Figs. 10-11
 `search`         the genetic algorithm (3.7), seven methods behind one interface
 `planning`       before the experiment: ranges (3.6), pulse budget, excitation, motor tests
 `replay`         the experiment repeated with other numbers: objective (4), prediction error, Gauss-Newton
@@ -34,6 +34,8 @@ from identification.procedure import identify
 from identification.repeatability import Spread, spread
 from identification.replay.objective import Objective
 from identification.replay.timing import without_delay
+from identification.results.alternatives import Sign
+from identification.results.detection import Detection
 from identification.results.diagnostics import Diagnostics
 from identification.results.identification import Identification
 from identification.results.load import Load, find_load
@@ -48,9 +50,9 @@ from plant.parts.arguments import known_options
 known_options(GeneticSettings)
 
 __all__ = [
-    "Budget", "Diagnostics", "Fit", "GeneticResult", "GeneticSettings", "GeneticState", "Identification", "Interval",
-    "LinkSize", "Load", "MotorFit", "Objective", "Oscillation", "Physical", "Search", "Spread", "TorqueFit",
-    "derivatives", "design_motion", "find_load", "fit_torque", "friction_from_motor_test", "gain_from_current",
-    "identify", "low_pass", "minimize_genetic", "nearest_physical", "oscillation", "pulse_budget", "puma560_ranges",
-    "ranges", "spread", "without_delay",
+    "Budget", "Detection", "Diagnostics", "Fit", "GeneticResult", "GeneticSettings", "GeneticState", "Identification",
+    "Interval", "LinkSize", "Load", "MotorFit", "Objective", "Oscillation", "Physical", "Search", "Sign", "Spread",
+    "TorqueFit", "derivatives", "design_motion", "find_load", "fit_torque", "friction_from_motor_test",
+    "gain_from_current", "identify", "low_pass", "minimize_genetic", "nearest_physical", "oscillation", "pulse_budget",
+    "puma560_ranges", "ranges", "spread", "without_delay",
 ]  # fmt: skip

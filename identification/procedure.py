@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 import plant
 from identification.planning.quality import require_informative
-from identification.replay.experiment import as_records
+from identification.replay.experiment import as_records, with_zeros
 from identification.replay.objective import Objective
 from identification.results.diagnostics import Diagnostics
 from identification.results.identification import Identification
@@ -199,7 +199,7 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
     """
     fit, genetic, objective = outcome.fit, outcome.genetic, problem.objective
     if fit.zeros is not None:
-        moved = _moved(objective.records, fit.zeros)
+        moved = with_zeros(objective.records, fit.zeros)
         objective = Objective(problem.dynamics, moved, fit.unknown, **problem.options)
     cost = float(objective(fit.values[None])[0])
     if genetic is not None and not np.isfinite(cost):
@@ -220,9 +220,3 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
         search=Search.of(problem, outcome, cost, time.perf_counter() - started),
         diagnostics=diagnostics,
     )
-
-
-def _moved(records: Iterable[Record], zeros: NDArray[np.float64]) -> list[Record]:
-    """The same records with their counters' zeros where they are."""
-    pairs = zip(records, zeros, strict=True)
-    return [dataclasses.replace(r, error_pulses=r.error_pulses - r.rig.position_in_pulses(zero)) for r, zero in pairs]

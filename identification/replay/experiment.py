@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -19,7 +20,7 @@ from plant.simulation.followed_path import path_of, start_of
 from plant.simulation.loop_kernel import loop_kernel
 from plant.simulation.time_tables import time_tables
 
-__all__ = ["Experiment", "as_records"]
+__all__ = ["Experiment", "as_records", "with_zeros"]
 
 
 def as_records(
@@ -38,6 +39,12 @@ def as_records(
     if twice:
         raise ValueError(f"unknown must name each number once; {twice[0]} comes twice. Leave one out.")
     return records, unknown
+
+
+def with_zeros(records: Iterable[Record], zeros: NDArray[np.float64]) -> list[Record]:
+    """The same records with their counters' zeros (R, n) [rad] where they are."""
+    pairs = zip(records, zeros, strict=True)
+    return [dataclasses.replace(r, error_pulses=r.error_pulses - r.rig.position_in_pulses(zero)) for r, zero in pairs]
 
 
 class Experiment:

@@ -1,6 +1,8 @@
-"""What was found: the identification, its warnings and figures, bodies, loads, oscillation.
+"""What was found: the identification, its warnings and figures, what contradicts it, bodies, loads, oscillation.
 
-Read `identification`, `diagnostics`, `trust` (warnings), `plots`; `physical`, `load` and `oscillation` stand alone.
+Read `identification`, `diagnostics`, `trust` (warnings), `plots`; for what contradicts the model `alternatives` and
+`trials` (tests), `stepwise` (one after another), `detection` (the result); `physical`, `load` and `oscillation` stand
+alone.
 """
 
 __all__: list[str] = []

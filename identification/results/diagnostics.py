@@ -10,11 +10,16 @@ from numpy.typing import NDArray
 from identification.equation_error.pulse_fit import over_bands
 from identification.replay.objective import Objective
 from identification.replay.timing import delay_of
+from identification.results.detection import Detection
+from identification.results.stepwise import detect
 from identification.search.outcome import Fit
 from identification.search.problem import Problem
 from plant.parts.frozen import Frozen
 
-__all__ = ["Diagnostics"]
+__all__ = ["LATE", "Diagnostics"]
+
+LATE = 0.02
+"""Delay [samples] that matters."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,6 +39,8 @@ class Diagnostics(Frozen):
     delay, delay_std : float
         By how many samples the counts are read late, against a simulation with what was found, and its standard
         deviation; NaN and inf where that is not known.
+    detection : Detection
+        Whether compliance, backlash, lag, other friction or late counts explain what the model does not.
     """
 
     objective: float
@@ -42,6 +49,7 @@ class Diagnostics(Frozen):
     bands: dict[float, float]
     delay: float
     delay_std: float
+    detection: Detection
 
     @classmethod
     def of(cls, problem: Problem, fit: Fit, objective: Objective, cost: float) -> Diagnostics:
@@ -56,6 +64,7 @@ class Diagnostics(Frozen):
             bands=_bands(problem, fit.values),
             delay=delay,
             delay_std=delay_std,
+            detection=detect(problem, fit, delay if abs(delay) > max(LATE, 3 * delay_std) else 0.0),
         )
 
 

@@ -197,6 +197,7 @@ class Identification(Frozen):
         lines.append(f"simulated and measured errors differ by {by}")
         if diagnostics.held_out_difference is not None:
             lines[-1] += f", in the record(s) kept aside by {diagnostics.held_out_difference:.2f}"
+        lines.append(str(diagnostics.detection))
         lines += [f"warning: {text}" for text in self.warnings]
         return "\n".join([*lines, *self.arm.dynamics.legend.splitlines()])
 

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from identification.results.diagnostics import LATE
+
 __all__ = ["warnings_of"]
 
 _AT_END = 0.002
@@ -14,9 +16,6 @@ _AT_END = 0.002
 
 _STRANGE = 0.4
 """RMS innovation [pulses] that rounding does not explain."""
-
-_LATE = 0.02
-"""Delay [samples] that matters."""
 
 _FAR = 0.9
 """Difference [pulses] between simulated and measured errors that rounding does not explain."""
@@ -44,6 +43,7 @@ def warnings_of(found: Any) -> list[str]:
         *(_of_torques(found) if replayed else []),
         *_of_fit(found, replayed),
         *(_of_timing(found) if not replayed else []),
+        *_of_detection(found, replayed),
         *_of_repeats(found, replayed),
         *_of_pairs(found),
     ]
@@ -88,8 +88,9 @@ def _of_fit(found: Any, replayed: bool) -> Iterator[str]:
 
 
 def _of_timing(found: Any) -> Iterator[str]:
-    delay, std = found.diagnostics.delay, found.diagnostics.delay_std
-    if abs(delay) > max(_LATE, 3 * std):
+    delay, std, detection = found.diagnostics.delay, found.diagnostics.delay_std, found.diagnostics.detection
+    explained = detection.names and "delay" not in detection.names  # by what looks like a delay
+    if abs(delay) > max(LATE, 3 * std) and not explained:
         yield (
             f"the counts are {abs(delay):.2f} samples {'late' if delay > 0 else 'early'}, which biases f. "
             f"Identify without_delay(record, {delay:.3g}) and compare."
@@ -97,6 +98,14 @@ def _of_timing(found: Any) -> Iterator[str]:
     absorbing = [name for name in found.unknown if name.startswith(("drive.viscous", "law.gain"))]
     if absorbing:
         yield f"a delay of the log is not separately identifiable from {', '.join(absorbing)}; be sure of the timing."
+
+
+def _of_detection(found: Any, replayed: bool) -> Iterator[str]:
+    """What contradicts the model; late counts under a law that the model repeats are `_of_timing`'s."""
+    detection = found.diagnostics.detection
+    for sign, text in zip(detection.named, detection.warnings(), strict=True):
+        if sign.name != "delay" or replayed or not np.isfinite(found.diagnostics.delay):
+            yield text
 
 
 def _of_repeats(found: Any, replayed: bool) -> Iterator[str]:

@@ -35,6 +35,8 @@ class Fit(Frozen):
         Why the values are not those of the last fit; its covariance then says nothing of them.
     zeros : (R, n) numpy.ndarray or None
         Where the joints of each record are when its counters say zero [rad], if that was unknown.
+    gains : (2n,) numpy.ndarray or None
+        Observer gains of the innovations, of position and of speed, where these were fitted.
     """
 
     unknown: tuple[str, ...]
@@ -44,6 +46,7 @@ class Fit(Frozen):
     rms_innovation: float | None = None
     fallback_reason: str | None = None
     zeros: NDArray[np.float64] | None = None
+    gains: NDArray[np.float64] | None = None
 
     @property
     def std(self) -> NDArray[np.float64]:

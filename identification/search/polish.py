@@ -101,6 +101,7 @@ def polished(
         rms_innovation=solution.rms_innovation,
         fallback_reason=reason,
         zeros=prediction.zeros_in(solution.values) if problem.zeros else None,
+        gains=None if simulated else solution.values[k : k + 2 * problem.dynamics.n],
     )
     message = f"RMS innovation of {solution.rms_innovation:.3f} pulses (rounding alone gives 0.289)."
     return Outcome(fit=fit, message=message, evaluations=prediction.evaluations, stages=stages)

@@ -1,0 +1,185 @@
+"""A model with what its rig leaves out: gears that give, backlash, lagging currents, other friction, late counts.
+
+Each is a number that is zero where the rig is right. The innovations are those of `Prediction`, of one compiled loop
+that is the rigid one where nothing gives or lags: its gears are so stiff, its currents so prompt.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from identification.replay.prediction import Prediction
+from identification.replay.timing import without_delay
+from plant import Dynamics, Elasticity, Record, Rig
+from plant.simulation.threads import cores, shared_out
+
+__all__ = ["Extended"]
+
+_RIGID = 1e5
+"""Locked-rotor resonance of a gear that does not give [Hz]."""
+
+_PROMPT = 1e-9
+"""Lag of currents that do not lag [s]."""
+
+_DAMPING = 0.02
+"""Damping ratio of a gear of which none is stated."""
+
+_PLACES = {"backlash": "drive.elasticity.backlash", "lag": "drive.current_lag.time"}
+
+
+class Extended:
+    """Innovations of a model that follows records, with what its rig leaves out.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+    records : sequence of Record
+    unknown : sequence of str
+        All of f, and numbers of rig and law.
+    f : (p,) numpy.ndarray
+        Known roughly: it says what the links weigh whose gears give.
+    threads : int, optional
+    **options
+        Sub-steps and sweeps, as for `Prediction`.
+
+    Attributes
+    ----------
+    unknown : tuple of str
+        What `innovations` takes values for: the given names, observer gains, then `extra`.
+    extra : tuple of str
+        What the rig may leave out, zero where it is right: ``compliance[i]``, one over the square of the locked-rotor
+        resonance [1/Hz^2]; ``backlash[i]`` [rad]; ``viscous[i]`` and ``coulomb[i]``, friction beyond the rig's, motor
+        side [N m s/rad, N m]; ``lag`` of the currents [s]. No compliance and backlash where the rig knows no motor
+        inertia, or D falls short of it.
+    gains, gain_steps : (2n,) numpy.ndarray
+        Observer gains to begin with, and steps of their central differences.
+    gain_bounds : (2n, 2) numpy.ndarray
+    least : (e,) numpy.ndarray
+        The least that each of `extra` can be: friction is not negative, less than none nothing gives or lags.
+    weights, scales : (M,) numpy.ndarray
+        As of `Prediction`.
+    """
+
+    def __init__(
+        self,
+        dynamics: Dynamics,
+        records: Sequence[Record],
+        unknown: Sequence[str],
+        f: NDArray[np.float64],
+        *,
+        threads: int | None = None,
+        **options: Any,
+    ) -> None:
+        n, links = dynamics.n, _link_inertia(dynamics, records[0], f)
+        self._logs = [_Log(dynamics, record, tuple(unknown), links, options) for record in records]
+        self._again = lambda others: Extended(dynamics, others, unknown, f, threads=threads, **options)
+        first = self._logs[0].prediction
+        self.gains, self.gain_steps, self.gain_bounds = first.nuisances, first.nuisance_steps, first.nuisance_bounds
+        names = [*(() if links is None else ("compliance", "backlash")), "viscous", "coulomb"]
+        self.extra = (*(f"{name}[{i}]" for name in names for i in range(n)), "lag")
+        self.least = np.array([self._logs[0].least(name) for name in self.extra])
+        self.unknown = (*unknown, *first.unknown[len(first.unknown) - len(self.gains) :], *self.extra)
+        self.weights = np.concatenate([log.prediction.weights for log in self._logs])
+        self.scales = np.ones(len(self.weights))
+        self.records, self.threads = tuple(records), int(threads or cores())
+
+    def innovations(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Weighted innovations (M,), scaled, with these values (k,) of the unknowns; inf where the run diverges."""
+        count = len(values) - len(self.extra)
+        extra = dict(zip(self.extra, values[count:], strict=True))
+        return np.concatenate([log.innovations(values[:count], extra) for log in self._logs]) / self.scales
+
+    def all_innovations(self, many: Iterable[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+        """The same for several vectors of values, side by side."""
+        return shared_out(self.innovations, list(many), self.threads)
+
+    def late(self, samples: float) -> Extended:
+        """The same model, following records whose counts are so many samples later."""
+        later = self._again([without_delay(record, -samples) for record in self.records])
+        later.scales = self.scales
+        return later
+
+    def stated(self) -> dict[str, float]:
+        """Friction that the first rig states, by the names of what is beyond it."""
+        return {name: -value for name, value in zip(self.extra, self.least.tolist(), strict=True) if value < 0}
+
+    def place(self, name: str) -> int:
+        """Where one of `extra` is among the unknowns."""
+        return len(self.unknown) - len(self.extra) + self.extra.index(name)
+
+    def rows(self) -> list[slice]:
+        """Where the innovations of each record are."""
+        ends = np.cumsum([0, *(len(log.prediction.weights) for log in self._logs)]).tolist()
+        return [slice(*pair) for pair in itertools.pairwise(ends)]
+
+
+def _link_inertia(dynamics: Dynamics, record: Record, f: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Inertia (n,) of what each gear drives where a log begins [kg m^2]; None where none is left beside the motor's."""
+    pose, rotors = record.rig.cell_centre(record.counts[0]), record.rig.drive.reflected_inertia()
+    links = np.diag(dynamics.chain.coupling.shaft_inertia(ca.DM(dynamics.arm(f).D(pose))).full()) - rotors
+    return links if (links > 0).all() and (rotors > 0).all() else None
+
+
+class _Log:
+    """One record, followed by a model whose gears can give and whose currents can lag."""
+
+    def __init__(
+        self,
+        dynamics: Dynamics,
+        record: Record,
+        unknown: tuple[str, ...],
+        links: NDArray[np.float64] | None,
+        options: dict[str, Any],
+    ) -> None:
+        self._links, self._damped = links, record.rig.drive.elasticity is not None
+        rig = _with_springs(record.rig, links)
+        kinds = ("drive.viscous", "drive.coulomb", "drive.elasticity", "drive.current_lag")
+        numbers = dict(zip(rig.number_names(), rig.number_values().tolist(), strict=True))
+        self._stated = {name: numbers[name] for name in numbers if name.startswith(kinds) and name not in unknown}
+        self._given = len(unknown)
+        self.prediction = Prediction(
+            dynamics, dataclasses.replace(record, rig=rig), (*unknown, *self._stated), threads=1, **options
+        )
+
+    def innovations(self, values: NDArray[np.float64], extra: dict[str, float]) -> NDArray[np.float64]:
+        numbers = dict(self._stated)
+        for name, value in extra.items():
+            kind, bracket, joint = name.partition("[")
+            place = _PLACES.get(kind, f"drive.{kind}") + bracket + joint
+            if kind == "compliance" and value > 0:
+                self._give(numbers, bracket + joint, value)
+            elif place in numbers:
+                numbers[place] = max(0.0, numbers[place] + value)
+        own = values[: self._given], list(numbers.values()), values[self._given :]
+        return self.prediction.innovations(np.concatenate(own))
+
+    def least(self, name: str) -> float:
+        """The least that one of the extra numbers can be."""
+        return -self._stated.get(f"drive.{name}", 0.0) or 0.0
+
+    def _give(self, numbers: dict[str, float], joint: str, compliance: float) -> None:
+        """Put a spring of so much compliance [1/Hz^2] in series with a gear."""
+        place, link = f"drive.elasticity.stiffness{joint}", self._links[int(joint[1:-1])]  # type: ignore[index]
+        if place in numbers:
+            numbers[place] = 1 / (1 / numbers[place] + compliance / (4 * np.pi**2 * link))
+            if not self._damped:
+                numbers[f"drive.elasticity.damping{joint}"] = 2 * _DAMPING * float(np.sqrt(numbers[place] * link))
+
+
+def _with_springs(rig: Rig, links: NDArray[np.float64] | None) -> Rig:
+    """A rig that behaves alike, and has the numbers by which gears give and currents lag."""
+    drive, gears = rig.drive, rig.drive.elasticity
+    if gears is None and links is not None:
+        stiffness = links * (2 * np.pi * _RIGID) ** 2
+        gears = Elasticity(stiffness=stiffness, damping=2 * _DAMPING * np.sqrt(stiffness * links))
+    if gears is not None and gears.backlash is None:
+        gears = dataclasses.replace(gears, backlash=np.zeros(rig.n))
+    lag = drive.current_lag or _PROMPT
+    return dataclasses.replace(rig, drive=dataclasses.replace(drive, elasticity=gears, current_lag=lag))

@@ -1,0 +1,197 @@
+"""What of that which a rig leaves out explains the innovations of a fit: score tests where the fit is best without it.
+
+The change of the innovations with a number that is zero in the model, less what the fitted unknowns can do as well, is
+a direction in which the innovations of a right model lie by chance alone. The sum of squares that goes with it, in
+units of their variance (inflated by their autocorrelation), is a chi-square. What does not act linearly is tried
+(`identification.results.trials`).
+
+Source: R. F. Engle, Wald, likelihood ratio, and Lagrange multiplier tests in econometrics, Handbook of Econometrics II,
+1984, ch. 13.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from identification.replay.extended import Extended
+from identification.replay.optimum import Optimum, orthonormal
+from identification.results.trials import Trial, backlash, compliance
+from plant.parts.frozen import Frozen
+
+__all__ = ["Sign", "delay_sign", "signs"]
+
+_BY_CHANCE = 1e-5
+"""Probability with which a right model reaches a threshold."""
+
+_HERTZ = 200.0
+"""Resonance by whose effect that of compliance is taken, where gears are rigid [Hz]."""
+
+_LAG, _DELAY, _FRICTION = 1e-5, 0.05, 0.01
+"""The same of a lag [s], of a delay [samples], and of friction, as a share of a motor's torque (rms)."""
+
+_OWN = 1e-3
+"""An effect of which less than this share is its own cannot be told from those of the unknowns."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Sign(Frozen):
+    """What a log says of one thing that its rig may leave out.
+
+    Attributes
+    ----------
+    name : str
+        "compliance", "backlash", "lag", "delay", "friction", or "disagreement": of the records with each other.
+    chi_square : float
+        By how much it would lower the sum of squared innovations, in units of their (inflated) variance.
+    freedom : int
+        Degrees of freedom: chi-square, on average, of a log that has nothing of it.
+    threshold : float
+        Chi-square above which it is significant.
+    explained : float
+        Decrease of the sum of squared innovations [pulses^2].
+    values : dict
+        Estimates, in the units of `Extended`.
+    visible : dict
+        The least of each that this log would show, in the same units.
+    """
+
+    name: str
+    chi_square: float
+    freedom: int
+    threshold: float
+    explained: float
+    values: dict[str, float]
+    visible: dict[str, float]
+
+    @property
+    def significant(self) -> bool:
+        """Whether chi-square is above its threshold."""
+        return self.chi_square > self.threshold
+
+
+def signs(at: Optimum, efforts: NDArray[np.float64]) -> list[Sign]:
+    """All alternatives, where the sum of squares is least.
+
+    Parameters
+    ----------
+    at : Optimum
+    efforts : (2, n) numpy.ndarray
+        Torque [N m] and speed [rad/s] of each motor (rms).
+    """
+    model, steps = at.model, _steps(at.model, efforts)
+    moves = np.zeros((len(steps), len(at.values)))
+    for row, (name, size) in zip(moves, steps.items(), strict=True):
+        row[model.place(name)] = size
+    results = dict(zip(steps, model.all_innovations(at.values + moves), strict=True))
+    changes = {name: (results[name] - at.innovations) / size for name, size in steps.items()}
+    found: list[Sign] = []
+    for name in ("compliance", "lag", "friction"):
+        own = {each: row for each, row in changes.items() if _family(each) == name and np.isfinite(row).all()}
+        found += _linear(at, name, own)
+    late = delay_sign(at)
+    found += [] if late is None else [late]
+    if "compliance[0]" in model.extra:
+        found = [_best(sign, compliance(at)) if sign.name == "compliance" else sign for sign in found]
+        found.append(_of_backlash(backlash(at)))
+    return found + list(_disagreement(at))
+
+
+def delay_sign(at: Optimum) -> Sign | None:
+    """The sign of counts that are read late; None where that cannot be told from the unknowns."""
+    later = at.model.late(_DELAY).innovations(at.values)
+    change = (at.innovations - later) / _DELAY
+    return next(_linear(at, "delay", {"delay": change}), None) if np.isfinite(change).all() else None
+
+
+def _steps(model: Extended, efforts: NDArray[np.float64]) -> dict[str, float]:
+    """By how much each of what acts linearly is changed."""
+    torque, speed = efforts
+    sizes = {"compliance": np.full(len(torque), _HERTZ**-2), "lag": np.array([_LAG]),
+             "viscous": _FRICTION * torque / speed, "coulomb": _FRICTION * torque}  # fmt: skip
+    steps = {}
+    for name in model.extra:
+        kind, _, joint = name.rstrip("]").partition("[")
+        if kind in sizes:
+            steps[name] = float(sizes[kind][int(joint or 0)])
+    return steps
+
+
+def _family(name: str) -> str:
+    kind = name.partition("[")[0]
+    return "friction" if kind in ("viscous", "coulomb") else kind
+
+
+def _threshold(freedom: int) -> float:
+    return float(chdtri(freedom, _BY_CHANCE))
+
+
+def _linear(at: Optimum, name: str, changes: dict[str, NDArray[np.float64]]) -> Iterator[Sign]:
+    """The sign of what acts linearly; of compliance and lag, only what is positive."""
+    own = {each: at.left(change) for each, change in changes.items()}
+    own = {each: row for each, row in own.items() if (row**2).sum() > _OWN**2 * (changes[each] ** 2).sum()}
+    if not own:
+        return
+    before, freedom = at.left(at.innovations), len(own)
+    least = _threshold(freedom) * at.unit(before)
+    visible = {each: float(np.sqrt(least / (row**2).sum())) for each, row in own.items()}
+    after, size = before, np.empty(0)
+    while own:
+        rows = np.array(list(own.values()))
+        size = -orthonormal(rows, before)[1]
+        after = before + (size[:, None] * rows).sum(axis=0)
+        if name in ("friction", "delay") or not (size < 0).any():
+            break
+        own, after = {each: row for (each, row), x in zip(own.items(), size, strict=True) if x > 0}, before
+    values = dict(zip(own, size.tolist(), strict=False))
+    yield Sign(
+        name=name, chi_square=at.chi_square(after), freedom=freedom, threshold=_threshold(freedom),
+        explained=float((before**2).sum() - (after**2).sum()), values=values, visible=visible,
+    )  # fmt: skip
+
+
+def _best(sign: Sign, trials: Sequence[Trial]) -> Sign:
+    """A sign, or the trial that lowers the sum of squares more."""
+    best = max(trials, key=lambda trial: trial.chi_square)
+    if best.chi_square < sign.chi_square:
+        return sign
+    return dataclasses.replace(sign, chi_square=best.chi_square, explained=best.explained, values=best.values)
+
+
+def _of_backlash(trials: Sequence[Trial]) -> Sign:
+    """The trial that lowers the sum of squares most; the narrowest of each joint whose effect would be seen."""
+    visible, threshold = dict[str, float](), _threshold(2)
+    for trial in trials:
+        for name, value in trial.values.items():
+            if name.startswith("backlash") and trial.effect > threshold:
+                visible.setdefault(name, value)
+    best = max(trials, key=lambda trial: trial.chi_square, default=None)
+    return Sign(
+        name="backlash", chi_square=-np.inf if best is None else best.chi_square, freedom=2, threshold=threshold,
+        explained=0.0 if best is None else best.explained, values={} if best is None else best.values, visible=visible,
+    )  # fmt: skip
+
+
+def _disagreement(at: Optimum) -> Iterator[Sign]:
+    """Whether each record alone would have other values of the unknowns."""
+    rows = at.model.rows()
+    if len(rows) < 2:
+        return
+    apart = []
+    for record in rows[1:]:
+        alone = np.zeros((at.unknown, len(at.innovations)))
+        alone[:, record] = at.rates[: at.unknown, record]
+        apart.append(at.left(alone))
+    after = before = at.left(at.innovations)
+    basis, _ = orthonormal(np.vstack(apart), before)
+    for row in basis:
+        after = after - (after * row).sum() * row
+    freedom = len(basis)
+    yield Sign(
+        name="disagreement", chi_square=at.chi_square(after), freedom=freedom, threshold=_threshold(freedom),
+        explained=float((before**2).sum() - (after**2).sum()), values={}, visible={},
+    )  # fmt: skip

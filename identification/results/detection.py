@@ -1,0 +1,153 @@
+"""What a log says against the rig that it came with: compliance, backlash, lag, other friction, late counts.
+
+Without being asked, every identification tests whether one of them explains the innovations of all its records, those
+kept aside too, where the model follows them best. What explains most is fitted, and the rest tested again beside it,
+until nothing is left that is significant.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+
+from identification.results.alternatives import Sign
+from plant.parts.frozen import Frozen
+
+__all__ = ["Detection"]
+
+_STIFF = 300.0
+"""Resonance above which a gear is not mentioned [Hz]."""
+
+_LIMITS = {"backlash": (180 / np.pi, "degrees"), "lag": (1e3, "ms"), "delay": (1.0, "samples")}
+"""What turns the numbers of `Extended` into those of a text, and their units."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Detection(Frozen):
+    """What a log says against its rig; printed, a line.
+
+    Attributes
+    ----------
+    signs : tuple of Sign
+        Of all alternatives, beside the model as it is.
+    named : tuple of Sign
+        What contradicts the model, the first first; each beside those before it, with fitted values.
+    stated : dict
+        Friction that the rig states, motor side [N m s/rad, N m], by the names of a sign's values.
+    joints : tuple of str
+        What to call each joint.
+    reason : str or None
+        Why nothing could be tested.
+    """
+
+    signs: tuple[Sign, ...] = ()
+    named: tuple[Sign, ...] = ()
+    stated: dict[str, float] = dataclasses.field(default_factory=dict)
+    joints: tuple[str, ...] = ()
+    reason: str | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of what contradicts the model, each once."""
+        return tuple(dict.fromkeys(sign.name for sign in self.named))
+
+    @property
+    def resonances(self) -> dict[str, float]:
+        """Locked-rotor resonance [Hz] of each gear that was found to give, by joint."""
+        values = [item for sign in self.named if sign.name == "compliance" for item in sign.values.items()]
+        return {self._joint(name): value**-0.5 for name, value in values if value > _STIFF**-2}
+
+    def __str__(self) -> str:
+        if self.reason is not None:
+            return f"compliance, backlash, lag, friction: not tested, {self.reason}"
+        found = {sign.name: sign for sign in self.signs}
+        others = [sign for sign in self.signs if sign.name not in (*self.names, "disagreement")]
+        explained = set(self.names) - {"disagreement"}  # by what is named: so what was significant beside it is not
+        unclear = [sign.name for sign in others if sign.significant and not explained]
+        clean = [self._visible(sign) for sign in others if sign.name not in unclear]
+        parts = [f"no sign of {'; '.join(clean)}"] if clean else []
+        if unclear:
+            parts.append(f"significant, but explaining next to nothing: {', '.join(unclear)}")
+        if "disagreement" in found:
+            sign = found["disagreement"]
+            verb = "contradict each other" if sign.significant else "agree"
+            parts.append(f"the records {verb} (chi-square {sign.chi_square:.0f} of {sign.freedom})")
+        if "compliance" not in found and "compliance" not in self.names:
+            parts.append("compliance and backlash not tested (no inertia beside the motors')")
+        return ". ".join([f"contradicted by {', '.join(self.names)}"] * bool(self.names) + parts)
+
+    def warnings(self) -> Iterator[str]:
+        """A line for each that contradicts the model."""
+        for sign in self.named:
+            by_chance = f"chi-square {sign.chi_square:.0f}, by chance below {sign.threshold:.0f}"
+            yield from getattr(self, f"_of_{sign.name}")(sign, by_chance)
+
+    def _visible(self, sign: Sign) -> str:
+        """An alternative, and the least of it that would have been seen."""
+        limits, kind = list(sign.visible.items()), sign.name
+        if kind == "compliance":
+            return f"compliance (seen below {_span([value**-0.5 for _, value in limits])} Hz)"
+        if kind == "friction":
+            shares = [100 * value / self.stated[name] for name, value in limits if self.stated.get(name)]
+            return f"other friction (seen from {_span(shares)} %)" if shares else "other friction"
+        if not limits:
+            return f"{kind} (none would be seen)"
+        scale, unit = _LIMITS[kind]
+        return f"{kind} (seen from {_span([scale * value for _, value in limits])} {unit})"
+
+    def _joint(self, name: str) -> str:
+        return self.joints[int(name.partition("[")[2][:-1])]
+
+    def _of_compliance(self, sign: Sign, by_chance: str) -> Iterator[str]:
+        gears = ", ".join(f"{hertz:.0f} Hz at {joint}" for joint, hertz in self.resonances.items())
+        yield (
+            f"the gears give: links swing near {gears or 'some resonance'} against their locked motors ({by_chance}), "
+            "which biases f. Give the drive an Elasticity, and identify its stiffness too."
+        )
+
+    def _of_backlash(self, sign: Sign, by_chance: str) -> Iterator[str]:
+        for name, value in sign.values.items():
+            if name.startswith("backlash"):
+                yield (
+                    f"the gear of {self._joint(name)} has backlash, about {np.rad2deg(value):.1g} degrees "
+                    f"({by_chance}): where its load changes sign, the model holds no better than that."
+                )
+
+    def _of_lag(self, sign: Sign, by_chance: str) -> Iterator[str]:
+        yield (
+            f"torques lag behind commands by {1e3 * sign.values['lag']:.2g} ms ({by_chance}). Give the drive "
+            "current_lag, and compare."
+        )
+
+    def _of_delay(self, sign: Sign, by_chance: str) -> Iterator[str]:
+        delay = sign.values["delay"]
+        yield (
+            f"the counts are {abs(delay):.2g} samples {'late' if delay > 0 else 'early'} ({by_chance}), which biases "
+            f"f. Identify without_delay(record, {delay:.2g}) and compare."
+        )
+
+    def _of_friction(self, sign: Sign, by_chance: str) -> Iterator[str]:
+        units = {"viscous": "N m s/rad", "coulomb": "N m"}
+        parts = []
+        for name, value in sign.values.items():
+            kind, stated = name.partition("[")[0], self.stated.get(name, 0.0)
+            parts.append(f"{kind} of {self._joint(name)} {stated + value:.3g} {units[kind]}, stated {stated:.3g}")
+        yield (
+            f"friction is not the rig's ({by_chance}): {'; '.join(parts)}. Add these numbers to unknown "
+            "(drive.viscous[0] and so on)."
+        )
+
+    def _of_disagreement(self, sign: Sign, by_chance: str) -> Iterator[str]:
+        yield (
+            f"the records contradict each other: each alone has other values (chi-square {sign.chi_square:.0f} of "
+            f"{sign.freedom} degrees of freedom, by chance below {sign.threshold:.0f}). The model lacks something, or "
+            "the robot has changed."
+        )
+
+
+def _span(values: list[float]) -> str:
+    """The least and the largest, as a text."""
+    low, high = (f"{value:.2g}" if value < 100 else f"{value:.0f}" for value in (min(values), max(values)))
+    return low if low == high else f"{low} to {high}"

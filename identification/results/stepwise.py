@@ -1,0 +1,217 @@
+"""What contradicts a model, one thing after another: what explains most is fitted, the rest tested again beside it."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from identification.equation_error.pulse_fit import torque_of
+from identification.replay.experiment import with_zeros
+from identification.replay.extended import Extended
+from identification.replay.optimum import Optimum, fitted
+from identification.results.alternatives import Sign, delay_sign, signs
+from identification.results.detection import Detection
+from identification.search.outcome import Fit
+from identification.search.polish import start_of_fit, torque_fit
+from identification.search.problem import Problem
+from plant import LoggedTorque, Record
+
+__all__ = ["detect"]
+
+_NAMED = 3
+"""Alternatives that are named, at most."""
+
+_EXPLAINED = 0.03
+"""Share of what rounding does not explain that a named alternative must."""
+
+_ROUNDING = 1 / 12
+"""Variance of the rounding of counts [pulses^2]."""
+
+_AGAIN = 2.0
+"""By how much the threshold of what is named beside others is higher: what they leave is not all by chance."""
+
+_WORTH, _AS_GOOD = 0.2, 0.9
+"""Share of the best first estimate from which on an alternative is fitted, too; and of the best fit, from which on it
+is preferred if it needs fewer numbers."""
+
+_STEP, _FINE = 0.05, 0.03
+"""Steps of the central differences, in standard deviations, and relative, of what is named."""
+
+_LEAST, _MOST = 400.0**-2, 15.0**-2
+"""Compliances between which a first estimate is taken [1/Hz^2]."""
+
+_LATE, _SHIFTS = 1.0, 2
+"""Delay [samples] beyond which counts are not late, but something else; and how often it is estimated anew."""
+
+
+def detect(problem: Problem, fit: Fit, delay: float = 0.0) -> Detection:
+    """Test a fit to a problem.
+
+    Parameters
+    ----------
+    problem : Problem
+    fit : Fit
+        Where to begin; the model is fitted anew, to the records kept aside as well.
+    delay : float
+        Of the counts, if it is known already that one of this size [samples] is worth a trial.
+    """
+    try:
+        return _Search(problem, fit).detection(delay)
+    except (ValueError, np.linalg.LinAlgError) as error:
+        return Detection(reason=str(error))
+
+
+class _Refit(NamedTuple):
+    """A model with one alternative more, fitted; the sign, with what it explains then; steps of the unknowns."""
+
+    sign: Sign
+    at: Optimum
+    step: NDArray[np.float64]
+
+
+class _Search:
+    """The model where it follows the log best, and what has been named so far."""
+
+    def __init__(self, problem: Problem, fit: Fit) -> None:
+        records, keep = _records(problem, fit)
+        if fit.covariance is not None:
+            values, step = fit.values, fit.std
+        else:
+            values, step = start_of_fit(problem, torque_fit(problem))
+        given = dict(zip(problem.unknown, values, strict=True))
+        f = np.array([given[name] for name in problem.dynamics.names])
+        model = Extended(problem.dynamics, records, [problem.unknown[i] for i in keep], f, **problem.options)
+        gains, extra = model.gains if fit.gains is None else fit.gains, np.zeros(len(model.extra))
+        self.step = np.concatenate([_STEP * step[keep], model.gain_steps, extra])
+        limits = np.column_stack([model.least, np.full(len(extra), np.inf)])
+        self.bounds = np.vstack([problem.bounds[keep], model.gain_bounds, limits])
+        self.at = fitted(model, np.concatenate([values[keep], gains, extra]), self.step, self.bounds)
+        self.efforts, self.joints = _efforts(records[0]), tuple(problem.dynamics.chain.joint_labels)
+        rounding = 0.0 if records[0].rig.encoder.smooth else _ROUNDING * float((model.weights**2).sum())
+        self.least = _EXPLAINED * max(0.0, self.at.squares - rounding)
+
+    def detection(self, delay: float) -> Detection:
+        first = found = signs(self.at, self.efforts)
+        stated, named = self.at.model.stated(), list[Sign]()
+        if delay:
+            found = [_guessed(sign, delay) if sign.name == "delay" else sign for sign in found]
+        while len(named) < _NAMED:
+            again = _AGAIN if named else 1.0
+            those = [sign for sign in found if sign.chi_square > again * sign.threshold and _may_follow(sign, named)]
+            most = max((sign.explained for sign in those if sign.name != "disagreement"), default=0.0)
+            worth = [sign for sign in those if sign.explained > _WORTH * most or np.isinf(sign.chi_square)]
+            refits = [self._refitted(sign) for sign in worth]
+            good = [refit for refit in refits if refit is not None and refit.sign.explained > self.least]
+            good = [refit for refit in good if refit.sign.chi_square > again * refit.sign.threshold]
+            if not good:
+                named += [sign for sign in those if sign.name == "disagreement"]
+                break
+            best = _AS_GOOD * max(refit.sign.explained for refit in good)
+            refit = min((each for each in good if each.sign.explained > best), key=lambda each: each.sign.freedom)
+            self.at, self.step = refit.at, refit.step
+            named.append(refit.sign)
+            found = signs(self.at, self.efforts)
+        values = tuple(self._with_values(sign) for sign in named)
+        return Detection(signs=tuple(first), named=values, stated=stated, joints=self.joints)
+
+    def _refitted(self, sign: Sign) -> _Refit | None:
+        """The model with an alternative, fitted from its first estimate; None where it does not follow the log."""
+        if sign.name == "disagreement":
+            return None
+        if sign.name == "delay":
+            return self._shifted(sign)
+        model, some = self.at.model, list(sign.values)
+        every = [name for name in model.extra if sign.name == "compliance" and name.startswith("compliance")]
+        for names in (every, some) if every else (some,):
+            values, step = self.at.values.copy(), self.step.copy()
+            for name in names:
+                place, value = model.place(name), sign.values.get(name, 0.0)
+                values[place] = np.clip(value, _LEAST, _MOST) if every else value
+                step[place] = 0.0 if sign.name == "backlash" else _FINE * abs(values[place])
+            try:
+                return self._compared(sign, fitted(model, values, step, self.bounds), step)
+            except ValueError:  # it diverges: inertias that rigid gears have made too small
+                continue
+        return None
+
+    def _shifted(self, sign: Sign) -> _Refit | None:
+        """The model of counts that are not late."""
+        delay, at = 0.0, self.at
+        for _ in range(_SHIFTS):
+            delay += sign.values["delay"]
+            if abs(delay) > _LATE:
+                return None
+            try:
+                at = fitted(self.at.model.late(-delay), at.values, self.step, self.bounds)
+            except ValueError:
+                return None
+            sign = delay_sign(at) or sign
+        return self._compared(dataclasses.replace(sign, values={"delay": delay}), at, self.step)
+
+    def _compared(self, sign: Sign, at: Optimum, step: NDArray[np.float64]) -> _Refit:
+        explained = self.at.squares - at.squares
+        if sign.name == "backlash":  # it moves in and out of contact: the fit may end beside what was tried
+            explained = max(explained, sign.explained)
+        chi_square = explained / at.unit(at.innovations)
+        return _Refit(dataclasses.replace(sign, explained=explained, chi_square=chi_square), at, step)
+
+    def _with_values(self, sign: Sign) -> Sign:
+        """A sign with the values of the last fit."""
+        model = self.at.model
+        values = {
+            name: float(self.at.values[model.place(name)]) if name in model.extra else value
+            for name, value in sign.values.items()
+        }
+        return dataclasses.replace(sign, values=values)
+
+
+def _guessed(sign: Sign, delay: float) -> Sign:
+    """The sign of a delay that another test has found, whatever its own says."""
+    return dataclasses.replace(sign, values={"delay": delay}, chi_square=np.inf)
+
+
+def _may_follow(sign: Sign, named: list[Sign]) -> bool:
+    """Backlash goes with the compliance that its gear has; late counts and lagging currents are nearly one thing."""
+    names = {each.name for each in named}
+    if "backlash" in names:
+        return sign.name == "backlash"
+    return sign.name not in names and not (sign.name in ("lag", "delay") and names & {"lag", "delay"})
+
+
+def _records(problem: Problem, fit: Fit) -> tuple[list[Record], list[int]]:
+    """The records that are followed, and which of the unknowns act on them.
+
+    Raises
+    ------
+    ValueError
+        A record that cannot be followed.
+    """
+    if fit.zeros is not None:
+        given = with_zeros(problem.records, fit.zeros)
+    else:
+        given = [*problem.records, *(() if problem.held_out is None else problem.held_out.records)]
+    records = [_followed(record) for record in given]
+    replaced = any(record is not before for record, before in zip(records, given, strict=True))
+    return records, [i for i, name in enumerate(problem.unknown) if not (replaced and name.startswith("law."))]
+
+
+def _followed(record: Record) -> Record:
+    """The record, under a law whose state is known: its logged torque in place of a law with a memory."""
+    law = record.law
+    if law is None or not law.has_memory(record.n):
+        return record
+    if record.torque is None:
+        raise ValueError(f"{type(law).__name__} has a memory that is not in the log; log the torque as well")
+    return dataclasses.replace(record, law=LoggedTorque())
+
+
+def _efforts(record: Record) -> NDArray[np.float64]:
+    """Torque [N m] and speed [rad/s] of each motor (2, n), rms over a record; a little where there is none."""
+    drive = record.rig.drive
+    torque = np.array([drive.motor_torque(row) for row in torque_of(record)])
+    speed = record.rig.encoder.to_angle(np.diff(record.counts, axis=0)) / record.rig.period
+    rms = np.array([np.sqrt((torque**2).mean(axis=0)), np.sqrt((speed**2).mean(axis=0))])
+    return np.maximum(rms, 1e-9 + 0.01 * rms.max(axis=1, keepdims=True))

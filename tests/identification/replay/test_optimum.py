@@ -1,0 +1,77 @@
+"""Least squares of an extended model: directions, bounds, and what is left beside the unknowns."""
+
+import numpy as np
+import pytest
+
+from identification.replay.extended import Extended
+from identification.replay.gauss_newton import gauss_newton
+from identification.replay.optimum import fitted, orthonormal
+from identification.replay.prediction import Prediction
+from plant import puma560, simulate
+
+DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
+ARM = puma560.literature_arm(1.5)
+
+
+def test_orthonormal_directions_make_the_target():
+    """As numpy's least squares; a combination of others gets no coefficient and no direction."""
+    rng = np.random.default_rng(0)
+    rates, target = rng.normal(size=(4, 50)), rng.normal(size=50)
+    basis, found = orthonormal(rates, target)
+    np.testing.assert_allclose(basis @ basis.T, np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(found, np.linalg.lstsq(rates.T, target, rcond=None)[0], rtol=1e-9)
+    basis, found = orthonormal(np.vstack([rates, rates[0] + rates[1]]), target)
+    assert len(basis) == 4
+    assert found[4] == 0
+
+
+@pytest.fixture(scope="module")
+def model():
+    record = simulate(ARM, RIG, puma560.p_law((0.1, 0.08)), PATH, steps_per_sample=16)
+    return Extended(DYNAMICS, [record], DYNAMICS.names, ARM.f)
+
+
+def parts(model):
+    extra = np.zeros(len(model.extra))
+    values = np.concatenate([1.02 * ARM.f, model.gains, extra])
+    step = np.concatenate([np.full(9, 1e-3), model.gain_steps, extra])
+    free = np.full((9, 2), (-np.inf, np.inf))
+    bounds = np.vstack([free, model.gain_bounds, np.column_stack([model.least, np.full(len(extra), np.inf)])])
+    return values, step, bounds
+
+
+@pytest.fixture(scope="module")
+def at(model):
+    return fitted(model, *parts(model))
+
+
+def test_the_optimum_is_that_of_gauss_newton_on_the_rigid_prediction(model, at):
+    prediction = Prediction(DYNAMICS, model.records, DYNAMICS.names)
+    values, step, bounds = parts(model)
+    solution = gauss_newton(prediction, values[:13], step[:13], bounds[:13], tolerance=1e-6)
+    assert at.squares == pytest.approx(float(solution.residual @ solution.residual), rel=1e-4)
+    assert (np.abs(at.values[:9] - solution.values[:9]) < 0.1 * np.sqrt(np.diag(solution.covariance))[:9]).all()
+
+
+def test_what_is_left_is_orthogonal_to_the_rates(at):
+    left = at.left(at.innovations)
+    lengths = np.sqrt((at.rates**2).sum(axis=1)) * np.sqrt((left**2).sum())
+    assert (np.abs((at.rates * left).sum(axis=1)) < 1e-9 * lengths).all()
+    assert at.unknown == 9
+    assert at.chi_square(left) == 0
+
+
+def test_values_stay_within_their_bounds(model):
+    """f1 held 5 % too high: the others make up for it, at a larger sum of squares."""
+    values, step, bounds = parts(model)
+    bounds[0, 0] = 1.05 * ARM.f[0]
+    held = fitted(model, values, step, bounds)
+    assert held.values[0] == bounds[0, 0]
+    assert held.squares > fitted(model, *parts(model)).squares
+
+
+def test_a_model_that_does_not_follow_is_refused(model):
+    values, step, bounds = parts(model)
+    values[0] = -100.0
+    with pytest.raises(ValueError, match="does not follow the log"):
+        fitted(model, values, step, bounds)

@@ -1,0 +1,178 @@
+"""What an identification says of gears, torques and friction, without being asked.
+
+Robots are simulated at 16 steps per sample with what their records' rigs do not state; one of them by MuJoCo.
+"""
+
+import dataclasses
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from identification import GeneticSettings, identify
+from plant import PD, Elasticity, LoggedTorque, P, Record, puma560, simulate
+from plant.machine.encoder import Phase
+
+DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
+ARM = puma560.literature_arm(1.5)
+LOW, HIGH = (0.1, 0.08), (0.2, 0.15)
+FRICTION = {"viscous": RIG.drive.viscous * (0.7, 1.4), "coulomb": RIG.drive.coulomb * (1.3, 0.7)}
+
+
+def gears(hz, **options):
+    return Elasticity.from_resonance(ARM, hz, 0.02, drive=RIG.drive, q=PATH([0.0]).q[0], **options)
+
+
+def log(gain=LOW, law=None, phase=(0.3, 0.6), **drive):
+    """A robot whose drive has what is said; its record's rig states nothing of it."""
+    encoder = dataclasses.replace(RIG.encoder, phase=Phase(shift=phase))
+    rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, **drive), encoder=encoder)
+    made = simulate(ARM, rig, law or puma560.p_law(gain), PATH, steps_per_sample=16)
+    return dataclasses.replace(made, rig=RIG, true_q=None, true_qd=None)
+
+
+def quick(records, **options):
+    return identify(DYNAMICS, records, method="prediction_error", progress=False, **options)
+
+
+@pytest.fixture(scope="module")
+def rigid():
+    return quick(log())
+
+
+def test_a_rigid_robot_is_accused_of_nothing(rigid):
+    detection = rigid.diagnostics.detection
+    assert detection.names == ()
+    assert {sign.name for sign in detection.signs} == {"compliance", "lag", "delay", "friction", "backlash"}
+    assert not any(sign.significant for sign in detection.signs)
+    assert "no sign of compliance (seen below" in rigid.summary()
+    assert rigid.warnings == []
+
+
+def test_what_would_be_seen_is_stated(rigid):
+    """Twice the least visible lag is seen; friction from a few per cent on, compliance somewhere from 100 to 200 Hz."""
+    visible = {name: value for sign in rigid.diagnostics.detection.signs for name, value in sign.visible.items()}
+    assert 100 < visible["compliance[0]"] ** -0.5 < 200
+    assert visible["coulomb[0]"] < 0.05 * RIG.drive.coulomb[0]
+    found = quick(log(current_lag=1.6 * visible["lag"]))
+    assert found.diagnostics.detection.names == ("lag",)
+    assert found.diagnostics.detection.named[0].values["lag"] == pytest.approx(1.6 * visible["lag"], rel=0.3)
+
+
+@pytest.mark.parametrize("gain", [LOW, HIGH])
+def test_gears_of_60_hz_are_seen_in_one_log(gain):
+    found = quick(log(gain, elasticity=gears(60)))
+    assert found.diagnostics.detection.names == ("compliance",)
+    hertz = found.diagnostics.detection.resonances
+    assert set(hertz) == {"joint 2 (q[0])", "joint 3 (q[1])"}
+    assert all(45 < value < 75 for value in hertz.values())
+    assert any(text.startswith("the gears give: links swing near") for text in found.warnings)
+
+
+def test_gears_of_100_hz_are_seen_in_two_logs_which_contradict_each_other():
+    records = [log(gain, elasticity=gears(100)) for gain in (LOW, HIGH)]
+    detection = quick(records).diagnostics.detection  # the second is kept aside, and tested all the same
+    assert detection.names == ("compliance",)
+    assert all(85 < value < 115 for value in detection.resonances.values())
+    apart = next(sign for sign in detection.signs if sign.name == "disagreement")
+    assert apart.freedom == 9
+    assert apart.chi_square > 2 * apart.threshold
+    assert "the records contradict each other" in str(detection)
+
+
+def test_two_logs_of_a_rigid_robot_agree():
+    detection = quick([log(gain) for gain in (LOW, HIGH)]).diagnostics.detection
+    apart = next(sign for sign in detection.signs if sign.name == "disagreement")
+    assert not detection.names
+    assert apart.chi_square < 28  # 99.9 % of 9 degrees of freedom
+    assert "the records agree" in str(detection)
+
+
+def test_backlash_is_seen_where_the_load_changes_sign():
+    found = quick(log(elasticity=gears(200, backlash=np.deg2rad((0.03, 0.03)))))
+    assert found.diagnostics.detection.names == ("backlash",)
+    widths = [sign.values for sign in found.diagnostics.detection.named]
+    assert all(0.01 < np.rad2deg(value) < 0.1 for each in widths for name, value in each.items() if "backlash" in name)
+    assert any("has backlash, about" in text for text in found.warnings)
+
+
+def test_friction_that_is_not_the_rigs_comes_with_its_values():
+    """And is not taken for late counts, which look alike in a simulation."""
+    found = quick(log(**FRICTION))
+    detection = found.diagnostics.detection
+    assert detection.names == ("friction",)
+    named = detection.named[0].values
+    for i in range(2):
+        assert RIG.drive.viscous[i] + named[f"viscous[{i}]"] == pytest.approx(FRICTION["viscous"][i], rel=0.15)
+        assert RIG.drive.coulomb[i] + named[f"coulomb[{i}]"] == pytest.approx(FRICTION["coulomb"][i], rel=0.05)
+    assert any(text.startswith("friction is not the rig's") for text in found.warnings)
+    assert not any("samples" in text for text in found.warnings)
+    unknown = (*DYNAMICS.names, *(f"drive.{kind}[{i}]" for kind in FRICTION for i in range(2)))
+    assert quick(log(**FRICTION), unknown=unknown).diagnostics.detection.names == ()
+
+
+def test_torques_that_are_repeated_show_lag_and_compliance():
+    """Held torques of a sampled PD: its memory is not in the log, the torque is."""
+    law = PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0, period=RIG.period)
+    late = dataclasses.replace(log(law=law, current_lag=2e-4), law=LoggedTorque())
+    detection = quick(late).diagnostics.detection
+    assert detection.names == ("lag",)
+    assert detection.named[0].values["lag"] == pytest.approx(2e-4, rel=0.2)
+    soft = log(law=law, elasticity=gears(60))
+    found = identify(DYNAMICS, soft, method="equation_error", progress=False)
+    assert found.diagnostics.detection.names == ("compliance",)
+
+
+def test_the_papers_method_is_tested_too_and_its_result_stays():
+    """f is the genetic algorithm's, from a cold start; the test fits the model anew."""
+    tiny = GeneticSettings.paper(individuals=6, subpopulations=1, generations=2)
+    found = identify(DYNAMICS, log(elasticity=gears(60)), method="paper", settings=tiny, progress=False)
+    np.testing.assert_array_equal(found.f, found.values)
+    assert found.covariance is None
+    assert found.diagnostics.detection.names == ("compliance",)
+
+
+def test_same_bits_on_any_number_of_threads():
+    record = log(elasticity=gears(60))
+    one, two = (quick(record, threads=threads).diagnostics.detection for threads in (1, 2))
+    assert one == two
+
+
+def test_a_log_that_cannot_be_followed_says_why():
+    """A sampled law's memory is not in the log; its torque would do."""
+    law = PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0, period=RIG.period)
+    tiny = GeneticSettings.paper(individuals=6, subpopulations=1, generations=2)
+    bare = dataclasses.replace(log(law=law), torque=None, current=None)
+    found = identify(DYNAMICS, bare, method="paper", settings=tiny, progress=False)
+    assert "PD has a memory that is not in the log" in found.diagnostics.detection.reason
+    assert "not tested, PD has a memory" in found.summary()
+
+
+# -- a robot that another engine simulates ----------------------------------------------------------------------------
+def test_an_arm_of_mujoco_on_gears_of_60_hz_is_named_compliant():
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo, an optional engine, is not installed")
+    place = Path(__file__).parents[2] / "ctc" / "laws" / "test_mujoco_elastic.py"
+    spec = importlib.util.spec_from_file_location("test_mujoco_elastic", place)
+    other = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(other)
+    elasticity, steps, count = gears(60), 25, 5215
+    other.STEPS = steps
+    engine = other.model(ARM, elasticity)
+    data = mujoco.MjData(engine)
+    path = PATH(RIG.period / steps * np.arange(count * steps))
+    reference, per_radian = RIG.counts(path.q), RIG.position_in_pulses(np.eye(2)).diagonal()
+    start = path.q[0]
+    data.qpos[:] = [*start, *(start - ARM.h(start, np.zeros(2)) / elasticity.stiffness)]
+    gain, errors = np.array(LOW) * RIG.drive.gear, np.empty((count * steps, 2))
+    for k in range(count * steps):
+        errors[k] = reference[k] - np.trunc(data.qpos[:2] * per_radian)
+        data.qfrc_applied[:2] = gain * errors[k]
+        mujoco.mj_step(engine, data)
+    record = Record(
+        t=RIG.period * np.arange(count), error_pulses=errors[::steps], reference_pulses=reference[::steps], rig=RIG,
+        law=P(gain=LOW), reference=PATH,
+    )  # fmt: skip
+    detection = quick(record).diagnostics.detection
+    assert detection.names == ("compliance",)
+    assert all(45 < value < 75 for value in detection.resonances.values())
