@@ -25,7 +25,7 @@ from identification.search.search import Search
 from plant import Dynamics, Record
 from plant.parts.arguments import array, choice, instance, known_options
 
-__all__ = ["identify"]
+__all__ = ["identify", "prepare", "search"]
 
 
 @known_options
@@ -95,12 +95,12 @@ def identify(
     """
     started = time.perf_counter()
     options = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "threads": threads}
-    problem = _prepare(dynamics, records, unknown, held_out, method, ranges, settings, seed, zeros, options)
-    outcome = _search(problem, progress)
+    problem = prepare(dynamics, records, unknown, held_out, method, ranges, settings, seed, zeros, options)
+    outcome = search(problem, progress)
     return _assess(problem, outcome, started)
 
 
-def _prepare(
+def prepare(
     dynamics: Dynamics,
     records: Record | Sequence[Record],
     unknown: Iterable[str] | None,
@@ -177,7 +177,7 @@ def _nominal(objective: Objective) -> NDArray[np.float64]:
     return np.array([known.get(name, np.nan) for name in objective.unknown])
 
 
-def _search(problem: Problem, progress: bool) -> Outcome:
+def search(problem: Problem, progress: bool) -> Outcome:
     """What the method finds; a progress bar counts generations."""
     total = problem.settings.generations
     with tqdm(total=total, desc="identify", unit="generation", disable=not progress, leave=False) as bar:

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from identification import Identification, identify
+from identification import Identification
+from identification.procedure import prepare, search
 from plant import Elasticity
 
 __all__ = ["Refits", "refits"]
@@ -86,10 +87,11 @@ def _on_gears(found: Identification, hz: Any, ratio: float, pose: ArrayLike) -> 
             )
             for record in found.records
         ]
-        fit = identify(
-            found.arm.dynamics, records, unknown=found.unknown, ranges=found.search.ranges, held_out=(),
-            method="prediction_error", progress=False,
+        problem = prepare(
+            found.arm.dynamics, records, found.unknown, (), "prediction_error", found.search.ranges, None, found.seed,
+            False, {},
         )  # fmt: skip
+        fit = search(problem, False).fit
     except ValueError:  # no fit on such gears: the log contradicts them, or they cannot carry the arm
         return None
     return None if fit.covariance is None else (fit.values, fit.covariance)

@@ -166,7 +166,7 @@ class _Log:
 
     def _give(self, numbers: dict[str, float], joint: str, compliance: float) -> None:
         """Put a spring of so much compliance [1/Hz^2] in series with a gear."""
-        place, link = f"drive.elasticity.stiffness{joint}", self._links[int(joint[1:-1])]  # type: ignore[index]
+        place, link = f"drive.elasticity.stiffness{joint}", self._links[int(joint[1:-1])]  # type: ignore[index]  # a joint is named
         if place in numbers:
             numbers[place] = 1 / (1 / numbers[place] + compliance / (4 * np.pi**2 * link))
             if not self._damped:
