@@ -61,7 +61,7 @@ class Detection(Frozen):
 
     def __str__(self) -> str:
         if self.reason is not None:
-            return f"compliance, backlash, lag, friction: not tested, {self.reason}"
+            return f"compliance, backlash, lag, friction: not tested: {self.reason}"
         found = {sign.name: sign for sign in self.signs}
         others = [sign for sign in self.signs if sign.name not in (*self.names, "disagreement")]
         explained = set(self.names) - {"disagreement"}  # by what is named: so what was significant beside it is not

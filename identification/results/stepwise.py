@@ -17,7 +17,7 @@ from identification.results.detection import Detection
 from identification.search.outcome import Fit
 from identification.search.polish import start_of_fit, torque_fit
 from identification.search.problem import Problem
-from plant import LoggedTorque, Record
+from plant import LoggedCurrent, LoggedTorque, Record
 
 __all__ = ["detect"]
 
@@ -199,13 +199,13 @@ def _records(problem: Problem, fit: Fit) -> tuple[list[Record], list[int]]:
 
 
 def _followed(record: Record) -> Record:
-    """The record, under a law whose state is known: its logged torque in place of a law with a memory."""
+    """The record, under a law whose state is known: what it logged, in place of a sampled law with a memory."""
     law = record.law
     if law is None or not law.has_memory(record.n):
         return record
-    if record.torque is None:
-        raise ValueError(f"{type(law).__name__} has a memory that is not in the log; log the torque as well")
-    return dataclasses.replace(record, law=LoggedTorque())
+    if law.period is None:
+        raise ValueError(f"the state of a fast {type(law).__name__} is not in the log, nor its torque between samples")
+    return dataclasses.replace(record, law=LoggedTorque() if record.torque is not None else LoggedCurrent())
 
 
 def _efforts(record: Record) -> NDArray[np.float64]:

@@ -140,13 +140,11 @@ def test_same_bits_on_any_number_of_threads():
 
 
 def test_a_log_that_cannot_be_followed_says_why():
-    """A sampled law's memory is not in the log; its torque would do."""
-    law = PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0, period=RIG.period)
-    tiny = GeneticSettings.paper(individuals=6, subpopulations=1, generations=2)
-    bare = dataclasses.replace(log(law=law), torque=None, current=None)
-    found = identify(DYNAMICS, bare, method="paper", settings=tiny, progress=False)
-    assert "PD has a memory that is not in the log" in found.diagnostics.detection.reason
-    assert "not tested, PD has a memory" in found.summary()
+    """A fast law's torque changes between samples, and its state is not in the log."""
+    fast = log(law=PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0))
+    found = identify(DYNAMICS, fast, method="equation_error", progress=False)
+    assert "state of a fast PD is not in the log" in found.diagnostics.detection.reason
+    assert "not tested: the state of a fast PD" in found.summary()
 
 
 # -- a robot that another engine simulates ----------------------------------------------------------------------------
