@@ -155,8 +155,7 @@ def test_an_arm_of_mujoco_on_gears_of_60_hz_is_named_compliant():
     other = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(other)
     elasticity, steps, count = gears(60), 25, 5215
-    other.STEPS = steps
-    engine = other.model(ARM, elasticity)
+    engine = other.model(ARM, elasticity, steps)
     data = mujoco.MjData(engine)
     path = PATH(RIG.period / steps * np.arange(count * steps))
     reference, per_radian = RIG.counts(path.q), RIG.position_in_pulses(np.eye(2)).diagonal()
