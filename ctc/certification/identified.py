@@ -26,6 +26,7 @@ class Identified:
     Attributes
     ----------
     arm : Arm
+        With what was identified of f; with refits, with that of the middle of the range.
     names : tuple of str
         Of the numbers (k).
     values : (k,) numpy.ndarray
@@ -86,12 +87,14 @@ def identified(uncertainty: Any, found: Identification | Arm, pose: ArrayLike) -
     for name in (names[i] for i in plant):
         if name.startswith(_KNOWN_TO_LAWS) and (covariances[:, names.index(name), names.index(name)] > 0).any():
             raise ValueError(f"{name} cannot be drawn: laws read their counts by it. Identify with it fixed.")
+    names, values = tuple(names[i] for i in plant), np.asarray(values)[plant]
     if again is not None:
         again = dataclasses.replace(again, values=again.values[:, plant])
-    return Identified(
-        arm=arm, names=tuple(names[i] for i in plant), values=np.asarray(values)[plant], refits=again,
-        roots=np.array([_root(each, plant) for each in covariances]),
-    )  # fmt: skip
+        (values,) = again.centres(np.array([0.5]))
+        middle = dict(zip(names, values.tolist(), strict=True))
+        arm = arm.dynamics.arm([middle.get(name, f) for name, f in zip(arm.dynamics.names, arm.f, strict=True)])
+    roots = np.array([_root(each, plant) for each in covariances])
+    return Identified(arm=arm, names=names, values=values, refits=again, roots=roots)
 
 
 def _root(covariance: NDArray[np.float64], plant: list[int]) -> NDArray[np.float64]:

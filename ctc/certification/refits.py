@@ -15,12 +15,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from identification import Identification
 from identification.procedure import prepare, search
-from plant import Elasticity
+from identification.search.outcome import Fit
+from plant import Arm, Elasticity
 
 __all__ = ["Refits", "refits"]
 
 _APART, _MOST = 1.15, 7
 """Ratio of the resonances of two fits, at most, and number of fits; a wider range has them farther apart."""
+
+_ROUNDS = 2
+"""Fits of the first resonance: its stiffness follows from the inertia, which the fit before gave. The next take it from
+their neighbour."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,22 +69,27 @@ def refits(found: Identification, resonance: Any, damping_ratio: Any, pose: Arra
     """
     low, high = np.log(resonance).T
     count = int(np.clip(np.ceil((high - low).max() / np.log(_APART)) + 1, 1 if (high == low).all() else 2, _MOST))
-    places, values, covariances = [], [], []
+    arm, places, values, covariances = found.arm, [], [], []
     for place in np.linspace(0, 1, count) if count > 1 else [0.5]:
-        fit = _on_gears(found, np.exp(low + place * (high - low)), float(np.mean(damping_ratio)), pose)
-        if fit is not None:
+        hz, ratio = np.exp(low + place * (high - low)), float(np.mean(damping_ratio))
+        for _ in range(1 if places else _ROUNDS):
+            fit = _on_gears(found, arm, hz, ratio, pose)
+            if fit is None:
+                break
+            arm = fit[0]
+        else:
             places.append(place)
-            values.append(fit[0])
-            covariances.append(fit[1])
+            values.append(fit[1].values)
+            covariances.append(fit[1].covariance)
     if not places:
         return None
     return Refits(places=np.array(places), values=np.array(values), covariances=np.array(covariances))
 
 
-def _on_gears(found: Identification, hz: Any, ratio: float, pose: ArrayLike) -> tuple[Any, Any] | None:
-    """Values and covariance of the records' unknowns on gears of this resonance; None where they cannot be fitted."""
+def _on_gears(found: Identification, arm: Arm, hz: Any, ratio: float, pose: ArrayLike) -> tuple[Arm, Fit] | None:
+    """Arm and fit of the records on gears with which an arm has this resonance; None where they cannot be fitted."""
     try:
-        gears = Elasticity.from_resonance(found.arm, hz, ratio, drive=found.rig.drive, q=pose)
+        gears = Elasticity.from_resonance(arm, hz, ratio, drive=found.rig.drive, q=pose)
         records = [
             dataclasses.replace(
                 record,
@@ -94,4 +104,4 @@ def _on_gears(found: Identification, hz: Any, ratio: float, pose: ArrayLike) -> 
         fit = search(problem, False).fit
     except ValueError:  # no fit on such gears: the log contradicts them, or they cannot carry the arm
         return None
-    return None if fit.covariance is None else (fit.values, fit.covariance)
+    return None if fit.covariance is None else (problem.parts(fit.values)[0], fit)

@@ -48,7 +48,8 @@ def tune(
     Parameters
     ----------
     found : Identification or Arm
-        The model of the laws, and where the plants are drawn; an arm needs one of `covariance` and `plants`.
+        The model of the laws, and where the plants are drawn; an arm needs one of `covariance` and `plants`. With a
+        `resonance`, an identification on rigid gears is fitted again on such gears: the laws have the f of the middle.
     rig : Rig
         Of the plants, such as ``found.rig``.
     reference : Reference

@@ -21,7 +21,7 @@ from plant import PD, Elasticity, P, puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 START = PATH([0.0]).q[0]
-FRICTION, SHARE, REAL = 0.02, 0.1, 1000
+FRICTION, SHARE, REAL, USEFUL = 0.02, 0.1, 1000, 0.01
 PD_LAW = PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0, period=RIG.period)
 LAWS = {
     "observer 60": lambda found: ComputedTorque(found, RIG, bandwidth=60),
@@ -70,17 +70,21 @@ def main(quick):
                         print(f"{gain!s:>12} {hz:4} {ratio:7}  {name:<20} refused: {error}")
                         continue
                     share, lower = real(law, hz, ratio, seed=hz)
-                    clean = all(
-                        real(law, hz * factor, each, seed=hz)[0] == 0
-                        for factor in (1 - SHARE, 1.0, 1 + SHARE)
-                        for each in (0.01, 0.03)
+                    clean = (
+                        upper > USEFUL
+                        and share == 0
+                        and all(
+                            real(law, hz * factor, each, seed=hz)[0] == 0
+                            for factor in (1 - SHARE, 1.0, 1 + SHARE)
+                            for each in (0.01, 0.03)
+                        )
                     )
                     cells += 1
                     note = ""
                     if upper < lower:
                         broken.append((gain, hz, ratio, name))
                         note = "BROKEN"
-                    elif clean and upper > 0.01:
+                    elif clean:
                         dull.append((gain, hz, ratio, name))
                         note = "not below 1 %, though clean"
                     print(
