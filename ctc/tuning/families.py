@@ -78,7 +78,7 @@ def families(arm: Arm, rig: Rig, pose: NDArray[np.float64]) -> list[Family]:
                 arm, rig, bandwidth=150.0, ratio=1.5, integral=40.0, roll_off=1000.0, roll_off_damping=0.8
             ),
             variables={
-                "bandwidth": (30.0, min(500.0, most)), "ratio": (1.0, 8.0), "integral": (2.0, 150.0),
+                "bandwidth": (30.0, min(500.0, most)), "ratio": (0.6, 8.0), "integral": (0.5, 150.0),
                 "roll_off": (100.0, corner), "roll_off_damping": (0.3, 1.5),
             },
             known=[

@@ -22,15 +22,19 @@ from plant.simulation.population import Population, Runs
 
 __all__ = ["ROUNDS", "Tunings"]
 
-ROUNDS = (24, 1.0), (10, 1.0), (10, 1.0), (10, 0.95), (10, 0.9), (10, 0.8)
+ROUNDS = (24, 1.0), (12, 1.0), (12, 0.97), (12, 0.94), (12, 0.9), (12, 0.8)
 """Generations of one search after another, and the share of the limit within which errors before rounding are to stay:
 at 1 the counts decide, as in the verdict."""
+
+_QUIETER, _GAIN, _NEAR = 4, 0.9, 0.5
+"""Searches at most that go on from the first tuning under which none leaves; the share of chatter to which each must
+bring it for another to follow; how far from it they search, in the logarithm of each variable."""
 
 _STEPS = 4, 16
 """Integration steps per sample in a search, and in a check."""
 
-_CHECKED, _JOINING = 3, 6
-"""Tunings of a search that are checked, and plants that leave under the best of them which join the next."""
+_CHECKED, _JOINING = 3, 4
+"""Tunings of a search that are checked, and plants that leave under each of them which join the next."""
 
 _LEFT, _BEYOND = 20.0, 5.0
 """Weight of the share of loops that leave, and of the peak error beyond the limit [pulses], against chatter."""
@@ -87,7 +91,7 @@ class Tunings:
         noise = np.minimum((runs.chatter / self.scale).mean(axis=1).reshape(shape), _FAR)
         return noise.mean(axis=1) + _LEFT * left.mean(axis=1) + _BEYOND * beyond.mean(axis=1)
 
-    def best(self, plants: Floats, seed: int, show: Callable[[], Any]) -> Trial:
+    def best(self, plants: Floats, seed: int, show: Callable[[], Any], beat: float = np.inf) -> Trial:
         """The quietest tuning under which no plant of the check leaves, or that under which the fewest do.
 
         Parameters
@@ -97,23 +101,42 @@ class Tunings:
         seed : int
         show : callable
             Called once per generation.
+        beat : float
+            Noise of the best of another family: a family that still loses plants and is noisier is given up.
         """
-        known, tried = np.array([list(each.values()) for each in self.family.known]), []
-        for generations, aim in ROUNDS:
-            known = self._searched(plants, known, generations, aim, seed, show)
+        known, tried = np.array([list(each.values()) for each in self.family.known]), list[Trial]()
+
+        def following(generations: int, aim: float, near: float = np.inf) -> Trial:
+            """Search on, and check; what leaves joins. The best of the check."""
+            nonlocal known, plants
+            known = self._searched(plants, known, generations, aim, near, seed + len(tried), show)
             trials, leaving = self._checked(known[:_CHECKED])
-            tried += trials
-            best = min(range(len(trials)), key=lambda i: trials[i].rank)
-            if not trials[best].left or trials[best].left > _HOPELESS * len(self.plants):
+            tried.extend(trials)
+            plants = np.vstack([plants, *leaving])
+            return min(trials, key=_rank)
+
+        for generations, aim in ROUNDS:
+            best = following(generations, aim)
+            if not best.left or best.left > _HOPELESS * len(self.plants) or best.noise > beat:
                 break
-            plants = np.vstack([plants, leaving[best][:_JOINING]])
-        return min(tried, key=lambda trial: trial.rank)
+        for _ in range(0 if best.left else _QUIETER):
+            before = min(tried, key=_rank).noise
+            known = np.vstack([list(min(tried, key=_rank).numbers.values()), known])
+            best = following(generations, aim, _NEAR)
+            if not best.left and best.noise > _GAIN * before:
+                break
+        return min(tried, key=_rank)
 
     def _searched(
-        self, plants: Floats, known: Floats, generations: int, aim: float, seed: int, show: Callable[[], Any]
-    ) -> Floats:
-        """Tunings (T, k) of the last generation, best first; variables are searched by their logarithms."""
+        self, plants: Floats, known: Floats, generations: int, aim: float, near: float, seed: int,
+        show: Callable[[], Any],
+    ) -> Floats:  # fmt: skip
+        """Tunings (T, k) of the last generation, best first.
+
+        Variables are searched by their logarithms, at most `near` from the first that is known.
+        """
         bounds = np.log(np.array(list(self.family.variables.values())))
+        bounds = np.clip(bounds.T, np.log(known[0]) - near, np.log(known[0]) + near).T
         settings = GeneticSettings(individuals=20, subpopulations=2, generations=generations, bits_per_variable=10)
 
         def generation(state: Any) -> bool:
@@ -130,7 +153,7 @@ class Tunings:
         return np.exp(found[np.argsort(costs[first], kind="stable")])
 
     def _checked(self, values: Floats) -> tuple[list[Trial], list[Floats]]:
-        """Trials of tunings (T, k), and the plants that leave under each, the farthest first."""
+        """Trials of tunings (T, k), and some of the plants that leave under each, the farthest."""
         plants = self.plants.numbers()[1]
         runs, shape = self.runs(values, plants, _STEPS[1])
         left, peak = (runs.outside > 0).reshape(shape), runs.unrounded.max(axis=1).reshape(shape)
@@ -147,4 +170,8 @@ class Tunings:
             for row, lost, noise in zip(values, left, chatter, strict=True)
         ]
         far = [np.argsort(-np.where(lost, own, -1.0), kind="stable") for lost, own in zip(left, peak, strict=True)]
-        return trials, [plants[order[: lost.sum()]] for order, lost in zip(far, left, strict=True)]
+        return trials, [plants[order[: min(_JOINING, lost.sum())]] for order, lost in zip(far, left, strict=True)]
+
+
+def _rank(trial: Trial) -> tuple[int, float]:
+    return trial.rank

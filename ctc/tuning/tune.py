@@ -112,7 +112,8 @@ quadrature, load, load_position, delay, covariance, plants
             tunings = Tunings(
                 family=family, plants=fresh, reference=reference, options=options, scale=scale, threads=threads
             )
-            trials.append(tunings.best(searching.numbers()[1], seed, bar.update))
+            safe = min((trial.noise for trial in trials if not trial.left), default=np.inf)
+            trials.append(tunings.best(searching.numbers()[1], seed, bar.update, safe))
             bar.update((i + 1) * _GENERATIONS - bar.n)
     best = min(trials, key=lambda trial: trial.rank)
     certificate = certify(
