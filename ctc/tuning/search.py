@@ -26,9 +26,10 @@ ROUNDS = (24, 1.0), (12, 1.0), (12, 0.97), (12, 0.94), (12, 0.9), (12, 0.8)
 """Generations of one search after another, and the share of the limit within which errors before rounding are to stay:
 at 1 the counts decide, as in the verdict."""
 
-_QUIETER, _GAIN, _NEAR = 4, 0.9, 0.5
+_QUIETER, _GAIN, _NEAR, _SPARE = 4, 0.9, 0.5, 0.97
 """Searches at most that go on from the first tuning under which none leaves; the share of chatter to which each must
-bring it for another to follow; how far from it they search, in the logarithm of each variable."""
+bring it for another to follow; how far from it they search, in the logarithm of each variable; and the share of the
+limit that they aim at, at most."""
 
 _STEPS = 4, 16
 """Integration steps per sample in a search, and in a check."""
@@ -122,7 +123,7 @@ class Tunings:
         for _ in range(0 if best.left else _QUIETER):
             before = min(tried, key=_rank).noise
             known = np.vstack([list(min(tried, key=_rank).numbers.values()), known])
-            best = following(generations, aim, _NEAR)
+            best = following(generations, min(aim, _SPARE), _NEAR)
             if not best.left and best.noise > _GAIN * before:
                 break
         return min(tried, key=_rank)
