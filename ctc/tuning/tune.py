@@ -22,8 +22,8 @@ from plant.simulation.threads import cores
 
 __all__ = ["tune"]
 
-_PLANTS, _FRESH = 16, 800
-"""Plants with which a search begins, and others on which its best are checked."""
+_PLANTS, _MORE, _FRESH = 16, 80, 800
+"""Plants with which a search begins; with how many if some may leave; and others on which its best are checked."""
 
 _GENERATIONS = sum(generations for generations, _ in ROUNDS)
 
@@ -31,9 +31,9 @@ _GENERATIONS = sum(generations for generations, _ in ROUNDS)
 @known_options
 def tune(
     found: Identification | Arm, rig: Rig, reference: Reference, *, resonance: ArrayLike | None = None,
-    damping_ratio: ArrayLike | None = None, friction: float = 0.1, within: float = 1, backlash: ArrayLike = 0.0,
-    lag: ArrayLike = 0.0, jitter: ArrayLike = 0.0, friction_drift: ArrayLike = 0.0, presliding: ArrayLike = 0.0,
-    load_friction: ArrayLike = 0.0, ripple: ArrayLike = 0.0, quadrature: ArrayLike = 0.0,
+    damping_ratio: ArrayLike | None = None, friction: float = 0.1, within: float = 1, allowed: float = 0.0,
+    backlash: ArrayLike = 0.0, lag: ArrayLike = 0.0, jitter: ArrayLike = 0.0, friction_drift: ArrayLike = 0.0,
+    presliding: ArrayLike = 0.0, load_friction: ArrayLike = 0.0, ripple: ArrayLike = 0.0, quadrature: ArrayLike = 0.0,
     load: ArrayLike = 0.0, load_position: ArrayLike | None = None, delay: ArrayLike = 0.0,
     covariance: ArrayLike | None = None, plants: ArrayLike | None = None, after: float = SETTLED,
     samples: int = 10_000, seed: int = 0, duration: float | None = None, threads: int | None = None,
@@ -58,6 +58,9 @@ quadrature, load, load_position, delay, covariance, plants
         What is uncertain, as for `certify`: ``resonance=(40, 80)`` [Hz].
     within : float
         Limit of the counted error [pulses].
+    allowed : float
+        Share of the plants that may leave the limit, such as 0.05, for less chatter; a law holds if, with 95 %
+        confidence, no larger share leaves.
     after : float
         Samples before this time do not count [s].
     samples : int
@@ -86,6 +89,8 @@ quadrature, load, load_position, delay, covariance, plants
     instance("reference", reference, Reference, "The order is found, rig, reference.")
     if not real("within", within, "Give pulses, such as 1.") > 0:
         raise ValueError(f"within must be positive; got {within:g}. The promise is 1 pulse.")
+    if not 0 <= real("allowed", allowed, "Give a share, such as 0.05.") < 1:
+        raise ValueError(f"allowed must be from 0 to below 1; got {allowed:g}. Give a share, such as 0.05.")
     duration = reference.duration if duration is None else duration
     stated: dict[str, Any] = {
         "covariance": covariance, "plants": plants, "friction": friction, "load": load, "load_position": load_position,
@@ -100,7 +105,8 @@ quadrature, load, load_position, delay, covariance, plants
     uncertainty.gears.require_followed(rig.period / 4)
     pose = reference(np.zeros(1)).q[0]
     searching, fresh = (
-        uncertainty.draw(found, rig, count, seed + i, pose) for i, count in enumerate((_PLANTS, _FRESH))
+        uncertainty.draw(found, rig, count, seed + i, pose)
+        for i, count in enumerate((_MORE if allowed else _PLANTS, _FRESH))
     )
     arm, scale = fresh.arm, _scale(fresh.arm, reference, float(duration))
     threads = int(threads or cores())
@@ -110,9 +116,10 @@ quadrature, load, load_position, delay, covariance, plants
         for i, family in enumerate(laws):
             bar.set_postfix_str(family.name)
             tunings = Tunings(
-                family=family, plants=fresh, reference=reference, options=options, scale=scale, threads=threads
-            )
-            safe = min((trial.noise for trial in trials if not trial.left), default=np.inf)
+                family=family, plants=fresh, reference=reference, options=options, scale=scale, threads=threads,
+                allowed=float(allowed),
+            )  # fmt: skip
+            safe = min((trial.noise for trial in trials if trial.holds), default=np.inf)
             trials.append(tunings.best(searching.numbers()[1], seed, bar.update, safe))
             bar.update((i + 1) * _GENERATIONS - bar.n)
     best = min(trials, key=lambda trial: trial.rank)

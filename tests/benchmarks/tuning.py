@@ -30,7 +30,7 @@ def main(quick):
     for resonance, friction, share, chatter in ASKED[::3] if quick else ASKED:
         stated = {"resonance": resonance, "friction": friction, "covariance": COVARIANCE}
         started = time.perf_counter()
-        found = tune(ARM, RIG, PATH, **stated, progress=False)
+        found = tune(ARM, RIG, PATH, **stated, allowed=share, progress=False)
         seconds = time.perf_counter() - started
         fresh = certify(ARM, RIG, found.law, PATH, **stated, samples=FRESH, seed=1234)
         observer = certify(ARM, RIG, ComputedTorque(ARM, RIG, bandwidth=150), PATH, **stated, samples=FRESH, seed=1234)

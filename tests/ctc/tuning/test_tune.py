@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from ctc import ComputedTorque, certify, tune
+from ctc import ComputedTorque, certify, clopper_pearson, tune
 from ctc.certification.gears import Gears
 from ctc.certification.uncertainty import Uncertainty
 from ctc.tuning.families import families
@@ -21,7 +21,7 @@ SHORT = {"duration": 0.4, "samples": 300, "progress": False}
 @pytest.fixture(scope="module")
 def tuning():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ctc.tuning.search.ROUNDS", ((6, 1.0), (4, 0.95)))
+        patch.setattr("ctc.tuning.search.ROUNDS", ((6, np.inf), (4, 1.0)))
         patch.setattr("ctc.tuning.tune._FRESH", 200)
         return tune(ARM, RIG, PATH, **STATED, **SHORT, seed=1)
 
@@ -47,7 +47,7 @@ def test_it_is_the_quietest_of_those_that_hold(tuning):
 
 
 def test_same_seed_same_law_whatever_the_threads(monkeypatch):
-    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((2, 1.0),))
+    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((2, np.inf),))
     monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
     monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[1:2])
     one, two = (tune(ARM, RIG, PATH, **STATED, **SHORT, threads=threads) for threads in (1, 2))
@@ -79,7 +79,7 @@ def test_plants_that_leave_join_the_search(monkeypatch):
     """A search on one plant cannot know the others; those that it loses are in the next."""
     seen = []
     original = Tunings.costs
-    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((1, 1.0),) * 3)
+    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((1, np.inf),) * 3)
     monkeypatch.setattr(
         Tunings,
         "costs",
@@ -98,7 +98,7 @@ def test_plants_that_leave_join_the_search(monkeypatch):
 
 
 def test_it_goes_on_from_the_first_that_holds_and_gives_up_what_is_beaten(monkeypatch):
-    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((3, 1.0),) * 2)
+    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((3, np.inf),) * 2)
     monkeypatch.setattr("ctc.tuning.search._GAIN", 1.0)
     searches = []
     original = Tunings._searched
@@ -126,8 +126,22 @@ def test_it_goes_on_from_the_first_that_holds_and_gives_up_what_is_beaten(monkey
     assert len(searches) == 1
 
 
+def test_what_may_leave_is_bounded_with_confidence(monkeypatch):
+    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((3, np.inf),))
+    monkeypatch.setattr("ctc.tuning.tune._FRESH", 100)
+    monkeypatch.setattr("ctc.tuning.tune._MORE", 10)
+    monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[1:2])
+    found = tune(ARM, RIG, PATH, **STATED | {"friction": 0.2}, **SHORT, allowed=0.2)
+    (trial,) = found.trials
+    assert clopper_pearson(trial.allowed, 100, 0.9)[1] <= 0.2 < clopper_pearson(trial.allowed + 1, 100, 0.9)[1]
+    assert found.holds == (trial.left <= trial.allowed)
+    lost = dataclasses.replace(trial, left=trial.allowed + 2)
+    assert lost.rank[0] == 2
+    assert not lost.holds
+
+
 def test_where_nothing_holds_it_says_so(monkeypatch):
-    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((1, 1.0),))
+    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((1, np.inf),))
     monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
     found = tune(ARM, RIG, PATH, **STATED | {"friction": 2.0}, **SHORT, within=0.1)
     assert not found.holds
@@ -137,6 +151,7 @@ def test_where_nothing_holds_it_says_so(monkeypatch):
 
 @pytest.mark.parametrize(("options", "message"), [
     ({"within": 0}, "within must be positive; got 0"),
+    ({"allowed": 1.5}, "allowed must be from 0 to below 1; got 1.5"),
     ({"resonance": (60, 40)}, "resonance must be"),
     ({"resonance": (60, 600)}, "which sub-steps of 0.175 ms can follow"),
     ({"frictoin": 0.1}, "Did you mean 'friction'"),
