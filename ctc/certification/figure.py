@@ -25,6 +25,9 @@ _LARGEST = 4
 _HEIGHT = 3.9
 """Of the figure [inches], for few joints."""
 
+_STRIP = 2.3
+"""Height of the resonances below [inches]."""
+
 _NUMBERED = 3
 """Joints up to which bars have numbers."""
 
@@ -50,6 +53,8 @@ _WORDS = {
 def plot_certificate(certificate: Any) -> Figure:
     """Draw the peak errors of all loops, the error of the worst one, and the sensitivities; the title is the verdict.
 
+    Where a range of resonances was stated, the share that leaves is drawn over it, too.
+
     Parameters
     ----------
     certificate : Certificate
@@ -60,13 +65,20 @@ def plot_certificate(certificate: Any) -> Figure:
     """
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, 3, figsize=(13, _HEIGHT), width_ratios=(1, 1.5, 1), layout="constrained")
-    for axis in axes:
+    rows, heights = [["peaks", "worst", "sensitivities"]], [_HEIGHT]
+    if certificate.cells:
+        rows, heights = [*rows, ["resonances"] * 3], [*heights, _STRIP]
+    figure, axes = plt.subplot_mosaic(
+        rows, figsize=(13, sum(heights)), width_ratios=(1, 1.5, 1), height_ratios=heights, layout="constrained"
+    )
+    for axis in axes.values():
         axis.spines[["top", "right"]].set_visible(False)
     labels = certificate.plants.arm.dynamics.chain.joint_labels
-    _peaks(axes[0], certificate, labels)
-    _worst(axes[1], certificate, labels)
-    _sensitivities(axes[2], certificate, labels)
+    _peaks(axes["peaks"], certificate, labels)
+    _worst(axes["worst"], certificate, labels)
+    _sensitivities(axes["sensitivities"], certificate, labels)
+    if certificate.cells:
+        _resonances(axes["resonances"], certificate, labels)
     figure.suptitle(textwrap.fill(certificate.verdict, _TITLE), fontsize=11)
     return figure
 
@@ -140,13 +152,44 @@ def _sensitivities(axis: Any, certificate: Any, labels: list[str]) -> None:
     long = [f"{short[x.name]} = {x.name}" for x in reversed(found) if short.get(x.name, x.name) != x.name]
     lines = [line for each in long for line in textwrap.wrap(each, _LINE, subsequent_indent="    ")]
     axis.figure.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=7)
-    axis.figure.set_figheight(_HEIGHT + 0.25 * max(len(labels) - _NUMBERED, 0) + 0.13 * len(lines))
+    axis.figure.set_figheight(axis.figure.get_figheight() + 0.25 * max(len(labels) - _NUMBERED, 0) + 0.13 * len(lines))
     for place, influence in enumerate(found):
         axis.annotate(influence.sense, (shares[place], place), (3, 0), textcoords="offset points", va="center",
                       fontsize=8)  # fmt: skip
     axis.set_xlim(0, 1.35 * max(shares))
     axis.set_ylim(-0.6, max(len(found), 4) - 0.4)
     axis.tick_params(axis="y", labelsize=8)
+
+
+def _resonances(axis: Any, certificate: Any, labels: list[str]) -> None:
+    """Share that leaves in each cell of the stated resonances, with its bound; the worst one stands out."""
+    confidence, worst = certificate.confidence, certificate.worst_cell
+    for i, name in enumerate(dict.fromkeys(cell.name for cell in certificate.cells)):
+        own = [cell for cell in certificate.cells if cell.name == name]
+        for low, high in sorted({cell.hz for cell in own}):
+            there = [cell for cell in own if cell.hz == (low, high)]
+            bound = max(cell.upper(confidence) for cell in there)
+            share = sum(cell.failures for cell in there) / max(sum(cell.count for cell in there), 1)
+            colour, first = COLOURS[i % len(COLOURS)], bool(low == own[0].hz[0])
+            whose = "" if name == "resonance" else f"{labels[int(name.partition('[')[2][:-1])]}: "
+            axis.plot((low, high), (100 * share,) * 2, color=colour, label=f"{whose}share that leaves" * first)
+            axis.plot((low, high), (100 * bound,) * 2, color=colour, linestyle=":",
+                      label=f"{whose}{100 * confidence:g} % bound" * first)  # fmt: skip
+            if worst.name == name and worst.hz == (low, high):
+                axis.axvspan(low, high, color=COLOURS[1], alpha=0.12, zorder=0, label="worst part")
+    axis.set_xscale("log")
+    ticks = np.unique(np.round(np.geomspace(*_ends(certificate), 7)))
+    axis.set_xticks(ticks, [f"{hz:g}" for hz in ticks])
+    axis.set_xticks([], minor=True)
+    axis.set_ylim(bottom=0)
+    axis.set_xlabel("locked-rotor resonance [Hz]")
+    axis.set_ylabel("loops that leave [%]")
+    axis.legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), ncols=5)
+
+
+def _ends(certificate: Any) -> tuple[float, float]:
+    """Lowest and highest of the stated resonances [Hz]."""
+    return min(cell.hz[0] for cell in certificate.cells), max(cell.hz[1] for cell in certificate.cells)
 
 
 def _headroom(labels: list[str]) -> float:

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -71,6 +72,14 @@ def test_the_bound_is_that_of_the_worst_part_of_the_range():
     assert found.upper == max(clopper_pearson(c.failures, c.count, 0.9)[1] for c in found.cells if c.count)
     assert found.worst_cell.hz[1] < 200
     assert str(found.worst_cell) in found.verdict
+
+    axis = found.plot().axes[-1]
+    plt.close(axis.figure)
+    lines = {line.get_label(): line for line in axis.lines}
+    worst = 100 * max(cell.failures / cell.count for cell in found.cells if cell.count)
+    np.testing.assert_allclose(lines["share that leaves"].get_xdata()[0], 60)
+    np.testing.assert_allclose(lines["share that leaves"].get_ydata(), worst)
+    np.testing.assert_allclose(axis.lines[-1].get_ydata(), 100 * max(cell.upper(0.95) for cell in found.cells[-3:]))
 
 
 def test_cells_are_narrow_and_hold_what_is_in_them():
