@@ -27,15 +27,15 @@ ROUNDS = (24, np.inf), (12, np.inf), (12, 1.1), (12, 1.0), (12, 0.95), (12, 0.85
 """Generations of one search after another, and the share of the limit within which errors before rounding are to stay;
 with an infinite one the counts decide, as in the verdict: those of a pulse are errors of up to two before rounding."""
 
-_QUIETER, _GAIN, _NEAR, _SPARE = 4, 0.9, 0.5, 1.1
+_QUIETER, _GAIN, _NEAR, _SPARE = 4, 0.9, 0.5, 1.05
 """Searches at most that go on from the first tuning under which none leaves; the share of chatter to which each must
 bring it for another to follow; how far from it they search, in the logarithm of each variable; and the share of the
-limit that they aim at, at most."""
+limit that they aim at."""
 
-_STEPS = 4, 16
+_STEPS = 4, 8
 """Integration steps per sample in a search, and in a check."""
 
-_CHECKED, _JOINING = 3, 4
+_CHECKED, _JOINING = 2, 6
 """Tunings of a search that are checked, and plants that leave under each of them which join the next."""
 
 _LEFT, _BEYOND = 20.0, 5.0
@@ -130,7 +130,7 @@ class Tunings:
         for _ in range(_QUIETER if best.holds else 0):
             before = min(tried, key=_rank).noise
             known = np.vstack([list(min(tried, key=_rank).numbers.values()), known])
-            best = following(generations, min(aim, _SPARE), _NEAR)
+            best = following(generations, _SPARE, _NEAR)
             if best.holds and best.noise > _GAIN * before:
                 break
         return min(tried, key=_rank)

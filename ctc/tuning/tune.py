@@ -22,7 +22,7 @@ from plant.simulation.threads import cores
 
 __all__ = ["tune"]
 
-_PLANTS, _MORE, _FRESH = 16, 80, 800
+_PLANTS, _MORE, _FRESH = 16, 80, 2000
 """Plants with which a search begins; with how many if some may leave; and others on which its best are checked."""
 
 _GENERATIONS = sum(generations for generations, _ in ROUNDS)
