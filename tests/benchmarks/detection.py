@@ -1,6 +1,6 @@
 """What an identification says of robots whose gears give or play, whose currents lag, whose friction is not the rig's.
 
-    python tests/benchmarks/detection.py [--quick] [--seed 0]      # 40 minutes; --quick: 3
+    python tests/benchmarks/detection.py [--quick] [--seed 0] [--most 200] [--row "compliance, 60"]
 
 Robots: f drawn around two arms, the encoders' phase and the path's offset drawn anew, 16 steps per sample; the model
 is rigid, at 4. A robot whose loop does not stay bounded is drawn again. Rows say what it has, columns what is named
@@ -105,6 +105,7 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--seed", type=int, default=0, help="of the first robot")
+    parser.add_argument("--most", type=int, default=200, help="robots in a row")
     parser.add_argument("--row", help="only rows that begin so")
     given = parser.parse_args()
     print(f"| robot | {' | '.join(COLUMNS)} | and others | chi-square over its threshold, median | seconds |")
@@ -113,7 +114,7 @@ def main():
         if given.row and not name.startswith(given.row):
             continue
         named, more, strength, started = collections.Counter(), 0, [], time.perf_counter()
-        for robot in range(few if given.quick else count):
+        for robot in range(min(given.most, few if given.quick else count)):
             seed = given.seed + 1000 * i + robot
             _, found = logs(seed, change, laws(seed))
             detection = found.diagnostics.detection
