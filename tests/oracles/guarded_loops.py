@@ -47,9 +47,11 @@ def pd(scale, lead, pole, period=None):
     return PD(gain=scale * GAIN, derivative=lead * scale * GAIN, filter=pole, period=period)
 
 
-def _adaptive(arm, rig):
-    rate = 80 * np.diag(puma560.arm().D((0.0, 0.0)))
-    return Adaptive(arm, rig, bandwidth=100, gain=rate, adaptation=0.1 * PRIOR, filter=800)
+def _adaptive(bandwidth, rate, speed, pole):
+    """Slotine and Li as docs/guides/laws.md tunes it."""
+    gain = rate * np.diag(puma560.arm().D((0.0, 0.0)))
+    options = {"bandwidth": bandwidth, "gain": gain, "adaptation": speed * PRIOR, "filter": pole}
+    return lambda arm, rig: Adaptive(arm, rig, **options)
 
 
 LAWS = {
@@ -64,12 +66,27 @@ LAWS = {
     "feed-forward + PD": (True, lambda arm, rig: FeedForward(arm, rig, feedback=pd(0.5, 8e-3, 1000))),
     "the same, every 0.7 ms": (False, lambda arm, rig: FeedForward(arm, rig, feedback=pd(0.5, 4e-3, 3000, rig.period))),
     "computed torque, integral": (False, lambda arm, rig: ComputedTorqueIntegral(arm, rig, bandwidth=45, filter=800)),
-    "adaptive": (False, _adaptive),
+    "adaptive": (False, _adaptive(100, 80, 0.1, 800)),
     "sliding mode": (False, lambda arm, rig: SlidingMode(arm, rig, bandwidth=60, reach=10, layer=0.1, filter=800)),
     "computed torque": (False, lambda arm, rig: ComputedTorque(arm, rig)),
     "computed torque, 150 rad/s": (False, lambda arm, rig: ComputedTorque(arm, rig, bandwidth=150)),
 }  # fmt: skip
 """Name -> whether it is fast hardware, and the law of an arm and a rig, as tuned in docs/guides/laws.md."""
+
+COLD = {
+    "PD + gravity, other f": (True, lambda arm, rig: PDGravity(arm, rig, feedback=pd(2, 1e-3, 1000))),
+    "feed-forward + PD, other f": (True, lambda arm, rig: FeedForward(arm, rig, feedback=pd(2.8, 0.5e-3, 1000))),
+    "the same, every 0.7 ms, other f": (False, lambda arm, rig: FeedForward(
+        arm, rig, feedback=pd(1.4, 1e-3, 1000, rig.period))),
+    "computed torque, integral, other f": (False, lambda arm, rig: ComputedTorqueIntegral(
+        arm, rig, bandwidth=100, filter=400)),
+    "adaptive, other f": (False, _adaptive(150, 160, 100, 400)),
+    "sliding mode, other f": (False, lambda arm, rig: SlidingMode(
+        arm, rig, bandwidth=150, reach=75, layer=0.5, filter=400)),
+    "computed torque, other f": LAWS["computed torque"],
+    "computed torque, 150 rad/s, other f": LAWS["computed torque, 150 rad/s"],
+}  # fmt: skip
+"""The same, tuned there for the f of the paper's forty generations."""
 
 
 def elastic(arm, hz, damping_ratio=0.02, rig=RIG):
@@ -101,19 +118,17 @@ def _replayed(step, memory, counts, q, qd, qdd, now, torque, places, largest):
 def margin(arm, rig, law, motion, *, duration=None, guards=Guards(), model=None):  # noqa: B008 - frozen
     """Margin of a sampled law, or of one of `LAWS` by its name, which then holds the `model`, by default the arm.
 
-    The simulated counts go through the running controller, which must give the same torques. Fast hardware with a state
-    is closed call by call instead; without one, as P, it is simulated with its torque at every instant.
+    The simulated counts go through the running controller, which must give the same torques. Fast hardware without a
+    state, as P, is simulated with its torque at every instant; with one, its torque is held from call to call.
     """
     fast = False
     if isinstance(law, str):
-        fast, make = LAWS[law]
+        fast, make = (LAWS | COLD)[law]
         rig = dataclasses.replace(rig, period=rig.period / FAST) if fast else rig
         law = make(arm if model is None else model, elastic(arm, None, rig=rig))
     own = elastic(arm, None, rig=rig)
-    if fast and len(law.initial_state(rig.n)):
-        samples = round((motion.duration if duration is None else duration) / rig.period)
-        return closed(arm, rig, law, motion, samples=samples, guards=guards, steps=1, clock=True).margin
-    record = simulate(arm, rig, law, motion, duration=duration, steps_per_sample=1 if fast else 8)
+    held = _held(law, rig.period) if fast and len(law.initial_state(rig.n)) else law
+    record = simulate(arm, rig, held, motion, duration=duration, steps_per_sample=1 if fast else 8)
     counts = record.reference_pulses - record.error_pulses
     running = law.start(own, counts[0], guards=guards)
     n, torque, largest = rig.n, np.empty(counts.shape), np.zeros((2, rig.n))
@@ -123,6 +138,13 @@ def margin(arm, rig, law, motion, *, duration=None, guards=Guards(), model=None)
     if done < len(counts) or not (running.stopped or np.abs(torque - record.torque).max() < 1e-6 * LIMIT[0]):
         raise RuntimeError("the running controller is not the simulated one")
     return Margin(running.status, *(largest / guards.torque_limits(rig)).max(axis=1))
+
+
+def _held(law, period):
+    """Fast hardware that holds its torque for such a period."""
+    if hasattr(law, "feedback"):
+        return dataclasses.replace(law, feedback=dataclasses.replace(law.feedback, period=period))
+    return dataclasses.replace(law, period=period)
 
 
 @dataclasses.dataclass(frozen=True)
