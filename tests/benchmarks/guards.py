@@ -86,12 +86,19 @@ def onsets():
         for which, onset in begun.items():
             cells += ["-" if onset is None else f"{milliseconds(onset)}", delay(onset, stop[which])]
             late[which] += [] if onset is None or stop[which] is None else [stop[which] - onset]
-        yield f"| {name} | {hz} | {' | '.join(cells)} | {milliseconds(stop['both'])} |"
+        yield f"| {title(name)} | {hz} | {' | '.join(cells)} | {milliseconds(stop['both'])} |"
     yield ""
     worst = {which: milliseconds(max(each)) for which, each in late.items()}
     yield f"The latest stops are {worst['saturation']} ms and {worst['chatter']} ms after the onset."
-    quietly = "; ".join(f"{name} at {', '.join(each)} Hz" for name, each in quiet.items())
+    quietly = "; ".join(
+        title(name) if len(each) == len(RESONANCES) else f"{title(name)} at {', '.join(each)} Hz"
+        for name, each in quiet.items()
+    )
     yield f"Neither onset nor stop in {1e3 * SAMPLES * RIG.period:.0f} ms: {quietly}."
+
+
+def title(name):
+    return name.replace("the same,", "feed-forward + PD,")
 
 
 def milliseconds(samples):
@@ -178,7 +185,7 @@ def margins(seeds):
         saturation, chatter = (max(getattr(run, which) for run in each) for which in ("saturation", "chatter"))
         stopped = sum(run.status != "running" for run in each)
         share = f"{saturation * guards.saturation:.1%} | {chatter * guards.chatter:.1%}"
-        yield f"| {name} | {len(each)} | {share} | {stopped} |"
+        yield f"| {title(name)} | {len(each)} | {share} | {stopped} |"
     yield f"| limits of the guards | | {guards.saturation:.0%} | {guards.chatter:.0%} | |"
 
 
