@@ -75,7 +75,8 @@ class Detection(Frozen):
             verb = "contradict each other" if sign.significant else "agree"
             parts.append(f"the records {verb} (chi-square {sign.chi_square:.0f} of {sign.freedom})")
         if "compliance" not in found and "compliance" not in self.names:
-            parts.append("compliance and backlash not tested (no inertia beside the motors')")
+            untested = "compliance and backlash not tested (no inertia beside the motors')"
+            parts.append("compliance cannot be told from the unknowns" if "backlash" in found else untested)
         return ". ".join([f"contradicted by {', '.join(self.names)}"] * bool(self.names) + parts)
 
     def warnings(self) -> Iterator[str]:

@@ -140,7 +140,8 @@ class TorqueGuards:
         for heading, results in ((_WATCH, watching), (_STOP, stopping)):
             function = ca.Function("guard", symbols, ca.cse([ca.densify(result) for result in results.values()]))
             lines, values, those = statements(function, inputs)
-            body, following = [*lines[UNIFORM], *lines[STATE]], iter(values)
+            read = any("pulses[" in expression for expression in those)
+            body, following = [*([] if read else ["(void)pulses;"]), *lines[UNIFORM], *lines[STATE]], iter(values)
             for quantity, result in results.items():
                 kind = "int32_t" if quantity == "counts" else "double"
                 body.append(declared(f"{quantity}_now", kind, [next(following) for _ in range(result.numel())]))
@@ -183,7 +184,7 @@ class TorqueGuards:
             Of saturation and chatter.
         """
         at, n = self._parts(state), rig.n
-        _, counted = throughout(ca.SX.zeros(n), asked, rig.drive, dt, dt)
+        _, counted = throughout(ca.SX.zeros(n), asked, rig.drive, dt, 0.0)
         time, newest = at_limit(ca.reshape(ca.vertcat(at["newest"], at["older"]), n, SLOTS), counted)
         mean, distance, age = swing(at["mean"], at["swing"], rig.drive.limited(asked), rig.drive, at["age"], dt)
         speed = smoothed(at["speed"], pulses, at["before"], dt)

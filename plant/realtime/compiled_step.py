@@ -24,7 +24,7 @@ from plant.machine.rig import Rig
 from plant.realtime import safety
 from plant.realtime.braking import ramp, slowing, smoothed
 from plant.realtime.guards import Guards
-from plant.realtime.torque_monitor import SLOT, SLOTS, at_limit, cause, swing, throughout
+from plant.realtime.torque_monitor import HELD, SLOT, SLOTS, at_limit, cause, swing, throughout
 
 __all__ = ["Core", "compensates_gravity", "compiled", "row"]
 
@@ -73,7 +73,13 @@ def compiled(law: Any, rig: Rig, block: Any, guards: Guards | None) -> Core:
         scalars[[safety.GUARDED, safety.PATIENCE, safety.LATE]] = 1.0, guards.patience, guards.late
         scalars[[safety.STOP, safety.DURATION]] = float(guards.stop != "hold"), guards.duration
     scalars[[safety.NOW, safety.PERIOD, safety.STATES]] = np.nan, block.period or rig.period, states
-    scalars[[safety.WEIGHT, safety.SAMPLED, safety.FULL]] = float(weight), float(block.period is not None), SLOT
+    sampled = block.period is not None
+    scalars[[safety.WEIGHT, safety.SAMPLED, safety.FULL, safety.LEAST]] = (
+        weight,
+        sampled,
+        SLOT,
+        0.0 if sampled else HELD,
+    )
     memory = np.concatenate([scalars, rows.ravel(), *[block.initial] * 3, block.values])
     trial = [np.zeros(n) for _ in range(4)]
     return Core(kernel.function("step", *trial, np.nan, memory.copy(), np.zeros(n)), memory)
@@ -109,7 +115,7 @@ def _pieces(law: Any, rig: Rig, block: Any) -> dict[str, tuple[ca.Function, list
     per_joint = ("COUNTS", "BEFORE", "SPEED", "ANGLE", "Q", "QD", "QDD", "REFERENCE", "TORQUE", "FROM_Q", "FROM_QD")
     monitored = ("RUN", "AT_LIMIT", "MEAN", "SWING", "OVER", "NEWEST", "SATURATION", "CHATTER")
     rows = (*per_joint, "WANTED", "GIVEN", "FROM_TORQUE", *monitored)
-    scalars = ("DT", "SINCE", "DURATION", "WEIGHT", "PERIOD", "PASSED", "AGE", "FILLED")
+    scalars = ("DT", "SINCE", "DURATION", "WEIGHT", "LEAST", "PASSED", "AGE", "FILLED")
     places: dict[str, range | list[int]] = {name: row(getattr(safety, name), n) for name in rows}
     places |= {name: [getattr(safety, name)] for name in scalars}
     places["OLDER"] = range(row(safety.OLDER, n).start, row(safety.ROWS, n).start)
@@ -154,7 +160,7 @@ def _ahead(q, qd, qdd, dt):
 def _monitored(rig, at):
     """What follows of saturation and chatter, and the cause of a stop per joint."""
     passed = at["PASSED"]
-    run, counted = throughout(at["RUN"], at["WANTED"], rig.drive, passed, at["PERIOD"])
+    run, counted = throughout(at["RUN"], at["WANTED"], rig.drive, passed, at["LEAST"])
     time, newest = at_limit(ca.reshape(ca.vertcat(at["NEWEST"], at["OLDER"]), rig.n, SLOTS), counted)
     mean, distance, age = swing(at["MEAN"], at["SWING"], at["GIVEN"], rig.drive, at["AGE"], passed)
     over = cause(time, distance, (at["SATURATION"], at["CHATTER"]), (safety.IS_SATURATED, safety.CHATTERS))

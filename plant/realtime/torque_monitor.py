@@ -20,13 +20,16 @@ import casadi as ca
 
 from plant.machine.drive import Drive
 
-__all__ = ["AVERAGED", "MEMORY", "SLOT", "SLOTS", "WINDOW", "at_limit", "cause", "swing", "throughout"]
+__all__ = ["AVERAGED", "HELD", "MEMORY", "SLOT", "SLOTS", "WINDOW", "at_limit", "cause", "swing", "throughout"]
 
 WINDOW = 0.1
 """Length of the window in which time at the limit is counted [s]."""
 
 SLOTS = 6
 """Slots of it, with the one that is being filled."""
+
+HELD = 0.5e-3
+"""Time for which a law without a period must stay at its limit before it counts [s]: one pulse may take it there."""
 
 _ROUNDING = 1e-9
 
@@ -40,8 +43,8 @@ AVERAGED = 0.05
 """Time constant over which the swing is averaged [s]."""
 
 
-def throughout(run: ca.SX, asked: ca.SX, drive: Drive, passed: ca.SX, period: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Time without a break at the limit (n, 1), and what of the `passed` time counts: from a whole period on [s].
+def throughout(run: ca.SX, asked: ca.SX, drive: Drive, passed: ca.SX, least: ca.SX | float) -> tuple[ca.SX, ca.SX]:
+    """Time without a break at the limit (n, 1), and what of the `passed` time counts: all, from a least time on [s].
 
     Parameters
     ----------
@@ -52,12 +55,12 @@ def throughout(run: ca.SX, asked: ca.SX, drive: Drive, passed: ca.SX, period: ca
     drive : Drive
     passed : casadi SX
         Time that one sample stands for [s].
-    period : casadi SX
-        A law that is called more often is at its limit only where all its calls within a period are [s].
+    least : casadi SX
+        Such a time without a break [s].
     """
     beyond = ca.fabs(drive.coupling.shaft_torque(asked)) >= drive.torque_limit()
     run = ca.if_else(beyond, run + passed, 0)
-    return run, ca.if_else(run >= (1 - _ROUNDING) * period, passed, 0)
+    return run, ca.if_else(beyond, ca.if_else(run >= least, passed, 0), 0)
 
 
 def at_limit(slots: ca.SX, counted: ca.SX) -> tuple[ca.SX, ca.SX]:

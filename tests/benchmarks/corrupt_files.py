@@ -21,7 +21,7 @@ from plant import LoadError
 
 
 def spoilt_files():
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "plant"))
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "oracles"))
     import spoilt_files
 
     return spoilt_files

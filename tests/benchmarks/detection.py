@@ -1,6 +1,7 @@
 """What an identification says of robots whose gears give or play, whose currents lag, whose friction is not the rig's.
 
-    python tests/benchmarks/detection.py [--quick] [--seed 0]      # 40 minutes; --quick: 3
+    python tests/benchmarks/detection.py [--quick] [--seed 0] [--most 200] [--row "compliance, 60"]
+    python tests/benchmarks/detection.py --cost                    # what the tests cost within one identification
 
 Robots: f drawn around two arms, the encoders' phase and the path's offset drawn anew, 16 steps per sample; the model
 is rigid, at 4. A robot whose loop does not stay bounded is drawn again. Rows say what it has, columns what is named
@@ -14,7 +15,8 @@ import time
 
 import numpy as np
 
-from identification import identify
+from identification import Detection, identify
+from identification.results import diagnostics
 from plant import PD, Elasticity, LoggedTorque, puma560, simulate
 from plant.machine.encoder import Phase
 from plant.machine.motor_inertia import least_inertia_margin
@@ -101,19 +103,42 @@ ROWS = (  # what the robot has, logs, how many robots, and in a quick run
 )
 
 
+def cost(rounds=7):
+    """Seconds of one identification, with the tests and without, in turn; of the wall clock, and of the processors."""
+    yield "| robot | seconds without | with | ratio | processor, without | with |\n|---|---|---|---|---|---|"
+    tested = diagnostics.detect
+    for name, change in (("nothing", None), ("compliance, 60 Hz", compliance(60))):
+        (record,), _ = logs(0, change, one(0))
+        spent = {True: [], False: []}
+        for i in range(2 * rounds):
+            diagnostics.detect = tested if i % 2 else lambda *_: Detection(reason="left out")
+            started = time.perf_counter(), time.process_time()
+            identify(DYNAMICS, record, seed=1, progress=False)
+            spent[bool(i % 2)].append((time.perf_counter() - started[0], time.process_time() - started[1]))
+        diagnostics.detect = tested
+        (wall, cpu), (wall_tested, cpu_tested) = (np.median(spent[which], axis=0) for which in (False, True))
+        yield f"| {name} | {wall:.2f} | {wall_tested:.2f} | {wall_tested / wall:.2f} | {cpu:.2f} | {cpu_tested:.2f} |"
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--seed", type=int, default=0, help="of the first robot")
+    parser.add_argument("--most", type=int, default=200, help="robots in a row")
     parser.add_argument("--row", help="only rows that begin so")
+    parser.add_argument("--cost", action="store_true")
     given = parser.parse_args()
+    if given.cost:
+        for line in cost():
+            print(line, flush=True)
+        return
     print(f"| robot | {' | '.join(COLUMNS)} | and others | chi-square over its threshold, median | seconds |")
     print(f"|---|{'---|' * len(COLUMNS)}---|---|---|")
     for i, (name, change, laws, count, few) in enumerate(ROWS):
         if given.row and not name.startswith(given.row):
             continue
         named, more, strength, started = collections.Counter(), 0, [], time.perf_counter()
-        for robot in range(few if given.quick else count):
+        for robot in range(min(given.most, few if given.quick else count)):
             seed = given.seed + 1000 * i + robot
             _, found = logs(seed, change, laws(seed))
             detection = found.diagnostics.detection

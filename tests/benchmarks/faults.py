@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "plant"))
+sys.path.insert(0, str(Path(__file__).parent.parent / "oracles"))
 from faults import FAULTS, experiment
 
 from ctc import ComputedTorque

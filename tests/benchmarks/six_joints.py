@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "plant"))
+sys.path.insert(0, str(Path(__file__).parent.parent / "oracles"))
 import pinocchio as pin
 from closed_loops import direct_rig
 from pinocchio_arm import inertia_matrix, pinocchio_model, placement

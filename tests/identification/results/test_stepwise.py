@@ -112,6 +112,23 @@ def test_friction_that_is_not_the_rigs_comes_with_its_values():
     assert quick(log(**FRICTION), unknown=unknown).diagnostics.detection.names == ()
 
 
+def test_nothing_contradicts_a_model_whose_gears_give_and_whose_stiffness_is_unknown():
+    """The rig states 56 Hz, as the detection would; the robot has 60."""
+    soft = log(elasticity=gears(60))
+    stated = dataclasses.replace(
+        soft, rig=dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears(56)))
+    )
+    stiffness = [f"drive.elasticity.stiffness[{i}]" for i in range(2)]
+    found = quick(stated, unknown=(*DYNAMICS.names, *stiffness))
+    detection = found.diagnostics.detection
+    assert detection.names == ()
+    assert "no inertia" not in str(detection)
+    assert str(detection).endswith("compliance cannot be told from the unknowns")
+    ends = np.add.outer([-4, 4], np.zeros(2)) * found.std[-2:] + found.values[-2:]
+    assert (ends[0] < gears(60).stiffness).all()
+    assert (gears(60).stiffness < ends[1]).all()
+
+
 def test_torques_that_are_repeated_show_lag_and_compliance():
     """Held torques of a sampled PD: its memory is not in the log, the torque is."""
     law = PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0, period=RIG.period)
