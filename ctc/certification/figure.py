@@ -65,7 +65,8 @@ def plot_certificate(certificate: Any) -> Figure:
     """
     import matplotlib.pyplot as plt
 
-    rows, heights = [["peaks", "worst", "sensitivities"]], [_HEIGHT]
+    rows: Any = [["peaks", "worst", "sensitivities"]]
+    heights = [_HEIGHT]
     if certificate.cells:
         rows, heights = [*rows, ["resonances"] * 3], [*heights, _STRIP]
     figure, axes = plt.subplot_mosaic(

@@ -69,21 +69,19 @@ def refits(found: Identification, resonance: Any, damping_ratio: Any, pose: Arra
     """
     low, high = np.log(resonance).T
     count = int(np.clip(np.ceil((high - low).max() / np.log(_APART)) + 1, 1 if (high == low).all() else 2, _MOST))
-    arm, places, values, covariances = found.arm, [], [], []
+    arm, fits = found.arm, dict[float, Fit]()
     for place in np.linspace(0, 1, count) if count > 1 else [0.5]:
         hz, ratio = np.exp(low + place * (high - low)), float(np.mean(damping_ratio))
-        for _ in range(1 if places else _ROUNDS):
-            fit = _on_gears(found, arm, hz, ratio, pose)
-            if fit is None:
+        for _ in range(1 if fits else _ROUNDS):
+            fitted = _on_gears(found, arm, hz, ratio, pose)
+            if fitted is None:
+                fits.pop(place, None)
                 break
-            arm = fit[0]
-        else:
-            places.append(place)
-            values.append(fit[1].values)
-            covariances.append(fit[1].covariance)
-    if not places:
+            arm, fits[place] = fitted
+    if not fits:
         return None
-    return Refits(places=np.array(places), values=np.array(values), covariances=np.array(covariances))
+    values, covariances = ([getattr(fit, name) for fit in fits.values()] for name in ("values", "covariance"))
+    return Refits(places=np.array([*fits]), values=np.array(values), covariances=np.array(covariances))
 
 
 def _on_gears(found: Identification, arm: Arm, hz: Any, ratio: float, pose: ArrayLike) -> tuple[Arm, Fit] | None:

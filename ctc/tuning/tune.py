@@ -13,7 +13,7 @@ from ctc.certification.gears import Gears
 from ctc.certification.uncertainty import Uncertainty
 from ctc.tuning.families import families
 from ctc.tuning.search import ROUNDS, Tunings
-from ctc.tuning.tuning import Tuning
+from ctc.tuning.tuning import Trial, Tuning
 from ctc.verdict.lowest_resonance import SETTLED
 from identification import Identification
 from plant import Arm, Reference, Rig
@@ -111,7 +111,7 @@ quadrature, load, load_position, delay, covariance, plants
     arm, scale = fresh.arm, _scale(fresh.arm, reference, float(duration))
     threads = int(threads or cores())
     options = {"within": within, "duration": duration, "after": after}
-    laws, trials = families(arm, fresh.own, pose), []
+    laws, trials = families(arm, fresh.own, pose), list[Trial]()
     with tqdm(total=len(laws) * _GENERATIONS, desc="tune", unit="generation", disable=not progress, leave=False) as bar:
         for i, family in enumerate(laws):
             bar.set_postfix_str(family.name)
