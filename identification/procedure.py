@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
 import plant
+from identification.equation_error.naming import each_named
 from identification.planning.quality import require_informative
 from identification.replay.experiment import as_records, with_zeros
 from identification.replay.objective import Objective
@@ -117,8 +118,9 @@ def prepare(
     instance("zeros", zeros, bool, "Give True or False.")
     searched, kept = _set_aside(dynamics, records, unknown, held_out, method)
     objective = Objective(dynamics, searched, unknown, **options)
-    for record in objective.records:
-        require_informative(record, dynamics.chain.joint_labels)
+    for record, about in each_named(objective.records):
+        with about:
+            require_informative(record, dynamics.chain.joint_labels)
     settings = GeneticSettings.paper() if settings is None else settings
     if not isinstance(settings, GeneticSettings):
         given = type(settings).__name__

@@ -64,7 +64,7 @@ def _whole(field: str, value: NDArray[Any], rig: Rig) -> NDArray[np.float64]:
     return value
 
 
-def _counted(field, value, unit, rig):
+def _counted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> NDArray[np.float64]:
     """Counts of angles: those on a grid of whole pulses as they are, others as the rig's encoder would count them."""
     motor = "motor" in field
     angle = value * factors(unit)

@@ -20,7 +20,7 @@ from plant.logs import child
 __all__ = ["read_isolated"]
 
 _SECONDS = 4.5  # with what comes before and after, a failure takes less than 5
-_MESSAGES = 30  # of files that hold messages, which are decoded one by one
+_MESSAGES = 60  # of files that hold messages, which are decoded one by one
 _MEMORY = 2 << 30  # address space of the child, libraries and the copy that it sends included
 _LIBRARIES = {
     "hdf5": ("h5py",), "parquet": ("pyarrow",), "lerobot": ("pyarrow",), "mcap": ("mcap", "mcap_ros2"),

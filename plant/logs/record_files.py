@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Self, TypeAlias
+from typing import Any, Self, TypeAlias, TypeVar
 
 from numpy.typing import ArrayLike
 
@@ -18,8 +18,9 @@ from plant.parts.arguments import instance, known_options
 
 __all__ = ["SOURCES", "FromFiles", "Reader", "read_mapped", "reader"]
 
-Reader: TypeAlias = Callable[..., Any]
-"""A class method with the keywords of `Record.from_csv`."""
+T = TypeVar("T")
+Reader: TypeAlias = Callable[..., T]
+"""A class method with the keywords of `Record.from_csv`, and what it gives."""
 
 SOURCES = {
     "counts": ("position", "motor_position", "error_pulses"),
@@ -116,15 +117,7 @@ class FromFiles:
             raise ValueError("units, wrap and prefix are for mapped columns; got no mapping. Pass columns= as well.")
         with load_errors(path):
             fields = record_csv.read(path, rig=rig, law=law, reference=reference, initial=initial)
-            return cls(**fields, name=str(path))
-
-    from_npz: ClassVar[Reader] = reader("npz", "an NPZ archive; pickled objects are refused")
-    from_mat: ClassVar[Reader] = reader("mat", "a MAT file of version 5 (saved with -v6 or -v7)")
-    from_hdf5: ClassVar[Reader] = reader("hdf5", "an HDF5 file, or a MAT file of version 7.3 (extra ``hdf5``)")
-    from_parquet: ClassVar[Reader] = reader("parquet", "a Parquet file (extra ``parquet``)")
-    from_mcap: ClassVar[Reader] = reader("mcap", "messages in an MCAP file (extra ``mcap``)")
-    from_rosbag2: ClassVar[Reader] = reader("rosbag2", "messages in a bag of ROS 2 (extra ``rosbag2``)")
-    from_lerobot: ClassVar[Reader] = reader("lerobot", "one episode of a LeRobot data set (extra ``lerobot``)")
+            return cls(**fields | {"name": str(path)})
 
     @classmethod
     @known_options

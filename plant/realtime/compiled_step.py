@@ -74,6 +74,7 @@ def compiled(law: Any, rig: Rig, block: Any, guards: Guards | None) -> Core:
         scalars[[safety.STOP, safety.DURATION]] = float(guards.stop != "hold"), guards.duration
     scalars[[safety.NOW, safety.PERIOD, safety.STATES]] = np.nan, block.period or rig.period, states
     scalars[[safety.WEIGHT, safety.SAMPLED, safety.FULL]] = float(weight), float(block.period is not None), SLOT
+    scalars[safety.ROUNDS] = float(not rig.encoder.smooth)
     memory = np.concatenate([scalars, rows.ravel(), *[block.initial] * 3, block.values])
     trial = [np.zeros(n) for _ in range(4)]
     return Core(kernel.function("step", *trial, np.nan, memory.copy(), np.zeros(n)), memory)

@@ -1,4 +1,4 @@
-"""One log of the paper's arm as messages and as a data set, written by the formats' own libraries, and ways to spoil it.
+"""One log of the paper's arm as messages and as a data set, written by the formats' own libraries, and how to spoil it.
 
 `JOINTS` publishes states of the arm, with its joints in another order from the middle on, and in between those of a
 finger; `COMMANDS` has no header and its own times.
@@ -67,7 +67,9 @@ def messages(columns):
         found.append((JOINTS, ns + 60_000, {"header": header | {"stamp": stamp}, **finger}))
         if k:  # commanded a little before the sample, so that it is what the sample sees
             layout = {"dim": [], "data_offset": 0}
-            found.append((COMMANDS, ns - 20_000, {"layout": layout, "data": columns["commands"][k].astype(float).tolist()}))
+            found.append(
+                (COMMANDS, ns - 20_000, {"layout": layout, "data": columns["commands"][k].astype(float).tolist()})
+            )
         found.append((CHATTER, ns + 70_000, {"data": f"sample {k}"}))
     return sorted(found, key=lambda message: message[1])
 
@@ -80,7 +82,7 @@ def write(kind, path, columns, compress=True):
         compression = CompressionType.ZSTD if compress else CompressionType.NONE
         with open(path, "wb") as file, McapWriter(file, chunk_size=4096, compression=compression) as writer:
             schemas = {
-                topic: writer.register_msgdef(name.replace("/msg", ""), _STORE.generate_msgdef(name, ros_version=2)[0])
+                topic: writer.register_msgdef(name, _STORE.generate_msgdef(name, ros_version=2)[0])
                 for topic, name in _TYPES.items()
             }
             for topic, ns, fields in messages(columns):
@@ -107,7 +109,9 @@ def _typed(name, fields):
         fields["header"] = _STORE.types["std_msgs/msg/Header"](stamp=stamp, frame_id=fields["header"]["frame_id"])
     if "layout" in fields:
         fields["layout"] = _STORE.types["std_msgs/msg/MultiArrayLayout"](**fields["layout"])
-    numbers = {key: np.array(value, float) for key, value in fields.items() if key in ("position", "velocity", "effort")}
+    numbers = {
+        key: np.array(value, float) for key, value in fields.items() if key in ("position", "velocity", "effort")
+    }
     if name.endswith("Array"):
         numbers["data"] = np.array(fields["data"], float)
     return kind(**fields | numbers)

@@ -28,7 +28,8 @@ def read(
         No data set, no such episode, what is no real number, or more than `most` bytes.
     """
     info = _info(path)
-    features = info.get("features") if isinstance(info.get("features"), dict) else {}
+    features: Any = info.get("features")
+    features = features if isinstance(features, dict) else {}
     numeric = [name for name, feature in features.items() if name.startswith(prefix) and _is_numeric(feature)]
     wanted = [*(numeric if names is None else names), _EPISODE]
     known, blocks = read_blocks(_file_of(path, info, episode, most), wanted, "", most)

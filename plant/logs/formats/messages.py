@@ -75,7 +75,7 @@ class Topics:
         for name in names:
             topic = home_of(name, blocks)
             values = None if topic is None else picked(name[len(topic) + 1 :], blocks[topic])
-            if values is not None:
+            if topic is not None and values is not None:
                 found.setdefault(topic, {})[name] = values
         for topic, columns in found.items():
             kept = _kept(topic, columns)
@@ -92,7 +92,7 @@ def _items(message: Any) -> Iterable[tuple[str, Any]]:
     """Fields of a message: of an object of some class, or of a dictionary."""
     if isinstance(message, Mapping):
         return ((str(name), value) for name, value in message.items())
-    names = getattr(type(message), "__slots__", None) or getattr(message, "__dict__", ())
+    names: Any = getattr(type(message), "__slots__", None) or getattr(message, "__dict__", ())
     return ((name, getattr(message, name)) for name in names if not name.startswith("_"))
 
 
