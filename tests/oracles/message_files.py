@@ -233,7 +233,7 @@ def _database(place, rng):
         orders = (
             ("UPDATE messages SET data = ? WHERE id = ?", (spoil(blob, rng), row)),
             ("UPDATE messages SET timestamp = ? WHERE id = ?", (int(rng.choice([-1, 0, 1 << 62])), row)),
-            ("UPDATE messages SET data = ?", (None,)),
+            ("UPDATE messages SET data = ?", (b"",)),
             ("UPDATE messages SET topic_id = ? WHERE id = ?", (int(rng.integers(9)), row)),
             ("UPDATE topics SET type = ?", ("std_msgs/msg/Nothing",)),
             ("UPDATE topics SET name = ?", ("/other",)),
