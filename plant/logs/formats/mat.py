@@ -24,20 +24,36 @@ def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tu
         No MAT v5, an element that is cut, or more than `most` bytes once expanded.
     """
     _require_bounded(path, most)
-    from scipy.io import loadmat, whosmat
+    from scipy.io import loadmat
 
-    chosen = choice_of(names, prefix)
+    chosen, kinds = choice_of(names, prefix), _kinds(path)
 
     def load(variables: list[str]) -> dict[str, Any]:
         found = loadmat(path, squeeze_me=True, struct_as_record=True, variable_names=variables)
         return dict(_flat({name: value for name, value in found.items() if name in variables}))
 
-    kinds = {name: kind for name, _, kind in whosmat(path)}
     columns = known = load([name for name in kinds if chosen(name) or _may_hold(names, name)])
     if not all(name in columns for name in names or ()):  # what else there is, for the message
         known = load([name for name, kind in kinds.items() if kind == "struct"])
     plain = [name for name, kind in kinds.items() if kind != "struct"]
     return [*plain, *known], {name: value for name, value in columns.items() if chosen(name)}
+
+
+def _kinds(path: str) -> dict[str, str]:
+    """Name of each variable -> its class; of files with objects of MATLAB, which have no shape, after reading all."""
+    from scipy.io import loadmat, whosmat
+
+    try:
+        return {name: kind for name, _, kind in whosmat(path)}
+    except TypeError:
+        found = {name: value for name, value in loadmat(path).items() if not name.startswith("__")}
+        return {name: "struct" if _fields(value) else "" for name, value in found.items()}
+
+
+def _fields(value: Any) -> tuple[str, ...] | None:
+    """Names of the fields of a structure, None of anything else."""
+    fields = getattr(getattr(value, "dtype", None), "names", None)
+    return None if type(value).__name__ == "MatlabOpaque" else fields
 
 
 def _may_hold(names: Collection[str] | None, name: str) -> bool:
@@ -48,7 +64,7 @@ def _may_hold(names: Collection[str] | None, name: str) -> bool:
 def _flat(values: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Columns of nested structures; those without elements or without fields hold none."""
     for name, value in values.items():
-        fields = getattr(getattr(value, "dtype", None), "names", None)
+        fields = _fields(value)
         if fields is None:
             if not _is_empty_structure(value):
                 yield f"{prefix}{name}", value
