@@ -8,11 +8,27 @@ from typing import Any
 
 from plant import Record
 
-__all__ = ["RecordError", "column_of", "each_named", "first_problem", "record_label"]
+__all__ = ["RecordError", "column_of", "each_named", "first_problem", "held_out", "record_label"]
 
 
 class RecordError(ValueError):
-    """A refusal that says which record it is about."""
+    """A refusal that says which record it is about.
+
+    Parameters
+    ----------
+    said : str
+        The refusal without the record.
+    record : Record
+    label : str
+        What messages call the record.
+    """
+
+    def __init__(self, said: str, record: Record, label: str) -> None:
+        super().__init__(f"{label}: {said}" if label else said)
+        self.said, self.record = said, record
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ValueError, (str(self),)
 
 
 def record_label(records: Sequence[Record], k: int, what: str = "records") -> str:
@@ -42,14 +58,34 @@ def first_problem(records: Sequence[Record]) -> str:
 def each_named(records: Sequence[Record], what: str = "records") -> Iterator[tuple[Record, Any]]:
     """Each record, with a context in which every refusal is about that record, and says so."""
     for k, record in enumerate(records):
-        yield record, _about(record_label(records, k, what))
+        yield record, _about(record, record_label(records, k, what))
 
 
 @contextlib.contextmanager
-def _about(label: str) -> Iterator[None]:
+def _about(record: Record, label: str) -> Iterator[None]:
     try:
         yield
     except RecordError:
         raise
     except ValueError as error:
-        raise RecordError(f"{label}: {error}" if label else str(error)) from error
+        raise RecordError(str(error), record, label) from error
+
+
+@contextlib.contextmanager
+def held_out(kept: Sequence[Record], searched: int, among: bool) -> Iterator[None]:
+    """A context in which refusals of records that were kept aside call them so.
+
+    Parameters
+    ----------
+    searched : int
+        Number of the others.
+    among : bool
+        Whether they are the last of the same list.
+    """
+    try:
+        yield
+    except RecordError as error:
+        k = next(k for k, record in enumerate(kept) if record is error.record)
+        place = f"records[{searched + k}]" if among else f"held_out[{k}]"
+        name = f" ({error.record.name})" if error.record.name else ""
+        raise RecordError(error.said, error.record, f"{place}{name}") from error

@@ -20,6 +20,9 @@ _BACKWARDS = -1 / 3
 _SURE = 5.0
 """Standard deviations from which on a sign is significant."""
 
+_LIKELY = 3.0
+"""Standard deviations from which on one of two columns is named, where one of them is known to be turned."""
+
 _WEAK = 0.25
 """Share of the largest motor torque below which a motor may just be moved by the others."""
 
@@ -104,12 +107,12 @@ def _sign(signals, i):
         advice = "Torque brakes the motion caused by other joints: its sign is wrong, or the motor is not driven."
     elif inertia < -_SURE * std:
         order = ", or the order of the columns" if signals.reference is None and signals.n > 1 else ""
-        verdict, torque = "wrong", signals.column("torque", i)
-        advice = f"Torque accelerates the counts backwards: change the sign of {torque}, "
-        if signals.reference is None:
-            advice += f"{signals.column('counts', i)} or gear{order}."
+        verdict, advice = "wrong", "Torque accelerates the counts backwards"
+        if signals.reference is not None:
+            advice += f"{_turned(signals, i, shown)}."
         else:
-            advice += "or of the gear, if counts and reference are both turned."
+            torque, counts = signals.column("torque", i), signals.column("counts", i)
+            advice += f": change the sign of {torque}, {counts} or gear{order}."
     elif signals.reference is None and shown.coulomb < -_SURE * shown.coulomb_std:
         torque = signals.column("torque", i)
         verdict, advice = "look", f"Friction drives the motor: {torque} has the wrong sign, or is another motor's."
@@ -124,12 +127,15 @@ def _sign(signals, i):
 
 
 def _turned(signals: Signals, i: int, shown: Any) -> str:
-    """Which column has the wrong sign where torque and law disagree, by what the torque does to the motion."""
+    """Which column has the wrong sign where torque and law disagree: friction says whether the torque is right.
+
+    The slow motion of the counts is that of the reference, whatever the sign of the error; its acceleration is not.
+    """
     torque, error = signals.column("torque", i), f"{signals.column('error', i)} (reference minus counted)"
-    if shown is not None and shown.inertia[i] < -_SURE * shown.inertia_std[i]:
-        return f", and accelerates the counts backwards: change the sign of {torque}"
-    if shown is not None and shown.inertia[i] > _SURE * shown.inertia_std[i]:
-        return f", and accelerates the counts forwards: change the sign of {error}"
+    if shown is not None and shown.coulomb < -_LIKELY * shown.coulomb_std:
+        return f", and drives against friction's sign: change the sign of {torque}"
+    if shown is not None and shown.coulomb > _LIKELY * shown.coulomb_std:
+        return f", but friction's sign is right: change the sign of {error}"
     return f": change the sign of {torque}, or of {error}"
 
 
