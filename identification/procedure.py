@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
 import plant
+from identification.equation_error import naming
 from identification.planning.quality import require_informative
 from identification.replay.experiment import as_records, with_zeros
 from identification.replay.objective import Objective
@@ -117,18 +118,21 @@ def prepare(
     instance("zeros", zeros, bool, "Give True or False.")
     searched, kept = _set_aside(dynamics, records, unknown, held_out, method)
     objective = Objective(dynamics, searched, unknown, **options)
-    for record in objective.records:
-        require_informative(record, dynamics.chain.joint_labels)
+    for record, about in naming.each_named(objective.records):
+        with about:
+            require_informative(record, dynamics.chain.joint_labels)
     settings = GeneticSettings.paper() if settings is None else settings
     if not isinstance(settings, GeneticSettings):
         given = type(settings).__name__
         raise ValueError(f"settings must be GeneticSettings; got {given}. Leave it out for those of the paper.")
+    with naming.held_out(kept, len(searched), among=held_out is None):
+        aside = Objective(dynamics, kept, unknown, **options) if kept else None
     problem = Problem(
         dynamics=dynamics,
         records=objective.records,
         unknown=objective.unknown,
         objective=objective,
-        held_out=Objective(dynamics, kept, unknown, **options) if kept else None,
+        held_out=aside,
         nominal=_nominal(objective),
         ranges=None if ranges is None else _validated_ranges(ranges, objective.unknown),
         method=method,

@@ -31,6 +31,7 @@ from plant.laws.pid import PD, PID, P
 from plant.laws.replayed import LoggedCurrent, LoggedTorque
 from plant.logs.logfile import LoadError, read_table
 from plant.logs.record import Record
+from plant.logs.several import read_records
 from plant.machine.drive import Drive
 from plant.machine.elasticity import Elasticity
 from plant.machine.encoder import Encoder, Phase, QuadratureError
@@ -125,6 +126,7 @@ __all__ = [
     "p_gains",
     "part",
     "puma560",
+    "read_records",
     "read_table",
     "replay",
     "shortest_duration",

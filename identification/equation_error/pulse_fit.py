@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from identification.equation_error.naming import each_named
 from identification.equation_error.regressor import LINEAR, System, regressor_and_torque
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from plant import Arm, Dynamics, Record, Rig
@@ -127,7 +128,10 @@ def equation_error(
     known, unknown = dict(known or {}), linear(dynamics, unknown)
 
     def fitted(bands: list[float]) -> TorqueFit:
-        systems = [system_of(dynamics, record, band, unknown) for record, band in zip(records, bands, strict=True)]
+        systems = []
+        for (record, about), band in zip(each_named(records), bands, strict=True):
+            with about:
+                systems.append(system_of(dynamics, record, band, unknown))
         return fit_systems(dynamics, unknown, known, systems)
 
     first = fitted([pass_band(record) for record in records])
@@ -149,7 +153,11 @@ def over_bands(
     what the torque does not drive: every value comes out too small. In between the equation holds best.
     """
     unknown, fits = linear(dynamics, unknown), dict[float, TorqueFit]()
-    even = [record.resampled(record.rig.period) for record in records]
+    even = []
+    for record, about in each_named(records):
+        with about:
+            torque_of(record)
+            even.append(record.resampled(record.rig.period))
     highest = min(_CUTOFF_MOST / record.rig.period for record in even)
     for band in _BANDS[highest > _BANDS]:
         try:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from identification.equation_error.naming import column_of
 from identification.equation_error.pulse_fit import mode_in, torque_of
 from plant import Record
 
@@ -36,9 +37,9 @@ def require_informative(record: Record, labels: Sequence[str]) -> None:
     if (moved < _LEAST_PULSES).any():
         motor = int(np.argmin(moved))
         raise ValueError(
-            f"every motor must move by at least {_LEAST_PULSES} pulses; that of {labels[motor]} moves by "
-            f"{moved[motor]:.0f}. "
-            "Log a motion of all joints."
+            f"every motor must move by at least {_LEAST_PULSES} pulses; that of {labels[motor]}"
+            f"{column_of(record, 'counts', motor)} moves by {moved[motor]:.0f}. Log a motion of all joints, or leave "
+            "out that record."
         )
     if len(record) < _LEAST_SAMPLES:
         raise ValueError(f"a log must have at least {_LEAST_SAMPLES} samples; got {len(record)}. Log longer.")
@@ -47,7 +48,8 @@ def require_informative(record: Record, labels: Sequence[str]) -> None:
     if (share > _SATURATED).any() and not replays:  # of a replay the torque is known, also at the limit
         motor = int(np.argmax(share))
         raise ValueError(
-            f"a log must be below the amplifier's limit; the motor of {labels[motor]} is at it for {share[motor]:.0%} "
+            f"a log must be below the amplifier's limit; the motor of {labels[motor]}"
+            f"{column_of(record, 'torque', motor)} is at it for {share[motor]:.0%} "
             "of the samples. Slow the reference down or lower the gains."
         )
     seconds = len(record) * record.rig.period

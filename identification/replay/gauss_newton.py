@@ -81,8 +81,10 @@ def gauss_newton(
     values = np.clip(start, *bounds.T)
     residual = prediction.innovations(values)
     if not np.isfinite(residual).all():
+        where = prediction.lost(values)
         raise ValueError(
-            "the search must start from an arm that follows the log; the one that it was given diverges. Check signs, "
+            f"the search must start from an arm that follows the log; the one that it was given diverges"
+            f"{f' on {where}' if where else ''}. Check signs, "
             "units and the order of joints, or give ranges."
         )
     for _ in range(rounds):

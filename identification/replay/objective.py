@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from identification.equation_error.naming import each_named
 from identification.replay.experiment import Experiment, as_records
 from plant import Dynamics, Record
 from plant.machine.motor_inertia import least_inertia_margin
@@ -102,7 +103,10 @@ class Objective:
         self.records, self.unknown = as_records(dynamics, records, unknown)
         self.threads = int(threads or cores())
         settings = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "ignoring": ignoring}
-        self._experiments = [_Scored(dynamics, record, self.unknown, settings) for record in self.records]
+        self._experiments = []
+        for record, about in each_named(self.records):
+            with about:
+                self._experiments.append(_Scored(dynamics, record, self.unknown, settings))
 
     @property
     def p(self) -> int:

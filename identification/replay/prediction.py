@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from identification.equation_error.naming import each_named, record_label
 from identification.replay.experiment import Experiment, as_records
 from plant import Dynamics, Record
 from plant.simulation.closed_loop import bounded
@@ -114,7 +115,10 @@ class Prediction:
             self.nuisance_bounds[: len(gains), 1] = self.nuisances[: len(gains)]
         names = (*unknown, *gains, *(correction.number_names("correction.")[2 * n :] if zeros else ()))
         options = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "correction": correction}
-        self._followed = [_Followed(dynamics, record, names, options) for record in records]
+        self._followed = list[_Followed]()
+        for record, about in each_named(records):
+            with about:
+                self._followed.append(_Followed(dynamics, record, names, options))
         self.weights = np.concatenate([followed.weight.ravel() for followed in self._followed])
         self.scales = np.ones(len(self.weights))
         self.threads = int(threads or cores())
@@ -133,6 +137,13 @@ class Prediction:
         """Weighted innovations (M,), scaled, with these values (k,) of the unknowns; inf where the run diverges."""
         self.evaluations += 1
         return np.concatenate([followed.innovations(own) for followed, own in self._each(values)]) / self.scales
+
+    def lost(self, values: NDArray[np.float64]) -> str:
+        """What messages call the first record whose run with these values diverges; "" where none is told apart."""
+        for k, (followed, own) in enumerate(self._each(values)):
+            if not np.isfinite(followed.innovations(own)).all():
+                return record_label([each.record for each in self._followed], k)
+        return ""
 
     def reweigh(self, values: NDArray[np.float64]) -> bool:
         """Weight each joint of each record by its RMS innovation.

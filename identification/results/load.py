@@ -99,5 +99,8 @@ class _WithLoad:
     def innovations(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         return self.prediction.innovations(self._whole(values))
 
+    def lost(self, values: NDArray[np.float64]) -> str:
+        return self.prediction.lost(self._whole(values))
+
     def all_innovations(self, many: Iterable[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
         return self.prediction.all_innovations([self._whole(values) for values in many])

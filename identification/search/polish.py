@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from identification.equation_error.naming import first_problem
 from identification.equation_error.pulse_fit import equation_error as fit_pulses
 from identification.equation_error.pulse_fit import over_bands
 from identification.equation_error.torque_fit import TorqueFit
@@ -34,8 +35,9 @@ def torque_fit(problem: Problem) -> TorqueFit:
         if np.isfinite(prediction.innovations(np.append(values, prediction.nuisances))).all():
             return fit
     raise ValueError(
-        "the torque equation must give an arm that can follow the log; it does in no band. Ask record.check() for "
-        "order, signs and units of torques and positions, or give ranges."
+        "the torque equation must give an arm that can follow the log; it does in no band."
+        f"{first_problem(problem.records)} Ask record.check() for order, signs and units of torques and positions, or "
+        "give ranges."
     )
 
 

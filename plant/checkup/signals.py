@@ -74,6 +74,12 @@ class Signals:
         self._keep = keep
         self.interval = float(np.median(np.diff(record.t))) if len(record) > 1 else record.rig.period
 
+    def column(self, field: str, i: int) -> str:
+        """What messages call a column: its name in the file, if one was mapped; "the torque" otherwise."""
+        field = "current" if field == "torque" and self.record.torque is None else field
+        name = self.record.column(field, i)
+        return f"the {field}" if name == field else name
+
     @functools.cached_property
     def tracks(self) -> NDArray[np.bool_]:
         """Whether the counts of each joint track the reference, (n,); true where none moves."""

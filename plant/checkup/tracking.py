@@ -22,6 +22,9 @@ _LATE, _VERY_LATE = 0.25, 2.0
 
 _SURE = 4.0
 
+_DRIVEN = 5.0
+"""Standard deviations from which on the sign of an inertia is significant."""
+
 _HELD = 2.0
 """Delay [samples] that torque and motion alone cannot tell: torque is held, drives take time, feedback has noise."""
 
@@ -54,10 +57,21 @@ def _sign(signals, i):
         return Finding.unknown(name, i, "the reference does not move")
     advice = f"The counts move {slope:.3g} times as far as the reference: check resolution, gear and units of both."
     if slope < -TRACKING:
-        advice = "The counts run against the reference: change the sign of the gear, or of the counts."
+        advice = f"The counts run against the reference{_turned(signals, i)}."
     verdict = "fine" if abs(slope - 1) <= TRACKING else "wrong"
     advice *= verdict != "fine"
     return Finding(check=name, joint=i, value=float(slope), unit=unit, verdict=verdict, advice=advice)
+
+
+def _turned(signals: Signals, i: int) -> str:
+    """Which column has the wrong sign where counts and reference disagree, by what the torque does to the counts."""
+    counts, reference = signals.column("counts", i), signals.column("reference", i)
+    shown = None if signals.torque is None else signals.regression(i)
+    if shown is not None and shown.inertia[i] > _DRIVEN * shown.inertia_std[i]:
+        return f", and along with the torque: change the sign of {reference}"
+    if shown is not None and shown.inertia[i] < -_DRIVEN * shown.inertia_std[i]:
+        return f", and against the torque: change the sign of {counts}, or of the gear"
+    return f": change the sign of the gear, or of {counts}"
 
 
 def _swapped(signals, i):

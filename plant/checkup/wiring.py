@@ -20,6 +20,9 @@ _BACKWARDS = -1 / 3
 _SURE = 5.0
 """Standard deviations from which on a sign is significant."""
 
+_LIKELY = 3.0
+"""Standard deviations from which on one of two columns is named, where one of them is known to be turned."""
+
 _WEAK = 0.25
 """Share of the largest motor torque below which a motor may just be moved by the others."""
 
@@ -87,8 +90,7 @@ def _sign(signals, i):
     if law is not None and law[0] < _BACKWARDS and law[1] > _EXPLAINED:
         return Finding(
             check=name, joint=i, value=float(law[0]), unit="of the law's", verdict="wrong",
-            advice="The torque has the opposite sign of the commanded one: change the sign of the torque, or of the "
-            "error (reference minus counted).",
+            advice=f"The torque has the opposite sign of the commanded one{_turned(signals, i, shown)}.",
         )  # fmt: skip
     if shown is None:
         return Finding.unknown(name, i, "too little motion")
@@ -105,17 +107,36 @@ def _sign(signals, i):
         advice = "Torque brakes the motion caused by other joints: its sign is wrong, or the motor is not driven."
     elif inertia < -_SURE * std:
         order = ", or the order of the columns" if signals.reference is None and signals.n > 1 else ""
-        verdict = "wrong"
-        advice = f"Torque accelerates the counts backwards: change the sign of torque, counts or gear{order}."
+        verdict, advice = "wrong", "Torque accelerates the counts backwards"
+        if signals.reference is not None:
+            advice += f"{_turned(signals, i, shown)}."
+        else:
+            torque, counts = signals.column("torque", i), signals.column("counts", i)
+            advice += f": change the sign of {torque}, {counts} or gear{order}."
     elif signals.reference is None and shown.coulomb < -_SURE * shown.coulomb_std:
-        verdict, advice = "look", "Friction drives the motor: its torque has the wrong sign, or is another motor's."
+        torque = signals.column("torque", i)
+        verdict, advice = "look", f"Friction drives the motor: {torque} has the wrong sign, or is another motor's."
     elif signals.reference is not None and _friction_drives(shown, signals.rig.drive.coulomb[i]) and not against:
-        verdict, advice = "wrong", "Friction drives the arm: change the sign of the error (reference minus counted)."
+        error = signals.column("error", i)
+        verdict, advice = "wrong", f"Friction drives the arm: change the sign of {error} (reference minus counted)."
     elif inertia < _SURE * std:
         return Finding.unknown(name, i, "no acceleration that torque explains", value=inertia, unit=unit)
     else:
         verdict, advice = "fine", ""
     return Finding(check=name, joint=i, value=float(inertia), unit=unit, verdict=verdict, advice=advice)
+
+
+def _turned(signals: Signals, i: int, shown: Any) -> str:
+    """Which column has the wrong sign where torque and law disagree: friction says whether the torque is right.
+
+    The slow motion of the counts is that of the reference, whatever the sign of the error; its acceleration is not.
+    """
+    torque, error = signals.column("torque", i), f"{signals.column('error', i)} (reference minus counted)"
+    if shown is not None and shown.coulomb < -_LIKELY * shown.coulomb_std:
+        return f", and drives against friction's sign: change the sign of {torque}"
+    if shown is not None and shown.coulomb > _LIKELY * shown.coulomb_std:
+        return f", but friction's sign is right: change the sign of {error}"
+    return f": change the sign of {torque}, or of {error}"
 
 
 def _friction_drives(regression: Any, stated: float) -> bool:

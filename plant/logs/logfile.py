@@ -17,13 +17,15 @@ from plant.logs.isolation import read_isolated
 from plant.logs.npz import read_npz
 from plant.parts.arguments import known_options
 
-__all__ = ["LoadError", "load_errors", "read_file", "read_table", "require_columns"]
+__all__ = ["LoadError", "kind_of", "load_errors", "options_of", "read_file", "read_table", "require_columns"]
 
 _SUFFIXES = {
     ".csv": "csv", ".txt": "csv", ".tsv": "csv", ".npz": "npz", ".mat": "mat", ".h5": "hdf5", ".hdf5": "hdf5",
-    ".parquet": "parquet", ".pq": "parquet",
+    ".parquet": "parquet", ".pq": "parquet", ".mcap": "mcap", ".db3": "rosbag2",
 }  # fmt: skip
+_FOLDERS = {"rosbag2": "metadata.yaml", "lerobot": "meta/info.json"}  # kind -> what is in such a folder
 _MOST = 256 << 20  # bytes of all columns together
+_MOST_OF_MESSAGES = 64 << 30  # bytes of a file of which only some topics are read
 
 
 class LoadError(ValueError):
@@ -51,50 +53,93 @@ def _line(text: str) -> str:
 
 
 @known_options
-def read_table(path: str | Path, *, names: Sequence[str] | None = None, prefix: str = "") -> dict[str, NDArray[Any]]:
-    """Read the columns of a log: CSV with a line of names, NPZ, MAT version 5, HDF5 or Parquet, by the file's ending.
+def read_table(
+    path: str | Path, *, names: Sequence[str] | None = None, prefix: str = "", episode: int | None = None
+) -> dict[str, NDArray[Any]]:
+    """Read the columns of a log, by its ending: CSV with a line of names, NPZ, MAT version 5, HDF5, Parquet, MCAP, or
+    a bag of ROS 2; or a LeRobot data set, which is a folder, as a bag may be.
 
-    MAT, HDF5 and Parquet files are read in a child process with limits of time and memory; HDF5 and Parquet need the
-    extras ``hdf5`` and ``parquet``. Columns of a group or a structure are named ``group/name`` and ``structure.name``.
+    All but CSV and NPZ are read in a child process with limits of time and memory, and all but those and MAT need the
+    extra of their name: ``hdf5``, ``parquet``, ``mcap``, ``rosbag2``, ``lerobot``. Columns of a group, a structure, a
+    topic are named ``group/name``, ``structure.name`` and ``/topic.name``; one of a list ``name[1]`` or ``name.elbow``.
 
     Parameters
     ----------
     path : str or Path
     names : sequence of str, optional
-        Columns to read; by default all, which then must all be real numbers.
+        Columns to read; by default all, which then must all be real numbers. Of messages, all that are.
     prefix : str
         What the names in the file begin with, as in ``run_07/``; it is left out of those of the table.
+    episode : int, optional
+        Of a LeRobot data set; by default 0.
 
     Returns
     -------
     dict of str to numpy.ndarray
-        Columns (N,) or blocks of columns (N, n); floats, or integers as they were. A missing cell is NaN.
+        Columns (N,) or blocks of columns (N, n); floats, or integers as they were. A missing cell is NaN. A topic has
+        as many rows as messages.
 
     Raises
     ------
     LoadError
         A file that is missing, corrupt, or larger than 256 MiB once expanded; a column that is not there, or that
-        holds anything but real numbers. Within 5 s.
+        holds anything but real numbers. Within 5 s; of messages, 60 s.
     """
     with load_errors(path):
-        suffix = Path(path).suffix.lower()
-        if suffix not in _SUFFIXES:
-            raise ValueError(
-                f"must end in one of {', '.join(_SUFFIXES)}; got {suffix!r}. Rename it, or save it as one."
-            )
-        return read_file(_SUFFIXES[suffix], path, names, prefix)
+        kind = kind_of(path)
+        return read_file(kind, path, names, prefix, **options_of(kind, episode))
 
 
-def read_file(kind: str, path: str | Path, names: Iterable[str] | None, prefix: str) -> dict[str, NDArray[Any]]:
-    """Read columns of a file of a known kind, as `read_table` does."""
+def kind_of(path: str | Path) -> str:
+    """The kind of a file by its ending, of a folder by what is in it.
+
+    Raises
+    ------
+    ValueError
+    """
+    for kind, inside in _FOLDERS.items():
+        if Path(path, inside).is_file():
+            return kind
+    suffix = Path(path).suffix.lower()
+    if suffix not in _SUFFIXES:
+        known = f"{', '.join(_SUFFIXES)}, or be a folder with {' or '.join(_FOLDERS.values())}"
+        raise ValueError(f"must end in one of {known}; got {suffix!r}. Rename it, or save it as one.")
+    return _SUFFIXES[suffix]
+
+
+def options_of(kind: str, episode: int | None = None, clock: str | None = None) -> dict[str, Any]:
+    """What a reader of this kind is given besides names: the episode of a data set, the clock of messages.
+
+    Raises
+    ------
+    ValueError
+        An episode that is no whole number, or of something that has none.
+    """
+    if kind in ("mcap", "rosbag2"):
+        options: dict[str, Any] = {"clock": clock}
+    else:
+        options = {"episode": 0 if episode is None else episode} if kind == "lerobot" else {}
+    if episode is not None and kind != "lerobot":
+        raise ValueError(f"has no episodes, as a LeRobot data set does; got episode={episode!r:.20}. Leave it out.")
+    if episode is not None and (not isinstance(episode, int) or isinstance(episode, bool) or episode < 0):
+        raise ValueError(f"episode must be a whole number of at least 0; got {episode!r:.20}. Count from 0.")
+    return options
+
+
+def read_file(
+    kind: str, path: str | Path, names: Iterable[str] | None, prefix: str, **options: Any
+) -> dict[str, NDArray[Any]]:
+    """Read columns of a file of a known kind, as `read_table` does; `options` as `options_of` gives them."""
     with load_errors(path):
-        _require_file(path)
+        _require_file(kind, path)
         wanted = None if names is None else [f"{prefix}{name}" for name in names]
+        if options.get("clock") is not None:
+            options["clock"] = f"{prefix}{options['clock']}"
         if kind == "csv":
             known, columns = _csv(path, wanted, prefix)
         else:
             given = os.fspath(path), wanted, prefix, _MOST
-            known, columns = read_npz(*given) if kind == "npz" else read_isolated(kind, *given)
+            known, columns = read_npz(*given) if kind == "npz" else read_isolated(kind, *given, **options)
         require_columns(wanted or (), columns, known)
         if not columns:
             raise ValueError(f"must hold columns whose names begin with {prefix!r}; got {known[:5]}. Check prefix.")
@@ -118,12 +163,15 @@ def require_columns(names: Iterable[str], columns: Mapping[str, Any], known: Ite
             raise ValueError(f"column {name!r} must be there; got {some:.220}. {hint}")
 
 
-def _require_file(path: str | Path) -> None:
+def _require_file(kind: str, path: str | Path) -> None:
+    if kind in _FOLDERS and Path(path).is_dir():
+        return
     if Path(path).is_dir() or (Path(path).exists() and not Path(path).is_file()):
         raise ValueError("must be a file; got a folder or a device. Give the path of the file itself.")
-    if os.path.getsize(path) > _MOST:
+    most = _MOST_OF_MESSAGES if kind in ("mcap", "rosbag2") else _MOST
+    if os.path.getsize(path) > most:
         size = f"{os.path.getsize(path) >> 20} MiB"
-        raise ValueError(f"must have at most {_MOST >> 20} MiB; got {size}. Cut the log into several files.")
+        raise ValueError(f"must have at most {most >> 20} MiB; got {size}. Cut the log into several files.")
 
 
 def _csv(path: str | Path, wanted: Collection[str] | None, prefix: str) -> tuple[list[str], dict[str, NDArray[Any]]]:

@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
-import sys
-import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plant.logs.conversion import REFERENCE, converted, warn
 from plant.logs.logfile import require_columns
-from plant.logs.units import (
-    ANGLE,
-    CURRENT,
-    TIME,
-    UNITS,
-    on_grid,
-    require_grid,
-    require_limit,
-    require_period,
-    require_span,
-    require_units,
-)
+from plant.logs.units import TIME, UNITS, Unit, require_period, require_units
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
 from plant.parts.arguments import choice, instance, real
@@ -30,13 +18,10 @@ from plant.parts.arguments import choice, instance, real
 __all__ = ["mapped_names", "record_fields"]
 
 _MEASURED = ("position", "motor_position", "counts", "error_pulses")
-_REFERENCE = ("reference_pulses", "reference_position", "reference_motor_position")
 _KNOWN = (*UNITS, "valid")
-_EXACT = 2.0**53
-_NEAR = 0.02  # of a pulse: a step that was meant to be one
 
 
-def mapped_names(columns: Mapping[str, Any], units: Mapping[str, str] | None) -> list[str]:
+def mapped_names(columns: Mapping[str, Any], units: Mapping[str, Unit] | None) -> list[str]:
     """Names of the table's columns that a mapping needs, in order; the mapping and its units are validated.
 
     Raises
@@ -50,7 +35,7 @@ def mapped_names(columns: Mapping[str, Any], units: Mapping[str, str] | None) ->
     measured = [field for field in _MEASURED if field in columns]
     if len(measured) != 1:
         raise ValueError(f"columns must hold exactly one of {', '.join(_MEASURED)}; got {measured or 'none'}. {advice}")
-    commanded = [field for field in _REFERENCE if field in columns]
+    commanded = [field for field in REFERENCE if field in columns]
     if len(commanded) > 1:
         raise ValueError(f"columns may hold one reference; got {', '.join(commanded)}. Leave out the others.")
     require_units(columns, {} if units is None else instance("units", units, dict, 'Give units={"t": "s", ...}.'))
@@ -68,7 +53,7 @@ def record_fields(
     *,
     rig: Rig,
     columns: Mapping[str, Any],
-    units: Mapping[str, str] | None,
+    units: Mapping[str, Unit] | None,
     wrap: ArrayLike | None,
     reference: Reference | None,
 ) -> dict[str, Any]:
@@ -80,21 +65,22 @@ def record_fields(
     """
     names = mapped_names(columns, units)
     instance("rig", rig, Rig, "Pass rig=.")
-    units = {field: (units or {}).get(field, UNITS[field][0]) for field in columns if field in UNITS}
+    stated = {field: _unit(field, unit, rig.n) for field, unit in (units or {}).items()}
+    stated = {field: stated.get(field, UNITS[field][0]) for field in columns if field in UNITS}
     require_columns(names, table)
     values = {field: _block(table, field, columns[field], rig.n) for field in columns}
     N = {len(value) for value in values.values()}
     if len(N) > 1:
         lengths = ", ".join(f"{field} {len(value)}" for field, value in values.items())
         raise ValueError(f"columns must have one length; got {lengths}. Map columns of one sampling.")
-    values, t = _in_time(values, units, rig)
+    values, t = _in_time(values, stated, rig)
     values, valid = _held(values, rig.joint_labels)
     measured = next(field for field in _MEASURED if field in values)
     if wrap is not None:
         values[measured] = _unwrapped(values[measured], wrap, rig.joint_labels)
     fields = {"t": t, "valid": valid}
     for field in values.keys() - {"valid"}:
-        fields |= _converted(field, values[field], units[field], rig)
+        fields |= converted(field, values[field], stated[field], rig)
     counts, commanded = fields.pop("counts", None), fields.get("reference_pulses")
     if commanded is None and reference is not None:
         commanded = fields["reference_pulses"] = rig.counts(reference(t).q)
@@ -105,12 +91,13 @@ def record_fields(
     return fields
 
 
-def _warn(text: str) -> None:
-    """Warn at the user's line that called this package, through whichever reader."""
-    frame, level = sys._getframe(), 1
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "plant":
-        frame, level = frame.f_back, level + 1
-    warnings.warn(text, stacklevel=level)
+def _unit(field: str, unit: Any, n: int) -> Unit:
+    """One unit, or a tuple of one per joint where they differ."""
+    if isinstance(unit, str):
+        return unit
+    if len(unit) != n:
+        raise ValueError(f"units of {field!r} must be one, or {n}, one per joint; got {len(unit)}. State as many.")
+    return unit[0] if len(set(unit)) == 1 else tuple(unit)
 
 
 def _names(value):
@@ -137,7 +124,7 @@ def _block(table, field, value, n):
     return block[:, 0] if single else block
 
 
-def _in_time(values, units, rig):
+def _in_time(values, stated, rig):
     """Times from zero [s], and the values without the rows that repeat a time."""
     if "t" not in values:
         return values, rig.period * np.arange(len(next(iter(values.values()))))
@@ -147,9 +134,9 @@ def _in_time(values, units, rig):
     new = np.append(True, stamp[1:] != stamp[:-1])
     if not new.all():
         text = f"{(~new).sum()} rows repeat the time of the row before and are left out, from row {np.argmin(new)} on"
-        _warn(text)
-    t = (stamp[new] - stamp[0]) / TIME[units["t"]]
-    require_period(t, units["t"], rig.period)
+        warn(text)
+    t = (stamp[new] - stamp[0]) / TIME[stated["t"]]
+    require_period(t, stated["t"], rig.period)
     return {field: value[new] for field, value in values.items()}, t
 
 
@@ -187,63 +174,3 @@ def _unwrapped(value: NDArray[Any], wrap: Any, labels: Sequence[str]) -> NDArray
     value, wrap = value.astype(kind), wrap.astype(kind)
     turns = -np.cumsum(np.round(np.diff(value, axis=0) / wrap).astype(np.int64), axis=0)
     return value + np.vstack([np.zeros((1, n), np.int64), turns]) * wrap
-
-
-def _converted(field, value, unit, rig):
-    """One field of the record, in its units and on its side."""
-    if field == "torque":
-        limit, gear = rig.drive.torque_limit(), rig.drive.gear
-        if unit == "motor N m":
-            require_limit(field, value, limit / np.abs(gear), unit, {"N m": 1 / gear}, rig.joint_labels)
-            return {"torque": rig.drive.joint_torque(value)}
-        require_limit(field, rig.drive.coupling.shaft_torque(value), limit, unit, {}, rig.joint_labels)
-        return {"torque": value}
-    if field == "current":
-        value = value / CURRENT[unit]
-        others = {other: CURRENT[unit] / per for other, per in CURRENT.items() if other != unit}
-        require_limit(field, value, rig.drive.current_limit, unit, others, rig.joint_labels)
-        return {"current": value}
-    name = "reference_pulses" if field in _REFERENCE else "error_pulses" if field == "error_pulses" else "counts"
-    if unit == "pulses":
-        return {name: _whole(field, value, rig.joint_labels)}
-    return {name: _counted(field, value, unit, rig)}
-
-
-def _whole(field: str, value: NDArray[Any], labels: Sequence[str]) -> NDArray[np.float64]:
-    value = value.astype(float)
-    broken = np.argwhere((value != np.trunc(value)) | (np.abs(value) > _EXACT))
-    if len(broken):
-        got = f"got {value[tuple(broken[0])]:g} in row {broken[0][0]}, {labels[broken[0][1]]}"
-        raise ValueError(f"{field!r} must be whole pulses; {got}. Map angles as 'position', with their unit.")
-    return value
-
-
-def _counted(field, value, unit, rig):
-    """Counts of angles: those on a grid of whole pulses as they are, others as the rig's encoder would count them."""
-    motor = "motor" in field
-    angle = value * ANGLE[unit]
-    require_span(field, rig.drive.joint_angle(angle) if motor else angle, unit, rig.joint_labels)
-    place = {False: rig.position_in_pulses, True: rig.encoder.position_in_pulses}
-    position = place[motor](angle)
-    if rig.encoder.smooth:
-        return position
-    if field in _REFERENCE:
-        shift, grid = on_grid(position)
-    else:
-        names = {False: field.replace("motor_", ""), True: "motor_position"}
-        readings = {(field, unit): position}
-        readings |= {(names[m], u): place[m](value * ANGLE[u]) for m in place for u in ANGLE}
-        whole = require_grid(field, unit, readings)
-        shift, grid = on_grid(position)
-        if not whole:
-            step = _smallest_step(position[:, np.argmin(grid)])
-            near = ": state the resolution more exactly" if abs(step - 1) < _NEAR else ""
-            text = f"{field} of {rig.joint_labels[np.argmin(grid)]} is not in whole pulses of rig.encoder.resolution "
-            _warn(f"{text}(smallest step {step:.{6 if near else 3}g} pulses{near}); counted as that encoder would")
-    shift = np.where(np.abs(shift) < 0.1, 0.0, shift)
-    return rig.encoder.quantised(np.where(grid, np.round(position - shift) + shift, position))
-
-
-def _smallest_step(position):
-    steps = np.diff(np.unique(position))
-    return float(steps[steps > 1e-6].min(initial=np.inf))

@@ -8,23 +8,19 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from plant.checkup.examine import examine
 from plant.checkup.finding import Checkup
 from plant.laws.law import Law
-from plant.logs import record_csv
-from plant.logs.logfile import load_errors
-from plant.logs.mapping import record_fields
-from plant.logs.record_files import Reader, read_mapped, reader
+from plant.logs.record_files import SOURCES, FromFiles, Reader, reader
 from plant.logs.resampling import resampled_fields
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
-from plant.parts.arguments import array, known_options, real
+from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.frozen import Frozen
 from plant.parts.part import Vector
 
@@ -36,7 +32,7 @@ _LEFT_OUT: Any = None
 
 @known_options
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Record(Frozen):
+class Record(FromFiles, Frozen):
     """Samples of one experiment.
 
     Parameters
@@ -63,6 +59,11 @@ class Record(Frozen):
         Weight of each sample, 0 to 1; a sample that was dropped or is wrong has 0. By default all have 1.
     true_q, true_qd : (N, n) array_like, optional
         True joint motion; only a simulation knows it, and identification never reads it.
+    name : str
+        What messages call it: of a record that was read, its file. Records that differ only in this, or in `columns`,
+        are equal.
+    columns : dict, optional
+        Field -> name of its column in the file, or names, one per joint, as `from_table` was given them; for messages.
 
     Raises
     ------
@@ -82,11 +83,24 @@ class Record(Frozen):
     valid: Vector = _LEFT_OUT
     true_q: NDArray[Any] | None = None
     true_qd: NDArray[Any] | None = None
+    name: str = dataclasses.field(default="", compare=False)
+    columns: Mapping[str, Any] | None = dataclasses.field(default=None, compare=False)
+
+    from_npz: ClassVar[Reader[Record]] = reader("npz", "an NPZ archive; pickled objects are refused")
+    from_mat: ClassVar[Reader[Record]] = reader("mat", "a MAT file of version 5 (saved with -v6 or -v7)")
+    from_hdf5: ClassVar[Reader[Record]] = reader("hdf5", "an HDF5 file, or a MAT file of version 7.3 (extra ``hdf5``)")
+    from_parquet: ClassVar[Reader[Record]] = reader("parquet", "a Parquet file (extra ``parquet``)")
+    from_mcap: ClassVar[Reader[Record]] = reader("mcap", "messages in an MCAP file (extra ``mcap``)")
+    from_rosbag2: ClassVar[Reader[Record]] = reader("rosbag2", "messages in a bag of ROS 2 (extra ``rosbag2``)")
+    from_lerobot: ClassVar[Reader[Record]] = reader("lerobot", "one episode of a LeRobot data set (extra ``lerobot``)")
 
     def __post_init__(self) -> None:
         for name, kind in (("rig", Rig), ("law", (Law, type(None))), ("reference", (Reference, type(None)))):
             if not isinstance(getattr(self, name), kind):
                 raise ValueError(f"{name} of a record must be a {name.capitalize()}; got {getattr(self, name)!r:.60}.")
+        instance("name", self.name, str, "Give a word, such as the file's name.")
+        if self.columns is not None:
+            instance("columns", self.columns, dict, "Give the mapping of from_table.")
         if self.law is not None:
             self.law.replayed(self)
         t = array("t", self.t, ("N",), advice="Give the time of each sample [s].")
@@ -128,6 +142,20 @@ class Record(Frozen):
         """Encoder counts, (N, n) [pulses]."""
         return self.reference_pulses - self.error_pulses
 
+    def column(self, field: str, joint: int) -> str:
+        """What messages call the column of a field ("counts", "reference", "torque", ...) and a joint.
+
+        Its name in the file, if one was mapped, and the field; otherwise the field alone.
+        """
+        own = self.columns or {}
+        names = [name for name in (field, *SOURCES.get(field, ())) if name in own]
+        mapped = own[names[0]] if names else None
+        if isinstance(mapped, str):
+            return f"column {mapped!r}, place {joint} ({names[0]})" if self.n > 1 else f"column {mapped!r} ({names[0]})"
+        if mapped is not None and len(mapped) == self.n:
+            return f"column {mapped[joint]!r} ({names[0]})"
+        return field
+
     def check(self) -> Checkup:
         """Examine this log for errors before it is used; the `Checkup` prints as a table."""
         return examine(self)
@@ -138,95 +166,6 @@ class Record(Frozen):
     def __repr__(self) -> str:
         made = type(self.law).__name__ if self.law is not None else "an unknown law"
         return f"Record({len(self)} samples of {self.n} joints, {self.t[-1] - self.t[0]:.3f} s, under {made})"
-
-    def to_csv(self, path: str | Path) -> None:
-        """Write a CSV file that `from_csv` reads back without loss, with rig, law, reference and initial in line 1."""
-        record_csv.write(self, path)
-
-    @classmethod
-    @known_options
-    def from_csv(
-        cls, path: str | Path, *, rig: Rig | None = None, law: Law | None = None, reference: Reference | None = None,
-        initial: ArrayLike | None = None, columns: Mapping[str, Any] | None = None,
-        units: Mapping[str, str] | None = None, wrap: ArrayLike | None = None, prefix: str = "",
-    ) -> Record:  # fmt: skip
-        """Read what `to_csv` wrote, a plain CSV of t [s], n reference and n error columns [pulses], or a log of others.
-
-        Parameters
-        ----------
-        path : str or Path
-        rig, law, reference, initial : optional
-            As in `Record`. A plain file needs rig and law; without a reference the logged counts are replayed. In place
-            of those named in the file otherwise.
-        columns : dict, optional
-            With it, the file is a table of named columns, which this maps to the fields of a record; `from_table` says
-            how, and what `units` and `wrap` are.
-        prefix : str
-            What the names of the mapped columns begin with in the file, as in ``run_07/``.
-
-        Raises
-        ------
-        LoadError
-            A file that cannot be read; a cell that is no number, a short row, an unknown column, a header that cannot
-            be read; with the line.
-        """
-        if columns is not None:
-            log: dict[str, Any] = {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix}
-            return read_mapped(cls, "csv", path, rig=rig, law=law, reference=reference, initial=initial, **log)
-        if units is not None or wrap is not None or prefix:
-            raise ValueError("units, wrap and prefix are for mapped columns; got no mapping. Pass columns= as well.")
-        with load_errors(path):
-            return cls(**record_csv.read(path, rig=rig, law=law, reference=reference, initial=initial))
-
-    from_npz: ClassVar[Reader[Record]] = reader("npz", "an NPZ archive; pickled objects are refused")
-    from_mat: ClassVar[Reader[Record]] = reader("mat", "a MAT file of version 5 (saved with -v6 or -v7)")
-    from_hdf5: ClassVar[Reader[Record]] = reader("hdf5", "an HDF5 file, or a MAT file of version 7.3 (extra ``hdf5``)")
-    from_parquet: ClassVar[Reader[Record]] = reader("parquet", "a Parquet file (extra ``parquet``)")
-
-    @classmethod
-    @known_options
-    def from_table(
-        cls, table: Mapping[str, ArrayLike], *, rig: Rig, columns: Mapping[str, Any],
-        units: Mapping[str, str] | None = None, wrap: ArrayLike | None = None, law: Law | None = None,
-        reference: Reference | None = None, initial: ArrayLike | None = None,
-    ) -> Record:  # fmt: skip
-        """Make a record of named columns, such as `read_table` reads or several files give together.
-
-        Parameters
-        ----------
-        table : dict of str to (N,) or (N, n) array_like
-        rig : Rig
-            Its gear and resolution turn angles into counts, its period is held against the times.
-        columns : dict
-            Field of the record -> name of its column, or names, one per joint. Exactly one of ``position`` (joint
-            angles), ``motor_position``, ``counts`` and ``error_pulses``; and if there are, ``t``, ``valid``,
-            ``torque``, ``current`` and one of ``reference_pulses``, ``reference_position``,
-            ``reference_motor_position``.
-        units : dict
-            Field -> unit: ``s``, ``ms`` or ``us`` of t, ``rad``, ``deg`` or ``pulses`` of positions, ``N m`` (of the
-            joint) or ``motor N m`` of torque, ``A`` or ``mA`` of current.
-        wrap : float or (n,) array_like, optional
-            Where the measured position starts again, in its own unit: 2**16 counts, 2 pi rad. It is unwrapped by whole
-            wraps, each the one nearest to the sample before.
-        law, reference, initial : optional
-            As in `Record`; a reference also gives the commanded counts where no column does.
-
-        Notes
-        -----
-        Time starts at zero; without a column it is k period. Of rows with one time the first is kept, with a warning.
-        A row with NaN in any mapped column has no weight (`valid` is 0) and holds the values of the row before; rows
-        that are missing altogether are long time steps. Angles become whole pulses: where they are on a grid of one
-        pulse, up to a shift per joint, these, otherwise what the rig's encoder would count, with a warning.
-
-        Raises
-        ------
-        ValueError
-            A column that is missing, has another length or holds anything but real numbers; a unit that is not stated,
-            or does not fit the rig. Whatever `Record` refuses.
-        """
-        given: dict[str, Any] = {"rig": rig, "law": law, "reference": reference, "initial": initial}
-        fields = record_fields(table, rig=rig, columns=columns, units=units, wrap=wrap, reference=reference)
-        return cls(**fields, **given)
 
     @known_options
     def resampled(self, period: float) -> Record:

@@ -72,7 +72,7 @@ def read(
     named = names is not None and any("[" in name for name in names)
     return {
         "t": table[:, 0],
-        **(_named(names or [], table, rig.n) if named else _plain(table, rig.n)),
+        **(_named(names or [], table, rig.n) if named else _plain(table, rig)),
         "rig": rig,
         "law": law or _part(header, "law"),
         "reference": reference or _part(header, "reference"),
@@ -80,14 +80,15 @@ def read(
     }
 
 
-def _plain(table: NDArray[np.float64], n: int) -> dict[str, NDArray[np.float64]]:
+def _plain(table: NDArray[np.float64], rig: Rig) -> dict[str, NDArray[np.float64]]:
+    n = rig.n
     if table.shape[1] != 1 + 2 * n:
         got = f"got {table.shape[1]} columns"
         raise ValueError(
             f"must hold t, {n} reference and {n} error columns; {got}. Leave out others, or name them with columns=."
         )
     broken = np.argwhere(np.abs(table[:, 1:] - np.trunc(table[:, 1:])) > 0)
-    if len(broken):
+    if len(broken) and not rig.encoder.smooth:
         row, column = broken[0] + (0, 1)
         value = f"got {table[row, column]:g} in row {row}, column {column + 1}"
         raise ValueError(f"must hold whole pulses; {value}. Turn angles into counts with rig.counts(q).")

@@ -1,21 +1,36 @@
-"""Class methods of `Record` that read mapped columns of a file, one for each format and all with the same keywords."""
+"""Class methods of `Record` that read files: the library's own, and mapped columns of every other format."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, Self, TypeAlias, TypeVar
 
-from plant.logs.logfile import load_errors, read_file
-from plant.logs.mapping import mapped_names
+from numpy.typing import ArrayLike
+
+from plant.laws.law import Law
+from plant.logs import record_csv
+from plant.logs.logfile import load_errors, options_of, read_file
+from plant.logs.mapping import mapped_names, record_fields
 from plant.machine.rig import Rig
+from plant.motion.reference import Reference
 from plant.parts.arguments import instance, known_options
 
-__all__ = ["Reader", "read_mapped", "reader"]
+__all__ = ["SOURCES", "FromFiles", "Reader", "read_mapped", "reader"]
 
 T = TypeVar("T")
 Reader: TypeAlias = Callable[..., T]
 """A class method with the keywords of `Record.from_csv`, and what it gives."""
+
+SOURCES = {
+    "counts": ("position", "motor_position", "error_pulses"),
+    "error": ("error_pulses", "position", "motor_position", "counts"),
+    "reference": ("reference_pulses", "reference_position", "reference_motor_position"),
+    "torque": ("current",),
+}
+"""What a signal of a record is made of, by the fields of a mapping."""
+
+_MEASURED = ("position", "motor_position", "counts", "error_pulses")
 
 
 def reader(kind: str, what: str) -> Any:
@@ -25,13 +40,24 @@ def reader(kind: str, what: str) -> Any:
         log = {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix}
         return read_mapped(cls, kind, path, rig=rig, law=law, reference=reference, initial=initial, **log)
 
-    read.__name__, read.__qualname__ = f"from_{kind}", f"Record.from_{kind}"
-    read.__doc__ = f"Read mapped columns of {what}. Keywords as in `from_csv`, mapping as in `from_table`."
-    return classmethod(known_options(read))
+    def read_episode(
+        cls, path, *, rig, columns, episode=0, units=None, wrap=None, prefix="", law=None, reference=None, initial=None
+    ):
+        log = {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix, "episode": episode}
+        return read_mapped(cls, kind, path, rig=rig, law=law, reference=reference, initial=initial, **log)
+
+    method, more = (read_episode, "; `episode` counts from 0") if kind == "lerobot" else (read, "")
+    method.__name__, method.__qualname__ = f"from_{kind}", f"Record.from_{kind}"
+    method.__doc__ = f"Read mapped columns of {what}. Keywords as in `from_csv`, mapping as in `from_table`{more}."
+    return classmethod(known_options(method))
 
 
-def read_mapped(cls: Any, kind: str, path: str | Path, *, prefix: str, **log: Any) -> Any:
+def read_mapped(
+    cls: Any, kind: str, path: str | Path, *, prefix: str = "", episode: int | None = None, **log: Any
+) -> Any:
     """Read the columns that a mapping needs, and make a record of them.
+
+    Columns of other topics than the measured one hold their last value.
 
     Raises
     ------
@@ -42,5 +68,104 @@ def read_mapped(cls: Any, kind: str, path: str | Path, *, prefix: str, **log: An
     """
     names = mapped_names(log["columns"], log["units"])
     instance("rig", log["rig"], Rig, "Pass rig=.")
-    with load_errors(path):
-        return cls.from_table(read_file(kind, path, names, prefix), **log)
+    measured = next(log["columns"][field] for field in _MEASURED if field in log["columns"])
+    clock = measured if isinstance(measured, str) else measured[0]
+    name = str(path) if episode is None else f"{path}, episode {episode}"
+    with load_errors(name):
+        options = options_of(kind, episode, clock)
+        return cls.from_table(read_file(kind, path, names, prefix, **options), name=name, **log)
+
+
+class FromFiles:
+    """The readers and the writer of a `Record`."""
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write a CSV file that `from_csv` reads back without loss, with rig, law, reference and initial in line 1."""
+        record_csv.write(self, path)
+
+    @classmethod
+    @known_options
+    def from_csv(
+        cls, path: str | Path, *, rig: Rig | None = None, law: Law | None = None, reference: Reference | None = None,
+        initial: ArrayLike | None = None, columns: Mapping[str, Any] | None = None,
+        units: Mapping[str, Any] | None = None, wrap: ArrayLike | None = None, prefix: str = "",
+    ) -> Self:  # fmt: skip
+        """Read what `to_csv` wrote, a plain CSV of t [s], n reference and n error columns [pulses], or a log of others.
+
+        Parameters
+        ----------
+        path : str or Path
+        rig, law, reference, initial : optional
+            As in `Record`. A plain file needs rig and law; without a reference the logged counts are replayed. In place
+            of those named in the file otherwise.
+        columns : dict, optional
+            With it, the file is a table of named columns, which this maps to the fields of a record; `from_table` says
+            how, and what `units` and `wrap` are.
+        prefix : str
+            What the names of the mapped columns begin with in the file, as in ``run_07/``.
+
+        Raises
+        ------
+        LoadError
+            A file that cannot be read; a cell that is no number, a short row, an unknown column, a header that cannot
+            be read; with the line.
+        """
+        if columns is not None:
+            log: dict[str, Any] = {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix}
+            return read_mapped(cls, "csv", path, rig=rig, law=law, reference=reference, initial=initial, **log)
+        if units is not None or wrap is not None or prefix:
+            raise ValueError("units, wrap and prefix are for mapped columns; got no mapping. Pass columns= as well.")
+        with load_errors(path):
+            fields = record_csv.read(path, rig=rig, law=law, reference=reference, initial=initial)
+            return cls(**fields | {"name": str(path)})
+
+    @classmethod
+    @known_options
+    def from_table(
+        cls, table: Mapping[str, ArrayLike], *, rig: Rig, columns: Mapping[str, Any],
+        units: Mapping[str, Any] | None = None, wrap: ArrayLike | None = None, law: Law | None = None,
+        reference: Reference | None = None, initial: ArrayLike | None = None, name: str = "",
+    ) -> Self:  # fmt: skip
+        """Make a record of named columns, such as `read_table` reads or several files give together.
+
+        Parameters
+        ----------
+        table : dict of str to (N,) or (N, n) array_like
+        rig : Rig
+            Its gear and resolution turn angles into counts, its period is held against the times.
+        columns : dict
+            Field of the record -> name of its column, or names, one per joint. Exactly one of ``position`` (joint
+            angles), ``motor_position``, ``counts`` and ``error_pulses``; and if there are, ``t``, ``valid``,
+            ``torque``, ``current`` and one of ``reference_pulses``, ``reference_position``,
+            ``reference_motor_position``.
+        units : dict
+            Field -> unit: ``s``, ``ms``, ``us`` or ``ns`` of t, ``rad``, ``deg`` or ``pulses`` of positions, of joints
+            that slide ``m`` or ``mm``, ``N m`` (of the joint), ``N`` (of one that slides) or ``motor N m`` of torque,
+            ``A`` or ``mA`` of current. Where some joints turn and others slide, one per joint: ``("rad", "m")``.
+        wrap : float or (n,) array_like, optional
+            Where the measured position starts again, in its own unit: 2**16 counts, 2 pi rad. It is unwrapped by whole
+            wraps, each the one nearest to the sample before.
+        law, reference, initial : optional
+            As in `Record`; a reference also gives the commanded counts where no column does.
+        name : str
+            What messages call the record.
+
+        Notes
+        -----
+        Time starts at zero; without a column it is k period. Of rows with one time the first is kept, with a warning.
+        A row with NaN in any mapped column has no weight (`valid` is 0) and holds the values of the row before; rows
+        that are missing altogether are long time steps. Angles become whole pulses: where they are on a grid of one
+        pulse, up to a shift per joint, these, otherwise what the rig's encoder would count, with a warning.
+
+        Raises
+        ------
+        ValueError
+            A column that is missing, has another length or holds anything but real numbers; a unit that is not stated,
+            or does not fit the rig. Whatever `Record` refuses.
+        """
+        given: dict[str, Any] = {"rig": rig, "law": law, "reference": reference, "initial": initial, "name": name}
+        given["columns"] = {
+            field: value if isinstance(value, str) else tuple(value) for field, value in columns.items()
+        }
+        fields = record_fields(table, rig=rig, columns=columns, units=units, wrap=wrap, reference=reference)
+        return cls(**fields, **given)

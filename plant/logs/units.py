@@ -3,31 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plant.parts.arguments import choice
 
-__all__ = ["on_grid", "require_grid", "require_limit", "require_period", "require_span", "require_units"]
+__all__ = [
+    "Unit", "factors", "on_grid", "require_grid", "require_limit", "require_period", "require_span", "require_units",
+]  # fmt: skip
 
-TIME = {"s": 1.0, "ms": 1e3, "us": 1e6}  # of them in a second: a quotient of whole numbers is rounded once
+Unit: TypeAlias = str | tuple[str, ...]
+"""Of a field: one unit, or one per joint where some joints turn and others slide."""
+
+TIME = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}  # of them in a second: a quotient of whole numbers is rounded once
 ANGLE = {"rad": 1.0, "deg": np.pi / 180}  # radians of each
+LENGTH = {"m": 1.0, "mm": 1e-3}  # metres of each
 CURRENT = {"A": 1.0, "mA": 1e3}
-TORQUE = ("N m", "motor N m")
+TORQUE = ("N m", "N", "motor N m")
 UNITS = {
-    "t": tuple(TIME), "position": (*ANGLE, "pulses"), "motor_position": (*ANGLE, "pulses"),
-    "reference_position": tuple(ANGLE), "reference_motor_position": tuple(ANGLE), "torque": TORQUE,
+    "t": tuple(TIME), "position": (*ANGLE, *LENGTH, "pulses"), "motor_position": (*ANGLE, "pulses"),
+    "reference_position": (*ANGLE, *LENGTH), "reference_motor_position": tuple(ANGLE), "torque": TORQUE,
     "current": tuple(CURRENT), "counts": ("pulses",), "error_pulses": ("pulses",), "reference_pulses": ("pulses",),
 }  # fmt: skip
 
+_PER_JOINT = {*ANGLE, *LENGTH, "N m", "N"}
 _TURNS = 10  # a joint that turns further has its angle in degrees
+_METRES = 50.0  # a joint that slides further has its position in millimetres
 _FACTOR = 10  # between the period stated and the period found
 _LIMIT = 2.0  # times what the amplifier can drive; measured currents overshoot
 _LEAST = 10  # pulses of motion from which a grid is no accident
 
 
-def require_units(columns: Collection[str], units: Mapping[str, str]) -> None:
+def factors(unit: Unit) -> float | NDArray[np.float64]:
+    """Radians or metres of a unit of position, or (n,) of one unit per joint."""
+    scale = ANGLE | LENGTH
+    return scale[unit] if isinstance(unit, str) else np.array([scale[each] for each in unit])
+
+
+def require_units(columns: Collection[str], units: Mapping[str, Unit]) -> None:
     """Refuse a unit that is unknown, missing, or for a column that is not mapped.
 
     Raises
@@ -40,8 +55,16 @@ def require_units(columns: Collection[str], units: Mapping[str, str]) -> None:
         if name in UNITS and len(UNITS[name]) > 1 and name not in units:
             offered = ", ".join(repr(unit) for unit in UNITS[name])
             raise ValueError(f"units must state that of {name!r}; got none. Give one of {offered}.")
-        if name in units:
-            choice(f"unit of {name!r}", units[name], UNITS.get(name, ("1",)))
+        if name not in units:
+            continue
+        given = units[name]
+        for each in given if isinstance(given, (tuple, list)) else (given,):
+            choice(f"unit of {name!r}", each, UNITS.get(name, ("1",)))
+        if isinstance(given, (tuple, list)) and not _PER_JOINT.issuperset(given):
+            known = ", ".join(repr(unit) for unit in UNITS.get(name, ("1",)) if unit in _PER_JOINT) or "none"
+            raise ValueError(
+                f"units of {name!r} may differ between joints among {known}; got {given!r:.60}. State one."
+            )
 
 
 def require_period(t: NDArray[np.float64], unit: str, period: float) -> None:
@@ -62,22 +85,28 @@ def require_period(t: NDArray[np.float64], unit: str, period: float) -> None:
     raise ValueError(f"t in {unit!r} has a step of {step:g} s; rig.period is {period:g} s. Give the rig the log's.")
 
 
-def require_span(name: str, q: NDArray[np.float64], unit: str, labels: Sequence[str]) -> None:
-    """Refuse joint angles [rad] that span more turns than a joint makes.
+def require_span(name: str, q: NDArray[np.float64], unit: Unit, labels: Sequence[str]) -> None:
+    """Refuse joint angles [rad] that span more turns than a joint makes, and positions [m] that span a hall.
 
     Raises
     ------
     ValueError
     """
-    span = np.ptp(q, axis=0) / (2 * np.pi)
-    if not (span <= _TURNS).all():
-        joint = int(np.argmax(span))
-        fits = unit == "rad" and span[joint] * ANGLE["deg"] <= _TURNS
-        advice = "'deg' would fit." if fits else "Correct the log; a joint that does turn so far is logged in counts."
-        raise ValueError(f"{name} in {unit!r} spans {span[joint]:.3g} turns of {labels[joint]}; at most 10. {advice}")
+    of_joints = [unit] * len(labels) if isinstance(unit, str) else list(unit)
+    for joint, (span, own) in enumerate(zip(np.ptp(q, axis=0), of_joints, strict=True)):
+        most, size, per = (_METRES, "m", 1.0) if own in LENGTH else (_TURNS, "turns", 2 * np.pi)
+        if span / per <= most:
+            continue
+        other = {"rad": "deg", "m": "mm"}.get(own)
+        fits = other is not None and span / per * (ANGLE | LENGTH)[other] <= most
+        advice = (
+            f"{other!r} would fit." if fits else "Correct the log; a joint that does turn so far is logged in counts."
+        )
+        got = f"spans {span / per:.3g} {size} of {labels[joint]}; at most {most:g}"
+        raise ValueError(f"{name} in {own!r} {got}. {advice}")
 
 
-def require_grid(name: str, unit: str, readings: Mapping[tuple[str, str], NDArray[np.float64]]) -> bool:
+def require_grid(name: str, unit: Unit, readings: Mapping[tuple[str, Unit], NDArray[np.float64]]) -> bool:
     """Refuse angles that are whole pulses in another unit, or on the other side of the gear, but not as stated.
 
     Parameters
@@ -121,7 +150,7 @@ def require_limit(
     name: str,
     value: NDArray[np.float64],
     limit: NDArray[np.float64],
-    unit: str,
+    unit: Unit,
     others: Mapping[str, NDArray[np.float64] | float],
     labels: Sequence[str],
 ) -> None:

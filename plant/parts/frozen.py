@@ -11,7 +11,10 @@ __all__ = ["Frozen"]
 
 
 class Frozen:
-    """Base of a frozen dataclass with ``eq=False``: equal when all fields are, arrays bit for bit; so is every copy."""
+    """Base of a frozen dataclass with ``eq=False``: equal when all fields are, arrays bit for bit; so is every copy.
+
+    Fields with ``compare=False`` do not count.
+    """
 
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
 
@@ -24,11 +27,11 @@ class Frozen:
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
             return NotImplemented
-        names = [field.name for field in dataclasses.fields(self)]
+        names = [field.name for field in dataclasses.fields(self) if field.compare]
         return self is other or all(_same(getattr(self, name), getattr(other, name)) for name in names)
 
     def __hash__(self) -> int:
-        plain = (getattr(self, field.name) for field in dataclasses.fields(self))
+        plain = (getattr(self, field.name) for field in dataclasses.fields(self) if field.compare)
         return hash((type(self), *(value for value in plain if isinstance(value, (bool, int, float, str)))))
 
 

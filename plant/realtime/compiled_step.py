@@ -74,12 +74,9 @@ def compiled(law: Any, rig: Rig, block: Any, guards: Guards | None) -> Core:
         scalars[[safety.STOP, safety.DURATION]] = float(guards.stop != "hold"), guards.duration
     scalars[[safety.NOW, safety.PERIOD, safety.STATES]] = np.nan, block.period or rig.period, states
     sampled = block.period is not None
-    scalars[[safety.WEIGHT, safety.SAMPLED, safety.FULL, safety.LEAST]] = (
-        weight,
-        sampled,
-        SLOT,
-        0.0 if sampled else HELD,
-    )
+    scalars[[safety.WEIGHT, safety.SAMPLED, safety.FULL, safety.LEAST, safety.ROUNDS]] = (
+        weight, sampled, SLOT, 0.0 if sampled else HELD, not rig.encoder.smooth,
+    )  # fmt: skip
     memory = np.concatenate([scalars, rows.ravel(), *[block.initial] * 3, block.values])
     trial = [np.zeros(n) for _ in range(4)]
     return Core(kernel.function("step", *trial, np.nan, memory.copy(), np.zeros(n)), memory)

@@ -113,7 +113,7 @@ class Running:
         Parameters
         ----------
         pulses : (n,) array_like
-            Encoder counts, whole numbers, read now.
+            Encoder counts, read now: whole numbers, but of an encoder with ``smooth=True``.
         q_r, qd_r, qdd_r : (n,) array_like
             Reference for now, joint side [rad, rad/s, rad/s^2]. With guards, one that is not finite is extrapolated
             from the last one; only the first must be finite.
@@ -231,6 +231,6 @@ class Running:
     def _counts(self, pulses: ArrayLike) -> NDArray[np.float64]:
 
         counts = array("pulses", pulses, (self.n,), advice="Give the encoder count of each joint.")
-        if (counts != np.trunc(counts)).any():
+        if not self.rig.encoder.smooth and (counts != np.trunc(counts)).any():
             raise ValueError(f"pulses must be whole encoder counts; got {counts}. Give counts, not angles.")
         return counts

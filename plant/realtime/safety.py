@@ -17,7 +17,7 @@ FAR = 1e5
 GUARDED, PATIENCE, LATE, PERIOD, STOP, DURATION, STATES = range(7)
 CALLS, NOW, DT, LATE_CALLS, JUMPS, GAPS, CAUSE, SINCE, RELEASED = range(7, 16)
 EVENT, EVENT_JOINT, EVENT_AMOUNT, EVENT_CALL, BRIDGED, WEIGHT = range(16, 22)
-SAMPLED, PASSED, AGE, FILLED, FULL, LEAST, SCALARS = range(22, 29)
+SAMPLED, PASSED, AGE, FILLED, FULL, LEAST, ROUNDS, SCALARS = range(22, 30)
 
 COUNTS, BEFORE, EXPECTED, SPEED, ANGLE, Q, QD, QDD, REFERENCE = range(9)
 WANTED, GIVEN, TORQUE, FROM_Q, FROM_QD, FROM_TORQUE, MARK, MARK_TORQUE = range(9, 17)
@@ -87,7 +87,7 @@ def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
 def refused(pulses, q_r, qd_r, qdd_r, now, own):
     """Return code of a call that no guard can bridge."""
     for count in pulses:
-        if not (abs(count) < np.inf and count == np.floor(count)):
+        if not (abs(count) < np.inf and (count == np.floor(count) or own[ROUNDS] == 0.0)):
             return BAD_PULSES
     if now <= own[NOW] or abs(now) == np.inf:
         return BAD_CLOCK

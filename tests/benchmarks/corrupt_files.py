@@ -3,9 +3,10 @@
     python tests/benchmarks/corrupt_files.py [mutations] [--cold]
 
 One small log per format, compressed and not, and 500 files made from them: bits flipped, cut off, zeros, a block twice,
-something behind the end. Each must give a record or one `LoadError` of one line, within 5 s, and leave this process
-alive. MAT, HDF5 and Parquet are read by children that are forked from one that has imported their libraries; --cold
-starts each anew.
+something behind the end. Half of those that hold messages or are data sets are spoilt as their format understands it:
+records that are gone, lengths that lie, other types, lists of several lengths. Each must give a record or one
+`LoadError` of one line, within 5 s, and leave this process alive. All but CSV and NPZ are read by children that are
+forked from one that has imported their libraries; --cold starts each anew.
 """
 
 import contextlib
@@ -20,11 +21,12 @@ import numpy as np
 from plant import LoadError
 
 
-def spoilt_files():
+def oracles():
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "oracles"))
+    import message_files
     import spoilt_files
 
-    return spoilt_files
+    return spoilt_files, message_files
 
 
 def attempt(files, kind, path):
@@ -33,32 +35,39 @@ def attempt(files, kind, path):
     try:
         read = len(files.read(kind, path)) > 0
     except LoadError as error:
-        if "\n" in str(error) or len(str(error)) > 500 or str(path) not in str(error):
+        if "\n" in str(error) or len(str(error)) > 600 or str(path) not in str(error):
             raise RuntimeError(f"not a message: {error!r}") from None
         read = False
     return read, time.perf_counter() - start
 
 
 def main(mutations, cold):
-    files = spoilt_files()
+    tables, messages = oracles()
     warnings.simplefilter("ignore")
-    print(f"{'format':10}{'read':>8}{'refused':>9}{'slowest [s]':>13}{'peak of a child [MB]':>22}")
-    for kind in files.FORMATS:
-        rng = np.random.default_rng(1)
-        with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
-            path = Path(folder) / f"log.{kind}"
-            sound = []
-            for compress in (True, False):
-                files.write(kind, path, files.log(), compress)
-                sound.append(path.read_bytes())
-            children = None if cold or kind in ("csv", "npz") else stack.enter_context(files.WarmChildren())
-            results = []
-            for i in range(mutations):
-                path.write_bytes(files.spoil(sound[i % 2], rng))
-                results.append(attempt(files, kind, path))
-        read = sum(r for r, _ in results)
-        peak = f"{children.peak / 1024:.0f}" if children else "-"
-        print(f"{kind:10}{read:8}{mutations - read:9}{max(t for _, t in results):13.2f}{peak:>22}")
+    print(f"{'format':12}{'read':>8}{'refused':>9}{'slowest [s]':>13}{'peak of a child [MB]':>22}")
+    for files in (tables, messages):
+        for kind in files.FORMATS:
+            rng = np.random.default_rng(1)
+            with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
+                path = Path(folder) / f"log.{kind}"
+                sound = []
+                for compress in (True, False):
+                    files.write(kind, path, files.log(), compress)
+                    sound.append(messages.contents(path))
+                children = None if cold or kind in ("csv", "npz") else stack.enter_context(tables.WarmChildren())
+                results = []
+                for i in range(mutations):
+                    if i == mutations // 2:  # files of a folder have other names
+                        files.write(kind, path, files.log(), False)
+                    half = sound[int(i >= mutations // 2)]
+                    if files is messages:
+                        messages.spoilt(path, half, rng)
+                    else:
+                        path.write_bytes(files.spoil(half[""], rng))
+                    results.append(attempt(files, kind, path))
+            read = sum(r for r, _ in results)
+            peak = f"{children.peak / 1024:.0f}" if children else "-"
+            print(f"{kind:12}{read:8}{mutations - read:9}{max(t for _, t in results):13.2f}{peak:>22}", flush=True)
 
 
 if __name__ == "__main__":

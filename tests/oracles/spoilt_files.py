@@ -85,7 +85,8 @@ _SERVER = """
 import io, json, os, signal, sys, time
 import numpy, scipy.io, h5py
 os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"
-import pyarrow.parquet
+import pyarrow.parquet, pyarrow.compute
+import mcap.reader, mcap_ros2.decoder, rosbags.highlevel, rosbags.typesys.stores.ros2_humble
 sys.path.insert(0, sys.argv[1])
 import child
 sys.path.pop(0)

@@ -14,7 +14,8 @@ import pytest
 from spoilt_files import FORMATS, RIG, WarmChildren, log, read, spoil, write
 
 from plant import LoadError, Record, puma560, read_table
-from plant.logs import child, isolation
+from plant.logs import isolation
+from plant.logs.formats import mat as mat_format
 
 MUTATIONS = 50
 
@@ -192,9 +193,9 @@ def test_a_mat_bomb_is_refused(tmp_path, children, declared, zeros, message):
 def test_a_mat_bomb_of_declared_size_is_not_expanded(tmp_path, monkeypatch):
     path = tmp_path / "bomb.mat"
     path.write_bytes(mat(300 << 20, 300))
-    monkeypatch.setattr(child, "_expanded", lambda *_: pytest.fail("it was expanded"))
+    monkeypatch.setattr(mat_format, "_expanded", lambda *_: pytest.fail("it was expanded"))
     with pytest.raises(ValueError, match="it declares 300"):
-        child._require_bounded_mat(path, 256 << 20)
+        mat_format._require_bounded(path, 256 << 20)
 
 
 def test_hdf5_and_parquet_bombs_are_refused_by_their_declared_size(tmp_path, children):

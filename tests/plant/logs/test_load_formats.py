@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import re
+import struct
 from pathlib import Path
 
 import h5py
@@ -63,6 +64,48 @@ def test_groups_structures_and_archives_are_one_prefix_away(tmp_path):
         record = read_it(tmp_path / name, rig=RIG, columns=COLUMNS, units=UNITS, prefix=prefix)
         np.testing.assert_array_equal(record.counts, np.column_stack([columns["c1"], columns["c2"]]))
         assert set(read_table(tmp_path / name, prefix=prefix)) == set(columns)
+
+
+def opaque(name):
+    """A variable as MATLAB writes an object of its own classes, such as a string or a table: it has no shape."""
+
+    def element(kind, data):
+        return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
+
+    text = b"".join(element(1, word) for word in (name.encode(), b"MCOS", b"string"))
+    inner = element(6, struct.pack("<II", 9, 0)) + element(5, struct.pack("<ii", 1, 1)) + element(1, b"")
+    body = element(6, struct.pack("<II", 17, 0)) + text + element(14, inner + element(2, b"\x07"))
+    return element(14, body)
+
+
+@pytest.mark.parametrize("objects", [False, True])
+def test_structures_of_matlab_with_all_that_is_no_column(tmp_path, objects):
+    """Text, cells, structures without fields or elements beside the columns; and an object, which scipy cannot list."""
+    columns, path = log(20), tmp_path / "a.mat"
+    runs = np.zeros((1, 2), dtype=[("c1", object), ("note", object)])
+    runs[0, 0], runs[0, 1] = (columns["c1"], "first"), (columns["c2"], {})
+    empty = np.zeros((0, 0), dtype=[("c1", object)])
+    inside = columns | {
+        "note": "by hand",
+        "none": {},
+        "empty": empty,
+        "cells": np.array([[1, "a"]], object),
+        "runs": runs,
+    }
+    scipy.io.savemat(path, {"run": inside})
+    if objects:
+        path.write_bytes(path.read_bytes() + opaque("made"))
+        with pytest.raises(TypeError):
+            scipy.io.whosmat(path)
+        assert "run" in scipy.io.loadmat(path)
+    with WarmChildren():
+        record = Record.from_mat(path, rig=RIG, columns=COLUMNS, units=UNITS, prefix="run.")
+        np.testing.assert_array_equal(record.counts, np.column_stack([columns["c1"], columns["c2"]]))
+        second = read_table(path, names=["run.runs[1].c1"])["run.runs[1].c1"]
+        np.testing.assert_array_equal(second, columns["c2"])
+        refused(
+            lambda: read_table(path, names=["run.c3"]), r"column 'run\.c3' must be there; got .* Did you mean 'run\.c"
+        )
 
 
 def test_a_csv_may_have_semicolons_tabs_quotes_and_empty_cells(tmp_path):

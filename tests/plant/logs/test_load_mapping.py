@@ -385,3 +385,35 @@ def test_the_paper_s_rig_takes_a_log_in_degrees():
     q = np.degrees(rig.cell_centre(counts))
     found = Record.from_table({"q": q}, rig=rig, columns={"position": "q"}, units={"position": "deg"})
     np.testing.assert_array_equal(found.counts, counts)
+
+
+# -- joints that slide ----------------------------------------------------------------------------------------------
+def test_positions_in_m_and_mm_and_forces_in_n_of_joints_that_slide():
+    """By hand: counts are whole pulses of position times gear; one unit for all, or one per joint."""
+    t = RIG.period * np.arange(400)
+    counts = np.round(RIG.counts(np.column_stack([0.3 * np.sin(9 * t), 0.2 * np.cos(7 * t)])))
+    q = RIG.cell_centre(counts)
+    torque = np.column_stack([np.sin(t), np.cos(t)])
+    table = {"m": q, "mm": 1e3 * q, "mixed": q * (180 / np.pi, 1e3), "u": torque}
+    for name, unit in (("m", "m"), ("mm", "mm"), ("mixed", ("deg", "mm")), ("m", ["m", "m"]), ("m", ("rad", "m"))):
+        for force in ("N", ("N m", "N"), "N m"):
+            units = {"position": unit, "torque": force}
+            record = Record.from_table(table, rig=RIG, columns={"position": name, "torque": "u"}, units=units)
+            np.testing.assert_array_equal(record.counts, counts)
+            np.testing.assert_array_equal(record.torque, torque)
+
+
+@pytest.mark.parametrize(
+    ("unit", "message"),
+    [
+        ("m", r"position in 'm' (spans 6\d\d m of .*; at most 50\. 'mm' would fit|must be whole pulses)"),
+        (("rad",), r"units of 'position' must be one, or 2, one per joint; got 1"),
+        (("rad", "pulses"), r"units of 'position' may differ between joints among 'rad', 'deg', 'm', 'mm'; got"),
+        (("rad", "inch"), r"unit of 'position' must be one of 'rad', 'deg', 'm', 'mm', 'pulses'; got 'inch'"),
+    ],
+)
+def test_units_of_joints_that_slide_are_checked(unit, message):
+    t = RIG.period * np.arange(400)
+    table = {"q": 1e3 * np.column_stack([0.3 * np.sin(9 * t), 0.2 * np.cos(7 * t)])}
+    with pytest.raises(ValueError, match=message):
+        Record.from_table(table, rig=RIG, columns={"position": "q"}, units={"position": unit})

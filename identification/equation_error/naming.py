@@ -1,0 +1,91 @@
+"""Which record a refusal is about: its place in the list, and its file."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from plant import Record
+
+__all__ = ["RecordError", "column_of", "each_named", "first_problem", "held_out", "record_label"]
+
+
+class RecordError(ValueError):
+    """A refusal that says which record it is about.
+
+    Parameters
+    ----------
+    said : str
+        The refusal without the record.
+    record : Record
+    label : str
+        What messages call the record.
+    """
+
+    def __init__(self, said: str, record: Record, label: str) -> None:
+        super().__init__(f"{label}: {said}" if label else said)
+        self.said, self.record = said, record
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ValueError, (str(self),)
+
+
+def record_label(records: Sequence[Record], k: int, what: str = "records") -> str:
+    """What messages call one of several records, or a single one that was read from a file; "" of the only one."""
+    name = f" ({records[k].name})" if records[k].name else ""
+    return f"{what}[{k}]{name}" if len(records) > 1 else f"the record{name}" * bool(name)
+
+
+def column_of(record: Record, field: str, joint: int) -> str:
+    """The column of a signal and a joint in the file of a record, as a clause; "" where no mapping names it."""
+    column = record.column(field, joint)
+    return "" if column == field else f", {column},"
+
+
+def first_problem(records: Sequence[Record]) -> str:
+    """What the checkup of the records calls wrong first, as a sentence with the record's name; "" where nothing is."""
+    for k, record in enumerate(records):
+        checkup = record.check()
+        for finding in checkup.problems:
+            if finding.verdict == "wrong":
+                joint = "" if finding.joint is None else f" of {checkup.joint_labels[finding.joint]}"
+                label = record_label(records, k)
+                return f" {f'{label}: ' if label else ''}{finding.check}{joint}: {finding.advice}"
+    return ""
+
+
+def each_named(records: Sequence[Record], what: str = "records") -> Iterator[tuple[Record, Any]]:
+    """Each record, with a context in which every refusal is about that record, and says so."""
+    for k, record in enumerate(records):
+        yield record, _about(record, record_label(records, k, what))
+
+
+@contextlib.contextmanager
+def _about(record: Record, label: str) -> Iterator[None]:
+    try:
+        yield
+    except RecordError:
+        raise
+    except ValueError as error:
+        raise RecordError(str(error), record, label) from error
+
+
+@contextlib.contextmanager
+def held_out(kept: Sequence[Record], searched: int, among: bool) -> Iterator[None]:
+    """A context in which refusals of records that were kept aside call them so.
+
+    Parameters
+    ----------
+    searched : int
+        Number of the others.
+    among : bool
+        Whether they are the last of the same list.
+    """
+    try:
+        yield
+    except RecordError as error:
+        k = next(k for k, record in enumerate(kept) if record is error.record)
+        place = f"records[{searched + k}]" if among else f"held_out[{k}]"
+        name = f" ({error.record.name})" if error.record.name else ""
+        raise RecordError(error.said, error.record, f"{place}{name}") from error

@@ -1,0 +1,98 @@
+"""One mapped field in the units of a record, on its side of the gear: counts of angles, torques of the joints."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.logs.units import ANGLE, CURRENT, LENGTH, Unit, factors, on_grid, require_grid, require_limit, require_span
+from plant.machine.rig import Rig
+
+__all__ = ["REFERENCE", "converted", "warn"]
+
+REFERENCE = ("reference_pulses", "reference_position", "reference_motor_position")
+_EXACT = 2.0**53
+_NEAR = 0.02  # of a pulse: a step that was meant to be one
+
+
+def warn(text: str) -> None:
+    """Warn at the user's line that called this package, through whichever reader."""
+    frame, level = sys._getframe(), 1
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "plant":
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, stacklevel=level)
+
+
+def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str, NDArray[np.float64]]:
+    """One field of the record, in its units and on its side.
+
+    Raises
+    ------
+    ValueError
+        A unit that does not fit the rig.
+    """
+    if field == "torque":
+        limit, gear = rig.drive.torque_limit(), rig.drive.gear
+        if unit == "motor N m":
+            require_limit(field, value, limit / np.abs(gear), unit, {"N m": 1 / gear}, rig.joint_labels)
+            return {"torque": rig.drive.joint_torque(value)}
+        require_limit(field, rig.drive.coupling.shaft_torque(value), limit, unit, {}, rig.joint_labels)
+        return {"torque": value}
+    if field == "current":
+        value, unit = value / CURRENT[str(unit)], str(unit)
+        others = {other: CURRENT[unit] / per for other, per in CURRENT.items() if other != unit}
+        require_limit(field, value, rig.drive.current_limit, unit, others, rig.joint_labels)
+        return {"current": value}
+    name = "reference_pulses" if field in REFERENCE else "error_pulses" if field == "error_pulses" else "counts"
+    if unit == "pulses":
+        return {name: _whole(field, value, rig)}
+    return {name: _counted(field, value, unit, rig)}
+
+
+def _whole(field: str, value: NDArray[Any], rig: Rig) -> NDArray[np.float64]:
+    value = value.astype(float)
+    if rig.encoder.smooth:
+        return value
+    broken = np.argwhere((value != np.trunc(value)) | (np.abs(value) > _EXACT))
+    if len(broken):
+        got = f"got {value[tuple(broken[0])]:g} in row {broken[0][0]}, {rig.joint_labels[broken[0][1]]}"
+        raise ValueError(f"{field!r} must be whole pulses; {got}. Map angles as 'position', with their unit.")
+    return value
+
+
+def _counted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> NDArray[np.float64]:
+    """Counts of angles: those on a grid of whole pulses as they are, others as the rig's encoder would count them."""
+    motor = "motor" in field
+    angle = value * factors(unit)
+    require_span(field, rig.drive.joint_angle(angle) if motor else angle, unit, rig.joint_labels)
+    place = {False: rig.position_in_pulses, True: rig.encoder.position_in_pulses}
+    position = place[motor](angle)
+    if rig.encoder.smooth:
+        return position
+    if field in REFERENCE:
+        shift, grid = on_grid(position)
+    else:
+        names = {False: field.replace("motor_", ""), True: "motor_position"}
+        readings: dict[tuple[str, Unit], Any] = {(field, unit): position}
+        if unit in ANGLE:
+            readings |= {(names[m], u): place[m](value * ANGLE[u]) for m in place for u in ANGLE}
+        elif unit in LENGTH:
+            readings |= {(field, u): place[motor](value * LENGTH[u]) for u in LENGTH}
+        whole = require_grid(field, unit, readings)
+        shift, grid = on_grid(position)
+        if not whole:
+            step = _smallest_step(position[:, np.argmin(grid)])
+            near = ": state the resolution more exactly" if abs(step - 1) < _NEAR else ""
+            text = f"{field} of {rig.joint_labels[np.argmin(grid)]} is not in whole pulses of rig.encoder.resolution "
+            warn(f"{text}(smallest step {step:.{6 if near else 3}g} pulses{near}); counted as that encoder would")
+    shift = np.where(np.abs(shift) < 0.1, 0.0, shift)
+    return rig.encoder.quantised(np.where(grid, np.round(position - shift) + shift, position))
+
+
+def _smallest_step(position):
+    steps = np.diff(np.unique(position))
+    return float(steps[steps > 1e-6].min(initial=np.inf))

@@ -1,0 +1,44 @@
+"""Blocks of columns, and elements of them: ``block``, ``block[2]``, ``block.elbow``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+__all__ = ["Block", "home_of", "picked"]
+
+
+class Block(NamedTuple):
+    """Columns (N,) or (N, k), and what each of the k is called, where they have names."""
+
+    values: Any
+    labels: tuple[str, ...] = ()
+
+    def elements(self, name: str) -> Iterator[str]:
+        """Names of the block's columns, of a block that is called `name`."""
+        if self.values.ndim == 2:
+            yield from (f"{name}.{label}" for label in self.labels)
+            yield from (f"{name}[{i}]" for i in range(self.values.shape[1] if not self.labels else 0))
+
+
+def home_of(wanted: str, known: Iterable[str]) -> str | None:
+    """The longest of the known names of which `wanted` is the whole, or an element."""
+    return max((name for name in known if wanted == name or wanted.startswith((f"{name}.", f"{name}["))),
+               key=len, default=None)  # fmt: skip
+
+
+def picked(wanted: str, blocks: Mapping[str, Block]) -> Any:
+    """A block (N, k), or one of its columns (N,); None where there is none of that name."""
+    name = home_of(wanted, blocks)
+    if name is None:
+        return None
+    block, rest = blocks[name], wanted[len(name) :]
+    if not rest:
+        return block.values
+    if block.values.ndim != 2:
+        return None
+    if rest[1:] in block.labels and rest[0] == ".":
+        return block.values[:, block.labels.index(rest[1:])]
+    place = re.fullmatch(r"\[(\d{1,9})\]", rest)
+    return block.values[:, int(place[1])] if place and int(place[1]) < block.values.shape[1] else None

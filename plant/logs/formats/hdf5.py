@@ -1,0 +1,55 @@
+"""HDF5 files, by h5py; data sets are named ``group/name``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator
+from typing import Any
+
+from .refusal import RefusalError, choice_of, require_size
+
+__all__ = ["read"]
+
+
+def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tuple[list[str], dict[str, Any]]:
+    """Names and wanted columns of an HDF5 file, or of a MAT file of version 7.3.
+
+    Raises
+    ------
+    RefusalError
+        What is in another file, what is no real number, or more than `most` bytes.
+    """
+    import h5py
+
+    chosen = choice_of(names, prefix)
+    with h5py.File(path, "r") as file:
+        items: dict[str, Any] = {}
+        file.visititems(items.__setitem__)
+        known = {name: item for name, item in items.items() if isinstance(item, h5py.Dataset)}
+        for link in _links(file, items):
+            if chosen(link) or any(name.startswith(f"{link}/") for name in names or ()):
+                raise RefusalError(
+                    f"must hold its own data; {link!r} is a link to another file. Copy it in, or choose others."
+                )
+        wanted = {name: item for name, item in known.items() if chosen(name)}
+        for name, item in wanted.items():
+            if item.is_virtual or item.external:
+                raise RefusalError(f"must hold its own data; column {name!r} points into another file. Copy it in.")
+            if item.dtype.kind not in "biuf":
+                raise RefusalError(
+                    f"must hold real numbers; got {item.dtype} in column {name!r}. Leave it out with names=."
+                )
+        require_size(sum(math.prod(item.shape or ()) * item.dtype.itemsize for item in wanted.values()), most)
+        # MATLAB writes its arrays with the axes in reverse.
+        return list(known), {n: item[()].T if "MATLAB_class" in item.attrs else item[()] for n, item in wanted.items()}
+
+
+def _links(file: Any, items: dict[str, Any]) -> Iterator[str]:
+    """Names of the links to other files; they are not followed."""
+    import h5py
+
+    for place, group in {"": file, **items}.items():
+        if isinstance(group, h5py.Group):
+            for name in group:
+                if isinstance(group.get(name, getlink=True), h5py.ExternalLink):
+                    yield f"{place}/{name}".lstrip("/")

@@ -1,0 +1,130 @@
+"""MAT files of version 5, by scipy; fields of structures are named ``structure.field``."""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Collection, Iterator
+from typing import Any
+
+from .refusal import RefusalError, choice_of, require_size
+
+__all__ = ["read"]
+
+
+def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tuple[list[str], dict[str, Any]]:
+    """Names and wanted columns of a MAT file.
+
+    A field of the k-th structure in an array of them is named ``structure[k].field``.
+
+    Raises
+    ------
+    RefusalError
+        No MAT v5, an element that is cut, or more than `most` bytes once expanded.
+    """
+    _require_bounded(path, most)
+    from scipy.io import loadmat
+
+    chosen, kinds = choice_of(names, prefix), _kinds(path)
+
+    def load(variables: list[str]) -> dict[str, Any]:
+        found = loadmat(path, squeeze_me=True, struct_as_record=True, variable_names=variables)
+        return dict(_flat({name: value for name, value in found.items() if name in variables}))
+
+    columns = known = load([name for name in kinds if chosen(name) or _may_hold(names, name)])
+    if not all(name in columns for name in names or ()):  # what else there is, for the message
+        known = load([name for name, kind in kinds.items() if kind == "struct"])
+    plain = [name for name, kind in kinds.items() if kind != "struct"]
+    return [*plain, *known], {name: value for name, value in columns.items() if chosen(name)}
+
+
+def _kinds(path: str) -> dict[str, str]:
+    """Name of each variable -> its class; of files with objects of MATLAB, which have no shape, after reading all."""
+    from scipy.io import loadmat, whosmat
+
+    try:
+        return {name: kind for name, _, kind in whosmat(path)}
+    except TypeError:
+        found = {name: value for name, value in loadmat(path).items() if not name.startswith("__")}
+        return {name: "struct" if _fields(value) else "" for name, value in found.items()}
+
+
+def _fields(value: Any) -> tuple[str, ...] | None:
+    """Names of the fields of a structure, None of anything else."""
+    fields = getattr(getattr(value, "dtype", None), "names", None)
+    return None if type(value).__name__ == "MatlabOpaque" else fields
+
+
+def _may_hold(names: Collection[str] | None, name: str) -> bool:
+    """Whether something inside the structure `name` may be wanted."""
+    return names is None or any(wanted.startswith((f"{name}.", f"{name}[")) for wanted in names)
+
+
+def _flat(values: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Columns of nested structures; those without elements or without fields hold none."""
+    for name, value in values.items():
+        fields = _fields(value)
+        if fields is None:
+            if not _is_empty_structure(value):
+                yield f"{prefix}{name}", value
+        elif value.size == 1:
+            yield from _flat({field: value[field].item() for field in fields}, f"{prefix}{name}.")
+        else:
+            for k, element in enumerate(value.ravel(order="F")):
+                yield from _flat({field: element[field] for field in fields}, f"{prefix}{name}[{k}].")
+
+
+def _is_empty_structure(value: Any) -> bool:
+    """Whether it is what scipy makes of a structure without fields, or of one that was never assigned."""
+    if value is None:
+        return True
+    of_objects = getattr(getattr(value, "dtype", None), "kind", "") == "O"
+    return of_objects and all(element is None for element in value.ravel())
+
+
+def _require_bounded(path: str, most: int) -> None:
+    """Refuse what is no MAT v5, and what expands beyond `most` bytes, by what is declared and then by what comes."""
+    with open(path, "rb") as file:
+        head = file.read(128)
+        if head[:4] == b"\x89HDF" or head[124:128] in (b"\x00\x02IM", b"\x02\x00MI"):
+            raise RefusalError(
+                "must be MAT version 5; got 7.3, which is HDF5. Rename it to end in .h5, or use Record.from_hdf5."
+            )
+        if head[124:128] not in (b"\x00\x01IM", b"\x01\x00MI"):
+            raise RefusalError("must be MAT version 5; its first 128 bytes are not. Save it with -v7 or -v6.")
+        order, total, size = "<" if head[126:] == b"IM" else ">", 0, os.path.getsize(path)
+        while len(tag := file.read(8)) == 8:
+            kind, length = struct.unpack(f"{order}II", tag)
+            start = file.tell()
+            if start + length > size:
+                raise RefusalError(
+                    f"must be complete; an element of {length} bytes goes beyond its end. Write it again."
+                )
+            if kind == 15:  # miCOMPRESSED
+                inner = zlib.decompressobj().decompress(file.read(min(length, 512)), 8)
+                declared = 8 + struct.unpack(f"{order}II", inner)[1] if len(inner) == 8 else 0
+                require_size(total + declared, most)
+                file.seek(start)
+                expanded = _expanded(file, length, declared)
+            else:
+                expanded = length
+            total += expanded
+            require_size(total, most)
+            file.seek(start + length)
+
+
+def _expanded(file: Any, length: int, declared: int) -> int:
+    """Number of bytes that a compressed element expands to; refused above what it declares."""
+    stream, total = zlib.decompressobj(), 0
+    while length > 0 and not stream.eof:
+        piece = file.read(min(length, 1 << 16))
+        if not piece:
+            break
+        length -= len(piece)
+        while piece and not stream.eof:
+            total += len(stream.decompress(piece, 1 << 20))
+            piece = stream.unconsumed_tail
+            if total > declared + 8:  # padding
+                raise RefusalError(f"declares an element of {declared} bytes; it expands beyond them. Write it again.")
+    return total

@@ -1,0 +1,52 @@
+"""MCAP files: messages of ROS 2 (CDR with their definition in the file) and JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection
+from typing import Any
+
+from .messages import Topics, topics_of
+from .refusal import RefusalError
+
+__all__ = ["read"]
+
+
+def read(
+    path: str, names: Collection[str] | None, prefix: str, most: int, clock: str | None = None
+) -> tuple[list[str], dict[str, Any]]:
+    """Names and wanted columns of the topics of an MCAP file; see `messages`.
+
+    Raises
+    ------
+    RefusalError
+        No finished MCAP file, a topic in another encoding, or more than `most` bytes.
+    """
+    from mcap.reader import make_reader
+    from mcap_ros2.decoder import DecoderFactory
+
+    with open(path, "rb") as file:
+        if file.read(8) != b"\x89MCAP0\r\n":
+            raise RefusalError("must be an MCAP file; its first bytes are not. Check its name.")
+        file.seek(-8, 2)
+        if file.read(8) != b"\x89MCAP0\r\n":
+            raise RefusalError("must be complete; its last bytes are not those of MCAP. Run mcap recover on it.")
+        file.seek(0)
+        reader, decoders = make_reader(file, validate_crcs=True), DecoderFactory()
+        summary = reader.get_summary()
+        if summary is None or not summary.channels:
+            raise RefusalError("must hold a summary with its topics; it does not. Run mcap recover on it.")
+        known = list(dict.fromkeys(channel.topic for channel in summary.channels.values()))
+        topics, decode = Topics(known, most), dict[int, Any]()
+        wanted = topics_of(names, prefix, known)
+        for schema, channel, message in reader.iter_messages(topics=wanted) if wanted else ():
+            if channel.id not in decode:
+                is_json = channel.message_encoding == "json"
+                decode[channel.id] = json.loads if is_json else decoders.decoder_for(channel.message_encoding, schema)
+            if decode[channel.id] is not None:
+                topics.add(channel.topic, message.log_time, decode[channel.id](message.data))
+            elif names is not None:
+                encoding = f"{channel.message_encoding} with {schema.encoding if schema else 'no schema'}"
+                raise RefusalError(f"must hold ROS 2 messages (cdr with ros2msg) or JSON; {channel.topic!r:.60} is "
+                                   f"{encoding:.60}. Convert it.")  # fmt: skip
+        return topics.columns(names, prefix, clock)

@@ -1,0 +1,212 @@
+"""Messages of topics as columns: ``topic.field``, ``topic.field[2]``, and by the joint's name ``topic.field.elbow``.
+
+Each topic has columns ``stamp``, from the header of its messages, and ``log_time``, when they were recorded, both in
+whole nanoseconds. Arrays beside a list of names (``name`` of a JointState, ``joint_names``) are told apart by these.
+"""
+
+from __future__ import annotations
+
+import array
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from typing import Any
+
+from .columns import Block, home_of, picked
+from .refusal import RefusalError, require_size
+
+__all__ = ["Topics", "topics_of"]
+
+_NAMES = ("name", "names", "joint_names")
+_WIDEST = 256  # elements of an array that may be joints; more are pictures or clouds of points
+_DEEPEST = 6
+_OWN = ("stamp", "log_time")
+
+
+def topics_of(names: Collection[str] | None, prefix: str, known: Iterable[str]) -> list[str]:
+    """The topics that hold something that is wanted."""
+    if names is None:
+        return [topic for topic in known if f"{topic}.".startswith(prefix) or prefix.startswith(f"{topic}.")]
+    homes = {home_of(name, known) for name in names}
+    return [topic for topic in known if topic in homes]
+
+
+class Topics:
+    """The messages of several topics, gathered one by one.
+
+    Parameters
+    ----------
+    known : sequence of str
+        All topics.
+    most : int
+        Bytes that all columns may have.
+    """
+
+    def __init__(self, known: Collection[str], most: int) -> None:
+        self.known, self._most, self._numbers = list(known), most, 0
+        self._rows: dict[str, list[tuple[int, int, dict[str, Any], dict[str, Any]]]] = {}
+
+    def add(self, topic: str, log_time: int, message: Any) -> None:
+        """Take the numbers out of a decoded message, recorded at `log_time` [ns]."""
+        values, labels = dict[str, Any](), dict[str, Any]()
+        for name, value, own in _flat(message, "", (), 0):
+            values[name] = value
+            if own:
+                labels[name] = own
+            self._numbers += len(value) if isinstance(value, list) else 1
+        require_size(8 * (self._numbers + 2), self._most)
+        self._rows.setdefault(topic, []).append((_stamp(message), log_time, values, labels))
+
+    def columns(
+        self, names: Collection[str] | None, prefix: str, clock: str | None
+    ) -> tuple[list[str], dict[str, Any]]:
+        """Names of all columns of these topics, and the wanted ones.
+
+        Parameters
+        ----------
+        clock : str, optional
+            The column whose messages are the samples: the columns of other topics hold their last value.
+        """
+        blocks = {topic: _blocks(rows) for topic, rows in self._rows.items()}
+        known = [f"{topic}.{name}" for topic in blocks for name in _all_names(blocks[topic])]
+        known += [topic for topic in self.known if topic not in blocks]
+        if names is None:
+            every = {f"{topic}.{name}": block.values for topic in blocks for name, block in blocks[topic].items()}
+            return known, {name: values for name, values in every.items() if name.startswith(prefix)}
+        found, times = dict[str, dict[str, Any]](), {}
+        for name in names:
+            topic = home_of(name, blocks)
+            values = None if topic is None else picked(name[len(topic) + 1 :], blocks[topic])
+            if topic is not None and values is not None:
+                found.setdefault(topic, {})[name] = values
+        for topic, columns in found.items():
+            kept = _kept(topic, columns)
+            found[topic] = {name: values[kept] for name, values in columns.items()}
+            times[topic] = {name: blocks[topic][name].values[kept] for name in _OWN if name in blocks[topic]}
+        held = next((topic for topic, columns in found.items() if clock in columns), None)
+        if held is not None:
+            for topic in found.keys() - {held}:
+                found[topic] = _held(found[topic], times[topic], times[held])
+        return known, {name: found[topic][name] for name in names for topic in found if name in found[topic]}
+
+
+def _items(message: Any) -> Iterable[tuple[str, Any]]:
+    """Fields of a message: of an object of some class, or of a dictionary."""
+    if isinstance(message, Mapping):
+        return ((str(name), value) for name, value in message.items())
+    names: Any = getattr(type(message), "__slots__", None) or getattr(message, "__dict__", ())
+    return ((name, getattr(message, name)) for name in names if not name.startswith("_"))
+
+
+def _flat(message: Any, prefix: str, labels: tuple[str, ...], deep: int) -> Iterator[tuple[str, Any, tuple[str, ...]]]:
+    """Name, number or list of numbers, and names of its elements, of all fields."""
+    if deep > _DEEPEST:
+        return
+    fields = list(_items(message))
+    for name, value in fields:
+        if name in _NAMES and isinstance(value, (list, tuple)) and all(isinstance(each, str) for each in value):
+            labels = tuple(value)
+    for name, value in fields:
+        if _is_stamp(name, value, deep):
+            continue
+        if isinstance(value, (bool, int, float)) or getattr(value, "shape", None) == ():
+            yield f"{prefix}{name}", value, ()
+        elif isinstance(value, (list, tuple, array.array)) or getattr(value, "ndim", None) == 1:
+            if (0 < len(value) <= _WIDEST and isinstance(value[0], (bool, int, float))) or hasattr(value, "dtype"):
+                numbers = (
+                    value.tolist() if hasattr(value, "tolist") and len(value) <= _WIDEST else list(value[:_WIDEST])
+                )
+                if len(value) <= _WIDEST and numbers:
+                    yield f"{prefix}{name}", numbers, labels if len(labels) == len(numbers) else ()
+        elif not isinstance(value, (str, bytes, bytearray)) and value is not None:
+            yield from _flat(value, f"{prefix}{name}.", labels, deep + 1)
+
+
+def _is_stamp(name: str, value: Any, deep: int) -> bool:
+    return name == "header" and deep == 0 and dict(_items(value)).get("stamp") is not None
+
+
+def _stamp(message: Any) -> int:
+    """The time in a message's header [ns]; 0 where it has none."""
+    header = dict(_items(message)).get("header")
+    stamp = None if header is None else dict(_items(header)).get("stamp")
+    if stamp is None:
+        return 0
+    parts = {name: value for name, value in _items(stamp) if isinstance(value, int)}
+    return parts.get("sec", 0) * 10**9 + parts.get("nanosec", parts.get("nsec", 0))
+
+
+def _blocks(rows: list[tuple[int, int, dict[str, Any], dict[str, Any]]]) -> dict[str, Block]:
+    """The messages of one topic as columns; what a message lacks is NaN."""
+    import numpy as np
+
+    stamps = np.array([row[0] for row in rows], np.int64)
+    blocks = {"stamp": Block(stamps)} if stamps.any() else {}
+    blocks["log_time"] = Block(np.array([row[1] for row in rows], np.int64))
+    for name in dict.fromkeys(name for row in rows for name in row[2]):
+        cells = [row[2].get(name) for row in rows]
+        if not any(isinstance(cell, list) for cell in cells):
+            blocks[name] = Block(_array([np.nan if cell is None else cell for cell in cells]))
+            continue
+        labels = tuple(dict.fromkeys(label for row in rows for label in row[3].get(name, ())))
+        width = len(labels) or max(len(cell) for cell in cells if isinstance(cell, list))
+        place, whole = {label: i for i, label in enumerate(labels)}, []
+        for row, cell in zip(rows, cells, strict=True):
+            own, line = row[3].get(name, ()), [np.nan] * width
+            if isinstance(cell, list) and bool(own) == bool(labels):
+                for i, value in zip([place[label] for label in own] if own else range(width), cell, strict=False):
+                    line[i] = value
+            whole.append(line)
+        blocks[name] = Block(_array(whole), labels)
+    return blocks
+
+
+def _array(values: list[Any]) -> Any:
+    import numpy as np
+
+    found = np.array(values)
+    return found if found.dtype.kind in "biuf" else found.astype(float)
+
+
+def _all_names(blocks: Mapping[str, Block]) -> Iterator[str]:
+    for name, block in blocks.items():
+        yield name
+        yield from block.elements(name)
+
+
+def _kept(topic: str, columns: Mapping[str, Any]) -> Any:
+    """Which messages hold any of the wanted numbers.
+
+    Raises
+    ------
+    RefusalError
+        None holds all of them.
+    """
+    import numpy as np
+
+    wanted = [values for name, values in columns.items() if name[len(topic) + 1 :] not in _OWN]
+    if not wanted:
+        return slice(None)
+    given = np.column_stack([~np.isnan(values.reshape(len(values), -1).astype(float)) for values in wanted])
+    if not given.all(axis=1).any():
+        lacking = " and ".join(repr(name) for name in list(columns)[:2])
+        raise RefusalError(
+            f"must hold what is mapped in one message; none of {topic!r} has all of {lacking:.120} and what else is "
+            "mapped. Map columns of one publisher, or join them first."
+        )
+    return given.any(axis=1)
+
+
+def _held(columns: dict[str, Any], own: Mapping[str, Any], others: Mapping[str, Any]) -> dict[str, Any]:
+    """Columns as they were at other times: the last value, NaN before the first."""
+    import numpy as np
+
+    clock = "stamp" if "stamp" in own and "stamp" in others else "log_time"
+    order = np.argsort(own[clock], kind="stable")
+    last = np.searchsorted(own[clock][order], others[clock], side="right") - 1
+    held = {}
+    for name, values in columns.items():
+        found = values[order][np.maximum(last, 0)]
+        if (last < 0).any():
+            found = found.astype(float)
+            found[last < 0] = np.nan
+        held[name] = found
+    return held

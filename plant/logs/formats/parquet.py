@@ -1,0 +1,85 @@
+"""Parquet files, by pyarrow: flat columns, and lists of one length, which are blocks."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection
+from typing import Any
+
+from .columns import Block, home_of, picked
+from .refusal import RefusalError, choice_of, require_size
+
+__all__ = ["read", "read_blocks"]
+
+
+def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tuple[list[str], dict[str, Any]]:
+    """Names and wanted columns of a Parquet file; ``name[i]`` is one column of a list.
+
+    Raises
+    ------
+    RefusalError
+        What is no real number, lists of several lengths, or more than `most` bytes.
+    """
+    known, blocks = read_blocks(path, names, prefix, most)
+    if names is None:
+        return known, {name: block.values for name, block in blocks.items()}
+    found = {name: picked(name, blocks) for name in names}
+    known += [element for name, block in blocks.items() for element in block.elements(name)]
+    return known, {name: values for name, values in found.items() if values is not None}
+
+
+def read_blocks(path: str, names: Collection[str] | None, prefix: str, most: int) -> tuple[list[str], dict[str, Block]]:
+    """Names of all columns, and those of which something is wanted."""
+    os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # the others reserve more than they need
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path, page_checksum_verification=True) as file:
+        schema, chosen = file.schema_arrow, choice_of(None, prefix)
+        homes = {home_of(name, schema.names) for name in names or ()}
+        wanted = [name for name in schema.names if (chosen(name) if names is None else name in homes)]
+        for name in wanted:
+            kind = schema.field(name).type
+            kind = kind.value_type if _is_list(pa, kind) else kind
+            if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)):
+                raise RefusalError(
+                    f"must hold real numbers; got {schema.field(name).type} in column {name!r}. Leave it out with "
+                    "names=."
+                )
+        require_size(max(_size(file.metadata, wanted), 0), most)
+        table = file.read(columns=wanted, use_threads=False)
+        return schema.names, {name: Block(_numbers(pa, name, table.column(name))) for name in wanted}
+
+
+def _is_list(pa: Any, kind: Any) -> bool:
+    return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind))
+
+
+def _size(metadata: Any, wanted: Collection[str]) -> int:
+    """Bytes of the wanted columns as they are declared, or of the largest group once expanded."""
+    groups, total = [metadata.row_group(i) for i in range(metadata.num_row_groups)], 0
+    for group in groups:
+        chunks = (group.column(i) for i in range(group.num_columns))
+        total += 8 * sum(c.num_values for c in chunks if home_of(c.path_in_schema, wanted) is not None)
+    return max(total, 8 * metadata.num_rows * len(wanted), *(group.total_byte_size for group in groups), 0)
+
+
+def _numbers(pa: Any, name: str, column: Any) -> Any:
+    """A column as an array (N,), or lists of one length as (N, k); a missing cell is NaN."""
+    if not _is_list(pa, column.type):
+        return column.to_numpy()
+    import numpy as np
+    import pyarrow.compute as pc
+
+    lengths = pc.list_value_length(column)
+    given = lengths.is_valid().to_numpy()
+    sizes = np.unique(lengths.drop_null().to_numpy())
+    if len(sizes) != 1 or not sizes[0]:
+        got = "no value" if not len(sizes) else f"{sizes.min()} to {sizes.max()} values"
+        raise RefusalError(f"must hold lists of one length; got {got} per row in column {name!r}. Leave it out.")
+    flat = pc.list_flatten(column).to_numpy().reshape(-1, int(sizes[0]))
+    if given.all():
+        return flat
+    whole = np.full((len(given), int(sizes[0])), np.nan)
+    whole[given] = flat
+    return whole

@@ -1,0 +1,45 @@
+"""Bags of ROS 2: the folder with ``metadata.yaml``, or one of its files; SQLite (``.db3``) or MCAP inside."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+from .messages import Topics, topics_of
+from .refusal import RefusalError
+
+__all__ = ["read"]
+
+_STORE = "ROS2_HUMBLE"
+"""Definitions of the standard messages, for bags that do not hold those of their own."""
+
+
+def read(
+    path: str, names: Collection[str] | None, prefix: str, most: int, clock: str | None = None
+) -> tuple[list[str], dict[str, Any]]:
+    """Names and wanted columns of the topics of a bag; see `messages`.
+
+    Raises
+    ------
+    RefusalError
+        No bag of ROS 2, a message of a type that is not defined, or more than `most` bytes.
+    """
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    if Path(path).is_dir() and not Path(path, "metadata.yaml").is_file():
+        raise RefusalError("must be a bag of ROS 2; the folder has no metadata.yaml. Run ros2 bag reindex on it.")
+    with AnyReader([Path(path)], default_typestore=get_typestore(getattr(Stores, _STORE))) as reader:
+        known = list(dict.fromkeys(connection.topic for connection in reader.connections))
+        topics = Topics(known, most)
+        wanted = topics_of(names, prefix, known)
+        chosen = [connection for connection in reader.connections if connection.topic in wanted]
+        defined = [connection for connection in chosen if connection.msgtype in reader.typestore.types]
+        for connection in chosen:
+            if names is not None and connection not in defined:
+                raise RefusalError(f"must hold messages whose types are defined; {connection.topic!r:.60} is of "
+                                   f"{connection.msgtype:.60}. Record it again as MCAP, or convert it.")  # fmt: skip
+        for connection, log_time, data in reader.messages(connections=defined) if defined else ():
+            topics.add(connection.topic, log_time, reader.deserialize(data, connection.msgtype))
+        return topics.columns(names, prefix, clock)

@@ -1,0 +1,89 @@
+"""Refusals of several records say which of them, and which column of its file."""
+
+import dataclasses
+import pickle
+
+import numpy as np
+import pytest
+
+from identification import identify
+from identification.equation_error.naming import RecordError, each_named
+from plant import LoggedTorque, Record, puma560, simulate
+
+RIG, DYNAMICS = puma560.rig(), puma560.dynamics()
+COLUMNS = {"t": "time", "counts": ("c_shoulder", "c_elbow"), "torque": ("u_shoulder", "u_elbow")}
+
+
+@pytest.fixture(scope="module")
+def record():
+    """A log of the paper's arm as if it had been read from a file."""
+    made = simulate(puma560.arm(), RIG, puma560.p_law(), puma560.reference(), duration=0.5)
+    return dataclasses.replace(made, name="run_00.csv", columns=COLUMNS)
+
+
+def stuck(record):
+    """A run in which the elbow stands still."""
+    error = record.error_pulses.copy()
+    error[:, 1] = record.reference_pulses[:, 1] - record.counts[0, 1]
+    return dataclasses.replace(record, error_pulses=error, name="run_01.csv")
+
+
+def test_a_run_in_which_the_elbow_sticks_is_named(record):
+    """Its place, its file, the joint and the column; not where it is the only record, which has no other name."""
+    said = r"^records\[1\] \(run_01.csv\): every motor must move by at least 20 pulses; that of .*, column 'c_elbow' "
+    with pytest.raises(ValueError, match=said + r"\(counts\), moves by 0\. "):
+        identify(DYNAMICS, [record, stuck(record), record], progress=False)
+    with pytest.raises(ValueError, match=r"^the record \(run_01.csv\): every motor must move"):
+        identify(DYNAMICS, stuck(record), progress=False)
+    nameless = dataclasses.replace(stuck(record), name="", columns=None)
+    with pytest.raises(ValueError, match=r"^every motor must move by at least 20 pulses; that of .* moves by 0\. "):
+        identify(DYNAMICS, nameless, progress=False)
+
+
+def test_a_record_without_a_law_is_named_also_among_those_that_are_held_out(record):
+    lawless = dataclasses.replace(record, law=None, name="run_02.csv")
+    for records, held_out, place in (
+        ([record, lawless, record], None, r"records\[1\]"), ([record, record, lawless], None, r"records\[2\]"),
+        ([record], [record, lawless], r"held_out\[1\]"), ([record, record], lawless, r"held_out\[0\]"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=rf"^{place} \(run_02.csv\): the record must name the law"):
+            identify(DYNAMICS, records, held_out=held_out, progress=False)
+
+
+def test_a_turned_column_is_named_where_no_arm_explains_the_torque(record):
+    """All torques of one run turned: the torque equation gives no arm, and the checkup says which columns."""
+    turned = dataclasses.replace(record, torque=-record.torque, law=LoggedTorque(), reference=None, name="run_03.csv")
+    said = (
+        r"it does in no band. .*\(run_03.csv\): drive sign of .*: Torque accelerates the counts backwards.*'u_shoulder'"
+    )
+    with pytest.raises(ValueError, match=said):
+        identify(DYNAMICS, turned, progress=False)
+
+
+def test_only_the_innermost_record_is_named_and_the_refusal_can_be_sent(record):
+    def refuse():
+        raise ValueError("it must not.")
+
+    (_, inner), (_, outer) = next(each_named([stuck(record)])), next(each_named([record, record]))
+    with pytest.raises(RecordError) as refusal, outer, inner:
+        refuse()
+    assert str(refusal.value) == "the record (run_01.csv): it must not."
+    assert str(pickle.loads(pickle.dumps(refusal.value))) == str(refusal.value)  # noqa: S301 - our own
+
+
+def test_names_and_columns_of_a_record_do_not_count_where_records_are_compared(record):
+    plain = dataclasses.replace(record, name="", columns=None)
+    assert plain == record
+    assert hash(plain) == hash(record)
+    assert record.resampled(2 * RIG.period).name == "run_00.csv"
+    assert record.column("torque", 1) == "column 'u_elbow' (torque)"
+    assert record.column("error", 0) == "column 'c_shoulder' (counts)"
+    assert (record.column("reference", 0), plain.column("torque", 1)) == ("reference", "torque")
+    block = dataclasses.replace(record, columns={"position": "q"})
+    assert block.column("counts", 1) == "column 'q', place 1 (position)"
+    for wrong, message in (
+        ({"name": 3}, "name must be of type str"),
+        ({"columns": "q"}, "columns must be of type dict"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            Record(t=[0, 1], error_pulses=np.zeros((2, 2)), rig=RIG, **wrong)
