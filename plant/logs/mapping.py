@@ -203,6 +203,8 @@ def _converted(field, value, unit, rig):
         others = {other: CURRENT[unit] / per for other, per in CURRENT.items() if other != unit}
         require_limit(field, value, rig.drive.current_limit, unit, others, rig.joint_labels)
         return {"current": value}
+    if field == "link_position":  # another sensor, of a resolution of its own
+        return {"link_counts": rig.position_in_pulses(value * ANGLE[unit])}
     name = "reference_pulses" if field in _REFERENCE else "error_pulses" if field == "error_pulses" else "counts"
     if unit == "pulses":
         return {name: _whole(field, value, rig.joint_labels)}
@@ -227,14 +229,12 @@ def _counted(field, value, unit, rig):
     position = place[motor](angle)
     if rig.encoder.smooth:
         return position
-    if field in _REFERENCE:
-        shift, grid = on_grid(position)
-    else:
+    shift, grid = on_grid(position)
+    if field not in _REFERENCE:
         names = {False: field.replace("motor_", ""), True: "motor_position"}
         readings = {(field, unit): position}
         readings |= {(names[m], u): place[m](value * ANGLE[u]) for m in place for u in ANGLE}
         whole = require_grid(field, unit, readings)
-        shift, grid = on_grid(position)
         if not whole:
             step = _smallest_step(position[:, np.argmin(grid)])
             near = ": state the resolution more exactly" if abs(step - 1) < _NEAR else ""

@@ -30,7 +30,7 @@ from plant.parts.part import Vector
 
 __all__ = ["Record"]
 
-_COLUMNS = ("reference_pulses", "error_pulses", "torque", "current", "true_q", "true_qd")
+_COLUMNS = ("reference_pulses", "error_pulses", "torque", "current", "link_counts", "true_q", "true_qd")
 _LEFT_OUT: Any = None
 
 
@@ -61,6 +61,8 @@ class Record(Frozen):
         first error is a pulse or more starts where its encoder says.
     valid : (N,) array_like, optional
         Weight of each sample, 0 to 1; a sample that was dropped or is wrong has 0. By default all have 1.
+    link_counts : (N, n) array_like, optional
+        What encoders on the links count, behind elastic gears, in pulses of the motors' shafts.
     true_q, true_qd : (N, n) array_like, optional
         True joint motion; only a simulation knows it, and identification never reads it.
 
@@ -80,6 +82,7 @@ class Record(Frozen):
     current: NDArray[Any] | None = None
     initial: NDArray[Any] | None = None
     valid: Vector = _LEFT_OUT
+    link_counts: NDArray[Any] | None = None
     true_q: NDArray[Any] | None = None
     true_qd: NDArray[Any] | None = None
 
@@ -167,8 +170,7 @@ class Record(Frozen):
         Raises
         ------
         LoadError
-            A file that cannot be read; a cell that is no number, a short row, an unknown column, a header that cannot
-            be read; with the line.
+            A file that cannot be read; a cell that is no number, an unknown column or header; with the line.
         """
         if columns is not None:
             log: dict[str, Any] = {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix}
@@ -200,8 +202,8 @@ class Record(Frozen):
         columns : dict
             Field of the record -> name of its column, or names, one per joint. Exactly one of ``position`` (joint
             angles), ``motor_position``, ``counts`` and ``error_pulses``; and if there are, ``t``, ``valid``,
-            ``torque``, ``current`` and one of ``reference_pulses``, ``reference_position``,
-            ``reference_motor_position``.
+            ``torque``, ``current``, ``link_position`` (a second sensor's) and one of ``reference_pulses``,
+            ``reference_position``, ``reference_motor_position``.
         units : dict
             Field -> unit: ``s``, ``ms`` or ``us`` of t, ``rad``, ``deg`` or ``pulses`` of positions, ``N m`` (of the
             joint) or ``motor N m`` of torque, ``A`` or ``mA`` of current.

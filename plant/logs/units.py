@@ -17,8 +17,9 @@ CURRENT = {"A": 1.0, "mA": 1e3}
 TORQUE = ("N m", "motor N m")
 UNITS = {
     "t": tuple(TIME), "position": (*ANGLE, "pulses"), "motor_position": (*ANGLE, "pulses"),
-    "reference_position": tuple(ANGLE), "reference_motor_position": tuple(ANGLE), "torque": TORQUE,
-    "current": tuple(CURRENT), "counts": ("pulses",), "error_pulses": ("pulses",), "reference_pulses": ("pulses",),
+    "reference_position": tuple(ANGLE), "reference_motor_position": tuple(ANGLE), "link_position": tuple(ANGLE),
+    "torque": TORQUE, "current": tuple(CURRENT), "counts": ("pulses",), "error_pulses": ("pulses",),
+    "reference_pulses": ("pulses",),
 }  # fmt: skip
 
 _TURNS = 10  # a joint that turns further has its angle in degrees

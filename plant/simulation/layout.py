@@ -180,21 +180,20 @@ class Layout:
 
     def _hanging(self, q: NDArray[np.float64], numbers: NDArray[np.float64]) -> NDArray[np.float64]:
         """Where links (n,), or (n, P), are at rest in the gears of motors held at q (n,), with these numbers."""
-        link = np.broadcast_to(np.reshape(q, (-1, *[1] * (numbers.ndim - 1))), (self.n, *numbers.shape[1:]))
-        for _ in range(_SETTLED):
-            link = self._settle(link, q, numbers).full().reshape(link.shape)
-        return link
+        return np.asarray(self._settle(q, numbers).full().reshape(self.n, *numbers.shape[1:]))
 
     @cached_property
     def _settle(self) -> ca.Function:
-        """(link, q, numbers) -> where the link (n,) would be if its weight stayed that of the given one."""
-        link, q, numbers = ca.SX.sym("link", self.n), ca.SX.sym("q", self.n), self._symbols[2]
+        """(q, numbers) -> where the link (n,) hangs: in each round, where it would if its weight stayed as it is."""
+        q, numbers = ca.SX.sym("q", self.n), self._symbols[2]
         *_, f, _, rig = self._parts
         coupling, elasticity = rig.drive.coupling, rig.drive.elasticity
-        torque = coupling.shaft_torque(self.dynamics.gravity(link, f))
-        play = 0.0 if elasticity.backlash is None else ca.sign(torque) * elasticity.backlash / 2
-        hanging = coupling.joint(coupling.shaft(q) - torque / elasticity.stiffness - play)
-        return ca.Function("settle", [link, q, numbers], [hanging])
+        link = q
+        for _ in range(_SETTLED):
+            torque = coupling.shaft_torque(self.dynamics.gravity(link, f))
+            play = 0.0 if elasticity.backlash is None else ca.sign(torque) * elasticity.backlash / 2
+            link = coupling.joint(coupling.shaft(q) - torque / elasticity.stiffness - play)
+        return ca.Function("settle", [q, numbers], [link])
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
