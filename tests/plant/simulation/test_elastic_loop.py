@@ -222,7 +222,7 @@ def test_with_encoders_on_both_sides_the_law_reads_the_motor_s_and_the_record_ho
     np.testing.assert_array_equal(replay(arm, made).link_counts, made.link_counts)
     made.to_csv(tmp_path / "both.csv")
     np.testing.assert_array_equal(Record.from_csv(tmp_path / "both.csv").link_counts, made.link_counts)
-    np.testing.assert_array_equal(made.resampled(rig.period).link_counts, made.link_counts)
+    np.testing.assert_allclose(made.resampled(2 * rig.period).link_counts, made.link_counts[::2], atol=1e-6)
 
 
 @pytest.mark.parametrize(
