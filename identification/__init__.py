@@ -41,6 +41,7 @@ from identification.results.identification import Identification
 from identification.results.load import Load, find_load
 from identification.results.oscillation import Oscillation, oscillation
 from identification.results.physical import Physical, nearest_physical
+from identification.search.gear_resonance import GearResonance
 from identification.search.genetic import GeneticResult, GeneticSettings, GeneticState, minimize_genetic
 from identification.search.outcome import Fit
 from identification.search.search import Search
@@ -50,9 +51,9 @@ from plant.parts.arguments import known_options
 known_options(GeneticSettings)
 
 __all__ = [
-    "Budget", "Detection", "Diagnostics", "Fit", "GeneticResult", "GeneticSettings", "GeneticState", "Identification",
-    "Interval", "LinkSize", "Load", "MotorFit", "Objective", "Oscillation", "Physical", "Search", "Sign", "Spread",
-    "TorqueFit", "derivatives", "design_motion", "find_load", "fit_torque", "friction_from_motor_test",
-    "gain_from_current", "identify", "low_pass", "minimize_genetic", "nearest_physical", "oscillation", "pulse_budget",
-    "puma560_ranges", "ranges", "spread", "without_delay",
+    "Budget", "Detection", "Diagnostics", "Fit", "GearResonance", "GeneticResult", "GeneticSettings", "GeneticState",
+    "Identification", "Interval", "LinkSize", "Load", "MotorFit", "Objective", "Oscillation", "Physical", "Search",
+    "Sign", "Spread", "TorqueFit", "derivatives", "design_motion", "find_load", "fit_torque",
+    "friction_from_motor_test", "gain_from_current", "identify", "low_pass", "minimize_genetic", "nearest_physical",
+    "oscillation", "pulse_budget", "puma560_ranges", "ranges", "spread", "without_delay",
 ]  # fmt: skip

@@ -16,6 +16,7 @@ from identification.equation_error import naming
 from identification.planning.quality import require_informative
 from identification.replay.experiment import as_records, with_zeros
 from identification.replay.objective import Objective
+from identification.replay.resonances import DAMPING, STIFFNESS, on_gears
 from identification.results.diagnostics import Diagnostics
 from identification.results.identification import Identification
 from identification.search.genetic import GeneticSettings, GeneticState
@@ -45,6 +46,7 @@ def identify(
     threads: int | None = None,
     held_out: Record | Sequence[Record] | None = None,
     zeros: bool = False,
+    elasticity: bool = False,
 ) -> Identification:
     """Find the parameters with which the model repeats the tracking errors of the robot.
 
@@ -82,6 +84,8 @@ def identify(
     zeros : bool
         In logs that replay their torque: the counters were set to zero where the arm happened to hang, so where the
         joints are then is found as well, for each record (``found.fit.zeros``). Held-out records are taken as they are.
+    elasticity : bool
+        Find stiffness and damping of all gears too, whatever the rigs say of them: ``found.resonance``.
 
     Returns
     -------
@@ -96,6 +100,8 @@ def identify(
     """
     started = time.perf_counter()
     options = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "threads": threads}
+    if instance("elasticity", elasticity, bool, "Give True or False."):
+        records, held_out, unknown = _on_gears(dynamics, records, held_out, unknown, method, ranges)
     problem = prepare(dynamics, records, unknown, held_out, method, ranges, settings, seed, zeros, options)
     outcome = search(problem, progress)
     return _assess(problem, outcome, started)
@@ -143,9 +149,29 @@ def prepare(
     )
     if zeros and not all(problem.replays):
         raise ValueError("zeros can be found only of logs that replay their torque; got a controller. Leave it out.")
+    found = [name for name in problem.unknown if name.startswith("drive.elasticity")]
+    if found and method in ("equation_error", "didim"):
+        raise ValueError(f"{found[0]} can be found by prediction error, the default; got method={method!r}. Use it.")
     if zeros and method not in ("seeded", "prediction_error", "output_error"):
         raise ValueError(f"zeros must be found by prediction or output error; got method={method!r}. Use the default.")
     return problem
+
+
+def _on_gears(
+    dynamics: Dynamics,
+    records: Record | Sequence[Record],
+    held_out: Record | Sequence[Record] | None,
+    unknown: Iterable[str] | None,
+    method: str,
+    ranges: ArrayLike | None,
+) -> tuple[tuple[Record, ...], tuple[Record, ...], tuple[str, ...]]:
+    """Records that are searched and kept aside, on elastic gears, and the unknowns with those of the gears."""
+    if ranges is not None:
+        raise ValueError("ranges need every unknown by name; got elasticity=True. Name stiffness and damping instead.")
+    _, unknown = as_records(dynamics, records, unknown)
+    searched, kept = (tuple(map(on_gears, some)) for some in _set_aside(dynamics, records, unknown, held_out, method))
+    gears = [f"{field}[{i}]" for field in (STIFFNESS, DAMPING) for i in range(dynamics.n)]
+    return searched, kept, (*unknown, *(name for name in gears if name not in unknown))
 
 
 def _set_aside(

@@ -21,7 +21,8 @@ from plant.analysis.linearise import jacobians, modes
 from plant.laws.commanded import commanded_torque
 
 __all__ = [
-    "equation_error", "fit_systems", "linear", "mode_in", "over_bands", "pass_band", "system_of", "torque_of",
+    "CUTOFF", "equation_error", "fit_systems", "linear", "mode_in", "over_bands", "pass_band", "speed_noise",
+    "system_of", "torque_of",
 ]  # fmt: skip
 
 _BAND = 2.0
@@ -30,10 +31,10 @@ _BAND = 2.0
 _BEYOND, _FAR_MORE = 8.0, 1000.0
 """Pass band where nothing oscillates, in frequencies of the path; and the power of the path over that of rounding."""
 
-_CUTOFF = 2.5
+CUTOFF = 2.5
 """Low-pass before differentiation, in pass bands."""
 
-_CUTOFF_MOST = 0.4 / _CUTOFF
+_BAND_MOST = 0.4 / CUTOFF
 """Highest pass band, in sample rates."""
 
 _LOWEST, _HIGHEST = 3.0, 0.1
@@ -158,7 +159,7 @@ def over_bands(
         with about:
             torque_of(record)
             even.append(record.resampled(record.rig.period))
-    highest = min(_CUTOFF_MOST / record.rig.period for record in even)
+    highest = min(_BAND_MOST / record.rig.period for record in even)
     for band in _BANDS[highest > _BANDS]:
         try:
             systems = [system_of(dynamics, record, band, unknown) for record in even]
@@ -199,15 +200,15 @@ def system_of(
     """The torque equation of a record in a band [Hz], along a motion q (N, n) [rad]; by default the counted one."""
     rig = record.rig
     q = rig.cell_centre(record.counts) if q is None else q
-    band = min(band, _CUTOFF_MOST / rig.period)
+    band = min(band, _BAND_MOST / rig.period)
     every = max(1, int(1 / (2 * band * rig.period)))
-    slowest = _speed_noise(rig, band)
+    slowest = speed_noise(rig, band)
     return regressor_and_torque(
-        dynamics, q, torque_of(record), rig, _CUTOFF * band, band, every, unknown, slowest, {}, record.valid
+        dynamics, q, torque_of(record), rig, CUTOFF * band, band, every, unknown, slowest, {}, record.valid
     )
 
 
-def _speed_noise(rig: Rig, band: float) -> NDArray[np.float64]:
+def speed_noise(rig: Rig, band: float) -> NDArray[np.float64]:
     """Three standard deviations (n,) of the joint speed that rounding makes in a band [rad/s]."""
     pulse = np.abs(rig.to_angle(np.eye(rig.n))).max(axis=0)
     return 3 * pulse / np.sqrt(12) * np.sqrt(2 * band * rig.period) * 2 * np.pi * band / np.sqrt(3)

@@ -1,5 +1,8 @@
 """Regressor and measured torque of a log, filtered alike: the two sides of the torque equation.
 
+Behind elastic gears links and motors move apart: bodies feel the motion of the links, friction and rotors that of the
+motors.
+
 Velocity and acceleration come from positions alone: low-passed without phase (forwards and backwards), then central
 differences. Regressor and measured torque then pass the same zero-phase filter (its band is where they are compared),
 and every k-th row is kept, counted from the first sample.
@@ -20,7 +23,7 @@ from identification.equation_error.filtering import derivatives, low_pass
 from plant import Dynamics, Motion, Rig
 from plant.parts.arguments import array
 
-__all__ = ["LINEAR", "System", "regressor_and_torque"]
+__all__ = ["LINEAR", "System", "compared", "regressor_along", "regressor_and_torque"]
 
 LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
 
@@ -49,40 +52,66 @@ def regressor_and_torque(
     Rows whose filters feel the ends of the log, or a sample without weight in `valid` (N,), do not count.
     """
     motion = derivatives(q, rig.period, cutoff)
-    regressor, given = _columns(dynamics, rig, unknown, motion)
+    regressor, given = regressor_along(dynamics, rig, unknown, motion)
     more = [array(name, column(*motion), q.shape, advice="Give (N, n).") for name, column in extra.items()]
     signals = [torque - given, *np.moveaxis(regressor, 2, 0), *more]
-    margin = int(np.ceil(1 / (min(cutoff, band) * rig.period)))  # where the filters still feel the ends of the log
-    rows = slice(-(-margin // every) * every, len(q) - margin, every)
-    measured, *columns = (low_pass(signal, rig.period, band)[rows] for signal in signals)
-    used = (np.abs(low_pass(motion.qd, rig.period, band)[rows]) > slowest) | (slowest == 0)
+    return compared(signals, motion.qd, rig.period, cutoff, band, every, slowest, valid)
+
+
+def compared(
+    signals: Sequence[NDArray[np.float64]],
+    qd: NDArray[np.float64],
+    period: float,
+    cutoff: float,
+    band: float,
+    every: int,
+    slowest: NDArray[np.float64],
+    valid: NDArray[np.float64] | None = None,
+) -> System:
+    """Torque and columns, each (N, n), in the band in which they are compared, at the speeds qd (N, n)."""
+    margin = int(np.ceil(1 / (min(cutoff, band) * period)))  # where the filters still feel the ends of the log
+    rows = slice(-(-margin // every) * every, len(qd) - margin, every)
+    measured, *columns = (low_pass(signal, period, band)[rows] for signal in signals)
+    used = (np.abs(low_pass(qd, period, band)[rows]) > slowest) | (slowest == 0)
     if valid is not None:
         lost = np.append(0, np.cumsum(valid == 0))
-        near = np.clip(np.arange(len(q))[:, None] + (-margin, margin + 1), 0, len(q))
+        near = np.clip(np.arange(len(qd))[:, None] + (-margin, margin + 1), 0, len(qd))
         used &= (lost[near[:, 1]] == lost[near[:, 0]])[rows, None]
     return np.stack(columns, axis=-1), measured, used
 
 
-def _columns(
-    dynamics: Dynamics, rig: Rig, unknown: Sequence[str], motion: Motion
+def regressor_along(
+    dynamics: Dynamics, rig: Rig, unknown: Sequence[str], motion: Motion, motors: Motion | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Regressor of the unknowns (N, n, k), and the torque of what is known (N, n)."""
-    names, function = _balance(dynamics, rig, tuple(unknown))
+    """Regressor of the unknowns (N, n, k), and the torque of what is known (N, n).
+
+    Parameters
+    ----------
+    motion : Motion
+        Of the links.
+    motors : Motion, optional
+        Of the motors, as joints on rigid gears would have it, where gears are elastic.
+    """
+    names, function = _balance(dynamics, rig, tuple(unknown), motors is not None)
+    motions = (*motion, *(() if motors is None else motors[1:]))
     values = np.concatenate([np.zeros(dynamics.p), rig.number_values()])
     values[[names.index(name) for name in unknown]] = 0.0
     n, k = dynamics.n, len(unknown)
     regressor, given = np.empty((len(motion.q), n, k)), np.empty((len(motion.q), n))
     for start in range(0, len(given), _AT_ONCE):
         some = slice(start, start + _AT_ONCE)
-        block, rest = function.map(len(given[some]))(*(part[some].T for part in motion), values)
+        block, rest = function.map(len(given[some]))(*(part[some].T for part in motions), values)
         regressor[some] = block.full().reshape(n, -1, k).transpose(1, 0, 2)
         given[some] = rest.full().T
     return regressor, given
 
 
 @functools.lru_cache(maxsize=16)
-def _balance(dynamics: Dynamics, rig: Rig, unknown: tuple[str, ...]) -> tuple[list[str], Any]:
-    """Names of all numbers, and (q, qd, qdd, numbers) -> regressor of the unknowns, torque of these numbers."""
+def _balance(dynamics: Dynamics, rig: Rig, unknown: tuple[str, ...], elastic: bool) -> tuple[list[str], Any]:
+    """Names of all numbers, and (q, qd, qdd, numbers) -> regressor of the unknowns, torque of these numbers.
+
+    Of elastic gears speed and acceleration of the motors come before the numbers.
+    """
     names = [*dynamics.names, *rig.number_names()]
     of_drive = [name for name in names if name.startswith(LINEAR)]
     for name in unknown:
@@ -100,7 +129,10 @@ def _balance(dynamics: Dynamics, rig: Rig, unknown: tuple[str, ...]) -> tuple[li
     n, numbers = dynamics.n, ca.SX.sym("numbers", len(names))
     q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
     drive = rig.with_numbers(numbers[dynamics.p :]).drive
-    tau = dynamics.Y(q, qd, qdd) @ numbers[: dynamics.p] + drive.friction(qd)
+    motors = [ca.SX.sym(name, n) for name in ("qd_m", "qdd_m")] if elastic else []
+    tau = dynamics.Y(q, qd, qdd) @ numbers[: dynamics.p] + drive.friction(motors[0] if elastic else qd)
+    if elastic:
+        tau += drive.rotor_torque(motors[1] - qdd)  # f holds the rotors, as if they turned with the links
     places = [names.index(name) for name in unknown]
     regressor = ca.densify(ca.jacobian(tau, numbers)[:, places])
     for name, place in zip(unknown, places, strict=True):
@@ -108,4 +140,4 @@ def _balance(dynamics: Dynamics, rig: Rig, unknown: tuple[str, ...]) -> tuple[li
             raise ValueError(f"unknown must enter the torque linearly; {name} does not. Take f and friction levels.")
         if regressor[:, unknown.index(name)].is_zero():
             raise ValueError(f"unknown must act on the torque; {name} does not. Leave it out.")
-    return names, ca.Function("balance", [q, qd, qdd, numbers], [regressor, tau])
+    return names, ca.Function("balance", [q, qd, qdd, *motors, numbers], [regressor, tau])

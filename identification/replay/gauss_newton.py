@@ -13,13 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.least_squares import least_squares
 
-__all__ = ["Solution", "gauss_newton", "slopes", "variance_inflation"]
+__all__ = ["DEPENDENT", "Solution", "gauss_newton", "slopes", "variance_inflation"]
 
-_DEPENDENT = 1e-4
+DEPENDENT = 1e-4
 """An unknown whose slope is independent of the others' by less than this share is not separately identifiable."""
 
 _SHORTER = 8
 """How often a step that loses the log is cut to a quarter."""
+
+_JUMP = 0.01
+"""Change of the innovations, in their own length, from which on it can be a jump."""
 
 _LAGS = 50
 """Samples over which the autocorrelation of the innovations is added up."""
@@ -102,9 +105,9 @@ def gauss_newton(
             break
     covariance, varied = np.zeros((len(values), len(values))), np.flatnonzero(step)
     names = [prediction.unknown[i] for i in varied]
-    change_per_step = slopes(prediction, values, step, varied)
+    change_per_step = slopes(prediction, values, step, varied, residual)
     readings, left = prediction.weights @ prediction.weights, residual * prediction.scales
-    part = least_squares(names, change_per_step, residual, dependent=_DEPENDENT)[1] * np.outer(
+    part = least_squares(names, change_per_step, residual, dependent=DEPENDENT)[1] * np.outer(
         step[varied], step[varied]
     )
     covariance[np.ix_(varied, varied)] = part * (residual @ residual / readings) * variance_inflation(residual)
@@ -121,11 +124,11 @@ def _change(
 ) -> NDArray[np.float64]:
     """Gauss-Newton's change (k,) of the values; one that would leave its bounds stays, the others make up for it."""
     varied, change = np.flatnonzero(step), np.zeros(len(values))
-    change_per_step, moving = slopes(prediction, values, step, varied), np.ones(len(varied), bool)
+    change_per_step, moving = slopes(prediction, values, step, varied, residual), np.ones(len(varied), bool)
     while moving.any():
         some = varied[moving]
         names = [prediction.unknown[i] for i in some]
-        solved = least_squares(names, change_per_step[:, moving], residual, dependent=_DEPENDENT)[0]
+        solved = least_squares(names, change_per_step[:, moving], residual, dependent=DEPENDENT)[0]
         change[:] = 0
         change[some] = -solved * step[some]
         low, high = bounds[some].T
@@ -138,29 +141,44 @@ def _change(
 
 
 def slopes(
-    prediction: Any, values: NDArray[np.float64], step: NDArray[np.float64], varied: NDArray[np.intp]
+    prediction: Any,
+    values: NDArray[np.float64],
+    step: NDArray[np.float64],
+    varied: NDArray[np.intp],
+    residual: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Change of the innovations per step (M, v), by central differences of the varied unknowns (v,).
 
-    Steps that lose the log are shortened in place.
+    Steps that lose the log are shortened in place; with the innovations (M,) of the values themselves, also those on
+    which innovations jump to one side.
     """
     found, waiting = np.empty((len(prediction.weights), len(varied))), list(range(len(varied)))
-    for _ in range(_SHORTER):
+    for attempt in range(_SHORTER):
+        step[varied[waiting]] *= 0.25 if attempt else 1.0
         moves = np.zeros((len(waiting), len(values)))
         moves[np.arange(len(waiting)), varied[waiting]] = step[varied[waiting]]
         results = prediction.all_innovations([*(values + moves), *(values - moves)])
-        lost = []
+        lost, jumping = [], []
         for i, up, down in zip(waiting, results[: len(waiting)], results[len(waiting) :], strict=True):
-            if np.isfinite(up).all() and np.isfinite(down).all():
-                found[:, i] = (up - down) / 2
-            else:
+            if not (np.isfinite(up).all() and np.isfinite(down).all()):
                 lost.append(i)
-        if not lost:
+                continue
+            found[:, i] = (up - down) / 2
+            if residual is not None and _jumps(up, residual, down):
+                jumping.append(i)
+        waiting = [*lost, *jumping]
+        if not waiting:
             return found
-        step[varied[lost]] *= 0.25
-        waiting = lost
+    if not lost:
+        return found
     names = ", ".join(prediction.unknown[varied[i]] for i in lost)
     raise ValueError(f"every unknown must keep the arm on the log; any change of {names} loses it. Narrow the ranges.")
+
+
+def _jumps(up: NDArray[np.float64], residual: NDArray[np.float64], down: NDArray[np.float64]) -> bool:
+    """Whether innovations change to one side alone, and by much: there an arm's links lose their inertia."""
+    bent = np.linalg.norm(up - 2 * residual + down)
+    return bool(bent > max(np.linalg.norm(up - down) / 2, _JUMP * np.linalg.norm(residual)))
 
 
 def variance_inflation(residual: NDArray[np.float64]) -> float:

@@ -54,6 +54,9 @@ _POSITION, _SPEED = (1e-3, 0.9), (1e-7, 0.5)
 _WINDOW = 10
 """Samples before and after, over which the speed of the counts is taken."""
 
+_SLOW, _RINGING = 1.0, 30
+"""Counts per sample below which the loop feels single counts, and samples that this is felt for."""
+
 
 class Prediction:
     """Innovations of a model that follows records.
@@ -68,6 +71,8 @@ class Prediction:
         Without correction: simulated, not predicted.
     zeros : bool
         Where the joints are when their counters say zero is unknown, in each record anew.
+    steady : bool
+        Leave out samples while a joint is slow, and for a while after it: on elastic gears single counts are felt.
     steps_per_sample, sweeps, threads
         As for `Objective`.
 
@@ -95,6 +100,7 @@ class Prediction:
         *,
         simulated: bool = False,
         zeros: bool = False,
+        steady: bool = False,
         steps_per_sample: int = 4,
         sweeps: int = 3,
         threads: int | None = None,
@@ -118,7 +124,7 @@ class Prediction:
         self._followed = list[_Followed]()
         for record, about in each_named(records):
             with about:
-                self._followed.append(_Followed(dynamics, record, names, options))
+                self._followed.append(_Followed(dynamics, record, names, options, steady))
         self.weights = np.concatenate([followed.weight.ravel() for followed in self._followed])
         self.scales = np.ones(len(self.weights))
         self.threads = int(threads or cores())
@@ -150,7 +156,7 @@ class Prediction:
 
         What the model lacks differs between records; the one that it follows worst must not dominate the sum.
 
-        Reoffsets
+        Returns
         -------
         bool
             Whether scales have changed: not while all are followed about equally well.
@@ -180,7 +186,9 @@ class Prediction:
 class _Followed(Experiment):
     """One record, ready to be followed."""
 
-    def __init__(self, dynamics: Dynamics, record: Record, unknown: Sequence[str], options: dict[str, Any]) -> None:
+    def __init__(
+        self, dynamics: Dynamics, record: Record, unknown: Sequence[str], options: dict[str, Any], steady: bool
+    ) -> None:
         super().__init__(dynamics, record, unknown, smooth=True, **options)
         counts = record.counts
         self._kernel = self.kernel()
@@ -191,6 +199,8 @@ class _Followed(Experiment):
         steps = np.vstack([np.zeros(record.n), np.abs(np.diff(counts, axis=0)).cumsum(axis=0)])
         moved = (steps[after] - steps[before]) / np.maximum(after - before, 1)[:, None]
         self.weight = np.sqrt(np.minimum(1.0, moved) * (record.valid * self._settled())[:, None])
+        if steady and not self.loop.law.replays:
+            self.weight *= _steady(moved)[:, None]
 
     def _settled(self) -> NDArray[np.float64]:
         """0 (N,) while a replay has not converged to the log: after a gap, or a start at an unknown speed; else 1."""
@@ -218,3 +228,14 @@ class _Followed(Experiment):
         (log, final), n = self.run(values), self.loop.n
         sound = final[-1] > 0 and bounded(final[: 2 * n]) and np.isfinite(log[:, :n]).all()
         return (log[:, :n] * self.weight).ravel() if sound else np.full(log[:, :n].size, np.inf)
+
+
+def _steady(moved: NDArray[np.float64]) -> NDArray[np.float64]:
+    """1 (N,) while all joints pass counts (N, n) fast enough, and 0 while one is slow and for a while after it.
+
+    A slow joint's counts change one by one; the torque of each, which a model without rounding lacks, excites elastic
+    gears like a compliance of their own. A joint that is slow most of the time is left out of this.
+    """
+    slow = (moved < _SLOW)[:, (moved < _SLOW).mean(axis=0) < 0.5].any(axis=1)
+    felt, rows = np.append(0, np.cumsum(slow)), np.arange(slow.size)
+    return np.asarray(felt[rows + 1] == felt[np.maximum(rows - _RINGING, 0)], dtype=float)

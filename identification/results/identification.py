@@ -13,6 +13,7 @@ from identification.planning.budget import pulse_budget
 from identification.results.diagnostics import Diagnostics
 from identification.results.plots import plot_identification
 from identification.results.trust import warnings_of
+from identification.search.gear_resonance import GearResonance
 from identification.search.genetic import GeneticSettings
 from identification.search.outcome import Fit
 from identification.search.search import Search
@@ -87,6 +88,11 @@ class Identification(Frozen):
     def std(self) -> NDArray[np.float64]:
         """Standard deviations (k,) of the values; a ValueError where there is no covariance."""
         return self.fit.std
+
+    @property
+    def resonance(self) -> GearResonance | None:
+        """Resonances of elastic gears, with intervals; None on rigid ones. Print it."""
+        return self.fit.resonance
 
     @property
     def objective(self) -> float:
@@ -185,7 +191,8 @@ class Identification(Frozen):
             rows = zip(names, self.values, self.std, bounds, strict=True)
             for i, (name, value, std, bound) in enumerate(rows):
                 if not std > 0:
-                    lines.append(f"{name:<{width}} {value:12.5g}     known")
+                    said = "bounded" if self.resonance is not None and self.resonance.bounds(name) else "known"
+                    lines.append(f"{name:<{width}} {value:12.5g} {said:>9}")
                     continue
                 most = int(np.argmax(np.abs(others[i])))
                 interval = f"[{value - 1.96 * std:.5g}, {value + 1.96 * std:.5g}]"
@@ -198,6 +205,7 @@ class Identification(Frozen):
         if diagnostics.held_out_difference is not None:
             lines[-1] += f", in the record(s) kept aside by {diagnostics.held_out_difference:.2f}"
         lines.append(str(diagnostics.detection))
+        lines += [] if self.resonance is None else str(self.resonance).splitlines()
         lines += [f"warning: {text}" for text in self.warnings]
         return "\n".join([*lines, *self.arm.dynamics.legend.splitlines()])
 

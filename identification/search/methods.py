@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from identification.equation_error.pulse_fit import fit_systems, linear, pass_band, system_of
 from identification.equation_error.torque_fit import TorqueFit
 from identification.replay.prediction import Prediction
+from identification.search.elastic import elastic
 from identification.search.genetic import GeneticResult, minimize_genetic
 from identification.search.outcome import Fit, Outcome
 from identification.search.polish import polished, require_fast, start_of_fit, torque_fit
@@ -109,6 +110,8 @@ def didim(problem: Problem) -> Outcome:
 
 def output_error(problem: Problem) -> Outcome:
     """Gauss-Newton on simulated positions."""
+    if problem.elastic:
+        return elastic(problem, simulated=True)
     require_fast(problem)
     values, step = start_of_fit(problem, torque_fit(problem))
     return polished(problem, values, step, {"equation error": values}, simulated=True)
@@ -116,6 +119,8 @@ def output_error(problem: Problem) -> Outcome:
 
 def prediction_error(problem: Problem) -> Outcome:
     """Gauss-Newton on predicted positions."""
+    if problem.elastic:
+        return elastic(problem)
     require_fast(problem)
     values, step = start_of_fit(problem, torque_fit(problem))
     return polished(problem, values, step, {"equation error": values})
@@ -129,7 +134,7 @@ def seeded(problem: Problem) -> Outcome:
     Last, of some vectors within some hundredths of a standard deviation, which fit the log equally well, the one whose
     simulated errors repeat the measured ones best: objective (4) depends on single counts.
     """
-    if any(problem.replays):
+    if any(problem.replays) or problem.elastic:
         return prediction_error(problem)
     require_fast(problem)
     values, step = start_of_fit(problem, torque_fit(problem))

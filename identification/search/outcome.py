@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from identification.search.gear_resonance import GearResonance
 from identification.search.genetic import GeneticResult
 from plant.parts.frozen import Frozen
 
@@ -37,6 +38,8 @@ class Fit(Frozen):
         Where the joints of each record are when its counters say zero [rad], if that was unknown.
     gains : (2n,) numpy.ndarray or None
         Observer gains of the innovations, of position and of speed, where these were fitted.
+    resonance : GearResonance or None
+        Of elastic gears. Where it only gives a bound, stiffness and damping have no variance.
     """
 
     unknown: tuple[str, ...]
@@ -47,6 +50,7 @@ class Fit(Frozen):
     fallback_reason: str | None = None
     zeros: NDArray[np.float64] | None = None
     gains: NDArray[np.float64] | None = None
+    resonance: GearResonance | None = None
 
     @property
     def std(self) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ from plant import Arm, Dynamics, Law, Record, Rig
 
 __all__ = ["Problem"]
 
-_POSITIVE = ("drive.viscous", "drive.coulomb", "law.gain")
+_POSITIVE = ("drive.viscous", "drive.coulomb", "law.gain", "drive.elasticity")
 """Numbers that cannot be negative."""
 
 
@@ -63,6 +63,11 @@ class Problem:
     def replays(self) -> list[bool]:
         """Of each record, whether its law repeats logged torques in place of a controller."""
         return [record.law is not None and bool(record.law.replays) for record in self.records]
+
+    @property
+    def elastic(self) -> bool:
+        """Whether the gears of a record are elastic."""
+        return any(record.rig.drive.elasticity is not None for record in self.records)
 
     @property
     def everywhere(self) -> NDArray[np.float64] | None:

@@ -47,6 +47,8 @@ def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str
         others = {other: CURRENT[unit] / per for other, per in CURRENT.items() if other != unit}
         require_limit(field, value, rig.drive.current_limit, unit, others, rig.joint_labels)
         return {"current": value}
+    if field == "link_position":  # another sensor, of a resolution of its own
+        return {"link_counts": rig.position_in_pulses(value * factors(unit))}
     name = "reference_pulses" if field in REFERENCE else "error_pulses" if field == "error_pulses" else "counts"
     if unit == "pulses":
         return {name: _whole(field, value, rig)}
@@ -73,9 +75,8 @@ def _counted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> NDArray[n
     position = place[motor](angle)
     if rig.encoder.smooth:
         return position
-    if field in REFERENCE:
-        shift, grid = on_grid(position)
-    else:
+    shift, grid = on_grid(position)
+    if field not in REFERENCE:
         names = {False: field.replace("motor_", ""), True: "motor_position"}
         readings: dict[tuple[str, Unit], Any] = {(field, unit): position}
         if unit in ANGLE:
@@ -83,7 +84,6 @@ def _counted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> NDArray[n
         elif unit in LENGTH:
             readings |= {(field, u): place[motor](value * LENGTH[u]) for u in LENGTH}
         whole = require_grid(field, unit, readings)
-        shift, grid = on_grid(position)
         if not whole:
             step = _smallest_step(position[:, np.argmin(grid)])
             near = ": state the resolution more exactly" if abs(step - 1) < _NEAR else ""

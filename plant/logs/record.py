@@ -26,7 +26,7 @@ from plant.parts.part import Vector
 
 __all__ = ["Record"]
 
-_COLUMNS = ("reference_pulses", "error_pulses", "torque", "current", "true_q", "true_qd")
+_COLUMNS = ("reference_pulses", "error_pulses", "torque", "current", "link_counts", "true_q", "true_qd")
 _LEFT_OUT: Any = None
 
 
@@ -57,6 +57,8 @@ class Record(FromFiles, Frozen):
         first error is a pulse or more starts where its encoder says.
     valid : (N,) array_like, optional
         Weight of each sample, 0 to 1; a sample that was dropped or is wrong has 0. By default all have 1.
+    link_counts : (N, n) array_like, optional
+        What encoders on the links count, behind elastic gears, in pulses of the motors' shafts.
     true_q, true_qd : (N, n) array_like, optional
         True joint motion; only a simulation knows it, and identification never reads it.
     name : str
@@ -81,6 +83,7 @@ class Record(FromFiles, Frozen):
     current: NDArray[Any] | None = None
     initial: NDArray[Any] | None = None
     valid: Vector = _LEFT_OUT
+    link_counts: NDArray[Any] | None = None
     true_q: NDArray[Any] | None = None
     true_qd: NDArray[Any] | None = None
     name: str = dataclasses.field(default="", compare=False)

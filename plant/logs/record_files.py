@@ -136,8 +136,8 @@ class FromFiles:
         columns : dict
             Field of the record -> name of its column, or names, one per joint. Exactly one of ``position`` (joint
             angles), ``motor_position``, ``counts`` and ``error_pulses``; and if there are, ``t``, ``valid``,
-            ``torque``, ``current`` and one of ``reference_pulses``, ``reference_position``,
-            ``reference_motor_position``.
+            ``torque``, ``current``, ``link_position`` (a second sensor's) and one of ``reference_pulses``,
+            ``reference_position``, ``reference_motor_position``.
         units : dict
             Field -> unit: ``s``, ``ms``, ``us`` or ``ns`` of t, ``rad``, ``deg`` or ``pulses`` of positions, of joints
             that slide ``m`` or ``mm``, ``N m`` (of the joint), ``N`` (of one that slides) or ``motor N m`` of torque,

@@ -49,7 +49,7 @@ def resampled_fields(record: Any, period: float) -> dict[str, Any]:
     fields = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
     fields |= {"t": new, "valid": weight, "rig": dataclasses.replace(record.rig, period=period)}
     fields |= {"reference_pulses": reference, "error_pulses": reference - np.round(between(record.counts))}
-    fields |= {n: between(fields[n]) for n in ("true_q", "true_qd") if fields[n] is not None}
+    fields |= {n: between(fields[n]) for n in ("link_counts", "true_q", "true_qd") if fields[n] is not None}
     fields |= {n: _means(t, fields[n], gap, new, period) for n in ("torque", "current") if fields[n] is not None}
     return fields
 

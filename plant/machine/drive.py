@@ -197,6 +197,10 @@ class Drive(Part):
         shaft = self.joint_viscous() * qd + self.joint_coulomb(qd) * sign + self.joint_offset()
         return self.coupling.joint_torque(shaft)
 
+    def rotor_torque(self, qdd: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Torque that accelerates the rotors alone [N m], joint side; qdd as joints on rigid gears would have it."""
+        return self.coupling.joint_torque(self.reflected_inertia() * self.coupling.shaft(qdd))
+
     def reflected_inertia(self, motor_inertia: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
         """Rotor inertia reflected to the joint (or shaft), Jm k^2 [kg m^2]; of this drive's Jm, or of another."""
         return (self.motor_inertia if motor_inertia is None else motor_inertia) * self.gear * self.gear

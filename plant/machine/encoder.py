@@ -77,9 +77,9 @@ class Encoder(Part):
         By default zero is where a pulse begins.
     quadrature : QuadratureError, optional
         None by default: every pulse is as wide as the next.
-    side : {"motor", "link"}
+    side : {"motor", "link", "both"}
         Whether it turns with the motor, or behind an elastic gear with the link; its pulses are those of the motor's
-        shaft in any case.
+        shaft in any case. With both, the law reads the motor's, and a record holds the link's beside them.
     """
 
     resolution: Vector = number(("n",))
@@ -93,7 +93,7 @@ class Encoder(Part):
         super().__post_init__()
         if (self.resolution <= 0).any():
             raise ValueError(f"resolution must be positive; got {self.resolution}. Give pulses per motor turn.")
-        choice("side", self.side, ("motor", "link"))
+        choice("side", self.side, ("motor", "link", "both"))
         if self.phase is not None:
             instance("phase", self.phase, Phase, "Give Phase(shift=...).")
             self._require_joints("phase", self.phase.shift)

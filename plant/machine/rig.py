@@ -50,7 +50,7 @@ class Rig(Part):
                 "Give one resolution per joint."
             )
 
-        if self.encoder.side == "link" and self.drive.elasticity is None:
+        if self.encoder.side != "motor" and self.drive.elasticity is None:
             raise ValueError("an encoder on the link's side needs a drive that gives; got a rigid one. Add elasticity.")
 
     @property

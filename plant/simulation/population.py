@@ -42,7 +42,7 @@ def tally(rig: Rig) -> ca.Function:
     counted, highest, lowest, current, changed, last = ca.vertsplit(memory[:-1], n)
     limit, counts, time, first = data[0], data[1], data[2], memory[-1]
     error, torque = counts * ca.fabs(log[:n]), log[n : 2 * n]
-    position = log[-n:] if elastic and rig.encoder.side == "motor" else log[2 * n : 3 * n]
+    position = log[-n:] if elastic and rig.encoder.side != "link" else log[2 * n : 3 * n]
     unrounded = counts * rig.position_in_pulses(data[3:] - position)
     outside = functools.reduce(ca.fmax, ca.vertsplit(error)) > limit
     following = ca.vertcat(

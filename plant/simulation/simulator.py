@@ -133,6 +133,7 @@ def run(
         law=law,
         reference=reference,
         initial=given,
+        link_counts=_link_counts(rig, q),
         true_q=q,
         true_qd=qd,
     )
@@ -186,8 +187,14 @@ def replay(
     log, _ = _evaluated(loop, arm, tables, clock, start_of(record, path), backend)
     error, torque, q, qd = np.hsplit(log[clock.rows, : 4 * rig.n], 4)
     return dataclasses.replace(
-        record, error_pulses=error, torque=torque, current=rig.drive.current(torque), true_q=q, true_qd=qd
-    )
+        record, error_pulses=error, torque=torque, current=rig.drive.current(torque), link_counts=_link_counts(rig, q),
+        true_q=q, true_qd=qd,
+    )  # fmt: skip
+
+
+def _link_counts(rig: Rig, q: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """What encoders on the links count at q (N, n) [rad], if there are some beside those of the motors."""
+    return rig.true_counts(q) if rig.encoder.side == "both" else None
 
 
 def _evaluated(

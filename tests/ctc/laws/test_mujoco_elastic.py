@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque, ComputedTorquePID, FeedForward, FlexibleJointComputedTorque
-from plant import PD, Elasticity, LinkReference, puma560, simulate
+from identification import identify
+from plant import PD, Elasticity, LinkReference, Record, puma560, simulate
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo, an optional engine, is not installed")
 
@@ -56,6 +57,27 @@ def model(arm, elasticity, steps=STEPS):
         f"<inertial pos='{x3} {y3} 0' mass='{m3}' diaginertia='5 5 {i3}'/></body></body></worldbody>"
         f"<tendon>{tendons}</tendon></mujoco>"
     )
+
+
+def p_loop(arm, elasticity, gain, link, duration, steps):
+    """A record of the arm under P as fast hardware, which reads its counts at every step of the engine."""
+    engine = model(arm, elasticity, steps)
+    data = mujoco.MjData(engine)
+    t = RIG.period / steps * np.arange(math.ceil(duration / RIG.period) * steps)
+    motion = PATH(t)
+    commanded, k = RIG.counts(motion.q), RIG.drive.gear
+    per_radian = RIG.position_in_pulses(np.ones(2))
+    data.qpos[:], data.qvel[:] = [*motion.q[0], *link], [*motion.qd[0], *motion.qd[0]]
+    errors = np.empty_like(commanded)
+    for i, counts in enumerate(commanded):
+        errors[i] = counts - np.trunc(data.qpos[:2] * per_radian)
+        data.qfrc_applied[:2] = k * gain * errors[i]
+        mujoco.mj_step(engine, data)
+    rows = slice(0, None, steps)
+    return Record(
+        t=t[rows], reference_pulses=commanded[rows], error_pulses=errors[rows], rig=RIG, law=puma560.p_law(gain),
+        reference=PATH,
+    )  # fmt: skip
 
 
 def run(arm, elasticity, law, link, path=PATH, duration=DURATION, steps=STEPS):
@@ -138,3 +160,15 @@ def test_links_of_another_engine_follow(law, share):
     assert np.abs(errors[t > 0.02]).max() <= 1
     if share != 1:
         assert rms.max() > 0.1  # as it must
+
+
+def test_the_resonance_of_another_engine_is_identified_from_counts_alone():
+    """60 and 45 Hz, from 2 s of a P loop; the rig of the log knows of no gears."""
+    arm, gain = puma560.literature_arm(1.5), np.array([0.1, 0.08])
+    elasticity = Elasticity.from_resonance(arm, (60, 45), 0.02, drive=RIG.drive)
+    rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=elasticity))
+    link = simulate(arm, rig, puma560.p_law(gain), PATH, duration=0.01).true_q[0]  # where links hang
+    record = p_loop(arm, elasticity, gain, link, 2.0, 16)
+    resonance = identify(arm.dynamics, record, elasticity=True, progress=False).resonance
+    np.testing.assert_allclose(resonance.hz, [60, 45], rtol=0.1)
+    assert ((resonance.low < [60, 45]) & (resonance.high > [60, 45])).all()

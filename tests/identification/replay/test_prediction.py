@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from identification.replay.gauss_newton import gauss_newton
+from identification.replay.gauss_newton import gauss_newton, slopes
 from identification.replay.prediction import Prediction
 from plant import PointToPoint, puma560, simulate
 
@@ -109,3 +109,42 @@ def test_an_unknown_that_loses_the_log_however_small_its_change_is_named():
 
     with pytest.raises(ValueError, match="any change of b loses it"):
         gauss_newton(Edge(0.1), (1.0, 0.1, 0.0), (1e-4, 1e-4, 0.0), EVERYWHERE)
+
+
+def test_steps_on_which_innovations_jump_to_one_side_are_shortened():
+    """Beside an edge, slopes are those of the side with the values; without what holds there, of the jump."""
+
+    class Cliff:
+        unknown, weights = ("a", "b"), np.ones(3)
+
+        def innovations(self, z):
+            return np.array([3 * z[0], 2 * z[1], 5.0 * (z[0] > 1)])
+
+        def all_innovations(self, many):
+            return [self.innovations(z) for z in many]
+
+    values, step = np.array([0.99, 0.0]), np.array([0.1, 0.1])
+    made = slopes(Cliff(), values, step, np.arange(2), Cliff().innovations(values))
+    np.testing.assert_allclose(made / step, [[3, 0], [0, 2], [0, 0]], rtol=1e-9)
+    assert step[0] < 0.01 < 0.1 == step[1]
+    plain = slopes(Cliff(), values, np.array([0.1, 0.1]), np.arange(2))
+    assert plain[2, 0] == 2.5
+
+
+def test_steady_leaves_out_slow_samples_and_those_after():
+    """A joint that stands throughout is no bar."""
+    rig = puma560.rig()
+    moving = simulate(puma560.arm(), rig, puma560.p_law(), puma560.reference(), duration=1.0)
+    held = PointToPoint(start=(-0.5, 0.5), goal=(0.3, 0.5), duration=1.0)
+    for path, fast in ((None, True), (held, False)):
+        log = moving if path is None else simulate(puma560.arm(), rig, puma560.p_law(), path, duration=1.0)
+        weights = [
+            Prediction(puma560.dynamics(), log, steady=steady).weights.reshape(-1, 2) for steady in (False, True)
+        ]
+        kept = weights[1].any(axis=1)
+        np.testing.assert_array_equal(weights[1][kept], weights[0][kept])
+        assert not kept[:40].any()  # it starts at rest
+        assert 0.5 < kept.mean() < 0.95
+        steps = np.abs(np.diff(log.counts[kept][:, 0]))
+        assert steps[steps < 100].mean() > 1
+        assert (weights[0][300:900, 1].min() > 0.9) == fast

@@ -142,6 +142,19 @@ def test_the_reference_comes_as_counts_as_angles_or_as_a_reference():
     assert found.reference == path
 
 
+def test_a_second_sensor_on_the_links_is_kept_as_it_resolves():
+    """Angles of the joints, in pulses of the motors' shafts, unrounded: its grid is not the rig's."""
+    angle = np.linspace(0.1, 0.3, 7)[:, None] * [1, -2]
+    table = {"counts": np.zeros((7, 2), int), "link": np.degrees(angle)}
+    columns = {"counts": "counts", "link_position": "link"}
+    record = Record.from_table(
+        table, rig=RIG, columns=columns, units={"link_position": "deg"}, reference=puma560.reference()
+    )
+    np.testing.assert_allclose(record.link_counts, RIG.position_in_pulses(angle), rtol=1e-12)
+    with pytest.raises(ValueError, match="units must state that of 'link_position'"):
+        Record.from_table(table, rig=RIG, columns=columns, reference=puma560.reference())
+
+
 def test_names_may_be_one_per_joint():
     found = record({"a": COUNTS[:, 0], "b": COUNTS[:, 1]}, {"counts": ["b", "a"]})
     np.testing.assert_array_equal(found.counts, COUNTS[:, ::-1])

@@ -9,7 +9,9 @@ from hypothesis.extra.numpy import arrays
 from plant import P, Record, puma560
 
 RIG, LAW, PATH = puma560.rig(), puma560.p_law(), puma560.reference()
-FIELDS = ("t", "reference_pulses", "error_pulses", "torque", "current", "initial", "true_q", "true_qd")
+FIELDS = (
+    "t", "reference_pulses", "error_pulses", "torque", "current", "initial", "link_counts", "true_q", "true_qd",
+)  # fmt: skip
 finite = st.floats(allow_nan=False, allow_infinity=False)
 
 

@@ -9,7 +9,21 @@ from closed_loops import Constant, Counting, NoTorque, joint
 from scipy.linalg import eig
 
 from ctc import ComputedTorque, FeedForward, evaluate
-from plant import PD, Drive, Elasticity, Encoder, P, PointToPoint, Rig, linearise, puma560, simulate, to_control
+from plant import (
+    PD,
+    Drive,
+    Elasticity,
+    Encoder,
+    P,
+    PointToPoint,
+    Record,
+    Rig,
+    linearise,
+    puma560,
+    replay,
+    simulate,
+    to_control,
+)  # fmt: skip
 from plant.simulation.closed_loop import ClosedLoop
 
 H = 0.7e-3 / 4  # the default sub-step
@@ -193,6 +207,22 @@ def test_an_encoder_on_the_link_counts_the_link():
         record = simulate(arm, dataclasses.replace(with_gears(rig, elasticity), encoder=seen), law, path, duration=0.5)
         counted = np.abs(rig.counts(record.true_q) - record.counts).max()
         assert (counted == 0) == (side == "link")
+
+
+def test_with_encoders_on_both_sides_the_law_reads_the_motor_s_and_the_record_holds_both(tmp_path):
+    """The run is that with an encoder on the motor, to the last bit; what the links count is what the links do."""
+    arm, rig, path = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
+    rig = with_gears(rig, Elasticity.from_resonance(arm, 40, 0.02, drive=rig.drive))
+    both = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, side="both"))
+    plain, made = (simulate(arm, each, puma560.p_law(), path, duration=0.3) for each in (rig, both))
+    np.testing.assert_array_equal(made.error_pulses, plain.error_pulses)
+    np.testing.assert_array_equal(made.link_counts, rig.counts(made.true_q))
+    assert plain.link_counts is None
+    assert np.abs(made.link_counts - made.counts).max() > 5
+    np.testing.assert_array_equal(replay(arm, made).link_counts, made.link_counts)
+    made.to_csv(tmp_path / "both.csv")
+    np.testing.assert_array_equal(Record.from_csv(tmp_path / "both.csv").link_counts, made.link_counts)
+    np.testing.assert_allclose(made.resampled(2 * rig.period).link_counts, made.link_counts[::2], atol=1e-6)
 
 
 @pytest.mark.parametrize(

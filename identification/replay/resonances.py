@@ -1,0 +1,239 @@
+"""Elastic gears in coordinates that a search can move in: squared periods and damping ratios of their resonances.
+
+Deflections are proportional to compliance, and rigid gears are at its zero; so each stiffness k is searched as
+1 / omega^2 = m / k, the compliance times the link's inertia m (D_ii less the rotor's) at a pose, and each damping as
+the logarithm of the damping ratio of that resonance. A log says little of damping: a ratio of 0.5 to 5 % is expected
+(95 %), which weighs like one more measurement.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from identification.replay.gauss_newton import variance_inflation
+from identification.replay.prediction import Prediction
+from plant import Dynamics, Elasticity, Record, Rig
+from plant.simulation.threads import shared_out
+
+__all__ = ["DAMPING", "INFLATION", "STIFFNESS", "Resonances", "Start", "link_inertia", "on_gears"]
+
+STIFFNESS, DAMPING = "drive.elasticity.stiffness", "drive.elasticity.damping"
+
+_EXPECTED = (0.005, 0.05)
+"""Damping ratios between which 95 % of all gears are expected."""
+
+_USUAL = float(np.log(_EXPECTED).mean())
+_SPREAD = float(np.diff(np.log(_EXPECTED))[0]) / 2 / 1.96
+
+_BETWEEN, _RATIOS = (4.0, 1000.0), (1e-3, 0.5)
+"""Resonances [Hz] and damping ratios between which a search stays; the last resonance is as good as rigid."""
+
+_SHORT, _FINE, _RATIO = 0.008 / (2 * np.pi * 100) ** 2, 0.003, 0.05
+"""Steps of central differences: of a squared period at least [s^2], and relative; of ln of a damping ratio."""
+
+_ANY = 60.0
+"""Resonance of a rotor on its gear that stands for one that is not known yet [Hz]."""
+
+INFLATION = 2.5
+"""By how much variances of coordinates exceed those from scatter and autocorrelation of the innovations: rounding is no
+noise, it comes and goes with the speed (tests/benchmarks/elastic_identification.py)."""
+
+_ROUNDING = (INFLATION / 12) ** 0.5
+"""Noise to begin with: that of rounding alone [pulses]."""
+
+_DIFFERENCE = 1e-6
+"""Relative step of the derivative of values by coordinates."""
+
+
+def link_inertia(dynamics: Dynamics, rig: Rig, pose: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(A, rotors), (n, p) and (n,): A f - rotors is the inertia behind each gear at a pose, others held [kg m^2]."""
+    f = ca.SX.sym("f", dynamics.p)
+    own = ca.diag(dynamics.chain.coupling.shaft_inertia(dynamics.D(np.asarray(pose), f)))
+    return ca.DM(ca.jacobian(own, f)).full(), rig.drive.reflected_inertia()
+
+
+def on_gears(record: Record) -> Record:
+    """The same record on elastic gears, where its rig says nothing of them; their numbers say nothing yet.
+
+    Raises
+    ------
+    ValueError
+        A motor without inertia.
+    """
+    rig, rotors = record.rig, record.rig.drive.reflected_inertia()
+    if rig.drive.elasticity is not None:
+        return record
+    if not rotors.all():
+        raise ValueError("elastic gears need motors that weigh something; drive.motor_inertia is 0. Give it.")
+    omega = 2 * np.pi * _ANY
+    elasticity = Elasticity(stiffness=rotors * omega**2, damping=2 * np.exp(_USUAL) * rotors * omega)
+    drive = dataclasses.replace(rig.drive, elasticity=elasticity)
+    return dataclasses.replace(record, rig=dataclasses.replace(rig, drive=drive))
+
+
+class Start(NamedTuple):
+    """Where a search begins.
+
+    Attributes
+    ----------
+    coordinates, steps : (k,) numpy.ndarray
+        Steps of central differences, zero where a coordinate is not varied.
+    bounds : (k, 2) numpy.ndarray
+    """
+
+    coordinates: NDArray[np.float64]
+    steps: NDArray[np.float64]
+    bounds: NDArray[np.float64]
+
+
+class Resonances:
+    """A `Prediction` in coordinates of resonances, as `gauss_newton` takes it.
+
+    Parameters
+    ----------
+    prediction : Prediction
+    dynamics : Dynamics
+    rig : Rig
+        With elasticity; what is not unknown of it is as here.
+    pose : (n,) array_like
+        At which the resonances are meant [rad].
+    kept : iterable of str
+        Unknowns that stay as they are, in values.
+    measured : (2, n) array_like, optional
+        Compliances on the shafts and their standard deviations [rad/(N m)], where link sensors gave them.
+
+    Attributes
+    ----------
+    stiffness, damping : dict
+        Joint -> place of its coordinate.
+    noise : float
+        By which what is known beside the innovations is weighed, so that all are of one variance; see `settle`.
+    """
+
+    def __init__(
+        self,
+        prediction: Prediction,
+        dynamics: Dynamics,
+        rig: Rig,
+        pose: ArrayLike,
+        kept: Iterable[str] = (),
+        measured: ArrayLike | None = None,
+    ) -> None:
+        self.prediction, self.unknown, self._elasticity = prediction, prediction.unknown, rig.drive.elasticity
+        self._f = [self.unknown.index(name) for name in dynamics.names]
+        self._slope, self._rotors = link_inertia(dynamics, rig, pose)
+        searched = [name for name in self.unknown if name not in set(kept)]
+        places = {name: self.unknown.index(name) for name in searched}
+        self.stiffness, self.damping = (
+            {i: places[f"{field}[{i}]"] for i in range(dynamics.n) if f"{field}[{i}]" in places}
+            for field in (STIFFNESS, DAMPING)
+        )
+        self.noise = _ROUNDING
+        self._measured = None if measured is None else np.asarray(measured, dtype=float)
+
+    # -- coordinates ---------------------------------------------------------------------------------------------
+    def resonances(self, coordinates: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Frequency [Hz] and damping ratio (n,) of each gear."""
+        values, m = self.values(coordinates), self.inertia(coordinates)
+        stiffness, damping = self._stiffness(values), np.array(self._elasticity.damping)
+        for i, place in self.damping.items():
+            damping[i] = values[place]
+        return np.sqrt(stiffness / m) / (2 * np.pi), damping / (2 * np.sqrt(m * stiffness))
+
+    def inertia(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Inertia (n,) behind each gear, of values or coordinates."""
+        return self._slope @ vector[self._f] - self._rotors
+
+    def values(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values (k,) of the unknowns; NaN where no link is left behind a gear, or no compliance in it."""
+        values, m = coordinates.copy(), self.inertia(coordinates)
+        m = np.where(m > 0, m, np.nan)
+        for i, place in self.stiffness.items():
+            values[place] = m[i] / coordinates[place] if coordinates[place] > 0 else np.nan
+        for i, place in self.damping.items():
+            values[place] = 2 * np.exp(coordinates[place]) * np.sqrt(m[i] * self._stiffness(values)[i])
+        return values
+
+    def start(self, values: NDArray[np.float64], step: NDArray[np.float64], bounds: NDArray[np.float64]) -> Start:
+        """Coordinates, steps and bounds (k, 2) of those of values; damping starts at what is expected."""
+        z, steps, bounds, m = values.copy(), step.copy(), bounds.copy(), self.inertia(values)
+        root = 2 * np.sqrt(np.maximum(m, 0) * self._stiffness(values))
+        places = [*self.stiffness.values(), *self.damping.values()]
+        bounds[places] = np.maximum(bounds[places], 0.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for i, place in self.stiffness.items():
+                squared = (1 / (2 * np.pi * np.array(_BETWEEN[::-1]))) ** 2
+                bounds[place] = np.clip(m[i] / bounds[place, ::-1], *squared)
+                z[place] = np.clip(m[i] / values[place], *bounds[place])
+                steps[place] = max(_SHORT, _FINE * z[place])
+            for i, place in self.damping.items():
+                bounds[place] = np.clip(np.log(bounds[place] / root[i]), *np.log(_RATIOS))
+                z[place] = np.clip(_USUAL, *bounds[place])
+                steps[place] = _RATIO
+        return Start(z, steps, bounds)
+
+    def slopes(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Derivative (k, k) of the values by the coordinates."""
+        steps = _DIFFERENCE * np.maximum(np.abs(coordinates), np.where(coordinates == 0, 1.0, 0.0))
+        moved = [(self.values(coordinates + row), self.values(coordinates - row)) for row in np.diag(steps)]
+        return np.column_stack([(up - down) / (2 * step) for (up, down), step in zip(moved, steps, strict=True)])
+
+    def _stiffness(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Stiffness (n,), with what is unknown of it."""
+        stiffness = np.array(self._elasticity.stiffness)
+        for i, place in self.stiffness.items():
+            stiffness[i] = values[place]
+        return stiffness
+
+    # -- what gauss_newton asks for ------------------------------------------------------------------------------
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """Weight of each innovation; of what is expected, none: it is no reading."""
+        return np.append(self.prediction.weights, np.zeros(self._more))
+
+    @property
+    def scales(self) -> NDArray[np.float64]:
+        """What each innovation is divided by."""
+        return np.append(self.prediction.scales, np.ones(self._more))
+
+    @property
+    def _more(self) -> int:
+        """What is known beside the innovations."""
+        return len(self.damping) + (0 if self._measured is None else len(self.stiffness))
+
+    def innovations(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Innovations, and after them how far damping ratios are from what is expected, compliances from measured."""
+        values = self.values(coordinates)
+        if not np.isfinite(values).all():
+            return np.full(len(self.weights), np.inf)
+        known = [(coordinates[place] - _USUAL) / _SPREAD for place in self.damping.values()]
+        if self._measured is not None:
+            compliance, std = self._measured
+            known += [(1 / values[place] - compliance[i]) / std[i] for i, place in self.stiffness.items()]
+        return np.append(self.prediction.innovations(values), self.noise * np.array(known))
+
+    def all_innovations(self, many: Iterable[NDArray[np.float64]]) -> list[Any]:
+        """The same for several vectors, side by side."""
+        return shared_out(self.innovations, list(many), self.prediction.threads)
+
+    def reweigh(self, coordinates: NDArray[np.float64]) -> bool:
+        """As `Prediction.reweigh`."""
+        changed = self.prediction.reweigh(self.values(coordinates))
+        if changed:
+            self.settle(coordinates)
+        return changed
+
+    def settle(self, coordinates: NDArray[np.float64]) -> float:
+        """Weigh what is known by what innovations scatter, and give their variance as it counts for coordinates."""
+        residual = self.innovations(coordinates)
+        readings = self.weights @ self.weights
+        innovations = residual[: len(residual) - self._more]
+        variance = innovations @ innovations / readings * variance_inflation(innovations) * INFLATION
+        self.noise = float(np.sqrt(variance))
+        return float(variance)

@@ -1,0 +1,191 @@
+"""Elastic gears: stiffness and damping as unknowns beside f, found together.
+
+Start: the torque equation behind elastic gears, fitted in several pass bands over a grid of resonances
+(`identification.equation_error.gear_fit`). From the best of these, Gauss-Newton on the prediction error in coordinates
+of resonances (`identification.replay.resonances`). Intervals: the profile likelihood of each resonance, which also
+decides whether the log tells a gear from a rigid one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from identification.equation_error.deflection import Deflection, fit_deflection
+from identification.equation_error.gear_fit import GearFit, fit_gears
+from identification.replay.gauss_newton import Solution, gauss_newton
+from identification.replay.prediction import Prediction
+from identification.replay.resonances import STIFFNESS, Resonances, Start, link_inertia
+from identification.search.intervals import Intervals
+from identification.search.outcome import Fit, Outcome
+from identification.search.polish import require_fast, start_of_fit
+from identification.search.problem import Problem
+from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA, least_inertia_margin
+from plant.simulation.followed_path import path_of, start_of
+
+__all__ = ["elastic", "gear_fits", "pose_of"]
+
+_GRID = np.geomspace(8.0, 400.0, 15)
+"""Resonances of the first search [Hz]."""
+
+_STARTS, _FIRST = 2, 4
+"""Starts that are followed beside a rigid one, and for how many rounds, before the best goes on alone."""
+
+_RIGID = 1e-12
+"""Compliance of a gear that is as good as rigid [rad/(N m)]."""
+
+_SMALL = 0.01
+"""Step of the central differences of f, in standard deviations of the torque equation's fit."""
+
+_MIDDLE = 2
+"""Of the bands, that of the rigid fit."""
+
+_LEAST_SHARE = 0.1
+"""Share of D_ii that a link has at least, for the first grid."""
+
+_WEIGHINGS, _BETTER = 2, 3
+"""How often, at most, records and joints are weighted anew, and a better fit that a profile meets is taken up."""
+
+
+def pose_of(problem: Problem) -> NDArray[np.float64]:
+    """Where the motors of the first record begin (n,) [rad]."""
+    return np.asarray(start_of(problem.records[0], path_of(problem.records[0]))[0], dtype=float)
+
+
+def gear_fits(problem: Problem) -> list[GearFit]:
+    """Fits of the torque equation: with rigid gears first, then with the best of a grid of resonances in each band.
+
+    Gears that are known stay as they are.
+
+    Raises
+    ------
+    ValueError
+        No band in which there is a fit.
+    """
+    dynamics, records, rig = problem.dynamics, problem.records, problem.records[0].rig
+    slope, rotors = link_inertia(dynamics, rig, pose_of(problem))
+    stiff = np.full((1, dynamics.n), _RIGID)
+    rigid = fit_gears(dynamics, records, problem.unknown, problem.known, stiff)
+    if not rigid:
+        raise ValueError(
+            "the unknowns must be identifiable in some band; they are in none. Log a motion that excites more."
+        )
+    first = rigid[min(len(rigid) - 1, _MIDDLE)]
+    fit = first.torque
+    values = dict(zip(fit.names, fit.values, strict=True)) | problem.known
+    whole = np.maximum(slope @ [values[name] for name in dynamics.names], rotors)
+    links = np.maximum(whole - rotors, _LEAST_SHARE * whole)
+    grid = 1 / (links * (2 * np.pi * _GRID[:, None]) ** 2)
+    for i, stiffness in enumerate(rig.drive.elasticity.stiffness):
+        name = f"{STIFFNESS}[{i}]"
+        if name not in problem.unknown or name in problem.known:
+            grid[:, i] = 1 / problem.known.get(name, stiffness)
+    return [first, *fit_gears(dynamics, records, problem.unknown, problem.known, grid)]
+
+
+def elastic(problem: Problem, *, simulated: bool = False) -> Outcome:
+    """Prediction error (output error, if simulated) of an arm on elastic gears, with what is unknown of them."""
+    require_fast(problem)
+    prediction = Prediction(
+        problem.dynamics, problem.records, problem.unknown, simulated=simulated, zeros=problem.zeros, steady=True,
+        **problem.options,
+    )  # fmt: skip
+    seen = _deflection(problem)
+    view = Resonances(
+        prediction, problem.dynamics, problem.records[0].rig, pose_of(problem), problem.known,
+        None if seen is None else (seen.compliance, seen.std),
+    )  # fmt: skip
+    starts = _starts(problem, view, gear_fits(problem) if seen is None else [seen])
+    stages = {"equation error": view.values(starts[0].coordinates)[: len(problem.unknown)]}
+    start, solution = _followed(view, starts)
+    for _ in range(_WEIGHINGS):
+        if not view.reweigh(solution.values):
+            break
+        solution = gauss_newton(view, solution.values, start.steps, start.bounds)
+    for left in reversed(range(_BETTER + 1)):
+        intervals = Intervals(view, solution, start, final=not left)
+        if intervals.better is None:
+            break
+        solution = gauss_newton(view, intervals.better, start.steps, start.bounds)
+    return _outcome(problem, view, solution, intervals, stages)
+
+
+def _deflection(problem: Problem) -> Deflection | None:
+    """What link sensors show, if some gear is unknown and there are such sensors."""
+    seen = [record for record in problem.records if record.link_counts is not None]
+    unknown = any(name.startswith(STIFFNESS) and name not in problem.known for name in problem.unknown)
+    return fit_deflection(problem.dynamics, seen, problem.unknown, problem.known) if seen and unknown else None
+
+
+def _starts(problem: Problem, view: Resonances, fits: Sequence[GearFit | Deflection]) -> list[Start]:
+    """Starts of the search that follow the log: the best of the later fits, and the first; of known gears, the best.
+
+    Raises
+    ------
+    ValueError
+        None does.
+    """
+    nuisances, found = view.prediction.nuisances, []
+    steps, bounds = view.prediction.nuisance_steps, np.vstack([problem.bounds, view.prediction.nuisance_bounds])
+    for fit in fits:
+        values, step = start_of_fit(problem, fit.torque)
+        for i, place in view.stiffness.items():
+            values[place] = 1 / max(fit.compliance[i], _RIGID)
+        found.append(view.start(np.append(values, nuisances), np.append(_SMALL * step, steps), bounds))
+    results = view.all_innovations([start.coordinates for start in found])
+    costs = np.array([result @ result if np.isfinite(result).all() else np.inf for result in results])
+    order = [i for i in np.argsort(costs, kind="stable") if np.isfinite(costs[i])]
+    if not order:
+        raise ValueError(
+            "the search must start from an arm that follows the log; no fit of the torque equation does. Check signs, "
+            "units and the order of joints."
+        )
+    if not view.stiffness:
+        return [found[order[0]]]
+    best = [i for i in order if i][:_STARTS]
+    return [found[i] for i in [*best, *([0] if 0 in order else [])]]
+
+
+def _followed(view: Resonances, starts: list[Start]) -> tuple[Start, Solution]:
+    """The least sum of squares from the best starts: for some rounds each, then the best alone."""
+    solutions = []
+    for start in starts:
+        try:
+            solutions.append((start, gauss_newton(view, *start, rounds=_FIRST)))
+        except ValueError as error:  # a change of some unknown loses the log, or none shows there
+            failed = error
+    if not solutions:
+        raise failed
+    start, first = min(solutions, key=lambda pair: pair[1].residual @ pair[1].residual)
+    view.settle(first.values)
+    return start, gauss_newton(view, first.values, start.steps, start.bounds)
+
+
+def _outcome(
+    problem: Problem, view: Resonances, solution: Solution, intervals: Intervals, stages: dict[str, NDArray[np.float64]]
+) -> Outcome:
+    k, prediction = len(problem.unknown), view.prediction
+    values = view.values(solution.values)
+    arm, rig, _ = problem.parts(values[:k])
+    reason = None
+    drive = dataclasses.replace(rig.drive, motor_inertia=rig.drive.motor_inertia / LEAST_MOTOR_INERTIA)
+    if not least_inertia_margin(problem.dynamics, dataclasses.replace(rig, drive=drive), arm.f[None])[0] >= 0:
+        reason = (
+            "D(q) of the fit less the motors' own inertia, Jm k^2, leaves no sound link behind some gear; check "
+            "motor_inertia and gears, or log longer"
+        )
+    fit = Fit(
+        unknown=problem.unknown,
+        values=values[:k],
+        candidates=values[None, :k],
+        covariance=intervals.covariance()[:k, :k],
+        rms_innovation=solution.rms_innovation,
+        fallback_reason=reason,
+        zeros=prediction.zeros_in(values) if problem.zeros else None,
+        resonance=intervals.resonance(problem.dynamics.chain.joint_labels, pose_of(problem)),
+    )
+    message = f"RMS innovation of {solution.rms_innovation:.3f} pulses (rounding alone gives 0.289)."
+    return Outcome(fit=fit, message=message, evaluations=prediction.evaluations, stages=stages)

@@ -1,0 +1,61 @@
+"""What an identification says of elastic gears: the resonance of each, or the bound that a rigid log gives."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.parts.frozen import Frozen
+
+__all__ = ["GearResonance"]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class GearResonance(Frozen):
+    """Locked-rotor resonances, sqrt(k / (D_ii - Jm_i k_i^2)) / 2 pi, at the pose where the reference begins.
+
+    Attributes
+    ----------
+    joints : tuple of str
+        What to call each joint.
+    pose : (n,) numpy.ndarray
+        [rad]
+    hz : (n,) numpy.ndarray
+        [Hz]; infinite where the log does not tell the gear from a rigid one.
+    low, high : (n,) numpy.ndarray
+        95 % interval [Hz], from the profile likelihood. Without an upper end, low is a bound: the gear is stiffer.
+    damping_ratio, damping_low, damping_high : (n,) numpy.ndarray
+        Of the resonance, and its 95 % interval; where the log says little, it is what was expected, 0.005 to 0.05.
+    searched : (n,) numpy.ndarray
+        Whether the stiffness was unknown; the other resonances are those of the rig.
+    """
+
+    joints: tuple[str, ...]
+    pose: NDArray[np.float64]
+    hz: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    damping_ratio: NDArray[np.float64]
+    damping_low: NDArray[np.float64]
+    damping_high: NDArray[np.float64]
+    searched: NDArray[np.bool_]
+
+    def bounds(self, name: str) -> bool:
+        """Whether an unknown is stiffness or damping of a gear of which the log gives a bound alone."""
+        stiffer = np.flatnonzero(self.searched & np.isinf(self.high)).tolist()
+        return name in [f"drive.elasticity.{what}[{i}]" for what in ("stiffness", "damping") for i in stiffer]
+
+    def __str__(self) -> str:
+        width = max(map(len, self.joints))
+        lines = ["resonance of each link against its locked motor, 95 % interval [Hz]; damping ratio"]
+        for i, label in enumerate(self.joints):
+            ratio = f"{self.damping_ratio[i]:.3f} [{self.damping_low[i]:.3f}, {self.damping_high[i]:.3f}]"
+            if not self.searched[i]:
+                lines.append(f"{label:<{width}} {self.hz[i]:7.1f}, as the rig says")
+            elif np.isinf(self.high[i]):
+                lines.append(f"{label:<{width}} stiffer than {self.low[i]:.0f}")
+            else:
+                lines.append(f"{label:<{width}} {self.hz[i]:7.1f} [{self.low[i]:.1f}, {self.high[i]:.1f}]; {ratio}")
+        return "\n".join(lines)

@@ -1,0 +1,78 @@
+"""The torque equation behind elastic gears: exact motions made backwards, the rigid limit, and a simulated P loop."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from elastic_motion import STIFFNESS, experiment
+
+from identification.equation_error.deflection import fit_deflection
+from identification.equation_error.gear_fit import fit_gears
+from identification.equation_error.regressor import regressor_along
+from plant import Elasticity, Motion, puma560, simulate
+
+
+@pytest.fixture(scope="module")
+def made():
+    return experiment()
+
+
+def test_the_compliances_of_an_exact_motion_are_found_among_others(made):
+    """In the band of the motion; a rigid fit is far off. Coupled shafts: each motor turns several joints."""
+    dynamics, record, f = made
+    grid = np.geomspace(1 / 9, 9, 5)[:, None] / STIFFNESS
+    fit = fit_gears(dynamics, [record], dynamics.names, {}, grid)[0]
+    np.testing.assert_array_equal(fit.compliance, 1 / STIFFNESS)
+    rigid = fit_gears(dynamics, [record], dynamics.names, {}, np.full((1, 3), 1e-12))[0]
+    assert np.abs(fit.torque.values - f).max() < 0.012 < 0.1 < np.abs(rigid.torque.values - f).max()
+
+
+def test_two_sensors_show_compliances_and_the_offset_of_their_zeros(made):
+    dynamics, record, f = made
+    shifted = dataclasses.replace(record, link_counts=record.link_counts + np.array([30.0, -20.0, 10.0]))
+    for each in (record, shifted):
+        seen = fit_deflection(dynamics, [each], dynamics.names, {})
+        np.testing.assert_allclose(seen.compliance * STIFFNESS, 1, atol=0.005)
+        assert np.abs(seen.torque.values - f).max() < 0.015
+    apart = fit_deflection(dynamics, [record, shifted], dynamics.names, {})  # an offset for each record
+    np.testing.assert_allclose(apart.compliance, seen.compliance, rtol=1e-3)
+
+
+def test_motors_that_move_with_their_links_are_rigid_gears(made):
+    dynamics, record, _ = made
+    random = np.random.default_rng(3)
+    motion = Motion(*random.normal(size=(3, 7, 3)))
+    names = (*dynamics.names, "drive.viscous[1]")
+    rigid = regressor_along(dynamics, record.rig, names, motion)
+    elastic = regressor_along(dynamics, record.rig, names, motion, motion)
+    for a, b in zip(rigid, elastic, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
+
+
+def test_rotors_turn_with_the_motors_alone(made):
+    """Links that stand still: what is left of the torque is friction and rotors', by hand."""
+    dynamics, record, _ = made
+    drive, random = record.rig.drive, np.random.default_rng(4)
+    still, qd, qdd = np.zeros((5, 3)), *random.normal(size=(2, 5, 3))
+    _, given = regressor_along(
+        dynamics, record.rig, dynamics.names, Motion(still, still, still), Motion(still, qd, qdd)
+    )
+    C = np.array(drive.coupling.matrix)
+    shaft = 2e-4 * drive.gear**2 * (qdd @ C.T)
+    np.testing.assert_allclose(given - drive.friction(qd), shaft @ C, rtol=1e-12)
+
+
+@pytest.mark.parametrize("hz", [25, 60])
+def test_counts_of_a_p_loop_show_its_resonance(hz):
+    """From whole counts of the motors alone, to a place of the grid (a factor of 1.3), and f to a few per cent."""
+    arm, rig = puma560.literature_arm(1.5), puma560.rig()
+    elasticity = Elasticity.from_resonance(arm, hz, 0.02, drive=rig.drive)
+    elastic = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=elasticity))
+    log = simulate(arm, elastic, puma560.p_law((0.1, 0.08)), puma560.reference(), steps_per_sample=16)
+    record = dataclasses.replace(log, rig=rig)
+    grid = 1.3 ** np.arange(-8.0, 9.0, 2)[:, None] / elasticity.stiffness
+    fits = fit_gears(arm.dynamics, [record], arm.dynamics.names, {}, grid)
+    best = min(fits, key=lambda fit: np.abs(fit.torque.values - arm.f).max())
+    assert len(fits) == 4
+    assert np.median([fit.compliance * elasticity.stiffness for fit in fits], axis=0) == pytest.approx(1, rel=0.75)
+    assert (np.abs(best.torque.values - arm.f) / np.ptp(puma560.PRINTED_RANGES, axis=1)).max() < 0.06

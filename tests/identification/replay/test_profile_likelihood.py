@@ -1,0 +1,94 @@
+"""Profile likelihood: a linear problem by hand, a curved valley against brute force, and what it meets on the way."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, minimize_scalar
+
+from identification.replay.gauss_newton import slopes
+from identification.replay.profile_likelihood import Profile
+
+RANDOM = np.random.default_rng(1)
+A, NOISE = RANDOM.normal(size=(400, 3)), RANDOM.normal(size=400)
+TRUTH = np.array([1.0, -2.0, 0.5])
+
+
+class Model:
+    """Innovations of a function of three coordinates."""
+
+    def __init__(self, function):
+        self.unknown, self.weights, self.function = ("a", "b", "c"), np.ones(400), function
+
+    def innovations(self, z):
+        return self.function(z)
+
+    def all_innovations(self, many):
+        return [self.function(z) for z in many]
+
+
+def profile(function, best, place=0, bounds=(-50, 50)):
+    model, step = Model(function), np.full(3, 1e-4)
+    change = slopes(model, best, step, np.arange(3))
+    return Profile(model, best, change, step, np.tile(bounds, (3, 1)), place)
+
+
+def linear(z):
+    return A @ (z - TRUTH) - NOISE
+
+
+LEAST = TRUTH + np.linalg.lstsq(A, NOISE, rcond=None)[0]
+
+
+def curved(z):
+    """The second coordinate's valley bends with the first."""
+    return A @ np.array([z[0], z[1] - 3 * z[0] ** 2, z[2]]) - A @ [0.2, 0.1, 0.3] - 0.5 * NOISE
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_the_ends_of_a_linear_problem_are_its_standard_deviations(place):
+    std = np.sqrt(np.linalg.inv(A.T @ A)[place, place])
+    found = profile(linear, LEAST, place)
+    assert found.rise(LEAST[place] + 2 * std, 4.0) == pytest.approx(4, rel=1e-6)
+    for sign, limit in ((1, 50), (-1, -50)):
+        end = found.end(0.7 * std, 3.84, limit)
+        assert end == pytest.approx(LEAST[place] + sign * 1.96 * std, abs=0.1 * std)  # to a tenth of the level
+    assert found.better is None
+
+
+def test_an_end_beyond_the_limit_is_the_limit():
+    assert profile(linear, LEAST).end(0.01, 1e3, LEAST[0] + 0.02) == LEAST[0] + 0.02
+
+
+def test_a_curved_valley_is_followed():
+    """Against the minimum over the others by another solver; the curvature at the best fit would say another end."""
+
+    def least(a):
+        rest = A[:, 1:]
+        target = curved(np.array([a, 0.0, 0.0]))
+        return np.sum((target + rest @ np.linalg.lstsq(rest, -target, rcond=None)[0]) ** 2)
+
+    a = minimize_scalar(least, bounds=(-1, 1), method="bounded", options={"xatol": 1e-12}).x
+    others = np.linalg.lstsq(A[:, 1:], -curved(np.array([a, 0.0, 0.0])), rcond=None)[0]
+    best = np.array([a, *others])
+    found, level = profile(curved, best), 40.0
+    for value in (a + 0.3, a - 1.0):
+        assert found.rise(value, level) == pytest.approx(least(value) - least(a), rel=0.05)
+    truth = brentq(lambda x: least(x) - least(a) - level, a, a + 5)
+    assert found.end(0.1, level, a + 50) == pytest.approx(truth, rel=0.06)
+
+
+def test_a_lower_sum_on_the_way_is_kept():
+    """Begun beside the best fit, the walk meets it."""
+    wrong = LEAST + np.array([0.5, 0.0, 0.0])
+    found = profile(linear, wrong)
+    found.end(0.1, 3.84, -50)
+    assert found.better is not None
+    assert np.sum(linear(found.better) ** 2) < np.sum(linear(wrong) ** 2)
+
+
+def test_what_diverges_has_no_finite_rise():
+    def lost(z):
+        return linear(z) if z[0] < LEAST[0] + 0.3 else np.full(400, np.inf)
+
+    found = profile(lost, LEAST)
+    assert found.rise(LEAST[0] + 1, 4.0) == np.inf
+    assert found.end(1.0, 1e4, 50) == pytest.approx(LEAST[0] + 0.3, abs=0.05)  # where it is lost
