@@ -218,6 +218,10 @@ class Resonances:
             known += [(1 / values[place] - compliance[i]) / std[i] for i, place in self.stiffness.items()]
         return np.append(self.prediction.innovations(values), self.noise * np.array(known))
 
+    def lost(self, coordinates: NDArray[np.float64]) -> str:
+        """What messages call the first record whose run with these coordinates diverges."""
+        return self.prediction.lost(self.values(coordinates))
+
     def all_innovations(self, many: Iterable[NDArray[np.float64]]) -> list[Any]:
         """The same for several vectors, side by side."""
         return shared_out(self.innovations, list(many), self.prediction.threads)

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from identification.replay.gauss_newton import gauss_newton
 from identification.replay.prediction import Prediction
 from identification.replay.resonances import DAMPING, STIFFNESS, Resonances, on_gears
 from plant import Elasticity, puma560, simulate
@@ -66,6 +67,8 @@ def test_what_cannot_be_is_infinite_not_a_number(record):
         wrong = start.coordinates.copy()
         wrong[place] = value
         assert np.isinf(view.innovations(wrong)).all()
+        with pytest.raises(ValueError, match="the one that it was given diverges"):
+            gauss_newton(view, wrong, start.steps, np.tile([-np.inf, np.inf], (len(wrong), 1)))
 
 
 def test_expected_ratios_and_measured_compliances_weigh_as_readings(record):
