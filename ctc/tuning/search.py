@@ -32,6 +32,9 @@ _QUIETER, _GAIN, _NEAR, _SPARE = 4, 0.9, 0.5, 1.05
 bring it for another to follow; how far from it they search, in the logarithm of each variable; and the share of the
 limit that they aim at."""
 
+_BETWEEN = 2, 5
+"""Quieter tunings that lose the fewest, and so many on the way to each from the best that holds."""
+
 _STEPS = 4, 8
 """Integration steps per sample in a search, and in a check."""
 
@@ -128,10 +131,11 @@ class Tunings:
             if best.holds or best.left > _HOPELESS * len(self.plants) or best.noise > beat:
                 break
         for _ in range(_QUIETER if best.holds else 0):
-            before = min(tried, key=_rank).noise
-            known = np.vstack([list(min(tried, key=_rank).numbers.values()), known])
-            best = following(generations, _SPARE, _NEAR)
-            if best.holds and best.noise > _GAIN * before:
+            before = min(tried, key=_rank)
+            known = np.vstack([list(before.numbers.values()), known])
+            following(generations, _SPARE, _NEAR)
+            tried += self._between(tried)
+            if min(tried, key=_rank).noise > _GAIN * before.noise:
                 break
         return min(tried, key=_rank)
 
@@ -159,6 +163,17 @@ class Tunings:
         found, costs = np.vstack([result.x, result.final_population]), np.append(result.cost, result.final_costs)
         found, first = np.unique(found, axis=0, return_index=True)
         return np.exp(found[np.argsort(costs[first], kind="stable")])
+
+    def _between(self, tried: list[Trial]) -> list[Trial]:
+        """Trials on the way from the best tuning that holds to those that are quieter and lose the fewest."""
+        best = min(tried, key=_rank)
+        quieter = sorted((trial for trial in tried if trial.noise < best.noise), key=lambda trial: trial.left)
+        start, ways = np.log([*best.numbers.values()]), np.linspace(0, 1, _BETWEEN[1] + 2)[1:-1]
+        found = list[Trial]()
+        for trial in quieter[: _BETWEEN[0]]:
+            rows = start + ways[:, None] * (np.log([*trial.numbers.values()]) - start)
+            found += self._checked(np.exp(rows))[0]
+        return found
 
     def _checked(self, values: Floats) -> tuple[list[Trial], list[Floats]]:
         """Trials of tunings (T, k), and some of the plants that leave under each, the farthest."""
