@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.laws.computed_torque_pid import ComputedTorquePID
 from ctc.laws.feed_forward import FeedForward
+from ctc.laws.flexible_joint import FlexibleJointComputedTorque
 from ctc.stability.design import motor_gain
-from plant import PD, Arm, Law, Rig
+from plant import PD, Arm, Law, Reference, Rig
 
 __all__ = ["Family", "families"]
 
@@ -52,15 +53,17 @@ class Family:
         return self.law.filled({name: float(own[0]) for name, own in self.numbers(named).items()}, "law.")
 
 
-def families(arm: Arm, rig: Rig, pose: NDArray[np.float64]) -> list[Family]:
+def families(arm: Arm, rig: Rig, reference: Reference) -> list[Family]:
     """Computed torque with observer and with PID, and feed-forward with PD, about an identified arm.
+
+    Along a `LinkReference` of elastic gears also flexible-joint computed torque with PD.
 
     Parameters
     ----------
     arm, rig : Arm, Rig
         The identified ones.
-    pose : (n,) numpy.ndarray
-        At which the PD gains of the joints are in proportion to their inertia [rad].
+    reference : Reference
+        At its first pose the PD gains of the joints are in proportion to their inertia.
     """
     most = 0.6 / rig.period  # [rad/s]: a bandwidth beyond has too few samples
     corner = 3.0 / rig.period
@@ -88,29 +91,30 @@ def families(arm: Arm, rig: Rig, pose: NDArray[np.float64]) -> list[Family]:
             numbers=_named,
         ),
     ]  # fmt: skip
-    if not rig.drive.coupling.matrix:
-        unit = motor_gain(rig, np.diag(arm.D(pose)), 1.0)
-        pd = PD(gain=unit * 150.0**2, derivative=unit * 300.0, filter=corner, period=rig.period)
+    if rig.drive.coupling.matrix:
+        return found
+    unit = motor_gain(rig, np.diag(arm.D(reference(np.zeros(1)).q[0])), 1.0)
+    pd = PD(gain=unit * 150.0**2, derivative=unit * 300.0, filter=corner, period=rig.period)
+    laws: dict[str, Law] = {"feed-forward with PD": FeedForward(arm, rig, feedback=pd)}
+    if reference.links is not reference:
+        laws["flexible-joint computed torque with PD"] = FlexibleJointComputedTorque(arm, rig, feedback=pd)
 
-        def numbers(values: Numbers) -> Numbers:
-            w, damping = values["bandwidth"], values["damping"]
-            each = {f"law.feedback.gain[{i}]": unit[i] * w**2 for i in range(rig.n)}
-            each |= {f"law.feedback.derivative[{i}]": unit[i] * 2 * damping * w for i in range(rig.n)}
-            return each | {"law.feedback.filter": values["filter"]}
+    def numbers(values: Numbers) -> Numbers:
+        w, damping = values["bandwidth"], values["damping"]
+        each = {f"law.feedback.gain[{i}]": unit[i] * w**2 for i in range(rig.n)}
+        each |= {f"law.feedback.derivative[{i}]": unit[i] * 2 * damping * w for i in range(rig.n)}
+        return each | {"law.feedback.filter": values["filter"]}
 
-        found.append(
-            Family(
-                name="feed-forward with PD",
-                law=FeedForward(arm, rig, feedback=pd),
-                variables={
-                    "bandwidth": (20.0, min(500.0, most)),
-                    "damping": (0.2, 3.0),
-                    "filter": (200.0, 2 * corner),
-                },
-                known=[{"bandwidth": w, "damping": d, "filter": 3000.0} for w in (150.0, 250.0) for d in (0.7, 1.0)],
-                numbers=numbers,
-            )
+    found += [
+        Family(
+            name=name,
+            law=law,
+            variables={"bandwidth": (20.0, min(500.0, most)), "damping": (0.2, 3.0), "filter": (200.0, 2 * corner)},
+            known=[{"bandwidth": w, "damping": d, "filter": 3000.0} for w in (150.0, 250.0) for d in (0.7, 1.0)],
+            numbers=numbers,
         )
+        for name, law in laws.items()
+    ]
     return found
 
 

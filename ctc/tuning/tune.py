@@ -41,9 +41,10 @@ def tune(
 ) -> Tuning:  # fmt: skip
     """Find the quietest law that keeps its limit over the stated uncertainty.
 
-    Of computed torque with observer, computed torque with a PID that rolls off, and feed-forward with PD, tunings are
-    searched by the genetic algorithm on plants drawn from the uncertainty, and the best are tried on fresh ones. Quiet
-    is a small mean change of the torque from sample to sample.
+    Of computed torque with observer, computed torque with a PID that rolls off, feed-forward with PD and, along a
+    `LinkReference` of identified gears, flexible-joint computed torque with PD, tunings are searched by the genetic
+    algorithm on plants drawn from the uncertainty, and the best are tried on fresh ones. Quiet is a small mean change
+    of the torque from sample to sample.
 
     Parameters
     ----------
@@ -111,7 +112,7 @@ quadrature, load, load_position, delay, covariance, plants
     arm, scale = fresh.arm, _scale(fresh.arm, reference, float(duration))
     threads = int(threads or cores())
     options = {"within": within, "duration": duration, "after": after}
-    laws, trials = families(arm, fresh.own, pose), list[Trial]()
+    laws, trials = families(arm, fresh.own, reference), list[Trial]()
     with tqdm(total=len(laws) * _GENERATIONS, desc="tune", unit="generation", disable=not progress, leave=False) as bar:
         for i, family in enumerate(laws):
             bar.set_postfix_str(family.name)

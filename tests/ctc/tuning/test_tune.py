@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from ctc import ComputedTorque, certify, clopper_pearson, tune
+from ctc import ComputedTorque, FlexibleJointComputedTorque, certify, clopper_pearson, tune
 from ctc.certification.gears import Gears
 from ctc.certification.uncertainty import Uncertainty
 from ctc.tuning.families import families
 from ctc.tuning.search import Tunings
-from plant import puma560, simulate
+from plant import Elasticity, LinkReference, puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 START = PATH([0.0]).q[0]
@@ -57,7 +57,7 @@ def test_same_seed_same_law_whatever_the_threads(monkeypatch):
 
 @pytest.mark.parametrize("which", [0, 1, 2])
 def test_a_tuning_side_by_side_is_its_law_simulated(which):
-    family = families(ARM, RIG, START)[which]
+    family = families(ARM, RIG, PATH)[which]
     uncertainty = Uncertainty(friction=0.02, covariance=STATED["covariance"], gears=Gears(resonance=(40, 60)))
     plants = uncertainty.draw(ARM, RIG, 3, 5, START)
     values = np.array([list(each.values()) for each in family.known])[:2] * 0.9
@@ -75,6 +75,23 @@ def test_a_tuning_side_by_side_is_its_law_simulated(which):
     np.testing.assert_allclose(runs.chatter[5], changes, rtol=1e-9)
 
 
+def test_identified_gears_and_the_motion_of_links_bring_flexible_joint_computed_torque(monkeypatch):
+    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((2, np.inf),))
+    monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
+    gears = Elasticity.from_resonance(ARM, 50, 0.02, drive=RIG.drive, q=START)
+    rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears))
+    found = families(ARM, rig, LinkReference(ARM, rig, PATH))
+    assert isinstance(found[-1].law, FlexibleJointComputedTorque)
+    assert len(found) == 1 + len(families(ARM, rig, PATH)) == 4
+    monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[3:])
+    plan = LinkReference(ARM, rig, PATH)
+    tuning = tune(ARM, rig, plan, **STATED | {"resonance": (49, 51)}, **SHORT)
+    assert isinstance(tuning.law, FlexibleJointComputedTorque)
+    assert tuning.holds
+    log = simulate(ARM, rig, tuning.law, plan, duration=0.4)
+    assert np.abs(log.true_q[50:] - PATH(log.t[50:]).q).max() < 1e-4  # the links are on the path
+
+
 def test_plants_that_leave_join_the_search(monkeypatch):
     """A search on one plant cannot know the others; those that it loses are in the next."""
     seen = []
@@ -85,7 +102,7 @@ def test_plants_that_leave_join_the_search(monkeypatch):
         "costs",
         lambda self, values, plants, aim: seen.append(len(plants)) or original(self, values, plants, aim),
     )
-    family = families(ARM, RIG, START)[2]
+    family = families(ARM, RIG, PATH)[2]
     uncertainty = Uncertainty(friction=0.2, covariance=STATED["covariance"], gears=Gears(resonance=(15, 80)))
     plants = uncertainty.draw(ARM, RIG, 40, 5, START)
     tunings = Tunings(
@@ -103,7 +120,7 @@ def test_it_goes_on_from_the_first_that_holds_and_gives_up_what_is_beaten(monkey
     searches = []
     original = Tunings._searched
     monkeypatch.setattr(Tunings, "_searched", lambda self, *some: searches.append(some) or original(self, *some))
-    family = families(ARM, RIG, START)[1]
+    family = families(ARM, RIG, PATH)[1]
     noisy = {"bandwidth": 200.0, "ratio": 1.5, "integral": 20.0, "roll_off": 3000.0, "roll_off_damping": 0.8}
     family = dataclasses.replace(family, known=[noisy])
     uncertainty = Uncertainty(friction=0.03, covariance=STATED["covariance"], gears=Gears(resonance=(40, 60)))
