@@ -5,18 +5,15 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 import plant
-from identification.equation_error import naming
-from identification.planning.quality import require_informative
-from identification.replay.experiment import as_records, with_zeros
+from identification.preparation import prepare, with_gears
+from identification.replay.experiment import with_zeros
 from identification.replay.objective import Objective
-from identification.replay.resonances import DAMPING, STIFFNESS, on_gears
 from identification.results.diagnostics import Diagnostics
 from identification.results.identification import Identification
 from identification.search.genetic import GeneticSettings, GeneticState
@@ -25,9 +22,9 @@ from identification.search.outcome import Outcome
 from identification.search.problem import Problem
 from identification.search.search import Search
 from plant import Dynamics, Record
-from plant.parts.arguments import array, choice, instance, known_options
+from plant.parts.arguments import instance, known_options
 
-__all__ = ["identify", "prepare", "search"]
+__all__ = ["identify", "search"]
 
 
 @known_options
@@ -101,110 +98,10 @@ def identify(
     started = time.perf_counter()
     options = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "threads": threads}
     if instance("elasticity", elasticity, bool, "Give True or False."):
-        records, held_out, unknown = _on_gears(dynamics, records, held_out, unknown, method, ranges)
+        records, held_out, unknown = with_gears(dynamics, records, held_out, unknown, method, ranges)
     problem = prepare(dynamics, records, unknown, held_out, method, ranges, settings, seed, zeros, options)
     outcome = search(problem, progress)
     return _assess(problem, outcome, started)
-
-
-def prepare(
-    dynamics: Dynamics,
-    records: Record | Sequence[Record],
-    unknown: Iterable[str] | None,
-    held_out: Record | Sequence[Record] | None,
-    method: str,
-    ranges: ArrayLike | None,
-    settings: GeneticSettings | None,
-    seed: int,
-    zeros: bool,
-    options: dict[str, Any],
-) -> Problem:
-    """The problem that a method is given; bad input is refused here, before any search."""
-    choice("method", method, tuple(METHODS))
-    instance("zeros", zeros, bool, "Give True or False.")
-    searched, kept = _set_aside(dynamics, records, unknown, held_out, method)
-    objective = Objective(dynamics, searched, unknown, **options)
-    for record, about in naming.each_named(objective.records):
-        with about:
-            require_informative(record, dynamics.chain.joint_labels)
-    settings = GeneticSettings.paper() if settings is None else settings
-    if not isinstance(settings, GeneticSettings):
-        given = type(settings).__name__
-        raise ValueError(f"settings must be GeneticSettings; got {given}. Leave it out for those of the paper.")
-    with naming.held_out(kept, len(searched), among=held_out is None):
-        aside = Objective(dynamics, kept, unknown, **options) if kept else None
-    problem = Problem(
-        dynamics=dynamics,
-        records=objective.records,
-        unknown=objective.unknown,
-        objective=objective,
-        held_out=aside,
-        nominal=_nominal(objective),
-        ranges=None if ranges is None else _validated_ranges(ranges, objective.unknown),
-        method=method,
-        settings=settings,
-        seed=seed,
-        zeros=zeros,
-        options=options,
-    )
-    if zeros and not all(problem.replays):
-        raise ValueError("zeros can be found only of logs that replay their torque; got a controller. Leave it out.")
-    found = [name for name in problem.unknown if name.startswith("drive.elasticity")]
-    if found and method in ("equation_error", "didim"):
-        raise ValueError(f"{found[0]} can be found by prediction error, the default; got method={method!r}. Use it.")
-    if zeros and method not in ("seeded", "prediction_error", "output_error"):
-        raise ValueError(f"zeros must be found by prediction or output error; got method={method!r}. Use the default.")
-    return problem
-
-
-def _on_gears(
-    dynamics: Dynamics,
-    records: Record | Sequence[Record],
-    held_out: Record | Sequence[Record] | None,
-    unknown: Iterable[str] | None,
-    method: str,
-    ranges: ArrayLike | None,
-) -> tuple[tuple[Record, ...], tuple[Record, ...], tuple[str, ...]]:
-    """Records that are searched and kept aside, on elastic gears, and the unknowns with those of the gears."""
-    if ranges is not None:
-        raise ValueError("ranges need every unknown by name; got elasticity=True. Name stiffness and damping instead.")
-    _, unknown = as_records(dynamics, records, unknown)
-    searched, kept = (tuple(map(on_gears, some)) for some in _set_aside(dynamics, records, unknown, held_out, method))
-    gears = [f"{field}[{i}]" for field in (STIFFNESS, DAMPING) for i in range(dynamics.n)]
-    return searched, kept, (*unknown, *(name for name in gears if name not in unknown))
-
-
-def _set_aside(
-    dynamics: Dynamics,
-    records: Record | Sequence[Record],
-    unknown: Iterable[str] | None,
-    held_out: Record | Sequence[Record] | None,
-    method: str,
-) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
-    """Records that are searched, and records that are kept aside."""
-    searched, _ = as_records(dynamics, records, unknown)
-    if held_out is None:
-        return (searched[:-1], searched[-1:]) if len(searched) > 1 and method != "paper" else (searched, ())
-    if isinstance(held_out, (tuple, list)) and not held_out:
-        return searched, ()
-    return searched, as_records(dynamics, held_out, unknown)[0]
-
-
-def _validated_ranges(ranges: ArrayLike, unknown: tuple[str, ...]) -> NDArray[np.float64]:
-    pairs = array("ranges", ranges, (len(unknown), 2), advice="Give (low, high) for each unknown.")
-    for name, (low, high) in zip(unknown, pairs, strict=True):
-        if low > high:
-            raise ValueError(f"ranges must be (low, high); that of {name} is ({low:g}, {high:g}). Swap its ends.")
-    return pairs
-
-
-def _nominal(objective: Objective) -> NDArray[np.float64]:
-    """The unknowns (k,) as rig and law of the first record have them; NaN for f."""
-    rig, law = objective.records[0].rig, objective.records[0].law
-    known = dict(zip(rig.number_names(), rig.number_values(), strict=True))
-    if law is not None:
-        known |= dict(zip(law.number_names("law."), law.number_values(), strict=True))
-    return np.array([known.get(name, np.nan) for name in objective.unknown])
 
 
 def search(problem: Problem, progress: bool) -> Outcome:

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from identification import Identification
-from identification.procedure import prepare, search
+from identification.preparation import prepare
+from identification.procedure import search
 from identification.search.outcome import Fit
 from plant import Arm, Elasticity
 
