@@ -55,7 +55,7 @@ def asked(controller, pulses, *motion, state=None):
 
 # -- torque ---------------------------------------------------------------------------------------------------------
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=10, deadline=None, derandomize=True)
 def test_the_first_torque_is_inverse_dynamics_and_friction(seed):
     """On the reference (in the middle of the encoder's cell) nothing is fed back: tau = Y f + friction(qd_r).
 

@@ -37,6 +37,7 @@ def test_the_controller_of_the_readme_runs_to_the_end():
     assert found_margin.chatter < 0.5
 
 
+@pytest.mark.slow  # tests/benchmarks/guards.py has their margins
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("name", SAMPLED)
 def test_the_laws_of_the_docs_run_to_the_end_of_every_motion(name, motion):
@@ -46,6 +47,7 @@ def test_the_laws_of_the_docs_run_to_the_end_of_every_motion(name, motion):
     assert max(found.saturation, found.chatter) < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FAST)
 def test_fast_hardware_runs_too(name):
     """Monitored by the clock. The fastest motion: from rest, and through the peaks of its torque."""

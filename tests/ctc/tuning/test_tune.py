@@ -77,6 +77,7 @@ def test_a_tuning_side_by_side_is_its_law_simulated(which):
 
 def test_identified_gears_and_the_motion_of_links_bring_flexible_joint_computed_torque(monkeypatch):
     monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((2, np.inf),))
+    monkeypatch.setattr("ctc.tuning.search._QUIETER", 0)
     monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
     gears = Elasticity.from_resonance(ARM, 50, 0.02, drive=RIG.drive, q=START)
     rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears))
@@ -115,7 +116,7 @@ def test_plants_that_leave_join_the_search(monkeypatch):
 
 
 def test_it_goes_on_from_the_first_that_holds_and_gives_up_what_is_beaten(monkeypatch):
-    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((3, np.inf),) * 2)
+    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((2, np.inf),) * 2)
     monkeypatch.setattr("ctc.tuning.search._GAIN", 1.0)
     searches = []
     original = Tunings._searched
