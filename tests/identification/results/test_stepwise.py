@@ -4,14 +4,12 @@ Robots are simulated at 16 steps per sample with what their records' rigs do not
 """
 
 import dataclasses
-import importlib.util
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from identification import GeneticSettings, identify
-from plant import PD, Elasticity, LoggedTorque, P, Record, puma560, simulate
+from plant import PD, Elasticity, LoggedTorque, puma560, simulate
 from plant.machine.encoder import Phase
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
@@ -166,27 +164,12 @@ def test_a_log_that_cannot_be_followed_says_why():
 
 # -- a robot that another engine simulates ----------------------------------------------------------------------------
 def test_an_arm_of_mujoco_on_gears_of_60_hz_is_named_compliant():
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo, an optional engine, is not installed")
-    place = Path(__file__).parents[2] / "ctc" / "laws" / "test_mujoco_elastic.py"
-    spec = importlib.util.spec_from_file_location("test_mujoco_elastic", place)
-    other = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(other)
-    elasticity, steps, count = gears(60), 25, 5215
-    engine = other.model(ARM, elasticity, steps)
-    data = mujoco.MjData(engine)
-    path = PATH(RIG.period / steps * np.arange(count * steps))
-    reference, per_radian = RIG.counts(path.q), RIG.position_in_pulses(np.eye(2)).diagonal()
-    start = path.q[0]
-    data.qpos[:] = [*start, *(start - ARM.h(start, np.zeros(2)) / elasticity.stiffness)]
-    gain, errors = np.array(LOW) * RIG.drive.gear, np.empty((count * steps, 2))
-    for k in range(count * steps):
-        errors[k] = reference[k] - np.trunc(data.qpos[:2] * per_radian)
-        data.qfrc_applied[:2] = gain * errors[k]
-        mujoco.mj_step(engine, data)
-    record = Record(
-        t=RIG.period * np.arange(count), error_pulses=errors[::steps], reference_pulses=reference[::steps], rig=RIG,
-        law=P(gain=LOW), reference=PATH,
-    )  # fmt: skip
+    pytest.importorskip("mujoco", reason="MuJoCo, an optional engine, is not installed")
+    from mujoco_elastic import p_loop
+
+    elasticity, start = gears(60), PATH([0.0]).q[0]
+    hanging = start - ARM.h(start, np.zeros(2)) / elasticity.stiffness
+    record = p_loop(ARM, elasticity, np.array(LOW), hanging, PATH.duration, 25)
     detection = quick(record).diagnostics.detection
     assert detection.names == ("compliance",)
     assert all(45 < value < 75 for value in detection.resonances.values())
