@@ -28,7 +28,7 @@ __all__ = ["Uncertainty"]
 _PATIENCE = 20
 """Draws per plant at most, until one is an arm."""
 
-_NOT_NEGATIVE = ("drive.viscous", "drive.coulomb", "drive.curve.breakaway")
+_NOT_NEGATIVE = ("drive.viscous", "drive.coulomb", "drive.curve.breakaway", "drive.elasticity")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

@@ -18,7 +18,7 @@ from ctc import ComputedTorque, certify, clopper_pearson, evaluate
 from ctc.certification.sensitivity import influences, ranked
 from ctc.certification.uncertainty import Uncertainty
 from identification import identify
-from plant import PD, Body, Harmonics, P, Phase, Transport, puma560, simulate
+from plant import PD, Body, Elasticity, Harmonics, P, Phase, Transport, puma560, simulate
 from plant.machine.motor_inertia import least_inertia_margin
 from plant.simulation.loop_kernel import LANES
 
@@ -183,6 +183,24 @@ def test_what_was_identified_is_drawn_from_its_own_covariance(found):
     assert abs(level.mean() - 0.2) < 6 * 0.01 / np.sqrt(3000)
     assert abs(level.std() - 0.01) < 6 * 0.01 / np.sqrt(2 * 3000)
     assert "law.gain[0]" not in plants.names
+
+
+def test_gears_that_were_identified_are_drawn_and_none_has_negative_damping(found):
+    """A log says little of damping: half of its value is one standard deviation."""
+    gears = Elasticity.from_resonance(ARM, 60, 0.015, drive=RIG.drive)
+    rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears))
+    names = [f"drive.elasticity.{name}[{i}]" for name in ("stiffness", "damping") for i in range(2)]
+    values = np.concatenate([gears.stiffness, gears.damping])
+    spread = values * (0.05, 0.05, 0.5, 0.5)
+    more = dataclasses.replace(
+        found.fit, unknown=(*found.unknown, *names), values=np.append(found.values, values),
+        covariance=np.pad(found.covariance, (0, 4)) + np.diag([0.0] * 9 + [*spread**2]),
+    )  # fmt: skip
+    plants = Uncertainty().draw(dataclasses.replace(found, fit=more), rig, 500, 0)
+    drawn = plants.values[:, [plants.names.index(name) for name in names]]
+    assert (drawn >= 0).all()
+    assert plants.redrawn > 10
+    assert drawn[:, 0].std() / values[0] == pytest.approx(0.05, rel=0.2)
 
 
 def test_draws_that_can_be_no_arm_are_drawn_again():
