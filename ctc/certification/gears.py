@@ -99,7 +99,7 @@ class Gears:
         if self.resonance is not None and np.max(self.resonance) > most:
             raise ValueError(
                 f"resonance must be below {most:.0f} Hz, which sub-steps of {1e3 * step:.3g} ms can follow; got "
-                f"{np.max(self.resonance):g}. Raise steps_per_sample, or leave it out: such a gear is rigid."
+                f"{np.max(self.resonance):g}. Lower it: such a gear is rigid; certify takes more steps_per_sample."
             )
 
     def prepared(self, arm: Arm, rig: Rig, pose: ArrayLike) -> Rig:

@@ -64,7 +64,12 @@ def verdict(certificate: Any) -> str:
         sentence = f"{share} of {count} leave {limit} at some sample; {sure}, at most {bound} {of}."
     else:
         sentence = f"None of {count} leaves {limit}; {sure}, fewer than {bound} {of}."
-    return sentence if gears is None else f"{sentence} Rigid gears assumed; the nominal arm {gears}."
+    if gears is None:
+        return sentence
+    stated = certificate.plants.ranges.imperfections
+    absent = [row.words for name, row in IMPERFECTIONS.items() if any(stated.get(name, (0.0, 0.0)))]
+    without = f", without {', '.join(absent)}," if absent else ""
+    return f"{sentence} Rigid gears assumed; the nominal arm{without} {gears}."
 
 
 def percent(share: float, up: bool = False) -> str:

@@ -198,7 +198,7 @@ class Tunings:
         return trials, [plants[order[: min(joining, lost.sum())]] for order, lost in zip(far, left, strict=True)]
 
     def _most(self, plants: int) -> int:
-        """How many of the plants may leave so that, with 95 % confidence, no larger share than is allowed does."""
+        """How many of the plants may leave: a law given beforehand would then keep the allowed share, at 95 %."""
         counts = range(1, int(self.allowed * plants) + 1)
         return sum(clopper_pearson(count, plants, 0.9)[1] <= self.allowed for count in counts)
 

@@ -60,8 +60,9 @@ quadrature, load, load_position, delay, covariance, plants
     within : float
         Limit of the counted error [pulses].
     allowed : float
-        Share of the plants that may leave the limit, such as 0.05, for less chatter; a law holds if, with 95 %
-        confidence, no larger share leaves.
+        Share of the plants that may leave the limit, such as 0.05, for less chatter. So few of the fresh plants leave
+        that of a law given beforehand 95 % confidence would follow; it was chosen on them, so the certificate, on
+        plants of its own, is the verdict.
     after : float
         Samples before this time do not count [s].
     samples : int

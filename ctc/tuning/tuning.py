@@ -61,6 +61,8 @@ class Trial(Frozen):
 class Tuning(Frozen):
     """What `tune` found. Print it for the table and the verdict.
 
+    Laws are chosen by how many of the fresh plants leave, so those counts flatter; the certificate has its own plants.
+
     Attributes
     ----------
     law : Law

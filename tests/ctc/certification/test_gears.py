@@ -97,6 +97,9 @@ def test_cells_are_narrow_and_hold_what_is_in_them():
 def test_no_verdict_on_rigid_gears_stands_without_the_gears_on_which_it_holds():
     found = certify(ARM, RIG, LAW, PATH, **SHORT)
     assert f"above {found.lowest_resonance:.3g} Hz (damping ratio 0.01)" in found.verdict
+    assert "the nominal arm stays" in found.verdict
+    late = certify(ARM, RIG, LAW, PATH, **SHORT, lag=1e-4)
+    assert "the nominal arm, without current lag, stays" in late.verdict
     stated = certify(ARM, RIG, LAW, PATH, **SHORT, damping_ratio=0.03)
     assert stated.lowest_resonance < found.lowest_resonance
     assert "not drawn: elasticity, " in str(found)
