@@ -136,6 +136,8 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
         )
     arm, rig, law = problem.parts(fit.values)
     diagnostics = Diagnostics.of(problem, fit, objective, cost)
+    if fit.resonance is not None and diagnostics.detection.played:
+        fit = dataclasses.replace(fit, resonance=fit.resonance.beside_backlash(diagnostics.detection.played))
     return Identification(
         arm=arm,
         rig=rig,

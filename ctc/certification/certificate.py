@@ -125,12 +125,15 @@ class Certificate:
 
     @functools.cached_property
     def on_gears(self) -> LowestResonance | None:
-        """On which elastic gears the nominal arm stays within the limit; None where the gears are elastic already."""
+        """On which elastic gears the nominal arm stays within the limit; None where the gears are elastic already.
+
+        Stated delay, lag and other imperfections are at that end of their ranges which is farther from zero.
+        """
         if self.plants.rig.drive.elasticity is not None:
             return None
         ratio, settings = self.plants.ranges.lowest_damping, self.settings
         return lowest_resonance(
-            self.plants.arm, self.plants.own, self.law, self.reference, within=self.within,
+            self.plants.arm, self.plants.rig, self.law, self.reference, within=self.within,
             damping_ratio=DAMPING_RATIO if ratio is None else ratio, after=max(SETTLED, settings["after"]),
             duration=settings["duration"], steps_per_sample=settings["steps_per_sample"], threads=self.threads,
         )  # fmt: skip

@@ -63,7 +63,7 @@ def certify(
         What is drawn of gears, drives, encoders and sampling: see `ctc.certification.gears.Gears`.
         ``resonance=(40, 120)`` [Hz] says that it lies in that range, and the bound holds for the worst part of it.
         Without a resonance the gears are the rig's, and the lowest resonance that is stated is that at the damping
-        ratio's lower end.
+        ratio's lower end, with delay, lag and the rest at the end of their ranges that is farther from zero.
     after : float, optional
         Samples before this time do not count [s]. On rigid gears all count by default, also the first, at which the arm
         is up to half a pulse off its reference; on elastic ones those after 20 ms do.

@@ -141,10 +141,11 @@ IMPERFECTIONS: dict[str, Imperfection] = {
 
 
 def placed_in(rig: Rig, ranges: Mapping[str, tuple[float, float]]) -> Rig:
-    """The rig with each imperfection whose range is not zero, at the upper end of it."""
+    """The rig with each imperfection whose range is not zero, at that end of it which is farther from zero."""
     for name, ends in ranges.items():
         if any(ends):
-            rig = IMPERFECTIONS[name].placed(rig, ends[1], np.full(rig.n, ends[1]))
+            most = max(ends, key=abs)
+            rig = IMPERFECTIONS[name].placed(rig, most, np.full(rig.n, most))
     return rig
 
 

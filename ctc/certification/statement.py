@@ -11,6 +11,9 @@ from plant import Rig
 
 __all__ = ["percent", "statement", "verdict"]
 
+_MOST = 0.5
+"""Share of plants that leave beyond which nothing is said of the nominal one."""
+
 
 def statement(uncertainty: Any, rig: Rig, known: Identified) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """What is drawn of an `Uncertainty` with these identified numbers, and what is not."""
@@ -66,10 +69,14 @@ def verdict(certificate: Any) -> str:
         sentence = f"None of {count} leaves {limit}; {sure}, fewer than {bound} {of}."
     if gears is None:
         return sentence
+    if certificate.probability > _MOST:
+        return f"{sentence} Rigid gears assumed."
     stated = certificate.plants.ranges.imperfections
-    absent = [row.words for name, row in IMPERFECTIONS.items() if any(stated.get(name, (0.0, 0.0)))]
-    without = f", without {', '.join(absent)}," if absent else ""
-    return f"{sentence} Rigid gears assumed; the nominal arm{without} {gears}."
+    worst = {name: max(stated.get(name, (0.0,)), key=abs) for name in IMPERFECTIONS}
+    rows = [(IMPERFECTIONS[name], value) for name, value in worst.items() if value]
+    there = [f"{row.words} {value:g} {row.unit}" for row, value in rows]
+    beside = f", with {', '.join(there)}," if there else ""
+    return f"{sentence} Rigid gears assumed; the nominal arm{beside} {gears}."
 
 
 def percent(share: float, up: bool = False) -> str:

@@ -59,6 +59,13 @@ class Detection(Frozen):
         values = [item for sign in self.named if sign.name == "compliance" for item in sign.values.items()]
         return {self._joint(name): value**-0.5 for name, value in values if value > _STIFF**-2}
 
+    @property
+    def played(self) -> tuple[str, ...]:
+        """Joints in whose gears backlash was found."""
+        values = [item for sign in self.named if sign.name == "backlash" for item in sign.values.items()]
+        played = [name for name, value in values if name.startswith("backlash") and value]
+        return tuple(dict.fromkeys(map(self._joint, played)))
+
     def __str__(self) -> str:
         if self.reason is not None:
             return f"compliance, backlash, lag, friction: not tested: {self.reason}"

@@ -30,6 +30,9 @@ class GearResonance(Frozen):
         Of the resonance, and its 95 % interval; where the log says little, it is what was expected, 0.005 to 0.05.
     searched : (n,) numpy.ndarray
         Whether the stiffness was unknown; the other resonances are those of the rig.
+    played : tuple of str
+        Joints whose gear has backlash that the rig does not state. A search takes it for compliance, in all gears that
+        it looks for, so that low is a bound there: the gear is stiffer.
     """
 
     joints: tuple[str, ...]
@@ -41,6 +44,11 @@ class GearResonance(Frozen):
     damping_low: NDArray[np.float64]
     damping_high: NDArray[np.float64]
     searched: NDArray[np.bool_]
+    played: tuple[str, ...] = ()
+
+    def beside_backlash(self, joints: tuple[str, ...]) -> GearResonance:
+        """What remains of it where the log shows backlash at these joints: bounds."""
+        return dataclasses.replace(self, high=np.where(self.searched, np.inf, self.high), played=joints)
 
     def bounds(self, name: str) -> bool:
         """Whether an unknown is stiffness or damping of a gear of which the log gives a bound alone."""
@@ -58,4 +66,9 @@ class GearResonance(Frozen):
                 lines.append(f"{label:<{width}} stiffer than {self.low[i]:.0f}")
             else:
                 lines.append(f"{label:<{width}} {self.hz[i]:7.1f} [{self.low[i]:.1f}, {self.high[i]:.1f}]; {ratio}")
+        if self.played and self.searched.any():
+            lines.append(
+                f"bounds alone: the log shows backlash at {', '.join(self.played)} that the rig does not state, and "
+                "the search takes it for compliance. State it in the Elasticity, and identify again."
+            )
         return "\n".join(lines)

@@ -1,6 +1,7 @@
 """What a log says of the resonance of its gears, and of f beside it.
 
     python tests/benchmarks/elastic_identification.py [--robots 0 2] [--hz 25 40 inf] [--logs both] [--all]  # 30 min
+    python tests/benchmarks/elastic_identification.py --backlash  # 2 min
 
 Robots: f drawn around two arms, damping ratio 1 to 3 %, the encoders' phase and the path's offset drawn anew, 16 steps
 per sample; the model has 4, and its rig says nothing of gears. One log at low gains or at high ones, or one at each.
@@ -9,7 +10,7 @@ Error: of each resonance, largest of all robots and joints. Held: stated 95 % in
 Width: that of the stated intervals over the one needed, which is 1.96 times the RMS of the errors to either side, all
 logarithms. Met: within 10 %, or held by an interval at most twice as wide as needed. Error of f: the largest of the
 nine, in its printed range; median and largest of the robots. A rigid robot's resonances shall be "stiffer than"
-something.
+something. With `--backlash`: a robot of 70 Hz with 1e-4 rad of it in each gear, stated in the record's rig or not.
 """
 
 import argparse
@@ -99,13 +100,27 @@ def study(hertz, gains, seeds, everything):
     return f"{worst:.1f} % | {held.sum()} of {held.size} | {median} | {met.sum()} of {met.size} | {of_f} | {last}"
 
 
+def played(hertz=70, backlash=1e-4):
+    """What a log says of gears with backlash that its rig does not state, and with it."""
+    arm = ARMS[0]
+    gears = Elasticity.from_resonance(arm, hertz, 0.02, drive=RIG.drive, q=PATH([0.0]).q[0], backlash=(backlash,) * 2)
+    true = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears))
+    record = simulate(arm, true, P(gain=LOW), PATH, steps_per_sample=16)
+    for said, rig in (("not stated", RIG), ("stated", true)):
+        found = identify(DYNAMICS, dataclasses.replace(record, rig=rig), elasticity=True, progress=False)
+        print(f"backlash {said}: found {np.round(found.resonance.hz, 1)} Hz\n{found.resonance}", flush=True)
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--robots", type=int, nargs="*", default=[0, 2], help="seeds of the robots of each row")
     parser.add_argument("--hz", type=float, nargs="*", default=[*HERTZ, RIGID])
     parser.add_argument("--logs", nargs="*", choices=LOGS, default=list(LOGS))
     parser.add_argument("--all", action="store_true", help="print every robot")
+    parser.add_argument("--backlash", action="store_true", help="what backlash does, alone")
     given = parser.parse_args()
+    if given.backlash:
+        return played()
     print("| resonance | logs | error | held | width | met | error of f [% of its range] | f held | seconds |")
     print("|---|---|---|---|---|---|---|---|---|", flush=True)
     for hertz in given.hz:

@@ -99,7 +99,13 @@ def test_no_verdict_on_rigid_gears_stands_without_the_gears_on_which_it_holds():
     assert f"above {found.lowest_resonance:.3g} Hz (damping ratio 0.01)" in found.verdict
     assert "the nominal arm stays" in found.verdict
     late = certify(ARM, RIG, LAW, PATH, **SHORT, lag=1e-4)
-    assert "the nominal arm, without current lag, stays" in late.verdict
+    assert "the nominal arm, with current lag 0.0001 s, stays" in late.verdict
+    lagging = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, current_lag=1e-4))
+    options = {"duration": SHORT["duration"], "steps_per_sample": SHORT.get("steps_per_sample", 16)}
+    assert late.lowest_resonance == lowest_resonance(ARM, lagging, LAW, PATH, **options).hz > found.lowest_resonance
+    slow = certify(ARM, RIG, LAW, PATH, **SHORT, lag=(0, 5e-3))
+    assert slow.probability > 0.5
+    assert slow.verdict.endswith("Rigid gears assumed.")
     stated = certify(ARM, RIG, LAW, PATH, **SHORT, damping_ratio=0.03)
     assert stated.lowest_resonance < found.lowest_resonance
     assert "not drawn: elasticity, " in str(found)

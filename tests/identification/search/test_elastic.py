@@ -97,6 +97,23 @@ def test_one_gear_unknown_and_the_others_known():
     assert "as the rig says" in str(result.resonance)
 
 
+def test_backlash_that_no_rig_states_leaves_a_bound():
+    """It makes the gear look softer than it is: 70 Hz look like 53."""
+    played = Elasticity.from_resonance(ARM, 70, 0.02, drive=RIG.drive, backlash=(2e-4, 2e-4))
+    record = simulate(ARM, on(played), puma560.p_law((0.1, 0.08)), PATH, steps_per_sample=16)
+    result = identify(
+        ARM.dynamics, dataclasses.replace(record, rig=on(gears(70))), unknown=(*NAMES, GEARS[1]), progress=False
+    )
+    resonance = result.resonance
+    assert "joint 3 (q[1])" in resonance.played
+    assert resonance.hz[1] < 65
+    assert 30 < resonance.low[1] < 70
+    assert np.isinf(resonance.high[1])
+    assert np.isfinite(resonance.high[0])
+    assert "joint 3 (q[1]) stiffer than" in str(resonance)
+    assert "bounds alone: the log shows backlash at" in result.summary()
+
+
 def test_gears_that_are_known_leave_f_alone_to_find():
     result = identify(ARM.dynamics, log((25, 25)), progress=False)
     assert result.unknown == NAMES
