@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error import naming
+from identification.equation_error.law_memory import along_log
 from identification.planning.quality import require_informative
 from identification.replay.experiment import as_records
 from identification.replay.objective import Objective
@@ -39,7 +40,9 @@ def prepare(
     instance("zeros", zeros, bool, "Give True or False.")
     searched, kept = _set_aside(dynamics, records, unknown, held_out, method)
     objective = Objective(dynamics, searched, unknown, **options)
-    for record, about in naming.each_named(objective.records):
+    of_law = any(name.startswith("law.") for name in objective.unknown)
+    followed = tuple(along_log(record, unknown_law=of_law) for record in objective.records)
+    for record, about in naming.each_named(followed):
         with about:
             require_informative(record, dynamics.chain.joint_labels)
     settings = GeneticSettings.paper() if settings is None else settings
@@ -50,7 +53,7 @@ def prepare(
         aside = Objective(dynamics, kept, unknown, **options) if kept else None
     problem = Problem(
         dynamics=dynamics,
-        records=objective.records,
+        records=followed,
         unknown=objective.unknown,
         objective=objective,
         held_out=aside,

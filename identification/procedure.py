@@ -17,6 +17,7 @@ from identification.replay.objective import Objective
 from identification.results.diagnostics import Diagnostics
 from identification.results.identification import Identification
 from identification.search.genetic import GeneticSettings, GeneticState
+from identification.search.memory import resumed_at
 from identification.search.methods import METHODS
 from identification.search.outcome import Outcome
 from identification.search.problem import Problem
@@ -128,6 +129,9 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
     if fit.zeros is not None:
         moved = with_zeros(objective.records, fit.zeros)
         objective = Objective(problem.dynamics, moved, fit.unknown, **problem.options)
+    if fit.resumptions:
+        resumed = resumed_at(objective.records, fit.resumptions)
+        objective = Objective(problem.dynamics, resumed, fit.unknown, **problem.options)
     cost = float(objective(fit.values[None])[0])
     if genetic is not None and not np.isfinite(cost):
         raise ValueError(
@@ -142,7 +146,7 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
         arm=arm,
         rig=rig,
         law=law,
-        records=objective.records,
+        records=problem.objective.records if fit.resumptions else objective.records,
         held_out=() if problem.held_out is None else problem.held_out.records,
         version=plant.__version__,
         fit=fit,

@@ -29,6 +29,7 @@ from plant.laws.cascade import Cascade
 from plant.laws.law import Block, Law, Setpoint, StatelessLaw
 from plant.laws.pid import PD, PID, P
 from plant.laws.replayed import LoggedCurrent, LoggedTorque
+from plant.laws.resumed import AlongLog, Resumed
 from plant.logs.logfile import LoadError, read_table
 from plant.logs.record import Record
 from plant.logs.several import read_records
@@ -52,6 +53,7 @@ from plant.mechanics.lumping import Lumping
 from plant.mechanics.placement import Placement
 from plant.motion.demand import shortest_duration, torque_share
 from plant.motion.fastest import fastest
+from plant.motion.later import Later
 from plant.motion.link_reference import LinkReference
 from plant.motion.reference import Harmonics, Motion, PointToPoint, Reference, Spline
 from plant.motion.scaled import Scaled, slowed
@@ -72,6 +74,7 @@ check_siblings()
 __all__ = [
     "PD",
     "PID",
+    "AlongLog",
     "Arm",
     "Block",
     "Body",
@@ -90,6 +93,7 @@ __all__ = [
     "Guards",
     "Harmonics",
     "Jitter",
+    "Later",
     "Law",
     "Link",
     "LinkReference",
@@ -107,6 +111,7 @@ __all__ = [
     "QuadratureError",
     "Record",
     "Reference",
+    "Resumed",
     "Rig",
     "Running",
     "Scaled",

@@ -8,6 +8,7 @@ f is there, from the linearised loop.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -16,12 +17,15 @@ from numpy.typing import NDArray
 from identification.equation_error.naming import each_named
 from identification.equation_error.regressor import LINEAR, System, regressor_and_torque
 from identification.equation_error.torque_fit import TorqueFit, weighted
-from plant import Arm, Dynamics, Record, Rig
+from plant import AlongLog, Arm, Dynamics, Record, Resumed, Rig
 from plant.analysis.linearise import jacobians, modes
 from plant.laws.commanded import commanded_torque
+from plant.simulation.clock import Clock
+from plant.simulation.law_run import run_law
 
 __all__ = [
-    "CUTOFF", "equation_error", "fit_systems", "linear", "mode_in", "over_bands", "pass_band", "speed_noise",
+    "BANDS", "BAND_MOST", "CUTOFF", "ENOUGH", "equation_error",
+    "fit_systems", "linear", "mode_in", "over_bands", "pass_band", "speed_noise",
     "system_of", "torque_of",
 ]  # fmt: skip
 
@@ -34,7 +38,7 @@ _BEYOND, _FAR_MORE = 8.0, 1000.0
 CUTOFF = 2.5
 """Low-pass before differentiation, in pass bands."""
 
-_BAND_MOST = 0.4 / CUTOFF
+BAND_MOST = 0.4 / CUTOFF
 """Highest pass band, in sample rates."""
 
 _LOWEST, _HIGHEST = 3.0, 0.1
@@ -42,19 +46,25 @@ _LOWEST, _HIGHEST = 3.0, 0.1
 
 _POSES = 8
 
-_ENOUGH = 5
+ENOUGH = 5
 """Equations per unknown below which a band says too little."""
 
-_BANDS = 2.0 ** np.arange(-1, 6, 0.5)
+BANDS = 2.0 ** np.arange(-1, 6, 0.5)
 """Bands that are tried where a torque was logged [Hz]."""
 
 
 def torque_of(record: Record) -> NDArray[np.float64]:
     """Joint torques (N, n) [N m] of a record: commanded by its law, or logged where the law has a memory.
 
-    A torque that a sampled law holds counts half at both ends of its sample.
+    A torque that a sampled law holds counts half at both ends of its sample. A law along its log is run.
     """
     law, rig = record.law, record.rig
+    if isinstance(law, Resumed) and not isinstance(law, AlongLog):
+        law = AlongLog(law=law.law, state=law.state, whole=not rig.encoder.smooth)
+        record = dataclasses.replace(record, law=law)
+    if isinstance(law, AlongLog):
+        clock = Clock.of(record)
+        return run_law(record).around(clock.t[clock.rows], rig.period)
     commanded = commanded_torque(record)
     if commanded is not None:
         return rig.drive.limited(commanded)
@@ -159,14 +169,14 @@ def over_bands(
         with about:
             torque_of(record)
             even.append(record.resampled(record.rig.period))
-    highest = min(_BAND_MOST / record.rig.period for record in even)
-    for band in _BANDS[highest > _BANDS]:
+    highest = min(BAND_MOST / record.rig.period for record in even)
+    for band in BANDS[highest > BANDS]:
         try:
             systems = [system_of(dynamics, record, band, unknown) for record in even]
             fit = fit_systems(dynamics, unknown, known or {}, systems)
         except ValueError:  # a band without equations, or in which unknowns are not separately identifiable
             continue
-        if fit.rows >= _ENOUGH * len(fit.names):
+        if fit.rows >= ENOUGH * len(fit.names):
             fits[float(band)] = fit
     if not fits:
         raise ValueError(
@@ -200,7 +210,7 @@ def system_of(
     """The torque equation of a record in a band [Hz], along a motion q (N, n) [rad]; by default the counted one."""
     rig = record.rig
     q = rig.cell_centre(record.counts) if q is None else q
-    band = min(band, _BAND_MOST / rig.period)
+    band = min(band, BAND_MOST / rig.period)
     every = max(1, int(1 / (2 * band * rig.period)))
     slowest = speed_noise(rig, band)
     return regressor_and_torque(

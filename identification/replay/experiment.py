@@ -93,7 +93,7 @@ class Experiment:
             )
         self.places = [names.index(name) for name in unknown]
         self.clock = Clock.of(record)
-        path = path_of(record, self.clock, smooth=smooth)
+        path = path_of(record, self.clock, smooth=smooth and not getattr(record.law, "rounds", False))
         self.times = time_tables(self.loop, path, self.clock, record.law.replayed(record))
         self.numbers = self.loop.number_values(np.full(dynamics.p, np.nan))
         self.begin = start_of(record, path_of(record, self.clock))

@@ -15,15 +15,15 @@ Source: L. Ljung, System Identification, Prentice Hall 1999, ch. 7 (prediction-e
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from identification.equation_error.law_memory import Memory, Resumption
 from identification.equation_error.naming import each_named, record_label
-from identification.replay.experiment import Experiment, as_records
+from identification.replay.experiment import as_records
+from identification.replay.followed import Followed
 from plant import Dynamics, Record
-from plant.simulation.closed_loop import bounded
 from plant.simulation.correction import Correction
 from plant.simulation.threads import cores, shared_out
 
@@ -39,23 +39,20 @@ With a shorter one it would follow the counts so closely that little else shows.
 _SMALL = 0.01
 """Step of the observer gains, relative."""
 
+_MEMORY_STEP, _BEGIN_STEP, _SPEED_STEP = 0.05, 1e-6, 1e-4
+"""Steps of what a law remembers [N m], and of where [rad] and how fast [rad/s] the arm begins."""
+
+_ROUNDING, _AT_MOST = 0.289, 2.0
+"""RMS of rounding [pulses]; and how far off a law's memory is expected to be, in its magnitudes in the log."""
+
 _ZERO_STEP, _ZERO_LIMIT = 1e-4, 0.5
 """Step of a counter's zero, and its largest magnitude [rad]."""
-
-_LOST, _SETTLING = 4.5, 80
-"""Periods that may be missing, and samples after a longer gap that are not compared."""
 
 _UNEQUAL = 1.5
 """Ratio of RMS innovations from which on records and joints are weighted by them."""
 
 _POSITION, _SPEED = (1e-3, 0.9), (1e-7, 0.5)
 """Between which the observer gains of position and of speed are searched."""
-
-_WINDOW = 10
-"""Samples before and after, over which the speed of the counts is taken."""
-
-_SLOW, _RINGING = 1.0, 30
-"""Counts per sample below which the loop feels single counts, and samples that this is felt for."""
 
 
 class Prediction:
@@ -71,6 +68,8 @@ class Prediction:
         Without correction: simulated, not predicted.
     zeros : bool
         Where the joints are when their counters say zero is unknown, in each record anew.
+    memories : sequence of Memory or None, optional
+        Of each record, in which directions the state of its law before the log is unknown; None where it is known.
     steady : bool
         Leave out samples while a joint is slow, and for a while after it: on elastic gears single counts are felt.
     steps_per_sample, sweeps, threads
@@ -80,7 +79,7 @@ class Prediction:
     ----------
     unknown : tuple of str
         What `innovations` takes values for: the given names, then those of the *nuisances*: observer gains
-        (``correction.position[0]`` and so on), and the zeros of each record.
+        (``correction.position[0]`` and so on), the zeros of each record, and what its law remembered (``memory``).
     nuisances, nuisance_steps : (m,) numpy.ndarray
         Their values to begin with, and steps of their central differences; zero for one that is kept.
     nuisance_bounds : (m, 2) numpy.ndarray
@@ -101,6 +100,7 @@ class Prediction:
         simulated: bool = False,
         zeros: bool = False,
         steady: bool = False,
+        memories: Sequence[Memory | None] = (),
         steps_per_sample: int = 4,
         sweeps: int = 3,
         threads: int | None = None,
@@ -112,37 +112,60 @@ class Prediction:
             correction = Correction(position=(0.0,) * n, speed=(0.0,) * n, zero=(0.0,) * n)
         gains = correction.number_names("correction.")[: 0 if simulated else 2 * n]
         offsets = [f"record[{k}].zero[{i}]" for k in range(len(records) if zeros else 0) for i in range(n)]
-        self.unknown, self._own = (*unknown, *gains, *offsets), len(unknown) + len(gains)
-        self.nuisances = np.append(correction.number_values()[: len(gains)], np.zeros(len(offsets)))
-        self.nuisance_steps = np.append(_SMALL * self.nuisances[: len(gains)], np.full(len(offsets), _ZERO_STEP))
+        self._memories = list(memories) or [None] * len(records)
+        remembered, known, steps = list[str](), list[float](), list[float]()
+        for k, memory in enumerate(self._memories):
+            if memory is not None:
+                remembered += [f"record[{k}].memory[{i}]" for i in range(memory.usual.size)]
+                remembered += [f"record[{k}].{what}[{i}]" for what in ("begin", "speed") for i in range(n)]
+                pulse = np.abs(np.diag(records[k].rig.to_angle(np.eye(n))))
+                near = [*_AT_MOST * memory.usual, *pulse, *pulse / records[k].rig.period]
+                known += [_ROUNDING / expected for expected in near]
+                steps += [*np.full(memory.usual.size, _MEMORY_STEP), *np.full(n, _BEGIN_STEP), *np.full(n, _SPEED_STEP)]
+        self._expected = np.array(known)
+        self.unknown, self._own = (*unknown, *gains, *offsets, *remembered), len(unknown) + len(gains)
+        self._zeros, count = len(offsets), len(remembered)
+        self.nuisances = np.append(correction.number_values()[: len(gains)], np.zeros(len(offsets) + count))
+        steps = [*_SMALL * self.nuisances[: len(gains)], *[_ZERO_STEP] * len(offsets), *steps]
+        self.nuisance_steps = np.array(steps)
         limits = ([_POSITION] * n + [_SPEED] * n)[: len(gains)] + [(-_ZERO_LIMIT, _ZERO_LIMIT)] * len(offsets)
+        limits += [(-np.inf, np.inf)] * count
         self.nuisance_bounds = np.array(limits).reshape(-1, 2)
         if replayed:
             self.nuisance_bounds[: len(gains), 1] = self.nuisances[: len(gains)]
         names = (*unknown, *gains, *(correction.number_names("correction.")[2 * n :] if zeros else ()))
         options = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "correction": correction}
-        self._followed = list[_Followed]()
-        for record, about in each_named(records):
+        self._followed = list[Followed]()
+        for (record, about), memory in zip(each_named(records), self._memories, strict=True):
             with about:
-                self._followed.append(_Followed(dynamics, record, names, options, steady))
-        self.weights = np.concatenate([followed.weight.ravel() for followed in self._followed])
+                self._followed.append(Followed(dynamics, record, names, options, steady, memory))
+        weights = [followed.weight.ravel() for followed in self._followed]
+        self.weights = np.concatenate([*weights, np.zeros(count)])
         self.scales = np.ones(len(self.weights))
         self.threads = int(threads or cores())
         self.evaluations = 0
 
-    def _each(self, values: NDArray[np.float64]) -> Iterator[tuple[_Followed, NDArray[np.float64]]]:
+    def _each(self, values: NDArray[np.float64]) -> Iterator[tuple[Followed, NDArray[np.float64]]]:
         """Each record's loop, and what it is given of values (k,)."""
+        place = self._own + self._zeros
         for followed, zero in zip(self._followed, self.zeros_in(values), strict=True):
-            yield followed, np.append(values[: self._own], zero)
+            rest = values[place : place + followed.remembered]
+            place += followed.remembered
+            yield followed, np.concatenate([values[: self._own], zero, rest])
 
     def zeros_in(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Where the joints of each record are when their counters say zero (R, n) [rad], of values (k,)."""
-        return np.reshape(values[self._own :], (len(self._followed), -1))
+        return np.reshape(values[self._own : self._own + self._zeros], (len(self._followed), -1))
+
+    def resumptions(self, values: NDArray[np.float64]) -> tuple[Resumption | None, ...]:
+        """Where law and arm of each record were at its first sample, of values (k,); None where that is known."""
+        return tuple(followed.resumption(own) for followed, own in self._each(values))
 
     def innovations(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Weighted innovations (M,), scaled, with these values (k,) of the unknowns; inf where the run diverges."""
         self.evaluations += 1
-        return np.concatenate([followed.innovations(own) for followed, own in self._each(values)]) / self.scales
+        expected = self._expected * values[len(values) - len(self._expected) :]
+        return np.concatenate([*(each.innovations(own) for each, own in self._each(values)), expected]) / self.scales
 
     def lost(self, values: NDArray[np.float64]) -> str:
         """What messages call the first record whose run with these values diverges; "" where none is told apart."""
@@ -169,7 +192,8 @@ class Prediction:
         if not np.min(rms) > 0 or np.max(rms) < _UNEQUAL * np.min(rms):
             return False
         rows = zip(self._followed, rms, strict=True)
-        self.scales = np.concatenate([np.broadcast_to(own, followed.weight.shape).ravel() for followed, own in rows])
+        scales = [np.broadcast_to(own, followed.weight.shape).ravel() for followed, own in rows]
+        self.scales = np.concatenate([*scales, np.ones(len(self._expected))])
         return True
 
     def all_innovations(self, many: Iterable[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
@@ -181,61 +205,3 @@ class Prediction:
         self.evaluations += 1
         logs = [followed.run(own)[0] for followed, own in self._each(values)]
         return [np.hsplit(log[:, : 4 * self._followed[0].loop.n], 4)[2] for log in logs]
-
-
-class _Followed(Experiment):
-    """One record, ready to be followed."""
-
-    def __init__(
-        self, dynamics: Dynamics, record: Record, unknown: Sequence[str], options: dict[str, Any], steady: bool
-    ) -> None:
-        super().__init__(dynamics, record, unknown, smooth=True, **options)
-        counts = record.counts
-        self._kernel = self.kernel()
-        centres = record.rig.encoder.position_in_pulses(record.rig.encoder.cell_centre(counts))
-        self._tables = self._kernel.prepared((*self.times, self.data(centres)), logged=True)
-        before = np.maximum(np.arange(len(counts)) - _WINDOW, 0)
-        after = np.minimum(np.arange(len(counts)) + _WINDOW, len(counts) - 1)
-        steps = np.vstack([np.zeros(record.n), np.abs(np.diff(counts, axis=0)).cumsum(axis=0)])
-        moved = (steps[after] - steps[before]) / np.maximum(after - before, 1)[:, None]
-        self.weight = np.sqrt(np.minimum(1.0, moved) * (record.valid * self._settled())[:, None])
-        if steady and not self.loop.law.replays:
-            self.weight *= _steady(moved)[:, None]
-
-    def _settled(self) -> NDArray[np.float64]:
-        """0 (N,) while a replay has not converged to the log: after a gap, or a start at an unknown speed; else 1."""
-        settled, record = np.ones(len(self.record)), self.record
-        if record.law is None or not record.law.replays:
-            return settled
-        measured = np.flatnonzero(record.valid)
-        begins = measured[1:][np.diff(record.t[measured]) > _LOST * record.rig.period].tolist()
-        if record.reference is None and record.initial is None and self.begin[1].any():
-            begins.append(0)
-        for row in begins:
-            settled[row : row + _SETTLING] = 0
-        return settled
-
-    def run(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Log (N, 4n) and final state of a run with these values."""
-        numbers, n, (q, qd) = self.numbers.copy(), self.loop.n, self.begin
-        numbers[self.places] = values
-        state = self.loop.initial_state(q + numbers[-n:], qd, numbers)  # where the counters' zero is
-        log, errors = np.full((len(self.clock), self.loop.n_log), np.nan), np.empty((self.steps, n))
-        final, _ = self._kernel.run(self._tables, state[:, None], np.empty((0, 1)), numbers, (log, errors))
-        return log[self.clock.rows], final[:, 0]
-
-    def innovations(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        (log, final), n = self.run(values), self.loop.n
-        sound = final[-1] > 0 and bounded(final[: 2 * n]) and np.isfinite(log[:, :n]).all()
-        return (log[:, :n] * self.weight).ravel() if sound else np.full(log[:, :n].size, np.inf)
-
-
-def _steady(moved: NDArray[np.float64]) -> NDArray[np.float64]:
-    """1 (N,) while all joints pass counts (N, n) fast enough, and 0 while one is slow and for a while after it.
-
-    A slow joint's counts change one by one; the torque of each, which a model without rounding lacks, excites elastic
-    gears like a compliance of their own. A joint that is slow most of the time is left out of this.
-    """
-    slow = (moved < _SLOW)[:, (moved < _SLOW).mean(axis=0) < 0.5].any(axis=1)
-    felt, rows = np.append(0, np.cumsum(slow)), np.arange(slow.size)
-    return np.asarray(felt[rows + 1] == felt[np.maximum(rows - _RINGING, 0)], dtype=float)

@@ -8,16 +8,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from identification.equation_error.law_memory import along_log
 from identification.equation_error.pulse_fit import torque_of
 from identification.replay.experiment import with_zeros
 from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, fitted
 from identification.results.alternatives import Sign, delay_sign, signs
 from identification.results.detection import Detection
+from identification.search.memory import resumed_at
 from identification.search.outcome import Fit
 from identification.search.polish import start_of_fit, torque_fit
 from identification.search.problem import Problem
-from plant import LoggedCurrent, LoggedTorque, Record
+from plant import Record
 
 __all__ = ["detect"]
 
@@ -192,20 +194,13 @@ def _records(problem: Problem, fit: Fit) -> tuple[list[Record], list[int]]:
     if fit.zeros is not None:
         given = with_zeros(problem.records, fit.zeros)
     else:
-        given = [*problem.records, *(() if problem.held_out is None else problem.held_out.records)]
-    records = [_followed(record) for record in given]
+        searched = problem.records
+        if fit.resumptions:
+            searched = resumed_at(searched, fit.resumptions, reading=True)
+        given = [*searched, *(() if problem.held_out is None else problem.held_out.records)]
+    records = [along_log(record) for record in given]
     replaced = any(record is not before for record, before in zip(records, given, strict=True))
     return records, [i for i, name in enumerate(problem.unknown) if not (replaced and name.startswith("law."))]
-
-
-def _followed(record: Record) -> Record:
-    """The record, under a law whose state is known: what it logged, in place of a sampled law with a memory."""
-    law = record.law
-    if law is None or not law.has_memory(record.n):
-        return record
-    if law.period is None:
-        raise ValueError(f"the state of a fast {type(law).__name__} is not in the log, nor its torque between samples")
-    return dataclasses.replace(record, law=LoggedTorque() if record.torque is not None else LoggedCurrent())
 
 
 def _efforts(record: Record) -> NDArray[np.float64]:

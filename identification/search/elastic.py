@@ -21,7 +21,7 @@ from identification.replay.prediction import Prediction
 from identification.replay.resonances import STIFFNESS, Resonances, Start, link_inertia
 from identification.search.intervals import Intervals
 from identification.search.outcome import Fit, Outcome
-from identification.search.polish import require_fast, start_of_fit
+from identification.search.polish import start_of_fit
 from identification.search.problem import Problem
 from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA, least_inertia_margin
 from plant.simulation.followed_path import path_of, start_of
@@ -88,7 +88,6 @@ def gear_fits(problem: Problem) -> list[GearFit]:
 
 def elastic(problem: Problem, *, simulated: bool = False) -> Outcome:
     """Prediction error (output error, if simulated) of an arm on elastic gears, with what is unknown of them."""
-    require_fast(problem)
     prediction = Prediction(
         problem.dynamics, problem.records, problem.unknown, simulated=simulated, zeros=problem.zeros, steady=True,
         **problem.options,

@@ -25,8 +25,9 @@ from identification.equation_error.torque_fit import TorqueFit
 from identification.replay.prediction import Prediction
 from identification.search.elastic import elastic
 from identification.search.genetic import GeneticResult, minimize_genetic
+from identification.search.memory import with_memory
 from identification.search.outcome import Fit, Outcome
-from identification.search.polish import polished, require_fast, start_of_fit, torque_fit
+from identification.search.polish import polished, start_of_fit, torque_fit
 from identification.search.problem import Problem
 
 __all__ = ["METHODS"]
@@ -112,18 +113,19 @@ def output_error(problem: Problem) -> Outcome:
     """Gauss-Newton on simulated positions."""
     if problem.elastic:
         return elastic(problem, simulated=True)
-    require_fast(problem)
-    values, step = start_of_fit(problem, torque_fit(problem))
-    return polished(problem, values, step, {"equation error": values}, simulated=True)
+    return _followed(problem, simulated=True)
 
 
 def prediction_error(problem: Problem) -> Outcome:
     """Gauss-Newton on predicted positions."""
     if problem.elastic:
         return elastic(problem)
-    require_fast(problem)
+    return with_memory(problem, _followed)
+
+
+def _followed(problem: Problem, *, simulated: bool = False) -> Outcome:
     values, step = start_of_fit(problem, torque_fit(problem))
-    return polished(problem, values, step, {"equation error": values})
+    return polished(problem, values, step, {"equation error": values}, simulated=simulated)
 
 
 def seeded(problem: Problem) -> Outcome:
@@ -136,7 +138,6 @@ def seeded(problem: Problem) -> Outcome:
     """
     if any(problem.replays) or problem.elastic:
         return prediction_error(problem)
-    require_fast(problem)
     values, step = start_of_fit(problem, torque_fit(problem))
     box = np.column_stack([values - _BOX * step, values + _BOX * step])
     low, high = problem.bounds.T

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from identification.equation_error.law_memory import Resumption
 from identification.search.gear_resonance import GearResonance
 from identification.search.genetic import GeneticResult
 from plant.parts.frozen import Frozen
@@ -36,6 +37,8 @@ class Fit(Frozen):
         Why the values are not those of the last fit; its covariance then says nothing of them.
     zeros : (R, n) numpy.ndarray or None
         Where the joints of each record are when its counters say zero [rad], if that was unknown.
+    resumptions : tuple of Resumption or None
+        Of each record whose law had been at work before: its state, and where the arm was, at the first sample.
     gains : (2n,) numpy.ndarray or None
         Observer gains of the innovations, of position and of speed, where these were fitted.
     resonance : GearResonance or None
@@ -49,6 +52,7 @@ class Fit(Frozen):
     rms_innovation: float | None = None
     fallback_reason: str | None = None
     zeros: NDArray[np.float64] | None = None
+    resumptions: tuple[Resumption | None, ...] = ()
     gains: NDArray[np.float64] | None = None
     resonance: GearResonance | None = None
 

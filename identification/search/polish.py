@@ -9,16 +9,19 @@ from identification.equation_error.naming import first_problem
 from identification.equation_error.pulse_fit import equation_error as fit_pulses
 from identification.equation_error.pulse_fit import over_bands
 from identification.equation_error.torque_fit import TorqueFit
-from identification.replay.gauss_newton import gauss_newton
+from identification.replay.gauss_newton import Solution, gauss_newton
 from identification.replay.prediction import Prediction
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem
 from plant.machine.motor_inertia import least_inertia_margin
 
-__all__ = ["polished", "require_fast", "start_of_fit", "torque_fit"]
+__all__ = ["polished", "start_of_fit", "torque_fit"]
 
 _SMALL = 0.01
 """Step of the central differences, in standard deviations of the equation error."""
+
+_STAGES, _CRITICAL, _GAIN_STEP = (0.2, 0.07, 0.025), 0.285, 0.01
+"""Observer gains of position that a fit goes through; that of speed over its square; and steps of gains, relative."""
 
 _WEIGHINGS = 2
 """How often records and joints are weighted anew."""
@@ -56,16 +59,6 @@ def start_of_fit(problem: Problem, fit: TorqueFit) -> tuple[NDArray[np.float64],
     return np.clip(values, *problem.bounds.T), step
 
 
-def require_fast(problem: Problem) -> None:
-    """Refuse a law with a memory: its state is not in the log, so that it cannot be followed."""
-    for record in problem.records:
-        if record.law is not None and record.law.has_memory(record.n):
-            raise ValueError(
-                f"the law of the log must be fast and without memory, like P; got {type(record.law).__name__}. Use "
-                "method='equation_error', or give the record law=LoggedTorque(): both read its logged torques."
-            )
-
-
 def polished(
     problem: Problem,
     start: NDArray[np.float64],
@@ -79,11 +72,16 @@ def polished(
     An arm is refused where D(q) leaves less than the motors' own inertia.
     """
     prediction = Prediction(
-        problem.dynamics, problem.records, problem.unknown, simulated=simulated, zeros=problem.zeros, **problem.options
-    )
+        problem.dynamics, problem.records, problem.unknown, simulated=simulated, zeros=problem.zeros,
+        memories=problem.memories, **problem.options,
+    )  # fmt: skip
     k, bounds = len(start), np.vstack([problem.bounds, prediction.nuisance_bounds])
     steps = np.append(_SMALL * step, prediction.nuisance_steps)
-    solution = gauss_newton(prediction, np.append(start, prediction.nuisances), steps, bounds)
+    first = np.append(start, prediction.nuisances)
+    if problem.memories and not simulated:
+        solution = _by_stages(prediction, first, steps, bounds, slice(k, k + 2 * problem.dynamics.n))
+    else:
+        solution = gauss_newton(prediction, first, steps, bounds)
     for _ in range(_WEIGHINGS):
         if not prediction.reweigh(solution.values):
             break
@@ -103,7 +101,38 @@ def polished(
         rms_innovation=solution.rms_innovation,
         fallback_reason=reason,
         zeros=prediction.zeros_in(solution.values) if problem.zeros else None,
+        resumptions=prediction.resumptions(solution.values) if problem.memories else (),
         gains=None if simulated else solution.values[k : k + 2 * problem.dynamics.n],
     )
     message = f"RMS innovation of {solution.rms_innovation:.3f} pulses (rounding alone gives 0.289)."
     return Outcome(fit=fit, message=message, evaluations=prediction.evaluations, stages=stages)
+
+
+def _by_stages(
+    prediction: Prediction, values: NDArray[np.float64], steps: NDArray[np.float64], bounds: NDArray[np.float64],
+    gains: slice,
+) -> Solution:  # fmt: skip
+    """Least sum of squares with observer gains that go down by stages, then are free.
+
+    With high gains the innovations are nearly linear in what is unknown of a law's memory; low ones tell most.
+    """
+    found, half = list[Solution](), (gains.stop - gains.start) // 2
+    kept = steps.copy()
+    kept[gains] = 0
+    for position in _STAGES:
+        values = values.copy()
+        values[gains] = np.repeat([position, _CRITICAL * position**2], half)
+        try:
+            found.append(gauss_newton(prediction, values, kept, bounds))
+        except ValueError:
+            if not found:
+                raise
+            break
+        values = found[-1].values
+    best = min(found, key=lambda solution: solution.rms_innovation)
+    kept[gains] = _GAIN_STEP * best.values[gains]
+    try:
+        free = gauss_newton(prediction, best.values, kept, bounds)
+    except ValueError:  # with gains this low unknowns are not separately identifiable
+        return best
+    return min(best, free, key=lambda solution: solution.rms_innovation)

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from identification.equation_error.law_memory import Memory
 from identification.replay.objective import Objective
 from identification.search.genetic import GeneticSettings
-from plant import Arm, Dynamics, Law, Record, Rig
+from plant import Arm, Dynamics, Law, Record, Resumed, Rig
 
 __all__ = ["Problem"]
 
@@ -26,7 +27,7 @@ class Problem:
     Attributes
     ----------
     dynamics, records, unknown
-        As for `identify`.
+        As for `identify`; records of laws with a memory read their log (`plant.AlongLog`), or repeat its torque.
     objective : Objective
         Of these unknowns in these records.
     held_out : Objective or None
@@ -43,6 +44,8 @@ class Problem:
         Sub-steps, sweeps and threads of the model.
     show : callable, optional
         Called with each `GeneticState`.
+    memories : tuple of Memory or None
+        Of each record, what is unknown of its law's state before the log.
     """
 
     dynamics: Dynamics
@@ -58,6 +61,7 @@ class Problem:
     zeros: bool
     options: dict[str, Any]
     show: Callable[..., Any] | None = None
+    memories: tuple[Memory | None, ...] = ()
 
     @property
     def replays(self) -> list[bool]:
@@ -93,6 +97,7 @@ class Problem:
 
     def parts(self, values: NDArray[np.float64]) -> tuple[Arm, Rig, Law]:
         """Arm, rig and law of the first record with these values (k,) of the unknowns."""
-        named, first = dict(zip(self.unknown, values, strict=True)), self.records[0]
+        named, first = dict(zip(self.unknown, values, strict=True)), self.objective.records[0]
         law = first.law.filled(named, "law.")  # type: ignore[union-attr]  # an Objective refuses records without a law
+        law = law.law if isinstance(law, Resumed) else law
         return self.dynamics.arm([named[name] for name in self.dynamics.names]), first.rig.filled(named), law

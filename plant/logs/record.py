@@ -19,6 +19,7 @@ from plant.laws.law import Law
 from plant.logs.record_files import SOURCES, FromFiles, Reader, reader
 from plant.logs.resampling import resampled_fields
 from plant.machine.rig import Rig
+from plant.motion.later import Later
 from plant.motion.reference import Reference
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.frozen import Frozen
@@ -104,8 +105,6 @@ class Record(FromFiles, Frozen):
         instance("name", self.name, str, "Give a word, such as the file's name.")
         if self.columns is not None:
             instance("columns", self.columns, dict, "Give the mapping of from_table.")
-        if self.law is not None:
-            self.law.replayed(self)
         t = array("t", self.t, ("N",), advice="Give the time of each sample [s].")
         if not len(t):
             raise ValueError("t must hold samples; got none. Check that the log was written to the end.")
@@ -134,6 +133,8 @@ class Record(FromFiles, Frozen):
         for name, value in values.items():
             value.setflags(write=False)
             object.__setattr__(self, name, value)
+        if self.law is not None:
+            self.law.replayed(self)
 
     @property
     def n(self) -> int:
@@ -169,6 +170,31 @@ class Record(FromFiles, Frozen):
     def __repr__(self) -> str:
         made = type(self.law).__name__ if self.law is not None else "an unknown law"
         return f"Record({len(self)} samples of {self.n} joints, {self.t[-1] - self.t[0]:.3f} s, under {made})"
+
+    def cut(self, begin: float, end: float = np.inf) -> Record:
+        """The stretch from `begin` to before `end` [s], on its own time from 0; its reference goes on.
+
+        Raises
+        ------
+        ValueError
+            A stretch without samples.
+        """
+        begin, end = real("begin", begin, "Give seconds of the record's t."), float(end)
+        rows = np.flatnonzero((self.t >= begin) & (self.t < end))
+        if not len(rows):
+            raise ValueError(
+                f"begin and end must hold samples; none lies from {begin:g} to {end:g} s. The record has "
+                f"{self.t[0]:g} to {self.t[-1]:g} s."
+            )
+        some, reference = slice(rows[0], rows[-1] + 1), self.reference
+        gone = float(self.t[rows[0]] - self.t[0])
+        values = {name: getattr(self, name) for name in (*_COLUMNS, "valid")}
+        cut: dict[str, Any] = {name: None if value is None else value[some] for name, value in values.items()}
+        if reference is not None and gone:
+            reference = Later(reference=reference, time=gone)
+        return dataclasses.replace(
+            self, **cut, t=self.t[some] - self.t[rows[0]], reference=reference, initial=None if gone else self.initial
+        )
 
     @known_options
     def resampled(self, period: float) -> Record:

@@ -96,6 +96,11 @@ class Clock:
         """Values (N, m) of the log's samples for all samples (M, m), on straight lines across gaps."""
         return np.column_stack([np.interp(np.arange(len(self)), self.rows, column) for column in values.T])
 
+    def between(self, values: NDArray[np.float64], t: NDArray[Any]) -> NDArray[np.float64]:
+        """Values (N, m) of the log's samples at times t (K,) [s], (K, m), on straight lines."""
+        place, rows = self.place(t), np.arange(len(self.rows))
+        return np.column_stack([np.interp(place, rows, column) for column in values.T])
+
     def measured(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values (N, m) of the log's samples for all samples (M, m), zero between."""
         filled = np.zeros((len(self), values.shape[1]))

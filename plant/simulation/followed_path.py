@@ -1,7 +1,8 @@
 """The commanded path of a loop: a reference with its counts, or the commanded counts of a log.
 
 The reference counts are rounded as the encoder rounds, also between samples, as the control card does. A record without
-a reference is replayed from its logged counts: straight lines between two samples, rounded likewise.
+a reference is replayed from its logged counts: straight lines between two samples, rounded likewise, unless the log has
+fractions of counts. Where the law needs the motion itself, with its acceleration, it is that of smoothing splines.
 """
 
 from __future__ import annotations
@@ -19,6 +20,12 @@ from plant.simulation.clock import Clock
 
 __all__ = ["Logged", "Path", "path_of", "start_of"]
 
+
+_QUINTIC = 5
+"""Degree of the splines through commanded counts: accelerations are smooth."""
+
+_MORE_KNOTS, _SAMPLES_PER_KNOT = 1.3, 8
+"""Ratio of the numbers of knots that are tried, and samples that each has at least."""
 
 _FIRST = 10
 """Samples from which the initial speed is estimated."""
@@ -51,6 +58,7 @@ class Logged:
 
     def __init__(self, reference_pulses: NDArray[np.float64], rig: Rig, clock: Clock) -> None:
         self.pulses, self.rig, self.clock = reference_pulses, rig, clock
+        self.whole = bool((reference_pulses == np.trunc(reference_pulses)).all())
 
     def __call__(self, t: NDArray[np.float64]) -> tuple[Motion, NDArray[np.float64]]:
         place = self.clock.place(t)
@@ -61,21 +69,57 @@ class Logged:
         motion = Motion(
             self.rig.to_angle(pulses), self.rig.to_angle(step / self.clock.apart(row)), np.zeros_like(pulses)
         )
-        return motion, self.rig.encoder.quantised(pulses)
+        return motion, self.rig.encoder.quantised(pulses) if self.whole else pulses
+
+    def smoothed(self, t: NDArray[np.float64], finer: float = 1.0) -> Motion:
+        """The smoothest motion that the rounding of the counts allows; through all of them where they have fractions.
+
+        A `finer` one has so many times as many knots: where the two differ, rounding hides the motion.
+        """
+        encoder, sampled = self.rig.encoder, self.clock.t[self.clock.rows]
+        centres = encoder.position_in_pulses(encoder.cell_centre(self.pulses)) if self.whole else self.pulses
+        splines = [_smooth_spline(sampled, column, self.whole, finer) for column in centres.T]
+        within = np.clip(t, 0, sampled[-1])
+        return Motion(*(self.rig.to_angle(np.column_stack([each(within, nu) for each in splines])) for nu in range(3)))
 
     def setpoint(self, t: NDArray[np.float64], law: Law) -> Motion:
-        """What any law is given at times t (N,)."""
-        return self(t)[0]
+        """What a law is given at times t (N,)."""
+        return self.smoothed(t)
 
     def start(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Position at t = 0, at rest: two counts give no velocity."""
         return self.rig.to_angle(self.pulses[0]), np.zeros(self.rig.n)
 
 
+def _smooth_spline(t: NDArray[np.float64], column: NDArray[np.float64], rounded: bool, finer: float) -> Any:
+    """A quintic spline through values (N,) at times t (N,) [s]; of rounded ones, through the middles of their cells.
+
+    Its even knots are as few as leave no more than rounding does, a mean square of 1/12.
+    """
+    from scipy.interpolate import make_interp_spline, make_lsq_spline
+
+    count, span = len(t), t[-1] - t[0]
+    if not rounded or count <= 2 * (_QUINTIC + 1):
+        return make_interp_spline(t, column, k=min(_QUINTIC, count - 1))
+    enough, knots, spline = (1 + 2 / np.sqrt(count)) / 12, 1, None
+    while spline is None or knots * _SAMPLES_PER_KNOT <= count:
+        inner = np.linspace(t[0], t[0] + span, int(np.ceil(finer * knots)) + 1)
+        try:
+            spline = make_lsq_spline(t, column, np.r_[[t[0]] * _QUINTIC, inner, [t[-1]] * _QUINTIC], k=_QUINTIC)
+        except (ValueError, np.linalg.LinAlgError):  # a gap in the log is longer than the knots are apart
+            break
+        left = spline(t) - column
+        if left @ left <= enough * count:
+            break
+        knots = int(np.ceil(_MORE_KNOTS * knots))
+    return spline
+
+
 def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False) -> Path | Logged:
     """Commanded path of a record: its reference where it has one, its logged counts otherwise.
 
-    Smooth: not rounded to pulses; counts then stand for the middle of their quantisation cell.
+    Smooth: not rounded to pulses; counts then stand for the middle of their quantisation cell. A reference whose logged
+    counts have fractions is not rounded either.
 
     Raises
     ------
@@ -95,7 +139,8 @@ def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False)
             f"reference_pulses must be the reference's own, from t = 0; sample {wrong[0]} is {off[wrong[0]]:.0f} "
             "pulses off. Correct the reference, or leave it out to replay the logged counts."
         )
-    return Path(record.reference, smooth_rig(record.rig)) if smooth else path
+    whole = (record.reference_pulses == np.trunc(record.reference_pulses)).all()
+    return Path(record.reference, smooth_rig(record.rig)) if smooth or not whole else path
 
 
 def start_of(record: Record, path: Path | Logged) -> Any:

@@ -85,6 +85,13 @@ class Layout:
         return steps
 
     @cached_property
+    def follows_motion(self) -> bool:
+        """Whether the law reads q, qd or qdd of its setpoint, beside the commanded counts."""
+        step = self._block.step
+        symbols = [ca.SX.sym(step.name_in(i), step.size1_in(i)) for i in range(step.n_in())]
+        return bool(ca.depends_on(ca.vertcat(*step(*symbols)), ca.vertcat(*symbols[1:4])))
+
+    @cached_property
     def _block(self) -> Block:
         return self.law.block(self.rig)
 

@@ -1,7 +1,7 @@
 """The reference of a loop, tabulated beforehand for every step of the law, the log and the plant.
 
 Samples are at the times of a `Clock`. The sub-steps read the reference at their middle. A logged torque or current is
-held from its sample to the next, and interpolated linearly across gaps.
+held from its sample to the next, and interpolated linearly across gaps; logged counts are on straight lines.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ def time_tables(
     if loop.law.of_links and not every:
         name = type(loop.law).__name__
         raise ValueError(f"a law that follows the links must have a period; {name} has none. Give it one.")
-    tables = []
+    tables, reading = [], loop.law.replays == "counts"
     for i, (t, some) in enumerate(zip(times, rows, strict=True)):
         sample, h = owner[some], lengths[some]
         motion, pulses = path(t)
-        if i == 0 and loop.law.of_links:  # the log is of the motors
+        if loop.follows_motion and (i == 0 or not every):  # with elastic gears, the log is of the motors
             motion = path.setpoint(t, loop.law)
-        replayed = [] if logged is None else [clock.bridged(logged)[sample]]
+        replayed = [] if logged is None else [clock.between(logged, t) if reading else clock.bridged(logged)[sample]]
         tables.append(np.ascontiguousarray(np.column_stack([*motion, pulses, *replayed, passing[some], h])))
     return tuple(tables)

@@ -1,0 +1,210 @@
+"""What a law remembered when its log began.
+
+A law with a memory gives its torque once its state before the log's first sample is known. It is not in the log, where
+this begins in the middle of a motion; but it acts on the torque, an integral for as long as the log lasts. Here it is
+fitted together with f, by the torque equation, in those directions in which it shows in the torque.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from identification.equation_error.pulse_fit import BAND_MOST, BANDS, CUTOFF, ENOUGH, linear, speed_noise
+from identification.equation_error.regressor import regressor_and_torque
+from identification.equation_error.torque_fit import weighted
+from plant import AlongLog, Dynamics, LoggedCurrent, LoggedTorque, Record, Resumed
+from plant.simulation.clock import Clock
+from plant.simulation.law_run import LawRun, run_law
+
+__all__ = ["FADED", "Memory", "Resumption", "along_log", "with_state"]
+
+FADED = 30
+"""Samples after which what a law does of its state is looked at; before, it is as if the arm had begun otherwise."""
+
+_MILD = 0.3
+"""Torque that a change of state makes at most, in the largest of the log."""
+
+_FINER, _HIDDEN = 2.2, 0.005
+"""Of a reference rebuilt from counts: a number of knots, relative, and the share of torque that it may change."""
+
+_ROUNDS = 2
+"""Fits of the state; a law that saturates is not linear in it."""
+
+_STILL = 1e-3
+"""Change in the second half of a log, in the largest magnitude, up to which a state is a flag."""
+
+_SMALL = 1e-4
+"""Step of the derivatives by the state, in the largest magnitudes of the run."""
+
+_SEEN = 1e-3
+"""Share of the torque that a state must make, for a change of its own size, to be fitted."""
+
+_AT_MOST = 2.0
+"""Standard deviation of a state that is expected, in the largest magnitudes of the run."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Memory:
+    """Directions in which a law's state before its log shows in the torque.
+
+    Attributes
+    ----------
+    state : (s,) numpy.ndarray
+        From which they are counted.
+    directions : (s, r) numpy.ndarray
+        Changes of the state, each of which makes a torque of 1 N m (rms over the log and all joints); none where the
+        state is known, or does not show.
+    usual : (r,) numpy.ndarray
+        How far states are apart in the log, along each [N m], with torques of no more than its largest.
+    """
+
+    state: NDArray[np.float64]
+    directions: NDArray[np.float64]
+    usual: NDArray[np.float64]
+
+    def at(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """State (s,) at coordinates (r,) [N m]."""
+        return np.asarray(self.state + self.directions @ coordinates)
+
+
+class Resumption(NamedTuple):
+    """Where a record's law and arm were at its first sample: the law's state (s,), and q and qd (2, n)."""
+
+    state: NDArray[np.float64]
+    initial: NDArray[np.float64]
+
+
+def along_log(record: Record, *, unknown_law: bool = False) -> Record:
+    """The record of a law with a memory as one whose torque is known: as it was logged, or from the law's own run.
+
+    Of a law without memory, or one that repeats a column, it is returned as it is. Where numbers of the law are
+    unknown, what was logged is left aside. Fast hardware with a memory goes on from a state, in the loop: between
+    samples it feels the arm.
+    """
+    law = record.law
+    if law is None or law.replays or not law.has_memory(record.n):
+        return record
+    sampled = law.period is not None and not unknown_law
+    if sampled and record.torque is not None:
+        return dataclasses.replace(record, law=LoggedTorque())
+    if sampled and record.current is not None:
+        return dataclasses.replace(record, law=LoggedCurrent())
+    resumed = law if isinstance(law, Resumed) else Resumed(law=law, state=law.initial_state(record.n))
+    return dataclasses.replace(record, law=resumed) if law.period is None else reading(record, resumed)
+
+
+def reading(record: Record, law: Resumed) -> Record:
+    """The record with its law reading the log's counts, also where it is fast hardware."""
+    along = AlongLog(law=law.law, state=law.state, whole=not record.rig.encoder.smooth)
+    return dataclasses.replace(record, law=along)
+
+
+def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tuple[Record, Memory]:
+    """A record, its law in the state in which it may have been, as far as the torque equation tells.
+
+    It had been at work for a while: what no longer changes in the log (a flag that the law has begun) is as it is
+    there, and its filters have had their first reading.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+    record : Record
+        Of `along_log`, with a law that goes on from a state.
+    unknown : iterable of str
+        What is unknown of arm and drive.
+    """
+    given: Any = record.law
+    record = reading(record, given)
+    _require_reference(record)
+    names, states = linear(dynamics, unknown), run_law(record).states
+    usual = states[len(states) // 2 :]
+    still = np.ptp(usual, axis=0) <= _STILL * np.abs(states).max(axis=0)
+    begun = np.where(still, np.median(usual, axis=0), states[0])
+    record = _moved(record, begun - record.law.state)  # type: ignore[union-attr]  # AlongLog
+    for _ in range(_ROUNDS):
+        run = run_law(record)
+        memory, columns = _seen(record, run, np.abs(usual).max(axis=0))
+        if not len(columns):
+            break
+        change = memory.directions @ _fitted(dynamics, record, names, run, columns, memory.usual)
+        record, memory = _moved(record, change), dataclasses.replace(memory, state=memory.state + change)
+    return dataclasses.replace(record, law=dataclasses.replace(given, state=memory.state)), memory
+
+
+def _require_reference(record: Record) -> None:
+    """Refuse a law whose torque hangs on what the rounding of its reference hides."""
+    if record.reference is not None:
+        return
+    torque = run_law(record).given
+    hidden = np.sqrt(np.mean((run_law(record, _FINER).given - torque) ** 2) / np.mean(torque**2))
+    if hidden > _HIDDEN:
+        law: Any = record.law
+        raise ValueError(
+            f"the torque of {type(law.law).__name__} must follow from reference and counts; whole counts of the "
+            f"reference leave {hidden:.1%} of it open. Give reference=, the reference without rounding "
+            "(reference_position), or the torque."
+        )
+
+
+def _moved(record: Record, change: Any) -> Record:
+    law: Any = record.law
+    return dataclasses.replace(record, law=dataclasses.replace(law, state=law.state + change))
+
+
+def _seen(record: Record, run: LawRun, scale: NDArray[np.float64]) -> tuple[Memory, NDArray[np.float64]]:
+    """Directions of states of these magnitudes (s,), and the torques (r, N, n) at the samples that each makes."""
+    clock, period, law = Clock.of(record), record.rig.period, record.law
+    t = clock.t[clock.rows]
+    torque, varied, by_state = run.around(t, period), np.flatnonzero(scale), [np.zeros(0)]
+    for i in varied:
+        moved = run_law(_moved(record, _SMALL * scale * (np.arange(len(scale)) == i)))
+        by_state.append((moved.around(t, period) - torque).ravel() / _SMALL)
+    each = np.reshape(np.concatenate(by_state), (-1, torque.size)).T
+    strongest = np.maximum(np.abs(each).max(axis=0), 1e-12)
+    mild = np.minimum(1.0, _MILD * np.abs(torque).max() / strongest)  # a filter's memory acts at once, and saturates
+    scale, each = scale.copy(), each * mild
+    scale[varied] *= mild
+    _, sizes, shares = np.linalg.svd(each[FADED * record.n :], full_matrices=False)
+    seen = sizes > _SEEN * np.linalg.norm(torque)
+    unit = np.sqrt(torque.size) / sizes[seen]
+    directions = np.zeros((len(scale), seen.sum()))
+    directions[varied] = scale[varied, None] * shares[seen].T * unit
+    columns = (each @ shares[seen].T * unit).T.reshape(-1, *torque.shape)
+    most = np.abs(torque).max() / np.abs(columns).max(axis=(1, 2), initial=0.0) if len(columns) else unit
+    state: Any = law.state  # type: ignore[union-attr]  # AlongLog
+    return Memory(state=np.array(state), directions=directions, usual=np.minimum(1 / unit, most)), columns
+
+
+def _fitted(
+    dynamics: Dynamics, record: Record, unknown: tuple[str, ...], run: LawRun, columns: NDArray[np.float64],
+    usual: NDArray[np.float64],
+) -> NDArray[np.float64]:  # fmt: skip
+    """Coordinates (r,) [N m] with which the torque equation holds best, of such as are usual."""
+    rig, clock = record.rig, Clock.of(record)
+    extra = {f"state[{i}]": lambda *_, column=column: -column for i, column in enumerate(columns)}
+    torque, fits = run.around(clock.t[clock.rows], rig.period), []
+    for band in BANDS[BAND_MOST / rig.period > BANDS]:
+        every = max(1, int(1 / (2 * band * rig.period)))
+        try:
+            system = regressor_and_torque(
+                dynamics, rig.cell_centre(record.counts), torque, rig, CUTOFF * band, band, every, unknown,
+                speed_noise(rig, band), extra, record.valid,
+            )  # fmt: skip
+            fit = weighted(dynamics, (*unknown, *extra), [system])
+        except ValueError:  # too few equations in this band, or unknowns that are not separately identifiable
+            continue
+        if fit.rows >= ENOUGH * len(fit.names):
+            fits.append((fit.relative_error, fit.sigma, system))
+    if not fits:
+        return np.zeros(len(columns))
+    _, sigma, (regressor, torque, used) = min(fits, key=lambda each: each[0])
+    weight = 1 / sigma[np.nonzero(used)[1]]
+    expected = np.hstack([np.zeros((len(columns), len(unknown))), np.diag(1 / (_AT_MOST * usual))])
+    rows = np.vstack([regressor[used] * weight[:, None], expected])
+    values = np.linalg.lstsq(rows, np.append(torque[used] * weight, np.zeros(len(columns))), rcond=None)[0]
+    return np.asarray(values[len(unknown) :])

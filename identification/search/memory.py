@@ -1,0 +1,74 @@
+"""Fits of logs whose law had a memory: it began with the log, or it had been at work before, in an unknown state.
+
+Both are fitted. In an unknown state, what of it shows in the torque is unknown beside f, and so is where and how fast
+the arm began. Where that explains the log no better than by chance, the law began with the log.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from identification.equation_error.law_memory import Memory, Resumption, with_state
+from identification.equation_error.naming import each_named
+from identification.search.outcome import Outcome
+from identification.search.problem import Problem
+from plant import AlongLog, Record, Resumed
+
+__all__ = ["resumed_at", "with_memory"]
+
+_BY_CHANCE = 5.0
+"""Standard deviations by which a sum of squares may fall by chance, where more is unknown."""
+
+
+def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outcome:
+    """What a method finds, of laws that began with their logs or before."""
+    open_ones = [isinstance(followed.law, Resumed) and not isinstance(given.law, Resumed)
+                 for followed, given in zip(problem.records, problem.objective.records, strict=True)]  # fmt: skip
+    if not any(open_ones):
+        return fitted(problem)
+    began = _or_none(fitted, problem)
+    records, memories = list(problem.records), list[Memory | None]([None] * len(problem.records))
+    for k, (record, about) in enumerate(each_named(problem.records)):
+        with about:
+            if open_ones[k]:
+                records[k], memories[k] = with_state(problem.dynamics, record, problem.unknown)
+    resumed = dataclasses.replace(problem, records=tuple(records), memories=tuple(memories))
+    if began is None:
+        return fitted(resumed)
+    other = _or_none(fitted, resumed)
+    if other is None:
+        return began
+    if began.fit.rms_innovation is None or other.fit.rms_innovation is None:
+        return other
+    more = sum(0 if memory is None else memory.usual.size + 2 * problem.dynamics.n for memory in memories)
+    readings = sum(record.error_pulses.size for record in problem.records)
+    gained = readings * (began.fit.rms_innovation**2 / other.fit.rms_innovation**2 - 1)
+    return other if gained > more + _BY_CHANCE * np.sqrt(2 * more) else began
+
+
+def _or_none(fitted: Callable[[Problem], Outcome], problem: Problem) -> Outcome | None:
+    try:
+        return fitted(problem)
+    except ValueError:  # from this start no arm follows the log
+        return None
+
+
+def resumed_at(
+    records: Sequence[Record], places: Sequence[Resumption | None], *, reading: bool = False
+) -> tuple[Record, ...]:
+    """Records that go on where law and arm were, where that was found; reading their logs, or not."""
+    found = []
+    for record, place in zip(records, places, strict=True):
+        if place is not None:
+            law: Any = record.law
+            if isinstance(law, Resumed):
+                law = dataclasses.replace(law, state=place.state)
+            if not isinstance(law, AlongLog) or not reading:
+                law = Resumed(law=law.law if isinstance(law, Resumed) else law, state=place.state)
+            record = dataclasses.replace(record, law=law, initial=place.initial)
+        found.append(record)
+    return tuple(found)

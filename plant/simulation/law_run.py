@@ -1,0 +1,98 @@
+"""A law run along a log: the torque that it commanded follows from reference and counts, and from its memory before.
+
+A law steps at its own period; one without a period is stepped four times per sample.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.laws.resumed import AlongLog
+from plant.logs.record import Record
+from plant.parts.frozen import Frozen
+from plant.simulation.clock import Clock
+from plant.simulation.followed_path import Logged, path_of
+
+__all__ = ["LawRun", "run_law"]
+
+_FAST = 4
+"""Steps per sample of a law without a period."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class LawRun(Frozen):
+    """Steps of a law along a log.
+
+    Attributes
+    ----------
+    t : (K,) numpy.ndarray
+        Of the steps, from the log's first sample [s].
+    given : (K, n) numpy.ndarray
+        Joint torque after the amplifier's limit [N m]; held to the next step.
+    states : (K, s) numpy.ndarray
+        Memory of the law after each step.
+    """
+
+    t: NDArray[np.float64]
+    given: NDArray[np.float64]
+    states: NDArray[np.float64]
+
+    def around(self, t: NDArray[np.float64], width: float) -> NDArray[np.float64]:
+        """Mean (N, n) [N m] of the torque given over a time `width` [s] around each of the times t (N,) [s]."""
+        ends = np.append(self.t, self.t[-1] + width + (self.t[-1] - self.t[-2] if len(self.t) > 1 else width))
+        done = np.vstack([np.zeros(self.given.shape[1]), np.cumsum(np.diff(ends)[:, None] * self.given, axis=0)])
+        low, high = np.maximum(t - width / 2, 0.0), t + width / 2
+        return np.column_stack(
+            [(np.interp(high, ends, own) - np.interp(low, ends, own)) / (high - low) for own in done.T]
+        )
+
+
+def run_law(record: Record, finer: float = 1.0) -> LawRun:
+    """Run the law of a record along its reference and its counts.
+
+    Parameters
+    ----------
+    record : Record
+        Its law is an `AlongLog`.
+    finer : float
+        How many times as many knots a reference has that is rebuilt from commanded counts.
+
+    Returns
+    -------
+    LawRun
+
+    Raises
+    ------
+    ValueError
+        Another law.
+    """
+    law, rig = record.law, record.rig
+    if not isinstance(law, AlongLog):
+        raise ValueError(f"the law must be AlongLog; got {type(law).__name__}. Give AlongLog(law=, state=).")
+    block, clock = law.block(rig), Clock.of(record)
+    path, period = path_of(record, clock, smooth=not law.rounds), law.period or rig.period / _FAST
+    t = np.asarray(period * np.arange(int(np.floor(clock.t[clock.rows[-1]] / period + 1e-6)) + 1), dtype=np.float64)
+    motion = path.smoothed(t, finer) if isinstance(path, Logged) else path.setpoint(t, law)
+    counts, n, s = clock.between(law.replayed(record), t), rig.n, len(block.initial)
+    results = _along(block, rig, len(t))(
+        np.concatenate([block.initial, np.zeros(n)]), *(part.T for part in motion), path(t)[1].T,
+        counts.T, np.full((1, len(t)), period), block.values,
+    )  # fmt: skip
+    carried = np.asarray(results.full().T)
+    return LawRun(t=t, given=carried[:, s:], states=carried[:, : s - 1])
+
+
+def _along(block: Any, rig: Any, steps: int) -> ca.Function:
+    """(memory and torque, reference, counts, dt, numbers) of so many steps -> memory and torque after each."""
+    n, s, own = rig.n, len(block.initial), len(block.values) - len(rig.number_values())
+    carried, dt, numbers = ca.SX.sym("carried", s + n), ca.SX.sym("dt"), ca.SX.sym("numbers", len(block.values))
+    columns = [ca.SX.sym(name, n) for name in ("q", "qd", "qdd", "reference_pulses", "counts")]
+    asked, following = block.step(carried[:s], *columns[:4], columns[4], carried[s:], dt, numbers, columns[4])
+    given = rig.with_numbers(numbers[own:]).drive.limited(asked)
+    step = ca.Function("step", [carried, *columns, dt, numbers], [ca.vertcat(following, given)])
+    return step.mapaccum("along", steps, {"base": 10}) if steps > 1 else step

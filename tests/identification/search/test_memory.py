@@ -1,0 +1,80 @@
+"""Logs of laws with a memory, from the tracking error alone: cut in the middle of a motion, and from the start."""
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ctc import ComputedTorque
+from identification import identify
+from plant import PID, AlongLog, Cascade, Resumed, puma560, simulate
+from plant.simulation.law_run import run_law
+
+ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
+T, WIDTH = RIG.period, np.ptp(puma560.PRINTED_RANGES, axis=1)
+GAINS = {"gain": (0.1, 0.075), "derivative": (4e-4, 3e-4), "filter": 3000.0, "period": T}
+PID_LAW = PID(integral=(0.5, 0.4), **GAINS)
+LAWS = {
+    "PID": PID_LAW,
+    "cascade": Cascade(
+        position=(60.0, 60.0), speed=(1e-3, 8e-4), integral=(0.05, 0.04), difference=2, period=T
+    ),
+    "computed torque": ComputedTorque(ARM, RIG, bandwidth=150),
+}  # fmt: skip
+
+
+@cache
+def log(name):
+    """Without torque and current."""
+    record = simulate(ARM, RIG, LAWS[name], PATH, duration=2.2)
+    return dataclasses.replace(record, torque=None, current=None, true_q=None, true_qd=None)
+
+
+def error(found):
+    return (np.abs(found.f - ARM.f) / WIDTH).max()
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_f_from_the_tracking_error_of_a_log_that_was_cut(name):
+    """The law's state at the first sample is unknown: an integral, the disturbance of an observer."""
+    found = identify(ARM.dynamics, log(name).cut(0.437), progress=False)
+    assert error(found) < 0.03
+    assert found.fit.rms_innovation < 0.31
+    assert found.law == LAWS[name]
+    assert found.records[0].law == LAWS[name]
+    (place,) = found.fit.resumptions
+    assert place.state.shape == LAWS[name].initial_state(2).shape
+    assert found.diagnostics.detection.names == ()
+
+
+def test_a_log_that_began_with_its_law_needs_no_state():
+    found = identify(ARM.dynamics, log("PID"), progress=False)
+    assert found.fit.resumptions == ()
+    assert error(found) < 0.005
+
+
+def test_a_state_that_is_stated_is_taken():
+    record, begin = log("PID"), 624
+    states = run_law(dataclasses.replace(record, law=AlongLog(law=PID_LAW, state=PID_LAW.initial_state(2)))).states
+    rest = record.cut((begin - 0.5) * T)
+    known = dataclasses.replace(rest, law=Resumed(law=PID_LAW, state=states[begin - 1]))
+    found = identify(ARM.dynamics, known, progress=False)
+    assert found.fit.resumptions == ()
+    assert found.fit.rms_innovation < 0.31
+    assert error(found) < 0.03
+
+
+def test_unknown_gains_are_found_beside_f():
+    stated = dataclasses.replace(PID_LAW, gain=(0.11, 0.07))
+    record = dataclasses.replace(log("PID"), law=stated)
+    found = identify(ARM.dynamics, record, unknown=(*ARM.dynamics.names, "law.gain[0]", "law.gain[1]"), progress=False)
+    np.testing.assert_allclose(found.values[-2:], PID_LAW.gain, rtol=0.02)
+    np.testing.assert_allclose(found.law.gain, PID_LAW.gain, rtol=0.02)
+
+
+def test_a_law_that_multiplies_what_rounding_hides_is_refused():
+    record = dataclasses.replace(log("computed torque"), reference=None)
+    with pytest.raises(ValueError, match="whole counts of the reference leave .* of it open") as caught:
+        identify(ARM.dynamics, record, progress=False)
+    assert "\n" not in str(caught.value)
