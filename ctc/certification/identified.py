@@ -52,7 +52,7 @@ class Identified:
         return self.refits.centres(where) + (roots * deviations[:, None]).sum(axis=2)
 
 
-def identified(uncertainty: Any, found: Identification | Arm, pose: ArrayLike) -> Identified:
+def identified(uncertainty: Any, found: Identification | Arm, pose: ArrayLike, progress: bool = False) -> Identified:
     """What an `Uncertainty` draws of what was identified.
 
     With a stated range of resonances the records of an identification on rigid gears are fitted again on such gears.
@@ -73,7 +73,7 @@ def identified(uncertainty: Any, found: Identification | Arm, pose: ArrayLike) -
     if uncertainty.covariance is not None:
         covariance = uncertainty.covariance
     elif isinstance(found, Identification) and gears.resonance is not None and found.rig.drive.elasticity is None:
-        again = refits(found, gears.resonance, gears.damping_ratio, pose)
+        again = refits(found, gears.resonance, gears.damping_ratio, pose, progress)
     if covariance is None and again is None:
         reason = found.fit.fallback_reason if isinstance(found, Identification) else None
         why = reason or "it comes without a covariance"

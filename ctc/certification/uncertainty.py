@@ -87,7 +87,9 @@ class Uncertainty:
         if self.covariance is not None and self.plants is not None:
             raise ValueError("one of covariance and plants must be given; got both. Leave one out.")
 
-    def draw(self, found: Identification | Arm, rig: Rig, samples: int, seed: int, pose: Any = None) -> Plants:
+    def draw(
+        self, found: Identification | Arm, rig: Rig, samples: int, seed: int, pose: Any = None, progress: bool = False
+    ) -> Plants:
         """Draw plants.
 
         Parameters
@@ -97,6 +99,8 @@ class Uncertainty:
         samples, seed : int
         pose : (n,) array_like, optional
             At which resonances are those of the gears [rad]; zeros by default.
+        progress : bool
+            Show a progress bar where the records of an identification are fitted again.
 
         Returns
         -------
@@ -109,7 +113,7 @@ class Uncertainty:
         """
         instance("rig", rig, Rig, "The order is found, rig, law, reference.")
         pose = np.zeros(rig.n) if pose is None else pose
-        known = identified(self, found, pose)
+        known = identified(self, found, pose, progress)
         arm, unknown, dynamics, random = known.arm, known.names, known.arm.dynamics, np.random.default_rng(seed)
         places = self.gears.places(np.random.default_rng((seed, 2)), samples)
         rig = _with_found(rig, {n: v for n, v in zip(unknown, known.values, strict=True) if n not in dynamics.names})

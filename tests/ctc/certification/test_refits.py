@@ -5,6 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from ctc import ComputedTorque, certify
+from ctc.certification import refits as fits_on_gears
 from ctc.certification.gears import Gears
 from ctc.certification.refits import refits
 from ctc.certification.uncertainty import Uncertainty
@@ -55,3 +57,61 @@ def test_plants_have_the_f_of_their_resonance_and_laws_that_of_the_middle(found,
 
 def test_where_no_resonance_can_be_fitted_there_are_none(found):
     assert refits(found, ((0.3, 0.3),), (RATIO, RATIO), START) is None
+
+
+def results(certificate):
+    """Bits of all that was drawn and simulated."""
+    plants, runs = certificate.plants, certificate.runs
+    return [each.tobytes() for each in (plants.f, plants.values, plants.derived, runs.peak, runs.unrounded)]
+
+
+def test_fits_are_made_once_for_a_range_and_change_no_bit(found, monkeypatch, capsys):
+    made, fit = [], fits_on_gears._on_gears
+    monkeypatch.setattr(fits_on_gears, "_on_gears", lambda *given: made.append(given) or fit(*given))
+    stated = {"resonance": (HZ, HZ), "damping_ratio": RATIO, "samples": 24, "duration": 0.1}
+    slow, fast = (ComputedTorque(found, bandwidth=bandwidth) for bandwidth in (40, 60))
+
+    certify(found, RIG, slow, PATH, **stated)
+    assert len(made) == 2
+    assert "fits on gears" in capsys.readouterr().err
+    kept = certify(found, RIG, fast, PATH, **stated)
+    assert len(made) == 2
+    assert capsys.readouterr().err == ""
+
+    monkeypatch.setattr(fits_on_gears, "_KEPT", {})
+    assert results(certify(found, RIG, fast, PATH, **stated, progress=False)) == results(kept)
+    assert len(made) == 4
+    assert capsys.readouterr().err == ""
+
+
+def test_other_fits_are_made_where_anything_that_they_depend_on_differs(found, monkeypatch):
+    made = []
+    monkeypatch.setattr(fits_on_gears, "_KEPT", {})
+    monkeypatch.setattr(fits_on_gears, "_on_gears", lambda *given: made.append(given))
+    usual, pair = (found, ((50.0, 50.0),), (0.02, 0.02), START), (50.0, 50.0)
+    other = dataclasses.replace(found, arm=found.arm.dynamics.arm(1.01 * found.f))
+    searched = dataclasses.replace(found.search, ranges=np.outer(found.f, (0.9, 1.1)))
+    for given in (
+        usual,
+        (found, ((50.0, 51.0),), *usual[2:]),
+        (found, (pair, pair), *usual[2:]),
+        (*usual[:2], (0.02, 0.03), START),
+        (*usual[:3], START + 0.1),
+        (other, *usual[1:]),
+        (dataclasses.replace(found, search=searched), *usual[1:]),
+    ):
+        before = len(made)
+        refits(*given)
+        assert len(made) > before, given[1:]
+        before = len(made)
+        assert refits(*given) is None  # kept as well
+        assert len(made) == before
+
+
+def test_so_many_ranges_are_kept_and_no_more(found, monkeypatch):
+    monkeypatch.setattr(fits_on_gears, "_KEPT", {})
+    monkeypatch.setattr(fits_on_gears, "_on_gears", lambda *given: None)
+    for hz in range(20, 40):
+        refits(found, ((hz, hz),), (0.02, 0.02), START)
+    (kept,) = fits_on_gears._KEPT.values()
+    assert len(kept) == fits_on_gears._REMEMBERED
