@@ -102,14 +102,27 @@ class Gears:
                 f"{np.max(self.resonance):g}. Lower it: such a gear is rigid; certify takes more steps_per_sample."
             )
 
-    def prepared(self, arm: Arm, rig: Rig, pose: ArrayLike) -> Rig:
-        """The rig with a place for each number that is drawn; elastic gears in the middle of their range."""
-        drive = rig.drive
+    def require_possible(self, rig: Rig) -> None:
+        """Refuse what this rig cannot have, before anything is fitted or drawn.
+
+        Raises
+        ------
+        ValueError
+        """
         if self.resonance is not None:
             if len(self.resonance) not in (1, rig.n):
                 raise ValueError(
                     f"resonance must be one pair, or {rig.n}; got {len(self.resonance)}. Give (low, high)."
                 )
+            some = Elasticity(stiffness=np.ones(rig.n), damping=np.zeros(rig.n))
+            rig = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=some))
+        for ends in zip(*self.imperfections.values(), strict=True):
+            placed_in(rig, {name: (0.0, end) for name, end in zip(self.imperfections, ends, strict=True)})
+
+    def prepared(self, arm: Arm, rig: Rig, pose: ArrayLike) -> Rig:
+        """The rig with a place for each number that is drawn; elastic gears in the middle of their range."""
+        drive = rig.drive
+        if self.resonance is not None:
             middle = np.sqrt(np.prod(self.resonance, axis=1))
             elasticity = Elasticity.from_resonance(arm, middle, np.mean(self.damping_ratio), drive=drive, q=pose)
             rig = dataclasses.replace(rig, drive=dataclasses.replace(drive, elasticity=elasticity))

@@ -113,6 +113,7 @@ class Uncertainty:
         """
         instance("rig", rig, Rig, "The order is found, rig, law, reference.")
         pose = np.zeros(rig.n) if pose is None else pose
+        self.gears.require_possible(rig)
         known = identified(self, found, pose, progress)
         arm, unknown, dynamics, random = known.arm, known.names, known.arm.dynamics, np.random.default_rng(seed)
         places = self.gears.places(np.random.default_rng((seed, 2)), samples)

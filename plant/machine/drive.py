@@ -122,6 +122,14 @@ class Drive(Part):
                 instance(name, given, kind, f"Give {kind.__name__}({first}=..., ...).")
                 if (count := len(getattr(given, first))) != self.n:
                     raise ValueError(f"{name} must have {self.n} joints; got {count}. Give one number per joint.")
+        play = None if self.elasticity is None else self.elasticity.backlash
+        if play is not None and (beyond := np.flatnonzero(play * np.abs(self.gear) > 2 * np.pi)).size:
+            joint = int(beyond[0])
+            label, turn = joint_label(joints, joint), 2 * np.pi / abs(self.gear[joint])
+            raise ValueError(
+                f"backlash must be within one turn of the motor, {turn:.3g} rad at {label}; got {play[joint]:g}. Give "
+                "it joint side, in rad."
+            )
 
     @property
     def n(self) -> int:

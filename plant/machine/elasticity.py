@@ -30,7 +30,7 @@ class Elasticity(Part):
     damping : (n,) array_like
         Torque per rate of deflection [N m s/rad].
     backlash : (n,) array_like, optional
-        How far the joint can turn while the motor stands [rad]. None by default.
+        How far the joint can turn while the motor stands [rad]; at most one turn of the motor. None by default.
 
     Raises
     ------

@@ -115,3 +115,19 @@ def test_so_many_ranges_are_kept_and_no_more(found, monkeypatch):
         refits(found, ((hz, hz),), (0.02, 0.02), START)
     (kept,) = fits_on_gears._KEPT.values()
     assert len(kept) == fits_on_gears._REMEMBERED
+
+
+@pytest.mark.parametrize(
+    ("stated", "message"),
+    [
+        ({"resonance": (50, 70), "backlash": 0.1}, "backlash must be within one turn of the motor"),
+        ({"resonance": (50, 70), "jitter": 5}, "share must be from 0 to 0.5"),
+        ({"resonance": [(50, 70)] * 3}, "resonance must be one pair, or 2; got 3"),
+    ],
+)
+def test_what_no_rig_has_is_refused_before_anything_is_fitted(found, monkeypatch, stated, message):
+    fitted = []
+    monkeypatch.setattr(fits_on_gears, "_on_gears", lambda *given: fitted.append(given))
+    with pytest.raises(ValueError, match=message):
+        certify(found, RIG, ComputedTorque(found, bandwidth=60), PATH, samples=10, duration=0.1, **stated)
+    assert fitted == []

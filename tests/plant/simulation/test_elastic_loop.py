@@ -233,6 +233,10 @@ def test_with_encoders_on_both_sides_the_law_reads_the_motor_s_and_the_record_ho
         (lambda: Elasticity(stiffness=(5.0,), damping=(-1.0,)), "damping must not be negative"),
         (lambda: Elasticity(stiffness=(5.0,), damping=(1.0,), backlash=(7.0,)), "backlash must be within one turn"),
         (lambda: Elasticity(stiffness=(5.0,), damping=(1.0,), backlash=(-1e-3,)), "backlash must not be negative"),
+        (
+            lambda: with_gears(puma560.rig(), Elasticity(stiffness=(1e5, 1e5), damping=(1, 1), backlash=(0.0, 0.12))),
+            r"backlash must be within one turn of the motor, 0.117 rad at joint q\[1\]; got 0.12",
+        ),
         (lambda: Elasticity.from_resonance(puma560.arm(), 0.0, 0.02), "hz must be positive"),
         (lambda: Elasticity.from_resonance(puma560.arm(), 60, -0.02), "damping_ratio must not be negative"),
         (lambda: with_gears(puma560.rig(), Elasticity(stiffness=(1e5,), damping=(1.0,))), "must have 2 joints; got 1"),
