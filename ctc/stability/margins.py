@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ctc.figures import plot_margins
 from ctc.stability.error_loop import controlled, opened
 from ctc.verdict.lowest_resonance import DAMPING_RATIO, HIGHEST, LowestResonance, above
+from ctc.verdict.on_gears import require_swinging
 from ctc.verdict.table import aligned
 from identification import Identification
 from plant import Arm, Elasticity, Law, Rig
@@ -173,6 +174,7 @@ def _lowest_resonance(
 ) -> float | None:
     """Resonance [Hz] of elastic gears above which the loops stay stable; see `Margins`."""
     ratio = real("damping_ratio", damping_ratio, "Give that of the gears, such as 0.01.", positive=True)
+    require_swinging(ratio)
     if rig.drive.elasticity is not None:
         return None
     try:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ctc.verdict.on_gears import RIGID, HeavyMotorsError, OnGears
+from ctc.verdict.on_gears import RIGID, HeavyMotorsError, OnGears, require_swinging
 from plant import Arm, Law, Reference, Rig
 from plant.parts.arguments import known_options, real
 from plant.parts.frozen import Frozen
@@ -115,13 +115,14 @@ def lowest_resonance(
     Raises
     ------
     ValueError
-        A rig whose gears are elastic, a damping ratio that is not positive.
+        A rig whose gears are elastic, a damping ratio that is not from above 0 to 1.
     """
     options = {
         "within": within, "steps_per_sample": steps_per_sample, "after": after, "initial": initial,
         "duration": reference.duration if duration is None else duration,
     }  # fmt: skip
     ratio = real("damping_ratio", damping_ratio, "Give that of the gears, such as 0.01.", positive=True)
+    require_swinging(ratio)
     try:
         sweep = OnGears(arm, rig, law, reference, ratio, **options)
     except HeavyMotorsError as error:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures import plot_sweep
 from ctc.verdict.lowest_resonance import DAMPING_RATIO, HIGHEST, LOWEST, SETTLED
-from ctc.verdict.on_gears import RIGID, OnGears
+from ctc.verdict.on_gears import RIGID, OnGears, require_followed, require_swinging
 from ctc.verdict.table import aligned
 from plant import Arm, Law, Reference, Rig
 from plant.parts.arguments import array, instance, known_options, real
@@ -111,9 +111,11 @@ def sweep_resonance(
     for name, law in laws.items():
         instance(f"law {name!r}", law, Law, "Pass {'P': p_law, ...}.")
     ratio = real("damping_ratio", damping_ratio, "Give that of the gears, such as 0.01.", positive=True)
+    require_swinging(ratio)
     tried = np.geomspace(LOWEST, HIGHEST, _POINTS) if hz is None else array("hz", hz, ("H",), advice="Give [Hz].")
     if not len(tried) or tried[0] <= 0 or (np.diff(tried) <= 0).any():
         raise ValueError(f"hz must be positive and rising; got {tried!r:.60}. Give resonances [Hz].")
+    require_followed("hz", tried, rig.period / steps_per_sample)
     options: dict[str, Any] = {
         "within": within, "steps_per_sample": steps_per_sample, "after": after,
         "duration": reference.duration if duration is None else duration,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import casadi as ca
@@ -13,6 +12,7 @@ from plant.mechanics.arm import Arm
 from plant.parts.arguments import array, instance
 from plant.parts.labels import joint_label
 from plant.parts.part import Part, Vector, number, part
+from plant.parts.user_warning import warn
 
 __all__ = ["Elasticity", "Resonance", "gears"]
 
@@ -124,7 +124,7 @@ class Resonance(Part):
             raise ValueError(f"damping_ratio must not be negative; got {self.damping_ratio.min():g}. 0.02 is usual.")
         if (self.damping_ratio > _CRITICAL).any():
             most = self.damping_ratio.max()
-            warnings.warn(f"damping_ratio {most:g} is above critical: such a gear does not swing.", stacklevel=2)
+            warn(f"damping_ratio {most:g} is above critical: such a gear does not swing.")
 
     def of(self, drive: Any) -> Elasticity:
         """The elasticity of a drive.

@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from ctc import ComputedTorque, certify, clopper_pearson, evaluate, margins
+from ctc import ComputedTorque, certify, clopper_pearson, evaluate, margins, sweep_resonance
 from ctc.certification.cells import cells
 from ctc.certification.gears import Gears
 from ctc.stability.error_loop import open_loops
@@ -170,6 +170,9 @@ def test_margins_of_elastic_gears_are_those_of_the_stiff_limit():
     ({"resonance": (60, 90), "backlash": 7.0}, "backlash must be within one turn"),
     ({"resonance": (60, 90), "backlash": (0, 0.1)}, "backlash must be within one turn of the motor, 0.0583 rad"),
     ({"friction_drift": (-1.5, 0.0)}, "amount must be above -1"),
+    ({"lag": 0.3}, "current_lag must be at most 0.02 s; got 0.3"),
+    ({"damping_ratio": 2}, "damping_ratio must be at most 1, critical damping; got 2"),
+    ({"resonance": (60, 90), "damping_ratio": (0.01, 2)}, "damping_ratio must be at most 1, critical damping; got 2"),
     ({"lag": -1e-4}, "lag must be from 0 upwards"),
     ({"friction_drift": (0.2, -0.2)}, "friction_drift must be two numbers, the lower end first"),
     ({"jitter": 0.7}, "share must be from 0 to 0.5 of the period; got 0.7"),
@@ -184,3 +187,16 @@ def test_wrong_calls_are_refused_in_one_line(options, message):
 def test_elastic_gears_are_no_rigid_ones():
     with pytest.raises(ValueError, match="must have rigid gears"):
         lowest_resonance(ARM, on_gears(60, 0.02), LAW, PATH)
+
+
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: lowest_resonance(ARM, RIG, LAW, PATH, damping_ratio=2), "damping_ratio must be at most 1"),
+    (lambda: margins(ARM, RIG, LAW, damping_ratio=2), "damping_ratio must be at most 1, critical damping"),
+    (lambda: sweep_resonance(ARM, RIG, {"a": LAW}, PATH, damping_ratio=2), "damping_ratio must be at most 1"),
+    (lambda: sweep_resonance(ARM, RIG, {"a": LAW}, PATH, hz=[50, 5000]),
+     "hz must be below 2183 Hz, which sub-steps of 0.0437 ms can follow; got 5000"),
+])  # fmt: skip
+def test_gears_that_no_loop_can_have_are_refused_in_one_line(call, message):
+    with pytest.raises(ValueError, match=message) as refusal:
+        call()
+    assert "\n" not in str(refusal.value)
