@@ -86,6 +86,11 @@ quadrature, load, load_position, delay, covariance, plants
     ------
     ValueError
         Bad input.
+
+    Notes
+    -----
+    On two free cores one to three minutes along path (6), of 3.65 s (160 s of one core on average,
+    tests/benchmarks/tuning.py), in proportion to `duration`; before, the fits of `certify` where it has some.
     """
     instance("rig", rig, Rig, "The order is found, rig, reference.")
     instance("reference", reference, Reference, "The order is found, rig, reference.")
