@@ -17,8 +17,9 @@ from identification.equation_error.naming import each_named
 from identification.equation_error.regressor import LINEAR, System, regressor_and_torque
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from plant import Arm, Dynamics, Record, Rig
-from plant.analysis.linearise import jacobians, modes
+from plant.analysis.linearise import modes
 from plant.laws.commanded import commanded_torque
+from plant.simulation.jacobians import jacobians
 
 __all__ = [
     "CUTOFF", "equation_error", "fit_systems", "linear", "mode_in", "over_bands", "pass_band", "speed_noise",
