@@ -160,8 +160,12 @@ class Certificate:
 
     @property
     def sensitivities(self) -> list[Influence]:
-        """Sensitivity of the peak error to each of the drawn numbers, the largest first."""
-        names, values = self.plants.names, self.plants.values
+        """Sensitivity of the peak error to each of the drawn numbers, the largest first.
+
+        Of numbers that were fitted again on gears of the plant's resonance, to their deviation from that fit: what
+        follows from the resonance is the resonance's.
+        """
+        names, values = self.plants.names, self.plants.values - self.plants.expected
         if self.plants.dropped:
             names, values = (*names, "lost samples"), np.column_stack([values, self.runs.lost])
         return influences(names, values, self.runs.unrounded.max(axis=1))

@@ -164,10 +164,13 @@ class Uncertainty:
         gears = self.gears.draw(random, arm, rig, f, pose, places)
         names, values = names + gears.names, np.hstack([values, gears.values])
         varying = np.flatnonzero(np.ptp(values, axis=0) > 0)
+        expected = np.zeros_like(values)
+        if known.refits is not None:
+            expected[:, [names.index(name) for name in unknown]] = known.centres(places[:, :-1])
         return Plants(
             arm=arm, rig=rig, f=f, names=tuple(names[i] for i in varying), values=values[:, varying],
             dropped=float(self.dropped), redrawn=redrawn, seed=seed, own=own, ranges=self.gears,
-            derived_names=gears.derived_names, derived=gears.derived, said=said,
+            derived_names=gears.derived_names, derived=gears.derived, said=said, expected=expected[:, varying],
         )  # fmt: skip
 
     def _friction(self, rig, unknown):

@@ -82,6 +82,18 @@ def test_the_bound_is_that_of_the_worst_part_of_the_range():
     np.testing.assert_allclose(axis.lines[-1].get_ydata(), 100 * max(cell.upper(0.95) for cell in found.cells[-3:]))
 
 
+def test_no_bound_is_not_called_one():
+    left = certify(ARM, RIG, LAW, PATH, **SHORT, resonance=(60, 62))
+    assert left.upper == 1
+    cell = left.worst_cell
+    assert cell.failures == cell.count > 0
+    assert f"at some sample; at the worst resonance ({cell}) {cell.count} of {cell.count} do." in left.verdict
+    assert "at most" not in left.verdict
+    few = certify(ARM, RIG, LAW, PATH, **SHORT | {"samples": 2}, resonance=(300, 400))
+    assert few.verdict.startswith("None of 2 possible plants leaves ±1 pulse; at the worst resonance (")
+    assert few.verdict.endswith("none was drawn, so nothing is said of it.")
+
+
 def test_cells_are_narrow_and_hold_what_is_in_them():
     ranges = Gears(resonance=(50, 100), damping_ratio=(0.01, 0.04))
     values = np.array([[50.0, 0.01], [99.9, 0.039], [100.0, 0.04], [70.0, 0.02]])

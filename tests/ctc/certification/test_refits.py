@@ -55,6 +55,23 @@ def test_plants_have_the_f_of_their_resonance_and_laws_that_of_the_middle(found,
     assert moved[most] / (ends[1] - ends[0])[most] == pytest.approx(0.8, abs=0.25)
 
 
+def test_what_follows_from_the_resonance_is_no_sensitivity_to_f(found, again):
+    stated = {"resonance": (0.9 * HZ, 1.1 * HZ), "damping_ratio": RATIO, "samples": 400, "duration": 0.3}
+    certificate = certify(found, RIG, ComputedTorque(found, bandwidth=90), PATH, **stated, friction=0.0)
+    plants, shares = certificate.plants, {each.name: each.share for each in certificate.sensitivities}
+    hz = plants.values[:, plants.names.index("resonance")]
+    own = [plants.names.index(name) for name in ARM.dynamics.names]
+
+    def followed(values):
+        return max(abs(np.corrcoef(hz, values[:, i])[0, 1]) for i in own)
+
+    assert followed(plants.values) > 0.8
+    assert followed(plants.values - plants.expected) < 0.2  # four standard deviations of chance
+    assert shares["resonance"] > 0.5
+    assert max(shares[name] for name in ARM.dynamics.names) < 0.1
+    np.testing.assert_array_equal(plants.first(7).expected, plants.expected[:7])
+
+
 def test_where_no_resonance_can_be_fitted_there_are_none(found):
     assert refits(found, ((0.3, 0.3),), (RATIO, RATIO), START) is None
 
