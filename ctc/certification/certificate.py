@@ -20,9 +20,10 @@ from ctc.certification.plants import Plants
 from ctc.certification.reserves import Reserves, reserves
 from ctc.certification.sensitivity import Influence, influences
 from ctc.certification.statement import percent, verdict
-from ctc.verdict.lowest_resonance import DAMPING_RATIO, SETTLED, LowestResonance, lowest_resonance
+from ctc.verdict.lowest_resonance import SETTLED, LowestResonance, lowest_resonance
 from ctc.verdict.table import aligned, by_joint
 from plant import Arm, Law, Reference, Rig
+from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import known_options
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Runs

@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 from ctc.certification.imperfections import IMPERFECTIONS, Drawn, between, drawn_of, placed_in
 from ctc.verdict.on_gears import require_followed, require_swinging
 from plant import Arm, Elasticity, Rig
-from plant.machine.elasticity import gears
+from plant.machine.elasticity import DAMPING_RATIO, gears
 from plant.parts.arguments import array
 
 __all__ = ["Gears"]
 
-_USUAL = (0.01, 0.03)
+_USUAL = (DAMPING_RATIO, 0.03)
 """Damping ratio unless stated."""
 
 

@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from identification import Identification
 from plant import Arm, Elasticity, Law, Reference, Rig
-from plant.parts.arguments import array
+from plant.machine.elasticity import DAMPING_RATIO
+from plant.parts.arguments import array, real
 from plant.simulation.population import Population, Runs
 
-__all__ = ["RIGID", "HeavyMotorsError", "OnGears", "require_followed", "require_swinging"]
+__all__ = ["RIGID", "HeavyMotorsError", "OnGears", "arm_of", "damping_of", "require_followed", "require_swinging"]
 
 RIGID = 1e5
 """Resonance [Hz] of a gear that moves like a rigid one."""
@@ -49,9 +51,27 @@ def require_swinging(damping_ratio: float) -> None:
     """
     if damping_ratio > _CRITICAL:
         raise ValueError(
-            f"damping_ratio must be at most {_CRITICAL:g}, critical damping; got {damping_ratio:g}. Gears have 0.01 to "
-            "0.03, no percent."
+            f"damping_ratio must be at most {_CRITICAL:g}, critical damping; got {damping_ratio:g}. Gears have "
+            f"{DAMPING_RATIO:g} to 0.03, no percent."
         )
+
+
+def damping_of(damping_ratio: Any) -> float:
+    """A damping ratio with which gears swing, or its refusal.
+
+    Raises
+    ------
+    ValueError
+    """
+    advice = f"Give that of the gears, such as {DAMPING_RATIO:g}."
+    ratio = real("damping_ratio", damping_ratio, advice, positive=True)
+    require_swinging(ratio)
+    return ratio
+
+
+def arm_of(arm: Any) -> Any:
+    """The arm of an identification; anything else as it is."""
+    return arm.arm if isinstance(arm, Identification) else arm
 
 
 class HeavyMotorsError(ValueError):

@@ -103,6 +103,7 @@ def test_cells_are_narrow_and_hold_what_is_in_them():
     assert found[-1].hz[1] == pytest.approx(100)
     assert [(c.count, c.failures) for c in (found[0], found[-1])] == [(1, 1), (2, 1)]
     assert sum(c.count for c in found) == 4
+    assert "np." not in repr(found)
     assert found[1].upper(0.95) == 1.0  # without plants nothing is known
 
 

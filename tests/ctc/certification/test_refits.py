@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from ctc import ComputedTorque, certify
+from ctc import ComputedTorque, certify, lowest_resonance, sweep_resonance
 from ctc.certification import refits as fits_on_gears
 from ctc.certification.gears import Gears
 from ctc.certification.refits import refits
@@ -70,6 +70,13 @@ def test_what_follows_from_the_resonance_is_no_sensitivity_to_f(found, again):
     assert shares["resonance"] > 0.5
     assert max(shares[name] for name in ARM.dynamics.names) < 0.1
     np.testing.assert_array_equal(plants.first(7).expected, plants.expected[:7])
+
+
+def test_loops_on_gears_take_an_identification_for_its_arm(found):
+    law, options = ComputedTorque(found, bandwidth=60), {"duration": 0.1, "damping_ratio": RATIO}
+    assert lowest_resonance(found, RIG, law, PATH, **options) == lowest_resonance(found.arm, RIG, law, PATH, **options)
+    one, other = (sweep_resonance(arm, RIG, {"a": law}, PATH, hz=[40, 80], **options) for arm in (found, found.arm))
+    assert one == other
 
 
 def test_where_no_resonance_can_be_fitted_there_are_none(found):
