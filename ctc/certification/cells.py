@@ -66,8 +66,8 @@ def cells(ranges: Gears, names: tuple[str, ...], values: NDArray[np.float64], ou
     least, most = ranges.damping_ratio or (0.0, 0.0)
     for i, (low, high) in enumerate(pairs):
         name = "resonance" if len(pairs) == 1 else f"resonance[{i}]"
-        edges = np.geomspace(low, high, max(1, int(np.ceil(np.log(high / low) / np.log(_WIDTH)))) + 1)
-        dampings = np.linspace(least, most, 1 + (_DAMPINGS if least < most else 1))
+        edges = np.geomspace(low, high, max(1, int(np.ceil(np.log(high / low) / np.log(_WIDTH)))) + 1).tolist()
+        dampings = np.linspace(least, most, 1 + (_DAMPINGS if least < most else 1)).tolist()
         hz, ratio = (_place(names, values, *each) for each in ((name, edges), ("damping_ratio", dampings)))
         for j in range(len(edges) - 1):
             for k in range(len(dampings) - 1):

@@ -20,9 +20,10 @@ from ctc.certification.plants import Plants
 from ctc.certification.reserves import Reserves, reserves
 from ctc.certification.sensitivity import Influence, influences
 from ctc.certification.statement import percent, verdict
-from ctc.verdict.lowest_resonance import DAMPING_RATIO, SETTLED, LowestResonance, lowest_resonance
+from ctc.verdict.lowest_resonance import SETTLED, LowestResonance, lowest_resonance
 from ctc.verdict.table import aligned, by_joint
 from plant import Arm, Law, Reference, Rig
+from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import known_options
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Runs
@@ -163,8 +164,12 @@ class Certificate:
 
     @property
     def sensitivities(self) -> list[Influence]:
-        """Sensitivity of the peak error to each of the drawn numbers, the largest first."""
-        names, values = self.plants.names, self.plants.values
+        """Sensitivity of the peak error to each of the drawn numbers, the largest first.
+
+        Of numbers that were fitted again on gears of the plant's resonance, to their deviation from that fit: what
+        follows from the resonance is the resonance's.
+        """
+        names, values = self.plants.names, self.plants.values - self.plants.expected
         if self.plants.dropped:
             names, values = (*names, "lost samples"), np.column_stack([values, self.runs.lost])
         return influences(names, values, self.runs.unrounded.max(axis=1))

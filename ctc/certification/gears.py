@@ -14,17 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ctc.certification.imperfections import IMPERFECTIONS, Drawn, between, drawn_of, placed_in
+from ctc.verdict.on_gears import require_followed, require_swinging
 from plant import Arm, Elasticity, Rig
-from plant.machine.elasticity import gears
+from plant.machine.elasticity import DAMPING_RATIO, gears
 from plant.parts.arguments import array
 
 __all__ = ["Gears"]
 
-_USUAL = (0.01, 0.03)
+_USUAL = (DAMPING_RATIO, 0.03)
 """Damping ratio unless stated."""
-
-_FOLLOWED = 0.6
-"""Phase [rad] of a resonance in one sub-step up to which its frequency is right to 1 %."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,13 +63,12 @@ class Gears:
             for name, value in self.imperfections.items()
         }
         object.__setattr__(self, "imperfections", ranges)
+        stated = self.damping_ratio
+        if stated is None and self.resonance is not None:
+            stated = _USUAL
+        object.__setattr__(self, "damping_ratio", None if stated is None else _damping(stated))
         if self.resonance is None:
-            if self.damping_ratio is not None:
-                ratio = between("damping_ratio", self.damping_ratio, "a ratio")
-                object.__setattr__(self, "damping_ratio", ratio)
             return
-        usual = _USUAL if self.damping_ratio is None else self.damping_ratio
-        object.__setattr__(self, "damping_ratio", between("damping_ratio", usual, "a ratio"))
         if np.ndim(self.resonance) == 0:
             raise ValueError(f"resonance must be (lowest, highest) [Hz]; got {self.resonance!r:.60}. Give a range.")
         pairs = np.atleast_2d(np.asarray(self.resonance, float))
@@ -95,21 +92,30 @@ class Gears:
         ------
         ValueError
         """
-        most = _FOLLOWED / (2 * np.pi * step)
-        if self.resonance is not None and np.max(self.resonance) > most:
-            raise ValueError(
-                f"resonance must be below {most:.0f} Hz, which sub-steps of {1e3 * step:.3g} ms can follow; got "
-                f"{np.max(self.resonance):g}. Lower it: such a gear is rigid; certify takes more steps_per_sample."
-            )
+        if self.resonance is not None:
+            require_followed("resonance", self.resonance, step)
 
-    def prepared(self, arm: Arm, rig: Rig, pose: ArrayLike) -> Rig:
-        """The rig with a place for each number that is drawn; elastic gears in the middle of their range."""
-        drive = rig.drive
+    def require_possible(self, rig: Rig) -> None:
+        """Refuse what this rig cannot have, before anything is fitted or drawn.
+
+        Raises
+        ------
+        ValueError
+        """
         if self.resonance is not None:
             if len(self.resonance) not in (1, rig.n):
                 raise ValueError(
                     f"resonance must be one pair, or {rig.n}; got {len(self.resonance)}. Give (low, high)."
                 )
+            some = Elasticity(stiffness=np.ones(rig.n), damping=np.zeros(rig.n))
+            rig = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=some))
+        for ends in zip(*self.imperfections.values(), strict=True):
+            placed_in(rig, {name: (0.0, end) for name, end in zip(self.imperfections, ends, strict=True)})
+
+    def prepared(self, arm: Arm, rig: Rig, pose: ArrayLike) -> Rig:
+        """The rig with a place for each number that is drawn; elastic gears in the middle of their range."""
+        drive = rig.drive
+        if self.resonance is not None:
             middle = np.sqrt(np.prod(self.resonance, axis=1))
             elasticity = Elasticity.from_resonance(arm, middle, np.mean(self.damping_ratio), drive=drive, q=pose)
             rig = dataclasses.replace(rig, drive=dataclasses.replace(drive, elasticity=elasticity))
@@ -138,6 +144,13 @@ class Gears:
             names=(*names, "damping_ratio", *others.names), values=np.hstack([hz, ratio, others.values]),
             derived_names=(*own, *others.derived_names), derived=np.hstack([*found, others.derived]),
         )  # fmt: skip
+
+
+def _damping(ratio: Any) -> tuple[float, float]:
+    """Lowest and highest damping ratio of one or two."""
+    ends = between("damping_ratio", ratio, "a ratio")
+    require_swinging(ends[1])
+    return ends
 
 
 def _inertias(arm: Arm, rig: Rig, pose: ArrayLike) -> NDArray[np.float64]:

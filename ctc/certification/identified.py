@@ -47,12 +47,17 @@ class Identified:
         deviations = random.standard_normal((len(places), self.roots.shape[2]))
         if self.refits is None:
             return np.asarray(self.values + deviations @ self.roots[0].T)
-        where = places.mean(axis=1)
-        roots = self.roots[self.refits.nearest(where)]
-        return self.refits.centres(where) + (roots * deviations[:, None]).sum(axis=2)
+        roots = self.roots[self.refits.nearest(places.mean(axis=1))]
+        return self.centres(places) + (roots * deviations[:, None]).sum(axis=2)
+
+    def centres(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What the numbers (P, k) of such plants would be if they were known exactly."""
+        if self.refits is None:
+            return np.tile(self.values, (len(places), 1))
+        return self.refits.centres(places.mean(axis=1))
 
 
-def identified(uncertainty: Any, found: Identification | Arm, pose: ArrayLike) -> Identified:
+def identified(uncertainty: Any, found: Identification | Arm, pose: ArrayLike, progress: bool = False) -> Identified:
     """What an `Uncertainty` draws of what was identified.
 
     With a stated range of resonances the records of an identification on rigid gears are fitted again on such gears.
@@ -73,7 +78,7 @@ def identified(uncertainty: Any, found: Identification | Arm, pose: ArrayLike) -
     if uncertainty.covariance is not None:
         covariance = uncertainty.covariance
     elif isinstance(found, Identification) and gears.resonance is not None and found.rig.drive.elasticity is None:
-        again = refits(found, gears.resonance, gears.damping_ratio, pose)
+        again = refits(found, gears.resonance, gears.damping_ratio, pose, progress)
     if covariance is None and again is None:
         reason = found.fit.fallback_reason if isinstance(found, Identification) else None
         why = reason or "it comes without a covariance"

@@ -43,6 +43,8 @@ class Plants:
         Numbers of the loop that follow from those drawn.
     said : (tuple of str, tuple of str)
         What is drawn, and what is not.
+    expected : (P, K) numpy.ndarray
+        Of the values, what follows from the resonance: the centres of f fitted there; zero of all others.
     """
 
     arm: Arm
@@ -58,13 +60,14 @@ class Plants:
     derived_names: tuple[str, ...]
     derived: NDArray[np.float64]
     said: tuple[tuple[str, ...], tuple[str, ...]]
+    expected: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.f)
 
     def first(self, count: int) -> Plants:
         """The first so many of them."""
-        first = {name: getattr(self, name)[:count] for name in ("f", "values", "derived")}
+        first = {name: getattr(self, name)[:count] for name in ("f", "values", "derived", "expected")}
         return dataclasses.replace(self, **first)
 
     def numbers(self) -> tuple[tuple[str, ...], NDArray[np.float64]]:

@@ -8,10 +8,12 @@ resonance have the f that fits the log there.
 from __future__ import annotations
 
 import dataclasses
+import weakref
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from tqdm import tqdm
 
 from identification import Identification
 from identification.preparation import prepare
@@ -27,6 +29,12 @@ _APART, _MOST = 1.15, 7
 _ROUNDS = 2
 """Fits of the first resonance: its stiffness follows from the inertia, which the fit before gave. The next take it from
 their neighbour."""
+
+_REMEMBERED = 8
+"""Ranges of one identification whose fits are kept, the last ones."""
+
+_KEPT: weakref.WeakKeyDictionary[Identification, dict[Any, Refits | None]] = weakref.WeakKeyDictionary()
+"""Fits of an identification by stated range, while it exists; an equal one, bit for bit, has the same."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,8 +63,12 @@ class Refits:
         return np.abs(places[:, None] - self.places).argmin(axis=1)
 
 
-def refits(found: Identification, resonance: Any, damping_ratio: Any, pose: ArrayLike) -> Refits | None:
+def refits(
+    found: Identification, resonance: Any, damping_ratio: Any, pose: ArrayLike, progress: bool = False
+) -> Refits | None:
     """Fits of an identification's records on gears over the range; None where no resonance of it can be fitted.
+
+    They are made once for each range, and kept with the identification.
 
     Parameters
     ----------
@@ -65,24 +77,48 @@ def refits(found: Identification, resonance: Any, damping_ratio: Any, pose: Arra
     resonance : sequence of (float, float)
         Lowest and highest [Hz], one pair or one for each joint.
     damping_ratio : (float, float)
+        The fits have the middle of it.
     pose : (n,) array_like
         At which the resonances are those of the gears [rad].
+    progress : bool
+        Show a progress bar.
     """
-    low, high = np.log(resonance).T
+    ranges, ratio = np.asarray(resonance, float), float(np.mean(damping_ratio))
+    pose = np.asarray(pose, float)
+    key = (ranges.shape, ranges.tobytes(), ratio, pose.tobytes())
+    kept = _KEPT.setdefault(found, {})
+    made = kept.pop(key) if key in kept else _fitted(found, ranges, ratio, pose, progress)
+    kept[key] = made
+    while len(kept) > _REMEMBERED:
+        del kept[next(iter(kept))]
+    return made
+
+
+def _fitted(
+    found: Identification, ranges: NDArray[np.float64], ratio: float, pose: NDArray[np.float64], progress: bool
+) -> Refits | None:
+    """The fits, made anew."""
+    low, high = np.log(ranges).T
     count = int(np.clip(np.ceil((high - low).max() / np.log(_APART)) + 1, 1 if (high == low).all() else 2, _MOST))
     arm, fits = found.arm, dict[float, Fit]()
-    for place in np.linspace(0, 1, count) if count > 1 else [0.5]:
-        hz, ratio = np.exp(low + place * (high - low)), float(np.mean(damping_ratio))
-        for _ in range(1 if fits else _ROUNDS):
-            fitted = _on_gears(found, arm, hz, ratio, pose)
-            if fitted is None:
-                fits.pop(place, None)
-                break
-            arm, fits[place] = fitted
+    total = count + _ROUNDS - 1
+    with tqdm(total=total, desc="fits on gears", unit="fit", disable=not progress, leave=False) as bar:
+        for place in np.linspace(0, 1, count) if count > 1 else [0.5]:
+            hz = np.exp(low + place * (high - low))
+            for _ in range(1 if fits else _ROUNDS):
+                fitted = _on_gears(found, arm, hz, ratio, pose)
+                bar.update()
+                if fitted is None:
+                    fits.pop(place, None)
+                    break
+                arm, fits[place] = fitted
     if not fits:
         return None
-    values, covariances = ([getattr(fit, name) for fit in fits.values()] for name in ("values", "covariance"))
-    return Refits(places=np.array([*fits]), values=np.array(values), covariances=np.array(covariances))
+    values, covariances = (np.array([getattr(fit, name) for fit in fits.values()]) for name in ("values", "covariance"))
+    places = np.array([*fits])
+    for each in (places, values, covariances):
+        each.setflags(write=False)  # they are shared
+    return Refits(places=places, values=values, covariances=covariances)
 
 
 def _on_gears(found: Identification, arm: Arm, hz: Any, ratio: float, pose: ArrayLike) -> tuple[Arm, Fit] | None:

@@ -65,6 +65,10 @@ def verdict(certificate: Any) -> str:
     if certificate.failures:
         share = percent(certificate.probability)
         sentence = f"{share} of {count} leave {limit} at some sample; {sure}, at most {bound} {of}."
+        if bound == percent(1.0):  # is no bound
+            sentence = f"{share} of {count} leave {limit} at some sample{_worst(cell)}."
+    elif bound == percent(1.0):
+        sentence = f"None of {count} leaves {limit}{_worst(cell)}."
     else:
         sentence = f"None of {count} leaves {limit}; {sure}, fewer than {bound} {of}."
     if gears is None:
@@ -77,6 +81,14 @@ def verdict(certificate: Any) -> str:
     there = [f"{row.words} {value:g} {row.unit}" for row, value in rows]
     beside = f", with {', '.join(there)}," if there else ""
     return f"{sentence} Rigid gears assumed; the nominal arm{beside} {gears}."
+
+
+def _worst(cell: Any) -> str:
+    """What is said of the worst part of the resonances where there is no bound."""
+    if cell is None:
+        return ""
+    do = f"{cell.failures} of {cell.count} do" if cell.count else "none was drawn, so nothing is said of it"
+    return f"; at the worst resonance ({cell}) {do}"
 
 
 def percent(share: float, up: bool = False) -> str:

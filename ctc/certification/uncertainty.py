@@ -87,7 +87,9 @@ class Uncertainty:
         if self.covariance is not None and self.plants is not None:
             raise ValueError("one of covariance and plants must be given; got both. Leave one out.")
 
-    def draw(self, found: Identification | Arm, rig: Rig, samples: int, seed: int, pose: Any = None) -> Plants:
+    def draw(
+        self, found: Identification | Arm, rig: Rig, samples: int, seed: int, pose: Any = None, progress: bool = False
+    ) -> Plants:
         """Draw plants.
 
         Parameters
@@ -97,6 +99,8 @@ class Uncertainty:
         samples, seed : int
         pose : (n,) array_like, optional
             At which resonances are those of the gears [rad]; zeros by default.
+        progress : bool
+            Show a progress bar where the records of an identification are fitted again.
 
         Returns
         -------
@@ -109,7 +113,8 @@ class Uncertainty:
         """
         instance("rig", rig, Rig, "The order is found, rig, law, reference.")
         pose = np.zeros(rig.n) if pose is None else pose
-        known = identified(self, found, pose)
+        self.gears.require_possible(rig)
+        known = identified(self, found, pose, progress)
         arm, unknown, dynamics, random = known.arm, known.names, known.arm.dynamics, np.random.default_rng(seed)
         places = self.gears.places(np.random.default_rng((seed, 2)), samples)
         rig = _with_found(rig, {n: v for n, v in zip(unknown, known.values, strict=True) if n not in dynamics.names})
@@ -159,10 +164,13 @@ class Uncertainty:
         gears = self.gears.draw(random, arm, rig, f, pose, places)
         names, values = names + gears.names, np.hstack([values, gears.values])
         varying = np.flatnonzero(np.ptp(values, axis=0) > 0)
+        expected = np.zeros_like(values)
+        if known.refits is not None:
+            expected[:, [names.index(name) for name in unknown]] = known.centres(places[:, :-1])
         return Plants(
             arm=arm, rig=rig, f=f, names=tuple(names[i] for i in varying), values=values[:, varying],
             dropped=float(self.dropped), redrawn=redrawn, seed=seed, own=own, ranges=self.gears,
-            derived_names=gears.derived_names, derived=gears.derived, said=said,
+            derived_names=gears.derived_names, derived=gears.derived, said=said, expected=expected[:, varying],
         )  # fmt: skip
 
     def _friction(self, rig, unknown):

@@ -10,12 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures import plot_margins
 from ctc.stability.error_loop import controlled, opened
-from ctc.verdict.lowest_resonance import DAMPING_RATIO, HIGHEST, LowestResonance, above
+from ctc.verdict.lowest_resonance import HIGHEST, LowestResonance, above
+from ctc.verdict.on_gears import damping_of
 from ctc.verdict.table import aligned
 from identification import Identification
 from plant import Arm, Elasticity, Law, Rig
 from plant.analysis.sampled_loops import SampledLoops
-from plant.parts.arguments import instance, known_options, real
+from plant.machine.elasticity import DAMPING_RATIO
+from plant.parts.arguments import instance, known_options
 from plant.parts.deprecation import old_order
 
 if TYPE_CHECKING:
@@ -172,7 +174,7 @@ def _lowest_resonance(
     arm: Arm | Identification | None, rig: Rig, law: Law, pose: ArrayLike | None, damping_ratio: float
 ) -> float | None:
     """Resonance [Hz] of elastic gears above which the loops stay stable; see `Margins`."""
-    ratio = real("damping_ratio", damping_ratio, "Give that of the gears, such as 0.01.", positive=True)
+    ratio = damping_of(damping_ratio)
     if rig.drive.elasticity is not None:
         return None
     try:

@@ -86,6 +86,11 @@ quadrature, load, load_position, delay, covariance, plants
     ------
     ValueError
         Bad input.
+
+    Notes
+    -----
+    On two free cores one to three minutes along path (6), of 3.65 s (160 s of one core on average,
+    tests/benchmarks/tuning.py), in proportion to `duration`; before, the fits of `certify` where it has some.
     """
     instance("rig", rig, Rig, "The order is found, rig, reference.")
     instance("reference", reference, Reference, "The order is found, rig, reference.")
@@ -107,7 +112,7 @@ quadrature, load, load_position, delay, covariance, plants
     uncertainty.gears.require_followed(rig.period / 4)
     pose = reference(np.zeros(1)).q[0]
     searching, fresh = (
-        uncertainty.draw(found, rig, count, seed + i, pose)
+        uncertainty.draw(found, rig, count, seed + i, pose, progress)
         for i, count in enumerate((_MORE if allowed else _PLANTS, _FRESH))
     )
     arm, scale = fresh.arm, _scale(fresh.arm, reference, float(duration))
@@ -127,7 +132,7 @@ quadrature, load, load_position, delay, covariance, plants
     best = min(trials, key=lambda trial: trial.rank)
     certificate = certify(
         found, rig, best.law, reference, samples=samples, seed=seed + 2, within=within, after=after, threads=threads,
-        duration=duration, **stated, **gears, **others,
+        duration=duration, progress=progress, **stated, **gears, **others,
     )  # fmt: skip
     return Tuning(law=best.law, trials=tuple(trials), certificate=certificate, fresh=_FRESH)
 

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures import plot_evaluation
-from ctc.verdict.lowest_resonance import DAMPING_RATIO, SETTLED, LowestResonance, lowest_resonance
+from ctc.verdict.lowest_resonance import SETTLED, LowestResonance, lowest_resonance
 from ctc.verdict.table import by_joint
 from plant import Arm, Law, Record, Reference, Rig
+from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import choice, known_options
 from plant.parts.labels import joint_labels
 from plant.simulation.simulator import run

@@ -8,14 +8,70 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from identification import Identification
 from plant import Arm, Elasticity, Law, Reference, Rig
-from plant.parts.arguments import array
+from plant.machine.elasticity import DAMPING_RATIO
+from plant.parts.arguments import array, real
 from plant.simulation.population import Population, Runs
 
-__all__ = ["RIGID", "HeavyMotorsError", "OnGears"]
+__all__ = ["RIGID", "HeavyMotorsError", "OnGears", "arm_of", "damping_of", "require_followed", "require_swinging"]
 
 RIGID = 1e5
 """Resonance [Hz] of a gear that moves like a rigid one."""
+
+
+_FOLLOWED = 0.6
+"""Phase [rad] of a locked-rotor resonance in one sub-step up to which the vibration of motor against link, which is
+faster, is right to 1 % in its frequency: of the arms of `plant.puma560`, at 1.1 rad and to 0.3 %."""
+
+_CRITICAL = 1.0
+
+
+def require_followed(name: str, hz: ArrayLike, step: float) -> None:
+    """Refuse resonances [Hz] that sub-steps of this length [s] cannot follow.
+
+    Raises
+    ------
+    ValueError
+    """
+    highest, most = float(np.max(hz)), _FOLLOWED / (2 * np.pi * step)
+    if highest > most:
+        raise ValueError(
+            f"{name} must be below {most:.0f} Hz, which sub-steps of {1e3 * step:.3g} ms can follow; got {highest:g}. "
+            "Lower it: such a gear is rigid; or take more steps_per_sample where there are."
+        )
+
+
+def require_swinging(damping_ratio: float) -> None:
+    """Refuse a damping ratio with which nothing swings.
+
+    Raises
+    ------
+    ValueError
+    """
+    if damping_ratio > _CRITICAL:
+        raise ValueError(
+            f"damping_ratio must be at most {_CRITICAL:g}, critical damping; got {damping_ratio:g}. Gears have "
+            f"{DAMPING_RATIO:g} to 0.03, no percent."
+        )
+
+
+def damping_of(damping_ratio: Any) -> float:
+    """A damping ratio with which gears swing, or its refusal.
+
+    Raises
+    ------
+    ValueError
+    """
+    advice = f"Give that of the gears, such as {DAMPING_RATIO:g}."
+    ratio = real("damping_ratio", damping_ratio, advice, positive=True)
+    require_swinging(ratio)
+    return ratio
+
+
+def arm_of(arm: Any) -> Any:
+    """The arm of an identification; anything else as it is."""
+    return arm.arm if isinstance(arm, Identification) else arm
 
 
 class HeavyMotorsError(ValueError):

@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures import plot_sweep
-from ctc.verdict.lowest_resonance import DAMPING_RATIO, HIGHEST, LOWEST, SETTLED
-from ctc.verdict.on_gears import RIGID, OnGears
+from ctc.verdict.lowest_resonance import HIGHEST, LOWEST, SETTLED
+from ctc.verdict.on_gears import RIGID, OnGears, arm_of, damping_of, require_followed
 from ctc.verdict.table import aligned
+from identification import Identification
 from plant import Arm, Law, Reference, Rig
-from plant.parts.arguments import array, instance, known_options, real
+from plant.machine.elasticity import DAMPING_RATIO
+from plant.parts.arguments import array, instance, known_options
 from plant.parts.frozen import Frozen
 from plant.simulation.threads import cores
 
@@ -67,7 +69,7 @@ class ResonanceSweep(Frozen):
 
 @known_options
 def sweep_resonance(
-    arm: Arm, rig: Rig, laws: dict[str, Law], reference: Reference, *, hz: ArrayLike | None = None,
+    arm: Arm | Identification, rig: Rig, laws: dict[str, Law], reference: Reference, *, hz: ArrayLike | None = None,
     damping_ratio: float = DAMPING_RATIO, within: float = 1, after: float = SETTLED, duration: float | None = None,
     steps_per_sample: int = 16, threads: int | None = None,
 ) -> ResonanceSweep:  # fmt: skip
@@ -75,7 +77,7 @@ def sweep_resonance(
 
     Parameters
     ----------
-    arm : Arm
+    arm : Arm or Identification
         The arm that is controlled.
     rig : Rig
         With rigid gears; lag, delay and friction stay as they are.
@@ -110,17 +112,18 @@ def sweep_resonance(
         raise ValueError(f"laws must be a dict of name -> Law; got {laws!r:.60}. Pass {{'P': p_law, ...}}.")
     for name, law in laws.items():
         instance(f"law {name!r}", law, Law, "Pass {'P': p_law, ...}.")
-    ratio = real("damping_ratio", damping_ratio, "Give that of the gears, such as 0.01.", positive=True)
+    ratio = damping_of(damping_ratio)
     tried = np.geomspace(LOWEST, HIGHEST, _POINTS) if hz is None else array("hz", hz, ("H",), advice="Give [Hz].")
     if not len(tried) or tried[0] <= 0 or (np.diff(tried) <= 0).any():
         raise ValueError(f"hz must be positive and rising; got {tried!r:.60}. Give resonances [Hz].")
+    require_followed("hz", tried, rig.period / steps_per_sample)
     options: dict[str, Any] = {
         "within": within, "steps_per_sample": steps_per_sample, "after": after,
         "duration": reference.duration if duration is None else duration,
     }  # fmt: skip
-    shares = {}
+    controlled, shares = arm_of(arm), {}
     for name, law in laws.items():
-        runs = OnGears(arm, rig, law, reference, ratio, **options).runs([*tried, RIGID], int(threads or cores()))
+        runs = OnGears(controlled, rig, law, reference, ratio, **options).runs([*tried, RIGID], int(threads or cores()))
         shares[name] = 1 - runs.outside / runs.samples
     return ResonanceSweep(
         hz=tried, damping_ratio=ratio, within=within, shares={name: share[:-1] for name, share in shares.items()},

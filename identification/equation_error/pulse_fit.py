@@ -18,9 +18,10 @@ from identification.equation_error.naming import each_named
 from identification.equation_error.regressor import LINEAR, System, regressor_and_torque
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from plant import AlongLog, Arm, Dynamics, Record, Resumed, Rig
-from plant.analysis.linearise import jacobians, modes
+from plant.analysis.linearise import modes
 from plant.laws.commanded import commanded_torque
 from plant.simulation.clock import Clock
+from plant.simulation.jacobians import jacobians
 from plant.simulation.law_run import run_law
 
 __all__ = [

@@ -9,6 +9,7 @@ import numpy as np
 from identification.equation_error.naming import column_of
 from identification.equation_error.pulse_fit import mode_in, torque_of
 from plant import Record
+from plant.checkup.oscillation import own_oscillation
 
 __all__ = ["require_informative"]
 
@@ -47,10 +48,12 @@ def require_informative(record: Record, labels: Sequence[str]) -> None:
     share = (np.abs(drive.current(torque_of(record))) >= drive.current_limit * (1 - 1e-9)).mean(axis=0)
     if (share > _SATURATED).any() and not replays:  # of a replay the torque is known, also at the limit
         motor = int(np.argmax(share))
+        hz = own_oscillation(record)
+        why = "" if hz is None else f": its loop swings by itself at {hz:.3g} Hz"
         raise ValueError(
             f"a log must be below the amplifier's limit; the motor of {labels[motor]}"
             f"{column_of(record, 'torque', motor)} is at it for {share[motor]:.0%} "
-            "of the samples. Slow the reference down or lower the gains."
+            f"of the samples{why}. Slow the reference down or lower the gains."
         )
     seconds = len(record) * record.rig.period
     if seconds < _PERIODS / mode_in(record):

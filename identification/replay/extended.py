@@ -29,7 +29,7 @@ _PROMPT = 1e-9
 """Lag of currents that do not lag [s]."""
 
 _DAMPING = 0.02
-"""Damping ratio of a gear of which none is stated."""
+"""Damping ratio of gears that are tried: the middle of the usual range, at which the detection is measured."""
 
 _PLACES = {"backlash": "drive.elasticity.backlash", "lag": "drive.current_lag.time"}
 

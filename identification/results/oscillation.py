@@ -18,9 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 from identification.equation_error.pulse_fit import mode_in
 from identification.results.plots import plot_oscillation
 from plant import Arm, Law, Record
-from plant.analysis.linearise import jacobians, modes
+from plant.analysis.linearise import modes
 from plant.parts.arguments import array, instance, known_options
 from plant.parts.frozen import Frozen
+from plant.simulation.jacobians import jacobians
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from identification.results.diagnostics import LATE
+from plant.checkup.oscillation import own_oscillation
 
 __all__ = ["warnings_of"]
 
@@ -43,6 +44,7 @@ def warnings_of(found: Any) -> list[str]:
         *(_of_torques(found) if replayed else []),
         *_of_fit(found, replayed),
         *(_of_timing(found) if not replayed else []),
+        *_of_loops(found),
         *_of_detection(found, replayed),
         *_of_repeats(found, replayed),
         *_of_pairs(found),
@@ -98,6 +100,17 @@ def _of_timing(found: Any) -> Iterator[str]:
     absorbing = [name for name in found.unknown if name.startswith(("drive.viscous", "law.gain"))]
     if absorbing:
         yield f"a delay of the log is not separately identifiable from {', '.join(absorbing)}; be sure of the timing."
+
+
+def _of_loops(found: Any) -> Iterator[str]:
+    """Loops that swing by themselves, each record once, at the frequency of its first joint that does."""
+    for i, record in enumerate(found.records):
+        if (hz := own_oscillation(record)) is not None:
+            which = f"records[{i}]" if len(found.records) > 1 else "the log"
+            yield (
+                f"the loop of {which} swings by itself at {hz:.3g} Hz, where the model's may not: it is "
+                "unstable, or nearly. Lower the gains and log again, or state its cause (current_lag=, elasticity=)."
+            )
 
 
 def _of_detection(found: Any, replayed: bool) -> Iterator[str]:

@@ -7,6 +7,7 @@ from typing import Any
 from plant.checkup.counts import counts_findings
 from plant.checkup.finding import Checkup, Finding
 from plant.checkup.gears import gear_findings
+from plant.checkup.oscillation import oscillation_findings
 from plant.checkup.quantisation import quantisation_findings
 from plant.checkup.signals import Signals
 from plant.checkup.stamps import time_findings
@@ -39,7 +40,7 @@ def examine(record: Any) -> Checkup:
         return Checkup(findings=(*time_findings(signals), few), joint_labels=labels)
     parts = (
         time_findings, counts_findings, quantisation_findings, reference_findings, wiring_findings, unit_findings,
-        torque_findings, gear_findings,
+        torque_findings, gear_findings, oscillation_findings,
     )  # fmt: skip
     findings = tuple(finding for part in parts for finding in part(signals))
     return Checkup(findings=findings, joint_labels=labels)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-import warnings
 from typing import Any
 
 import numpy as np
@@ -11,20 +9,13 @@ from numpy.typing import NDArray
 
 from plant.logs.units import ANGLE, CURRENT, LENGTH, Unit, factors, on_grid, require_grid, require_limit, require_span
 from plant.machine.rig import Rig
+from plant.parts.user_warning import warn
 
-__all__ = ["REFERENCE", "converted", "warn"]
+__all__ = ["REFERENCE", "converted"]
 
 REFERENCE = ("reference_pulses", "reference_position", "reference_motor_position")
 _EXACT = 2.0**53
 _NEAR = 0.02  # of a pulse: a step that was meant to be one
-
-
-def warn(text: str) -> None:
-    """Warn at the user's line that called this package, through whichever reader."""
-    frame, level = sys._getframe(), 1
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "plant":
-        frame, level = frame.f_back, level + 1
-    warnings.warn(text, stacklevel=level)
 
 
 def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str, NDArray[np.float64]]:

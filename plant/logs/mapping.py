@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plant.logs.conversion import REFERENCE, converted, warn
+from plant.logs.conversion import REFERENCE, converted
 from plant.logs.logfile import require_columns
 from plant.logs.units import TIME, UNITS, Unit, require_period, require_units
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
 from plant.parts.arguments import choice, instance, real
+from plant.parts.user_warning import warn
 
 __all__ = ["mapped_names", "record_fields"]
 

@@ -8,6 +8,9 @@ from plant.parts.part import Part, number, part
 
 __all__ = ["CurrentLag", "lagging"]
 
+_LONGEST = 0.02
+"""Of a time constant [s]: a current loop of 8 Hz, which is none. Milliseconds given as seconds are above."""
+
 
 @part
 class CurrentLag(Part):
@@ -16,7 +19,7 @@ class CurrentLag(Part):
     Parameters
     ----------
     time : float
-        Time constant [s].
+        Time constant, at most 0.02 [s].
     """
 
     time: float = number(())
@@ -25,6 +28,8 @@ class CurrentLag(Part):
         super().__post_init__()
         if not self.time > 0:
             raise ValueError(f"current_lag must be positive; got {self.time:g} s. Leave it out for none.")
+        if self.time > _LONGEST:
+            raise ValueError(f"current_lag must be at most {_LONGEST:g} s; got {self.time:g}. Give it in seconds.")
 
 
 def lagging(commanded: ca.SX, driven: ca.SX, lag: CurrentLag, h: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -22,7 +22,7 @@ from plant.machine.friction_changes import FrictionDrift, LoadFriction
 from plant.machine.presliding import Presliding
 from plant.machine.torque_ripple import TorqueRipple
 from plant.mechanics.coupling import Coupling
-from plant.parts.arguments import instance
+from plant.parts.arguments import instance, real
 from plant.parts.labels import joint_label
 from plant.parts.part import ArrayOrSymbols, Part, Vector, number, part, structure
 
@@ -54,7 +54,7 @@ class Drive(Part):
     elasticity : Elasticity, optional
         Stiffness, damping and backlash of the gears (also `Elasticity.from_resonance`); none by default: rigid gears.
     current_lag : float or CurrentLag, optional
-        Time constant with which the motor currents follow the commanded ones [s]; none by default.
+        Time constant with which the motor currents follow the commanded ones [s]; none by default, and with 0.
     presliding : Presliding, optional
         How far friction gives before it slides, and its micro-damping; none by default.
     load_friction : (n,) array_like or LoadFriction, optional
@@ -104,7 +104,8 @@ class Drive(Part):
                 raise ValueError(f"{name} must {rule}; got {value} at {label}. Friction and gains are magnitudes.")
         self.coupling.require_joints(self.n, "drive")
         if self.current_lag is not None and not isinstance(self.current_lag, CurrentLag):
-            object.__setattr__(self, "current_lag", CurrentLag(time=self.current_lag))
+            lag = real("current_lag", self.current_lag, "Give seconds, or None.")
+            object.__setattr__(self, "current_lag", CurrentLag(time=lag) if lag else None)
         if isinstance(self.elasticity, Resonance):
             object.__setattr__(self, "elasticity", self.elasticity.of(self))
         if self.load_friction is not None and not isinstance(self.load_friction, LoadFriction):
@@ -122,6 +123,14 @@ class Drive(Part):
                 instance(name, given, kind, f"Give {kind.__name__}({first}=..., ...).")
                 if (count := len(getattr(given, first))) != self.n:
                     raise ValueError(f"{name} must have {self.n} joints; got {count}. Give one number per joint.")
+        play = None if self.elasticity is None else self.elasticity.backlash
+        if play is not None and (beyond := np.flatnonzero(play * np.abs(self.gear) > 2 * np.pi)).size:
+            joint = int(beyond[0])
+            label, turn = joint_label(joints, joint), 2 * np.pi / abs(self.gear[joint])
+            raise ValueError(
+                f"backlash must be within one turn of the motor, {turn:.3g} rad at {label}; got {play[joint]:g}. Give "
+                "it joint side, in rad."
+            )
 
     @property
     def n(self) -> int:

@@ -13,7 +13,10 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-__all__ = ["Spring", "spring"]
+__all__ = ["FOLLOWED", "Spring", "reduced", "spring"]
+
+FOLLOWED = 2
+"""(omega h)^2 of the free vibration up to which its frequency is right to 1 %; beyond, a step has it too slow."""
 
 
 class Spring(NamedTuple):
@@ -31,6 +34,11 @@ class Spring(NamedTuple):
     added: ca.SX
 
 
+def reduced(motor: Any, link: Any) -> Any:
+    """Inertia with which two, on either side of a spring, vibrate against each other [kg m^2]."""
+    return motor * link / (motor + link)
+
+
 def spring(elasticity: Any, deflection: ca.SX, rate: ca.SX, h: ca.SX, motor: ca.SX, link: ca.SX) -> Spring:
     """The spring of each gear in a step of length h.
 
@@ -44,10 +52,10 @@ def spring(elasticity: Any, deflection: ca.SX, rate: ca.SX, h: ca.SX, motor: ca.
     motor, link : casadi SX (n, 1)
         Inertias on both sides [kg m^2].
     """
-    stiffness, reduced = elasticity.stiffness, motor * link / (motor + link)
+    stiffness, swinging = elasticity.stiffness, reduced(motor, link)
     kick = h * h * stiffness
-    added = ca.fmax(kick / 12, kick / 3 - reduced / 2)
-    damping = elasticity.damping * (1 + ca.fmin(kick / reduced, 2) / 12)
+    added = ca.fmax(kick / 12, kick / 3 - swinging / 2)
+    damping = elasticity.damping * (1 + ca.fmin(kick / swinging, FOLLOWED) / 12)
     if elasticity.backlash is not None:
         half = elasticity.backlash / 2
         wound = deflection - ca.fmin(ca.fmax(deflection, -half), half)

@@ -13,6 +13,7 @@ from plant.machine.gear_torque import gear_torque, require_elastic, wound
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.motion.reference import Reference
+from plant.parts.arguments import instance
 from plant.parts.part import part, structure
 
 __all__ = ["LinkReference"]
@@ -33,9 +34,9 @@ class LinkReference(Reference):
 
     Parameters
     ----------
-    arm : Arm
-        As identified, ``found.arm``.
-    rig : Rig
+    arm : Arm or Identification
+        As identified; an identification gives its rig, too: ``LinkReference(found, reference=path)``.
+    rig : Rig, optional
         As identified, with ``drive.elasticity``.
     reference : Reference
         q_r, with ``higher`` derivatives: `Harmonics`, `PointToPoint`, `Spline`, or `Scaled` of them.
@@ -48,11 +49,18 @@ class LinkReference(Reference):
         takes more than the amplifiers give.
     """
 
-    arm: Any = structure(Arm, kw_only=False)
-    rig: Rig = structure(Rig, kw_only=False)
-    reference: Reference = structure(Reference, kw_only=False)
+    arm: Any = structure(kw_only=False)  # an identification goes in, too; its arm is kept
+    rig: Rig = structure(kw_only=False, default=None)
+    reference: Reference = structure(kw_only=False, default=None)
 
     def __post_init__(self) -> None:
+        found = self.arm
+        if not isinstance(found, Arm) and isinstance(getattr(found, "arm", None), Arm):
+            object.__setattr__(self, "arm", found.arm)
+            object.__setattr__(self, "rig", found.rig if self.rig is None else self.rig)
+        whole = "Pass arm, rig and reference=, or an identification and reference=."
+        for name, kind in (("arm", Arm), ("rig", Rig), ("reference", Reference)):
+            instance(f"{name} of LinkReference", getattr(self, name), kind, whole)
         self.rig.require_fit(self.arm.dynamics.chain)
         require_elastic("LinkReference", self.rig)
         if self.reference.links is not self.reference:

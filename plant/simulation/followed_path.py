@@ -16,9 +16,10 @@ from plant.laws.law import Law
 from plant.logs.record import Record
 from plant.machine.rig import Rig, smooth_rig
 from plant.motion.reference import Motion, Reference
+from plant.parts.user_warning import warn
 from plant.simulation.clock import Clock
 
-__all__ = ["Logged", "Path", "path_of", "start_of"]
+__all__ = ["Logged", "Path", "path_of", "start_of", "warn_of_motors"]
 
 
 _QUINTIC = 5
@@ -29,6 +30,16 @@ _MORE_KNOTS, _SAMPLES_PER_KNOT = 1.3, 8
 
 _FIRST = 10
 """Samples from which the initial speed is estimated."""
+
+
+def warn_of_motors(law: Law, reference: Reference) -> None:
+    """Warn of a law for the links on a motion that does not say where their motors have to be."""
+    if law.of_links and reference.links is reference:
+        name, given = type(law).__name__, type(reference).__name__
+        warn(
+            f"{name} moves the motors so that the links follow {given}; its counts are compared with {given} itself, "
+            "so the errors hold how far the gears wind. Follow LinkReference(arm, rig, reference)."
+        )
 
 
 class Path:

@@ -18,9 +18,11 @@ from plant.parts.arguments import array, choice, instance, known_options, real
 from plant.simulation.casadi_loop import by_casadi
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop, bounded
-from plant.simulation.followed_path import Path, path_of, start_of
+from plant.simulation.followed_path import Path, path_of, start_of, warn_of_motors
 from plant.simulation.loop_kernel import loop_kernel
+from plant.simulation.stiff_gears import warn_of_stiff_gears
 from plant.simulation.time_tables import time_tables
+from plant.simulation.unstable_lag import warn_of_unstable_lag
 
 __all__ = ["DivergenceError", "Trace", "replay", "run", "simulate"]
 
@@ -121,6 +123,9 @@ def run(
     path = Path(reference, rig)
     given = None if initial is None else array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
     start = path.start() if given is None else given
+    warn_of_motors(law, reference)
+    warn_of_stiff_gears(arm, rig, start[0], steps_per_sample)
+    warn_of_unstable_lag(arm, rig, law, start[0])
     log, true_error = _evaluated(loop, arm, time_tables(loop, path, clock), clock, start, backend)
     error, torque, q, qd = np.hsplit(log[:, : 4 * rig.n], 4)
     record = Record(

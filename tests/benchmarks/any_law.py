@@ -1,4 +1,4 @@
-"""f from the tracking error alone, under any law whose log was cut at a random instant, beside the torque that was logged.
+"""f from the tracking error alone, under any law, its log cut at a random instant; beside that with the logged torque.
 
     python tests/benchmarks/any_law.py [--seeds 10] [--laws PID ...]  # 10 seeds: some hours on one core
 

@@ -3,7 +3,7 @@
     python tests/benchmarks/tuning.py [--quick]
 
 Literature arm with 1.5 kg, f drawn with 0.3 %, damping ratio 1 to 3 %, friction to 2 % (last row: 10 %), path (6).
-`--quick` takes 15-40 and 150-300 Hz.
+Each row takes 1 to 3 min on two free cores. `--quick` takes 15-40 and 150-300 Hz.
 """
 
 import sys

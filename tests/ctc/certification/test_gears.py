@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from ctc import ComputedTorque, certify, clopper_pearson, evaluate, margins
+from ctc import ComputedTorque, certify, clopper_pearson, evaluate, margins, sweep_resonance
 from ctc.certification.cells import cells
 from ctc.certification.gears import Gears
 from ctc.stability.error_loop import open_loops
@@ -82,6 +82,18 @@ def test_the_bound_is_that_of_the_worst_part_of_the_range():
     np.testing.assert_allclose(axis.lines[-1].get_ydata(), 100 * max(cell.upper(0.95) for cell in found.cells[-3:]))
 
 
+def test_no_bound_is_not_called_one():
+    left = certify(ARM, RIG, LAW, PATH, **SHORT, resonance=(60, 62))
+    assert left.upper == 1
+    cell = left.worst_cell
+    assert cell.failures == cell.count > 0
+    assert f"at some sample; at the worst resonance ({cell}) {cell.count} of {cell.count} do." in left.verdict
+    assert "at most" not in left.verdict
+    few = certify(ARM, RIG, LAW, PATH, **SHORT | {"samples": 2}, resonance=(300, 400))
+    assert few.verdict.startswith("None of 2 possible plants leaves ±1 pulse; at the worst resonance (")
+    assert few.verdict.endswith("none was drawn, so nothing is said of it.")
+
+
 def test_cells_are_narrow_and_hold_what_is_in_them():
     ranges = Gears(resonance=(50, 100), damping_ratio=(0.01, 0.04))
     values = np.array([[50.0, 0.01], [99.9, 0.039], [100.0, 0.04], [70.0, 0.02]])
@@ -91,6 +103,7 @@ def test_cells_are_narrow_and_hold_what_is_in_them():
     assert found[-1].hz[1] == pytest.approx(100)
     assert [(c.count, c.failures) for c in (found[0], found[-1])] == [(1, 1), (2, 1)]
     assert sum(c.count for c in found) == 4
+    assert "np." not in repr(found)
     assert found[1].upper(0.95) == 1.0  # without plants nothing is known
 
 
@@ -173,6 +186,12 @@ def test_margins_of_elastic_gears_are_those_of_the_stiff_limit():
     ({"resonance": [(1, 2), (1, 2), (1, 2)]}, "resonance must be one pair, or 2; got 3"),
     ({"resonance": (60, 90), "damping_ratio": (0.03, 0.01)}, "damping_ratio must be from 0 upwards"),
     ({"backlash": 1e-4}, "backlash needs gears that give; got a rigid rig"),
+    ({"resonance": (60, 90), "backlash": 7.0}, "backlash must be within one turn"),
+    ({"resonance": (60, 90), "backlash": (0, 0.1)}, "backlash must be within one turn of the motor, 0.0583 rad"),
+    ({"friction_drift": (-1.5, 0.0)}, "amount must be above -1"),
+    ({"lag": 0.3}, "current_lag must be at most 0.02 s; got 0.3"),
+    ({"damping_ratio": 2}, "damping_ratio must be at most 1, critical damping; got 2"),
+    ({"resonance": (60, 90), "damping_ratio": (0.01, 2)}, "damping_ratio must be at most 1, critical damping; got 2"),
     ({"lag": -1e-4}, "lag must be from 0 upwards"),
     ({"friction_drift": (0.2, -0.2)}, "friction_drift must be two numbers, the lower end first"),
     ({"jitter": 0.7}, "share must be from 0 to 0.5 of the period; got 0.7"),
@@ -187,3 +206,16 @@ def test_wrong_calls_are_refused_in_one_line(options, message):
 def test_elastic_gears_are_no_rigid_ones():
     with pytest.raises(ValueError, match="must have rigid gears"):
         lowest_resonance(ARM, on_gears(60, 0.02), LAW, PATH)
+
+
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: lowest_resonance(ARM, RIG, LAW, PATH, damping_ratio=2), "damping_ratio must be at most 1"),
+    (lambda: margins(ARM, RIG, LAW, damping_ratio=2), "damping_ratio must be at most 1, critical damping"),
+    (lambda: sweep_resonance(ARM, RIG, {"a": LAW}, PATH, damping_ratio=2), "damping_ratio must be at most 1"),
+    (lambda: sweep_resonance(ARM, RIG, {"a": LAW}, PATH, hz=[50, 5000]),
+     "hz must be below 2183 Hz, which sub-steps of 0.0437 ms can follow; got 5000"),
+])  # fmt: skip
+def test_gears_that_no_loop_can_have_are_refused_in_one_line(call, message):
+    with pytest.raises(ValueError, match=message) as refusal:
+        call()
+    assert "\n" not in str(refusal.value)

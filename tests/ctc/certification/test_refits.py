@@ -5,6 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from ctc import ComputedTorque, certify, lowest_resonance, sweep_resonance
+from ctc.certification import refits as fits_on_gears
 from ctc.certification.gears import Gears
 from ctc.certification.refits import refits
 from ctc.certification.uncertainty import Uncertainty
@@ -53,5 +55,103 @@ def test_plants_have_the_f_of_their_resonance_and_laws_that_of_the_middle(found,
     assert moved[most] / (ends[1] - ends[0])[most] == pytest.approx(0.8, abs=0.25)
 
 
+def test_what_follows_from_the_resonance_is_no_sensitivity_to_f(found, again):
+    stated = {"resonance": (0.9 * HZ, 1.1 * HZ), "damping_ratio": RATIO, "samples": 400, "duration": 0.3}
+    certificate = certify(found, RIG, ComputedTorque(found, bandwidth=90), PATH, **stated, friction=0.0)
+    plants, shares = certificate.plants, {each.name: each.share for each in certificate.sensitivities}
+    hz = plants.values[:, plants.names.index("resonance")]
+    own = [plants.names.index(name) for name in ARM.dynamics.names]
+
+    def followed(values):
+        return max(abs(np.corrcoef(hz, values[:, i])[0, 1]) for i in own)
+
+    assert followed(plants.values) > 0.8
+    assert followed(plants.values - plants.expected) < 0.2  # four standard deviations of chance
+    assert shares["resonance"] > 0.5
+    assert max(shares[name] for name in ARM.dynamics.names) < 0.1
+    np.testing.assert_array_equal(plants.first(7).expected, plants.expected[:7])
+
+
+def test_loops_on_gears_take_an_identification_for_its_arm(found):
+    law, options = ComputedTorque(found, bandwidth=60), {"duration": 0.1, "damping_ratio": RATIO}
+    assert lowest_resonance(found, RIG, law, PATH, **options) == lowest_resonance(found.arm, RIG, law, PATH, **options)
+    one, other = (sweep_resonance(arm, RIG, {"a": law}, PATH, hz=[40, 80], **options) for arm in (found, found.arm))
+    assert one == other
+
+
 def test_where_no_resonance_can_be_fitted_there_are_none(found):
     assert refits(found, ((0.3, 0.3),), (RATIO, RATIO), START) is None
+
+
+def results(certificate):
+    """Bits of all that was drawn and simulated."""
+    plants, runs = certificate.plants, certificate.runs
+    return [each.tobytes() for each in (plants.f, plants.values, plants.derived, runs.peak, runs.unrounded)]
+
+
+def test_fits_are_made_once_for_a_range_and_change_no_bit(found, monkeypatch, capsys):
+    made, fit = [], fits_on_gears._on_gears
+    monkeypatch.setattr(fits_on_gears, "_on_gears", lambda *given: made.append(given) or fit(*given))
+    stated = {"resonance": (HZ, HZ), "damping_ratio": RATIO, "samples": 24, "duration": 0.1}
+    slow, fast = (ComputedTorque(found, bandwidth=bandwidth) for bandwidth in (40, 60))
+
+    certify(found, RIG, slow, PATH, **stated)
+    assert len(made) == 2
+    assert "fits on gears" in capsys.readouterr().err
+    kept = certify(found, RIG, fast, PATH, **stated)
+    assert len(made) == 2
+    assert capsys.readouterr().err == ""
+
+    monkeypatch.setattr(fits_on_gears, "_KEPT", {})
+    assert results(certify(found, RIG, fast, PATH, **stated, progress=False)) == results(kept)
+    assert len(made) == 4
+    assert capsys.readouterr().err == ""
+
+
+def test_other_fits_are_made_where_anything_that_they_depend_on_differs(found, monkeypatch):
+    made = []
+    monkeypatch.setattr(fits_on_gears, "_KEPT", {})
+    monkeypatch.setattr(fits_on_gears, "_on_gears", lambda *given: made.append(given))
+    usual, pair = (found, ((50.0, 50.0),), (0.02, 0.02), START), (50.0, 50.0)
+    other = dataclasses.replace(found, arm=found.arm.dynamics.arm(1.01 * found.f))
+    searched = dataclasses.replace(found.search, ranges=np.outer(found.f, (0.9, 1.1)))
+    for given in (
+        usual,
+        (found, ((50.0, 51.0),), *usual[2:]),
+        (found, (pair, pair), *usual[2:]),
+        (*usual[:2], (0.02, 0.03), START),
+        (*usual[:3], START + 0.1),
+        (other, *usual[1:]),
+        (dataclasses.replace(found, search=searched), *usual[1:]),
+    ):
+        before = len(made)
+        refits(*given)
+        assert len(made) > before, given[1:]
+        before = len(made)
+        assert refits(*given) is None  # kept as well
+        assert len(made) == before
+
+
+def test_so_many_ranges_are_kept_and_no_more(found, monkeypatch):
+    monkeypatch.setattr(fits_on_gears, "_KEPT", {})
+    monkeypatch.setattr(fits_on_gears, "_on_gears", lambda *given: None)
+    for hz in range(20, 40):
+        refits(found, ((hz, hz),), (0.02, 0.02), START)
+    (kept,) = fits_on_gears._KEPT.values()
+    assert len(kept) == fits_on_gears._REMEMBERED
+
+
+@pytest.mark.parametrize(
+    ("stated", "message"),
+    [
+        ({"resonance": (50, 70), "backlash": 0.1}, "backlash must be within one turn of the motor"),
+        ({"resonance": (50, 70), "jitter": 5}, "share must be from 0 to 0.5"),
+        ({"resonance": [(50, 70)] * 3}, "resonance must be one pair, or 2; got 3"),
+    ],
+)
+def test_what_no_rig_has_is_refused_before_anything_is_fitted(found, monkeypatch, stated, message):
+    fitted = []
+    monkeypatch.setattr(fits_on_gears, "_on_gears", lambda *given: fitted.append(given))
+    with pytest.raises(ValueError, match=message):
+        certify(found, RIG, ComputedTorque(found, bandwidth=60), PATH, samples=10, duration=0.1, **stated)
+    assert fitted == []

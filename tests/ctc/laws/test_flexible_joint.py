@@ -213,7 +213,9 @@ def test_the_law_is_given_the_links_and_the_log_the_motors():
     torque = [running.step(*row) for row in zip(record.counts, *PATH(record.t), strict=True)]
     np.testing.assert_allclose(torque, record.torque, rtol=0, atol=1e-9 * np.abs(record.torque).max())
     # On the links' own motion it gives the same torque; what the log calls an error is then the deflection.
-    plain = simulate(ARM, rig, law, PATH, duration=0.1)
+    with pytest.warns(UserWarning, match=r"so the errors hold how far the gears wind. Follow LinkReference") as warned:
+        plain = simulate(ARM, rig, law, PATH, duration=0.1)
+    assert warned[0].filename == __file__
     assert np.abs(plain.error_pulses).max() > 5
 
 

@@ -75,6 +75,6 @@ def test_unknown_gains_are_found_beside_f():
 
 def test_a_law_that_multiplies_what_rounding_hides_is_refused():
     record = dataclasses.replace(log("computed torque"), reference=None)
-    with pytest.raises(ValueError, match="whole counts of the reference leave .* of it open") as caught:
+    with pytest.raises(ValueError, match=r"whole counts of the reference leave .* of it open") as caught:
         identify(ARM.dynamics, record, progress=False)
     assert "\n" not in str(caught.value)

@@ -36,7 +36,7 @@ def test_a_law_along_its_log_gives_the_torque_that_was_logged(name):
     np.testing.assert_allclose(whole.given, record.torque, rtol=0, atol=1e-11)
     rest = record.cut(300 * T - 1e-9)
     again = run_law(along(rest, whole.states[299])).given
-    # The first step does not know the torque before it, which anti-windup and observers take for a cut of the amplifier.
+    # The first step does not know the torque before it: anti-windup and observers take it for a cut of the amplifier.
     law = LAWS[name]
     if name == "feed-forward + PD":
         np.testing.assert_allclose(again, rest.torque, rtol=0, atol=1e-9)

@@ -1,6 +1,7 @@
 """Motors' motion for the sake of links: by hand for a pendulum, by differences, in the limit of stiff gears."""
 
 import dataclasses
+import types
 
 import numpy as np
 import pytest
@@ -136,6 +137,13 @@ def test_a_simulation_starts_with_motors_there_and_links_off_by_what_the_start_t
     assert record.true_q[0, 0] - path([0.0]).q[0, 0] == pytest.approx(ahead / (1 - slope), rel=1e-3)
 
 
+def test_it_takes_an_identification_for_arm_and_rig():
+    found = types.SimpleNamespace(arm=ARM, rig=on_gears())
+    assert LinkReference(found, reference=PATH) == LinkReference(ARM, on_gears(), PATH)
+    other = on_gears(stiffness=(2e4, 8e3))
+    assert LinkReference(found, other, PATH) == LinkReference(ARM, other, PATH)
+
+
 def test_it_survives_its_description_and_its_record(tmp_path):
     motors = LinkReference(ARM, on_gears(), PATH)
     assert restore(motors.describe()) == motors
@@ -169,6 +177,10 @@ SEEN = dataclasses.replace(on_gears(), encoder=dataclasses.replace(RIG.encoder, 
         (lambda: LinkReference(ARM, RIG, PATH), "rig of LinkReference must have elastic gears; got rigid ones"),
         (lambda: LinkReference(ARM, PLAY, PATH), "LinkReference must be without backlash; got 0.0001 rad"),
         (lambda: LinkReference(ARM, SEEN, PATH), "LinkReference must be on the motors; got the link's side"),
+        (
+            lambda: LinkReference(types.SimpleNamespace(arm=ARM, rig=on_gears()), PATH),
+            "rig of LinkReference must be of type Rig; got a value of type Harmonics. Pass arm, rig and reference=",
+        ),
         (lambda: LinkReference(RIG, ARM, PATH), "arm of LinkReference must be of type Arm"),
         (lambda: LinkReference(ARM, on_gears(), "(6)"), "reference of LinkReference must be of type Reference"),
         (

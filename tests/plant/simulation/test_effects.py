@@ -161,6 +161,7 @@ def test_the_kernel_and_casadi_agree(names, elasticity):
     assert np.abs(one.true_q - plain.true_q).max() > 1e-6
 
 
+@pytest.mark.filterwarnings("ignore:the gear of.*as good as rigid:UserWarning")
 def test_a_stiff_gear_ends_in_the_rigid_loop_with_all_of_them():
     stiff = Elasticity.from_resonance(ARM, 1e5, 0.02, drive=RIG.drive)
     law = ComputedTorque(ARM, RIG, bandwidth=150)

@@ -129,6 +129,7 @@ def test_poles_are_those_of_the_generalised_eigenvalue_problem_in_two_joints():
     np.testing.assert_allclose(swings, expected, rtol=2e-3)  # the weight's own stiffness is in the step, not in K
 
 
+@pytest.mark.filterwarnings("ignore:the gear of.*as good as rigid:UserWarning")
 @pytest.mark.parametrize("hz", [1e5, 1e8])
 def test_a_stiff_gear_ends_in_the_rigid_loop(hz):
     arm, rig, path = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
@@ -233,10 +234,16 @@ def test_with_encoders_on_both_sides_the_law_reads_the_motor_s_and_the_record_ho
         (lambda: Elasticity(stiffness=(5.0,), damping=(-1.0,)), "damping must not be negative"),
         (lambda: Elasticity(stiffness=(5.0,), damping=(1.0,), backlash=(7.0,)), "backlash must be within one turn"),
         (lambda: Elasticity(stiffness=(5.0,), damping=(1.0,), backlash=(-1e-3,)), "backlash must not be negative"),
+        (
+            lambda: with_gears(puma560.rig(), Elasticity(stiffness=(1e5, 1e5), damping=(1, 1), backlash=(0.0, 0.12))),
+            r"backlash must be within one turn of the motor, 0.117 rad at joint q\[1\]; got 0.12",
+        ),
         (lambda: Elasticity.from_resonance(puma560.arm(), 0.0, 0.02), "hz must be positive"),
         (lambda: Elasticity.from_resonance(puma560.arm(), 60, -0.02), "damping_ratio must not be negative"),
         (lambda: with_gears(puma560.rig(), Elasticity(stiffness=(1e5,), damping=(1.0,))), "must have 2 joints; got 1"),
-        (lambda: with_gears(puma560.rig(), None, current_lag=0.0), "current_lag must be positive"),
+        (lambda: with_gears(puma560.rig(), None, current_lag=-1e-4), "current_lag must be positive"),
+        (lambda: with_gears(puma560.rig(), None, current_lag=0.3), "current_lag must be at most 0.02 s; got 0.3"),
+        (lambda: with_gears(puma560.rig(), None, current_lag=(1e-4, 1e-4)), "current_lag must be a finite number"),
         (
             lambda: dataclasses.replace(puma560.rig(), encoder=Encoder(resolution=(800, 1000), side="link")),
             "link's side needs a drive that gives; got a rigid one",
@@ -251,8 +258,34 @@ def test_bad_input_is_refused_in_one_line(make, message):
 
 
 def test_damping_above_critical_is_warned_of():
-    with pytest.warns(UserWarning, match=r"damping_ratio 1.2 is above critical"):
+    with pytest.warns(UserWarning, match=r"damping_ratio 1.2 is above critical") as warned:
         Elasticity.from_resonance(puma560.arm(), 60, 1.2)
+    assert warned[0].filename == __file__
+
+
+def test_no_lag_is_no_lag():
+    """Zero is none: the same rig, and so the same kernel."""
+    assert with_gears(puma560.rig(), None, current_lag=0) == puma560.rig()
+
+
+@pytest.mark.parametrize("share", [1.01, 0.99])
+def test_gears_that_steps_do_not_follow_are_warned_of(share):
+    """From where the frequency of the step is wrong by 1 %: sqrt(2) in omega h, as `swinging` measures."""
+    reduced, h = 1 / (1 / MOTOR + 1 / LINK), 0.7e-3 / 8
+    arm, rig = one_joint(share * reduced * 2 / h**2)
+    hz = np.sqrt(share * 2) / h / (2 * np.pi)
+    assert oscillation(swinging(arm, rig, 0.99 * h))[0] == pytest.approx(hz, rel=0.0101)
+    assert oscillation(swinging(arm, rig, 1.1 * h))[0] != pytest.approx(hz, rel=0.02)
+
+    still = PointToPoint(start=(0.2,), goal=(0.2,), duration=0.01)
+    if share < 1:
+        simulate(arm, rig, P(gain=(0.5,)), still, steps_per_sample=8)  # a warning would be an error
+        return
+    said = r"vibrates at 2585 Hz, motor.* of 0.0875 ms follow 2572 Hz to 1 %. Take steps_per_sample=9, or leave"
+    with pytest.warns(UserWarning, match=said) as warned:
+        simulate(arm, rig, P(gain=(0.5,)), still, steps_per_sample=8)
+    assert warned[0].filename == __file__
+    simulate(arm, rig, P(gain=(0.5,)), still, steps_per_sample=9)
 
 
 def test_a_law_with_one_number_of_state_on_one_joint():

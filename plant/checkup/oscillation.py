@@ -1,0 +1,86 @@
+"""Oscillation of the loop itself: errors that swing at a frequency which the reference does not contain, and go on.
+
+A stable loop rings after each reversal of friction, and stays below its tracking error. One that is unstable, by a lag
+of its currents or by gears that give, swings ever wider, or until friction or the amplifier limit it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from plant.checkup.finding import Finding
+from plant.checkup.signals import Signals
+
+__all__ = ["oscillation_findings", "own_oscillation"]
+
+_CONTAINED, _BEYOND, _SLOWEST = 0.999, 5.0, 3.0
+"""Share of the reference's power below the highest of its frequencies; and how many times that, and [Hz], is above."""
+
+_PARTS = 6
+"""Of the log, in whose median the error swings."""
+
+_SWINGS, _LEAST = 0.8, 2.0
+"""How much wider, RMS, than the slow part of the error: stable P loops come to 0.55; and in counts."""
+
+_PEAK, _AVERAGED = 20.0, 9
+"""Power there in that of the median of fast frequencies, averaged over so many neighbours; noise comes to 3."""
+
+_GROWN = 1.5
+"""Ratio of the last third to the first from which on it grows."""
+
+_NAME, _UNIT = "oscillation", "Hz"
+
+
+def oscillation_findings(signals: Signals) -> Iterator[Finding]:
+    """Yield the findings about oscillations of the loop, joint by joint."""
+    if signals.reference is None or not signals.long_enough or not signals.tracks.all():
+        why = "no reference" if signals.reference is None else "too short, or counts that do not track"
+        yield Finding.unknown(_NAME, None, why)
+        return
+    grid = np.arange(signals.t[0], signals.t[-1], signals.interval)
+    error = signals.reference - signals.counts
+    for i in range(signals.n):
+        yield _oscillation(signals, i, *(np.interp(grid, signals.t, x[:, i]) for x in (error, signals.reference)))
+
+
+def own_oscillation(record: Any) -> float | None:
+    """Frequency [Hz] at which the loop of a `Record` swings by itself, of its first joint that does; or None."""
+    return next((each.value for each in oscillation_findings(Signals(record)) if not each.ok), None)
+
+
+def _oscillation(signals, i, error, reference):
+    frequency, window = np.fft.rfftfreq(len(error), signals.interval), np.hanning(len(error))
+    contained = np.cumsum(_power(window * (reference - reference.mean())))
+    highest = frequency[np.searchsorted(contained, _CONTAINED * contained[-1])]
+    fast = frequency > max(_BEYOND * highest, _SLOWEST)
+    if fast.sum() < 10 * _AVERAGED:
+        return Finding.unknown(_NAME, i, "the reference is as fast as the samples show")
+    power = _power(window * (error - error.mean()))
+    averaged = np.convolve(power, np.ones(_AVERAGED) / _AVERAGED, mode="same")
+    own = frequency[np.argmax(power * fast)]
+
+    spectrum = np.fft.rfft(error - error.mean())
+    swinging, slow = (np.fft.irfft(spectrum * kept, len(error)) for kept in (fast, ~fast))
+    parts = np.array([_rms(part) for part in np.array_split(swinging, _PARTS)])
+    size, tracking = np.median(parts), _rms(slow)
+    clear = averaged[fast].max() > _PEAK * np.median(averaged[fast])
+    if not (clear and size > _LEAST * signals.least_count[i] and size > _SWINGS * tracking):
+        return Finding(check=_NAME, joint=i, value=float(size), unit="pulses", verdict="fine")
+    third = _PARTS // 3
+    does = "grows" if parts[-third:].mean() > _GROWN * parts[:third].mean() else "goes on"
+    return Finding(
+        check=_NAME, joint=i, value=float(own), unit=_UNIT, verdict="look",
+        advice=f"The loop swings by itself, {size:.3g} pulses rms beside {tracking:.3g} of tracking, and {does}: it is "
+        "unstable, or nearly, as by lag of the currents or elastic gears (or driven by ripple). Lower its gains.",
+    )  # fmt: skip
+
+
+def _power(values):
+    return np.abs(np.fft.rfft(values)) ** 2
+
+
+def _rms(values):
+    return float(np.sqrt(np.mean(values**2)))

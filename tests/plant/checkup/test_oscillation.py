@@ -1,0 +1,97 @@
+"""A loop that swings by itself is named with its frequency; one that rings and settles is not."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from ctc import ComputedTorque, FeedForward
+from plant import PD, Elasticity, Harmonics, P, TorqueRipple, linearise, puma560, simulate
+from plant.analysis.linearise import modes
+from plant.analysis.sampled_loops import SampledLoops
+
+ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
+START = PATH([0.0]).q[0]
+
+
+def rig(hz=None, **changes):
+    gears = None if hz is None else Elasticity.from_resonance(ARM, hz, 0.02, drive=RIG.drive, q=START)
+    return dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears, **changes))
+
+
+def found(record):
+    return [finding for finding in record.check().findings if finding.check == "oscillation"]
+
+
+pytestmark = pytest.mark.filterwarnings("ignore:with a current_lag:UserWarning")
+
+
+@pytest.mark.parametrize("lag", [7e-5, 1e-4])
+def test_a_loop_that_its_lag_makes_unstable_swings_near_a_mode(lag):
+    """Its frequency falls with the amplitude, by friction: within a third of a mode of the linearised loop."""
+    late = rig(current_lag=lag)
+    own = modes(linearise(ARM, late, puma560.p_law(), START))
+    assert (own[:, 1] < 0).all()
+    for finding in found(simulate(ARM, late, puma560.p_law(), PATH, steps_per_sample=16)):
+        assert finding.verdict == "look"
+        assert finding.unit == "Hz"
+        assert np.abs(finding.value / own[:, 0] - 1).min() < 0.33
+        assert "swings by itself" in finding.advice
+
+
+def test_what_grows_is_told_from_what_goes_on():
+    """Of 0.1 ms the swing takes a second to grow to its size; of 0.3 ms it is there from the start."""
+    for lag, does in ((1e-4, "grows"), (3e-4, "goes on")):
+        record = simulate(ARM, rig(current_lag=lag), puma560.p_law(), PATH, steps_per_sample=16)
+        assert all(f"of tracking, and {does}: " in finding.advice for finding in found(record))
+
+
+def test_a_loop_that_its_gears_make_unstable_swings_at_its_pole():
+    gears, law = rig(40), ComputedTorque(ARM, RIG, bandwidth=60)
+    hz = abs(SampledLoops(ARM, gears, law, START).unstable_pole().imag) / (2 * np.pi)
+    for finding in found(simulate(ARM, gears, law, PATH, steps_per_sample=16)):
+        assert finding.verdict == "look"
+        assert finding.value == pytest.approx(hz, rel=0.1)
+
+
+def log(seed):
+    """Of a stable P loop with other friction, gains and motion."""
+    random, order = np.random.default_rng(seed), np.arange(1, 4)
+    cosine, sine = (0.3 * random.normal(size=(2, 3)) / order**1.5 for _ in range(2))
+    path = Harmonics(period=4.0, offset=random.uniform(-1, 1, 2), cosine=cosine, sine=sine)
+    viscous, coulomb = random.uniform(0.3, 1.5) * RIG.drive.viscous, random.uniform(0.1, 1.5) * RIG.drive.coulomb
+    return simulate(
+        ARM, rig(viscous=viscous, coulomb=coulomb), P(gain=random.uniform(0.3, 2) * np.array((0.2, 0.15))), path
+    )
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_loop_that_is_stable_is_accused(seed):
+    record = log(seed)
+    noise = np.round(np.random.default_rng(seed).normal(scale=10, size=record.error_pulses.shape))
+    noisy = dataclasses.replace(record, error_pulses=record.error_pulses + noise, torque=None, current=None)
+    for each in (record, noisy):
+        assert [finding.verdict for finding in found(each)] == ["fine", "fine"]
+
+
+PD_LAW = PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0, period=RIG.period)
+RIPPLE = TorqueRipple(amplitude=(0.05, 0.05), cycles=(6.0, 6.0), phase=(0.0, 0.0))
+
+
+@pytest.mark.parametrize(("gears", "law"), [
+    (rig(), ComputedTorque(ARM, RIG)),
+    (rig(), FeedForward(ARM, RIG, feedback=PD_LAW)),
+    (rig(25), puma560.p_law()),
+    (rig(100), puma560.p_law()),
+    (rig(60), ComputedTorque(ARM, RIG, bandwidth=60)),
+    (rig(ripple=RIPPLE), PD_LAW),
+], ids=["computed torque", "feed-forward", "soft gears", "gears", "computed torque on gears", "ripple"])  # fmt: skip
+def test_other_stable_loops_are_not_accused_either(gears, law):
+    record = simulate(ARM, gears, law, PATH, steps_per_sample=16)
+    assert [finding.verdict for finding in found(record)] == ["fine", "fine"]
+
+
+def test_what_cannot_be_told():
+    record = log(0)
+    (finding,) = found(dataclasses.replace(record, reference_pulses=None, error_pulses=-record.counts, law=None))
+    assert finding.verdict == "cannot tell: no reference"
