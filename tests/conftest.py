@@ -5,7 +5,6 @@ one thread for linear algebra: two that wait for each other on a shared core tak
 """
 
 import os
-from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is loaded
 
@@ -19,4 +18,4 @@ LONGEST = (
 
 def pytest_collection_modifyitems(items):
     place = {name: i for i, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: place.get(Path(item.path).stem, len(place)))
+    items.sort(key=lambda item: place.get(item.path.stem, len(place)))
