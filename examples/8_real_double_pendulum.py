@@ -163,7 +163,10 @@ def main():
         print(f"drawn in {draw(found, kept[0], f'design {design}')}\n")
         again = fit(found.arm.dynamics, kept)  # the same arm from other runs: as good a stand-in for it as there is
         print("the law from the runs learned from, on the arm that the runs kept aside show:")
-        print(controlled(found, again), "\n")
+        report = controlled(found, again)
+        print(report, "\n")
+        assert report.within(2)
+        assert report.fraction_within(1) > 0.995
     return 0
 
 

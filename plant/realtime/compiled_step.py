@@ -1,12 +1,13 @@
-"""The compiled core of a running controller: law, rig, guards and safe stop in one generated function.
+"""The compiled core of a running controller: guards and safe stop, which all share, and what they need of law and rig.
 
 What `plant.realtime.safety` needs of law and rig is written here in casadi, each piece as a function from places of
 the one vector `memory` to other places of it. All numbers are in that vector, so that laws and rigs of one structure
-share a kernel.
+share a kernel. `safety` itself is compiled once, in a kernel of its own: it takes four times as long as the pieces.
 """
 
 from __future__ import annotations
 
+import functools
 import inspect
 import re
 from collections.abc import Callable
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.compiler.instructions import STATE, UNIFORM
-from plant.compiler.intrinsics import head, intrinsic
+from plant.compiler.intrinsics import MODULES, called, head, joined, switch
 from plant.compiler.kernel_cache import Kernel
 from plant.compiler.translate import Names, translate
 from plant.machine.rig import Rig
@@ -165,23 +166,55 @@ def _monitored(rig, at):
             "MEAN": mean, "SWING": distance, "AGE": age, "OVER": over}  # fmt: skip
 
 
-def _source(pieces):
-    """Text of `plant.realtime.safety` with these pieces in place."""
+_PIECES = ("ahead", "moving", "measured", "counted", "standing", "slowing", "law", "monitored", "shifted", "ramp")
+"""What `plant.realtime.safety` calls of a law and a rig, in the order in which it numbers them."""
+
+
+@functools.cache
+def _common():
+    """`plant.realtime.safety` compiled, for every law and rig: what is theirs it calls at the address in its memory."""
     text = inspect.getsource(safety)
     functions = re.findall(r"^def (\w+)", text, re.MULTILINE)
     text = re.sub(rf"\b({'|'.join(functions)})(?=\()", r"\1_{h}", text)
     inlined = 'numba.njit(inline="always", error_model="numpy")'  # in half the time that calls take to compile
     made = [f"{name}_{{h}} = {'compiled' if name == 'step' else inlined}({name}_{{h}})" for name in functions]
-    own = [_piece(name, *piece) for name, piece in pieces.items()]
-    return "\n".join([head(), text, *made, *own, *(f"{name} = {name}_{{h}}" for name in pieces)]) + "\n"
+    calls = [called(name, safety.PIECES, which) for which, name in enumerate(_PIECES)]
+    known = [f"{name} = {name}_{{h}}" for name in _PIECES]  # in the place of those that safety names
+    text = joined(text, "from llvmlite import ir\n" + MODULES)
+    return Kernel("\n".join([text, *made, *calls, *known]) + "\n", ["step"])
 
 
-def _piece(name, function, sources, targets):
+def _compiled_common():
+    """The same, compiled by a call that is refused before it calls anything."""
+    kernel, one = _common(), [np.full(1, np.nan) for _ in range(4)]
+    kernel.call("step", *one, np.nan, np.zeros(safety.SCALARS + safety.ROWS), np.zeros(1))
+    return kernel
+
+
+def _source(pieces):
+    """Text of a step: `_common` with the address of these pieces."""
+    common = _compiled_common().hash
+    own = {name: _lines(*pieces[name]) for name in _PIECES}
+    return head() + switch("pieces", own) + _STEP.format(common=common, place=safety.PIECES)
+
+
+def _lines(function, sources, targets):
     inputs = [[(f"memory[{place}]", STATE) for place in places] for places in sources]
     program = translate(function, inputs, Names(), None)
-    lines = ["memory = e.view(kinds[0], memory, 1, e.index(0, 0))"]
-    lines += map(str, program.lines[UNIFORM] + program.lines[STATE])
+    lines = [*map(str, program.lines[UNIFORM] + program.lines[STATE])]
     places = [place for each in targets for place in each]
     lines += [f"results = [{', '.join(program.results)}]"]  # all are read before one is written
-    lines += [f"memory[{place}] = results[{i}]" for i, place in enumerate(places)]
-    return intrinsic(name, ["memory"], lines)
+    return [*lines, *(f"memory[{place}] = results[{i}]" for i, place in enumerate(places))]
+
+
+_STEP = """
+from kernel_{common} import step_{common} as common
+
+
+@compiled
+def step_{{h}}(pulses, q_r, qd_r, qdd_r, now, memory, torque):
+    memory[{place}] = pieces_{{h}}()
+    refusal = common(pulses, q_r, qd_r, qdd_r, now, memory, torque)
+    memory[{place}] = 0.0
+    return refusal
+"""

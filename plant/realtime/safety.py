@@ -1,10 +1,10 @@
 """One sample of a running controller: checks of the inputs, guards, the law, and the safe stop.
 
-The text of this module is part of every generated controller (`plant.realtime.compiled_step`), so it is Python that
+The text of this module is compiled once for all controllers (`plant.realtime.compiled_step`), so it is Python that
 numba can compile: arrays and numbers, no objects, nothing allocated. The law, the amplifier's limit and all that
-crosses to pulses are generated from casadi in place of `ahead` ... `ramp` below; each reads `memory` and writes its
-results there. `memory` is one vector: `SCALARS` numbers, `ROWS` rows of one number per joint, then the law's initial
-state, its state, the state that follows, and its numbers.
+crosses to pulses are generated from casadi in place of `ahead` ... `ramp` below, and called at the address in `PIECES`;
+each reads `memory` and writes its results there. `memory` is one vector: `SCALARS` numbers, `ROWS` rows of one number
+per joint, then the law's initial state, its state, the state that follows, and its numbers.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ FAR = 1e5
 GUARDED, PATIENCE, LATE, PERIOD, STOP, DURATION, STATES = range(7)
 CALLS, NOW, DT, LATE_CALLS, JUMPS, GAPS, CAUSE, SINCE, RELEASED = range(7, 16)
 EVENT, EVENT_JOINT, EVENT_AMOUNT, EVENT_CALL, BRIDGED, WEIGHT = range(16, 22)
-SAMPLED, PASSED, AGE, FILLED, FULL, LEAST, ROUNDS, SCALARS = range(22, 30)
+SAMPLED, PASSED, AGE, FILLED, FULL, LEAST, ROUNDS, PIECES, SCALARS = range(22, 31)
 
 COUNTS, BEFORE, EXPECTED, SPEED, ANGLE, Q, QD, QDD, REFERENCE = range(9)
 WANTED, GIVEN, TORQUE, FROM_Q, FROM_QD, FROM_TORQUE, MARK, MARK_TORQUE = range(9, 17)

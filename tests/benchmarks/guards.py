@@ -21,7 +21,8 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "oracles"))
-from guarded_loops import COLD, LAWS, LIMIT, MOTIONS, RIG, closed, elastic, margin, pd
+from guarded_loops import COLD, LAWS, LIMIT, RIG, closed, elastic, margin
+from tuned_laws import MOTIONS, pd
 
 from ctc import ComputedTorque, ComputedTorquePID, FeedForward
 from identification import identify

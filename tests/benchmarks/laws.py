@@ -13,12 +13,15 @@ larger of their RMS errors.
 
 import argparse
 import itertools
+import sys
 from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "oracles"))
+from tuned_laws import GAIN, MOTIONS, adaptive, pd
+
 from ctc import (
-    Adaptive,
     ComputedTorque,
     ComputedTorqueIntegral,
     FeedForward,
@@ -28,30 +31,10 @@ from ctc import (
     evaluate,
 )
 from identification import identify
-from plant import PD, PID, Cascade, P, PointToPoint, Spline, puma560, simulate
+from plant import PID, Cascade, P, puma560, simulate
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "guides" / "laws.md"
 ROBOT, RIG, DYNAMICS = puma560.arm(), puma560.rig(), puma560.dynamics()
-GAIN = np.array([0.20, 0.15])
-"""Of the experiment's P law; the grids multiply it."""
-
-INERTIA = np.diag(ROBOT.D((0.0, 0.0)))
-PRIOR = (0.05 * np.diff(puma560.PRINTED_RANGES, axis=1).ravel()) ** 2
-"""Relative speed of adaptation: the squares of a twentieth of the printed ranges."""
-
-POINTS = np.vstack([np.zeros(2), np.random.default_rng(0).uniform(-1, 1, (6, 2))])
-MOTIONS = {
-    "(6), 3.65 s": puma560.reference(3.65),
-    "(6), 2.5 s": puma560.reference(2.5),
-    "(6), 2.0 s": puma560.reference(2.0),
-    "point to point": PointToPoint(start=(0.0, 0.0), goal=(-np.pi / 2, np.pi / 2), duration=1.0),
-    "random spline": Spline(times=0.5 * np.arange(7), points=POINTS),
-}
-
-
-def pd(scale, lead, pole, period=None):
-    """PD at so many times the experiment's gain; `lead` is derivative over gain [s]."""
-    return PD(gain=scale * GAIN, derivative=lead * scale * GAIN, filter=pole, period=period)
 
 
 def pid(scale, lead, pole, reset):
@@ -64,12 +47,6 @@ def cascade(position, scale, reset, pole):
     """Cascade with a speed gain of so many times a hundredth of the experiment's gain."""
     speed = scale * GAIN / 100
     return Cascade(position=(position,) * 2, speed=speed, integral=reset * speed, filter=pole)
-
-
-def adaptive(arm, bandwidth, rate, speed, pole):
-    """Slotine and Li with K = rate times the inertias, Gamma = speed times `PRIOR`."""
-    options = {"gain": rate * INERTIA, "adaptation": speed * PRIOR, "filter": pole}
-    return Adaptive(arm, RIG, bandwidth=bandwidth, **options)
 
 
 def sliding(arm, bandwidth, rate, layer, pole):
@@ -94,7 +71,10 @@ GRIDS = {
         lambda arm, w, pole: ComputedTorqueIntegral(arm, RIG, bandwidth=w, filter=pole),
         [(30, 45, 60, 80, 100, 120), SLOW_POLES],
     ),
-    "adaptive": (adaptive, [(60, 100, 150), (40, 80, 160), (0.1, 1, 10, 100), SLOW_POLES[:2]]),
+    "adaptive": (
+        lambda arm, *x: adaptive(arm, RIG, *x),
+        [(60, 100, 150), (40, 80, 160), (0.1, 1, 10, 100), SLOW_POLES[:2]],
+    ),
     "sliding mode": (sliding, [(60, 100, 150), (60, 100, 150), (0.1, 0.5), SLOW_POLES[:2]]),
 }
 KNOWN = ("P", "PD", "PID", "cascade")

@@ -1,25 +1,12 @@
 """A motion of links on elastic gears, worked out backwards: links first, then what winds up each gear, then motors."""
 
-import dataclasses
-
 import casadi as ca
 import numpy as np
+from coupled_arm import PERIOD, WRIST, arm_of, path_of, rig_of
 
-from plant import Coupling, Drive, Dynamics, Elasticity, Encoder, Harmonics, LoggedTorque, Record, Rig
-from plant.robots.catalogue import planar
+from plant import Elasticity, LoggedTorque, Record
 
-PERIOD = 1e-3
-WRIST = Coupling(matrix=((1, 0, 0), (0.4, 1, 0), (0, -0.7, 1)))
 STIFFNESS, DAMPING = np.array([8e3, 3e3, 600.0]), np.array([8.0, 3.0, 0.5])
-
-
-def rig_of(period=PERIOD):
-    drive = Drive(
-        gear=(80.0, -60.0, 50.0), motor_inertia=(2e-4,) * 3, viscous=(1e-3, 2e-3, 1e-3), coulomb=(0,) * 3,
-        motor_gain=(0.2,) * 3, current_limit=(50.0,) * 3, coupling=WRIST,
-        elasticity=Elasticity(stiffness=STIFFNESS, damping=DAMPING),
-    )  # fmt: skip
-    return Rig(drive=drive, encoder=Encoder(resolution=(1000,) * 3, smooth=True), period=period)
 
 
 def experiment(seconds=8.0, fine=6):
@@ -28,16 +15,10 @@ def experiment(seconds=8.0, fine=6):
     The links move along sums of harmonics. Derivatives of deflections are differences on a grid `fine` times finer than
     the log. Torques are those amid two samples, as they are held.
     """
-    rig, chain = rig_of(), planar(3).coupled(WRIST)
-    rotors = rig.drive.reflected_inertia()
-    bodies = [dataclasses.replace(body, rotor=float(j)) for body, j in zip(chain.bodies, rotors, strict=True)]
-    dynamics = Dynamics.from_chain(chain)
-    arm = dynamics.arm(dynamics.f(bodies))
-    path = Harmonics(
-        period=2.0, offset=(0.3, -0.2, 0.1),
-        cosine=((-0.5, -0.1, 0.2, 0.1), (0.4, -0.5, 0.1, -0.1), (0.3, 0.4, -0.6, 0.1)),
-        sine=((0.3, 0.2, -0.3, 0.1), (-0.4, 0.3, 0.2, 0.1), (0.5, -0.2, 0.3, -0.1)),
-    )  # fmt: skip
+    gears = Elasticity(stiffness=STIFFNESS, damping=DAMPING)
+    rig = rig_of(smooth=True, coulomb=(0,) * 3, current_limit=(50.0,) * 3, elasticity=gears)
+    arm, path, rotors = arm_of(rig), path_of(2.0), rig.drive.reflected_inertia()
+    dynamics = arm.dynamics
     h = PERIOD / fine
     t = np.arange(0, seconds, h)
     links = path(t)

@@ -9,50 +9,16 @@ import dataclasses
 import numba
 import numpy as np
 from faults import SimulatedArm
+from tuned_laws import GAIN, adaptive, pd
 
-from ctc import (
-    Adaptive,
-    ComputedTorque,
-    ComputedTorqueIntegral,
-    FeedForward,
-    PDGravity,
-    SlidingMode,
-)
-from plant import PD, PID, Cascade, Elasticity, Guards, P, PointToPoint, Spline, puma560, simulate
+from ctc import ComputedTorque, ComputedTorqueIntegral, FeedForward, PDGravity, SlidingMode
+from plant import PID, Cascade, Elasticity, Guards, P, puma560, simulate
 from plant.realtime import safety
 
 RIG = puma560.rig()
 LIMIT = RIG.drive.torque_limit()
-GAIN = np.array([0.20, 0.15])
-"""Of the experiment's P law."""
-
 FAST = 16
 """Calls per sample of the rig of a law that has no period."""
-
-POINTS = np.vstack([np.zeros(2), np.random.default_rng(0).uniform(-1, 1, (6, 2))])
-MOTIONS = {
-    "(6), 3.65 s": puma560.reference(3.65),
-    "(6), 2.5 s": puma560.reference(2.5),
-    "(6), 2.0 s": puma560.reference(2.0),
-    "point to point": PointToPoint(start=(0.0, 0.0), goal=(-np.pi / 2, np.pi / 2), duration=1.0),
-    "random spline": Spline(times=0.5 * np.arange(7), points=POINTS),
-}
-"""Those of docs/guides/laws.md."""
-
-PRIOR = (0.05 * np.diff(puma560.PRINTED_RANGES, axis=1).ravel()) ** 2
-
-
-def pd(scale, lead, pole, period=None):
-    """PD at so many times the experiment's gain; `lead` is derivative over gain [s]."""
-    return PD(gain=scale * GAIN, derivative=lead * scale * GAIN, filter=pole, period=period)
-
-
-def _adaptive(bandwidth, rate, speed, pole):
-    """Slotine and Li as docs/guides/laws.md tunes it."""
-    gain = rate * np.diag(puma560.arm().D((0.0, 0.0)))
-    options = {"bandwidth": bandwidth, "gain": gain, "adaptation": speed * PRIOR, "filter": pole}
-    return lambda arm, rig: Adaptive(arm, rig, **options)
-
 
 LAWS = {
     "P of the README": (True, lambda arm, rig: puma560.p_law()),
@@ -66,7 +32,7 @@ LAWS = {
     "feed-forward + PD": (True, lambda arm, rig: FeedForward(arm, rig, feedback=pd(0.5, 8e-3, 1000))),
     "the same, every 0.7 ms": (False, lambda arm, rig: FeedForward(arm, rig, feedback=pd(0.5, 4e-3, 3000, rig.period))),
     "computed torque, integral": (False, lambda arm, rig: ComputedTorqueIntegral(arm, rig, bandwidth=45, filter=800)),
-    "adaptive": (False, _adaptive(100, 80, 0.1, 800)),
+    "adaptive": (False, lambda arm, rig: adaptive(arm, rig, 100, 80, 0.1, 800)),
     "sliding mode": (False, lambda arm, rig: SlidingMode(arm, rig, bandwidth=60, reach=10, layer=0.1, filter=800)),
     "computed torque": (False, lambda arm, rig: ComputedTorque(arm, rig)),
     "computed torque, 150 rad/s": (False, lambda arm, rig: ComputedTorque(arm, rig, bandwidth=150)),
@@ -80,7 +46,7 @@ COLD = {
         arm, rig, feedback=pd(1.4, 1e-3, 1000, rig.period))),
     "computed torque, integral, other f": (False, lambda arm, rig: ComputedTorqueIntegral(
         arm, rig, bandwidth=100, filter=400)),
-    "adaptive, other f": (False, _adaptive(150, 160, 100, 400)),
+    "adaptive, other f": (False, lambda arm, rig: adaptive(arm, rig, 150, 160, 100, 400)),
     "sliding mode, other f": (False, lambda arm, rig: SlidingMode(
         arm, rig, bandwidth=150, reach=75, layer=0.5, filter=400)),
     "computed torque, other f": LAWS["computed torque"],

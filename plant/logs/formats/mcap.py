@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from typing import Any
 
-from .messages import Topics, topics_of
+from .messages import columns_of
 from .refusal import RefusalError
 
 __all__ = ["read"]
@@ -36,17 +36,19 @@ def read(
         summary = reader.get_summary()
         if summary is None or not summary.channels:
             raise RefusalError("must hold a summary with its topics; it does not. Run mcap recover on it.")
-        known = list(dict.fromkeys(channel.topic for channel in summary.channels.values()))
-        topics, decode = Topics(known, most), dict[int, Any]()
-        wanted = topics_of(names, prefix, known)
-        for schema, channel, message in reader.iter_messages(topics=wanted) if wanted else ():
-            if channel.id not in decode:
-                is_json = channel.message_encoding == "json"
-                decode[channel.id] = json.loads if is_json else decoders.decoder_for(channel.message_encoding, schema)
-            if decode[channel.id] is not None:
-                topics.add(channel.topic, message.log_time, decode[channel.id](message.data))
-            elif names is not None:
-                encoding = f"{channel.message_encoding} with {schema.encoding if schema else 'no schema'}"
-                raise RefusalError(f"must hold ROS 2 messages (cdr with ros2msg) or JSON; {channel.topic!r:.60} is "
-                                   f"{encoding:.60}. Convert it.")  # fmt: skip
-        return topics.columns(names, prefix, clock)
+
+        def messages(wanted: list[str]) -> Iterator[tuple[str, int, Any]]:
+            decode = dict[int, Any]()
+            for schema, channel, message in reader.iter_messages(topics=wanted) if wanted else ():
+                if channel.id not in decode:
+                    kind = channel.message_encoding
+                    decode[channel.id] = json.loads if kind == "json" else decoders.decoder_for(kind, schema)
+                if decode[channel.id] is not None:
+                    yield channel.topic, message.log_time, decode[channel.id](message.data)
+                elif names is not None:
+                    encoding = f"{channel.message_encoding} with {schema.encoding if schema else 'no schema'}"
+                    raise RefusalError(f"must hold ROS 2 messages (cdr with ros2msg) or JSON; {channel.topic!r:.60} is "
+                                       f"{encoding:.60}. Convert it.")  # fmt: skip
+
+        every = (channel.topic for channel in summary.channels.values())
+        return columns_of(every, messages, names, prefix, most, clock)

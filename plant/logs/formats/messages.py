@@ -7,18 +7,41 @@ whole nanoseconds. Arrays beside a list of names (``name`` of a JointState, ``jo
 from __future__ import annotations
 
 import array
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any
 
 from .columns import Block, home_of, picked
 from .refusal import RefusalError, require_size
 
-__all__ = ["Topics", "topics_of"]
+__all__ = ["Topics", "columns_of", "topics_of"]
 
 _NAMES = ("name", "names", "joint_names")
 _WIDEST = 256  # elements of an array that may be joints; more are pictures or clouds of points
 _DEEPEST = 6
 _OWN = ("stamp", "log_time")
+
+
+def columns_of(
+    every: Iterable[str],
+    messages: Callable[[list[str]], Iterable[tuple[str, int, Any]]],
+    names: Collection[str] | None,
+    prefix: str,
+    most: int,
+    clock: str | None,
+) -> tuple[list[str], dict[str, Any]]:
+    """Names of all columns of a file of messages, and the wanted ones.
+
+    Parameters
+    ----------
+    every : iterable of str
+        The topics of the file; some may stand there twice.
+    messages : callable
+        The topics that hold something wanted -> topic, `log_time` [ns] and decoded message, one after the other.
+    """
+    topics = Topics(dict.fromkeys(every), most)
+    for topic, log_time, message in messages(topics_of(names, prefix, topics.known)):
+        topics.add(topic, log_time, message)
+    return topics.columns(names, prefix, clock)
 
 
 def topics_of(names: Collection[str] | None, prefix: str, known: Iterable[str]) -> list[str]:

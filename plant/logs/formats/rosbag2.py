@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
-from .messages import Topics, topics_of
+from .messages import columns_of
 from .refusal import RefusalError
 
 __all__ = ["read"]
@@ -31,15 +31,18 @@ def read(
     if Path(path).is_dir() and not Path(path, "metadata.yaml").is_file():
         raise RefusalError("must be a bag of ROS 2; the folder has no metadata.yaml. Run ros2 bag reindex on it.")
     with AnyReader([Path(path)], default_typestore=get_typestore(getattr(Stores, _STORE))) as reader:
-        known = list(dict.fromkeys(connection.topic for connection in reader.connections))
-        topics = Topics(known, most)
-        wanted = topics_of(names, prefix, known)
-        chosen = [connection for connection in reader.connections if connection.topic in wanted]
-        defined = [connection for connection in chosen if connection.msgtype in reader.typestore.types]
-        for connection in chosen:
-            if names is not None and connection not in defined:
-                raise RefusalError(f"must hold messages whose types are defined; {connection.topic!r:.60} is of "
-                                   f"{connection.msgtype:.60}. Record it again as MCAP, or convert it.")  # fmt: skip
-        for connection, log_time, data in reader.messages(connections=defined) if defined else ():
-            topics.add(connection.topic, log_time, reader.deserialize(data, connection.msgtype))
-        return topics.columns(names, prefix, clock)
+
+        def messages(wanted: list[str]) -> Iterator[tuple[str, int, Any]]:
+            chosen = [connection for connection in reader.connections if connection.topic in wanted]
+            defined = [connection for connection in chosen if connection.msgtype in reader.typestore.types]
+            for connection in chosen:
+                if names is not None and connection not in defined:
+                    raise RefusalError(
+                        f"must hold messages whose types are defined; {connection.topic!r:.60} is of "
+                        f"{connection.msgtype:.60}. Record it again as MCAP, or convert it."
+                    )
+            for connection, log_time, data in reader.messages(connections=defined) if defined else ():
+                yield connection.topic, log_time, reader.deserialize(data, connection.msgtype)
+
+        every = (connection.topic for connection in reader.connections)
+        return columns_of(every, messages, names, prefix, most, clock)

@@ -8,7 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 from faults import SimulatedArm
-from guarded_loops import LAWS, LIMIT, MOTIONS, RIG, closed, elastic, margin
+from guarded_loops import LAWS, LIMIT, RIG, closed, elastic, margin
+from tuned_laws import MOTIONS
 
 from ctc import ComputedTorque, FeedForward
 from identification import identify

@@ -27,9 +27,14 @@ def robot():
 
 
 @cache
+def p_law():
+    return p_gains(*robot(), 12.0)
+
+
+@cache
 def evaluation():
     arm, rig, path = robot()
-    return evaluate(arm, rig, p_gains(arm, rig, path, 12.0), path, backend="numba", duration=0.2, steps_per_sample=8)
+    return evaluate(arm, rig, p_law(), path, backend="numba", duration=0.2, steps_per_sample=8)
 
 
 def cells(line):
@@ -53,12 +58,11 @@ def test_six_long_names_have_a_row_each(table, monkeypatch):
     arm, rig, path = robot()
     gears = LowestResonance(hz=60.0, damping_ratio=0.01, within=1)
     monkeypatch.setattr("ctc.certification.certificate.lowest_resonance", lambda *_, **__: gears)
-    law = ComputedTorque(arm, rig, bandwidth=60)
     drawn = {"covariance": np.diag((0.02 * arm.f) ** 2), "samples": 8, "duration": 0.02, "steps_per_sample": 8}
     text = str({
         "evaluation": evaluation,
-        "margins": lambda: margins(arm, rig, law),
-        "certificate": lambda: certify(arm, rig, law, path, **drawn),
+        "margins": lambda: margins(arm, rig, ComputedTorque(arm, rig, bandwidth=60)),
+        "certificate": lambda: certify(arm, rig, p_law(), path, **drawn),
     }[table]())  # fmt: skip
     rows = [line for line in text.splitlines() if line.startswith(NAMES)]
     assert [cells(row)[0] for row in rows] == LABELS

@@ -4,41 +4,23 @@ import dataclasses
 
 import numpy as np
 import pytest
+from coupled_arm import PERIOD, arm_of, path_of, rig_of
 
 from identification import TorqueFit, derivatives, fit_torque, low_pass
 from identification.equation_error.least_squares import least_squares
-from plant import Coupling, Drive, Dynamics, Encoder, FrictionCurve, Harmonics, Rig, puma560
-from plant.robots.catalogue import planar
+from plant import FrictionCurve, puma560
 
-PERIOD = 1e-3
-WRIST = Coupling(matrix=((1, 0, 0), (0.4, 1, 0), (0, -0.7, 1)))
 FRICTION = ("drive.viscous[0]", "drive.coulomb[1]", "drive.coulomb[2]", "drive.curve.offset[2]")
-
-
-def rig_of():
-    drive = Drive(
-        gear=(80.0, -60.0, 50.0), motor_inertia=(2e-4,) * 3, viscous=(1e-3, 2e-3, 1e-3), coulomb=(0.1, 0.08, 0.05),
-        motor_gain=(0.2,) * 3, current_limit=(20.0,) * 3, coupling=WRIST,
-        curve=FrictionCurve(offset=(0.01, -0.02, 0.015), breakaway=(0, 0, 0), speed=(1, 1, 1)),
-    )  # fmt: skip
-    return Rig(drive=drive, encoder=Encoder(resolution=(1000,) * 3), period=PERIOD)
 
 
 def experiment(seconds=8.0):
     """Exact positions and torques of a coupled planar arm with friction; its dynamics, rig and f."""
-    rig, chain = rig_of(), planar(3).coupled(WRIST)
-    rotors = rig.drive.reflected_inertia()
-    bodies = [dataclasses.replace(body, rotor=float(j)) for body, j in zip(chain.bodies, rotors, strict=True)]
-    dynamics = Dynamics.from_chain(chain)
-    arm = dynamics.arm(dynamics.f(bodies))
-    path = Harmonics(
-        period=4.0, offset=(0.3, -0.2, 0.1),
-        cosine=((-0.5, -0.1, 0.2, 0.1), (0.4, -0.5, 0.1, -0.1), (0.3, 0.4, -0.6, 0.1)),
-        sine=((0.3, 0.2, -0.3, 0.1), (-0.4, 0.3, 0.2, 0.1), (0.5, -0.2, 0.3, -0.1)),
-    )  # fmt: skip
-    motion = path(np.arange(0, seconds, PERIOD))
+    curve = FrictionCurve(offset=(0.01, -0.02, 0.015), breakaway=(0, 0, 0), speed=(1, 1, 1))
+    rig = rig_of(coulomb=(0.1, 0.08, 0.05), current_limit=(20.0,) * 3, curve=curve)
+    arm = arm_of(rig)
+    motion = path_of(4.0)(np.arange(0, seconds, PERIOD))
     torque = np.array([arm.inverse(*state) for state in zip(*motion, strict=True)]) + rig.drive.friction(motion.qd)
-    return dynamics, rig, arm.f, motion, torque
+    return arm.dynamics, rig, arm.f, motion, torque
 
 
 @pytest.fixture(scope="module")

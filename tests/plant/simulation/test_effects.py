@@ -148,8 +148,11 @@ def test_lanes_of_zero_are_loops_without_and_others_are_loops_with(elasticity):
 
 
 # -- together -------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("elasticity", [None, SPRING], ids=["rigid", "elastic"])
-@pytest.mark.parametrize("names", [*((name,) for name in EFFECTS), tuple(EFFECTS)], ids="+".join)
+@pytest.mark.parametrize(
+    ("names", "elasticity"),
+    [*(((name,), None) for name in EFFECTS), (tuple(EFFECTS), None), (tuple(EFFECTS), SPRING)],
+    ids=[*EFFECTS, "all, rigid", "all, elastic"],
+)
 def test_the_kernel_and_casadi_agree(names, elasticity):
     rig = with_effects(*names, elasticity=elasticity)
     if len(names) > 1:
