@@ -17,7 +17,9 @@ LAWS = {
     "cascade": Cascade(filter=3000.0, **_CASCADE),
     "cascade, difference over 2": Cascade(difference=2, **_CASCADE),
     "computed torque": ComputedTorque(ARM, RIG, bandwidth=150),
-    "computed torque with PID": ComputedTorquePID(ARM, RIG, bandwidth=100),
+    "computed torque with PID": ComputedTorquePID(
+        ARM, RIG, bandwidth=170.6, ratio=1.041, integral=11.62, roll_off=2188, roll_off_damping=1.185
+    ),
     "feed-forward + PD": FeedForward(ARM, RIG, feedback=_PD),
     "gravity + PD": PDGravity(ARM, RIG, feedback=_PD),
     "adaptive": Adaptive(
