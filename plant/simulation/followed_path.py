@@ -158,8 +158,8 @@ def start_of(record: Record, path: Path | Logged) -> Any:
     """Position and velocity (n,) from which a record is replayed.
 
     The record's `initial`; otherwise the reference's, but a joint whose first error is a pulse or more (an arm that
-    hangs in its P loop before it starts) is where its encoder reads, in the middle of that quantisation cell. A
-    replayed torque without a reference starts at the speed of the first counts.
+    hangs in its P loop before it starts) is where its encoder reads, in the middle of that quantisation cell. Without
+    a reference the arm starts at the speed of its first counts.
     """
     if record.initial is not None:
         return record.initial
@@ -167,8 +167,7 @@ def start_of(record: Record, path: Path | Logged) -> Any:
     counted = record.rig.cell_centre(record.reference_pulses[0] - record.error_pulses[0])
     coupling = record.rig.drive.coupling
     q = coupling.joint(np.where(np.abs(record.error_pulses[0]) >= 1, *map(coupling.shaft, (counted, q))))
-    unknown = record.reference is None and record.law is not None and record.law.replays
-    return q, _first_speed(record) if unknown else qd
+    return q, qd if record.reference is not None else _first_speed(record)
 
 
 def _first_speed(record: Record) -> NDArray[np.float64]:

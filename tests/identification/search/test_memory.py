@@ -48,6 +48,13 @@ def test_f_from_the_tracking_error_of_a_log_that_was_cut(name):
     assert found.diagnostics.detection.names == ()
 
 
+def test_a_p_log_without_reference_that_was_cut_begins_at_the_speed_of_its_counts():
+    record = simulate(ARM, RIG, puma560.p_law((0.1, 0.08)), PATH, duration=2.2).cut(0.437)
+    found = identify(ARM.dynamics, dataclasses.replace(record, reference=None), progress=False)
+    assert (np.abs(found.f - ARM.f) < 4 * found.std).all()
+    assert (found.std / WIDTH).max() < 0.1
+
+
 def test_a_log_that_began_with_its_law_needs_no_state():
     found = identify(ARM.dynamics, log("PID"), progress=False)
     assert found.fit.resumptions == ()
