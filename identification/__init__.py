@@ -3,6 +3,7 @@
 Dynamics + Record(s) -> Arm, the same arm with f found. The rooms, each above all that it imports:
 
 ================ ===================================================================================================
+`payload`        a load in the gripper, from a short window under computed torque
 `repeatability`  `spread` of the result over seeds (4.2)
 `procedure`      `identify`: prepare, search, assess (3.2)
 `results`        `Identification`, its warnings and figures; what contradicts the model; a load; Figs. 10-11
