@@ -83,7 +83,7 @@ class PayloadEstimator:
         self, law: Law, *, mass: ArrayLike = (0, 5), position: ArrayLike | None = None, window: float = 0.2,
         along: ArrayLike | None = None, reach: ArrayLike = (0.2, 0.5), inertia: ArrayLike = (0,) * 6,
         prior: float | None = None, found: Identification | None = None, friction: float = 0.0,
-        tolerated: float = 0.05, alarm: float = 3.0, method: str = "kernel", beside: bool = True, seed: int = 0,
+        tolerated: float = 0.05, alarm: float = 1.9, method: str = "kernel", beside: bool = True, seed: int = 0,
     ) -> None:  # fmt: skip
         known = law if isinstance(law, ModelLaw) else None
         if not isinstance(law, Law) or known is None:
@@ -105,7 +105,8 @@ class PayloadEstimator:
             law=known,
             start_with=start,
             per_kg=shape.per_kg[len(shape.places) // 2],
-            noise=tolerated * known.rig.drive.joint_coulomb() + _ROUNDING * floor,
+            noise=(1.0 if known.rig.drive.elasticity is None else _SWINGING)
+            * (tolerated * known.rig.drive.joint_coulomb() + _ROUNDING * floor),
         )
         self.specification = Specification(
             method=self.method, arm=known.arm, rig=known.rig, shape=shape, unknown=unknown, root=root, samples=samples,
@@ -160,6 +161,8 @@ class PayloadEstimator:
         return f"PayloadEstimator({type(self.law).__name__}, {low:g} to {high:g} kg, {self.method}, {self.window:g} s)"
 
 
+_SWINGING = 2.0
+"""What elastic gears add to the disturbance after a change, as a factor."""
+
 _ROUNDING = 200.0
 """Disturbance acceleration [1/s^2] per angle of one count, which the rounding of counts alone makes of it."""
-

@@ -60,16 +60,14 @@ class PayloadLaw(Law):
     start_with: Nested = structure(default=(0.0,) * len(LOAD))
     per_kg: Vector = number((len(LOAD),))
     noise: Vector = number(("n",))
-    observer: float = number((), default=70.0)
-    memory: float = number((), default=0.06)
+    observer: float = number((), default=60.0)
+    memory: float = number((), default=0.05)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if getattr(self.law, "arm", None) is None:
-            raise ValueError(
-                f"law must hold an arm, such as ComputedTorque; {type(self.law).__name__} knows none. A load changes the "
-                "model, so there must be one."
-            )
+            given = type(self.law).__name__
+            raise ValueError(f"law must hold an arm, such as ComputedTorque; {given} knows none. Give it the model.")
         if not self.law.period:
             raise ValueError(f"law must have a period; {type(self.law).__name__} has none. Use a sampled law.")
         signs(self, positive=("noise", "observer", "memory"))
@@ -134,9 +132,7 @@ class PayloadLaw(Law):
             new = ca.vertsplit(rebased(ca.vertcat(*(own[i] for i in some))))
             for i, value in zip(some, new, strict=True):
                 own[i] = value
-        asked, following = _with_f(self.law, models[1]).equations(
-            rig, ca.vertcat(*own), setpoint, pulses, torque, dt
-        )
+        asked, following = _with_f(self.law, models[1]).equations(rig, ca.vertcat(*own), setpoint, pulses, torque, dt)
 
         seen = parts["observer"]
         seen = ca.vertcat(seen[: 2 * n], rebased(seen[2 * n :]))

@@ -12,13 +12,32 @@ from identification.payload.shape import LoadShape
 from identification.payload.smoothing import Smoothing
 from identification.payload.torque_window import TorqueWindow, Window
 from identification.results.identification import Identification
-from plant import Arm, Rig
+from plant import Arm, Rig, load_matrix
 from plant.parts.arguments import array, instance, real
 
 __all__ = ["KERNEL", "KernelEstimator", "friction_names", "uncertainty"]
 
 KERNEL = 0.04
 """Length of the smooth kernel [s]."""
+
+
+_RIGID, _ELASTIC = 2.0, 20.0
+"""Misfit from which on no load explains a window: on rigid gears, and on elastic ones, which swing."""
+
+
+def kernel_length(arm: Arm, rig: Rig, shape: LoadShape) -> float:
+    """Length of the smooth kernel [s]: 40 ms, or on elastic gears two periods of the lowest resonance with a full load.
+
+    There a Hann kernel has its first zero. The resonance is that of the links against locked motors, at joints' zero.
+    """
+    gears = rig.drive.elasticity
+    if gears is None:
+        return KERNEL
+    loaded = arm.f + load_matrix(arm.dynamics) @ (2 * shape.prior)
+    links = arm.dynamics.D(np.zeros(arm.n), loaded).full() - np.diag(rig.drive.reflected_inertia())
+    root = 1 / np.sqrt(gears.stiffness)
+    slowest = 2 * np.pi * np.sqrt(np.linalg.eigvalsh(root[:, None] * links * root)[-1])
+    return float(max(KERNEL, 2 * slowest))
 
 
 def friction_names(rig: Rig) -> list[str]:
@@ -73,18 +92,16 @@ class KernelEstimator:
     unknown : sequence of str
     root : (u, v) numpy.ndarray
         Root of the covariance of the unknowns; with no columns all is known.
-    length : float
-        Of the kernel [s].
 
     Notes
     -----
-    The applied torque is one side of the equation, so that a saturated amplifier does no harm to it.
+    The applied torque is one side of the equation, so that a saturated amplifier does no harm to it. Behind elastic
+    gears the equation is that of rigid ones: the kernel is long enough to take out their resonance (`kernel_length`).
     """
 
-    def __init__(
-        self, arm: Arm, rig: Rig, shape: LoadShape, unknown: Sequence[str], root: ArrayLike, length: float = KERNEL
-    ) -> None:
-        self.shape = shape
+    def __init__(self, arm: Arm, rig: Rig, shape: LoadShape, unknown: Sequence[str], root: ArrayLike) -> None:
+        self.shape, length = shape, kernel_length(arm, rig, shape)
+        self._limit = _RIGID if rig.drive.elasticity is None else _ELASTIC
         self._window = TorqueWindow(arm, rig, Smoothing(length, rig.period), unknown)
         self._root = array("root", root, (len(unknown), None), advice="Give a row per unknown.")
 
@@ -97,4 +114,4 @@ class KernelEstimator:
         """Estimate from a window of at least `fewest` samples."""
         load, uncertain, torque = self._window.rows(window, self.shape.basis, self.shape.prior)
         matrix, vector, square = information(load, uncertain @ self._root, torque)
-        return posterior(self.shape, matrix, vector, square, len(torque))
+        return posterior(self.shape, matrix, vector, square, len(torque), self._limit)

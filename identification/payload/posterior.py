@@ -20,9 +20,6 @@ it is 0.29."""
 _OUTSIDE = 3.0
 """Standard deviations by which a mass is outside its range."""
 
-_MISFIT = 2.0
-"""Root mean square of what remains, in that of rounding, from which on no load explains a window."""
-
 _FAR, _GRID = 6.0, 401
 """Standard deviations to which a distribution is looked at, and at how many masses."""
 
@@ -76,8 +73,9 @@ def information(
 
 
 def posterior(
-    shape: LoadShape, matrix: NDArray[np.float64], vector: NDArray[np.float64], square: float, rows: int
-) -> PayloadEstimate:
+    shape: LoadShape, matrix: NDArray[np.float64], vector: NDArray[np.float64], square: float, rows: int,
+    misfit_limit: float = 2.0,
+) -> PayloadEstimate:  # fmt: skip
     """Estimate from `information`; mass and place are evenly likely beforehand.
 
     Parameters
@@ -87,6 +85,9 @@ def posterior(
         From `information`.
     rows : int
         Of the window.
+    misfit_limit : float
+        Root mean square of what remains, in that of rounding, from which on no load explains a window; from 1 on it
+        widens the distribution.
     """
     low, high = shape.mass
     weight = np.einsum("kb,bc,kc->k", shape.shares, matrix, shape.shares)
@@ -94,6 +95,8 @@ def posterior(
     if not rows or not weight.max() > 0:
         return _nothing(shape, "the arm rests, or no joint moves that feels a load; the prior stays")
     weight = np.maximum(weight, 1e-12 * weight.max())
+    misfit = float(np.sqrt(max(0.0, square - (pull**2 / weight).max()) / rows))
+    weight, pull = weight / max(1.0, misfit) ** 2, pull / max(1.0, misfit) ** 2
     centre, sigma = pull / weight, 1 / np.sqrt(weight)
     a, b = (low - centre) / sigma, (high - centre) / sigma
     inside = _log_between(a, b)
@@ -108,14 +111,12 @@ def posterior(
     mass = float(odds @ mean)
     std = float(np.sqrt(odds @ (variance + (mean - mass) ** 2)))
     likely = int(np.argmax(log_odds))
-    unbounded = int(np.argmax(pull**2 / weight))
-    misfit = float(np.sqrt(max(0.0, square - (pull**2 / weight)[unbounded]) / rows))
     parameters = (odds * mean) @ shape.per_kg
     position = parameters[1:4] / mass if mass > 1e-6 else shape.places[likely]
     ends = max(low, mass - _FAR * std), min(high, mass + _FAR * std)
     message, sufficient = "sufficient", True
     over = (centre[likely] - high) / sigma[likely], (low - centre[likely]) / sigma[likely]
-    if misfit > _MISFIT:
+    if misfit > misfit_limit:
         message, sufficient = f"no load explains this window (misfit {misfit:.1f}); the prior stays", False
     elif std > _TOO_LITTLE * (high - low):
         message, sufficient = f"the window says too little (std {std:.2g} kg); the prior stays", False

@@ -1,4 +1,4 @@
-"""The genetic algorithm on a load: near the window estimator, the same bits for a seed, and honest about a bad window."""
+"""The genetic algorithm on a load: near the window estimator, the same bits for a seed, honest about bad windows."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""The window estimator on simulated logs under computed torque: kilograms, intervals, and windows that say too little."""
+"""The window estimator on simulated logs under computed torque: kilograms, intervals, windows that say too little."""
 
 import dataclasses
 import functools
