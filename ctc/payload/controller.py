@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,10 @@ _SETTLE = 0.1
 
 _AGAIN = 0.25
 """Share of a window after which, where one said too little, the next one is looked at."""
+
+_FRESH, _FRESH_TIME = 2.0, 0.05
+"""By how much the alarm's limit is higher just after a swap, as a share, and how fast that passes [s]: what the observer
+had not yet followed of the load before comes out."""
 
 _AHEAD = 5e-3
 """A loop that is so far ahead of the clock is a simulation, and waits for its answer [s]."""
@@ -79,7 +84,7 @@ class PayloadController:
         self._begin()
 
     def _begin(self) -> None:
-        self._calls, self._from, self._job = 0, round(_SETTLE / self.period), -1
+        self._calls, self._from, self._job, self._swapped = 0, round(_SETTLE / self.period), -1, 0
         self._bridged, self.stage, self.load = 0, "settling", self.estimator.prior
         self.events: list[PayloadEvent] = []
 
@@ -120,7 +125,8 @@ class PayloadController:
     # -- the stages -----------------------------------------------------------------------------------------------
     def _proceed(self) -> None:
         if self.stage == "holding":
-            if abs(self._change[0]) > self.estimator.alarm:
+            since = (self._calls - self._swapped) * self.period
+            if abs(self._change[0]) > self.estimator.alarm * (1 + _FRESH * math.exp(-since / _FRESH_TIME)):
                 self._detected(float(self._change[0]))
         elif self.stage == "settling":
             if self._calls > self._from:
@@ -178,10 +184,10 @@ class PayloadController:
             self._wanted[:] = estimate.parameters
             event = dataclasses.replace(event, kind=self._kind(event, estimate.mass), after=estimate.mass,
                                         swapped=self._calls * self.period)  # fmt: skip
-            self.stage = "holding"
+            self.stage, self._swapped = "holding", self._calls
         else:
             self.load = dataclasses.replace(self.estimator.prior, message=estimate.message)
-            self._collect(round(_AGAIN * self._samples))
+            self._collect(round(_AGAIN * self._samples) if estimate.explained else self._samples)
         self.events[-1] = event
 
     def _kind(self, event: PayloadEvent, after: float) -> str:

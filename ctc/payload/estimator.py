@@ -127,7 +127,7 @@ class PayloadEstimator:
         return PayloadEstimate(
             mass=float(phi[0]), std=float((high - low) / np.sqrt(12)), interval=np.array([low, high], dtype=float),
             parameters=phi, position=self.shape.places[len(self.shape.places) // 2], sufficient=False,
-            misfit=float("nan"), message="the prior: nothing identified yet",
+            explained=True, misfit=float("nan"), message="the prior: nothing identified yet",
         )  # fmt: skip
 
     def start(self, rig: Rig, pulses: ArrayLike, **options: Any) -> PayloadController:

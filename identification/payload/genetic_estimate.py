@@ -121,7 +121,7 @@ class GeneticEstimator:
         place = parameters[1:4] / best[0] if best[0] > 0 else self.shape.places[len(self.shape.places) // 2]
         return PayloadEstimate(
             mass=float(best[0]), std=std, interval=np.clip(best[0] + 1.96 * std * np.array([-1, 1]), low, high),
-            parameters=parameters, position=place, sufficient=sufficient, misfit=misfit, message=message,
+            parameters=parameters, position=place, sufficient=sufficient, explained=misfit < _MISFIT, misfit=misfit, message=message,
         )  # fmt: skip
 
     def _costs(self, window: Window):  # type: ignore[no-untyped-def]  # a function of populations

@@ -40,6 +40,8 @@ class PayloadEstimate(Frozen):
         Centre of mass [m], in the frame of the last link's body; the mean.
     sufficient : bool
         Whether it may be used; otherwise `message` says why not, and `mass` is not to be believed.
+    explained : bool
+        Whether one load, constant over the window, can be what was seen.
     misfit : float
         Root mean square of what remains of the torque equation, in standard deviations of the rounded counts.
     message : str
@@ -51,6 +53,7 @@ class PayloadEstimate(Frozen):
     parameters: NDArray[np.float64]
     position: NDArray[np.float64]
     sufficient: bool
+    explained: bool
     misfit: float
     message: str
 
@@ -124,7 +127,7 @@ def posterior(
         message = f"the load is outside its range: {centre[likely]:.2f} kg of {low:g} to {high:g}; the nearest is taken"
     return PayloadEstimate(
         mass=mass, std=std, interval=_interval(odds, centre, sigma, inside, ends), parameters=parameters,
-        position=position, sufficient=sufficient, misfit=misfit, message=message,
+        position=position, sufficient=sufficient, explained=misfit <= misfit_limit, misfit=misfit, message=message,
     )  # fmt: skip
 
 
@@ -133,7 +136,7 @@ def _nothing(shape: LoadShape, message: str) -> PayloadEstimate:
     low, high = shape.mass
     return PayloadEstimate(
         mass=float(shape.prior[0]), std=float((high - low) / np.sqrt(12)), parameters=shape.prior, misfit=float("nan"),
-        interval=np.array([low + 0.025 * (high - low), high - 0.025 * (high - low)]), sufficient=False,
+        interval=np.array([low + 0.025 * (high - low), high - 0.025 * (high - low)]), sufficient=False, explained=True,
         position=shape.places[len(shape.places) // 2], message=message,
     )  # fmt: skip
 

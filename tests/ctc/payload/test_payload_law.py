@@ -60,7 +60,9 @@ def test_a_swap_has_no_bump(name):
     jump = running.step(pulses, *moved) - twin.step(pulses, *moved)
     whole = ARM.dynamics.Y(*moved).full() @ load_matrix(ARM.dynamics) @ (5.0 * ONE)
     assert np.linalg.norm(whole) > 20
-    assert np.linalg.norm(jump) < 0.3 * np.linalg.norm(whole)  # what is left: the new inertia times the error's feedback
+    assert np.linalg.norm(jump) < 0.3 * np.linalg.norm(
+        whole
+    )  # what is left: the new inertia times the error's feedback
     errors, pulses = [], stepped.step(running.torque)
     for k in range(swap + 1, 2000):
         errors.append(RIG.counts(motion.q[k]) - pulses)
