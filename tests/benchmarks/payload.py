@@ -24,13 +24,18 @@ ARMS = {"published f": puma560.arm(), "literature arm": puma560.literature_arm()
 FIRST, LAST = 0.5, 0.5 + PATH.period
 """A load appears between these times [s]: the load at the start, none, is known by then in nearly all runs."""
 
-AFTER, LIMIT = 0.8, 0.28
-"""How long a run goes on after the change, and by when an answer counts [s]."""
+BEFORE, AFTER, LIMIT = 1.0, 0.8, 0.28
+"""How long a run begins before the change and goes on after it, and by when an answer counts [s]."""
 
 
-def run(controller, stepped, samples, change=None, load=None):
+def lead(change):
+    """First sample of a run, in samples of (6)."""
+    return max(0, change - round(BEFORE / PERIOD))
+
+
+def run(controller, stepped, samples, change=None, load=None, first=0):
     """Errors [pulses], torque [N m] and the change statistic of samples of a loop; a load comes at a sample."""
-    motion = PATH(np.arange(samples) * PERIOD)
+    motion = PATH((first + np.arange(samples)) * PERIOD)
     errors, torques, change_statistic = np.zeros((samples, 2)), np.zeros((samples, 2)), np.zeros(samples)
     counts, pulses = RIG.counts(motion.q), stepped.pulses
     for k in range(samples):
@@ -43,9 +48,9 @@ def run(controller, stepped, samples, change=None, load=None):
     return errors, torques, change_statistic
 
 
-def started(law, arm, rig=RIG):
-    """An arm at the start of (6), and the controller of a law or of an estimator."""
-    start = PATH(np.zeros(1))
+def started(law, arm, rig=RIG, first=0):
+    """An arm on (6) at a sample of it, and the controller of a law or of an estimator."""
+    start = PATH(np.array([first * PERIOD]))
     stepped = SteppedArm(arm, rig, start.q[0], start.qd[0])
     return law.start(rig, stepped.pulses, guards=None), stepped
 
@@ -82,15 +87,16 @@ def one(name, known, place, random, log=0, mass=None, bandwidth=150.0, **options
         found = identified(name, log)
         law, options = ComputedTorque(found, bandwidth=bandwidth), {"found": found, **options}
     position = body.com if place else None
-    controller, stepped = started(PayloadEstimator(law, position=position, beside=False, **options), ARMS[name])
-    estimates = []
+    estimator, first = PayloadEstimator(law, position=position, beside=False, **options), lead(change)
+    controller, stepped = started(estimator, ARMS[name], first=first)
+    change, estimates = change - first, []
     take = controller._identified
     controller._identified = lambda estimate: (estimates.append((controller._calls, estimate)), take(estimate))
-    errors, torques, _ = run(controller, stepped, change + round(AFTER / PERIOD), change, body)
+    errors, torques, _ = run(controller, stepped, change + round(AFTER / PERIOD), change, body, first)
     events = [event for event in controller.events if event.time > (change - 1) * PERIOD]
     early = [event for event in controller.events[1:] if event.time <= (change - 1) * PERIOD]
     answer = next(((k, e) for k, e in estimates if e.sufficient and k > change), None)
-    return {"body": body, "change": change, "event": events[0] if events else None, "errors": errors, "early": early,
+    return {"body": body, "change": change, "first": first, "event": events[0] if events else None, "errors": errors, "early": early,
             "answer": answer, "controller": controller, "torques": torques}  # fmt: skip
 
 
@@ -115,7 +121,7 @@ def kilograms(runs):
                 continue
             mass, (low, high) = result["body"].mass, estimate.interval
             rows.append((abs(estimate.mass - mass), low <= mass <= high, (high - low) / 2,
-                         shown(ARMS[name], result["change"], estimate.parameters, result["body"]),
+                         shown(ARMS[name], result["first"] + result["change"], estimate.parameters, result["body"]),
                          (swap - result["change"]) * PERIOD * 1e3))  # fmt: skip
         error, inside, half, increments, times = np.array(rows).T
         print(
@@ -142,8 +148,10 @@ def restored(runs):
             outside = np.flatnonzero(worst[change:] > 1)
             lasting.append(outside[-1] * PERIOD * 1e3 if len(outside) else 0.0)
             rows.append((worst[swap:].max(), worst[change:].max()))
-            controller, stepped = started(law, ARMS[name])
-            errors = np.abs(run(controller, stepped, change + round(AFTER / PERIOD), change, result["body"])[0])
+            first = result["first"]
+            controller, stepped = started(law, ARMS[name], first=first)
+            errors = run(controller, stepped, change + round(AFTER / PERIOD), change, result["body"], first)[0]
+            errors = np.abs(errors)
             without.append((errors[change:].max(), (errors[change:].max(axis=1) > 1).mean(),
                             errors[swap:].max()))  # fmt: skip
         after, peak = np.array(rows).T
@@ -249,9 +257,10 @@ def detection(runs):
             body, change = drawn(random)
             rig = other_friction(share, random.choice([-1.0, 1.0], 4))
             law = ComputedTorque(ARMS["published f"], RIG, bandwidth=150.0)
-            controller, stepped = started(PayloadEstimator(law, position=body.com, beside=False, prior=0.0),
-                                          ARMS["published f"], rig)  # fmt: skip
-            run(controller, stepped, change + 180, change, body)
+            estimator, first = PayloadEstimator(law, position=body.com, beside=False, prior=0.0), lead(change)
+            controller, stepped = started(estimator, ARMS["published f"], rig, first)
+            change -= first
+            run(controller, stepped, change + 180, change, body, first)
             seen = [event.time for event in controller.events[1:] if event.time >= change * PERIOD]
             times.append((seen[0] - change * PERIOD) * 1e3 if seen else np.inf)
         times = np.array(times)
@@ -295,8 +304,10 @@ def alarms(runs):
                     body, change = drawn(random, mass)
                     rig = other_friction(share, random.choice([-1.0, 1.0], 4))
                     tolerant = PayloadEstimator(law, position=body.com, beside=False, prior=0.0, alarm=limit)
-                    controller, stepped = started(tolerant, ARMS["published f"], rig)
-                    _, _, statistic = run(controller, stepped, change + 86, change, body)
+                    first = lead(change)
+                    controller, stepped = started(tolerant, ARMS["published f"], rig, first)
+                    change -= first
+                    _, _, statistic = run(controller, stepped, change + 86, change, body, first)
                     seen.append(np.abs(statistic[change:]).max() > limit)
                 print(f"  {mass:g} kg, limit {limit:.2f}: {np.mean(seen):.0%} within 60 ms")
                 if np.mean(seen) >= 0.95:
@@ -344,16 +355,17 @@ def elastic(runs):
         body, change = drawn(random, 5.0)
         runs_of = {}
         for which, made in (("with", PayloadEstimator(law, position=body.com, beside=False)), ("without", law)):
-            controller, stepped = started(made, arm, rig)
-            errors, _, _ = run(controller, stepped, change + round(AFTER / PERIOD), change, body)
+            controller, stepped = started(made, arm, rig, lead(change))
+            begin, first = change - lead(change), lead(change)
+            errors, _, _ = run(controller, stepped, begin + round(AFTER / PERIOD), begin, body, first)
             runs_of[which] = controller, np.abs(errors).max(axis=1)
         event = next((e for e in runs_of["with"][0].events[1:] if np.isfinite(e.swapped)), None)
         if event is None:
             rows.append((np.nan,) * 5)
             continue
         swap = round(event.swapped / PERIOD)
-        rows.append((abs(event.after - 5.0), runs_of["with"][1][swap:].max(), runs_of["with"][1][change:].max(),
-                     runs_of["without"][1][swap:].max(), runs_of["without"][1][change:].max()))  # fmt: skip
+        rows.append((abs(event.after - 5.0), runs_of["with"][1][swap:].max(), runs_of["with"][1][begin:].max(),
+                     runs_of["without"][1][swap:].max(), runs_of["without"][1][begin:].max()))  # fmt: skip
     mass, after, peak, later, bare = np.array(rows).T
     print(
         f"elastic, 60 Hz: {np.isfinite(mass).mean():.1%} answered, mass 95 % {np.nanpercentile(mass, 95):.3f} "
