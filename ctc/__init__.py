@@ -68,7 +68,8 @@ from ctc.verdict.resonance_sweep import ResonanceSweep, sweep_resonance
 __all__ = [
     "Adaptive", "Certificate", "Comparison", "ComputedTorque", "ComputedTorqueIntegral", "ComputedTorquePID",
     "Evaluation", "FeedForward", "FlexibleJointComputedTorque", "Influence", "LowestResonance", "Margins",
-    "PDGravity", "PayloadController", "PayloadEstimator", "PayloadEvent", "PayloadLaw", "Reserves", "ResonanceSweep", "SlidingMode", "Trial", "Tuning", "animate", "certify",
+    "PDGravity", "PayloadController", "PayloadEstimator", "PayloadEvent", "PayloadLaw",
+    "Reserves", "ResonanceSweep", "SlidingMode", "Trial", "Tuning", "animate", "certify",
     "clopper_pearson", "compare", "error_loop", "evaluate", "kalman_gains", "lowest_resonance", "lqr_gains",
     "margins", "motor_gain", "observer_gains", "pid_gains", "plot_arm", "plot_certificate", "plot_comparison",
     "plot_evaluation", "plot_identification", "plot_margins", "plot_phase", "plot_record", "plot_sweep",

@@ -54,8 +54,8 @@ known_options(GeneticSettings)
 
 __all__ = [
     "Budget", "Detection", "Diagnostics", "Fit", "GearResonance", "GeneticResult", "GeneticSettings", "GeneticState",
-    "Identification", "Interval", "LinkSize", "Load", "MotorFit", "Objective", "Oscillation", "PayloadEstimate", "Physical",
-    "Search", "Sign", "Spread", "TorqueFit", "derivatives", "design_motion", "find_load", "fit_torque",
+    "Identification", "Interval", "LinkSize", "Load", "MotorFit", "Objective", "Oscillation", "PayloadEstimate",
+    "Physical", "Search", "Sign", "Spread", "TorqueFit", "derivatives", "design_motion", "find_load", "fit_torque",
     "friction_from_motor_test", "gain_from_current", "identify", "low_pass", "minimize_genetic", "nearest_physical",
     "oscillation", "pulse_budget", "puma560_ranges", "ranges", "spread", "without_delay",
 ]  # fmt: skip

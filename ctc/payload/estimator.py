@@ -104,6 +104,7 @@ class PayloadEstimator:
         self.loop_law = PayloadLaw(
             law=known,
             start_with=start,
+            stiffened=known.rig.drive.elasticity is None,
             per_kg=shape.per_kg[len(shape.places) // 2],
             noise=(1.0 if known.rig.drive.elasticity is None else _SWINGING)
             * (tolerated * known.rig.drive.joint_coulomb() + _ROUNDING * floor),

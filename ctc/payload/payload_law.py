@@ -36,9 +36,13 @@ class PayloadLaw(Law):
     is re-based, D' x' = D x + model - model', with the model's torque along the reference. The commanded torque then
     differs by (D' - D) times the feedback of the tracking error, and by nothing else.
 
+    On rigid gears the law has the model that carries the load, so that its bandwidth stays. On elastic ones its feedback
+    keeps the inertia of the empty arm, since above their resonance a load is not felt and a higher gain would make them
+    swing (``stiffened=False``): what the load needs is fed forward beside it, and re-based likewise.
+
     The change is that of the disturbance torque against its own slow part, weighed by the torque of the load per kg:
     in standard deviations of what friction that is uncertain would do; positive where the load grows. After a swap it
-    begins anew.
+    begins anew, from nothing that the model lacks: a swap to a wrong load is a change.
 
     Parameters
     ----------
@@ -50,6 +54,8 @@ class PayloadLaw(Law):
         Of 1 kg where loads are expected.
     noise : (n,) array_like
         Standard deviation of the disturbance torque's changes without a change of the load [N m].
+    stiffened : bool
+        Whether the feedback, too, has the inertia of the load.
     observer : float
         Triple pole of the observer [rad/s].
     memory : float
@@ -60,6 +66,7 @@ class PayloadLaw(Law):
     start_with: Nested = structure(default=(0.0,) * len(LOAD))
     per_kg: Vector = number((len(LOAD),))
     noise: Vector = number(("n",))
+    stiffened: bool = structure(bool, default=True)
     observer: float = number((), default=60.0)
     memory: float = number((), default=0.05)
 
@@ -122,25 +129,31 @@ class PayloadLaw(Law):
             D @ setpoint.qdd + dynamics.h(setpoint.q, setpoint.qd, f) for D, f in zip(inertias, models, strict=True)
         )
         swapped = ca.sum1(ca.fabs(parts["wanted"] - parts["load"])) > 0
-        solve = inverse(inertias[1]).solve
-
-        def rebased(x: ca.SX) -> ca.SX:
-            return ca.if_else(swapped, solve(inertias[0] @ x + before - after), x)
+        empty = dynamics.D(setpoint.q, self.arm.f)
+        from_inertia, to_inertia = inertias if self.stiffened else (empty, empty)
+        rebase = inverse(to_inertia).solve
 
         own = ca.vertsplit(parts["law"])
         for some in model_errors(self.law, n):
-            new = ca.vertsplit(rebased(ca.vertcat(*(own[i] for i in some))))
-            for i, value in zip(some, new, strict=True):
+            x = ca.vertcat(*(own[i] for i in some))
+            new = ca.if_else(swapped, rebase(from_inertia @ x + before - after), x)
+            for i, value in zip(some, ca.vertsplit(new), strict=True):
                 own[i] = value
-        asked, following = _with_f(self.law, models[1]).equations(rig, ca.vertcat(*own), setpoint, pulses, torque, dt)
+        if self.stiffened:
+            law, beside, acted = _with_f(self.law, models[1]), ca.SX.zeros(n), torque
+        else:
+            law, beside = self.law, after - empty @ setpoint.qdd - dynamics.h(setpoint.q, setpoint.qd, self.arm.f)
+            acted = torque - beside
+        asked, following = law.equations(rig, ca.vertcat(*own), setpoint, pulses, acted, dt)
+        asked = asked + beside
 
         seen = parts["observer"]
-        seen = ca.vertcat(seen[: 2 * n], rebased(seen[2 * n :]))
+        seen = ca.vertcat(seen[: 2 * n], ca.if_else(swapped, 0, seen[2 * n :]))
         needed = after + drive.friction(setpoint.qd)
         seen = observed(inertias[1], needed, rig, seen, setpoint, pulses, torque, self.observer, dt)
         lacking = inertias[1] @ seen[2 * n :]
-        slow = parts["slow"] + (1 - ca.exp(-dt / self.memory)) * (lacking - parts["slow"])
-        slow = ca.if_else(swapped, lacking, slow)
+        slow = ca.if_else(swapped, 0, parts["slow"])
+        slow = slow + (1 - ca.exp(-dt / self.memory)) * (lacking - slow)
         one = matrix @ self.per_kg
         weight = (dynamics.D(setpoint.q, one) @ setpoint.qdd + dynamics.h(setpoint.q, setpoint.qd, one)) / self.noise
         change = ca.dot(weight, (lacking - slow) / self.noise) / ca.sqrt(ca.dot(weight, weight) + _TINY)

@@ -121,10 +121,11 @@ class GeneticEstimator:
         place = parameters[1:4] / best[0] if best[0] > 0 else self.shape.places[len(self.shape.places) // 2]
         return PayloadEstimate(
             mass=float(best[0]), std=std, interval=np.clip(best[0] + 1.96 * std * np.array([-1, 1]), low, high),
-            parameters=parameters, position=place, sufficient=sufficient, explained=misfit < _MISFIT, misfit=misfit, message=message,
+            parameters=parameters, position=place, sufficient=sufficient, explained=misfit < _MISFIT, misfit=misfit,
+            message=message,
         )  # fmt: skip
 
-    def _costs(self, window: Window):  # type: ignore[no-untyped-def]  # a function of populations
+    def _costs(self, window: Window):
         loop, start, n = self._loop, self._start, self.arm.n
         q, qd, _ = self._smoothing.motion(self.rig.cell_centre(window.counts[: self._smoothing.samples]))
         angle = self.rig.cell_centre(window.counts[start:])
@@ -146,7 +147,7 @@ class GeneticEstimator:
 
         return costs
 
-    def _block(self, f, state, tables, uniform):  # type: ignore[no-untyped-def]  # of the kernel
+    def _block(self, f, state, tables, uniform):
         """Costs of at most `LANES` candidates; empty lanes repeat the last."""
         lanes = np.empty((f.shape[1], LANES))
         lanes[:, : len(f)], lanes[:, len(f) :] = f.T, f[-1][:, None]

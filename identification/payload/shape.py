@@ -51,7 +51,7 @@ class LoadShape:
         """
         limits = array("mass", mass, (2,), advice="Give the lightest and the heaviest load, such as (0, 5) [kg].")
         if not 0 <= limits[0] < limits[1]:
-            raise ValueError(f"mass must be a range from 0 or more upwards; got {mass}. Give kg, such as (0, 5).")
+            raise ValueError(f"mass must be a range from 0 or more upwards; got {mass!r}. Give kg, such as (0, 5).")
         own = array("inertia", inertia, (6,), advice="Give Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre, per kg.")
         if own.any():
             Body(mass=1.0, com=np.zeros(3), inertia=own).require_physical("of the load")
@@ -62,10 +62,10 @@ class LoadShape:
             return cls(limits, place[None], own)
         ends = array("reach", reach, (2,), advice="Give the shortest and the longest distance, such as (0.2, 0.5) [m].")
         if not ends[0] < ends[1]:
-            raise ValueError(f"reach must be a shorter and a longer distance; got {reach}. Give metres.")
+            raise ValueError(f"reach must be a shorter and a longer distance; got {reach!r}. Give metres.")
         direction = _outwards(arm) if along is None else array("along", along, (3,), advice="Give a direction.")
         length = real("length of along", np.linalg.norm(direction), "Give a direction that is not zero.", positive=True)
-        return cls(limits, np.linspace(*ends, _PLACES)[:, None] * direction / length, own)
+        return cls(limits, np.linspace(ends[0], ends[1], _PLACES)[:, None] * direction / length, own)
 
     @functools.cached_property
     def per_kg(self) -> NDArray[np.float64]:

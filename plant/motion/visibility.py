@@ -125,4 +125,4 @@ def _identifiable(regressor: NDArray[np.float64], parameters: Sequence[str], tol
         names.append(" ".join([parameters[own], *terms]))
     scaled = regressor[:, kept] / lengths[kept]
     unexcited = np.flatnonzero(lengths <= tolerance * lengths.max())
-    return Visibility(tuple(names), tuple(parameters[k] for k in unexcited), float(np.linalg.cond(scaled)))
+    return Visibility(tuple(names), tuple(parameters[int(k)] for k in unexcited), float(np.linalg.cond(scaled)))

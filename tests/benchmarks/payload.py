@@ -96,7 +96,8 @@ def one(name, known, place, random, log=0, mass=None, bandwidth=150.0, **options
     events = [event for event in controller.events if event.time > (change - 1) * PERIOD]
     early = [event for event in controller.events[1:] if event.time <= (change - 1) * PERIOD]
     answer = next(((k, e) for k, e in estimates if e.sufficient and k > change), None)
-    return {"body": body, "change": change, "first": first, "event": events[0] if events else None, "errors": errors, "early": early,
+    return {"body": body, "change": change, "first": first, "event": events[0] if events else None,
+            "errors": errors, "early": early,
             "answer": answer, "controller": controller, "torques": torques}  # fmt: skip
 
 
@@ -201,7 +202,8 @@ def swap(runs):
         f"swap: {len(rows)} swaps; the model changes by {np.median(whole):.1f} N m along the reference, the "
         f"torque jumps "
         f"by {np.median(jump):.2f} (at most {jump.max():.2f}; {np.median(jump / whole):.1%} of it, at most "
-        f"{(jump / whole).max():.1%}); that is the model's change on the feedback to {np.max(rest / jump):.2%}"
+        f"{(jump / whole).max():.1%}); that is the model's change on the feedback, but for {np.max(rest / whole):.1%} "
+        "of the change"
     )
 
 
@@ -353,27 +355,26 @@ def elastic(runs):
     random, rows = np.random.default_rng(41), []
     for _ in range(runs):
         body, change = drawn(random, 5.0)
-        runs_of = {}
+        first, ends = lead(change), {}
+        begin = change - first
         for which, made in (("with", PayloadEstimator(law, position=body.com, beside=False)), ("without", law)):
-            controller, stepped = started(made, arm, rig, lead(change))
-            begin, first = change - lead(change), lead(change)
+            controller, stepped = started(made, arm, rig, first)
             errors, _, _ = run(controller, stepped, begin + round(AFTER / PERIOD), begin, body, first)
-            runs_of[which] = controller, np.abs(errors).max(axis=1)
-        event = next((e for e in runs_of["with"][0].events[1:] if np.isfinite(e.swapped)), None)
-        if event is None:
-            rows.append((np.nan,) * 5)
-            continue
-        swap = round(event.swapped / PERIOD)
-        rows.append((abs(event.after - 5.0), runs_of["with"][1][swap:].max(), runs_of["with"][1][begin:].max(),
-                     runs_of["without"][1][swap:].max(), runs_of["without"][1][begin:].max()))  # fmt: skip
-    mass, after, peak, later, bare = np.array(rows).T
+            worst = np.abs(errors).max(axis=1)
+            if which == "with":
+                event = next((e for e in controller.events[1:] if np.isfinite(e.swapped)), None)
+                swapped = len(worst) if event is None else round(event.swapped / PERIOD)
+            later = min(swapped + round(0.3 / PERIOD), len(worst) - 1)
+            ends[which] = [worst[min(swapped, len(worst) - 1) :].max(), worst[later:].max(), worst[begin:].max()]
+        rows.append([np.nan if event is None else abs(event.after - 5.0), *ends["with"], *ends["without"]])
+    rows = np.array(rows)
+    answered = np.isfinite(rows[:, 0])
+    mass, after, settled, peak, bare, bare_settled, bare_peak = rows[answered].T
     print(
-        f"elastic, 60 Hz: {np.isfinite(mass).mean():.1%} answered, mass 95 % {np.nanpercentile(mass, 95):.3f} "
-        f"kg; every "
-        f"sample within 1 from the swap on in {np.nanmean(after <= 1):.1%} (without "
-        f"{np.nanmean(later <= 1):.1%}); peak "
-        f"{np.nanmedian(peak):.0f}, at most {np.nanmax(peak):.0f} pulses (without {np.nanmedian(bare):.0f}, "
-        f"{np.nanmax(bare):.0f})"
+        f"elastic, 60 Hz: {answered.mean():.1%} answered, mass 95 % {percent(mass):.3f} kg; every sample within 1 from "
+        f"the swap on in {np.mean(after <= 1):.1%} (without {np.mean(bare <= 1):.1%}), from 0.3 s after it in "
+        f"{np.mean(settled <= 1):.1%} ({np.mean(bare_settled <= 1):.1%}); peak {np.median(peak):.0f}, at most "
+        f"{peak.max():.0f} pulses ({np.median(bare_peak):.0f}, {bare_peak.max():.0f})"
     )
 
 

@@ -21,8 +21,8 @@ LAWS = {
 }
 
 
-def watched(law, start=np.zeros(10)):
-    return PayloadLaw(law=law, per_kg=ONE, noise=(0.8, 0.4), start_with=start)
+def watched(law):
+    return PayloadLaw(law=law, per_kg=ONE, noise=(0.8, 0.4))
 
 
 def state_of(running, law):
