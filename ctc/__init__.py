@@ -7,6 +7,7 @@ Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above
 `certification` `certify`: Monte Carlo probability of leaving a pulse limit under parameter uncertainty
 `stability`     the error loop linearised, its margins, gains by design (python-control)
 `verdict`       `evaluate` one arm under one law, `compare` several, animate
+`payload`       a load in the gripper, found and taken into the model while the arm works
 `laws`          computed torque (observer, PID, integral, flexible joints), feed-forward, adaptive ...
 `figures`       figures of records and results, in one style
 =============== ====================================================================================================
@@ -49,6 +50,10 @@ from ctc.laws.computed_torque_pid import ComputedTorquePID
 from ctc.laws.feed_forward import FeedForward, PDGravity
 from ctc.laws.flexible_joint import FlexibleJointComputedTorque
 from ctc.laws.sliding_mode import SlidingMode
+from ctc.payload.controller import PayloadController
+from ctc.payload.estimator import PayloadEstimator
+from ctc.payload.events import PayloadEvent
+from ctc.payload.payload_law import PayloadLaw
 from ctc.stability.design import kalman_gains, lqr_gains, motor_gain, observer_gains, pid_gains
 from ctc.stability.error_loop import error_loop
 from ctc.stability.margins import Margins, margins
@@ -63,7 +68,8 @@ from ctc.verdict.resonance_sweep import ResonanceSweep, sweep_resonance
 __all__ = [
     "Adaptive", "Certificate", "Comparison", "ComputedTorque", "ComputedTorqueIntegral", "ComputedTorquePID",
     "Evaluation", "FeedForward", "FlexibleJointComputedTorque", "Influence", "LowestResonance", "Margins",
-    "PDGravity", "Reserves", "ResonanceSweep", "SlidingMode", "Trial", "Tuning", "animate", "certify",
+    "PDGravity", "PayloadController", "PayloadEstimator", "PayloadEvent", "PayloadLaw",
+    "Reserves", "ResonanceSweep", "SlidingMode", "Trial", "Tuning", "animate", "certify",
     "clopper_pearson", "compare", "error_loop", "evaluate", "kalman_gains", "lowest_resonance", "lqr_gains",
     "margins", "motor_gain", "observer_gains", "pid_gains", "plot_arm", "plot_certificate", "plot_comparison",
     "plot_evaluation", "plot_identification", "plot_margins", "plot_phase", "plot_record", "plot_sweep",

@@ -3,6 +3,7 @@
 Dynamics + Record(s) -> Arm, the same arm with f found. The rooms, each above all that it imports:
 
 ================ ===================================================================================================
+`payload`        a load in the gripper, from a short window under computed torque
 `repeatability`  `spread` of the result over seeds (4.2)
 `procedure`      `identify`: prepare, search, assess (3.2)
 `results`        `Identification`, its warnings and figures; what contradicts the model; a load; Figs. 10-11
@@ -26,6 +27,7 @@ if _found is None or _found.origin is None or Path(_found.origin).resolve().pare
 from identification import deprecated as _deprecated  # noqa: F401 - old names, for one release
 from identification.equation_error.filtering import derivatives, low_pass
 from identification.equation_error.torque_fit import TorqueFit, fit_torque
+from identification.payload.posterior import PayloadEstimate
 from identification.planning.budget import Budget, pulse_budget
 from identification.planning.excitation import design_motion
 from identification.planning.motor import MotorFit, friction_from_motor_test, gain_from_current
@@ -52,8 +54,8 @@ known_options(GeneticSettings)
 
 __all__ = [
     "Budget", "Detection", "Diagnostics", "Fit", "GearResonance", "GeneticResult", "GeneticSettings", "GeneticState",
-    "Identification", "Interval", "LinkSize", "Load", "MotorFit", "Objective", "Oscillation", "Physical", "Search",
-    "Sign", "Spread", "TorqueFit", "derivatives", "design_motion", "find_load", "fit_torque",
+    "Identification", "Interval", "LinkSize", "Load", "MotorFit", "Objective", "Oscillation", "PayloadEstimate",
+    "Physical", "Search", "Sign", "Spread", "TorqueFit", "derivatives", "design_motion", "find_load", "fit_torque",
     "friction_from_motor_test", "gain_from_current", "identify", "low_pass", "minimize_genetic", "nearest_physical",
     "oscillation", "pulse_budget", "puma560_ranges", "ranges", "spread", "without_delay",
 ]  # fmt: skip

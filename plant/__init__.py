@@ -49,6 +49,7 @@ from plant.mechanics.chain import Chain
 from plant.mechanics.coupling import Coupling
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.link import Link
+from plant.mechanics.load import load_body, load_matrix, load_parameters
 from plant.mechanics.lumping import Lumping
 from plant.mechanics.placement import Placement
 from plant.motion.demand import shortest_duration, torque_share
@@ -58,7 +59,7 @@ from plant.motion.link_reference import LinkReference
 from plant.motion.reference import Harmonics, Motion, PointToPoint, Reference, Spline
 from plant.motion.scaled import Scaled, slowed
 from plant.motion.table import Table
-from plant.motion.visibility import visibility
+from plant.motion.visibility import load_visibility, visibility
 from plant.parts.labels import joint_label, joint_labels
 from plant.parts.part import Part, number, part, structure
 from plant.realtime.guards import Guards
@@ -67,6 +68,7 @@ from plant.robots import catalogue, puma560
 from plant.siblings import check_siblings
 from plant.simulation.controller_log import write_replay
 from plant.simulation.simulator import DivergenceError, replay, simulate
+from plant.simulation.stepped_arm import SteppedArm
 from plant.version import __version__ as __version__
 
 check_siblings()
@@ -118,6 +120,7 @@ __all__ = [
     "Setpoint",
     "Spline",
     "StatelessLaw",
+    "SteppedArm",
     "Table",
     "TorqueRipple",
     "Transport",
@@ -126,6 +129,10 @@ __all__ = [
     "joint_label",
     "joint_labels",
     "linearise",
+    "load_body",
+    "load_matrix",
+    "load_parameters",
+    "load_visibility",
     "modes",
     "number",
     "p_gains",

@@ -99,6 +99,10 @@ class ComputedTorque(ModelLaw):
         """Observer at rest on the reference, no torque commanded yet, and the boost of the observer in full."""
         return np.append(np.zeros((5 + 2 * self.delay) * n), 1.0)
 
+    def model_errors(self, n: int) -> tuple[range, ...]:
+        """Disturbance, and the feedback accelerations that acted or will: they hold what the model lacks."""
+        return tuple(range(i * n, (i + 1) * n) for i in (2, 3, *((5,) if self.delay else ())))
+
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> tuple[ca.SX, ca.SX]:

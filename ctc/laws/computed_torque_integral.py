@@ -54,6 +54,10 @@ class ComputedTorqueIntegral(ModelLaw):
         """No reading yet, nothing integrated, no torque commanded."""
         return np.concatenate([no_reading(n), np.zeros(2 * n)])
 
+    def model_errors(self, n: int) -> tuple[range, ...]:
+        """The integral."""
+        return (range(n + 1, 2 * n + 1),)
+
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> tuple[ca.SX, ca.SX]:

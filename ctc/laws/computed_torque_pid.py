@@ -66,6 +66,10 @@ class ComputedTorquePID(ModelLaw):
         """No reading yet (the first number), nothing integrated, no torque commanded."""
         return np.zeros(1 + 5 * n)
 
+    def model_errors(self, n: int) -> tuple[range, ...]:
+        """The integral."""
+        return (range(1, 1 + n),)
+
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> tuple[ca.SX, ca.SX]:

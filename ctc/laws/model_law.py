@@ -69,6 +69,10 @@ class ModelLaw(Law):
         """Once per sample of the rig [s]."""
         return self.rig.period
 
+    def model_errors(self, n: int) -> tuple[range, ...]:
+        """Places in the state of accelerations (n each) that stand for what the model lacks, to be re-based with it."""
+        return ()
+
     def start(self, rig: Rig, pulses: ArrayLike, **options: Any) -> Running:
         """This law as a running controller, as `Law.start`; refused where its linearised loop is unstable.
 
@@ -80,11 +84,21 @@ class ModelLaw(Law):
         ValueError
             As `Law.start`; an unstable loop, with the frequency at which it would swing.
         """
+        self.require_stable(rig, pulses)
+        return super().start(rig, pulses, **options)
+
+    def require_stable(self, rig: Rig, pulses: ArrayLike) -> None:
+        """Refuse what `start` refuses.
+
+        Raises
+        ------
+        ValueError
+            An unstable loop.
+        """
         stated = rig if getattr(rig.drive, "elasticity", None) is not None else self.rig
         fast = getattr(self, "bandwidth", 0.0) * self.rig.period > _FAST
         if self.period is not None and (fast or stated.drive.elasticity is not None):
             self._require_stable(stated, pulses)
-        return super().start(rig, pulses, **options)
 
     def _require_stable(self, rig: Rig, pulses: ArrayLike) -> None:
         counts = array("pulses", pulses, (rig.n,), advice="Give the encoder count of each joint.")

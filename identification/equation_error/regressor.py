@@ -23,7 +23,7 @@ from identification.equation_error.filtering import derivatives, low_pass
 from plant import Dynamics, Motion, Rig
 from plant.parts.arguments import array
 
-__all__ = ["LINEAR", "System", "compared", "regressor_along", "regressor_and_torque"]
+__all__ = ["LINEAR", "System", "balance", "compared", "regressor_along", "regressor_and_torque"]
 
 LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
 
@@ -92,7 +92,7 @@ def regressor_along(
     motors : Motion, optional
         Of the motors, as joints on rigid gears would have it, where gears are elastic.
     """
-    names, function = _balance(dynamics, rig, tuple(unknown), motors is not None)
+    names, function = balance(dynamics, rig, tuple(unknown), motors is not None)
     motions = (*motion, *(() if motors is None else motors[1:]))
     values = np.concatenate([np.zeros(dynamics.p), rig.number_values()])
     values[[names.index(name) for name in unknown]] = 0.0
@@ -107,7 +107,7 @@ def regressor_along(
 
 
 @functools.lru_cache(maxsize=16)
-def _balance(dynamics: Dynamics, rig: Rig, unknown: tuple[str, ...], elastic: bool) -> tuple[list[str], Any]:
+def balance(dynamics: Dynamics, rig: Rig, unknown: tuple[str, ...], elastic: bool) -> tuple[list[str], Any]:
     """Names of all numbers, and (q, qd, qdd, numbers) -> regressor of the unknowns, torque of these numbers.
 
     Of elastic gears speed and acceleration of the motors come before the numbers.

@@ -157,10 +157,11 @@ def minimize_genetic(
     _require(known, f"settings must be GeneticSettings; got {given}. Pass None for those of the paper.")
     _check_number("seed", seed, Integral, 0, INF)
     code = bounds, settings.bits_per_variable, settings.coding
-    shape = settings.subpopulations * settings.individuals, sum(_code(*code)[2])
+    known_code = _code(*code)
+    shape = settings.subpopulations * settings.individuals, sum(known_code[2])
 
     def evaluate(chromosomes: Bits) -> tuple[Floats, Floats]:
-        x = decode(chromosomes, *code)
+        x = _decoded(chromosomes, *known_code, settings.coding)
         return x, _evaluate(objective, x)
 
     rng = np.random.default_rng(int(seed))
@@ -182,7 +183,7 @@ def minimize_genetic(
         initial_cost=first.best_cost,
         initial_population=x,
         initial_costs=first.costs,
-        final_population=decode(state.chromosomes, *code),
+        final_population=_decoded(state.chromosomes, *known_code, settings.coding),
         final_costs=state.costs,
         history=state.history,
         evaluations=state.evaluations,
@@ -295,7 +296,11 @@ def decode(
     I is read most significant bit first; in Gray code each digit is the running parity. Source: paper section 3.7.
     """
     lower, upper, widths = _code(bounds, bits_per_variable, coding)
-    rows = _points("bits", bits, widths.sum()).astype(np.uint8)
+    return _decoded(_points("bits", bits, widths.sum()).astype(np.uint8), lower, upper, widths, coding)
+
+
+def _decoded(rows: Bits, lower: Floats, upper: Floats, widths: NDArray[np.int_], coding: str) -> Floats:
+    """`decode`, of what has been validated."""
     whole = np.empty((len(rows), len(widths)))
     for j, block in enumerate(np.split(rows, np.cumsum(widths)[:-1], axis=1)):
         digits = np.bitwise_xor.accumulate(block, axis=1) if coding == "gray" else block
@@ -338,8 +343,12 @@ def rank_nonlinear(costs: Floats, pressure: float = 2.0) -> Floats:
 
 def _by_rank(costs: Floats, fitness: Floats) -> Floats:
     """Give out fitness (N,), worst first, by costs (N,); equal costs share the mean. numpy sorts NaN last: worst."""
-    shared, (_, tie) = np.empty(len(costs)), np.unique(costs, return_inverse=True)
-    shared[np.argsort(costs, kind="stable")[::-1]] = fitness
+    shared, order = np.empty(len(costs)), np.argsort(costs, kind="stable")
+    shared[order[::-1]] = fitness
+    ranked = np.asarray(costs)[order]
+    if (ranked[1:] > ranked[:-1]).all():
+        return shared
+    tie = np.unique(costs, return_inverse=True)[1]
     return (np.bincount(tie, shared) / np.bincount(tie))[tie]
 
 

@@ -2,7 +2,7 @@
 
 Read `reference`, then `table` and `scaled` (other references), `link_reference` (of motors for the sake of their links
 behind elastic gears), `demand` (torques along a path), `fastest` (the time-optimal motion) and `visibility`
-(identifiability).
+(identifiability, also of a load).
 """
 
 __all__: list[str] = []

@@ -1,17 +1,20 @@
-"""Identifiability of an arm's parameters from the excitation of a motion."""
+"""Identifiability of an arm's parameters, and of a load's, from the excitation of a motion."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.independent_columns import independent_columns
+from plant.mechanics.load import LOAD, load_matrix
 from plant.motion.reference import Reference
-from plant.parts.arguments import instance
+from plant.parts.arguments import instance, real
 
-__all__ = ["Visibility", "visibility"]
+__all__ = ["Visibility", "load_visibility", "visibility"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,18 +58,71 @@ def visibility(dynamics: Dynamics, reference: Reference, *, tolerance: float = 1
     -------
     Visibility
     """
+    regressor = _along(dynamics, reference, 0.0, None)
+    return _identifiable(regressor, dynamics.names, tolerance)
+
+
+def load_visibility(
+    dynamics: Dynamics,
+    reference: Reference,
+    *,
+    start: float = 0.0,
+    duration: float | None = None,
+    link: int | str = -1,
+    tolerance: float = 1e-3,
+) -> Visibility:
+    """Which parameters of a load the next stretch of a path makes identifiable, with all else known.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+        Of the arm, empty or not.
+    reference : Reference
+    start, duration : float
+        The stretch [s]; by default all of the reference.
+    link : int or str
+        That carries the load; by default the last.
+    tolerance : float
+        As for `visibility`. What noise hides counts as invisible with a larger one, such as this default.
+
+    Returns
+    -------
+    Visibility
+        Of the load's standard parameters `plant.mechanics.load.LOAD`.
+
+    Raises
+    ------
+    ValueError
+        A stretch that is not in the reference, a link that the chain does not have.
+    """
+    regressor = _along(dynamics, reference, start, duration) @ load_matrix(dynamics, link)
+    return _identifiable(regressor, LOAD, tolerance)
+
+
+def _along(dynamics: Dynamics, reference: Reference, start: float, duration: float | None) -> NDArray[np.float64]:
+    """Regressor along a stretch of a reference, stacked: (states n, p)."""
     instance("dynamics", dynamics, Dynamics, "The order is dynamics, reference; Dynamics.from_chain(chain) makes one.")
     instance("reference", reference, Reference, "The order is dynamics, reference.")
-    motion = reference(np.linspace(0, reference.duration, 500))
-    regressor = np.vstack([dynamics.Y(*state).full() for state in zip(*motion, strict=True)])
+    whole, start = reference.duration, real("start", start, "Give seconds.")
+    duration = whole - start if duration is None else real("duration", duration, "Give seconds.", positive=True)
+    if not (0 <= start < whole and start + duration <= whole * (1 + 1e-9)):
+        raise ValueError(
+            f"the stretch must be in the reference, 0 to {whole:g} s; got {start:g} to {start + duration:g} s. "
+            "Change start or duration."
+        )
+    motion = reference(np.linspace(start, start + duration, 500))
+    return np.vstack([dynamics.Y(*state).full() for state in zip(*motion, strict=True)])
+
+
+def _identifiable(regressor: NDArray[np.float64], parameters: Sequence[str], tolerance: float) -> Visibility:
     lengths = np.linalg.norm(regressor, axis=0)
-    kept, matrix = independent_columns(regressor, range(dynamics.p), tolerance)
-    sums = [f"({name})" if " " in name else name for name in dynamics.names]
+    kept, matrix = independent_columns(regressor, range(len(parameters)), tolerance)
+    sums = [f"({name})" if " " in name else name for name in parameters]
     names = []
     for row, own in zip(matrix, kept, strict=True):
         others = [k for k in np.flatnonzero(np.abs(row) > tolerance) if k != own]
         terms = [f"{'-' if row[k] < 0 else '+'} {abs(row[k]):.4g} {sums[k]}" for k in others]
-        names.append(" ".join([dynamics.names[own], *terms]))
+        names.append(" ".join([parameters[own], *terms]))
     scaled = regressor[:, kept] / lengths[kept]
     unexcited = np.flatnonzero(lengths <= tolerance * lengths.max())
-    return Visibility(tuple(names), tuple(dynamics.names[k] for k in unexcited), float(np.linalg.cond(scaled)))
+    return Visibility(tuple(names), tuple(parameters[int(k)] for k in unexcited), float(np.linalg.cond(scaled)))

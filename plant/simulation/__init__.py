@@ -2,7 +2,7 @@
 
 Reading order: `correction`, `layout` (state and numbers), `sub_step`, `closed_loop` (the step) -> `loop_source`,
 `loop_kernel` (compiled), `casadi_loop` (the referee) -> `clock`, `followed_path`, `time_tables` (what drives it) ->
-`simulator`, `controller_log`; `threads`.
+`simulator`, `stepped_arm` (for scripts), `controller_log`; `threads`.
 """
 
 __all__: list[str] = []

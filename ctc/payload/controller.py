@@ -1,0 +1,199 @@
+"""The running controller of a payload estimator: the law at work, and the three stages around it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ctc.payload.events import PayloadEvent
+from identification.payload.posterior import PayloadEstimate
+from identification.payload.torque_window import Window
+from identification.payload.worker import Worker, shared_worker
+from plant import Running
+
+if TYPE_CHECKING:
+    from ctc.payload.estimator import PayloadEstimator
+
+__all__ = ["PayloadController"]
+
+_SETTLE = 0.1
+"""From the start, in which nothing is collected and no change is looked for: the observers settle [s]."""
+
+_AGAIN = 0.25
+"""Share of a window after which, where one said too little, the next one is looked at."""
+
+_FRESH, _FRESH_TIME = 1.0, 0.05
+"""By how much the alarm's limit is higher just after a swap, as a share, and how fast that passes [s]: friction that
+differs comes back into the observer."""
+
+_AHEAD = 5e-3
+"""A loop that is so far ahead of the clock is a simulation, and waits for its answer [s]."""
+
+_PATIENCE = 60.0
+"""For how long it would [s]."""
+
+_EMPTY = 0.1
+"""Share of the heaviest load below which a gripper counts as empty."""
+
+
+class PayloadController:
+    """A controller at work that estimates its load; made by `PayloadEstimator.start`.
+
+    Parameters
+    ----------
+    estimator : PayloadEstimator
+    running : Running
+        Of its ``loop_law``.
+
+    Attributes
+    ----------
+    load : PayloadEstimate
+        What is known of the load now: ``.mass``, ``.std``, ``.interval``; ``.sufficient`` says whether the model has it
+        or holds the prior, and ``.message`` why.
+    events : list of PayloadEvent
+        What happened, with times, masses before and after; the first is the load at the start.
+    stage : str
+        "settling", "collecting", "identifying" or "holding".
+    running : Running
+        The law at work: ``.torque``, ``.status``, ``.stopped`` and the rest.
+    change : float
+        The statistic on which changes are detected; `PayloadEstimator.alarm` is its limit.
+    """
+
+    def __init__(self, estimator: PayloadEstimator, running: Running) -> None:
+        self.estimator, self.running = estimator, running
+        places = estimator.loop_law.places(running.n)
+        base = len(running.core.memory) - len(estimator.loop_law.block(running.rig).values)
+        states = len(estimator.loop_law.initial_state(running.n))
+        state = running.core.memory[base - 2 * states : base - states]
+        self._wanted = state[places["wanted"].start : places["wanted"].stop]
+        self._change = state[places["change"].start : places["change"].stop]
+        self._samples, self.period = estimator.specification.samples, running.period
+        self._counts, self._torque = np.zeros((2, self._samples + 1, running.n))
+        self._worker: Worker | None = None
+        if estimator.beside:
+            self._worker = shared_worker()
+            self._number = self._worker.prepare(estimator.specification)
+        else:
+            self._find = estimator.specification.made()
+        self._begin()
+
+    def _begin(self) -> None:
+        self._calls, self._from, self._job, self._swapped = 0, round(_SETTLE / self.period), -1, 0
+        self._bridged, self.stage, self.load = 0, "settling", self.estimator.prior
+        self.events: list[PayloadEvent] = []
+
+    def reset(self, pulses: ArrayLike) -> None:
+        """Start anew, as `Running.reset`: with the prior, and without events."""
+        self.running.reset(pulses)
+        self._begin()
+
+    @property
+    def change(self) -> float:
+        return float(self._change[0])
+
+    @property
+    def torque(self) -> NDArray[np.float64]:
+        """Joint torque of the last call (n,) [N m]."""
+        return self.running.torque
+
+    @property
+    def status(self) -> str:
+        """As of `Running`."""
+        return self.running.status
+
+    @property
+    def stopped(self) -> bool:
+        """As of `Running`."""
+        return self.running.stopped
+
+    def step(self, *arguments: Any, **options: Any) -> NDArray[np.float64]:
+        """Torque to be applied until the next call, as `Running.step`; to be called once per period."""
+        torque = self.running.step(*arguments, **options)
+        row = self._calls % len(self._counts)
+        self._counts[row], self._torque[row] = self.running.pulses, torque
+        self._calls += 1
+        if not self.running.stopped:
+            self._proceed()
+        return torque
+
+    # -- the stages -----------------------------------------------------------------------------------------------
+    def _proceed(self) -> None:
+        if self.stage == "holding":
+            since = (self._calls - self._swapped) * self.period
+            if abs(self._change[0]) > self.estimator.alarm * (1 + _FRESH * math.exp(-since / _FRESH_TIME)):
+                self._detected(float(self._change[0]))
+        elif self.stage == "settling":
+            if self._calls > self._from:
+                self.events.append(PayloadEvent(time=0.0, kind="start", before=self._mass_in_model))
+                self._collect(self._samples)
+        elif self.stage == "collecting":
+            if self.running.bridged != self._bridged:  # a sample was late or lost: the window would lie
+                self._collect(self._samples)
+            elif self._calls >= self._full:
+                self._identify()
+        else:
+            self._await()
+
+    @property
+    def _mass_in_model(self) -> float:
+        return float(self._wanted[0])
+
+    def _collect(self, samples: int) -> None:
+        self.stage, self._full, self._bridged = "collecting", self._calls + samples, self.running.bridged
+
+    def _detected(self, change: float) -> None:
+        """A change: the model goes back to the prior, and a window begins."""
+        kind = "taken" if change > 0 else "dropped"
+        now = (self._calls - 1) * self.period
+        self.events.append(PayloadEvent(time=now, kind=kind, before=self._mass_in_model))
+        self.load = self.estimator.prior
+        self._wanted[:] = self.load.parameters
+        self._collect(self._samples)
+
+    def _identify(self) -> None:
+        order = np.arange(self._calls - self._samples - 1, self._calls) % len(self._counts)
+        counts, torque = self._counts[order], self._torque[order]
+        window = Window(counts[1:], torque[1:], torque[0])
+        if self._worker is None:
+            self._identified(self._find(window))
+        else:
+            self._job = self._worker.submit(self._number, window)
+            self._asked = self._calls, time.perf_counter()
+            self.stage = "identifying"
+
+    def _await(self) -> None:
+        """Take the answer when it is there; a loop ahead of the clock waits for it, one paced by it never does."""
+        worker, (calls, asked) = self._worker, self._asked
+        assert worker is not None  # noqa: S101 - only with one there is something to wait for
+        ahead = (self._calls - calls) * self.period - (time.perf_counter() - asked)
+        if ahead > _AHEAD:
+            self._identified(worker.wait(self._job, _PATIENCE))
+        elif (answer := worker.poll(self._job)) is not None:
+            self._identified(answer)
+
+    def _identified(self, estimate: PayloadEstimate) -> None:
+        event = dataclasses.replace(self.events[-1], windows=self.events[-1].windows + 1, message=estimate.message)
+        self.load = estimate
+        if estimate.sufficient:
+            self._wanted[:] = estimate.parameters
+            event = dataclasses.replace(event, kind=self._kind(event, estimate.mass), after=estimate.mass,
+                                        swapped=self._calls * self.period)  # fmt: skip
+            self.stage, self._swapped = "holding", self._calls
+        else:
+            self.load = dataclasses.replace(self.estimator.prior, message=estimate.message)
+            self._collect(round(_AGAIN * self._samples) if estimate.explained else self._samples)
+        self.events[-1] = event
+
+    def _kind(self, event: PayloadEvent, after: float) -> str:
+        empty = _EMPTY * self.estimator.shape.mass[1]
+        if event.kind == "start":
+            return "start"
+        if after <= empty < event.before:
+            return "dropped"
+        return "taken" if event.before <= empty < after else "changed"

@@ -1,0 +1,169 @@
+"""On-line identification of a load under a law with a model: the paper's three stages collect, identify, swap."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ctc.laws.model_law import ModelLaw
+from ctc.payload.controller import PayloadController
+from ctc.payload.payload_law import PayloadLaw
+from identification import Identification
+from identification.payload.kernel_estimate import KERNEL, uncertainty
+from identification.payload.posterior import PayloadEstimate
+from identification.payload.shape import LoadShape
+from identification.payload.specification import Specification
+from plant import Law, Rig
+from plant.parts.arguments import choice, instance, known_options, real
+
+__all__ = ["PayloadEstimator"]
+
+_LEAST_WINDOW = 0.1
+"""[s]; the paper's shortest."""
+
+
+@known_options
+class PayloadEstimator:
+    """A law that finds the load in its gripper while it works.
+
+    At the start, and when a load is taken, dropped or changed, the controller holds a prior, collects counts and
+    applied torque over a window, has the load identified beside it, and swaps its model bumplessly.
+
+    Parameters
+    ----------
+    law : Law
+        That holds the arm without a load, and its rig: `ComputedTorque` and the others of `ctc`. Its observer or
+        integral is re-based at a swap.
+    mass : (2,) array_like
+        Lightest and heaviest load [kg].
+    position : (3,) array_like, optional
+        Centre of the load in the frame of the last link's body [m]. By default it lies somewhere along a line.
+    window : float
+        To be collected [s]: 0.1 to 0.2 of the paper, or more.
+    along : (3,) array_like, optional
+        Direction of that line, from the origin of that frame; by default the axis of the frame along which the last
+        link's own centre lies.
+    reach : (2,) array_like
+        Shortest and longest distance of the centre along it [m].
+    inertia : (6,) array_like
+        Ixx, Ixy, Ixz, Iyy, Iyz, Izz of 1 kg about its centre [m^2]; a point mass by default.
+    prior : float, optional
+        Mass in the model while a load is not known [kg]; by default half the heaviest.
+    found : Identification, optional
+        That gave arm and rig: its covariance goes into estimate and interval.
+    friction : float
+        Standard deviation of the friction levels as a share of them, for the interval, where `found` says nothing.
+    tolerated : float
+        Share by which friction may be off without a false alarm: see `alarm`.
+    alarm : float
+        Change of the disturbance torque, in units of `tolerated` times the Coulomb levels, that is one of the load.
+    method : {"kernel", "genetic"}
+        The torque equation by smooth kernels, or the genetic algorithm of 3.7.
+    beside : bool
+        Identify in a process of its own. If not, the call that ends a window takes as long as that does.
+    seed : int
+        Of the genetic algorithm.
+
+    Attributes
+    ----------
+    loop_law : PayloadLaw
+        The stage that runs in the loop; ``.to_c(folder)`` exports it.
+
+    Raises
+    ------
+    ValueError
+        Bad input; a law that knows no arm, or has no period.
+
+    Source: paper, conclusion.
+    """
+
+    def __init__(
+        self, law: Law, *, mass: ArrayLike = (0, 5), position: ArrayLike | None = None, window: float = 0.2,
+        along: ArrayLike | None = None, reach: ArrayLike = (0.2, 0.5), inertia: ArrayLike = (0,) * 6,
+        prior: float | None = None, found: Identification | None = None, friction: float = 0.0,
+        tolerated: float = 0.05, alarm: float = 1.9, method: str = "kernel", beside: bool = True, seed: int = 0,
+    ) -> None:  # fmt: skip
+        known = law if isinstance(law, ModelLaw) else None
+        if not isinstance(law, Law) or known is None:
+            given = type(law).__name__
+            raise ValueError(f"law must hold an arm, such as ComputedTorque; {given} knows none. Give it the model.")
+        self.law, self.method, self.beside = known, choice("method", method, ("kernel", "genetic")), beside
+        shape = LoadShape.of(known.arm, mass, position, along, reach, inertia)
+        self.shape, self.window = shape, real("window", window, "Give seconds, such as 0.2.")
+        self.alarm = real("alarm", alarm, "Leave it out.", positive=True)
+        samples = round(self.window / known.rig.period)
+        if self.window < _LEAST_WINDOW or samples < 3 * (KERNEL / known.rig.period + 2):
+            least = max(_LEAST_WINDOW, 3 * (KERNEL + 2 * known.rig.period))
+            raise ValueError(f"window must be at least {least:.3g} s; got {window:g}. The paper has 0.1 to 0.2.")
+        start = shape.prior if prior is None else self._prior(prior)
+        tolerated = real("tolerated", tolerated, "Give a share, such as 0.05.", positive=True)
+        floor = np.abs(known.rig.to_angle(np.ones(known.rig.n))) * np.diag(known.arm.D(np.zeros(known.rig.n)))
+        unknown, root = uncertainty(known.arm, known.rig, found, friction)
+        self.loop_law = PayloadLaw(
+            law=known,
+            start_with=start,
+            stiffened=known.rig.drive.elasticity is None,
+            per_kg=shape.per_kg[len(shape.places) // 2],
+            noise=(1.0 if known.rig.drive.elasticity is None else _SWINGING)
+            * (tolerated * known.rig.drive.joint_coulomb() + _ROUNDING * floor),
+        )
+        self.specification = Specification(
+            method=self.method, arm=known.arm, rig=known.rig, shape=shape, unknown=unknown, root=root, samples=samples,
+            seed=seed,
+        )  # fmt: skip
+
+    def _prior(self, prior: float) -> Any:
+        low, high = self.shape.mass
+        if not low <= real("prior", prior, "Give kg.") <= high:
+            raise ValueError(f"prior must be within {low:g} to {high:g} kg; got {prior:g}. Half the heaviest is usual.")
+        return prior / high * 2 * self.shape.prior
+
+    @property
+    def prior(self) -> PayloadEstimate:
+        """What is held while a load is not known."""
+        low, high = self.shape.mass
+        phi = np.array(self.loop_law.start_with)
+        return PayloadEstimate(
+            mass=float(phi[0]), std=float((high - low) / np.sqrt(12)), interval=np.array([low, high], dtype=float),
+            parameters=phi, position=self.shape.places[len(self.shape.places) // 2], sufficient=False,
+            explained=True, misfit=float("nan"), message="the prior: nothing identified yet",
+        )  # fmt: skip
+
+    def start(self, rig: Rig, pulses: ArrayLike, **options: Any) -> PayloadController:
+        """A running controller that estimates its load.
+
+        Parameters
+        ----------
+        rig : Rig
+            With the period of the law's.
+        pulses : (n,) array_like
+            Encoder counts now.
+        **options
+            As for `plant.Law.start`.
+
+        Returns
+        -------
+        PayloadController
+            ``.step(pulses, q_r, qd_r, qdd_r)`` as of any, ``.load`` and ``.events``.
+
+        Raises
+        ------
+        ValueError
+            As `plant.Law.start`.
+        """
+        instance("rig", rig, Rig, "Pass found.rig.")
+        self.law.require_stable(rig, pulses)
+        return PayloadController(self, self.loop_law.start(rig, pulses, **options))
+
+    def __repr__(self) -> str:
+        low, high = self.shape.mass
+        return f"PayloadEstimator({type(self.law).__name__}, {low:g} to {high:g} kg, {self.method}, {self.window:g} s)"
+
+
+_SWINGING = 2.0
+"""What elastic gears add to the disturbance after a change, as a factor."""
+
+_ROUNDING = 200.0
+"""Disturbance acceleration [1/s^2] per angle of one count, which the rounding of counts alone makes of it."""

@@ -1,0 +1,38 @@
+"""What happened to the load of a running controller."""
+
+from __future__ import annotations
+
+import dataclasses
+
+__all__ = ["PayloadEvent"]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PayloadEvent:
+    """A change of the load, as it was detected and as it was identified.
+
+    Attributes
+    ----------
+    time : float
+        When it was detected [s], counted in periods from the start; 0 for the load at the start.
+    kind : str
+        "start", "taken", "dropped" or "changed".
+    before : float
+        Mass in the model before [kg].
+    after : float
+        Mass that was identified [kg]; NaN until then.
+    swapped : float
+        When the model was swapped to it [s]; NaN until then.
+    windows : int
+        That were looked at; of those before the last the message said why they were not used.
+    message : str
+        Of the last window.
+    """
+
+    time: float
+    kind: str
+    before: float
+    after: float = float("nan")
+    swapped: float = float("nan")
+    windows: int = 0
+    message: str = "collecting"

@@ -1,0 +1,162 @@
+"""The genetic algorithm of 3.7 on the load parameters, as the paper's conclusion has it: a window replayed.
+
+Each candidate is the arm with a load. It is simulated under the torque that was applied, corrected a little at every
+sample by the counts (as in `identification.replay.prediction`), and costs the sum of its squared innovations
+[pulses^2]. Without correction the replay of an arm in open loop would be a matter of its initial speed; with it, what
+is compared is what the counts say of the torque, over about the length of the kernels of the other estimator. Tracking
+errors of the closed loop itself say less: its law keeps them within a pulse for any candidate.
+
+Source: paper, conclusion (stages 1 and 2), and 3.7.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from identification.payload.posterior import PayloadEstimate
+from identification.payload.shape import LoadShape
+from identification.payload.smoothing import Smoothing
+from identification.payload.torque_window import Window
+from identification.search.genetic import GeneticSettings, minimize_genetic
+from plant import Arm, LoggedTorque, Rig, load_matrix
+from plant.machine.rig import smooth_rig
+from plant.simulation.closed_loop import ClosedLoop
+from plant.simulation.correction import Correction
+from plant.simulation.loop_kernel import LANES, loop_kernel
+
+__all__ = ["GeneticEstimator"]
+
+_STEPS = 1
+"""Sub-steps per sample: a window is short, and corrected."""
+
+_STEP = 0.1
+"""Of the differences for the curvature, as a share of the range of masses."""
+
+_TOO_LITTLE, _MISFIT = 0.15, 4.0
+"""As for `identification.payload.posterior`: of the range of masses, and of the rounding's standard deviation."""
+
+_ROUNDING = np.sqrt(1 / 12)
+"""Standard deviation of a rounded count [pulses]."""
+
+
+class GeneticEstimator:
+    """A load from a window by the genetic algorithm, with the settings of 3.7.
+
+    Parameters
+    ----------
+    arm : Arm
+        Without a load, as identified.
+    rig : Rig
+        As identified.
+    shape : LoadShape
+    length : float
+        Over which a replay forgets [s].
+    settings : GeneticSettings, optional
+        By default those of the paper.
+    seed : int
+    """
+
+    def __init__(
+        self, arm: Arm, rig: Rig, shape: LoadShape, length: float, settings: GeneticSettings | None = None,
+        seed: int = 0,
+    ) -> None:  # fmt: skip
+        self.shape, self.arm, self.rig, self.seed = shape, arm, rig, seed
+        self.settings = GeneticSettings.paper() if settings is None else settings
+        self._smoothing = Smoothing(length, rig.period)
+        self._start = self._smoothing.samples // 2
+        self._matrix = load_matrix(arm.dynamics)
+        correction = Correction.with_memory(arm.n, length / rig.period)
+        self._loop = ClosedLoop(
+            dynamics=arm.dynamics, rig=smooth_rig(rig), law=LoggedTorque(), steps_per_sample=_STEPS,
+            correction=correction, score=_squares(arm.n),
+        )  # fmt: skip
+        self._numbers = self._loop.number_values(np.asarray(arm.f))
+        self._kernel = loop_kernel(self._loop, range(arm.dynamics.p))
+
+    @property
+    def fewest(self) -> int:
+        """Samples that a window must have: three kernels."""
+        return 3 * self._smoothing.samples
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """Of mass [kg] and, where it is unknown, place along the line (0 to 1), (1 or 2, 2)."""
+        rows = [self.shape.mass, *([(0.0, 1.0)] if len(self.shape.places) > 1 else [])]
+        return np.array(rows, dtype=float)
+
+    def parameters(self, candidates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Standard parameters (P, 10) of the loads of candidates (P, 1 or 2)."""
+        per_kg = self.shape.per_kg
+        if candidates.shape[1] == 1:
+            return candidates[:, :1] * per_kg
+        place = candidates[:, 1] * (len(per_kg) - 1)
+        low = np.minimum(place.astype(int), len(per_kg) - 2)
+        share = (place - low)[:, None]
+        return candidates[:, :1] * ((1 - share) * per_kg[low] + share * per_kg[low + 1])
+
+    def __call__(self, window: Window) -> PayloadEstimate:
+        """Estimate from a window of at least `fewest` samples."""
+        costs = self._costs(window)
+        result = minimize_genetic(costs, self.bounds, self.settings, self.seed)
+        best, (low, high) = result.x, self.shape.mass
+        near = np.repeat(best[None], 3, axis=0)
+        middle = np.clip(best[0], low + _STEP * (high - low), high - _STEP * (high - low))
+        near[:, 0] = middle + _STEP * (high - low) * np.array([-1, 0, 1])
+        around, samples = costs(near), len(window) - self._start
+        curvature = (around[0] - 2 * around[1] + around[2]) / (_STEP * (high - low)) ** 2 / 2
+        misfit = float(np.sqrt(max(result.cost, 0.0) / (samples * self.arm.n)) / _ROUNDING)
+        noise = max(misfit * _ROUNDING, _ROUNDING) ** 2 * self._smoothing.per_independent
+        even = (high - low) / np.sqrt(12)
+        std = float(min(even, np.sqrt(noise / curvature))) if curvature > 0 else float(even)
+        message, sufficient = "sufficient", True
+        if not misfit < _MISFIT:
+            message, sufficient = f"no load explains this window (misfit {misfit:.1f}); the prior stays", False
+        elif std > _TOO_LITTLE * (high - low):
+            message, sufficient = f"the window says too little (std {std:.2g} kg); the prior stays", False
+        parameters = self.parameters(best[None])[0]
+        place = parameters[1:4] / best[0] if best[0] > 0 else self.shape.places[len(self.shape.places) // 2]
+        return PayloadEstimate(
+            mass=float(best[0]), std=std, interval=np.clip(best[0] + 1.96 * std * np.array([-1, 1]), low, high),
+            parameters=parameters, position=place, sufficient=sufficient, explained=misfit < _MISFIT, misfit=misfit,
+            message=message,
+        )  # fmt: skip
+
+    def _costs(self, window: Window):
+        loop, start, n = self._loop, self._start, self.arm.n
+        q, qd, _ = self._smoothing.motion(self.rig.cell_centre(window.counts[: self._smoothing.samples]))
+        angle = self.rig.cell_centre(window.counts[start:])
+        counts = self.rig.position_in_pulses(angle)
+        samples = len(counts)
+        time = np.zeros((samples, len(loop.time_names)))
+        logged = [loop.time_names.index(f"logged[{i}]") for i in range(n)]
+        time[:, logged], time[:, -1] = window.torque[start:], loop.h
+        tables = self._kernel.prepared(
+            (time[:0], time, np.repeat(time, _STEPS, axis=0), np.column_stack([counts, np.ones(samples)]))
+        )
+        uniform = self._numbers[list(self._kernel.uniform)]
+        state = np.repeat(loop.initial_state(q[0], qd[0], self._numbers)[:, None], LANES, axis=1)
+
+        def costs(candidates: NDArray[np.float64]) -> NDArray[np.float64]:
+            f = self.arm.f + self.parameters(candidates) @ self._matrix.T
+            blocks = [self._block(f[i : i + LANES], state, tables, uniform) for i in range(0, len(f), LANES)]
+            return np.concatenate(blocks)
+
+        return costs
+
+    def _block(self, f, state, tables, uniform):
+        """Costs of at most `LANES` candidates; empty lanes repeat the last."""
+        lanes = np.empty((f.shape[1], LANES))
+        lanes[:, : len(f)], lanes[:, len(f) :] = f.T, f[-1][:, None]
+        final, _ = self._kernel.run(tables, state, lanes, uniform)
+        return np.where(final[-1] > 0, final[-2], np.inf)[: len(f)]
+
+
+@functools.lru_cache(maxsize=8)
+def _squares(n: int) -> ca.Function:
+    """Of the innovations (n), the first part of a sample's log; the counts and a weight are its data."""
+    log, data, memory = ca.SX.sym("log", n), ca.SX.sym("data", n + 1), ca.SX.sym("memory", 0)
+    return ca.Function("squares", [log, data, memory], [data[-1] * ca.sumsqr(log), memory])

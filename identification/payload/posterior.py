@@ -1,0 +1,163 @@
+"""Mass of a load within what is possible: its distribution given a window, on a line of places."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr
+
+from identification.payload.shape import LoadShape
+from plant.parts.frozen import Frozen
+
+__all__ = ["PayloadEstimate", "information", "posterior"]
+
+_TOO_LITTLE = 0.15
+"""Standard deviation of the mass, as a share of its range, above which a window says too little: evenly over the range
+it is 0.29."""
+
+_OUTSIDE = 3.0
+"""Standard deviations by which a mass is outside its range."""
+
+_FAR, _GRID = 6.0, 401
+"""Standard deviations to which a distribution is looked at, and at how many masses."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class PayloadEstimate(Frozen):
+    """What a window says of a load.
+
+    Attributes
+    ----------
+    mass, std : float
+        Mean and standard deviation [kg] within the stated range.
+    interval : (2,) numpy.ndarray
+        That holds the mass with 95 % [kg].
+    parameters : (10,) numpy.ndarray
+        Standard parameters of the load (`plant.load_parameters`), the mean.
+    position : (3,) numpy.ndarray
+        Centre of mass [m], in the frame of the last link's body; the mean.
+    sufficient : bool
+        Whether it may be used; otherwise `message` says why not, and `mass` is not to be believed.
+    explained : bool
+        Whether one load, constant over the window, can be what was seen.
+    misfit : float
+        Root mean square of what remains of the torque equation, in standard deviations of the rounded counts.
+    message : str
+    """
+
+    mass: float
+    std: float
+    interval: NDArray[np.float64]
+    parameters: NDArray[np.float64]
+    position: NDArray[np.float64]
+    sufficient: bool
+    explained: bool
+    misfit: float
+    message: str
+
+
+def information(
+    load: NDArray[np.float64], uncertain: NDArray[np.float64], torque: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Information matrix (b, b) and vector (b,) of the load's columns, and the sum of squares without a load.
+
+    Each uncertain column is scaled such that its number has a standard deviation of 1; their numbers are estimated
+    along, and what they could explain is not counted for the load.
+    """
+    prior = np.eye(uncertain.shape[1]) + uncertain.T @ uncertain
+    shares = np.linalg.solve(prior, uncertain.T @ np.column_stack([load, torque])) if len(prior) else np.empty((0, 0))
+    columns = np.column_stack([load, torque])
+    normal = columns.T @ columns
+    if len(prior):
+        normal -= (uncertain.T @ columns).T @ shares
+    return normal[:-1, :-1], normal[:-1, -1], float(normal[-1, -1])
+
+
+def posterior(
+    shape: LoadShape, matrix: NDArray[np.float64], vector: NDArray[np.float64], square: float, rows: int,
+    misfit_limit: float = 2.0,
+) -> PayloadEstimate:  # fmt: skip
+    """Estimate from `information`; mass and place are evenly likely beforehand.
+
+    Parameters
+    ----------
+    shape : LoadShape
+    matrix, vector, square
+        From `information`.
+    rows : int
+        Of the window.
+    misfit_limit : float
+        Root mean square of what remains, in that of rounding, from which on no load explains a window; from 1 on it
+        widens the distribution.
+    """
+    low, high = shape.mass
+    weight = np.einsum("kb,bc,kc->k", shape.shares, matrix, shape.shares)
+    pull = shape.shares @ vector
+    if not rows or not weight.max() > 0:
+        return _nothing(shape, "the arm rests, or no joint moves that feels a load; the prior stays")
+    weight = np.maximum(weight, 1e-12 * weight.max())
+    misfit = float(np.sqrt(max(0.0, square - (pull**2 / weight).max()) / rows))
+    weight, pull = weight / max(1.0, misfit) ** 2, pull / max(1.0, misfit) ** 2
+    centre, sigma = pull / weight, 1 / np.sqrt(weight)
+    a, b = (low - centre) / sigma, (high - centre) / sigma
+    inside = _log_between(a, b)
+    log_odds = pull**2 / weight / 2 + np.log(sigma) + inside
+    odds = np.exp(log_odds - log_odds.max())
+    odds /= odds.sum()
+    with np.errstate(over="ignore", under="ignore"):
+        peak_a, peak_b = (np.exp(-(x**2) / 2 - inside) / np.sqrt(2 * np.pi) for x in (a, b))
+    mean = np.clip(centre + sigma * (peak_a - peak_b), low, high)
+    spread = 1 + a * peak_a - b * peak_b - (peak_a - peak_b) ** 2
+    variance = sigma**2 * np.clip(np.where(np.isfinite(spread), spread, 0.0), 0.0, 1.0)
+    mass = float(odds @ mean)
+    std = float(np.sqrt(odds @ (variance + (mean - mass) ** 2)))
+    likely = int(np.argmax(log_odds))
+    parameters = (odds * mean) @ shape.per_kg
+    position = parameters[1:4] / mass if mass > 1e-6 else shape.places[likely]
+    ends = max(low, mass - _FAR * std), min(high, mass + _FAR * std)
+    message, sufficient = "sufficient", True
+    over = (centre[likely] - high) / sigma[likely], (low - centre[likely]) / sigma[likely]
+    if misfit > misfit_limit:
+        message, sufficient = f"no load explains this window (misfit {misfit:.1f}); the prior stays", False
+    elif std > _TOO_LITTLE * (high - low):
+        message, sufficient = f"the window says too little (std {std:.2g} kg); the prior stays", False
+    elif max(over) > _OUTSIDE:
+        message = f"the load is outside its range: {centre[likely]:.2f} kg of {low:g} to {high:g}; the nearest is taken"
+    return PayloadEstimate(
+        mass=mass, std=std, interval=_interval(odds, centre, sigma, inside, ends), parameters=parameters,
+        position=position, sufficient=sufficient, explained=misfit <= misfit_limit, misfit=misfit, message=message,
+    )  # fmt: skip
+
+
+def _nothing(shape: LoadShape, message: str) -> PayloadEstimate:
+    """Of a window that says nothing: what was known beforehand."""
+    low, high = shape.mass
+    return PayloadEstimate(
+        mass=float(shape.prior[0]), std=float((high - low) / np.sqrt(12)), parameters=shape.prior, misfit=float("nan"),
+        interval=np.array([low + 0.025 * (high - low), high - 0.025 * (high - low)]), sufficient=False, explained=True,
+        position=shape.places[len(shape.places) // 2], message=message,
+    )  # fmt: skip
+
+
+def _log_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Logarithm of the normal probability between a and b, also far out."""
+    flip = a > 0
+    low, high = np.where(flip, -b, a), np.where(flip, -a, b)
+    top = log_ndtr(high)
+    return np.asarray(top + np.log1p(-np.exp(np.minimum(log_ndtr(low) - top, -1e-300))))
+
+
+def _interval(
+    odds: NDArray[np.float64], centre: NDArray[np.float64], sigma: NDArray[np.float64], inside: NDArray[np.float64],
+    ends: tuple[float, float],
+) -> NDArray[np.float64]:  # fmt: skip
+    """The likeliest 95 % of the mixture, which is negligible outside these ends; a bound of the range can be in it."""
+    grid = np.linspace(*ends, _GRID)[:, None]
+    log_density = -(((grid - centre) / sigma) ** 2) / 2 - np.log(sigma) - inside
+    density = np.exp(log_density - log_density.max()) @ odds
+    likeliest = np.argsort(-density)
+    needed = np.searchsorted(np.cumsum(density[likeliest]), 0.95 * density.sum()) + 1
+    kept = grid[likeliest[:needed], 0]
+    return np.array([kept.min(), kept.max()])

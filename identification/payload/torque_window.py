@@ -1,0 +1,124 @@
+"""The torque equation over a short window: regressor of load, f and friction, and measured torque, alike smooth."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from identification.equation_error.regressor import balance
+from identification.payload.smoothing import Smoothing
+from plant import Arm, Rig, load_matrix
+from plant.compiler.map_kernel import MapKernel
+
+__all__ = ["TorqueWindow", "Window"]
+
+_SLOW = 0.05
+"""Speed [rad/s] that a joint must have throughout a kernel: below, its friction is not known to slide one way."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Window:
+    """What a controller saw of a stretch of time.
+
+    Attributes
+    ----------
+    counts : (N, n) numpy.ndarray
+        Encoder counts at each sample.
+    torque : (N, n) numpy.ndarray
+        Applied joint torque [N m], each from its sample to the next.
+    before : (n,) numpy.ndarray
+        Applied up to the first sample [N m].
+    """
+
+    counts: NDArray[np.float64]
+    torque: NDArray[np.float64]
+    before: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.counts)
+
+    @property
+    def at_samples(self) -> NDArray[np.float64]:
+        """Torque (N, n) around each sample: the mean of those on both sides of it."""
+        return (self.torque + np.vstack([self.before[None], self.torque[:-1]])) / 2
+
+
+class TorqueWindow:
+    """The torque equation of one arm, with a load and with all that is uncertain, along windows.
+
+    Parameters
+    ----------
+    arm : Arm
+        Without a load, as identified.
+    rig : Rig
+        As identified; it drives the friction.
+    smoothing : Smoothing
+    unknown : sequence of str
+        Names of what is uncertain beside the load: all of f, and friction.
+
+    Attributes
+    ----------
+    unknown : tuple of str
+    """
+
+    def __init__(self, arm: Arm, rig: Rig, smoothing: Smoothing, unknown: Sequence[str]) -> None:
+        self.arm, self.rig, self.smoothing, self.unknown = arm, rig, smoothing, tuple(unknown)
+        names, function = balance(arm.dynamics, rig, self.unknown, False)
+        self._kernel = MapKernel(function, outer=1)
+        values = dict(zip(names, np.concatenate([arm.f, rig.number_values()]), strict=True))
+        self._numbers = np.array(list(values.values()))[:, None]
+        self._of_f = [self.unknown.index(name) for name in arm.dynamics.names]
+
+    @functools.cached_property
+    def _load(self) -> NDArray[np.float64]:
+        return load_matrix(self.arm.dynamics)
+
+    def rows(
+        self, window: Window, basis: NDArray[np.float64], loaded: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Columns of the load, columns of what is uncertain, and torque that the empty arm does not explain.
+
+        Each row is divided by its standard deviation: that of the rounded counts, through the inertia, with a row
+        counted as its share of an independent one.
+
+        Parameters
+        ----------
+        window : Window
+        basis : (b, 10) numpy.ndarray
+            Standard parameters of loads.
+        loaded : (10,) numpy.ndarray
+            Of the load with which the inertia is taken.
+
+        Returns
+        -------
+        load : (R, b) numpy.ndarray
+        uncertain : (R, u) numpy.ndarray
+        torque : (R,) numpy.ndarray
+        """
+        n, u, rig = self.arm.n, len(self.unknown), self.rig
+        q, qd, qdd = self.smoothing.motion(rig.cell_centre(window.counts))
+        torque = self.smoothing.value(window.at_samples)
+        results = self._kernel(np.vstack([q.T, qd.T, qdd.T]), self._numbers)[:, 0]
+        uncertain = results[: n * u].reshape(u, n, -1)  # casadi's matrices are joined column by column
+        rest = torque.T - results[n * u :]
+        load = np.tensordot(basis @ self._load.T, uncertain[self._of_f], axes=1)
+        good = np.abs(qd.T) > _SLOW + np.abs(qdd.T) * self.smoothing.length / 2
+        inertia = self.arm.dynamics.D(q[len(q) // 2], self.arm.f + self._load @ loaded).full()
+        scale = 1 / (self.rounding * np.linalg.norm(inertia * self._per_count, axis=1))
+        weight = np.broadcast_to(scale[:, None], good.shape)[good]
+        return load[:, good].T * weight[:, None], uncertain[:, good].T * weight[:, None], rest[good] * weight
+
+    @functools.cached_property
+    def rounding(self) -> float:
+        """Standard deviation of a count's acceleration [1/s^2], as of one independent row."""
+        return self.smoothing.of_rounding * np.sqrt(self.smoothing.per_independent / 12)
+
+    @functools.cached_property
+    def _per_count(self) -> NDArray[np.float64]:
+        """Angle of one count of each joint (n,) [rad]."""
+        steps = self.rig.to_angle(np.eye(self.arm.n))
+        return np.asarray(np.abs(np.diagonal(steps)) if steps.ndim == 2 else np.abs(steps))

@@ -1,0 +1,137 @@
+"""Estimators in a process of their own, so that the interpreter's lock stays with the controller.
+
+One process serves all controllers of this one; it starts with the first and ends with this process. What is sent are
+windows of counts and torque (some ten kilobytes), what comes back are estimates.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import os
+import subprocess
+import sys
+import threading
+from multiprocessing.connection import Connection
+from typing import Any
+
+from identification.payload.posterior import PayloadEstimate
+from identification.payload.specification import Specification
+from identification.payload.torque_window import Window
+
+__all__ = ["Worker", "serve", "shared_worker"]
+
+_STARTING = 120.0
+"""Seconds that a process may take to start, or an estimator to compile."""
+
+
+class Worker:
+    """The process, seen from the controller's."""
+
+    def __init__(self) -> None:
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        command = [sys.executable, "-c", "from identification.payload.worker import serve; serve()"]
+        self._process = subprocess.Popen(  # noqa: S603 - this file
+            command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+        assert self._process.stdin is not None and self._process.stdout is not None  # noqa: S101, PT018 - pipes
+        self._out = Connection(os.dup(self._process.stdin.fileno()), readable=False)
+        self._in = Connection(os.dup(self._process.stdout.fileno()), writable=False)
+        self._process.stdin.close()
+        self._process.stdout.close()
+        self._sent, self._answers, self._lock = 0, dict[int, Any](), threading.Lock()
+
+    @property
+    def alive(self) -> bool:
+        """Whether it still works."""
+        return self._process.poll() is None
+
+    def prepare(self, specification: Specification) -> int:
+        """Number of an estimator that is made, compiled and warm.
+
+        Raises
+        ------
+        ValueError
+            What its making raised.
+        """
+        number = self._send("make", specification)
+        self.wait(number, _STARTING)
+        return number
+
+    def submit(self, estimator: int, window: Window) -> int:
+        """Number of a job."""
+        return self._send("find", (estimator, window))
+
+    def poll(self, job: int) -> PayloadEstimate | None:
+        """The answer of a job if it is there; at once."""
+        return self._answer(job, 0.0)
+
+    def wait(self, job: int, seconds: float) -> Any:
+        """The answer of a job.
+
+        Raises
+        ------
+        ValueError
+            What the job raised, or no answer in this time.
+        """
+        answer = self._answer(job, seconds)
+        if answer is None:
+            raise ValueError("the process of the estimator must answer; it does not. Start the controller anew.")
+        return answer
+
+    def close(self) -> None:
+        """End the process."""
+        with contextlib.suppress(OSError):
+            self._out.close()
+        try:
+            self._process.wait(5)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._in.close()
+
+    def _send(self, kind: str, content: Any) -> int:
+        with self._lock:
+            self._sent += 1
+            self._out.send((self._sent, kind, content))
+            return self._sent
+
+    def _answer(self, job: int, seconds: float) -> Any:
+        with contextlib.suppress(EOFError, OSError):
+            while job not in self._answers and self._in.poll(seconds):
+                number, answer = self._in.recv()
+                self._answers[number] = answer
+        answer = self._answers.pop(job, None)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+
+def shared_worker(kept: list[Worker] = []) -> Worker:  # noqa: B006 - one per process, started when first needed
+    """The worker of this process."""
+    if not kept or not kept[0].alive:
+        kept[:] = [Worker()]
+        atexit.register(kept[0].close)
+    return kept[0]
+
+
+def serve() -> None:
+    """The process itself: answer until the controller's has gone."""
+    out, incoming = Connection(os.dup(1), readable=False), Connection(os.dup(0), writable=False)
+    os.dup2(2, 1)  # whatever a library prints must not get into the answers
+    estimators: dict[int, Any] = {}
+    while True:
+        try:
+            number, kind, content = incoming.recv()
+        except (EOFError, OSError):
+            return
+        answer: Any = True
+        try:
+            if kind == "make":
+                estimators[number] = content.made()
+            else:
+                answer = estimators[content[0]](content[1])
+        except Exception as error:  # told to the one who asked
+            answer = ValueError(str(error))
+        out.send((number, answer))

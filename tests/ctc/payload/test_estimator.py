@@ -1,0 +1,182 @@
+"""A load found at work: pick, carry, drop; windows that say too little; loads and changes that were not foreseen."""
+
+import dataclasses
+import re
+import time
+
+import numpy as np
+import pytest
+
+from ctc import ComputedTorque, FeedForward, PayloadEstimator
+from plant import PD, Body, Guards, Harmonics, SteppedArm, puma560
+
+ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
+LAW, PLACE = ComputedTorque(ARM, RIG, bandwidth=150), (0.0, -0.4, 0.0)
+TAKE, DROP = 1500, 3500
+
+
+def load(mass):
+    return Body(mass=mass, com=PLACE) if mass else None
+
+
+def worked(estimator, changes, samples, path=PATH, rig=RIG, **options):
+    """A controller after so many samples with changes of the load {sample: mass}, and its errors (samples, n)."""
+    motion = path(np.arange(samples) * RIG.period)
+    stepped = SteppedArm(ARM, rig, motion.q[0], motion.qd[0])
+    controller, pulses, errors = estimator.start(rig, stepped.pulses, **options), stepped.pulses, []
+    for k in range(samples):
+        if k in changes:
+            stepped.carry(load(changes[k]))
+        errors.append(RIG.counts(motion.q[k]) - pulses)
+        pulses = stepped.step(controller.step(pulses, motion.q[k], motion.qd[k], motion.qdd[k]))
+    return controller, np.array(errors)
+
+
+def test_pick_carry_drop():
+    controller, errors = worked(PayloadEstimator(LAW, position=PLACE, beside=False), {TAKE: 2.5, DROP: 0.0}, 4200)
+    assert [event.kind for event in controller.events] == ["start", "taken", "dropped"]
+    start, taken, dropped = controller.events
+    assert start.before == 2.5  # half the heaviest
+    assert [start.after, taken.after, dropped.after] == pytest.approx([0.0, 2.5, 0.0], abs=0.03)
+    assert taken.before == start.after
+    for event, change in ((taken, TAKE), (dropped, DROP)):
+        late = event.time - change * RIG.period
+        assert 0 <= late <= 0.06
+        assert event.swapped - change * RIG.period <= 0.28
+        after = slice(round(event.swapped / RIG.period), change + 1900)
+        assert np.abs(errors[after]).max() <= 1
+    assert controller.load.sufficient
+    assert controller.load.interval[0] <= 0.03
+    assert controller.stage == "holding"
+    assert controller.status == "running"
+
+
+def test_the_place_may_be_unknown():
+    controller, _ = worked(PayloadEstimator(LAW, beside=False), {TAKE: 3.0}, 2000)
+    assert controller.events[-1].after == pytest.approx(3.0, abs=0.3)
+    np.testing.assert_allclose(controller.load.position, PLACE, atol=0.06)
+
+
+def test_beside_the_controller_the_same_is_found():
+    """In a process of its own; a loop that runs ahead of the clock waits, and gets the same answer a little later."""
+    here, there = (
+        worked(PayloadEstimator(LAW, position=PLACE, beside=beside), {TAKE: 2.5}, 1900)[0] for beside in (False, True)
+    )
+    assert [event.kind for event in there.events] == ["start", "taken"]
+    assert there.events[0].after == here.events[0].after
+    assert there.events[1].after == pytest.approx(here.events[1].after, abs=0.02)
+    assert there.events[1].swapped - there.events[1].time < 0.23
+
+
+def test_a_loop_paced_by_the_clock_does_not_wait():
+    """While the genetic algorithm works (some 50 ms), steps go on."""
+    estimator = PayloadEstimator(LAW, position=PLACE, method="genetic")
+    motion = PATH(np.arange(1200) * RIG.period)
+    stepped = SteppedArm(ARM, RIG, motion.q[0], motion.qd[0])
+    controller, pulses, meanwhile = estimator.start(RIG, stepped.pulses), stepped.pulses, 0
+    for k in range(1200):
+        if controller.stage == "identifying":
+            meanwhile += 1
+            time.sleep(RIG.period)
+        pulses = stepped.step(controller.step(pulses, motion.q[k], motion.qd[k], motion.qdd[k]))
+    assert meanwhile > 10
+    assert controller.events[0].after == pytest.approx(0.0, abs=0.06)
+
+
+def test_an_arm_at_rest_keeps_the_prior():
+    still = Harmonics(period=1.0, offset=(-0.5, 0.8), cosine=np.zeros((2, 1)), sine=np.zeros((2, 1)))
+    controller, _ = worked(PayloadEstimator(LAW, position=PLACE, prior=1.0, beside=False), {0: 3.0}, 1000, still)
+    (event,) = controller.events
+    assert np.isnan(event.after)
+    assert "rests" in event.message
+    assert event.windows > 2
+    assert controller.load.mass == pytest.approx(1.0)
+    assert not controller.load.sufficient
+
+
+def test_a_load_outside_its_range_says_so():
+    controller, _ = worked(PayloadEstimator(LAW, mass=(0, 2), position=PLACE, beside=False), {TAKE: 4.0}, 2000)
+    assert "outside its range: 4.0" in controller.events[1].message or "3.9" in controller.events[1].message
+    assert controller.events[1].after == pytest.approx(2.0, abs=0.02)
+    assert all(event.after <= 2.0 for event in controller.events[1:] if np.isfinite(event.after))
+
+
+@pytest.mark.parametrize("change", [{TAKE: 3.0, TAKE + 150: 0.0}, {TAKE: 4.0, TAKE + 130: 1.0}])
+def test_two_changes_within_one_window(change):
+    """No mass between the two is taken for one; what is there in the end is found."""
+    controller, _ = worked(PayloadEstimator(LAW, position=PLACE, beside=False), change, 2600)
+    last = list(change.values())[-1]
+    found = [event.after for event in controller.events[1:] if np.isfinite(event.after)]
+    assert found
+    assert found[-1] == pytest.approx(last, abs=0.05)
+    assert all(min(abs(mass - each) for each in change.values()) < 0.1 for mass in found)
+    assert controller.events[1].windows > 1
+
+
+def test_saturation_does_no_harm():
+    """The applied torque is what counts. The limit is that of the amplifier, which the law keeps to."""
+    limit = np.array([195.0, 40.0])
+    estimator = PayloadEstimator(LAW, position=PLACE, beside=False)
+    controller, _ = worked(estimator, {TAKE: 2.5}, 2400, torque_limit=limit, guards=None)
+    free, _ = worked(estimator, {TAKE: 2.5}, 2400, guards=None)
+    peak = np.abs(free._torque).max(axis=0)
+    assert (peak > limit).any() or (np.abs(controller._torque) >= limit - 1e-9).any()
+    assert controller.events[1].after == pytest.approx(2.5, abs=0.1)
+
+
+def test_a_lost_count_begins_the_window_anew():
+    estimator = PayloadEstimator(LAW, position=PLACE, beside=False)
+    motion = PATH(np.arange(1200) * RIG.period)
+    stepped = SteppedArm(ARM, RIG, motion.q[0], motion.qd[0])
+    controller, pulses = estimator.start(RIG, stepped.pulses, guards=Guards()), stepped.pulses
+    for k in range(1200):
+        seen = pulses + (5000 if k == 300 else 0)
+        pulses = stepped.step(controller.step(seen, motion.q[k], motion.qd[k], motion.qdd[k]))
+    assert controller.running.bridged == 1
+    assert controller.events[0].swapped == pytest.approx((301 + 286) * RIG.period, abs=0.01)
+    assert controller.events[0].after == pytest.approx(0.0, abs=0.03)
+
+
+def test_a_reset_begins_with_the_prior():
+    controller, _ = worked(PayloadEstimator(LAW, position=PLACE, beside=False), {}, 600)
+    assert controller.events
+    controller.reset([0, 0])
+    assert controller.events == []
+    assert controller.load.mass == 2.5
+    assert controller.stage == "settling"
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"mass": (5, 0)}, "mass must be a range"),
+        ({"window": 0.05}, "window must be at least"),
+        ({"prior": 7.0}, "prior must be within"),
+        ({"method": "neural"}, "method must be one of"),
+        ({"position": (0, 1)}, "position must have shape"),
+        ({"tolerated": 0.0}, "tolerated"),
+        ({"friction": -1.0}, "friction must not be negative"),
+        ({"found": ARM}, "found"),
+        ({"windw": 0.2}, "window"),
+        ({"alarm": -1.0}, "alarm"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(options, said):
+    with pytest.raises(ValueError, match=re.escape(said)) as caught:
+        PayloadEstimator(LAW, **options)
+    assert "\n" not in str(caught.value)
+
+
+def test_laws_that_cannot():
+    pd = PD(gain=(0.1, 0.1), derivative=(0.004, 0.004), filter=3000.0, period=RIG.period)
+    with pytest.raises(ValueError, match="knows none"):
+        PayloadEstimator(pd)
+    with pytest.raises(ValueError, match="knows none"):
+        PayloadEstimator(ARM)
+    fast = FeedForward(ARM, RIG, feedback=puma560.p_law())
+    with pytest.raises(ValueError, match="period"):
+        PayloadEstimator(fast)
+    with pytest.raises(ValueError, match="sampled as the law's own"):
+        PayloadEstimator(LAW, beside=False).start(dataclasses.replace(RIG, period=1e-3), [0, 0])
+    with pytest.raises(ValueError, match="rig"):
+        PayloadEstimator(LAW, beside=False).start(ARM, [0, 0])

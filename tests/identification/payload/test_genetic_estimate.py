@@ -1,0 +1,55 @@
+"""The genetic algorithm on a load: near the window estimator, the same bits for a seed, honest about bad windows."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from ctc import ComputedTorque
+from identification.payload.genetic_estimate import GeneticEstimator
+from identification.payload.shape import LoadShape
+from identification.payload.torque_window import Window
+from identification.search.genetic import GeneticSettings
+from plant import Body, load_matrix, load_parameters, puma560, simulate
+
+RIG, PATH, N = puma560.rig(), puma560.reference(), 286
+PLACE = (0.0, -0.4, 0.0)
+
+
+def shape(position=PLACE):
+    return LoadShape.of(puma560.arm(), (0, 5), position, None, (0.2, 0.5), (0,) * 6)
+
+
+@pytest.fixture(scope="module")
+def log():
+    arm, matrix = puma560.arm(), load_matrix(puma560.dynamics())
+    loaded = arm.f + matrix @ load_parameters(Body(mass=3.0, com=PLACE))
+    law = ComputedTorque(arm.dynamics.arm(arm.f + matrix @ shape().prior), RIG, bandwidth=150)
+    return simulate(arm.dynamics.arm(loaded), RIG, law, PATH)
+
+
+def window(record, start):
+    return Window(record.counts[start : start + N], record.torque[start : start + N], record.torque[start - 1])
+
+
+def test_the_settings_of_the_paper_find_the_mass(log):
+    finder = GeneticEstimator(puma560.arm(), RIG, shape(), 0.02)
+    assert finder.settings == GeneticSettings.paper()
+    for start in (400, 1100, 2900, 4200):
+        found = finder(window(log, start))
+        assert found.mass == pytest.approx(3.0, abs=0.05)
+        assert found.interval[0] <= 3.0 <= found.interval[1]
+        assert found.sufficient
+    assert finder(window(log, 400)).mass == finder(window(log, 400)).mass
+
+
+def test_the_place_is_found_along(log):
+    found = GeneticEstimator(puma560.arm(), RIG, shape(None), 0.02)(window(log, 1100))
+    np.testing.assert_allclose(found.position, PLACE, atol=0.05)
+    assert found.parameters[0] == pytest.approx(found.mass)
+
+
+def test_a_window_of_another_arm_is_not_believed(log):
+    sound = window(log, 1100)
+    found = GeneticEstimator(puma560.arm(), RIG, shape(), 0.02)(dataclasses.replace(sound, torque=-sound.torque))
+    assert not found.sufficient
