@@ -23,16 +23,19 @@ from plant.simulation.law_run import LawRun, run_law
 
 __all__ = ["FADED", "Memory", "Resumption", "along_log", "with_state"]
 
+_FIRST = 10
+"""Samples whose speed the arm had before."""
+
 FADED = 30
 """Samples after which what a law does of its state is looked at; before, it is as if the arm had begun otherwise."""
 
-_MILD = 0.3
-"""Torque that a change of state makes at most, in the largest of the log."""
+_MILD = 0.03
+"""Torque that a change of state makes at first and then no longer, in the largest of the log: at most."""
 
 _FINER, _HIDDEN = 2.2, 0.005
 """Of a reference rebuilt from counts: a number of knots, relative, and the share of torque that it may change."""
 
-_ROUNDS = 2
+_ROUNDS = 3
 """Fits of the state; a law that saturates is not linear in it."""
 
 _STILL = 1e-3
@@ -108,7 +111,7 @@ def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tu
     """A record, its law in the state in which it may have been, as far as the torque equation tells.
 
     It had been at work for a while: what no longer changes in the log (a flag that the law has begun) is as it is
-    there, and its filters have had their first reading.
+    there, and its filters have followed counts and reference on straight lines.
 
     Parameters
     ----------
@@ -124,7 +127,7 @@ def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tu
     names, states = linear(dynamics, unknown), run_law(record).states
     usual = states[len(states) // 2 :]
     still = np.ptp(usual, axis=0) <= _STILL * np.abs(states).max(axis=0)
-    begun = np.where(still, np.median(usual, axis=0), states[0])
+    begun = np.where(still, np.median(usual, axis=0), run_law(_before(record)).states[-1])
     record = _moved(record, begun - record.law.state)  # type: ignore[union-attr]  # AlongLog
     for _ in range(_ROUNDS):
         run = run_law(record)
@@ -134,6 +137,17 @@ def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tu
         change = memory.directions @ _fitted(dynamics, record, names, run, columns, memory.usual)
         record, memory = _moved(record, change), dataclasses.replace(memory, state=memory.state + change)
     return dataclasses.replace(record, law=dataclasses.replace(given, state=memory.state)), memory
+
+
+def _before(record: Record) -> Record:
+    """Some samples before the record, its counts and its reference on straight lines to the first."""
+    t, rows = record.rig.period * np.arange(FADED), np.flatnonzero(record.valid)[:_FIRST]
+    back, lines = t - record.rig.period * FADED, []
+    for column in (record.counts, record.reference_pulses):
+        slope = np.polynomial.polynomial.polyfit(record.t[rows] - record.t[0], column[rows], 1)[1]
+        lines.append(np.rint(column[rows[0]] + slope * back[:, None]))
+    counts, reference = lines
+    return Record(t=t, rig=record.rig, law=record.law, reference_pulses=reference, error_pulses=reference - counts)
 
 
 def _require_reference(record: Record) -> None:
@@ -165,7 +179,8 @@ def _seen(record: Record, run: LawRun, scale: NDArray[np.float64]) -> tuple[Memo
         moved = run_law(_moved(record, _SMALL * scale * (np.arange(len(scale)) == i)))
         by_state.append((moved.around(t, period) - torque).ravel() / _SMALL)
     each = np.reshape(np.concatenate(by_state), (-1, torque.size)).T
-    strongest = np.maximum(np.abs(each).max(axis=0), 1e-12)
+    at_once, later = (np.abs(part).max(axis=0) for part in np.split(each, [FADED * record.n]))
+    strongest = np.maximum(at_once - later, 1e-12)
     mild = np.minimum(1.0, _MILD * np.abs(torque).max() / strongest)  # a filter's memory acts at once, and saturates
     scale, each = scale.copy(), each * mild
     scale[varied] *= mild
