@@ -57,7 +57,6 @@ def drawn(rig, errors, masses, controller, seconds, true):
     below.plot(t[some], masses[some], color="C3", label="in the model")
     below.set_ylabel("load [kg]")
     below.set_xlabel("time [s]")
-    below.legend(loc="upper right")
     named = False
     for event in controller.events:
         if event.time < seconds and np.isfinite(event.swapped):
@@ -66,7 +65,7 @@ def drawn(rig, errors, masses, controller, seconds, true):
                 axis.axvline(event.swapped, color="C2", lw=1, label=None if named else "swap")
             named = True
     handles, labels = below.get_legend_handles_labels()
-    below.legend(handles, labels, loc="upper right", ncols=4)
+    below.legend(handles, labels, loc="center right")
     return figure
 
 
@@ -74,7 +73,7 @@ def main(folder="."):
     rig, arm, path = puma560.rig(), puma560.arm(), puma560.reference()
     load = Body(mass=2.5, com=(0.0, -0.4, 0.0))
     law = ComputedTorque(arm, rig, bandwidth=150)
-    estimator = PayloadEstimator(law, mass=(0, 5), position=load.com)
+    estimator = PayloadEstimator(law, mass=(0, 6), position=load.com)
     errors, masses, controller = work(arm, rig, path, estimator, load, cycles=10)
     print("links 2 and 3, ten cycles:")
     told(controller)
@@ -95,7 +94,7 @@ def main(folder="."):
     path = Harmonics(period=4.0, offset=(0, -0.4, 2.4, 0, 0.3, 0), cosine=-waves, sine=0.4 * waves)
     load = Body(mass=2.5, com=(0.0, 0.0, 0.2))
     law = ComputedTorque(arm, rig, bandwidth=100)
-    estimator = PayloadEstimator(law, mass=(0, 5), position=load.com)
+    estimator = PayloadEstimator(law, mass=(0, 6), position=load.com)
     errors, masses, controller = work(arm, rig, path, estimator, load, cycles=2)
     print("the whole PUMA 560, two cycles:")
     told(controller)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,9 +15,6 @@ from identification.payload.posterior import PayloadEstimate
 from identification.payload.torque_window import Window
 from identification.payload.worker import Worker, shared_worker
 from plant import Running
-
-if TYPE_CHECKING:
-    from ctc.payload.estimator import PayloadEstimator
 
 __all__ = ["PayloadController"]
 
@@ -65,7 +62,7 @@ class PayloadController:
         The statistic on which changes are detected; `PayloadEstimator.alarm` is its limit.
     """
 
-    def __init__(self, estimator: PayloadEstimator, running: Running) -> None:
+    def __init__(self, estimator: Any, running: Running) -> None:
         self.estimator, self.running = estimator, running
         places = estimator.loop_law.places(running.n)
         base = len(running.core.memory) - len(estimator.loop_law.block(running.rig).values)
@@ -169,8 +166,7 @@ class PayloadController:
 
     def _await(self) -> None:
         """Take the answer when it is there; a loop ahead of the clock waits for it, one paced by it never does."""
-        worker, (calls, asked) = self._worker, self._asked
-        assert worker is not None  # noqa: S101 - only with one there is something to wait for
+        worker, (calls, asked) = cast(Worker, self._worker), self._asked
         ahead = (self._calls - calls) * self.period - (time.perf_counter() - asked)
         if ahead > _AHEAD:
             self._identified(worker.wait(self._job, _PATIENCE))

@@ -36,9 +36,9 @@ class PayloadLaw(Law):
     is re-based, D' x' = D x + model - model', with the model's torque along the reference. The commanded torque then
     differs by (D' - D) times the feedback of the tracking error, and by nothing else.
 
-    On rigid gears the law has the model that carries the load, so that its bandwidth stays. On elastic ones its feedback
-    keeps the inertia of the empty arm, since above their resonance a load is not felt and a higher gain would make them
-    swing (``stiffened=False``): what the load needs is fed forward beside it, and re-based likewise.
+    On rigid gears the law has the model that carries the load, so that its bandwidth stays. On elastic ones its
+    feedback keeps the inertia of the empty arm, since above their resonance a load is not felt and a higher gain would
+    make them swing (``stiffened=False``): what the load needs is fed forward beside it, and re-based likewise.
 
     The change is that of the disturbance torque against its own slow part, weighed by the torque of the load per kg:
     in standard deviations of what friction that is uncertain would do; positive where the load grows. After a swap it

@@ -35,11 +35,11 @@ class Worker:
         self._process = subprocess.Popen(  # noqa: S603 - this file
             command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
-        assert self._process.stdin is not None and self._process.stdout is not None  # noqa: S101, PT018 - pipes
-        self._out = Connection(os.dup(self._process.stdin.fileno()), readable=False)
-        self._in = Connection(os.dup(self._process.stdout.fileno()), writable=False)
-        self._process.stdin.close()
-        self._process.stdout.close()
+        pipes: list[Any] = [self._process.stdin, self._process.stdout]
+        self._out = Connection(os.dup(pipes[0].fileno()), readable=False)
+        self._in = Connection(os.dup(pipes[1].fileno()), writable=False)
+        for pipe in pipes:
+            pipe.close()
         self._sent, self._answers, self._lock = 0, dict[int, Any](), threading.Lock()
 
     @property
