@@ -95,9 +95,10 @@ CHILD = {LOGS / "child.py", *(LOGS / "formats").glob("*.py")}
 
 
 def late_imports(tree):
-    """Imports anywhere but in the body of the module, and for types alone: (line, module)."""
-    typing = [each for each in tree.body if isinstance(each, ast.If) and ast.unparse(each.test) == "TYPE_CHECKING"]
-    early = [*tree.body, *(each for block in typing for each in block.body)]
+    """Imports anywhere but in the body of the module, there also for types alone or for one system: (line, module)."""
+    tests = ("TYPE_CHECKING", "sys.platform != 'win32'")
+    chosen = [each for each in tree.body if isinstance(each, ast.If) and ast.unparse(each.test) in tests]
+    early = [*tree.body, *(each for block in chosen for each in block.body)]
     for node in ast.walk(tree):
         if isinstance(node, (ast.Import, ast.ImportFrom)) and node not in early:
             names = node.names if isinstance(node, ast.Import) else [ast.alias("." * node.level + (node.module or ""))]

@@ -8,6 +8,7 @@ is the one noted when it was made. The folder belongs to the user alone (mode 07
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.abc
 import importlib.machinery
@@ -20,13 +21,16 @@ import sys
 import tempfile
 import threading
 import warnings
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
 
 import numba
 from llvmlite.binding import get_host_cpu_features
+
+if sys.platform != "win32":
+    import fcntl
 
 __all__ = ["AVX512_VARIABLE", "CACHE_VARIABLE", "Kernel", "cache_folder"]
 
@@ -104,7 +108,7 @@ class Kernel:
         """Call one of the functions, compiling it or taking it from the cache first."""
         if name not in self._fresh:
             return self._function(name)(*arguments)
-        with _LOCK:
+        with _LOCK, self._alone():
             cached = self._cached()
             try:
                 result = self._function(name)(*arguments)
@@ -151,6 +155,16 @@ class Kernel:
         finally:
             config.CACHE_DIR = elsewhere
         return module
+
+    @contextlib.contextmanager
+    def _alone(self) -> Iterator[None]:
+        """While no other process compiles this kernel: what two need at once is compiled by one of them."""
+        with contextlib.ExitStack() as stack:
+            if sys.platform != "win32":
+                with contextlib.suppress(OSError):  # a folder that knows no locks
+                    file = stack.enter_context((cache_folder() / f"kernel_{self.hash}.lock").open("w"))
+                    fcntl.flock(file, fcntl.LOCK_EX)  # ends with the process that holds it
+            yield
 
     # -- what numba cached, and whether it is still what it was -----------------------------------------------------
     def _cached(self) -> list[Path]:
