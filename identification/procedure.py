@@ -58,8 +58,9 @@ def identify(
     dynamics : Dynamics
         The equations with f open.
     records : Record or sequence of Record
-        From `plant.simulate` or one of `Record`'s readers. Of a log under a fast law only pulses are read;
-        `LoggedTorque` and `LoggedCurrent` repeat its torques or currents.
+        From `plant.simulate` or one of `Record`'s readers. Of a log under a law without memory only pulses are read; of
+        other laws the logged torques or currents, or, where there are none, what the law gives from reference and
+        counts. `LoggedTorque` and `LoggedCurrent` repeat theirs.
     seed : int
         Same seed, same result, to the bit, on any number of threads.
     method : {"seeded", "paper", "genetic", "equation_error", "didim", "output_error", "prediction_error"}
