@@ -83,7 +83,7 @@ class PayloadEstimator:
         self, law: Law, *, mass: ArrayLike = (0, 5), position: ArrayLike | None = None, window: float = 0.2,
         along: ArrayLike | None = None, reach: ArrayLike = (0.2, 0.5), inertia: ArrayLike = (0,) * 6,
         prior: float | None = None, found: Identification | None = None, friction: float = 0.0,
-        tolerated: float = 0.05, alarm: float = 1.9, method: str = "kernel", beside: bool = True, seed: int = 0,
+        tolerated: float = 0.05, alarm: float = 1.7, method: str = "kernel", beside: bool = True, seed: int = 0,
     ) -> None:  # fmt: skip
         known = law if isinstance(law, ModelLaw) else None
         if not isinstance(law, Law) or known is None:
@@ -104,7 +104,7 @@ class PayloadEstimator:
         self.loop_law = PayloadLaw(
             law=known,
             start_with=start,
-            stiffened=known.rig.drive.elasticity is None,
+            stiffened=known.rig.drive.elasticity is None or bool(getattr(known, "delay", 0)),
             per_kg=shape.per_kg[len(shape.places) // 2],
             noise=(1.0 if known.rig.drive.elasticity is None else _SWINGING)
             * (tolerated * known.rig.drive.joint_coulomb() + _ROUNDING * floor),

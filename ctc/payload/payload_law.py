@@ -77,6 +77,8 @@ class PayloadLaw(Law):
             raise ValueError(f"law must hold an arm, such as ComputedTorque; {given} knows none. Give it the model.")
         if not self.law.period:
             raise ValueError(f"law must have a period; {type(self.law).__name__} has none. Use a sampled law.")
+        if not self.stiffened and getattr(self.law, "delay", False):
+            raise ValueError("stiffened must be True for a law with a delay; got False. Its coming torque is fixed.")
         signs(self, positive=("noise", "observer", "memory"))
         object.__setattr__(self, "start_with", tuple(float(x) for x in self.start_with))
 
@@ -143,7 +145,7 @@ class PayloadLaw(Law):
             law, beside, acted = _with_f(self.law, models[1]), ca.SX.zeros(n), torque
         else:
             law, beside = self.law, after - empty @ setpoint.qdd - dynamics.h(setpoint.q, setpoint.qd, self.arm.f)
-            acted = torque - beside
+            acted = torque - (beside + before - after)  # what acted was commanded with the load before
         asked, following = law.equations(rig, ca.vertcat(*own), setpoint, pulses, acted, dt)
         asked = asked + beside
 

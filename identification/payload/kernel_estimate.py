@@ -102,8 +102,9 @@ class KernelEstimator:
     def __init__(self, arm: Arm, rig: Rig, shape: LoadShape, unknown: Sequence[str], root: ArrayLike) -> None:
         self.shape, length = shape, kernel_length(arm, rig, shape)
         self._limit = _RIGID if rig.drive.elasticity is None else _ELASTIC
-        self._window = TorqueWindow(arm, rig, Smoothing(length, rig.period), unknown)
         self._root = array("root", root, (len(unknown), None), advice="Give a row per unknown.")
+        smoothing = Smoothing(length, rig.period)
+        self._window = TorqueWindow(arm, rig, smoothing, unknown, uncertain=self._root.shape[1] > 0)
 
     @property
     def fewest(self) -> int:

@@ -59,14 +59,19 @@ class TorqueWindow:
     smoothing : Smoothing
     unknown : sequence of str
         Names of what is uncertain beside the load: all of f, and friction.
+    uncertain : bool
+        Whether they are; otherwise arm and friction are known.
 
     Attributes
     ----------
     unknown : tuple of str
     """
 
-    def __init__(self, arm: Arm, rig: Rig, smoothing: Smoothing, unknown: Sequence[str]) -> None:
-        self.arm, self.rig, self.smoothing, self.unknown = arm, rig, smoothing, tuple(unknown)
+    def __init__(
+        self, arm: Arm, rig: Rig, smoothing: Smoothing, unknown: Sequence[str], uncertain: bool = True
+    ) -> None:
+        self.arm, self.rig, self.smoothing = arm, rig, smoothing
+        self.unknown, self.uncertain = tuple(unknown), uncertain
         names, function = balance(arm.dynamics, rig, self.unknown, False)
         self._kernel = MapKernel(function, outer=1)
         values = dict(zip(names, np.concatenate([arm.f, rig.number_values()]), strict=True))
@@ -114,8 +119,12 @@ class TorqueWindow:
 
     @functools.cached_property
     def rounding(self) -> float:
-        """Standard deviation of a count's acceleration [1/s^2], as of one independent row."""
-        return self.smoothing.of_rounding * np.sqrt(self.smoothing.per_independent / 12)
+        """Standard deviation of a count's acceleration [1/s^2], as of one independent row.
+
+        What rounding does to neighbouring rows has opposite signs and cancels in part: alone it counts half.
+        """
+        share = 1.0 if self.uncertain else 0.5
+        return self.smoothing.of_rounding * np.sqrt(share * self.smoothing.per_independent / 12)
 
     @functools.cached_property
     def _per_count(self) -> NDArray[np.float64]:

@@ -24,6 +24,9 @@ __all__ = ["Worker", "serve", "shared_worker"]
 _STARTING = 120.0
 """Seconds that a process may take to start, or an estimator to compile."""
 
+_NICE = 5
+"""By how much the process gives way to the controller's where they share a core."""
+
 
 class Worker:
     """The process, seen from the controller's."""
@@ -120,6 +123,8 @@ def serve() -> None:
     """The process itself: answer until the controller's has gone."""
     out, incoming = Connection(os.dup(1), readable=False), Connection(os.dup(0), writable=False)
     os.dup2(2, 1)  # whatever a library prints must not get into the answers
+    if hasattr(os, "nice"):
+        os.nice(_NICE)
     estimators: dict[int, Any] = {}
     while True:
         try:
