@@ -154,12 +154,13 @@ def test_same_bits_on_any_number_of_threads():
     assert one == two
 
 
-def test_a_log_that_cannot_be_followed_says_why():
-    """A fast law's torque changes between samples, and its state is not in the log."""
+def test_a_fast_law_with_a_memory_is_tested_in_its_loop():
+    """Its torque changes between samples; the loop with the law in it is simulated."""
     fast = log(law=PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0))
     found = identify(DYNAMICS, fast, method="equation_error", progress=False)
-    assert "state of a fast PD is not in the log" in found.diagnostics.detection.reason
-    assert "not tested: the state of a fast PD" in found.summary()
+    assert found.diagnostics.detection.reason is None
+    assert found.diagnostics.detection.names == ()
+    assert {"lag", "friction", "compliance"} <= {sign.name for sign in found.diagnostics.detection.signs}
 
 
 # -- a robot that another engine simulates ----------------------------------------------------------------------------
