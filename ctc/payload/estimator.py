@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ctc.laws.adaptive import Adaptive
 from ctc.laws.model_law import ModelLaw
 from ctc.payload.controller import PayloadController
 from ctc.payload.payload_law import PayloadLaw
@@ -89,6 +90,8 @@ class PayloadEstimator:
         if not isinstance(law, Law) or known is None:
             given = type(law).__name__
             raise ValueError(f"law must hold an arm, such as ComputedTorque; {given} knows none. Give it the model.")
+        if isinstance(law, Adaptive):
+            raise ValueError("law must keep the model it is given; Adaptive changes it by itself. Use ComputedTorque.")
         self.law, self.method, self.beside = known, choice("method", method, ("kernel", "genetic")), beside
         shape = LoadShape.of(known.arm, mass, position, along, reach, inertia)
         self.shape, self.window = shape, real("window", window, "Give seconds, such as 0.2.")

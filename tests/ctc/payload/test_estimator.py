@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from ctc import ComputedTorque, FeedForward, PayloadEstimator
+from ctc import Adaptive, ComputedTorque, FeedForward, PayloadEstimator
 from plant import PD, Body, Dynamics, Guards, Harmonics, SteppedArm, catalogue, puma560
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
@@ -173,6 +173,9 @@ def test_laws_that_cannot():
         PayloadEstimator(pd)
     with pytest.raises(ValueError, match="knows none"):
         PayloadEstimator(ARM)
+    adaptive = Adaptive(ARM, RIG, bandwidth=40, gain=(10, 10), adaptation=(0.1,) * 9, filter=600)
+    with pytest.raises(ValueError, match="changes it by itself"):
+        PayloadEstimator(adaptive)
     fast = FeedForward(ARM, RIG, feedback=puma560.p_law())
     with pytest.raises(ValueError, match="period"):
         PayloadEstimator(fast)
