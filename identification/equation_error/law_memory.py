@@ -92,6 +92,12 @@ def along_log(record: Record, *, unknown_law: bool = False) -> Record:
     law = record.law
     if law is None or law.replays or not law.has_memory(record.n):
         return record
+    whole = (record.reference_pulses == np.trunc(record.reference_pulses)).all()
+    if law.period is None and record.reference is None and whole and np.ptp(record.reference_pulses) > 0:
+        raise ValueError(
+            f"the reference of a fast {type(law).__name__} must be known between samples, since its memory is; whole "
+            "counts leave it open. Give reference=, or the reference without rounding (reference_position)."
+        )
     sampled = law.period is not None and not unknown_law
     if sampled and record.torque is not None:
         return dataclasses.replace(record, law=LoggedTorque())

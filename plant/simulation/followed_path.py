@@ -28,8 +28,8 @@ _QUINTIC = 5
 _MORE_KNOTS, _SAMPLES_PER_KNOT = 1.3, 8
 """Ratio of the numbers of knots that are tried, and samples that each has at least."""
 
-_FIRST = 10
-"""Samples from which the initial speed is estimated."""
+_FIRST, _ON_A_PARABOLA = 10, 1.5
+"""Samples from which the initial speed is estimated; and how far off a parabola rounding leaves them [pulses]."""
 
 
 def warn_of_motors(law: Law, reference: Reference) -> None:
@@ -171,9 +171,15 @@ def start_of(record: Record, path: Path | Logged) -> Any:
 
 
 def _first_speed(record: Record) -> NDArray[np.float64]:
-    """Initial speed (n,) [rad/s] of a parabola through the first counts; zero where they hardly move."""
+    """Initial speed (n,) [rad/s] of a parabola through the first counts.
+
+    Zero where they hardly move, or where a controller was switched on: there they are on no parabola.
+    """
     t, counts = record.t[:_FIRST] - record.t[0], record.counts[:_FIRST]
     if len(t) < _FIRST or (np.ptp(counts, axis=0) <= 1).all():
         return np.zeros(record.n)
     scale = t[-1]
-    return record.rig.to_angle(np.polynomial.polynomial.polyfit(t / scale, counts, 2)[1] / scale)
+    fitted = np.polynomial.polynomial.polyfit(t / scale, counts, 2)
+    off = np.abs(np.polynomial.polynomial.polyval(t / scale, fitted).T - counts).max(axis=0)
+    switched_on = (off > _ON_A_PARABOLA) & (record.law is None or not record.law.replays)
+    return record.rig.to_angle(np.where(switched_on, 0.0, fitted[1]) / scale)

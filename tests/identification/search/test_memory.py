@@ -8,7 +8,7 @@ import pytest
 
 from ctc import ComputedTorque
 from identification import identify
-from plant import PID, AlongLog, Cascade, Resumed, puma560, simulate
+from plant import PD, PID, AlongLog, Cascade, Resumed, puma560, simulate
 from plant.simulation.law_run import run_law
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
@@ -83,5 +83,14 @@ def test_unknown_gains_are_found_beside_f():
 def test_a_law_that_multiplies_what_rounding_hides_is_refused():
     record = dataclasses.replace(log("computed torque"), reference=None)
     with pytest.raises(ValueError, match=r"whole counts of the reference leave .* of it open") as caught:
+        identify(ARM.dynamics, record, progress=False)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_fast_law_with_a_memory_is_refused_without_its_reference():
+    """It differentiates what the rounding of the reference leaves between samples: f would be off by a quarter."""
+    fast = PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0)
+    record = dataclasses.replace(simulate(ARM, RIG, fast, PATH, duration=0.3), reference=None)
+    with pytest.raises(ValueError, match="reference of a fast PD must be known between samples") as caught:
         identify(ARM.dynamics, record, progress=False)
     assert "\n" not in str(caught.value)
