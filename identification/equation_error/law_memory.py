@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from identification.equation_error.pulse_fit import BAND_MOST, BANDS, CUTOFF, ENOUGH, linear, speed_noise
 from identification.equation_error.regressor import regressor_and_torque
 from identification.equation_error.torque_fit import weighted
-from plant import AlongLog, Dynamics, LoggedCurrent, LoggedTorque, Record, Resumed
+from plant import Dynamics, LoggedCurrent, LoggedTorque, Record, Resumed
 from plant.simulation.clock import Clock
 from plant.simulation.law_run import LawRun, run_law
 
@@ -109,8 +109,7 @@ def along_log(record: Record, *, unknown_law: bool = False) -> Record:
 
 def reading(record: Record, law: Resumed) -> Record:
     """The record with its law reading the log's counts, also where it is fast hardware."""
-    along = AlongLog(law=law.law, state=law.state, whole=not record.rig.encoder.smooth)
-    return dataclasses.replace(record, law=along)
+    return dataclasses.replace(record, law=law.along(record.rig))
 
 
 def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tuple[Record, Memory]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from identification.equation_error.naming import each_named
 from identification.equation_error.regressor import LINEAR, System, regressor_and_torque
 from identification.equation_error.torque_fit import TorqueFit, weighted
-from plant import AlongLog, Arm, Dynamics, Record, Resumed, Rig
+from plant import Arm, Dynamics, Record, Resumed, Rig
 from plant.analysis.linearise import modes
 from plant.laws.commanded import commanded_torque
 from plant.simulation.clock import Clock
@@ -60,12 +60,9 @@ def torque_of(record: Record) -> NDArray[np.float64]:
     A torque that a sampled law holds counts half at both ends of its sample. A law along its log is run.
     """
     law, rig = record.law, record.rig
-    if isinstance(law, Resumed) and not isinstance(law, AlongLog):
-        law = AlongLog(law=law.law, state=law.state, whole=not rig.encoder.smooth)
-        record = dataclasses.replace(record, law=law)
-    if isinstance(law, AlongLog):
+    if isinstance(law, Resumed):
         clock = Clock.of(record)
-        return run_law(record).around(clock.t[clock.rows], rig.period)
+        return run_law(dataclasses.replace(record, law=law.along(rig))).around(clock.t[clock.rows], rig.period)
     commanded = commanded_torque(record)
     if commanded is not None:
         return rig.drive.limited(commanded)

@@ -55,6 +55,10 @@ class Resumed(Law):
         yield from self.law._leaves(prefix)
         yield f"{prefix}state", self, self.__dataclass_fields__["state"], self.state
 
+    def along(self, rig: Rig) -> AlongLog:
+        """The same law, from the same state, reading the counts of a log that was made with a rig."""
+        return AlongLog(law=self.law, state=self.state, whole=not rig.encoder.smooth)
+
     def initial_state(self, n: int) -> NDArray[np.float64]:
         """Nothing yet, and a flag that the first step is to come."""
         return np.append(np.zeros(len(self.law.initial_state(n))), 1.0)
