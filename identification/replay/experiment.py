@@ -22,6 +22,9 @@ from plant.simulation.time_tables import time_tables
 
 __all__ = ["Experiment", "as_records", "with_zeros"]
 
+_GEARED = ("drive.gear", "drive.coupling", "encoder.resolution")
+"""Numbers that turn counts into angles."""
+
 
 def as_records(
     dynamics: Dynamics, records: Record | Iterable[Record], unknown: Iterable[str] | None
@@ -60,7 +63,7 @@ class Experiment:
     numbers : numpy.ndarray
         As the record says; f is NaN.
     begin : tuple of numpy.ndarray
-        q and qd (n,) at its start.
+        q and qd (n,) at its start, by the record's rig.
     """
 
     def __init__(
@@ -93,10 +96,35 @@ class Experiment:
             )
         self.places = [names.index(name) for name in unknown]
         self.clock = Clock.of(record)
-        path = path_of(record, self.clock, smooth=smooth and not getattr(record.law, "rounds", False))
+        path = self.path(smooth and not getattr(record.law, "rounds", False))
         self.times = time_tables(self.loop, path, self.clock, record.law.replayed(record))
         self.numbers = self.loop.number_values(np.full(dynamics.p, np.nan))
         self.begin = start_of(record, path_of(record, self.clock))
+        self._geared = any(name.startswith(_GEARED) for name in unknown)
+
+    def path(self, smooth: bool) -> Any:
+        """The commanded path; smooth: not rounded to pulses."""
+        return path_of(self.record, self.clock, smooth=smooth)
+
+    def began(self, numbers: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Position and speed (n,) at the start with these numbers (k,), or (n, P) with (k, P): where the counts say.
+
+        Rows of numbers that no rig can have begin as by the record's rig.
+        """
+        if not self._geared:
+            return self.begin
+        rig, own = self.record.rig, self.record.rig.number_names()
+        first = self.loop.number_names.index(own[0])
+        columns = np.reshape(numbers, (len(numbers), -1))[first : first + len(own)].T
+        states = []
+        for row in columns:
+            try:
+                turned = rig.with_numbers(row)
+            except ValueError:
+                turned = rig
+            states.append([turned.to_angle(rig.position_in_pulses(each)) for each in self.begin])
+        q, qd = np.moveaxis(np.array(states), 0, -1).reshape(2, -1, *numbers.shape[1:])
+        return q, qd
 
     def kernel(self, lanes: Sequence[int] = ()) -> Any:
         """The compiled loop; `lanes` are the numbers that differ between individuals."""

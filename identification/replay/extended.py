@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from identification.replay.prediction import Prediction
 from identification.replay.timing import without_delay
-from plant import Dynamics, Elasticity, Record, Rig
+from plant import Dynamics, Elasticity, FrictionCurve, Record, Rig
 from plant.simulation.threads import cores, shared_out
 
 __all__ = ["Extended"]
@@ -31,7 +31,14 @@ _PROMPT = 1e-9
 _DAMPING = 0.02
 """Damping ratio of gears that are tried: the middle of the usual range, at which the detection is measured."""
 
-_PLACES = {"backlash": "drive.elasticity.backlash", "lag": "drive.current_lag.time"}
+_PLACES = {
+    "backlash": "drive.elasticity.backlash", "lag": "drive.current_lag.time", "offset": "drive.curve.offset"
+}  # fmt: skip
+
+_FRICTION = ("viscous", "coulomb")
+
+_NARROWEST = -0.5
+"""The least relative error of a gear."""
 
 
 class Extended:
@@ -82,7 +89,7 @@ class Extended:
         self._again = lambda others: Extended(dynamics, others, unknown, f, threads=threads, **options)
         first = self._logs[0].prediction
         self.gains, self.gain_steps, self.gain_bounds = first.nuisances, first.nuisance_steps, first.nuisance_bounds
-        names = [*(() if links is None else ("compliance", "backlash")), "viscous", "coulomb"]
+        names = [*(() if links is None else ("compliance", "backlash")), "viscous", "coulomb", "offset", "gear"]
         self.extra = (*(f"{name}[{i}]" for name in names for i in range(n)), "lag")
         self.least = np.array([self._logs[0].least(name) for name in self.extra])
         self.unknown = (*unknown, *first.unknown[len(first.unknown) - len(self.gains) :], *self.extra)
@@ -108,7 +115,8 @@ class Extended:
 
     def stated(self) -> dict[str, float]:
         """Friction that the first rig states, by the names of what is beyond it."""
-        return {name: -value for name, value in zip(self.extra, self.least.tolist(), strict=True) if value < 0}
+        pairs = zip(self.extra, self.least.tolist(), strict=True)
+        return {name: -value for name, value in pairs if name.startswith(_FRICTION) and value < 0}
 
     def place(self, name: str) -> int:
         """Where one of `extra` is among the unknowns."""
@@ -140,7 +148,7 @@ class _Log:
     ) -> None:
         self._links, self._damped = links, record.rig.drive.elasticity is not None
         rig = _with_springs(record.rig, links)
-        kinds = ("drive.viscous", "drive.coulomb", "drive.elasticity", "drive.current_lag")
+        kinds = tuple(f"drive.{kind}" for kind in (*_FRICTION, "elasticity", "current_lag", "curve.offset", "gear"))
         numbers = dict(zip(rig.number_names(), rig.number_values().tolist(), strict=True))
         self._stated = {name: numbers[name] for name in numbers if name.startswith(kinds) and name not in unknown}
         self._given = len(unknown)
@@ -156,13 +164,15 @@ class _Log:
             if kind == "compliance" and value > 0:
                 self._give(numbers, bracket + joint, value)
             elif place in numbers:
-                numbers[place] = max(0.0, numbers[place] + value)
+                numbers[place] *= 1 + value if kind == "gear" else 1
+                numbers[place] += 0 if kind == "gear" else max(value, self.least(name))
         own = values[: self._given], list(numbers.values()), values[self._given :]
         return self.prediction.innovations(np.concatenate(own))
 
     def least(self, name: str) -> float:
         """The least that one of the extra numbers can be."""
-        return -self._stated.get(f"drive.{name}", 0.0) or 0.0
+        free = {"offset": -np.inf, "gear": _NARROWEST}
+        return free.get(name.partition("[")[0], -self._stated.get(f"drive.{name}", 0.0) or 0.0)
 
     def _give(self, numbers: dict[str, float], joint: str, compliance: float) -> None:
         """Put a spring of so much compliance [1/Hz^2] in series with a gear."""
@@ -174,12 +184,13 @@ class _Log:
 
 
 def _with_springs(rig: Rig, links: NDArray[np.float64] | None) -> Rig:
-    """A rig that behaves alike, and has the numbers by which gears give and currents lag."""
+    """A rig that behaves alike, and has the numbers by which gears give, currents lag and torques are offset."""
     drive, gears = rig.drive, rig.drive.elasticity
     if gears is None and links is not None:
         stiffness = links * (2 * np.pi * _RIGID) ** 2
         gears = Elasticity(stiffness=stiffness, damping=2 * _DAMPING * np.sqrt(stiffness * links))
     if gears is not None and gears.backlash is None:
         gears = dataclasses.replace(gears, backlash=np.zeros(rig.n))
-    lag = drive.current_lag or _PROMPT
-    return dataclasses.replace(rig, drive=dataclasses.replace(drive, elasticity=gears, current_lag=lag))
+    lag, even = drive.current_lag or _PROMPT, np.zeros(rig.n)
+    curve = drive.curve or FrictionCurve(offset=even, breakaway=even, speed=even + 1)
+    return dataclasses.replace(rig, drive=dataclasses.replace(drive, elasticity=gears, current_lag=lag, curve=curve))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from identification.equation_error.law_memory import FADED, Memory, Resumption
 from identification.replay.experiment import Experiment
+from identification.replay.rounding import Rounding
 from plant import Dynamics, Record
 from plant.simulation.closed_loop import bounded
 
@@ -32,14 +34,19 @@ class Followed(Experiment):
         self, dynamics: Dynamics, record: Record, unknown: Sequence[str], options: dict[str, Any], steady: bool,
         memory: Memory | None,
     ) -> None:  # fmt: skip
-        self.memory = memory
+        self.memory, self._steady = memory, steady
         super().__init__(dynamics, record, unknown, smooth=True, **options)
         self._given = len(self.places)
         self.remembered = 0 if memory is None else memory.usual.size + 2 * dynamics.n
         if memory is not None:
             self.places += [i for i, name in enumerate(self.loop.number_names) if name.startswith("law.state[")]
-        counts = record.counts
         self._kernel = self.kernel()
+        self._rounding: Rounding | None = None
+        self._measure(record.counts)
+
+    def _measure(self, counts: NDArray[np.float64]) -> None:
+        """Take counts (N, n) for those of the log."""
+        record = self.record
         centres = record.rig.encoder.position_in_pulses(record.rig.encoder.cell_centre(counts))
         self._tables = self._kernel.prepared((*self.times, self.data(centres)), logged=True)
         before = np.maximum(np.arange(len(counts)) - _WINDOW, 0)
@@ -47,7 +54,7 @@ class Followed(Experiment):
         steps = np.vstack([np.zeros(record.n), np.abs(np.diff(counts, axis=0)).cumsum(axis=0)])
         moved = (steps[after] - steps[before]) / np.maximum(after - before, 1)[:, None]
         self.weight = np.sqrt(np.minimum(1.0, moved) * (record.valid * self._settled())[:, None])
-        if steady and not self.loop.law.replays:
+        if self._steady and not self.loop.law.replays:
             self.weight *= _steady(moved)[:, None]
 
     def _settled(self) -> NDArray[np.float64]:
@@ -72,12 +79,36 @@ class Followed(Experiment):
         state = self.memory.at(values[self._given :][: self.memory.usual.size])
         return Resumption(state, np.add(self.begin, values[-2 * self.loop.n :].reshape(2, -1)))
 
+    def _start(self, values: NDArray[np.float64]) -> tuple[Any, NDArray[np.float64]]:
+        """Position and speed at the start, and all numbers of the loop, of values."""
+        numbers, resumed = self.numbers.copy(), self.resumption(values)
+        if resumed is not None:
+            values = np.append(values[: self._given], resumed.state)
+        numbers[self.places] = values
+        return self.began(numbers) if resumed is None else resumed.initial, numbers
+
+    @property
+    def rounds(self) -> bool:
+        """Whether the arm of the log felt the rounding of its counts, which the model leaves out."""
+        return not (self.loop.law.replays or self.record.rig.encoder.smooth)
+
+    def rounded(self, values: NDArray[np.float64], shift: NDArray[np.float64]) -> Followed:
+        """The same, of the log that the model itself makes with these values, its encoders shifted (n,) and rounding.
+
+        Raises
+        ------
+        ValueError
+            An arm that diverges.
+        """
+        if self._rounding is None:
+            self._rounding = Rounding(self.loop, self.record)
+        other = copy.copy(self)
+        other._measure(self._rounding.counts(*self._start(values), self.loop.number_names, shift))
+        return other
+
     def run(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Log (N, 4n) and final state of a run with these values."""
-        numbers, n, (q, qd), resumed = self.numbers.copy(), self.loop.n, self.begin, self.resumption(values)
-        if resumed is not None:
-            (q, qd), values = resumed.initial, np.append(values[: self._given], resumed.state)
-        numbers[self.places] = values
+        (q, qd), numbers, n = *self._start(values), self.loop.n
         state = self.loop.initial_state(q + numbers[-n:], qd, numbers)  # where the counters' zero is
         log, errors = np.full((len(self.clock), self.loop.n_log), np.nan), np.empty((self.steps, n))
         final, _ = self._kernel.run(self._tables, state[:, None], np.empty((0, 1)), numbers, (log, errors))

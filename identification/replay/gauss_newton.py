@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.least_squares import least_squares
 
-__all__ = ["DEPENDENT", "Solution", "gauss_newton", "slopes", "variance_inflation"]
+__all__ = ["DEPENDENT", "Solution", "gauss_newton", "noise", "slopes", "variance_inflation"]
 
 DEPENDENT = 1e-4
 """An unknown whose slope is independent of the others' by less than this share is not separately identifiable."""
@@ -39,12 +39,18 @@ class Solution:
     residual : (M,) numpy.ndarray
     rms_innovation : float
         Root mean square of the innovations, weights divided out [pulses].
+    varied : (v,) numpy.ndarray
+        Places of the unknowns that were varied.
+    slopes : (M, v) numpy.ndarray
+        Of the weighted and scaled innovations, by these.
     """
 
     values: NDArray[np.float64]
     covariance: NDArray[np.float64]
     residual: NDArray[np.float64]
     rms_innovation: float
+    varied: NDArray[np.intp]
+    slopes: NDArray[np.float64]
 
 
 def gauss_newton(
@@ -106,13 +112,16 @@ def gauss_newton(
     covariance, varied = np.zeros((len(values), len(values))), np.flatnonzero(step)
     names = [prediction.unknown[i] for i in varied]
     change_per_step = slopes(prediction, values, step, varied, residual)
-    readings, left = prediction.weights @ prediction.weights, residual * prediction.scales
+    left = residual * prediction.scales
     part = least_squares(names, change_per_step, residual, dependent=DEPENDENT)[1] * np.outer(
         step[varied], step[varied]
     )
-    covariance[np.ix_(varied, varied)] = part * (residual @ residual / readings) * variance_inflation(residual)
-    rms = float(np.sqrt(left @ left / readings))
-    return Solution(values=values, covariance=covariance, residual=left, rms_innovation=rms)
+    covariance[np.ix_(varied, varied)] = part * noise(prediction, residual)
+    rms = float(np.sqrt(left @ left / (prediction.weights @ prediction.weights)))
+    return Solution(
+        values=values, covariance=covariance, residual=left, rms_innovation=rms, varied=varied,
+        slopes=change_per_step / step[varied],
+    )  # fmt: skip
 
 
 def _change(
@@ -179,6 +188,11 @@ def _jumps(up: NDArray[np.float64], residual: NDArray[np.float64], down: NDArray
     """Whether innovations change to one side alone, and by much: there an arm's links lose their inertia."""
     bent = np.linalg.norm(up - 2 * residual + down)
     return bool(bent > max(np.linalg.norm(up - down) / 2, _JUMP * np.linalg.norm(residual)))
+
+
+def noise(prediction: Any, residual: NDArray[np.float64]) -> float:
+    """Variance of weighted innovations (M,) per independent reading, inflated by their autocorrelation."""
+    return float(residual @ residual / (prediction.weights @ prediction.weights) * variance_inflation(residual))
 
 
 def variance_inflation(residual: NDArray[np.float64]) -> float:

@@ -173,7 +173,7 @@ class _Scored(Experiment):
         lanes[:, len(candidates) :] = candidates[-1][:, None]
         numbers = np.repeat(self.numbers[:, None], LANES, axis=1)
         numbers[self.places] = lanes
-        state = np.ascontiguousarray(self.loop.initial_state(self.begin[0], self.begin[1], numbers))
+        state = np.ascontiguousarray(self.loop.initial_state(*self.began(numbers), numbers))
         final, steps = self._kernel.run(self._tables, state, lanes, self.numbers[list(self._kernel.uniform)])
         score, ok = final[-2], final[-1]
         complete = (ok > 0) & bounded(final[: 2 * self.loop.dynamics.n]) & np.isfinite(score) & (steps == self.steps)

@@ -196,6 +196,37 @@ class Prediction:
         self.scales = np.concatenate([*scales, np.ones(len(self._expected))])
         return True
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of records, and of joints."""
+        return len(self._followed), self._followed[0].loop.n
+
+    @property
+    def rounds(self) -> bool:
+        """Whether the arm of any record felt the rounding of its counts, which the model leaves out."""
+        return any(followed.rounds for followed in self._followed)
+
+    def innovations_of_rounded(self, values: NDArray[np.float64], shift: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Weighted innovations (M,) of the logs that the model makes itself with these values, its encoders rounding.
+
+        Parameters
+        ----------
+        values : (k,) numpy.ndarray
+        shift : (R, n) numpy.ndarray
+            Of the encoders of each record [pulses]. Innovations of records that did not feel rounding are zero.
+
+        Raises
+        ------
+        ValueError
+            An arm that diverges.
+        """
+        rows = list[NDArray[np.float64]]()
+        for (followed, own), moved in zip(self._each(values), shift, strict=True):
+            self.evaluations += 2
+            made = followed.rounded(own, moved).innovations(own) if followed.rounds else np.zeros(followed.weight.size)
+            rows.append(made)
+        return np.concatenate([*rows, np.zeros(len(self._expected))]) / self.scales
+
     def all_innovations(self, many: Iterable[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
         """The same for several vectors of values, side by side."""
         return shared_out(self.innovations, list(many), self.threads)

@@ -31,8 +31,12 @@ _BY_CHANCE = 1e-5
 _HERTZ = 200.0
 """Resonance by whose effect that of compliance is taken, where gears are rigid [Hz]."""
 
-_LAG, _DELAY, _FRICTION = 1e-5, 0.05, 0.01
-"""The same of a lag [s], of a delay [samples], and of friction, as a share of a motor's torque (rms)."""
+_LAG, _DELAY, _FRICTION, _GEAR = 1e-5, 0.05, 0.01, 1e-4
+"""The same of a lag [s], of a delay [samples], of friction and offset, as a share of a motor's torque (rms), and of a
+gear, relative."""
+
+_SIGNED = ("friction", "delay", "offset", "gear")
+"""What can be more or less than stated."""
 
 _OWN = 1e-3
 """An effect of which less than this share is its own cannot be told from those of the unknowns."""
@@ -45,7 +49,8 @@ class Sign(Frozen):
     Attributes
     ----------
     name : str
-        "compliance", "backlash", "lag", "delay", "friction", or "disagreement": of the records with each other.
+        "compliance", "backlash", "lag", "delay", "friction", "offset" of torques, "gear", or "disagreement": of the
+        records with each other.
     chi_square : float
         By how much it would lower the sum of squared innovations, in units of their (inflated) variance.
     freedom : int
@@ -83,22 +88,30 @@ def signs(at: Optimum, efforts: NDArray[np.float64]) -> list[Sign]:
     efforts : (2, n) numpy.ndarray
         Torque [N m] and speed [rad/s] of each motor (rms).
     """
+    effects = effects_of(at, efforts)
+    changes = {name: row for name, row in effects.items() if np.isfinite(row).all()}
+    found: list[Sign] = []
+    for name in ("compliance", "lag", "friction", "offset", "gear", "delay"):
+        own = {each: row for each, row in changes.items() if family(each) == name}
+        found += _linear(at, name, own)
+    if "compliance[0]" in at.model.extra:
+        found = [_best(sign, compliance(at)) if sign.name == "compliance" else sign for sign in found]
+        found.append(_of_backlash(backlash(at)))
+    return found + list(_disagreement(at))
+
+
+def effects_of(at: Optimum, efforts: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """Change of the innovations (M,) with each of what a rig leaves out and with ``delay``, by name; where it is small.
+
+    Compliance and backlash do not act linearly: of compliance the change is that from rigid to stiff, none of backlash.
+    """
     model, steps = at.model, _steps(at.model, efforts)
     moves = np.zeros((len(steps), len(at.values)))
     for row, (name, size) in zip(moves, steps.items(), strict=True):
         row[model.place(name)] = size
-    results = dict(zip(steps, model.all_innovations(at.values + moves), strict=True))
-    changes = {name: (results[name] - at.innovations) / size for name, size in steps.items()}
-    found: list[Sign] = []
-    for name in ("compliance", "lag", "friction"):
-        own = {each: row for each, row in changes.items() if _family(each) == name and np.isfinite(row).all()}
-        found += _linear(at, name, own)
-    late = delay_sign(at)
-    found += [] if late is None else [late]
-    if "compliance[0]" in model.extra:
-        found = [_best(sign, compliance(at)) if sign.name == "compliance" else sign for sign in found]
-        found.append(_of_backlash(backlash(at)))
-    return found + list(_disagreement(at))
+    results = model.all_innovations(at.values + moves)
+    changes = {name: (moved - at.innovations) / steps[name] for name, moved in zip(steps, results, strict=True)}
+    return {**changes, "delay": (at.innovations - model.late(_DELAY).innovations(at.values)) / _DELAY}
 
 
 def delay_sign(at: Optimum) -> Sign | None:
@@ -112,7 +125,8 @@ def _steps(model: Extended, efforts: NDArray[np.float64]) -> dict[str, float]:
     """By how much each of what acts linearly is changed."""
     torque, speed = efforts
     sizes = {"compliance": np.full(len(torque), _HERTZ**-2), "lag": np.array([_LAG]),
-             "viscous": _FRICTION * torque / speed, "coulomb": _FRICTION * torque}  # fmt: skip
+             "viscous": _FRICTION * torque / speed, "coulomb": _FRICTION * torque, "offset": _FRICTION * torque,
+             "gear": np.full(len(torque), _GEAR)}  # fmt: skip
     steps = {}
     for name in model.extra:
         kind, _, joint = name.rstrip("]").partition("[")
@@ -121,7 +135,8 @@ def _steps(model: Extended, efforts: NDArray[np.float64]) -> dict[str, float]:
     return steps
 
 
-def _family(name: str) -> str:
+def family(name: str) -> str:
+    """The alternative that a number belongs to."""
     kind = name.partition("[")[0]
     return "friction" if kind in ("viscous", "coulomb") else kind
 
@@ -144,7 +159,7 @@ def _linear(at: Optimum, name: str, changes: dict[str, NDArray[np.float64]]) -> 
         rows = np.array(list(own.values()))
         size = -orthonormal(rows, before)[1]
         after = before + (size[:, None] * rows).sum(axis=0)
-        if name in ("friction", "delay") or not (size < 0).any():
+        if name in _SIGNED or not (size < 0).any():
             break
         own, after = {each: row for (each, row), x in zip(own.items(), size, strict=True) if x > 0}, before
     values = dict(zip(own, size.tolist(), strict=False))

@@ -20,7 +20,10 @@ __all__ = ["Detection"]
 _STIFF = 300.0
 """Resonance above which a gear is not mentioned [Hz]."""
 
-_LIMITS = {"backlash": (180 / np.pi, "degrees"), "lag": (1e3, "ms"), "delay": (1.0, "samples")}
+_LIMITS = {
+    "backlash": (180 / np.pi, "degrees"), "lag": (1e3, "ms"), "delay": (1.0, "samples"), "gear": (100.0, "%"),
+    "offset": (1.0, "N m of the motor"),
+}  # fmt: skip
 """What turns the numbers of `Extended` into those of a text, and their units."""
 
 
@@ -103,6 +106,7 @@ class Detection(Frozen):
         if not limits:
             return f"{kind} (none would be seen)"
         scale, unit = _LIMITS[kind]
+        kind = {"gear": "another gear", "offset": "an offset of the torque"}.get(kind, kind)
         return f"{kind} (seen from {_span([scale * value for _, value in limits])} {unit})"
 
     def _joint(self, name: str) -> str:
@@ -145,6 +149,20 @@ class Detection(Frozen):
         yield (
             f"friction is not the rig's ({by_chance}): {'; '.join(parts)}. Add these numbers to unknown "
             "(drive.viscous[0] and so on)."
+        )
+
+    def _of_offset(self, sign: Sign, by_chance: str) -> Iterator[str]:
+        offsets = ", ".join(f"{value:.3g} N m at {self._joint(name)}" for name, value in sign.values.items())
+        yield (
+            f"torques have an offset that the rig lacks, {offsets}, motor side ({by_chance}), which biases f. Give the "
+            "drive a FrictionCurve, and add drive.curve.offset[0] and so on to unknown."
+        )
+
+    def _of_gear(self, sign: Sign, by_chance: str) -> Iterator[str]:
+        gears = ", ".join(f"{100 * value:+.2g} % at {self._joint(name)}" for name, value in sign.values.items())
+        yield (
+            f"gears (or lengths, or counts per turn) are not the rig's: {gears} ({by_chance}), which biases f. Check "
+            "them, or add drive.gear[0] and so on to unknown."
         )
 
     def _of_disagreement(self, sign: Sign, by_chance: str) -> Iterator[str]:

@@ -102,5 +102,8 @@ def test_without_motor_inertia_no_gear_gives(record):
     drive = dataclasses.replace(RIG.drive, motor_inertia=(0.0, 2e-4))
     torques = dataclasses.replace(record, rig=dataclasses.replace(RIG, drive=drive), law=LoggedTorque())
     model = Extended(DYNAMICS, [torques], DYNAMICS.names, ARM.f)
-    assert model.extra == ("viscous[0]", "viscous[1]", "coulomb[0]", "coulomb[1]", "lag")
+    assert model.extra == (
+        *(f"{kind}[{i}]" for kind in ("viscous", "coulomb", "offset", "gear") for i in (0, 1)),
+        "lag",
+    )
     assert np.isfinite(model.innovations(values(model))).all()

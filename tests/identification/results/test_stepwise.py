@@ -42,7 +42,15 @@ def rigid():
 def test_a_rigid_robot_is_accused_of_nothing(rigid):
     detection = rigid.diagnostics.detection
     assert detection.names == ()
-    assert {sign.name for sign in detection.signs} == {"compliance", "lag", "delay", "friction", "backlash"}
+    assert {sign.name for sign in detection.signs} == {
+        "compliance",
+        "lag",
+        "delay",
+        "friction",
+        "backlash",
+        "offset",
+        "gear",
+    }
     assert not any(sign.significant for sign in detection.signs)
     assert "no sign of compliance (seen below" in rigid.summary()
     assert rigid.warnings == []
