@@ -47,15 +47,17 @@ from identification.search.gear_resonance import GearResonance
 from identification.search.genetic import GeneticResult, GeneticSettings, GeneticState, minimize_genetic
 from identification.search.outcome import Fit
 from identification.search.search import Search
+from identification.search.tolerances import Tolerances
 from plant.parts.arguments import known_options
 
 # The genetic algorithm imports nothing of this project, so a misspelt setting is caught from here.
 known_options(GeneticSettings)
 
 __all__ = [
-    "Budget", "Detection", "Diagnostics", "Fit", "GearResonance", "GeneticResult", "GeneticSettings", "GeneticState",
-    "Identification", "Interval", "LinkSize", "Load", "MotorFit", "Objective", "Oscillation", "PayloadEstimate",
-    "Physical", "Search", "Sign", "Spread", "TorqueFit", "derivatives", "design_motion", "find_load", "fit_torque",
-    "friction_from_motor_test", "gain_from_current", "identify", "low_pass", "minimize_genetic", "nearest_physical",
-    "oscillation", "pulse_budget", "puma560_ranges", "ranges", "spread", "without_delay",
+    "Budget", "Detection", "Diagnostics", "Fit", "GearResonance", "GeneticResult", "GeneticSettings",
+    "GeneticState", "Identification", "Interval", "LinkSize", "Load", "MotorFit", "Objective", "Oscillation",
+    "PayloadEstimate", "Physical", "Search", "Sign", "Spread", "Tolerances", "TorqueFit", "derivatives",
+    "design_motion", "find_load", "fit_torque", "friction_from_motor_test", "gain_from_current", "identify",
+    "low_pass", "minimize_genetic", "nearest_physical", "oscillation", "pulse_budget", "puma560_ranges", "ranges",
+    "spread", "without_delay",
 ]  # fmt: skip

@@ -17,6 +17,7 @@ from identification.replay.resonances import DAMPING, STIFFNESS, on_gears
 from identification.search.genetic import GeneticSettings
 from identification.search.methods import METHODS
 from identification.search.problem import Problem
+from identification.search.tolerances import Tolerances
 from plant import Dynamics, Record
 from plant.parts.arguments import array, choice, instance
 
@@ -34,6 +35,7 @@ def prepare(
     seed: int,
     zeros: bool,
     options: dict[str, Any],
+    tolerances: Tolerances | None = None,
 ) -> Problem:
     """The problem that a method is given; bad input is refused here, before any search."""
     choice("method", method, tuple(METHODS))
@@ -64,6 +66,7 @@ def prepare(
         seed=seed,
         zeros=zeros,
         options=options,
+        tolerances=tolerances or Tolerances(),
     )
     if zeros and not all(problem.replays):
         raise ValueError("zeros can be found only of logs that replay their torque; got a controller. Leave it out.")

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 import plant
+from identification.equation_error.clustered import at_least
 from identification.preparation import prepare, with_gears
 from identification.replay.experiment import with_zeros
 from identification.replay.objective import Objective
@@ -22,6 +23,7 @@ from identification.search.methods import METHODS
 from identification.search.outcome import Outcome
 from identification.search.problem import Problem
 from identification.search.search import Search
+from identification.search.tolerances import Tolerances
 from plant import Dynamics, Record
 from plant.parts.arguments import instance, known_options
 
@@ -45,6 +47,7 @@ def identify(
     held_out: Record | Sequence[Record] | None = None,
     zeros: bool = False,
     elasticity: bool = False,
+    tolerances: Tolerances | None = None,
 ) -> Identification:
     """Find the parameters with which the model repeats the tracking errors of the robot.
 
@@ -85,6 +88,8 @@ def identify(
         joints are then is found as well, for each record (``found.fit.zeros``). Held-out records are taken as they are.
     elasticity : bool
         Find stiffness and damping of all gears too, whatever the rigs say of them: ``found.resonance``.
+    tolerances : Tolerances, optional
+        Within which the rigs are right; intervals count them. ``Tolerances.none()`` takes rigs for exact.
 
     Returns
     -------
@@ -101,7 +106,8 @@ def identify(
     options = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "threads": threads}
     if instance("elasticity", elasticity, bool, "Give True or False."):
         records, held_out, unknown = with_gears(dynamics, records, held_out, unknown, method, ranges)
-    problem = prepare(dynamics, records, unknown, held_out, method, ranges, settings, seed, zeros, options)
+    tolerances = instance("tolerances", tolerances or Tolerances(), Tolerances, "Give Tolerances(gear=0.01).")
+    problem = prepare(dynamics, records, unknown, held_out, method, ranges, settings, seed, zeros, options, tolerances)
     outcome = search(problem, progress)
     return _assess(problem, outcome, started)
 
@@ -140,7 +146,11 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
             "Widen or correct the ranges, and check gains, gears and signs of rig and law."
         )
     arm, rig, law = problem.parts(fit.values)
-    diagnostics = Diagnostics.of(problem, fit, objective, cost)
+    diagnostics = Diagnostics.of(problem, fit, objective, cost, outcome.rounding)
+    doubt, grouped = diagnostics.detection.doubt, diagnostics.detection.grouped
+    if fit.covariance is not None and fit.resonance is None and doubt is not None and grouped is not None:
+        whole = at_least(fit.covariance + doubt, grouped)
+        fit = dataclasses.replace(fit, covariance=whole, noise_covariance=fit.covariance)
     if fit.resonance is not None and diagnostics.detection.played:
         fit = dataclasses.replace(fit, resonance=fit.resonance.beside_backlash(diagnostics.detection.played))
     return Identification(

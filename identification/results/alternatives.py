@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
+from scipy.special import chdtrc, chdtri
 
 from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, orthonormal
@@ -77,6 +77,11 @@ class Sign(Frozen):
     def significant(self) -> bool:
         """Whether chi-square is above its threshold."""
         return self.chi_square > self.threshold
+
+    @property
+    def chance(self) -> float:
+        """Probability with which a right model reaches chi-square."""
+        return float(chdtrc(self.freedom, max(self.chi_square, 0.0)))
 
 
 def signs(at: Optimum, efforts: NDArray[np.float64]) -> list[Sign]:

@@ -11,6 +11,7 @@ import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from identification.results.alternatives import Sign
 from plant.parts.frozen import Frozen
@@ -43,6 +44,10 @@ class Detection(Frozen):
         What to call each joint.
     reason : str or None
         Why nothing could be tested.
+    doubt : (k, k) numpy.ndarray or None
+        What is added to the covariance of the unknowns for what the model may lack; see `model_error`.
+    grouped : (k,) numpy.ndarray or None
+        Their least standard deviations, from how they differ between stretches or runs; see `clustered`.
     """
 
     signs: tuple[Sign, ...] = ()
@@ -50,6 +55,8 @@ class Detection(Frozen):
     stated: dict[str, float] = dataclasses.field(default_factory=dict)
     joints: tuple[str, ...] = ()
     reason: str | None = None
+    doubt: NDArray[np.float64] | None = None
+    grouped: NDArray[np.float64] | None = None
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -52,7 +52,9 @@ class Diagnostics(Frozen):
     detection: Detection
 
     @classmethod
-    def of(cls, problem: Problem, fit: Fit, objective: Objective, cost: float) -> Diagnostics:
+    def of(
+        cls, problem: Problem, fit: Fit, objective: Objective, cost: float, rounding: NDArray[np.float64] | None
+    ) -> Diagnostics:  # fmt: skip
         """Of a fit to a problem; its objective is that of the records with their zeros in place, its value the cost."""
         delay, delay_std, kept = np.nan, np.inf, problem.held_out
         if fit.covariance is not None and not any(problem.replays):  # values that may be far off say nothing of timing
@@ -64,7 +66,7 @@ class Diagnostics(Frozen):
             bands=_bands(problem, fit.values),
             delay=delay,
             delay_std=delay_std,
-            detection=detect(problem, fit, delay if abs(delay) > max(LATE, 3 * delay_std) else 0.0),
+            detection=detect(problem, fit, delay if abs(delay) > max(LATE, 3 * delay_std) else 0.0, rounding),
         )
 
 

@@ -210,6 +210,7 @@ class Identification(Frozen):
         if diagnostics.held_out_difference is not None:
             lines[-1] += f", in the record(s) kept aside by {diagnostics.held_out_difference:.2f}"
         lines.append(str(diagnostics.detection))
+        lines += [] if self.fit.noise_covariance is None else [f"intervals count noise and {self.search.tolerances}"]
         lines += [] if self.resonance is None else str(self.resonance).splitlines()
         lines += [f"warning: {text}" for text in self.warnings]
         return "\n".join([*lines, *self.arm.dynamics.legend.splitlines()])

@@ -15,6 +15,7 @@ from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, fitted
 from identification.results.alternatives import Sign, delay_sign, signs
 from identification.results.detection import Detection
+from identification.results.model_error import Doubt
 from identification.search.memory import resumed_at
 from identification.search.outcome import Fit
 from identification.search.polish import start_of_fit, torque_fit
@@ -45,11 +46,16 @@ _STEP, _FINE = 0.05, 0.03
 _LEAST, _MOST = 400.0**-2, 15.0**-2
 """Compliances between which a first estimate is taken [1/Hz^2]."""
 
+_APART = 0.01
+"""Chance with which runs of a right model differ as much as some that are taken to contradict each other."""
+
 _LATE, _SHIFTS = 1.0, 2
 """Delay [samples] beyond which counts are not late, but something else; and how often it is estimated anew."""
 
 
-def detect(problem: Problem, fit: Fit, delay: float = 0.0) -> Detection:
+def detect(
+    problem: Problem, fit: Fit, delay: float = 0.0, rounding: NDArray[np.float64] | None = None
+) -> Detection:  # fmt: skip
     """Test a fit to a problem.
 
     Parameters
@@ -59,9 +65,14 @@ def detect(problem: Problem, fit: Fit, delay: float = 0.0) -> Detection:
         Where to begin; the model is fitted anew, to the records kept aside as well.
     delay : float
         Of the counts, if it is known already that one of this size [samples] is worth a trial.
+    rounding : (M,) numpy.ndarray, optional
+        Innovations of the records that were searched, as far as rounding makes them; see `Outcome`.
     """
     try:
-        return _Search(problem, fit).detection(delay)
+        tested = _Search(problem, fit)
+        detection, doubt = tested.detection(delay), tested.doubt()
+        added = doubt.added(problem.tolerances, rounding)
+        return dataclasses.replace(detection, doubt=added, grouped=doubt.grouped())
     except (ValueError, np.linalg.LinAlgError) as error:
         return Detection(reason=str(error))
 
@@ -79,6 +90,7 @@ class _Search:
 
     def __init__(self, problem: Problem, fit: Fit) -> None:
         records, keep = _records(problem, fit)
+        self._unknown, self._keep = len(problem.unknown), keep
         if fit.covariance is not None:
             values, step = fit.values, fit.std
         else:
@@ -90,13 +102,14 @@ class _Search:
         self.step = np.concatenate([_STEP * step[keep], model.gain_steps, extra])
         limits = np.column_stack([model.least, np.full(len(extra), np.inf)])
         self.bounds = np.vstack([problem.bounds[keep], model.gain_bounds, limits])
-        self.at = fitted(model, np.concatenate([values[keep], gains, extra]), self.step, self.bounds)
+        self.at = self._first = fitted(model, np.concatenate([values[keep], gains, extra]), self.step, self.bounds)
+        self._searched = model.rows()[len(problem.records) - 1].stop
         self.efforts, self.joints = _efforts(records[0]), tuple(problem.dynamics.chain.joint_labels)
         rounding = 0.0 if records[0].rig.encoder.smooth else _ROUNDING * float((model.weights**2).sum())
         self.least = _EXPLAINED * max(0.0, self.at.squares - rounding)
 
     def detection(self, delay: float) -> Detection:
-        first = found = signs(self.at, self.efforts)
+        first = found = self._signs = signs(self.at, self.efforts)
         stated, named = self.at.model.stated(), list[Sign]()
         if delay:
             found = [_guessed(sign, delay) if sign.name == "delay" else sign for sign in found]
@@ -118,6 +131,14 @@ class _Search:
             found = signs(self.at, self.efforts)
         values = tuple(self._with_values(sign) for sign in named)
         return Detection(signs=tuple(first), named=values, stated=stated, joints=self.joints)
+
+    def doubt(self) -> Doubt:
+        """What is to be doubted of the values."""
+        apart = any(sign.name == "disagreement" and sign.chance < _APART for sign in self._signs)
+        return Doubt(
+            at=self.at, first=self._first, step=self.step, keep=self._keep, unknown=self._unknown,
+            searched=self._searched, efforts=self.efforts, apart=apart,
+        )  # fmt: skip
 
     def _refitted(self, sign: Sign) -> _Refit | None:
         """The model with an alternative, fitted from its first estimate; None where it does not follow the log."""

@@ -28,8 +28,10 @@ class Fit(Frozen):
         Vectors that repeat the records as well as the values do, but for the noise of objective (4), best first; the
         values alone where a method tries no others. ``certify(..., plants=...)`` takes them for want of a covariance.
     covariance : (k, k) numpy.ndarray or None
-        Of the values; None where the method provides none. It is scaled by the innovations, so that quantisation and
-        what the model lacks count, and so does the innovations' autocorrelation.
+        Of the values; None where the method provides none. It counts noise, scaled by the innovations and their
+        autocorrelation, and what the rig may state wrongly: see `Tolerances`.
+    noise_covariance : (k, k) numpy.ndarray or None
+        What of it noise alone makes, if the rig is exact.
     rms_innovation : float or None
         Root mean square of the innovations [pulses]: counted positions minus their one-step predictions. Rounding alone
         gives 0.289.
@@ -49,6 +51,7 @@ class Fit(Frozen):
     values: NDArray[np.float64]
     candidates: NDArray[np.float64]
     covariance: NDArray[np.float64] | None = None
+    noise_covariance: NDArray[np.float64] | None = None
     rms_innovation: float | None = None
     fallback_reason: str | None = None
     zeros: NDArray[np.float64] | None = None
@@ -93,6 +96,9 @@ class Outcome:
     evaluations : int
         Simulated experiments.
     genetic : GeneticResult or None
+    rounding : (M,) numpy.ndarray or None
+        Innovations of the records, weighted, as far as the rounding of counts makes them alike in every log; in the
+        order of `Prediction`. None where it makes none, or was not simulated.
     stages : dict
         What each stage before the last found: name -> (k,) values.
     """
@@ -101,4 +107,5 @@ class Outcome:
     message: str = ""
     evaluations: int = 0
     genetic: GeneticResult | None = None
+    rounding: NDArray[np.float64] | None = None
     stages: dict[str, NDArray[np.float64]] = dataclasses.field(default_factory=dict)

@@ -93,8 +93,9 @@ def polished(
         if not prediction.reweigh(solution.values):
             break
         solution = gauss_newton(prediction, solution.values, steps, bounds)
+    rounding = None
     if prediction.rounds:
-        solution = _unbiased(prediction, solution, bounds, problem.seed)
+        solution, rounding = _unbiased(prediction, solution, bounds, problem.seed)
     values, reason = solution.values[:k], None
     arm, rig, _ = problem.parts(values)
     if not least_inertia_margin(problem.dynamics, rig, arm.f[None])[0] >= 0:
@@ -114,10 +115,12 @@ def polished(
         gains=None if simulated else solution.values[k : k + 2 * problem.dynamics.n],
     )
     message = f"RMS innovation of {solution.rms_innovation:.3f} pulses (rounding alone gives 0.289)."
-    return Outcome(fit=fit, message=message, evaluations=prediction.evaluations, stages=stages)
+    return Outcome(fit=fit, message=message, evaluations=prediction.evaluations, stages=stages, rounding=rounding)
 
 
-def _unbiased(prediction: Prediction, solution: Solution, bounds: NDArray[np.float64], seed: int) -> Solution:
+def _unbiased(
+    prediction: Prediction, solution: Solution, bounds: NDArray[np.float64], seed: int
+) -> tuple[Solution, NDArray[np.float64] | None]:
     """A solution less its bias by the rounding of counts, found on logs that the model makes itself and that round.
 
     At low speeds a loop feels single counts. That moves some unknowns by as much as their standard deviation. How far
@@ -131,9 +134,9 @@ def _unbiased(prediction: Prediction, solution: Solution, bounds: NDArray[np.flo
     try:
         logs = shared_out(lambda shift: prediction.innovations_of_rounded(values, shift), shifts, prediction.threads)
     except ValueError:  # what follows the counts does not repeat the log by itself
-        return solution
+        return solution, None
     if not np.isfinite(logs).all():
-        return solution
+        return solution, None
     names = [prediction.unknown[i] for i in solution.varied]
     inverse = least_squares(names, solution.slopes, logs[0], dependent=DEPENDENT)[1]
     found = [inverse @ (solution.slopes * log[:, None]).sum(axis=0) for log in logs]
@@ -145,7 +148,8 @@ def _unbiased(prediction: Prediction, solution: Solution, bounds: NDArray[np.flo
     share = min(1.0, noises.mean() / noise(prediction, solution.residual / prediction.scales))
     scale = (1 + 1 / _ROUNDED) * (1 + share * (ratio - 1) / 2)
     covariance = scale * solution.covariance
-    return dataclasses.replace(solution, values=np.clip(values, *bounds.T), covariance=covariance)
+    unbiased = dataclasses.replace(solution, values=np.clip(values, *bounds.T), covariance=covariance)
+    return unbiased, np.mean(logs, axis=0) * prediction.scales
 
 
 def _by_stages(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from identification.equation_error.law_memory import Memory
 from identification.replay.objective import Objective
 from identification.search.genetic import GeneticSettings
+from identification.search.tolerances import Tolerances
 from plant import Arm, Dynamics, Law, Record, Resumed, Rig
 
 __all__ = ["Problem"]
@@ -42,6 +43,8 @@ class Problem:
         Whether the zeros of each record's counters are unknown.
     options : dict
         Sub-steps, sweeps and threads of the model.
+    tolerances : Tolerances
+        Within which the records' rigs are right.
     show : callable, optional
         Called with each `GeneticState`.
     memories : tuple of Memory or None
@@ -60,6 +63,7 @@ class Problem:
     seed: int
     zeros: bool
     options: dict[str, Any]
+    tolerances: Tolerances = dataclasses.field(default_factory=Tolerances)
     show: Callable[..., Any] | None = None
     memories: tuple[Memory | None, ...] = ()
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from identification.search.genetic import GeneticSettings
 from identification.search.outcome import Outcome
 from identification.search.problem import Problem
+from identification.search.tolerances import Tolerances
 from plant.parts.frozen import Frozen
 
 __all__ = ["Search"]
@@ -24,6 +25,8 @@ class Search(Frozen):
     method : str
     seed : int
     settings : GeneticSettings
+    tolerances : Tolerances
+        Within which the rigs are right, as the intervals count them.
     ranges : (k, 2) numpy.ndarray or None
         Those that were given.
     stages : dict
@@ -47,6 +50,7 @@ class Search(Frozen):
     method: str
     seed: int
     settings: GeneticSettings
+    tolerances: Tolerances
     ranges: NDArray[np.float64] | None
     stages: dict[str, NDArray[np.float64]]
     initial_objective: float
@@ -65,6 +69,7 @@ class Search(Frozen):
             method=problem.method,
             seed=problem.seed,
             settings=problem.settings,
+            tolerances=problem.tolerances,
             ranges=problem.ranges,
             stages=outcome.stages,
             initial_objective=objective if genetic is None else genetic.initial_cost,

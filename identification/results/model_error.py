@@ -1,0 +1,160 @@
+"""The covariance of what was found, with what the model may lack: noise, and the bias by all that the rig states.
+
+Numbers that are taken as stated (gears, friction, offsets, timing) are right within tolerances only. They are
+unknowns, too, whose prior standard deviations are these; the log says more of some. What the unknowns would change by,
+if they were fitted together, is a bias: its square is added to the covariance that they would have then.
+
+Source: S. F. Schmidt, Application of state-space methods to navigation problems, Advances in Control Systems 3, 1966
+(consider covariance); G. J. Bierman, Factorization methods for discrete sequential estimation, 1977, ch. 8.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from identification.equation_error.clustered import group_std, products
+from identification.replay.optimum import Optimum
+from identification.results.alternatives import effects_of
+from identification.search.tolerances import Tolerances
+
+__all__ = ["Doubt", "consider", "priors"]
+
+_BY_KIND = {"viscous": "friction", "coulomb": "friction"}
+"""Tolerance of each kind of number, where it has another name."""
+
+_RUNS, _STRETCHES = 3, 10
+"""Runs that contradict each other, or stretches of all runs, between which values are compared."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Doubt:
+    """Where the innovations are least, and what is known of the model there.
+
+    Attributes
+    ----------
+    at, first : Optimum
+        With what was named, and before.
+    step : (m,) numpy.ndarray
+        Of the values; zero for one that is not varied.
+    keep : sequence of int
+        Which of the unknowns its first values are.
+    unknown : int
+        Number of the unknowns.
+    searched : int
+        Number of the innovations of the records that were searched, the first.
+    efforts : (2, n) numpy.ndarray
+        Torque [N m] and speed [rad/s] of each motor (rms).
+    apart : bool
+        Whether the records contradict each other.
+    """
+
+    at: Optimum
+    first: Optimum
+    step: NDArray[np.float64]
+    keep: Sequence[int]
+    unknown: int
+    searched: int
+    efforts: NDArray[np.float64]
+    apart: bool
+
+    def added(self, tolerances: Tolerances, rounding: NDArray[np.float64] | None) -> NDArray[np.float64]:
+        """What is added to the covariance (k, k) of the unknowns, by tolerances and by what was named.
+
+        Of what was named nothing is known beforehand; what the unknowns change by, if it is fitted, is a bias.
+        """
+        at, known, varied = self.at, len(self.keep), np.flatnonzero(self.step)
+        residual = at.innovations[: self.searched] - (0.0 if rounding is None else rounding[: self.searched])
+        effects, named = effects_of(at, self.efforts), dict[str, float]()
+        for i, name in ((i, at.model.unknown[place]) for i, place in enumerate(varied)):
+            if name in at.model.extra:
+                effects[name], named[name] = at.rates[i] / self.step[varied[i]], np.inf
+        own = [i for i, place in enumerate(varied) if at.model.unknown[place] not in at.model.extra]
+        prior = {**priors(tolerances, list(effects), self.efforts), **named}
+        change, more = consider(at.rates[own], residual, prior, effects, at.unit(at.innovations))
+        bias, total = at.values[:known] - self.first.values[:known], np.zeros((known, known))
+        some = np.array([i for i, j in enumerate(own) if varied[j] < known], dtype=int)
+        places = varied[own][some]
+        bias[places] += change[some] * self.step[places]
+        total[np.ix_(places, places)] = more[np.ix_(some, some)] * np.outer(self.step[places], self.step[places])
+        whole = np.zeros((self.unknown, self.unknown))
+        whole[np.ix_(self.keep, self.keep)] = total + np.outer(bias, bias)
+        return whole
+
+    def grouped(self) -> NDArray[np.float64]:
+        """Standard deviations (k,) of the unknowns, from how they differ between stretches.
+
+        Runs that contradict each other are what differs, from three on.
+        """
+        at, varied, whole = self.at, np.flatnonzero(self.step), np.zeros(self.unknown)
+        lengths = [rows.stop - rows.start for rows in at.model.rows() if rows.stop <= self.searched]
+        each = 1 if len(lengths) >= _RUNS and self.apart else -(-_STRETCHES // len(lengths))
+        groups = np.concatenate([each * i + np.arange(n) * each // n for i, n in enumerate(lengths)])
+        std = group_std(at.rates[:, : self.searched].T, at.innovations[: self.searched], groups)
+        some = varied < len(self.keep)
+        whole[np.array(self.keep)[varied[some]]] = (std * self.step[varied])[some]
+        return whole
+
+
+def priors(tolerances: Tolerances, names: Sequence[str], efforts: NDArray[np.float64]) -> dict[str, float]:
+    """Standard deviation of each of these numbers of `Extended` before the log; none of what has no tolerance.
+
+    Parameters
+    ----------
+    efforts : (2, n) numpy.ndarray
+        Torque [N m] and speed [rad/s] of each motor (rms).
+    """
+    torque, speed = efforts
+    scales = {"offset": torque, "coulomb": torque, "viscous": torque / speed}
+    found = {}
+    for name in names:
+        kind, _, joint = name.rstrip("]").partition("[")
+        share = getattr(tolerances, _BY_KIND.get(kind, kind), 0.0)
+        size = share * (scales[kind][int(joint)] if kind in scales else 1.0)
+        if size > 0:
+            found[name] = float(size)
+    return found
+
+
+def consider(
+    rates: NDArray[np.float64],
+    residual: NDArray[np.float64],
+    prior: Mapping[str, float],
+    effects: Mapping[str, NDArray[np.float64]],
+    unit: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Change (v,) of the unknowns if what is in `prior` were fitted too, and what that adds to their covariance (v, v).
+
+    Parameters
+    ----------
+    rates : (v, M) numpy.ndarray
+        Change of the innovations with each unknown.
+    residual : (M',) numpy.ndarray
+        Innovations of the first M' rows, those that were fitted.
+    prior : dict
+        Standard deviations, by name; inf of what has none.
+    effects : dict
+        Change of the innovations (M,) with each.
+    unit : float
+        Variance of the innovations.
+    """
+    own, count = rates[:, : len(residual)].T, len(rates)
+    names = [name for name in prior if np.isfinite(effects[name]).all()]
+    sizes = np.array([prior[name] for name in names])
+    scale = np.where(np.isfinite(sizes), sizes, 1.0)
+    rows = np.column_stack([own, *(effects[name][: len(residual)] * by for name, by in zip(names, scale, strict=True))])
+    information = products(rows) / unit
+    places = np.arange(count, len(information))
+    information[places, places] += np.isfinite(sizes)
+    inverse, alone = _inverse(information), _inverse(information[:count, :count])
+    slope = (rows * residual[:, None]).sum(axis=0) / unit
+    return alone @ slope[:count] - inverse[:count] @ slope, inverse[:count, :count] - alone
+
+
+def _inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    scale = np.sqrt(np.diag(matrix))
+    scale = np.where(scale > 0, scale, 1.0)
+    return np.asarray(np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale))
