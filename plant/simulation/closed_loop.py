@@ -147,10 +147,10 @@ class ClosedLoop(Layout):
         if drive.friction_drift is not None:
             giving["drifted"] = drive.friction_drift.following(had["drifted"], h)
         if "link" in self.giving:
-            after = elastic(self.dynamics, drive, f, (middle, qd), link, acting, h, friction)
+            after = elastic(self.dynamics, rig, f, (middle, qd), link, acting, h, friction)
             giving["link"] = link[0] + h / 2 * after.states["link_speed"]
         else:
-            after = rigid(self.dynamics, drive, f, middle, qd, acting, h, friction)
+            after = rigid(self.dynamics, rig, f, middle, qd, acting, h, friction)
         if self.giving:
             carried = self._with_given(carried, **giving, **after.states)
         ok, following = _if(after.positive > 0, status[1]), after.speed

@@ -195,7 +195,7 @@ class Layout:
         link, q, numbers = ca.SX.sym("link", self.n), ca.SX.sym("q", self.n), self._symbols[2]
         *_, f, _, rig = self._parts
         coupling, elasticity = rig.drive.coupling, rig.drive.elasticity
-        torque = coupling.shaft_torque(self.dynamics.gravity(link, f))
+        torque = coupling.shaft_torque(self.dynamics.gravity(link, f) - rig.spring_torque(link))
         play = 0.0 if elasticity.backlash is None else ca.sign(torque) * elasticity.backlash / 2
         hanging = coupling.joint(coupling.shaft(q) - torque / elasticity.stiffness - play)
         settle = ca.Function("settle", [link, q, numbers], [hanging])
