@@ -17,6 +17,7 @@ from plant.parts.arguments import instance
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import path_of, start_of
+from plant.simulation.injection import injected_beside
 from plant.simulation.loop_kernel import loop_kernel
 from plant.simulation.time_tables import time_tables
 
@@ -73,8 +74,8 @@ class Experiment:
                 f"the record must have {dynamics.n} joints; it has {record.n}. Use the record of this arm."
             )
         rig = smooth_rig(record.rig) if smooth else record.rig
-        self.record = record
-        self.loop = ClosedLoop(dynamics=dynamics, rig=rig, law=record.law, **options)
+        self.record, added = record, injected_beside(record)
+        self.loop = ClosedLoop(dynamics=dynamics, rig=rig, law=record.law, injected=added is not None, **options)
         names = self.loop.number_names
         for name in unknown:
             if name not in names:
@@ -94,7 +95,7 @@ class Experiment:
         self.places = [names.index(name) for name in unknown]
         self.clock = Clock.of(record)
         path = path_of(record, self.clock, smooth=smooth and not getattr(record.law, "rounds", False))
-        self.times = time_tables(self.loop, path, self.clock, record.law.replayed(record))
+        self.times = time_tables(self.loop, path, self.clock, record.law.replayed(record), added)
         self.numbers = self.loop.number_values(np.full(dynamics.p, np.nan))
         self.begin = start_of(record, path_of(record, self.clock))
 
