@@ -155,7 +155,10 @@ def balance(dynamics: Dynamics, rig: Rig, unknown: tuple[str, ...], elastic: boo
     regressor = ca.densify(ca.jacobian(tau, numbers)[:, places])
     for name, place in zip(unknown, places, strict=True):
         if ca.depends_on(regressor, numbers[place]):
-            raise ValueError(f"unknown must enter the torque linearly; {name} does not. Take f and friction levels.")
+            raise ValueError(
+                f"unknown must enter the torque linearly; {name} does not, or not with others. "
+                "Take f, friction levels, and of a spring its stiffness or its preload."
+            )
         if regressor[:, unknown.index(name)].is_zero():
             raise ValueError(f"unknown must act on the torque; {name} does not. Leave it out.")
     return names, ca.Function("balance", [q, qd, qdd, *motors, numbers], [regressor, tau])
