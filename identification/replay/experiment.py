@@ -83,6 +83,8 @@ class Experiment:
                 hint = f"Did you mean {near[0]!r}? " if near else ""
                 if str(name).startswith("drive.curve"):
                     hint = "Give the drive a FrictionCurve first. "
+                if str(name).startswith("springs") and record.rig.springs is None:
+                    hint = "Give the rig its springs first, such as a JointSpring. "
                 raise ValueError(
                     f"unknown must name numbers of this experiment; got {name!r}. {hint}Known: {', '.join(names)}."
                 )

@@ -120,7 +120,7 @@ def run(
         instance(name, value, kind, order)
     if law.replays:
         raise ValueError(f"the law must be a controller; {type(law).__name__} repeats a log. Use replay(arm, record).")
-    steps = {"steps_per_sample": steps_per_sample, "sweeps": sweeps}
+    steps: dict[str, Any] = {"steps_per_sample": steps_per_sample, "sweeps": sweeps}
     loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, injected=injected is not None, **steps)
     duration = reference.duration if duration is None else duration
     duration = real("duration", duration, "Leave it out for one period of the reference.", positive=True)
@@ -193,7 +193,8 @@ def replay(
     rig = record.rig if rig is None else rig
     law = cast(Law, instance("law", record.law if law is None else law, Law, "Pass law= here or with the record."))
     record = dataclasses.replace(record, rig=rig, law=law)
-    added, steps = injected_beside(record), {"steps_per_sample": steps_per_sample, "sweeps": sweeps}
+    added = injected_beside(record)
+    steps: dict[str, Any] = {"steps_per_sample": steps_per_sample, "sweeps": sweeps}
     loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, injected=added is not None, **steps)
     clock = Clock.of(record)
     path = path_of(record, clock)
