@@ -6,7 +6,7 @@ import pickle
 import casadi as ca
 import numpy as np
 import pytest
-from closed_loops import NoTorque, direct_rig, joint, stiff, without_friction
+from closed_loops import NoTorque, SampledP, direct_rig, joint, stiff, without_friction
 from mujoco_springs import BASE, ON_LINK, engine, swing
 from scipy.integrate import solve_ivp
 
@@ -27,6 +27,7 @@ from plant import (
     to_control,
     torque_share,
 )
+from plant.analysis.sampled_loops import SampledLoops, held
 from plant.parts.part import restore
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.loop_kernel import Structure
@@ -183,6 +184,19 @@ def test_the_linear_loop_has_the_springs_stiffness():
     moving = to_control(arm, rig)
     slope = [moving.dynamics(0.0, [q, 0.0], [0.0])[1] for q in (0.0, 0.1)]
     np.testing.assert_allclose(np.diff(slope), -0.1 * k / inertia, rtol=1e-9)
+
+
+def test_a_sampled_loop_has_the_springs_stiffness_and_rests_where_they_pull_it():
+    """A P law of 0.1 ms on a mass without friction: its hold makes it swing up, at the frequency of both springs."""
+    inertia, gain, k, rest, pose = 0.9, 2000.0, 700.0, 0.3, np.array([0.1])
+    rig = with_springs(JointSpring(stiffness=(k,), angle=(rest,)), direct_rig((0.0,), (0.0,), period=1e-4))
+    arm = joint(0.0, 0.0, inertia)
+    law = SampledP(gain=stiff(rig, (gain,)).gain, period=rig.period)
+    q, _, torque, _ = held(arm, rig, law, law.block(rig), pose)
+    np.testing.assert_allclose(q, (gain * pose + k * rest) / (gain + k), rtol=1e-9)
+    np.testing.assert_allclose(torque, k * (q - rest), rtol=1e-9)
+    pole = SampledLoops(arm, rig, law, pose).unstable_pole()
+    assert abs(pole) == pytest.approx(np.sqrt((gain + k) / inertia), rel=1e-3)
 
 
 def test_a_motion_needs_less_torque_by_what_the_springs_give():
