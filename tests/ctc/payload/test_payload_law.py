@@ -39,7 +39,7 @@ def test_without_a_swap_it_is_the_law():
 
 
 def test_springs_that_the_rig_has_are_no_disturbance():
-    """The watch's disturbance is as small on an arm with springs as without; of springs it does not know it is theirs."""
+    """The watch's disturbance is as small on an arm with springs as without; of unknown ones it is theirs."""
     springs = JointSpring(stiffness=(80.0, 30.0), angle=(0.3, -0.5))
     sprung, largest = dataclasses.replace(RIG, springs=springs), []
     motion = PATH(np.arange(700) * RIG.period)

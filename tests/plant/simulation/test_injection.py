@@ -20,6 +20,7 @@ from plant import (
     simulate,
     to_timeresponse,
 )
+from plant.checkup.signals import Signals
 from plant.machine.current_lag import CurrentLag
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.loop_kernel import Structure
@@ -172,8 +173,10 @@ def test_a_table_has_it_in_its_units(record, unit, side):
 
 def test_the_checkup_counts_it_as_commanded(record):
     """The commanded torque against the logged one: else they differ, and the record is said not to be its law's."""
-    slower = simulate(ARM, RIG, LAW, PATH, duration=2.0, injected=pushes)
-    assert slower.check().ok, str(slower.check())
+    longer = simulate(ARM, RIG, LAW, PATH, duration=2.0, injected=pushes)
+    assert longer.check().ok, str(longer.check())
+    signals = Signals(longer)
+    np.testing.assert_allclose(signals.commanded, signals.torque, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(
