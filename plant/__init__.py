@@ -11,7 +11,7 @@ An experiment: Arm + Rig + Law + Reference -> Record. The rooms, each above all 
 `laws`          what a control law has to give; P, PD, PID, cascade, laws that repeat a log
 `realtime`      a law at work: `Guards`, safe stop, the compiled step (`Running`), its C
 `motion`        references, the fastest path, what a motion demands, and what it excites
-`machine`       friction, drive, encoder, transport delay, jitter; together the `Rig`
+`machine`       friction, drive, encoder, transport delay, jitter, springs; together the `Rig`
 `mechanics`     links and bodies -> one torque; `Dynamics` (D, h, C, Y read off it) and `Arm`
 `compiler`      a casadi Function as machine code or C; knows nothing of arms
 `parts`         descriptions with named numbers; checks of arguments
@@ -33,12 +33,15 @@ from plant.laws.resumed import AlongLog, Resumed
 from plant.logs.logfile import LoadError, read_table
 from plant.logs.record import Record
 from plant.logs.several import read_records
+from plant.machine.counterbalance import CosineTorque, Counterbalance
 from plant.machine.drive import Drive
 from plant.machine.elasticity import Elasticity
 from plant.machine.encoder import Encoder, Phase, QuadratureError
 from plant.machine.friction import FrictionCurve
 from plant.machine.friction_changes import FrictionDrift
 from plant.machine.jitter import Jitter
+from plant.machine.joint_spring import JointSpring
+from plant.machine.known_torque import KnownTorque
 from plant.machine.presliding import Presliding
 from plant.machine.rig import Rig
 from plant.machine.torque_ripple import TorqueRipple
@@ -83,6 +86,8 @@ __all__ = [
     "Cascade",
     "Chain",
     "Checkup",
+    "CosineTorque",
+    "Counterbalance",
     "Coupling",
     "DivergenceError",
     "Drive",
@@ -95,6 +100,8 @@ __all__ = [
     "Guards",
     "Harmonics",
     "Jitter",
+    "JointSpring",
+    "KnownTorque",
     "Later",
     "Law",
     "Link",

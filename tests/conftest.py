@@ -12,6 +12,7 @@ LONGEST = (
     "test_real_data", "test_methods", "test_tune", "test_effects", "test_any_arm", "test_stepwise", "test_examine",
     "test_coupling", "test_model_laws", "test_types", "test_guards", "test_table", "test_elastic", "test_elastic_loop",
     "test_mujoco_elastic", "test_without_avx512", "test_gears", "test_certify", "test_refits",
+    "test_known_torques", "test_springs", "test_injection",
 )  # fmt: skip
 """By processor time from an empty kernel cache; those not named take less than 20 s each."""
 

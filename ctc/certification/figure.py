@@ -200,6 +200,6 @@ def _headroom(labels: list[str]) -> float:
 
 def _label(name: str, labels: list[str]) -> str:
     """Name of a number in words."""
-    kind, _, index = name.rstrip("]").partition("[")
+    kind, _, index = name[:-1].rpartition("[") if name.endswith("]") else (name, "", "")
     words = _WORDS.get(kind, kind)
     return f"{words},\n{labels[int(index)]}" if index else words

@@ -8,6 +8,7 @@ certificate covers nothing else.
 from __future__ import annotations
 
 import dataclasses
+import re
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ __all__ = ["Uncertainty"]
 _PATIENCE = 20
 """Draws per plant at most, until one is an arm."""
 
-_NOT_NEGATIVE = ("drive.viscous", "drive.coulomb", "drive.curve.breakaway", "drive.elasticity")
+_NOT_NEGATIVE = re.compile(r"drive\.(viscous|coulomb|curve\.breakaway|elasticity)|springs(\[\d+\])?\.stiffness")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -136,7 +137,7 @@ class Uncertainty:
             f = f + values["load"][:, None] * direction
             sound = least_inertia_margin(dynamics, rig, f) >= 0
             for name in values:
-                sound &= not name.startswith(_NOT_NEGATIVE) or values[name] >= 0
+                sound &= not _NOT_NEGATIVE.match(name) or values[name] >= 0
             return np.column_stack([*values.values()]), f, sound, tuple(values)
 
         values, f, sound, names = some(np.arange(samples))

@@ -31,7 +31,7 @@ class Adaptive(ModelLaw):
     arm : Arm or Identification
         Where f-hat starts; an identification gives its rig, too.
     rig : Rig, optional
-        The identified rig, ``found.rig``: its friction is fed forward, and not adapted.
+        The identified rig, ``found.rig``: its friction and springs are fed forward, and not adapted.
     bandwidth : float
         w: how fast e goes to zero once s is zero [rad/s].
     gain : (n,) array_like
@@ -93,7 +93,7 @@ class Adaptive(ModelLaw):
         s = rate + self.bandwidth * e
         v, vd = setpoint.qd + self.bandwidth * e, setpoint.qdd + self.bandwidth * rate
         Y = model.Y(q, setpoint.qd - rate, v, vd)
-        wanted = Y @ f + self.gain * s + self.rig.drive.friction(setpoint.qd)
+        wanted = Y @ f + self.gain * s + self.rig.drive.friction(setpoint.qd) - self.rig.spring_torque(q)
         cut = ca.fabs(torque - commanded) > _AT_THE_LIMIT * rig.drive.torque_limit()
         learning = ca.if_else(ca.sum1(cut) > 0, 0, dt)
         f = f + learning * self.adaptation * (Y.T @ s)

@@ -121,7 +121,7 @@ class ComputedTorque(ModelLaw):
         ahead = predict(e, rate, disturbance, pending[0], dt) if self.delay else (e, rate, disturbance)
         feedback = self.bandwidth**2 * ahead[0] + 2 * self.bandwidth * ahead[1] + ahead[2]
         q, qd = (setpoint.q - e, setpoint.qd - rate) if self.measured else (setpoint.q, setpoint.qd)
-        wanted = model.D(q, f) @ (setpoint.qdd + feedback) + model.h(q, qd, f)
+        wanted = model.D(q, f) @ (setpoint.qdd + feedback) + self.h(q, qd)
         if self.friction:
             wanted = wanted + self.rig.drive.friction(setpoint.qd)
         acting, coming = (pending[1], pending) if self.delay else (wanted, ())

@@ -70,6 +70,6 @@ class ComputedTorqueIntegral(ModelLaw):
         qd, D = setpoint.qd - rate, model.D(q, f)
         missing = inverse(D).solve(torque - commanded)
         integral = integrated(integral, w**3 * e, missing, w / 3, dt)
-        wanted = D @ (setpoint.qdd + 3 * w * rate + 3 * w**2 * e + integral) + model.h(q, qd, f)
+        wanted = D @ (setpoint.qdd + 3 * w * rate + 3 * w**2 * e + integral) + self.h(q, qd)
         wanted = wanted + self.rig.drive.friction(setpoint.qd)
         return wanted, ca.vertcat(memory, integral, wanted)

@@ -90,6 +90,6 @@ class ComputedTorquePID(ModelLaw):
         missing = inverse(D).solve(torque - commanded)
         integral = integrated(integral, slow * (e + before) / 2, missing, ca.sqrt(upper * lower), dt)
         value, rate = rolled_off(e, before, value, rate, corner, z, dt)
-        wanted = D @ (setpoint.qdd + integral + one * value + fast * rate) + model.h(setpoint.q, setpoint.qd, f)
+        wanted = D @ (setpoint.qdd + integral + one * value + fast * rate) + self.h(setpoint.q, setpoint.qd)
         wanted = wanted + self.rig.drive.friction(setpoint.qd)
         return wanted, ca.vertcat(1, integral, e, value, rate, wanted)

@@ -90,8 +90,9 @@ class PDGravity(Aided):
     """
 
     def aid(self, rig: Rig, setpoint: Setpoint, pulses: ca.SX) -> ca.SX:
-        """Torque of gravity (n,) [N m]."""
-        return self.arm.dynamics.gravity(rig.cell_centre(pulses), self.arm.f)
+        """Torque of gravity, less that of springs (n,) [N m]."""
+        q = rig.cell_centre(pulses)
+        return self.arm.dynamics.gravity(q, self.arm.f) - self.rig.spring_torque(q)
 
 
 @part
@@ -115,6 +116,5 @@ class FeedForward(Aided):
 
     def aid(self, rig: Rig, setpoint: Setpoint, pulses: ca.SX) -> ca.SX:
         """Torque that the reference needs (n,) [N m]."""
-        model, f = self.arm.dynamics, self.arm.f
-        moving = model.D(setpoint.q, f) @ setpoint.qdd + model.h(setpoint.q, setpoint.qd, f)
+        moving = self.arm.dynamics.D(setpoint.q, self.arm.f) @ setpoint.qdd + self.h(setpoint.q, setpoint.qd)
         return moving + self.rig.drive.friction(setpoint.qd)

@@ -67,7 +67,7 @@ class FlexibleJointComputedTorque(WithFeedback):
         n, drive = rig.n, self.rig.drive
         memory, once, twice = state[: -3 * n - 2], state[-2], state[-1]
         given, before, rate_before = ca.vertsplit(state[-3 * n - 2 : -2], n)
-        carried = gear_torque(self.arm.dynamics, drive, setpoint.q, setpoint.qd, setpoint.qdd, self.arm.f)
+        carried = gear_torque(self.arm.dynamics, self.rig, setpoint.q, setpoint.qd, setpoint.qdd, self.arm.f)
         deflection = wound(drive, carried)
         rate = ca.if_else(once > 0, (deflection - before) / dt, 0)
         bend = ca.if_else(twice > 0, (rate - rate_before) / dt, 0)

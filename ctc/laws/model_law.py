@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, TypeVar, dataclass_transform
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -118,6 +119,10 @@ class ModelLaw(Law):
                 f"{abs(pole.imag) / (2 * np.pi):.3g} Hz with the time constant {1 / pole.real:.2g} s{own}. "
                 "Lower it, or take what tune finds."
             )
+
+    def h(self, q: ca.SX, qd: ca.SX) -> ca.SX:
+        """Torque (n, 1) [N m] that the arm takes at q, qd beside inertia and friction: h-hat less the rig's springs."""
+        return self.arm.dynamics.h(q, qd, self.arm.f) - self.rig.spring_torque(q)
 
     def block(self, rig: Rig) -> Block:
         rig.require_fit(self.arm.dynamics.chain)

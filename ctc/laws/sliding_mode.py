@@ -70,4 +70,4 @@ class SlidingMode(ModelLaw):
         s = rate + self.bandwidth * e
         towards = self.reach * ca.fmax(ca.fmin(s / self.layer, 1), -1)
         wanted = model.D(q, f) @ (setpoint.qdd + self.bandwidth * rate + towards)
-        return wanted + model.h(q, setpoint.qd - rate, f) + self.rig.drive.friction(setpoint.qd), state
+        return wanted + self.h(q, setpoint.qd - rate) + self.rig.drive.friction(setpoint.qd), state

@@ -151,7 +151,7 @@ class PayloadLaw(Law):
 
         seen = parts["observer"]
         seen = ca.vertcat(seen[: 2 * n], ca.if_else(swapped, 0, seen[2 * n :]))
-        needed = after + drive.friction(setpoint.qd)
+        needed = after - self.rig.spring_torque(setpoint.q) + drive.friction(setpoint.qd)
         seen = observed(inertias[1], needed, rig, seen, setpoint, pulses, torque, self.observer, dt)
         lacking = inertias[1] @ seen[2 * n :]
         slow = ca.if_else(swapped, 0, parts["slow"])

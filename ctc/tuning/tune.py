@@ -115,7 +115,7 @@ quadrature, load, load_position, delay, covariance, plants
         uncertainty.draw(found, rig, count, seed + i, pose, progress)
         for i, count in enumerate((_MORE if allowed else _PLANTS, _FRESH))
     )
-    arm, scale = fresh.arm, _scale(fresh.arm, reference, float(duration))
+    arm, scale = fresh.arm, _scale(fresh.arm, fresh.rig, reference, float(duration))
     threads = int(threads or cores())
     options = {"within": within, "duration": duration, "after": after}
     laws, trials = families(arm, fresh.own, reference), list[Trial]()
@@ -137,8 +137,9 @@ quadrature, load, load_position, delay, covariance, plants
     return Tuning(law=best.law, trials=tuple(trials), certificate=certificate, fresh=_FRESH)
 
 
-def _scale(arm: Arm, reference: Reference, duration: float) -> NDArray[np.float64]:
+def _scale(arm: Arm, rig: Rig, reference: Reference, duration: float) -> NDArray[np.float64]:
     """Torque [N m] of each joint that its chatter is compared to: root mean square along the reference."""
     motion = reference(np.linspace(0, duration, 200))
     torque = [arm.inverse(*row) for row in zip(motion.q, motion.qd, motion.qdd, strict=True)]
+    torque = np.array(torque) - rig.spring_torque(motion.q)
     return np.sqrt(np.mean(np.square(torque), axis=0))

@@ -18,6 +18,7 @@ from plant import Arm, Law, Record, Reference, Rig
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import choice, known_options
 from plant.parts.labels import joint_labels
+from plant.simulation.injection import Injected
 from plant.simulation.simulator import run
 
 if TYPE_CHECKING:
@@ -88,9 +89,12 @@ class Evaluation:
 
     @functools.cached_property
     def on_gears(self) -> LowestResonance | None:
-        """On which elastic gears this run would stay within ±1 pulse; None for a rig whose gears are elastic."""
+        """On which elastic gears this run would stay within ±1 pulse.
+
+        None for a rig whose gears are elastic, and for a run with an injected torque.
+        """
         record: Any = self.record
-        if record.rig.drive.elasticity is not None:
+        if record.rig.drive.elasticity is not None or record.injected is not None:
             return None
         if (np.abs(record.error_pulses[record.t >= SETTLED]) > 1).any():
             return LowestResonance.none(DAMPING_RATIO, 1)
@@ -169,7 +173,7 @@ class Evaluation:
 @known_options
 def evaluate(
     arm: Arm, rig: Rig, law: Law, reference: Reference, *, backend: str = "casadi", duration: float | None = None,
-    steps_per_sample: int = 16, initial: ArrayLike | None = None,
+    steps_per_sample: int = 16, initial: ArrayLike | None = None, injected: Injected | None = None,
 ) -> Evaluation:  # fmt: skip
     """Simulate an arm under a law, and measure the tracking error in encoder pulses.
 
@@ -188,6 +192,8 @@ def evaluate(
         Integration steps between two samples.
     initial : (2, n) array_like, optional
         Position [rad] and velocity [rad/s] at t = 0; by default those of the reference.
+    injected : (N, n) array_like or callable, optional
+        Known torque beside the law's, as for `plant.simulate`.
 
     Returns
     -------
@@ -200,6 +206,6 @@ def evaluate(
         Bad input, or a loop that diverges.
     """
     choice("backend", backend, ("casadi", "numba"))
-    trace = run(arm, rig, law, reference, duration, steps_per_sample, initial, backend)
+    trace = run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, injected=injected)
     joints = tuple(link.name for link in arm.dynamics.chain.links)
     return Evaluation(joints=joints, arm=arm, record=trace.record, true_error_pulses=trace.true_error_pulses)

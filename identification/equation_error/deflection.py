@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from identification.equation_error.filtering import derivatives, low_pass
 from identification.equation_error.least_squares import least_squares
-from identification.equation_error.pulse_fit import CUTOFF, fit_systems, linear, mode_in, speed_noise, torque_of
-from identification.equation_error.regressor import System, compared, regressor_along
+from identification.equation_error.pulse_fit import CUTOFF, fit_systems, mode_in, speed_noise, torque_of
+from identification.equation_error.regressor import System, compared, linear, regressor_along
 from identification.equation_error.torque_fit import TorqueFit
 from plant import Dynamics, Record
 
@@ -65,7 +65,8 @@ class _Seen:
         """Deflections on the shafts, against the torque on the links, its rate and one."""
         coupling, period = self.rig.drive.coupling, self.rig.period
         Y, _ = regressor_along(dynamics, self.rig, dynamics.names, self.links, self.links)
-        torque = (Y * f).sum(axis=2) - self.rig.drive.rotor_torque(self.links.qdd)
+        beside = self.rig.drive.rotor_torque(self.links.qdd) + self.rig.spring_torque(self.links.q)
+        torque = (Y * f).sum(axis=2) - beside
         torque = low_pass(coupling.shaft_torque(torque), period, CUTOFF * self.band)
         deflection = coupling.shaft(self.motors.q - self.links.q)
         rate = np.gradient(torque, period, axis=0)
@@ -83,7 +84,7 @@ def fit_deflection(
     dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known: Mapping[str, float]
 ) -> Deflection:
     """Compliance of gears from records with `link_counts`; arguments as for `equation_error`."""
-    names, seen = linear(dynamics, unknown), [_Seen(record) for record in records]
+    names, seen = linear(dynamics, records[0].rig, unknown), [_Seen(record) for record in records]
     torque = fit_systems(dynamics, names, known, [each.system(dynamics, names) for each in seen])
     values = dict(known) | dict(zip(torque.names, torque.values, strict=True))
     f = np.array([values[name] for name in dynamics.names])

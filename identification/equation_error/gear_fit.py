@@ -21,12 +21,11 @@ from identification.equation_error.filtering import derivatives, low_pass
 from identification.equation_error.pulse_fit import (
     CUTOFF,
     fit_systems,
-    linear,
     mode_in,
     speed_noise,
     torque_of,
 )
-from identification.equation_error.regressor import System, compared, regressor_along
+from identification.equation_error.regressor import System, compared, linear, regressor_along
 from identification.equation_error.torque_fit import TorqueFit
 from plant import Dynamics, Motion, Record
 
@@ -111,7 +110,7 @@ def fit_gears(
         Compliances of each gear that are tried [rad/(N m)]: rows of all gears together first, then each on its own.
         A column of one value keeps that gear as it is.
     """
-    names, fits = linear(dynamics, unknown), []
+    names, fits = linear(dynamics, records[0].rig, unknown), []
     for i in range(len(_BANDS)):
         try:
             wound = [_Wound(record, _band(record, i)) for record in records]

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.pulse_fit import BAND_MOST, BANDS, CUTOFF, ENOUGH, linear, speed_noise
-from identification.equation_error.regressor import regressor_and_torque
+from identification.equation_error.pulse_fit import BAND_MOST, BANDS, CUTOFF, ENOUGH, driven, speed_noise
+from identification.equation_error.regressor import linear, regressor_and_torque
 from identification.equation_error.torque_fit import weighted
 from plant import Dynamics, LoggedCurrent, LoggedTorque, Record, Resumed
 from plant.simulation.clock import Clock
@@ -129,7 +129,7 @@ def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tu
     given: Any = record.law
     record = reading(record, given)
     _require_reference(record)
-    names, states = linear(dynamics, unknown), run_law(record).states
+    names, states = linear(dynamics, record.rig, unknown), run_law(record).states
     usual = states[len(states) // 2 :]
     still = np.ptp(usual, axis=0) <= _STILL * np.abs(states).max(axis=0)
     begun = np.where(still, np.median(usual, axis=0), run_law(_before(record)).states[-1])
@@ -207,7 +207,7 @@ def _fitted(
     """Coordinates (r,) [N m] with which the torque equation holds best, of such as are usual."""
     rig, clock = record.rig, Clock.of(record)
     extra = {f"state[{i}]": lambda *_, column=column: -column for i, column in enumerate(columns)}
-    torque, fits = run.around(clock.t[clock.rows], rig.period), []
+    torque, fits = driven(record, run.around(clock.t[clock.rows], rig.period)), []
     for band in BANDS[BAND_MOST / rig.period > BANDS]:
         every = max(1, int(1 / (2 * band * rig.period)))
         try:

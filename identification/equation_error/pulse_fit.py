@@ -15,18 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.naming import each_named
-from identification.equation_error.regressor import LINEAR, System, regressor_and_torque
+from identification.equation_error.regressor import System, linear, regressor_and_torque
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from plant import Arm, Dynamics, Record, Resumed, Rig
 from plant.analysis.linearise import modes
 from plant.laws.commanded import commanded_torque
 from plant.simulation.clock import Clock
+from plant.simulation.injection import injected_beside
 from plant.simulation.jacobians import jacobians
 from plant.simulation.law_run import run_law
 
 __all__ = [
-    "BANDS", "BAND_MOST", "CUTOFF", "ENOUGH", "equation_error",
-    "fit_systems", "linear", "mode_in", "over_bands", "pass_band", "speed_noise",
+    "BANDS", "BAND_MOST", "CUTOFF", "ENOUGH", "driven", "equation_error",
+    "fit_systems", "mode_in", "over_bands", "pass_band", "speed_noise",
     "system_of", "torque_of",
 ]  # fmt: skip
 
@@ -57,15 +58,17 @@ BANDS = 2.0 ** np.arange(-1, 6, 0.5)
 def torque_of(record: Record) -> NDArray[np.float64]:
     """Joint torques (N, n) [N m] of a record: commanded by its law, or logged where the law has a memory.
 
-    A torque that a sampled law holds counts half at both ends of its sample. A law along its log is run.
+    A torque that a sampled law holds counts half at both ends of its sample, and so does one that was injected, which
+    is added to what the law commanded. A law along its log is run.
     """
     law, rig = record.law, record.rig
     if isinstance(law, Resumed):
         clock = Clock.of(record)
-        return run_law(dataclasses.replace(record, law=law.along(rig))).around(clock.t[clock.rows], rig.period)
+        own = run_law(dataclasses.replace(record, law=law.along(rig))).around(clock.t[clock.rows], rig.period)
+        return driven(record, own)
     commanded = commanded_torque(record)
     if commanded is not None:
-        return rig.drive.limited(commanded)
+        return driven(record, rig.drive.limited(commanded))
     if record.torque is not None:
         logged = record.torque
     elif record.current is not None:
@@ -77,7 +80,18 @@ def torque_of(record: Record) -> NDArray[np.float64]:
         )
     if law is None or (law.period is None and not law.replays):
         return logged
-    return (logged + np.vstack([logged[:1], logged[:-1]])) / 2  # held from its sample to the next: at one, both act
+    return _held(logged)
+
+
+def driven(record: Record, own: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Torque (N, n) [N m] of the motors: its law's own, and what was injected, within the amplifier's limit."""
+    added = injected_beside(record)
+    return own if added is None else record.rig.drive.limited(own + _held(added))
+
+
+def _held(torque: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean (N, n) around each sample of a torque that is held to the next: at a sample, both act."""
+    return (torque + np.vstack([torque[:1], torque[:-1]])) / 2
 
 
 def mode_in(record: Record) -> float:
@@ -134,7 +148,7 @@ def equation_error(
     TorqueFit
         Of those that are not known.
     """
-    known, unknown = dict(known or {}), linear(dynamics, unknown)
+    known, unknown = dict(known or {}), linear(dynamics, records[0].rig, unknown)
 
     def fitted(bands: list[float]) -> TorqueFit:
         systems = []
@@ -161,7 +175,7 @@ def over_bands(
     Too low a band holds too little of the motion; too high a one holds accelerations of the counts' rounding, and of
     what the torque does not drive: every value comes out too small. In between the equation holds best.
     """
-    unknown, fits = linear(dynamics, unknown), dict[float, TorqueFit]()
+    unknown, fits = linear(dynamics, records[0].rig, unknown), dict[float, TorqueFit]()
     even = []
     for record, about in each_named(records):
         with about:
@@ -181,11 +195,6 @@ def over_bands(
             "the unknowns must be identifiable in some band; they are in none. Log a motion that excites more."
         )
     return fits
-
-
-def linear(dynamics: Dynamics, unknown: Iterable[str]) -> tuple[str, ...]:
-    """Those of the unknowns that enter the torque linearly."""
-    return tuple(name for name in unknown if name in dynamics.names or name.startswith(LINEAR))
 
 
 def fit_systems(

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import difflib
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import casadi as ca
@@ -23,9 +23,11 @@ from identification.equation_error.filtering import derivatives, low_pass
 from plant import Dynamics, Motion, Rig
 from plant.parts.arguments import array
 
-__all__ = ["LINEAR", "System", "balance", "compared", "regressor_along", "regressor_and_torque"]
+__all__ = ["LINEAR", "SPRINGS", "System", "balance", "compared", "linear", "regressor_along", "regressor_and_torque"]
 
 LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
+SPRINGS = "springs"
+"""What the names of friction in which the torque is linear begin with; and of springs, in some of which it is."""
 
 System = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]
 """Regressor (N', n, k), measured torque (N', n), and which of their rows count (N', n)."""
@@ -106,6 +108,20 @@ def regressor_along(
     return regressor, given
 
 
+def linear(dynamics: Dynamics, rig: Rig, unknown: Iterable[str]) -> tuple[str, ...]:
+    """Those of the unknowns that enter the torque linearly, together; of springs the first of several that do not."""
+    unknown, springs = tuple(unknown), [name for name in rig.number_names() if name.startswith(SPRINGS)]
+    numbers, q = ca.SX.sym("numbers", len(rig.number_names())), ca.SX.sym("q", rig.n)
+    torque, taken = rig.with_numbers(numbers).spring_torque(q), list[int]()
+    for name in unknown:
+        if name in springs:
+            place = rig.number_names().index(name)
+            slopes, own = ca.jacobian(torque, numbers)[:, [*taken, place]], numbers[[*taken, place]]
+            taken += [] if ca.depends_on(slopes, own) else [place]
+    some = {rig.number_names()[place] for place in taken}
+    return tuple(name for name in unknown if name in dynamics.names or name.startswith(LINEAR) or name in some)
+
+
 @functools.lru_cache(maxsize=16)
 def balance(dynamics: Dynamics, rig: Rig, unknown: tuple[str, ...], elastic: bool) -> tuple[list[str], Any]:
     """Names of all numbers, and (q, qd, qdd, numbers) -> regressor of the unknowns, torque of these numbers.
@@ -113,13 +129,13 @@ def balance(dynamics: Dynamics, rig: Rig, unknown: tuple[str, ...], elastic: boo
     Of elastic gears speed and acceleration of the motors come before the numbers.
     """
     names = [*dynamics.names, *rig.number_names()]
-    of_drive = [name for name in names if name.startswith(LINEAR)]
+    of_drive = [name for name in names if name.startswith((*LINEAR, SPRINGS))]
     for name in unknown:
         if name not in names:
             near = difflib.get_close_matches(name, [*dynamics.names, *of_drive], n=1, cutoff=0.4)
             raise ValueError(
-                f"unknown must be names of f and of friction, with the joint's index; got {name!r}. "
-                f"{f'Did you mean {near[0]!r}?' if near else ''} Friction: {', '.join(of_drive)}."
+                f"unknown must be names of f, friction and springs, with the joint's index; got {name!r}. "
+                f"{f'Did you mean {near[0]!r}?' if near else ''} Of the rig: {', '.join(of_drive)}."
             )
     missing = [name for name in dynamics.names if name not in unknown]
     twice = [name for i, name in enumerate(unknown) if name in unknown[:i]]
@@ -128,16 +144,21 @@ def balance(dynamics: Dynamics, rig: Rig, unknown: tuple[str, ...], elastic: boo
         raise ValueError(f"unknown must name all of f, each name once; {what}. Write (*dynamics.names, ...).")
     n, numbers = dynamics.n, ca.SX.sym("numbers", len(names))
     q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
-    drive = rig.with_numbers(numbers[dynamics.p :]).drive
+    rig = rig.with_numbers(numbers[dynamics.p :])
+    drive = rig.drive
     motors = [ca.SX.sym(name, n) for name in ("qd_m", "qdd_m")] if elastic else []
-    tau = dynamics.Y(q, qd, qdd) @ numbers[: dynamics.p] + drive.friction(motors[0] if elastic else qd)
+    tau = dynamics.Y(q, qd, qdd) @ numbers[: dynamics.p] - rig.spring_torque(q)
+    tau += drive.friction(motors[0] if elastic else qd)
     if elastic:
         tau += drive.rotor_torque(motors[1] - qdd)  # f holds the rotors, as if they turned with the links
     places = [names.index(name) for name in unknown]
     regressor = ca.densify(ca.jacobian(tau, numbers)[:, places])
     for name, place in zip(unknown, places, strict=True):
         if ca.depends_on(regressor, numbers[place]):
-            raise ValueError(f"unknown must enter the torque linearly; {name} does not. Take f and friction levels.")
+            raise ValueError(
+                f"unknown must enter the torque linearly; {name} does not, or not with others. "
+                "Take f, friction levels, and of a spring its stiffness or its preload."
+            )
         if regressor[:, unknown.index(name)].is_zero():
             raise ValueError(f"unknown must act on the torque; {name} does not. Leave it out.")
     return names, ca.Function("balance", [q, qd, qdd, *motors, numbers], [regressor, tau])

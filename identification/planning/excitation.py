@@ -166,7 +166,7 @@ def _equation(arm: Arm, rig: Rig, law: Law) -> tuple[ca.Function, ca.Function]:
         / ca.repmat(ca.DM(_torque_per_pulse(rig, law)), 1, dynamics.p)
     )
     arguments, names = [q, qd, qdd], ["q", "qd", "qdd"]
-    tau = dynamics.Y(q, qd, qdd) @ arm.f + rig.drive.joint_viscous() * qd
+    tau = dynamics.Y(q, qd, qdd) @ arm.f + rig.drive.joint_viscous() * qd - rig.spring_torque(q)
     return (
         ca.Function("information", arguments, [ca.vec(scaled.T @ scaled)], names, ["M"]),
         ca.Function("tau", arguments, [tau], names, ["tau"]),

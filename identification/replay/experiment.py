@@ -17,6 +17,7 @@ from plant.parts.arguments import instance
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import path_of, start_of
+from plant.simulation.injection import injected_beside
 from plant.simulation.loop_kernel import loop_kernel
 from plant.simulation.time_tables import time_tables
 
@@ -76,8 +77,8 @@ class Experiment:
                 f"the record must have {dynamics.n} joints; it has {record.n}. Use the record of this arm."
             )
         rig = smooth_rig(record.rig) if smooth else record.rig
-        self.record = record
-        self.loop = ClosedLoop(dynamics=dynamics, rig=rig, law=record.law, **options)
+        self.record, added = record, injected_beside(record)
+        self.loop = ClosedLoop(dynamics=dynamics, rig=rig, law=record.law, injected=added is not None, **options)
         names = self.loop.number_names
         for name in unknown:
             if name not in names:
@@ -85,6 +86,8 @@ class Experiment:
                 hint = f"Did you mean {near[0]!r}? " if near else ""
                 if str(name).startswith("drive.curve"):
                     hint = "Give the drive a FrictionCurve first. "
+                if str(name).startswith("springs") and record.rig.springs is None:
+                    hint = "Give the rig its springs first, such as a JointSpring. "
                 raise ValueError(
                     f"unknown must name numbers of this experiment; got {name!r}. {hint}Known: {', '.join(names)}."
                 )
@@ -97,7 +100,7 @@ class Experiment:
         self.places = [names.index(name) for name in unknown]
         self.clock = Clock.of(record)
         path = self.path(smooth and not getattr(record.law, "rounds", False))
-        self.times = time_tables(self.loop, path, self.clock, record.law.replayed(record))
+        self.times = time_tables(self.loop, path, self.clock, record.law.replayed(record), added)
         self.numbers = self.loop.number_values(np.full(dynamics.p, np.nan))
         self.begin = start_of(record, path_of(record, self.clock))
         self._geared = any(name.startswith(_GEARED) for name in unknown)

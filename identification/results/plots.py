@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from identification.replay.prediction import Prediction
 from plant import simulate
+from plant.simulation.injection import injected_beside
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,7 +41,8 @@ def plot_identification(found: Any) -> Figure:
     left = prediction.innovations(np.append(found.values, prediction.nuisances)).reshape(-1, n)
     model = None
     if record.reference is not None:
-        model = simulate(found.arm, found.rig, found.law, record.reference, duration=len(record) * record.rig.period)
+        duration, added = len(record) * record.rig.period, injected_beside(record)
+        model = simulate(found.arm, found.rig, found.law, record.reference, duration=duration, injected=added)
     meaning = [line if len(line) <= _MEANING else f"{line[:_MEANING]} ..." for line in dynamics.legend.splitlines()]
     half = (len(meaning) + 1) // 2
     heights = [*[1.8 if n < 4 else 1.5] * n, 2.6, 0.14 * half + 0.01]

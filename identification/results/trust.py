@@ -131,7 +131,7 @@ def _of_repeats(found: Any, replayed: bool) -> Iterator[str]:
     elif difference > _FAR and not replayed:
         yield (
             f"simulated and measured errors differ by {difference:.2f} pulses (rms); two roundings alone give "
-            "0.58. Check signs (error = reference minus counted), friction, gains, gears, the order of joints."
+            "0.58. Check signs (error = reference minus counted), friction, gains, gears, springs, the order of joints."
         )
     if held_out is not None and held_out > _WORSE * difference:
         yield (

@@ -20,7 +20,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.pulse_fit import fit_systems, linear, pass_band, system_of
+from identification.equation_error.pulse_fit import fit_systems, pass_band, system_of
+from identification.equation_error.regressor import linear
 from identification.equation_error.torque_fit import TorqueFit
 from identification.replay.prediction import Prediction
 from identification.search.elastic import elastic
@@ -93,7 +94,7 @@ def didim(problem: Problem) -> Outcome:
     fit = torque_fit(problem)
     stages = {"equation error": start_of_fit(problem, fit)[0]}
     simulated = Prediction(problem.dynamics, problem.records, problem.unknown, simulated=True, **problem.options)
-    unknown = linear(problem.dynamics, problem.unknown)
+    unknown = linear(problem.dynamics, problem.records[0].rig, problem.unknown)
     bands = [_BELOW * pass_band(record) for record in problem.records]
     while simulated.evaluations < _ROUNDS:
         motions = simulated.motions(start_of_fit(problem, fit)[0])

@@ -11,6 +11,7 @@ from identification.equation_error.least_squares import least_squares
 from identification.equation_error.naming import first_problem
 from identification.equation_error.pulse_fit import equation_error as fit_pulses
 from identification.equation_error.pulse_fit import over_bands
+from identification.equation_error.regressor import SPRINGS
 from identification.equation_error.torque_fit import TorqueFit
 from identification.replay.gauss_newton import DEPENDENT, Solution, gauss_newton, noise
 from identification.replay.prediction import Prediction
@@ -29,6 +30,9 @@ _STAGES, _CRITICAL, _GAIN_STEP = (0.2, 0.07, 0.025), 0.285, 0.01
 
 _ROUNDED = 8
 """Logs by which the bias of rounding is found."""
+
+_OF_ZERO = 0.02
+"""Step of a spring's number, such as an angle, that is 0 in the record [SI]."""
 
 _WEIGHINGS = 2
 """How often records and joints are weighted anew."""
@@ -54,6 +58,7 @@ def torque_fit(problem: Problem) -> TorqueFit:
 def start_of_fit(problem: Problem, fit: TorqueFit) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Values (k,) of all unknowns, those that the fit lacks as range or record have them; and a step for each."""
     values, step = problem.nominal.copy(), np.abs(problem.nominal) * 0.02
+    step[[i for i, name in enumerate(problem.unknown) if name.startswith(SPRINGS) and not step[i]]] = _OF_ZERO
     for name, value in problem.known.items():
         values[problem.unknown.index(name)] = value
     for i, name in enumerate(problem.unknown):

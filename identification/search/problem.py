@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -17,8 +18,8 @@ from plant import Arm, Dynamics, Law, Record, Resumed, Rig
 
 __all__ = ["Problem"]
 
-_POSITIVE = ("drive.viscous", "drive.coulomb", "law.gain", "drive.elasticity")
-"""Numbers that cannot be negative."""
+_POSITIVE = re.compile(r"drive\.(viscous|coulomb|elasticity)|law\.gain|springs(\[\d+\])?\.stiffness")
+"""What the names of numbers that cannot be negative begin with."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,7 +97,7 @@ class Problem:
         """Ranges (k, 2), or what physics says where there are none."""
         if self.ranges is not None:
             return self.ranges
-        low = [0.0 if name.startswith(_POSITIVE) else -np.inf for name in self.unknown]
+        low = [0.0 if _POSITIVE.match(name) else -np.inf for name in self.unknown]
         return np.column_stack([low, np.full(len(low), np.inf)])
 
     def parts(self, values: NDArray[np.float64]) -> tuple[Arm, Rig, Law]:

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 __all__ = ["to_control", "to_timeresponse"]
 
+_LOGGED = "error_pulses", "torque", "current", "injected", "true_q", "true_qd"
+
 
 @part
 class _Held(StatelessLaw):
@@ -189,7 +191,7 @@ def to_timeresponse(record: Record) -> control.TimeResponseData:
     instance("record", record, Record, "Pass what simulate or a reader gave.")
     import control
 
-    columns = [(name, getattr(record, name)) for name in ("error_pulses", "torque", "current", "true_q", "true_qd")]
+    columns = [(name, getattr(record, name)) for name in _LOGGED]
     columns = [(name, values) for name, values in columns if values is not None]
     return control.TimeResponseData(
         record.t,

@@ -52,7 +52,8 @@ def p_gains(arm: Arm, rig: Rig, reference: Reference, peak: ArrayLike, *, poses:
         raise ValueError(f"peak must be at least 1 pulse; got {peaks.min()}. P control needs an error to act on.")
     motion = reference(np.linspace(0, reference.duration, 400))
     torque = np.array([arm.inverse(*state) for state in zip(*motion, strict=True)])
-    torque = np.abs(rig.drive.motor_torque(torque + rig.drive.friction(motion.qd))).max(axis=0)
+    torque = torque - rig.spring_torque(motion.q) + rig.drive.friction(motion.qd)
+    torque = np.abs(rig.drive.motor_torque(torque)).max(axis=0)
     limit = rig.drive.motor_gain * rig.drive.current_limit
     if (torque > limit).any():
         joint = int(np.argmax(torque / limit))

@@ -126,7 +126,8 @@ def held(arm: Arm, rig: Rig, law: Law, block: Block, pose: Matrix) -> tuple[Matr
     """
     n = rig.n
     q, s = ca.SX.sym("q", n), ca.SX.sym("own", len(block.initial))
-    torque = arm.dynamics.h(q, ca.SX.zeros(n), arm.f) + rig.drive.friction(ca.SX.zeros(n))
+    weight = arm.dynamics.h(q, ca.SX.zeros(n), arm.f) - rig.spring_torque(q)
+    torque = weight + rig.drive.friction(ca.SX.zeros(n))
     counts, pulses = rig.counts(pose), rig.position_in_pulses(q)
     commanded, following = block.step(s, pose, 0, 0, counts, pulses, torque, block.period or 0.0, block.values)
     x, rest = ca.vertcat(q, s), ca.vertcat(commanded - torque, following - s)

@@ -87,11 +87,14 @@ class Signals:
 
     @functools.cached_property
     def commanded(self) -> NDArray[np.float64] | None:
-        """Motor torque (M, n) commanded by a law without memory; None where the counts do not track the reference."""
+        """Motor torque (M, n) of a law without memory, and what was injected; None where the counts do not track."""
         if self.reference is None or not self.tracks.all():
             return None
         commanded = commanded_torque(self.record)
-        return None if commanded is None else self.rig.drive.motor_torque(commanded)[self._keep]
+        if commanded is None:
+            return None
+        injected = 0.0 if self.record.injected is None else self.record.injected
+        return self.rig.drive.motor_torque(commanded + injected)[self._keep]
 
     @functools.cached_property
     def angular(self) -> NDArray[np.bool_]:

@@ -26,13 +26,13 @@ def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str
     ValueError
         A unit that does not fit the rig.
     """
-    if field == "torque":
+    if field in ("torque", "injected"):
         limit, gear = rig.drive.torque_limit(), rig.drive.gear
         if unit == "motor N m":
             require_limit(field, value, limit / np.abs(gear), unit, {"N m": 1 / gear}, rig.joint_labels)
-            return {"torque": rig.drive.joint_torque(value)}
+            return {field: rig.drive.joint_torque(value)}
         require_limit(field, rig.drive.coupling.shaft_torque(value), limit, unit, {}, rig.joint_labels)
-        return {"torque": value}
+        return {field: value}
     if field == "current":
         value, unit = value / CURRENT[str(unit)], str(unit)
         others = {other: CURRENT[unit] / per for other, per in CURRENT.items() if other != unit}

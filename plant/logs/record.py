@@ -27,7 +27,7 @@ from plant.parts.part import Vector
 
 __all__ = ["Record"]
 
-_COLUMNS = ("reference_pulses", "error_pulses", "torque", "current", "link_counts", "true_q", "true_qd")
+_COLUMNS = ("reference_pulses", "error_pulses", "torque", "current", "injected", "link_counts", "true_q", "true_qd")
 _LEFT_OUT: Any = None
 
 
@@ -50,9 +50,12 @@ class Record(FromFiles, Frozen):
     reference : Reference, optional
         What the commanded counts were made from.
     torque : (N, n) array_like, optional
-        Joint torque of the motors, after the amplifier's limit [N m].
+        Joint torque of the motors, after the amplifier's limit [N m]; what was injected is in it.
     current : (N, n) array_like, optional
-        Motor current [A].
+        Motor current [A], of all that torque.
+    injected : (N, n) array_like, optional
+        Known joint torque that acted beside the law's, added to it at the amplifier [N m], such as an excitation; held
+        from its sample to the next. The motors gave the sum, within the amplifier's limit; the law did not know of it.
     initial : (2, n) array_like, optional
         Position [rad] and velocity [rad/s] at t = 0. Left out, a replay starts with the reference, but a joint whose
         first error is a pulse or more starts where its encoder says.
@@ -82,6 +85,7 @@ class Record(FromFiles, Frozen):
     reference: Reference | None = None
     torque: NDArray[Any] | None = None
     current: NDArray[Any] | None = None
+    injected: NDArray[Any] | None = None
     initial: NDArray[Any] | None = None
     valid: Vector = _LEFT_OUT
     link_counts: NDArray[Any] | None = None
@@ -200,7 +204,7 @@ class Record(FromFiles, Frozen):
     def resampled(self, period: float) -> Record:
         """The same experiment at uniform times, its counts interpolated linearly and rounded to whole pulses.
 
-        The true motion likewise. Torque and current are means over each new period, of a zero-order hold, or of a line
+        The true motion likewise. Torques and current are means over each new period, of a zero-order hold, or of a line
         across a gap (above 1.5 median intervals). A sample between two has their smaller weight, and none in a gap.
 
         Parameters

@@ -23,6 +23,7 @@ _COLUMNS = (
     ("error_pulses", "error", "pulses"),
     ("torque", "torque", "N m"),
     ("current", "current", "A"),
+    ("injected", "injected", "N m"),
     ("link_counts", "link", "pulses"),
     ("true_q", "true_q", "rad"),
     ("true_qd", "true_qd", "rad/s"),

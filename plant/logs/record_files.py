@@ -136,11 +136,11 @@ class FromFiles:
         columns : dict
             Field of the record -> name of its column, or names, one per joint. Exactly one of ``position`` (joint
             angles), ``motor_position``, ``counts`` and ``error_pulses``; and if there are, ``t``, ``valid``,
-            ``torque``, ``current``, ``link_position`` (a second sensor's) and one of ``reference_pulses``,
-            ``reference_position``, ``reference_motor_position``.
+            ``torque``, ``current``, ``injected``, ``link_position`` (a second sensor's) and one of
+            ``reference_pulses``, ``reference_position``, ``reference_motor_position``.
         units : dict
             Field -> unit: ``s``, ``ms``, ``us`` or ``ns`` of t, ``rad``, ``deg`` or ``pulses`` of positions, of joints
-            that slide ``m`` or ``mm``, ``N m`` (of the joint), ``N`` (of one that slides) or ``motor N m`` of torque,
+            that slide ``m`` or ``mm``, ``N m`` (of the joint), ``N`` (of one that slides) or ``motor N m`` of torques,
             ``A`` or ``mA`` of current. Where some joints turn and others slide, one per joint: ``("rad", "m")``.
         wrap : float or (n,) array_like, optional
             Where the measured position starts again, in its own unit: 2**16 counts, 2 pi rad. It is unwrapped by whole

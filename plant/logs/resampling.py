@@ -50,7 +50,8 @@ def resampled_fields(record: Any, period: float) -> dict[str, Any]:
     fields |= {"t": new, "valid": weight, "rig": dataclasses.replace(record.rig, period=period)}
     fields |= {"reference_pulses": reference, "error_pulses": reference - np.round(between(record.counts))}
     fields |= {n: between(fields[n]) for n in ("link_counts", "true_q", "true_qd") if fields[n] is not None}
-    fields |= {n: _means(t, fields[n], gap, new, period) for n in ("torque", "current") if fields[n] is not None}
+    torques = [name for name in ("torque", "current", "injected") if fields[name] is not None]
+    fields |= {name: _means(t, fields[name], gap, new, period) for name in torques}
     return fields
 
 

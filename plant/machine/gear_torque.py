@@ -11,19 +11,20 @@ from plant.mechanics.dynamics import Dynamics
 __all__ = ["gear_torque", "require_elastic", "wound"]
 
 
-def gear_torque(dynamics: Dynamics, drive: Drive, q: ca.SX, qd: ca.SX, qdd: ca.SX, f: ca.SX) -> ca.SX:
-    """D(q) qdd + h(q, qd) without what turns the motors (n, 1) [N m], joint side; of coupled motors, on their shafts.
+def gear_torque(dynamics: Dynamics, rig: Rig, q: ca.SX, qd: ca.SX, qdd: ca.SX, f: ca.SX) -> ca.SX:
+    """D(q) qdd + h(q, qd) less springs and what turns the motors (n, 1) [N m], joint side; or on coupled shafts.
 
     Parameters
     ----------
     dynamics : Dynamics
-    drive : Drive
-        Whose rotor inertias are part of f.
+    rig : Rig
+        Its springs; the rotor inertias of its drive are part of f.
     q, qd, qdd : casadi SX (n, 1)
         Motion of the links [SI].
     f : casadi SX (p, 1)
     """
-    whole = dynamics.D(q, f) @ qdd + dynamics.h(q, qd, f)
+    drive = rig.drive
+    whole = dynamics.D(q, f) @ qdd + dynamics.h(q, qd, f) - rig.spring_torque(q)
     return drive.coupling.shaft_torque(whole) - drive.reflected_inertia() * drive.coupling.shaft(qdd)
 
 

@@ -1,4 +1,4 @@
-"""The rig: drives, encoders, sampling period and delay, all that stands between a controller and the arm."""
+"""The rig: drives, encoders, sampling period and delay, springs: all that stands between a controller and the arm."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import dataclasses
 from plant.machine.drive import Drive
 from plant.machine.encoder import Encoder
 from plant.machine.jitter import Jitter
+from plant.machine.known_torque import KnownTorque, require_torques, total_torque
 from plant.machine.transport import Transport
 from plant.mechanics.chain import Chain
 from plant.parts.arguments import instance, real
@@ -30,6 +31,8 @@ class Rig(Part):
         Delay of the torque, lost counts.
     jitter : Jitter, optional
         Of the instants at which a law reads the encoders.
+    springs : KnownTorque or tuple of KnownTorque, optional
+        `JointSpring`, `Counterbalance`, `CosineTorque` or a part of one's own, on the links; none by default.
     """
 
     drive: Drive = structure(Drive)
@@ -37,6 +40,7 @@ class Rig(Part):
     period: float = structure(float)
     transport: Transport | None = structure(default=None)
     jitter: Jitter | None = structure(default=None)
+    springs: KnownTorque | tuple[KnownTorque, ...] | None = structure(default=None, several=True)
 
     def __post_init__(self) -> None:
         real("period", self.period, "Give seconds; the paper logs every 0.7e-3.", positive=True)
@@ -52,6 +56,16 @@ class Rig(Part):
 
         if self.encoder.side != "motor" and self.drive.elasticity is None:
             raise ValueError("an encoder on the link's side needs a drive that gives; got a rigid one. Add elasticity.")
+        if isinstance(self.springs, (tuple, list)):
+            object.__setattr__(self, "springs", tuple(self.springs) or None)
+        require_torques(self._springs, self.n)
+
+    @property
+    def _springs(self) -> tuple[KnownTorque, ...]:
+        """All of the springs, none or several."""
+        if self.springs is None:
+            return ()
+        return self.springs if isinstance(self.springs, tuple) else (self.springs,)
 
     @property
     def n(self) -> int:
@@ -77,6 +91,13 @@ class Rig(Part):
                 f"chain and drive must have the same coupling; got {chain.coupling.matrix or 'none'} in the chain and "
                 f"{self.drive.coupling.matrix or 'none'} in the drive. Give both the same Coupling (chain.coupled)."
             )
+
+    def spring_torque(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Torque of the springs on the links at q [rad], in the direction of q [N m]; 0 without springs.
+
+        Of casadi's (n, 1), or for each row of an array (..., n).
+        """
+        return total_torque(self._springs, q) if self._springs else 0.0
 
     def counts(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
         """Encoder counts at a joint position [rad], whole numbers with the motor's sign, without the unknown phase."""

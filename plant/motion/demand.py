@@ -33,7 +33,7 @@ _FASTEST = 2.0**30
 
 @dataclasses.dataclass(frozen=True)
 class Demand:
-    """Torque along a path: D r' a + (D r'' + coriolis) v^2 + gravity + friction(r' v), at N of its points.
+    """Torque along a path: D r' a + (D r'' + coriolis) v^2 + gravity - springs + friction(r' v), at N of its points.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Demand:
     along : (N, n) numpy.ndarray
         r' [rad/s].
     inertial, centrifugal, holding : (N, n) numpy.ndarray
-        Torque per a, per v^2, and at rest [N m].
+        Torque per a, per v^2, and at rest, less that of springs [N m].
     """
 
     rig: Rig
@@ -84,7 +84,7 @@ def demand(arm: Arm, rig: Rig, motion: Motion) -> Demand:
     q, along, bend = (ca.SX.sym(name, arm.n) for name in ("q", "along", "bend"))
     model, f = arm.dynamics, ca.DM(arm.f)
     D = model.D(q, f)
-    parts = [D @ along, D @ bend + model.coriolis(q, along, f), model.gravity(q, f)]
+    parts = [D @ along, D @ bend + model.coriolis(q, along, f), model.gravity(q, f) - rig.spring_torque(q)]
     function = ca.Function("demand", [q, along, bend], [ca.densify(part) for part in ca.cse(parts)])
     values = function.map(len(motion.q))(*(x.T for x in motion))
     return Demand(rig, motion.qd, *(rig.drive.coupling.shaft_torque(value.full().T) for value in values))

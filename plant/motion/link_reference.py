@@ -23,9 +23,10 @@ __all__ = ["LinkReference"]
 class LinkReference(Reference):
     """theta_r = q_r + tau_link(q_r, qd_r, qdd_r) / k: where the motors must be for the links to be at q_r.
 
-    tau_link is the torque through the gears, D(q_r) qdd_r + h(q_r, qd_r) without the motors' own share, and k their
-    stiffness; their damping is neglected, 2 (damping ratio) / (resonance [rad/s]) of the deflection's rate. Speed and
-    acceleration are its derivatives along the motion, which take the jerk and the snap of q_r.
+    tau_link is the torque through the gears, D(q_r) qdd_r + h(q_r, qd_r) less that of springs and the motors' own
+    share, and k their stiffness; their damping is neglected, 2 (damping ratio) / (resonance [rad/s]) of the
+    deflection's rate. Speed and acceleration are its derivatives along the motion, which take the jerk and the snap of
+    q_r.
 
     Where the jerk of q_r jumps (both ends of `PointToPoint` and `Spline`, the points of `Scaled`), the speed of the
     motors jumps by the links' inertia over k times as much; where its acceleration jumps, the motors would have to jump
@@ -102,8 +103,8 @@ class LinkReference(Reference):
     def _motors(self) -> ca.Function:
         """(q, qd, qdd, jerk, snap) of the links -> (theta, thetad, thetadd), all (n, 1)."""
         along = q, qd, qdd, *_ = [ca.SX.sym(name, self.n) for name in ("q", "qd", "qdd", "jerk", "snap")]
-        drive, arm = self.rig.drive, self.arm
-        theta = q + wound(drive, gear_torque(arm.dynamics, drive, q, qd, qdd, arm.f))
+        rig, arm = self.rig, self.arm
+        theta = q + wound(rig.drive, gear_torque(arm.dynamics, rig, q, qd, qdd, arm.f))
         state, rate = ca.vertcat(*along[:4]), ca.vertcat(*along[1:])
         speed = ca.jtimes(theta, state, rate)
         motion = [theta, speed, ca.jtimes(speed, state, rate)]

@@ -52,12 +52,16 @@ def number(shape: tuple[int | str, ...], *, default: Any = dataclasses.MISSING, 
     return dataclasses.field(default=default, metadata={"number": shape, "finite": finite})
 
 
-def structure(kind: type | None = None, *, default: Any = dataclasses.MISSING, kw_only: bool = True) -> Any:
+def structure(
+    kind: type | None = None, *, default: Any = dataclasses.MISSING, kw_only: bool = True, several: bool = False
+) -> Any:
     """Declare a field that is structure: it decides the equations, so it cannot be unknown.
 
-    With a `kind` (a type; float for one finite number) anything else is refused.
+    With a `kind` (a type; float for one finite number) anything else is refused. Of `several` parts, a tuple, the
+    numbers count too: ``springs[0].stiffness[1]``.
     """
-    return dataclasses.field(default=default, kw_only=kw_only, metadata={"structure": True, "kind": kind})
+    metadata = {"structure": True, "kind": kind, "several": several}
+    return dataclasses.field(default=default, kw_only=kw_only, metadata=metadata)
 
 
 class Part:
@@ -98,6 +102,9 @@ class Part:
                 yield f"{prefix}{field.name}", self, field, value
             elif isinstance(value, Part):
                 yield from value._leaves(f"{prefix}{field.name}.")
+            elif field.metadata.get("several") and isinstance(value, tuple):
+                for i, each in enumerate(value):
+                    yield from each._leaves(f"{prefix}{field.name}[{i}].")
 
     def number_names(self, prefix: str = "") -> list[str]:
         """Names of all numbers, in order: ``drive.gear[0]``; a single number has no index."""
@@ -132,6 +139,8 @@ class Part:
                 position[0] += count
             elif isinstance(value, Part):
                 changes[field.name] = value._filled(vector, position, symbolic)
+            elif field.metadata.get("several") and isinstance(value, tuple):
+                changes[field.name] = tuple(each._filled(vector, position, symbolic) for each in value)
         if not symbolic:
             return dataclasses.replace(self, **changes)
         copy = object.__new__(type(self))

@@ -38,7 +38,7 @@ def ramp(rig: Rig, gravity: ca.SX, begun: ca.SX, speed: ca.SX, since: ca.SX, dur
     ----------
     rig : Rig
     gravity : casadi SX (n, 1)
-        Torque of gravity, or zeros [N m].
+        Torque of gravity less that of springs, or zeros [N m].
     begun : casadi SX (n, 1)
         Torque where the ramp began [N m].
     speed : casadi SX (n, 1)

@@ -203,7 +203,8 @@ class TorqueGuards:
         """Joint torque (n, 1) [N m] once `_watched` has stopped the law, from the state that followed."""
         at, gravity = self._parts(state), ca.SX.zeros(rig.n)
         if self.gravity:
-            gravity = law.arm.dynamics.gravity(rig.cell_centre(pulses), law.arm.f)
+            q = rig.cell_centre(pulses)
+            gravity = law.arm.dynamics.gravity(q, law.arm.f) - rig.spring_torque(q)
         return ramp(rig, gravity, at["begun"], at["speed"], at["since"], duration)
 
     def _parts(self, state: ca.SX) -> dict[str, ca.SX]:

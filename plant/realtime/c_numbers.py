@@ -29,8 +29,8 @@ def each(count: int, statement: str) -> str:
 
 
 def identifier(name: str) -> str:
-    """A number's name as C writes it: ``drive.gear[0]`` is ``drive_gear[0]``."""
-    return name.replace(".", "_")
+    """A number's name as C writes it: ``drive.gear[0]`` is ``drive_gear[0]``, ``springs[1].at`` is ``springs_1_at``."""
+    return re.sub(r"\[(\d+)\]\.", r"_\1_", name).replace(".", "_")
 
 
 def comment(text: str, width: int = 116) -> str:

@@ -128,7 +128,8 @@ def _pieces(law: Any, rig: Rig, block: Any) -> dict[str, tuple[ca.Function, list
         at["STATE"], *motion, at["REFERENCE"], at["COUNTS"], at["TORQUE"], at["DT"], at["NUMBERS"]
     )
     stop = slowing(at["SINCE"], at["DURATION"], at["FROM_Q"], at["FROM_QD"])
-    gravity = at["WEIGHT"] * law.arm.dynamics.gravity(at["ANGLE"], law.arm.f) if _knows_arm(law) else 0
+    held = law.arm.dynamics.gravity(at["ANGLE"], law.arm.f) - rig.spring_torque(at["ANGLE"]) if _knows_arm(law) else 0
+    gravity = at["WEIGHT"] * held
     written = {
         "ahead": dict(zip(("Q", "QD", "QDD"), _ahead(*motion, at["DT"]), strict=True)),
         "moving": {"SPEED": rig.position_in_pulses(at["QD"])},

@@ -50,6 +50,8 @@ class ClosedLoop(Layout):
     correction : Correction, optional
         Observer gains with which the counted positions (n,) [pulses] correct the simulated ones at every sample;
         `data` then holds these counts, and behind them a weight (1 or 0).
+    injected : bool
+        A known torque, a time input, acts beside the law's, which does not know of it.
 
     Attributes
     ----------
@@ -105,6 +107,7 @@ class ClosedLoop(Layout):
         if not self.steps_per_law:
             at_sample, _, finite = self._applied(seen, ca.SX(self.h))
             ok = _if(finite, ok)
+        at_sample = self._with_injected(at_sample)
         ok = _if(bounded(ca.vertsplit(ca.vertcat(q, qd))), ok)
         data = ca.SX.sym("data", self.n_data)
         joint = (self._given("link"), self._given("link_speed"), q) if "link" in self.giving else (q, qd)
@@ -140,6 +143,7 @@ class ClosedLoop(Layout):
         acting, own = torque, len(self._block.initial)
         if rig.transport is not None:
             acting = rig.transport.acting(torque, carried[own : own + self.n, 0], self._known("place"), h)
+        acting = self._with_injected(acting)
         if drive.current_lag is not None:
             acting, giving["driven"] = lagging(acting, self._given("driven"), drive.current_lag, h)
         if drive.ripple is not None:
@@ -147,10 +151,10 @@ class ClosedLoop(Layout):
         if drive.friction_drift is not None:
             giving["drifted"] = drive.friction_drift.following(had["drifted"], h)
         if "link" in self.giving:
-            after = elastic(self.dynamics, drive, f, (middle, qd), link, acting, h, friction)
+            after = elastic(self.dynamics, rig, f, (middle, qd), link, acting, h, friction)
             giving["link"] = link[0] + h / 2 * after.states["link_speed"]
         else:
-            after = rigid(self.dynamics, drive, f, middle, qd, acting, h, friction)
+            after = rigid(self.dynamics, rig, f, middle, qd, acting, h, friction)
         if self.giving:
             carried = self._with_given(carried, **giving, **after.states)
         ok, following = _if(after.positive > 0, status[1]), after.speed
@@ -158,6 +162,13 @@ class ClosedLoop(Layout):
         return self._function(
             "substep", [middle + h / 2 * following, following, after.impulse, torque, carried, status[0], ok], error
         )
+
+    def _with_injected(self, torque: ca.SX) -> ca.SX:
+        """Torque of the motors: the law's, and what was injected beside it, within the amplifier's limit."""
+        if not self.injected:
+            return torque
+        first = self.time_names.index("injected[0]")
+        return self._parts[-1].drive.limited(torque + self._symbols[1][first : first + self.n])
 
     def _encoded(self, q: ca.SX) -> ca.SX:
         """Position with which the encoders turn."""

@@ -57,10 +57,10 @@ def _vectors(loop: ClosedLoop) -> tuple[tuple[str, list[str]], ...]:
 def _holding(
     arm: Arm, rig: Rig, loop: ClosedLoop, state: NDArray[np.float64], values: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Error in pulses at which the law holds the arm against gravity, tau(error) = h(q, 0), by its stiffness."""
+    """Error in pulses at which the law holds the arm, tau(error) = h(q, 0) less the springs', by its stiffness."""
     n = arm.n
     time = ca.SX.sym("time", len(loop.time_names))
     log = loop.sample(state, time, values, [])[1][n : 2 * n]
     row = np.concatenate([state[:n], np.zeros(2 * n), rig.position_in_pulses(state[:n]), [loop.h]])
     slope = ca.Function("slope", [time], [ca.jacobian(log, time[3 * n : 4 * n])])(row).full()
-    return np.linalg.solve(slope, arm.h(state[:n], np.zeros(n)))
+    return np.linalg.solve(slope, arm.h(state[:n], np.zeros(n)) - rig.spring_torque(state[:n]))

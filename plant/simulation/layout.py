@@ -38,6 +38,7 @@ class Layout:
     smooth: bool = False
     score: ca.Function | None = None
     correction: Correction | None = None
+    injected: bool = False
 
     def __post_init__(self) -> None:
         for name in ("steps_per_sample", "sweeps"):
@@ -116,10 +117,11 @@ class Layout:
     def time_names(self) -> list[str]:
         """Inputs that are known beforehand: the reference, a replayed log, the length of the coming sub-step.
 
-        With a transport also the place of the sub-step after the law's, and which loops lose their counts; with jitter
-        the draw of the law's instant.
+        With an injected torque also that, with a transport the place of the sub-step after the law's, and which loops
+        lose their counts, with jitter the draw of the law's instant.
         """
-        columns = ("q_r", "qd_r", "qdd_r", "pulses_r", *(["logged"] if self.law.replays else []))
+        columns = ["q_r", "qd_r", "qdd_r", "pulses_r", *(["logged"] if self.law.replays else [])]
+        columns += ["injected"] if self.injected else []
         passing = [] if self.rig.transport is None else ["place", "lost"]
         drawn = [] if self.rig.jitter is None else ["draw"]
         return [*(f"{name}[{i}]" for name in columns for i in range(self.n)), *passing, *drawn, "h"]
@@ -195,7 +197,7 @@ class Layout:
         link, q, numbers = ca.SX.sym("link", self.n), ca.SX.sym("q", self.n), self._symbols[2]
         *_, f, _, rig = self._parts
         coupling, elasticity = rig.drive.coupling, rig.drive.elasticity
-        torque = coupling.shaft_torque(self.dynamics.gravity(link, f))
+        torque = coupling.shaft_torque(self.dynamics.gravity(link, f) - rig.spring_torque(link))
         play = 0.0 if elasticity.backlash is None else ca.sign(torque) * elasticity.backlash / 2
         hanging = coupling.joint(coupling.shaft(q) - torque / elasticity.stiffness - play)
         settle = ca.Function("settle", [link, q, numbers], [hanging])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, NoReturn, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,17 +18,15 @@ from plant.parts.arguments import array, choice, instance, known_options, real
 from plant.simulation.casadi_loop import by_casadi
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop, bounded
+from plant.simulation.divergence import DivergenceError, refuse_divergence
 from plant.simulation.followed_path import Path, path_of, start_of, warn_of_motors
+from plant.simulation.injection import Injected, injected_at, injected_beside
 from plant.simulation.loop_kernel import loop_kernel
 from plant.simulation.stiff_gears import warn_of_stiff_gears
 from plant.simulation.time_tables import time_tables
 from plant.simulation.unstable_lag import warn_of_unstable_lag
 
 __all__ = ["DivergenceError", "Trace", "replay", "run", "simulate"]
-
-
-class DivergenceError(ValueError):
-    """A closed loop that did not stay bounded; the message says when, and which joint first."""
 
 
 @known_options
@@ -42,6 +40,7 @@ def simulate(
     steps_per_sample: int = 4,
     sweeps: int = 3,
     initial: ArrayLike | None = None,
+    injected: Injected | None = None,
     backend: str = "numba",
 ) -> Record:
     """Simulate the closed loop and log it as the experiment does.
@@ -61,6 +60,10 @@ def simulate(
         table of the errors, in pulses, of fewer or more of both.
     initial : (2, n) array_like, optional
         Position [rad] and velocity [rad/s] at t = 0; by default those of the reference.
+    injected : (N, n) array_like or callable, optional
+        Known torque that is added to the law's at the amplifier [N m], joint side, held from its sample to the next; or
+        a function that gives it at the times (N,) of all samples. The law does not know of it; the amplifier's limit
+        holds for the law's own torque and again for the sum, which is what the record's `torque` and `current` hold.
     backend : {"numba", "casadi"}
         The compiled kernel, or casadi evaluating the same step.
 
@@ -75,7 +78,7 @@ def simulate(
         Bad input, or, as `DivergenceError`, a loop that does not stay bounded (with time and joint).
     """
     choice("backend", backend, ("numba", "casadi"))
-    trace = run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, sweeps)
+    trace = run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, sweeps, injected)
     return trace.record
 
 
@@ -104,6 +107,7 @@ def run(
     initial: ArrayLike | None,
     backend: str,
     sweeps: int = 3,
+    injected: Injected | None = None,
 ) -> Trace:
     """`simulate`, with the sub-steps kept."""
     order = "The order is arm, rig, law, reference."
@@ -116,7 +120,8 @@ def run(
         instance(name, value, kind, order)
     if law.replays:
         raise ValueError(f"the law must be a controller; {type(law).__name__} repeats a log. Use replay(arm, record).")
-    loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, sweeps=sweeps)
+    steps: dict[str, Any] = {"steps_per_sample": steps_per_sample, "sweeps": sweeps}
+    loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, injected=injected is not None, **steps)
     duration = reference.duration if duration is None else duration
     duration = real("duration", duration, "Leave it out for one period of the reference.", positive=True)
     clock = Clock.regular(math.ceil(duration / rig.period - 1e-9), rig.period)
@@ -126,7 +131,9 @@ def run(
     warn_of_motors(law, reference)
     warn_of_stiff_gears(arm, rig, start[0], steps_per_sample)
     warn_of_unstable_lag(arm, rig, law, start[0])
-    log, true_error = _evaluated(loop, arm, time_tables(loop, path, clock), clock, start, backend)
+    added = injected_at(injected, clock.t, rig.n)
+    tables = time_tables(loop, path, clock, injected=added)
+    log, true_error = _evaluated(loop, arm, tables, clock, start, backend)
     error, torque, q, qd = np.hsplit(log[:, : 4 * rig.n], 4)
     record = Record(
         t=clock.t,
@@ -138,6 +145,7 @@ def run(
         law=law,
         reference=reference,
         initial=given,
+        injected=added,
         link_counts=_link_counts(rig, q),
         true_q=q,
         true_qd=qd,
@@ -162,8 +170,8 @@ def replay(
     ----------
     arm : Arm
     record : Record
-        Its law is simulated on what the record commanded, or repeats its torque or current (`LoggedTorque`); its time
-        stamps are kept, also where they are uneven.
+        Its law is simulated on what the record commanded, beside the torque that was injected, or repeats its torque or
+        current (`LoggedTorque`); its time stamps are kept, also where they are uneven.
     rig, law : optional
         In place of the record's, as `found.rig`.
     steps_per_sample, sweeps, backend
@@ -185,10 +193,12 @@ def replay(
     rig = record.rig if rig is None else rig
     law = cast(Law, instance("law", record.law if law is None else law, Law, "Pass law= here or with the record."))
     record = dataclasses.replace(record, rig=rig, law=law)
-    loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, sweeps=sweeps)
+    added = injected_beside(record)
+    steps: dict[str, Any] = {"steps_per_sample": steps_per_sample, "sweeps": sweeps}
+    loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, injected=added is not None, **steps)
     clock = Clock.of(record)
     path = path_of(record, clock)
-    tables = time_tables(loop, path, clock, law.replayed(record))
+    tables = time_tables(loop, path, clock, law.replayed(record), added)
     log, _ = _evaluated(loop, arm, tables, clock, start_of(record, path), backend)
     error, torque, q, qd = np.hsplit(log[clock.rows, : 4 * rig.n], 4)
     return dataclasses.replace(
@@ -211,7 +221,7 @@ def _evaluated(
     state = loop.initial_state(start[0], start[1], numbers)
     final, _, log, true_error = evaluate(loop, tables, clock, state, numbers)
     if not (final[-1] > 0 and bounded(final[: 2 * loop.n])):
-        _refuse(loop, arm, log, final)
+        refuse_divergence(loop, arm, log, final)
     return log, true_error
 
 
@@ -228,19 +238,3 @@ def _by_kernel(
     tables = kernel.prepared((*tables, np.empty((samples, 0))), logged=True)
     final, done = kernel.run(tables, state[:, None], np.empty((0, 1)), numbers, (log, true_error))
     return final[:, 0], done, log, true_error
-
-
-def _refuse(loop: ClosedLoop, arm: Arm, log: NDArray[np.float64], final: NDArray[np.float64]) -> NoReturn:
-    """Say when and where a simulation diverged."""
-    n = loop.n
-    q = log[:, 2 * n : 3 * n]
-    values = np.abs(np.where(np.isfinite(final[: 2 * n]), final[: 2 * n], np.inf)).reshape(2, n)
-    label = arm.dynamics.chain.joint_labels[int(np.argmax(values.max(axis=0)))]
-    finite = np.flatnonzero(np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1) < 1e3))
-    time = (finite[-1] if len(finite) else 0) * loop.rig.period
-    start = q[0] if len(finite) else final[:n]
-    arm.require_positive(start)
-    raise DivergenceError(
-        f"the closed loop must stay bounded; it diverges after t = {time:.4f} s, {label} first. "
-        "Lower the gains, shorten the law's period, or check that f belongs to this arm."
-    )

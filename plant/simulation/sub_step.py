@@ -12,6 +12,7 @@ import casadi as ca
 
 from plant.machine.drive import Drive
 from plant.machine.friction_step import FrictionStep
+from plant.machine.rig import Rig
 from plant.machine.spring import spring
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.symmetric_inverse import inverse, row_by_row
@@ -41,7 +42,7 @@ class Following(NamedTuple):
 
 
 def rigid(
-    dynamics: Dynamics, drive: Drive, f: ca.SX, middle: ca.SX, qd: ca.SX, torque: ca.SX, h: ca.SX,
+    dynamics: Dynamics, rig: Rig, f: ca.SX, middle: ca.SX, qd: ca.SX, torque: ca.SX, h: ca.SX,
     friction: FrictionStep,
 ) -> Following:  # fmt: skip
     """The step of an arm on rigid gears.
@@ -58,10 +59,10 @@ def rigid(
         Length of the step [s].
     friction : FrictionStep
     """
-    coupling, viscous = drive.coupling, friction.viscous
+    drive, coupling, viscous = rig.drive, rig.drive.coupling, friction.viscous
     speed = coupling.shaft(qd)
     mobility = inverse(coupling.shaft_inertia(dynamics.D(middle, f)) + ca.diag(h / 2 * viscous))
-    pushing = coupling.shaft_torque(torque - dynamics.gravity(middle, f))
+    pushing = coupling.shaft_torque(torque - (dynamics.gravity(middle, f) - rig.spring_torque(middle)))
     pushing = pushing - viscous * speed - drive.joint_offset()
 
     def left(at: ca.SX) -> ca.SX:
@@ -78,7 +79,7 @@ def rigid(
 
 
 def elastic(
-    dynamics: Dynamics, drive: Drive, f: ca.SX, motor: tuple[ca.SX, ca.SX], link: tuple[ca.SX, ca.SX], torque: ca.SX,
+    dynamics: Dynamics, rig: Rig, f: ca.SX, motor: tuple[ca.SX, ca.SX], link: tuple[ca.SX, ca.SX], torque: ca.SX,
     h: ca.SX, friction: FrictionStep,
 ) -> Following:  # fmt: skip
     """The step of motors and of links behind their gears.
@@ -93,7 +94,8 @@ def elastic(
     torque, h, friction
         As of `rigid`.
     """
-    coupling, viscous, rotors = drive.coupling, friction.viscous, drive.reflected_inertia()
+    drive, viscous = rig.drive, friction.viscous
+    coupling, rotors = drive.coupling, drive.reflected_inertia()
     speed, v = coupling.shaft(motor[1]), coupling.shaft(link[1])
     inertia = coupling.shaft_inertia(dynamics.D(link[0], f)) - ca.diag(rotors)
     held = spring(drive.elasticity, coupling.shaft(motor[0] - link[0]), speed - v, h, rotors, ca.diag(inertia))
@@ -101,7 +103,7 @@ def elastic(
     passed = held.added / (alone + held.added)  # share of a motor's impulse that its link gets
     joined = inverse(inertia + ca.diag(passed * alone))
     pushing = h * (coupling.shaft_torque(torque) - viscous * speed - drive.joint_offset() - held.torque)
-    weight = coupling.shaft_torque(dynamics.gravity(link[0], f))
+    weight = coupling.shaft_torque(dynamics.gravity(link[0], f) - rig.spring_torque(link[0]))
 
     def change(at: ca.SX) -> ca.SX:
         resisting = coupling.shaft_torque(dynamics.coriolis(link[0], coupling.joint(at), f))

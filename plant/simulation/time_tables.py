@@ -1,7 +1,8 @@
 """The reference of a loop, tabulated beforehand for every step of the law, the log and the plant.
 
-Samples are at the times of a `Clock`. The sub-steps read the reference at their middle. A logged torque or current is
-held from its sample to the next, and interpolated linearly across gaps; logged counts are on straight lines.
+Samples are at the times of a `Clock`. The sub-steps read the reference at their middle. A logged or injected torque, or
+a current, is held from its sample to the next, and interpolated linearly across gaps; logged counts are on straight
+lines.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ __all__ = ["time_tables"]
 
 
 def time_tables(
-    loop: ClosedLoop, path: Path | Logged, clock: Clock, logged: NDArray[np.float64] | None = None
-) -> tuple[NDArray[np.float64], ...]:
+    loop: ClosedLoop, path: Path | Logged, clock: Clock, logged: NDArray[np.float64] | None = None,
+    injected: NDArray[np.float64] | None = None,
+) -> tuple[NDArray[np.float64], ...]:  # fmt: skip
     """Rows of `loop.time_names` for every step of the law, the log and the plant.
 
     Parameters
@@ -28,6 +30,8 @@ def time_tables(
     clock : Clock
     logged : (N, n) numpy.ndarray, optional
         What the law replays, a row for each sample of the log.
+    injected : (N, n) numpy.ndarray, optional
+        Torque that acts beside the law's, likewise [N m]; the loop says whether it has one.
 
     Returns
     -------
@@ -55,5 +59,6 @@ def time_tables(
         if loop.follows_motion and (i == 0 or not every):  # with elastic gears, the log is of the motors
             motion = path.setpoint(t, loop.law)
         replayed = [] if logged is None else [clock.between(logged, t) if reading else clock.bridged(logged)[sample]]
-        tables.append(np.ascontiguousarray(np.column_stack([*motion, pulses, *replayed, passing[some], h])))
+        added = [] if injected is None else [clock.bridged(injected)[sample]]
+        tables.append(np.ascontiguousarray(np.column_stack([*motion, pulses, *replayed, *added, passing[some], h])))
     return tuple(tables)

@@ -1,5 +1,7 @@
 """A motion of links on elastic gears, worked out backwards: links first, then what winds up each gear, then motors."""
 
+import dataclasses
+
 import casadi as ca
 import numpy as np
 from coupled_arm import PERIOD, WRIST, arm_of, path_of, rig_of
@@ -9,14 +11,15 @@ from plant import Elasticity, LoggedTorque, Record
 STIFFNESS, DAMPING = np.array([8e3, 3e3, 600.0]), np.array([8.0, 3.0, 0.5])
 
 
-def experiment(seconds=8.0, fine=6):
+def experiment(seconds=8.0, fine=6, springs=None):
     """Dynamics, record (with what both sensors see, unrounded) and f of a coupled planar arm.
 
     The links move along sums of harmonics. Derivatives of deflections are differences on a grid `fine` times finer than
-    the log. Torques are those amid two samples, as they are held.
+    the log. Torques are those amid two samples, as they are held. `springs` are a `JointSpring` without preload.
     """
     gears = Elasticity(stiffness=STIFFNESS, damping=DAMPING)
     rig = rig_of(smooth=True, coulomb=(0,) * 3, current_limit=(50.0,) * 3, elasticity=gears)
+    rig = dataclasses.replace(rig, springs=springs)
     arm, path, rotors = arm_of(rig), path_of(2.0), rig.drive.reflected_inertia()
     dynamics = arm.dynamics
     h = PERIOD / fine
@@ -25,6 +28,8 @@ def experiment(seconds=8.0, fine=6):
     q, qd, qdd = (ca.SX.sym(name, 3) for name in ("q", "qd", "qdd"))
     inverse = ca.Function("inverse", [q, qd, qdd], [dynamics.Y(q, qd, qdd) @ ca.DM(arm.f)])
     on_links = inverse.map(len(t))(*(x.T for x in links)).full().T
+    if springs is not None:
+        on_links = on_links + springs.stiffness * (links.q - springs.angle)
     C = np.array(WRIST.matrix)
     to_shaft, to_joint = np.linalg.inv(C), C  # torques: C^-T tau; written for rows
     passed = (on_links - (rotors * (links.qdd @ C.T)) @ to_joint) @ to_shaft

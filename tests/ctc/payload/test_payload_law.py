@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque, ComputedTorqueIntegral, ComputedTorquePID, PayloadLaw
-from plant import PD, Body, SteppedArm, load_matrix, load_parameters, puma560, simulate
+from plant import PD, Body, JointSpring, SteppedArm, load_matrix, load_parameters, puma560, simulate
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 ONE = load_parameters(Body(mass=1.0, com=(0.0, -0.4, 0.0)))
@@ -36,6 +36,24 @@ def test_without_a_swap_it_is_the_law():
     plain, same = (simulate(ARM, RIG, law, PATH, duration=0.5) for law in (LAWS["observer"], watched(LAWS["observer"])))
     np.testing.assert_array_equal(plain.error_pulses, same.error_pulses)
     np.testing.assert_array_equal(plain.torque, same.torque)
+
+
+def test_springs_that_the_rig_has_are_no_disturbance():
+    """The watch's disturbance is as small on an arm with springs as without; of unknown ones it is theirs."""
+    springs = JointSpring(stiffness=(80.0, 30.0), angle=(0.3, -0.5))
+    sprung, largest = dataclasses.replace(RIG, springs=springs), []
+    motion = PATH(np.arange(700) * RIG.period)
+    for own, rig in ((RIG, RIG), (sprung, sprung), (RIG, sprung)):
+        law = watched(ComputedTorque(ARM, own, bandwidth=150))
+        stepped = SteppedArm(ARM, rig, motion.q[0], motion.qd[0])
+        control, seen = law.start(RIG, stepped.pulses, guards=None), []
+        pulses, where = stepped.pulses, law.places(2)["observer"]
+        for each in zip(*motion, strict=True):
+            pulses = stepped.step(control.step(pulses, *each))
+            seen.append(ARM.D(each[0]) @ state_of(control, law)[where.stop - 2 : where.stop])
+        largest.append(np.abs(np.mean(seen[400:], axis=0)).max())
+    assert largest[1] < largest[0] + 0.5  # [N m]
+    assert largest[2] > 10
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from elastic_motion import STIFFNESS, experiment
 from identification.equation_error.deflection import fit_deflection
 from identification.equation_error.gear_fit import fit_gears
 from identification.equation_error.regressor import regressor_along
-from plant import Elasticity, Motion, puma560, simulate
+from plant import Elasticity, JointSpring, Motion, puma560, simulate
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +36,22 @@ def test_two_sensors_show_compliances_and_the_offset_of_their_zeros(made):
         assert np.abs(seen.torque.values - f).max() < 0.015
     apart = fit_deflection(dynamics, [record, shifted], dynamics.names, {})  # an offset for each record
     np.testing.assert_allclose(apart.compliance, seen.compliance, rtol=1e-3)
+
+
+def test_springs_on_the_links_are_no_part_of_what_the_gears_wind():
+    """Both ways to the compliances; without the springs the torque on the links is another."""
+    springs = JointSpring(stiffness=(60.0, 40.0, 10.0), angle=(0.4, -0.3, 0.2))
+    dynamics, record, f = experiment(springs=springs)
+    grid = np.geomspace(1 / 9, 9, 5)[:, None] / STIFFNESS
+    fit = fit_gears(dynamics, [record], dynamics.names, {}, grid)[0]
+    np.testing.assert_array_equal(fit.compliance, 1 / STIFFNESS)
+    assert np.abs(fit.torque.values - f).max() < 0.012
+    seen = fit_deflection(dynamics, [record], dynamics.names, {})
+    np.testing.assert_allclose(seen.compliance * STIFFNESS, 1, atol=0.005)
+    unknown = (*dynamics.names, "springs.stiffness[1]")
+    other = dataclasses.replace(record.rig, springs=dataclasses.replace(springs, stiffness=(60.0, 0.0, 10.0)))
+    seen = fit_deflection(dynamics, [dataclasses.replace(record, rig=other)], unknown, {})
+    assert seen.torque["springs.stiffness[1]"] == pytest.approx(40.0, abs=0.5)
 
 
 def test_motors_that_move_with_their_links_are_rigid_gears(made):

@@ -7,7 +7,7 @@ import pytest
 
 from ctc import ComputedTorque
 from identification import design_motion, identify, pulse_budget
-from plant import puma560, simulate
+from plant import JointSpring, puma560, simulate
 
 ARM, RIG, LAW = puma560.literature_arm(1.5), puma560.rig(), puma560.p_law()
 LIMITS = {"position": [(-1.6, 0.1), (-0.1, 1.7)], "velocity": (3.0, 4.0), "acceleration": (12.0, 16.0)}
@@ -28,6 +28,23 @@ def test_designed_motion_stays_within_its_limits(motion):
     assert (np.abs(qdd) <= LIMITS["acceleration"]).all()
     torque = np.array([ARM.inverse(*state) for state in zip(q, qd, qdd, strict=True)]) + RIG.drive.friction(qd)
     assert (np.abs(torque) < RIG.drive.torque_limit()).all()
+
+
+def test_springs_that_carry_the_arm_leave_its_amplifiers_free():
+    """Amplifiers too weak to hold the arm where it moves: without springs there is no motion."""
+    pose = np.array([-0.75, 0.8])
+    weight = ARM.h(pose, np.zeros(2))
+    weak = dataclasses.replace(RIG, drive=RIG.drive.limited_to((0.6 * np.abs(weight[0]), 40.0)))
+    carried = JointSpring(stiffness=(0.0, 0.0), angle=pose, preload=weight)
+    limits = LIMITS | {"position": [(-0.9, -0.6), (0.65, 0.95)], "acceleration": (2.0, 2.0)}
+    options = {"period": 3.65, "harmonics": 2, "starts": 1, "iterations": 20, **limits}
+    with pytest.raises(ValueError, match="limits must allow a motion"):
+        design_motion(ARM, weak, LAW, **options)
+    path = design_motion(ARM, dataclasses.replace(weak, springs=carried), LAW, **options)
+    q, qd, qdd = path(np.linspace(0, 3.65, 500))
+    needed = np.array([ARM.inverse(*state) for state in zip(q, qd, qdd, strict=True)])
+    needed += RIG.drive.joint_viscous() * qd  # as the design takes it; dry friction is in what it keeps free
+    assert (np.abs(needed - weight) < weak.drive.torque_limit()).all()
 
 
 def test_worst_known_parameter_becomes_known(motion):

@@ -48,6 +48,21 @@ def test_f_from_the_tracking_error_of_a_log_that_was_cut(name):
     assert found.diagnostics.detection.names == ()
 
 
+@pytest.mark.parametrize("name", ["PID", "cascade"])
+def test_a_torque_injected_beside_a_law_with_a_memory_is_no_part_of_it(name):
+    """Cut in the middle, without a torque column: the law's run gives its own part, the record the other."""
+
+    def pushed(t):
+        return np.column_stack([20 * np.sin(2 * np.pi * 3.1 * t), 10 * np.cos(2 * np.pi * 5.3 * t)])
+
+    record = simulate(ARM, RIG, LAWS[name], PATH, duration=2.2, injected=pushed)
+    record = dataclasses.replace(record, torque=None, current=None, true_q=None, true_qd=None).cut(0.437)
+    found = identify(ARM.dynamics, record, progress=False)
+    left = identify(ARM.dynamics, dataclasses.replace(record, injected=None), progress=False)
+    assert error(found) < 0.05
+    assert error(left) > 5 * error(found)
+
+
 def test_a_p_log_without_reference_that_was_cut_begins_at_the_speed_of_its_counts():
     record = simulate(ARM, RIG, puma560.p_law((0.1, 0.08)), PATH, duration=2.2).cut(0.437)
     found = identify(ARM.dynamics, dataclasses.replace(record, reference=None), progress=False)

@@ -17,11 +17,14 @@ from plant import (
     Body,
     Cascade,
     Chain,
+    CosineTorque,
+    Counterbalance,
     Coupling,
     Elasticity,
     Encoder,
     FrictionCurve,
     Jitter,
+    JointSpring,
     Later,
     Link,
     LinkReference,
@@ -70,6 +73,16 @@ EXAMPLES = {
     "Encoder": Encoder(resolution=(800, 1000), smooth=True),
     "Phase": Phase(shift=(0.1, -0.3)),
     "QuadratureError": QuadratureError(amplitude=(0.1, 0.2), phase=(0.0, 1 / 3)),
+    "JointSpring": JointSpring(stiffness=(60.0, 0.0), angle=(0.2, 0.0), preload=(0.0, -3.0)),
+    "Counterbalance": Counterbalance(
+        stiffness=(800.0, 0.0),
+        base_arm=(0.3, 0.2),
+        link_arm=(0.1, 0.1),
+        free_length=(0.1, 0.0),
+        angle=(1.0, 0.0),
+        tension=(0.0, -200.0),
+    ),
+    "CosineTorque": CosineTorque(amplitude=(30.0, 0.0), phase=(0.0, 1.0)),
     "Jitter": Jitter(share=0.1, seed=3, stream=8.0),
     "Presliding": Presliding(distance=(0.01, 0.02), damping=(1e-3, 0.0)),
     "LoadFriction": LoadFriction(share=(0.1, 0.2)),
@@ -224,7 +237,8 @@ MISSPELT = {
     "Coupling": "matirx", "Phase": "shfit", "Transport": "dealy", "Correction": "positoin", "Scaled": "palces",
     "Resumed": "stat", "AlongLog": "whol", "Later": "tim",
     "PD": "derivativ", "PID": "intergal", "Cascade": "sped", "Elasticity": "stifness", "Resonance": "hx",
-    "CurrentLag": "tmie", "QuadratureError": "amplitud", "Jitter": "shrae", "Presliding": "distence",
+    "CurrentLag": "tmie", "QuadratureError": "amplitud", "Jitter": "shrae", "JointSpring": "stifness",
+    "Counterbalance": "tensoin", "CosineTorque": "amplitud", "Presliding": "distence",
     "LoadFriction": "shrae", "FrictionDrift": "amuont", "TorqueRipple": "cylces",
     "LinkReference": "refrence",
 }  # fmt: skip
@@ -265,3 +279,14 @@ def test_bad_field_is_refused_by_name(make, message):
     with pytest.raises(ValueError, match=message) as error:
         make()
     assert "\n" not in str(error.value)
+
+
+def test_the_numbers_of_several_parts_in_one_field_count_by_their_place():
+    """And only where the field says so: the links of a chain are structure."""
+    springs = EXAMPLES["JointSpring"], EXAMPLES["CosineTorque"]
+    rig = dataclasses.replace(puma560.rig(), springs=springs)
+    assert rig.number_names()[-10] == "springs[0].stiffness[0]"
+    assert rig.number_names()[-1] == "springs[1].phase[1]"
+    symbols = ca.SX.sym("numbers", len(rig.number_names()))
+    assert str(rig.with_numbers(symbols).springs[1].phase[1]) == f"numbers_{len(rig.number_names()) - 1}"
+    assert rig.with_numbers(rig.number_values()) == rig == restore(rig.describe())

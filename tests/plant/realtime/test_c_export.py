@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque, ComputedTorquePID, FlexibleJointComputedTorque
-from plant import PD, Elasticity, Law, LinkReference, P, puma560, simulate
+from plant import PD, Counterbalance, Elasticity, JointSpring, Law, LinkReference, P, puma560, simulate
 from plant.compiler.c_statements import statements
 from plant.compiler.instructions import STATE
 from plant.parts.part import number, part
@@ -29,6 +29,12 @@ def elastic_rig():
     return dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears))
 
 
+SPRINGS = (
+    JointSpring(stiffness=(80.0, 30.0), angle=(0.3, -0.5)),
+    Counterbalance(
+        stiffness=(800.0, 300.0), base_arm=(0.3, 0.2), link_arm=(0.1, 0.1), free_length=(0.1, 0.1), angle=(1.0, 0.0)
+    ),
+)
 LAWS = {
     "computed torque": ComputedTorque(ARM, RIG),
     "measured and delayed": ComputedTorque(ARM, RIG, measured=True, delay=1),
@@ -38,6 +44,7 @@ LAWS = {
     "flexible joint": FlexibleJointComputedTorque(ARM, elastic_rig(), feedback=PD(
         gain=(0.06, 0.045), derivative=(2.4e-4, 1.8e-4), filter=4000.0, period=RIG.period)),
     "P": puma560.p_law(),
+    "springs": ComputedTorque(ARM, dataclasses.replace(RIG, springs=SPRINGS)),
 }  # fmt: skip
 
 
@@ -45,7 +52,8 @@ LAWS = {
 def simulated(name):
     if name == "flexible joint":
         return simulate(ARM, elastic_rig(), LAWS[name], LinkReference(ARM, elastic_rig(), PATH))
-    return simulate(ARM, RIG, LAWS[name], PATH)
+    rig = dataclasses.replace(RIG, springs=SPRINGS) if name == "springs" else RIG
+    return simulate(ARM, rig, LAWS[name], PATH)
 
 
 def run(*command, cwd=None, check=True):

@@ -1,5 +1,6 @@
 """Guards of the torque in the exported C against the running controller, on what an unstable loop gave it."""
 
+import dataclasses
 import shutil
 import subprocess
 from functools import cache
@@ -9,7 +10,7 @@ import pytest
 from guarded_loops import RIG, closed, elastic
 
 from ctc import ComputedTorque
-from plant import Guards, P, puma560, simulate, write_replay
+from plant import Guards, JointSpring, P, puma560, simulate, write_replay
 
 STRICT = "-std=c99 -O2 -Wall -Wextra -Werror -pedantic"
 PATH = puma560.reference()
@@ -31,18 +32,18 @@ def run(*command, cwd=None, check=True):
     return subprocess.run([str(each) for each in command], cwd=cwd, capture_output=True, text=True, check=check)  # noqa: S603
 
 
-def in_c(folder, law, counts, motion, **options):
+def in_c(folder, law, counts, motion, rig=RIG, **options):
     """What C gives for these counts: torques (N, 2), and what it says."""
-    law.to_c(folder, RIG, **options)
+    law.to_c(folder, rig, **options)
     run("make", f"CFLAGS={STRICT}", cwd=folder)
     np.savetxt(folder / "rows.csv", np.hstack([counts, *motion]), delimiter=",", fmt=["%d"] * 2 + ["%.17g"] * 6)
     said = run(folder / "controller", folder / "rows.csv")
     return np.loadtxt(said.stdout.splitlines(), delimiter=","), said.stderr
 
 
-def running(law, counts, motion, guards):
+def running(law, counts, motion, guards, rig=RIG):
     """The same by the running controller: torques, and the call of the stop, from 1."""
-    controller, stop = law.start(RIG, counts[0], guards=guards), None
+    controller, stop = law.start(rig, counts[0], guards=guards), None
     torque = np.empty(counts.shape)
     for k in range(len(counts)):
         torque[k] = controller.step(counts[k], *(x[k] for x in motion))
@@ -96,6 +97,23 @@ def test_converter_counts_follow_the_ramp(tmp_path):
     exact = RIG.drive.current(torque) * scale
     clear = np.abs(exact - np.floor(exact) - 0.5) > 1e-9
     np.testing.assert_array_equal(dac[clear], np.rint(exact)[clear])
+
+
+@needs_c
+def test_a_stop_ends_where_gravity_and_springs_hold_the_arm(tmp_path):
+    """Both are stopped on a rig with springs; and the torques of their ramps differ from those without."""
+    law, counts = counted()
+    guards, motion = Guards(**BLIND, duration=0.1), PATH(np.arange(SAMPLES) * RIG.period)
+    springs = JointSpring(stiffness=(30.0, 10.0), angle=(0.3, -0.5))
+    rig, torques = dataclasses.replace(RIG, springs=springs), []
+    for k, each in enumerate((RIG, rig)):
+        torque, said = in_c(tmp_path / f"c{k}", law, counts, motion, rig=each, guards=guards)
+        assert "safe stop" in said
+        expected, _, _ = running(law, counts, motion, guards, rig=each)
+        np.testing.assert_allclose(torque, expected, rtol=0, atol=1e-12 * RIG.drive.torque_limit()[0])
+        torques.append(torque)
+    q = RIG.cell_centre(counts[-1])
+    np.testing.assert_allclose((torques[1] - torques[0])[-1], springs.stiffness * (q - springs.angle), rtol=1e-9)
 
 
 @needs_c
