@@ -38,7 +38,7 @@ class Tolerances(Frozen):
     0.0
     """
 
-    gear: float = 0.007
+    gear: float = 0.008
     offset: float = 0.01
     friction: float = 0.01
     lag: float = 0.0
