@@ -199,8 +199,12 @@ def fit_systems(
     rest = [i for i, name in enumerate(unknown) if name not in known]
     values = np.array([known[unknown[i]] for i in given])
     less = [
-        (regressor[:, :, rest], torque - (regressor[:, :, given] * values).sum(axis=2), used)
-        for regressor, torque, used in systems
+        dataclasses.replace(
+            system,
+            regressor=system.regressor[:, :, rest],
+            torque=system.torque - (system.regressor[:, :, given] * values).sum(axis=2),
+        )
+        for system in systems
     ]
     return weighted(dynamics, tuple(unknown[i] for i in rest), less)
 

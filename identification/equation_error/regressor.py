@@ -10,6 +10,7 @@ and every k-th row is kept, counted from the first sample.
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import functools
 from collections.abc import Callable, Mapping, Sequence
@@ -23,15 +24,66 @@ from identification.equation_error.filtering import derivatives, low_pass
 from plant import Dynamics, Motion, Rig
 from plant.parts.arguments import array
 
-__all__ = ["LINEAR", "System", "balance", "compared", "regressor_along", "regressor_and_torque"]
+__all__ = ["LINEAR", "Places", "System", "balance", "compared", "regressor_along", "regressor_and_torque"]
 
 LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
 
-System = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]
-"""Regressor (N', n, k), measured torque (N', n), and which of their rows count (N', n)."""
-
 _AT_ONCE = 4096
 """Samples whose regressors are worked out in one go."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class System:
+    """The torque equation of one log, and where in it each equation comes from.
+
+    Attributes
+    ----------
+    regressor : (N', n, k) numpy.ndarray
+    torque : (N', n) numpy.ndarray
+        Measured [N m].
+    used : (N', n) numpy.ndarray
+        Which of these equations count.
+    sample : (N',) numpy.ndarray
+        Their rows in the log.
+    period : float
+        Of the log's rows [s].
+    """
+
+    regressor: NDArray[np.float64]
+    torque: NDArray[np.float64]
+    used: NDArray[np.bool_]
+    sample: NDArray[np.intp]
+    period: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Places:
+    """Where the equations that a fit uses come from, in its order of them.
+
+    Attributes
+    ----------
+    record, joint, sample : (M,) numpy.ndarray
+        Number of the record, joint, and row in the record's log.
+    t : (M,) numpy.ndarray
+        Time since the log's first row [s].
+    """
+
+    record: NDArray[np.intp]
+    joint: NDArray[np.intp]
+    sample: NDArray[np.intp]
+    t: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, systems: Sequence[System]) -> Places:
+        """Of the equations that count, of one system per record."""
+        rows, joint = (np.concatenate(each) for each in zip(*(np.nonzero(each.used) for each in systems), strict=True))
+        counts = [int(each.used.sum()) for each in systems]
+        record = np.repeat(np.arange(len(systems)), counts)
+        sample = np.concatenate([each.sample for each in systems])
+        first = np.cumsum([0, *(len(each.sample) for each in systems)])[record]
+        period = np.repeat([each.period for each in systems], counts)
+        sample = sample[first + rows]
+        return cls(record=record, joint=joint, sample=sample, t=sample * period)
 
 
 def regressor_and_torque(
@@ -77,7 +129,8 @@ def compared(
         lost = np.append(0, np.cumsum(valid == 0))
         near = np.clip(np.arange(len(qd))[:, None] + (-margin, margin + 1), 0, len(qd))
         used &= (lost[near[:, 1]] == lost[near[:, 0]])[rows, None]
-    return np.stack(columns, axis=-1), measured, used
+    sample = np.arange(len(qd))[rows]
+    return System(regressor=np.stack(columns, axis=-1), torque=measured, used=used, sample=sample, period=period)
 
 
 def regressor_along(

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.labels import short_names
 from identification.equation_error.least_squares import least_squares
-from identification.equation_error.regressor import System, regressor_and_torque
+from identification.equation_error.regressor import Places, System, regressor_and_torque
 from plant import Dynamics, Rig
 from plant.parts.arguments import array, choice, instance, known_options, real
 from plant.parts.frozen import Frozen
@@ -166,13 +166,17 @@ def fit_torque(
 
 def weighted(dynamics: Dynamics, names: tuple[str, ...], systems: Iterable[System]) -> TorqueFit:
     """Least squares of one or more logs' equations, each joint weighted by its residual in an unweighted fit."""
-    regressor, torque, used = (np.concatenate(parts) for parts in zip(*systems, strict=True))
+    systems = tuple(systems)
+    regressor, torque, used = (
+        np.concatenate([getattr(system, part) for system in systems]) for part in ("regressor", "torque", "used")
+    )
     if used.sum() <= len(names):
         raise ValueError(
             f"a fit of {len(names)} numbers needs more equations; {used.sum()} are left. "
             "Log longer, move faster, or lower least_speed or every."
         )
-    joint = np.nonzero(used)[1]
+    places = Places.of(systems)
+    joint = places.joint
     rows, target = regressor[used], torque[used]
     weight = np.ones(len(target))
     for _ in range(2):
