@@ -152,7 +152,7 @@ def test_every_equation_knows_its_record_joint_and_row():
     random = np.random.default_rng(3)
     systems = []
     for record, (many, period) in enumerate([(7, 0.5), (4, 0.25)]):
-        sample = 3 + 2 * np.arange(many)
+        sample = 3 + 4 * record + 2 * np.arange(many)
         torque = 1000.0 * record + 100.0 * np.arange(3) + sample[:, None]
         used = random.random(torque.shape) < 0.6
         rows = np.zeros((*torque.shape, 1))
