@@ -25,8 +25,10 @@ if _found is None or _found.origin is None or Path(_found.origin).resolve().pare
     )
 
 from identification import deprecated as _deprecated  # noqa: F401 - old names, for one release
+from identification.equation_error.band_choice import BandTrial, SpeedTrial
 from identification.equation_error.filtering import derivatives, low_pass
-from identification.equation_error.torque_fit import TorqueFit, fit_torque
+from identification.equation_error.logged_torques import fit_torque
+from identification.equation_error.torque_fit import TorqueFit
 from identification.payload.posterior import PayloadEstimate
 from identification.planning.budget import Budget, pulse_budget
 from identification.planning.excitation import design_motion
@@ -53,9 +55,10 @@ from plant.parts.arguments import known_options
 known_options(GeneticSettings)
 
 __all__ = [
-    "Budget", "Detection", "Diagnostics", "Fit", "GearResonance", "GeneticResult", "GeneticSettings", "GeneticState",
-    "Identification", "Interval", "LinkSize", "Load", "MotorFit", "Objective", "Oscillation", "PayloadEstimate",
-    "Physical", "Search", "Sign", "Spread", "TorqueFit", "derivatives", "design_motion", "find_load", "fit_torque",
-    "friction_from_motor_test", "gain_from_current", "identify", "low_pass", "minimize_genetic", "nearest_physical",
-    "oscillation", "pulse_budget", "puma560_ranges", "ranges", "spread", "without_delay",
+    "BandTrial", "Budget", "Detection", "Diagnostics", "Fit", "GearResonance", "GeneticResult", "GeneticSettings",
+    "GeneticState", "Identification", "Interval", "LinkSize", "Load", "MotorFit", "Objective", "Oscillation",
+    "PayloadEstimate", "Physical", "Search", "Sign", "SpeedTrial", "Spread", "TorqueFit", "derivatives",
+    "design_motion", "find_load", "fit_torque", "friction_from_motor_test", "gain_from_current", "identify",
+    "low_pass", "minimize_genetic", "nearest_physical", "oscillation", "pulse_budget", "puma560_ranges", "ranges",
+    "spread", "without_delay",
 ]  # fmt: skip

@@ -26,8 +26,8 @@ from plant.simulation.law_run import run_law
 
 __all__ = [
     "BANDS", "BAND_MOST", "CUTOFF", "ENOUGH", "equation_error",
-    "fit_systems", "linear", "mode_in", "over_bands", "pass_band", "speed_noise",
-    "system_of", "torque_of",
+    "fit_systems", "linear", "logged_torque", "mode_in", "over_bands", "pass_band", "speed_noise",
+    "system_of", "torque_of", "without_known",
 ]  # fmt: skip
 
 _BAND = 2.0
@@ -67,8 +67,12 @@ def torque_of(record: Record) -> NDArray[np.float64]:
         clock = Clock.of(record)
         return run_law(record).around(clock.t[clock.rows], rig.period)
     commanded = commanded_torque(record)
-    if commanded is not None:
-        return rig.drive.limited(commanded)
+    return logged_torque(record) if commanded is None else np.asarray(rig.drive.limited(commanded))
+
+
+def logged_torque(record: Record) -> NDArray[np.float64]:
+    """Joint torques (N, n) [N m] that a record has logged, half at both ends of a sample that holds them."""
+    law, rig = record.law, record.rig
     if record.torque is not None:
         logged = record.torque
     elif record.current is not None:
@@ -76,7 +80,7 @@ def torque_of(record: Record) -> NDArray[np.float64]:
     else:
         raise ValueError(
             f"the record must hold torques or currents; the counts under {type(law).__name__} do not give them. Log "
-            "one of them."
+            "one of them, state what the law remembered (Resumed), or use identify, which finds it."
         )
     if law is None or (law.period is None and not law.replays):
         return logged
@@ -192,9 +196,21 @@ def linear(dynamics: Dynamics, unknown: Iterable[str]) -> tuple[str, ...]:
 
 
 def fit_systems(
-    dynamics: Dynamics, unknown: Sequence[str], known: Mapping[str, float], systems: Iterable[System]
+    dynamics: Dynamics,
+    unknown: Sequence[str],
+    known: Mapping[str, float],
+    systems: Iterable[System],
+    weights: NDArray[np.float64] | None = None,
 ) -> TorqueFit:
     """Weighted fit of what is not known to systems of equations in all the unknowns."""
+    names, less = without_known(unknown, known, systems)
+    return weighted(dynamics, names, less, weights)
+
+
+def without_known(
+    unknown: Sequence[str], known: Mapping[str, float], systems: Iterable[System]
+) -> tuple[tuple[str, ...], list[System]]:
+    """Names of what is not known, and the systems of equations in these alone."""
     given = [i for i, name in enumerate(unknown) if name in known]
     rest = [i for i, name in enumerate(unknown) if name not in known]
     values = np.array([known[unknown[i]] for i in given])
@@ -206,7 +222,7 @@ def fit_systems(
         )
         for system in systems
     ]
-    return weighted(dynamics, tuple(unknown[i] for i in rest), less)
+    return tuple(unknown[i] for i in rest), less
 
 
 def system_of(

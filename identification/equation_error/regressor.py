@@ -47,6 +47,8 @@ class System:
         Their rows in the log.
     period : float
         Of the log's rows [s].
+    speed : (N', n) numpy.ndarray
+        Of each joint in the band [rad/s], a magnitude.
     """
 
     regressor: NDArray[np.float64]
@@ -54,6 +56,7 @@ class System:
     used: NDArray[np.bool_]
     sample: NDArray[np.intp]
     period: float
+    speed: NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,13 +127,16 @@ def compared(
     margin = int(np.ceil(1 / (min(cutoff, band) * period)))  # where the filters still feel the ends of the log
     rows = slice(-(-margin // every) * every, len(qd) - margin, every)
     measured, *columns = (low_pass(signal, period, band)[rows] for signal in signals)
-    used = (np.abs(low_pass(qd, period, band)[rows]) > slowest) | (slowest == 0)
+    speed = np.abs(low_pass(qd, period, band)[rows])
+    used = (speed > slowest) | (slowest == 0)
     if valid is not None:
         lost = np.append(0, np.cumsum(valid == 0))
         near = np.clip(np.arange(len(qd))[:, None] + (-margin, margin + 1), 0, len(qd))
         used &= (lost[near[:, 1]] == lost[near[:, 0]])[rows, None]
     sample = np.arange(len(qd))[rows]
-    return System(regressor=np.stack(columns, axis=-1), torque=measured, used=used, sample=sample, period=period)
+    return System(
+        regressor=np.stack(columns, axis=-1), torque=measured, used=used, sample=sample, period=period, speed=speed
+    )
 
 
 def regressor_along(

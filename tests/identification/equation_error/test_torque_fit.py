@@ -156,7 +156,7 @@ def test_every_equation_knows_its_record_joint_and_row():
         torque = 1000.0 * record + 100.0 * np.arange(3) + sample[:, None]
         used = random.random(torque.shape) < 0.6
         rows = np.zeros((*torque.shape, 1))
-        systems.append(System(regressor=rows, torque=torque, used=used, sample=sample, period=period))
+        systems.append(System(regressor=rows, torque=torque, used=used, sample=sample, period=period, speed=torque))
     places = Places.of(systems)
     targets = np.concatenate([each.torque[each.used] for each in systems])
     np.testing.assert_array_equal(1000 * places.record + 100 * places.joint + places.sample, targets)
