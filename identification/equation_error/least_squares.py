@@ -11,7 +11,21 @@ __all__ = ["NotIdentifiableError", "dependent_columns", "least_squares"]
 
 
 class NotIdentifiableError(ValueError):
-    """Unknowns that the equations do not tell apart, or that act in none of them."""
+    """Unknowns that the equations do not tell apart, or that act in none of them.
+
+    Parameters
+    ----------
+    said : str
+    name : str
+        Of the one that could be left out.
+    """
+
+    def __init__(self, said: str, name: str) -> None:
+        super().__init__(said)
+        self.name = name
+
+    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+        return type(self), (str(self), self.name)
 
 
 def least_squares(
@@ -45,7 +59,8 @@ def least_squares(
     lengths = np.sqrt((rows * rows).sum(axis=0))
     if not lengths.all():
         idle = names[int(np.argmin(lengths))]
-        raise NotIdentifiableError(f"every unknown must act on the log; {idle} does not in this motion. Leave it out.")
+        said = f"every unknown must act on the log; {idle} does not in this motion. Leave it out."
+        raise NotIdentifiableError(said, idle)
     basis, triangle = rows / lengths, np.zeros((k, k))
     for i in range(k):
         column = basis[:, i]
@@ -60,7 +75,8 @@ def least_squares(
             others = [names[j] for j in np.flatnonzero(np.abs(shares) > 1e-3).tolist()]
             raise NotIdentifiableError(
                 f"unknowns must be separately identifiable; {names[i]} is a combination of {', '.join(others)}. Fix "
-                "one of them, or log a motion that excites more."
+                "one of them, or log a motion that excites more.",
+                names[i],
             )
         basis[:, i] = column / triangle[i, i]
     inverse = np.zeros((k, k))

@@ -109,7 +109,7 @@ def fit_torque(
     try:
         return weighted(task.dynamics, names, systems, stated, **report)
     except NotIdentifiableError as error:
-        raise NotIdentifiableError(_advice(names, systems, report["left_out"])) from error
+        raise NotIdentifiableError(_advice(names, systems, report["left_out"]), error.name) from error
 
 
 def _chosen(

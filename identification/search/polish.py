@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +17,7 @@ from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem
 from plant.machine.motor_inertia import least_inertia_margin
 
-__all__ = ["polished", "start_of_fit", "torque_fit"]
+__all__ = ["by_stages", "polished", "start_of_fit", "torque_fit"]
 
 _SMALL = 0.01
 """Step of the central differences, in standard deviations of the equation error."""
@@ -79,7 +81,7 @@ def polished(
     steps = np.append(_SMALL * step, prediction.nuisance_steps)
     first = np.append(start, prediction.nuisances)
     if problem.memories and not simulated:
-        solution = _by_stages(prediction, first, steps, bounds, slice(k, k + 2 * problem.dynamics.n))
+        solution = by_stages(prediction, first, steps, bounds, slice(k, k + 2 * problem.dynamics.n))
     else:
         solution = gauss_newton(prediction, first, steps, bounds)
     for _ in range(_WEIGHINGS):
@@ -108,8 +110,8 @@ def polished(
     return Outcome(fit=fit, message=message, evaluations=prediction.evaluations, stages=stages)
 
 
-def _by_stages(
-    prediction: Prediction, values: NDArray[np.float64], steps: NDArray[np.float64], bounds: NDArray[np.float64],
+def by_stages(
+    prediction: Any, values: NDArray[np.float64], steps: NDArray[np.float64], bounds: NDArray[np.float64],
     gains: slice,
 ) -> Solution:  # fmt: skip
     """Least sum of squares with observer gains that go down by stages, then are free.
