@@ -1,7 +1,8 @@
 """A load found from logs of its own, or from a short window of tracking while the arm works.
 
-From logs, with friction unknown beside it: `unknown_load` (mass and centre as increments of f), `load_search` (the
-prediction error of a known arm with them), `logged_load` (`find_load`), `load` (what it gives back).
+From logs, with friction unknown beside it: `unknown_load` (mass and centre as increments of f), `loaded_prediction`
+(a prediction in these numbers), `load_search` (their fit), `logged_load` (`find_load`), `load` and `load_warnings`
+(what it gives back).
 
 From a window, by smooth kernels on the torque equation or by the genetic algorithm: `shape` (what is unknown of a
 load), `smoothing` and `torque_window` (both sides of the torque equation, alike smooth), `posterior` (mass and

@@ -39,6 +39,9 @@ class Load(Frozen):
         Of the first record, with the friction that was found.
     runs : tuple of (float, float)
         Mass and standard deviation of each record alone [kg]; empty of a single one.
+    chi_square, freedom : float, int
+        By how much an arm with any f follows the logs better, and its degrees of freedom: about as many, by chance. NaN
+        and 0 where the logs do not tell all of f, so that nothing was tested.
     warnings : tuple of str
         What should be known before the mass is trusted, one line each.
     """
@@ -54,6 +57,8 @@ class Load(Frozen):
     covariance: NDArray[np.float64]
     rig: Rig
     runs: tuple[tuple[float, float], ...] = ()
+    chi_square: float = np.nan
+    freedom: int = 0
     warnings: tuple[str, ...] = ()
 
     @property
@@ -75,5 +80,7 @@ class Load(Frozen):
             for name, i in friction
         ]
         lines += [f"record {k} alone: {mass:.4g} +- {own:.2g} kg" for k, (mass, own) in enumerate(self.runs)]
+        tested = f"chi-square {self.chi_square:.1f} of {self.freedom}" if self.freedom else "not tested"
+        lines.append(f"another arm, not a load: {tested}")
         lines.append(f"RMS innovation {self.rms_innovation:.3f} pulses (rounding alone gives 0.289)")
         return "\n".join([*lines, *(f"warning: {text}" for text in self.warnings)])

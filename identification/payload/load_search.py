@@ -8,7 +8,7 @@ known arm and a function of a few numbers of the load.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,9 @@ from identification.equation_error.naming import each_named
 from identification.equation_error.pulse_fit import pass_band, system_of
 from identification.equation_error.regressor import LINEAR
 from identification.equation_error.torque_fit import weighted
-from identification.payload.unknown_load import UnknownLoad
-from identification.replay.gauss_newton import Solution, gauss_newton, variance_inflation
+from identification.payload.loaded_prediction import AnyLoad, WithLoad, spoken
 from identification.replay.prediction import Prediction
 from identification.search.outcome import Fit, Outcome
-from identification.search.polish import by_stages
 from identification.search.problem import Problem
 
 __all__ = ["LoadSearch"]
@@ -33,14 +31,17 @@ _STEPS = (0.01, 0.002)
 _SMALL = 0.05
 """The same of friction, in standard deviations of the torque equation's fit."""
 
+_RELATIVE = 1e-3
+"""The same of f where all of it is free, relative, and of a load's increments."""
+
 _LIGHT = 0.05
 """Mass [kg] below which its place is not looked for in the torque equation."""
 
 _FAR = 0.9
 """Share by which friction may be off what the rig states for the search to start there."""
 
-_REACH, _ROUNDING, _WEIGHINGS = 2.0, 0.289, 2
-"""How far off its frame a load is [m]; RMS of rounding [pulses]; how often records and joints are weighted anew."""
+_REACH = 2.0
+"""How far off its frame a load is [m]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,6 +53,7 @@ class LoadSearch:
     f : (p,) numpy.ndarray
         Of the arm without the load.
     load : UnknownLoad
+        Or anything with its ``names`` and ``increments``.
     mass : (2,) tuple of float
         Between which it is [kg].
     friction : (d,) numpy.ndarray
@@ -61,7 +63,7 @@ class LoadSearch:
     """
 
     f: NDArray[np.float64]
-    load: UnknownLoad
+    load: Any
     mass: tuple[float, float]
     friction: NDArray[np.float64]
     deviation: NDArray[np.float64]
@@ -82,32 +84,55 @@ class LoadSearch:
 
     def _fitted(self, problem: Problem) -> Outcome:
         start, std = self.start(problem)
-        prediction = Prediction(problem.dynamics, problem.records, problem.unknown, memories=problem.memories,
-                                **problem.options)  # fmt: skip
-        view = _WithLoad(self, prediction, problem.unknown[len(self.f) :])
+        view = WithLoad(self, Prediction(problem.dynamics, problem.records, problem.unknown, memories=problem.memories,
+                                          **problem.options), problem.unknown[len(self.f) :])  # fmt: skip
         k, loads = len(start), len(self.load.names)
         steps = np.concatenate([[_STEPS[0]], [_STEPS[1]] * (loads - 1), _SMALL * std[loads:]])
-        steps = np.append(np.where(np.append(np.full(loads, np.inf), self.deviation) > 0, steps, 0.0),
-                          prediction.nuisance_steps)  # fmt: skip
-        bounds = np.vstack([self.bounds(problem), prediction.nuisance_bounds])
-        first = np.append(start, prediction.nuisances)
-        if problem.memories:
-            solution = by_stages(view, first, steps, bounds, slice(k, k + 2 * problem.dynamics.n))
-        else:
-            solution = gauss_newton(view, first, steps, bounds)
-        for _ in range(_WEIGHINGS):
-            if not (view.reweigh(solution.values) | view.trust(solution)):
-                break
-            solution = gauss_newton(view, solution.values, steps, bounds)
+        solution = view.followed(start, self._varied(steps), self.bounds(problem), bool(problem.memories))
         fit = Fit(
             unknown=(*self.load.names, *problem.unknown[len(self.f) :]),
             values=solution.values[:k],
             candidates=solution.values[None, :k],
             covariance=solution.covariance[:k, :k],
             rms_innovation=solution.rms_innovation,
-            resumptions=prediction.resumptions(view.whole(solution.values)) if problem.memories else (),
+            resumptions=view.prediction.resumptions(view.whole(solution.values)) if problem.memories else (),
         )
-        return Outcome(fit=fit, evaluations=prediction.evaluations)
+        stages = {"prediction error": solution.values, "steps": steps[loads:]}
+        return Outcome(fit=fit, evaluations=view.prediction.evaluations, stages=stages)
+
+    def _varied(self, steps: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Steps of load and friction, 0 of friction that is known."""
+        known = np.append(np.zeros(len(steps) - len(self.deviation), bool), self.deviation == 0)
+        return np.where(known, 0.0, steps)
+
+    def contradiction(self, problem: Problem, outcome: Outcome) -> tuple[float, int]:
+        """Chi-square, and degrees of freedom, by which an arm with any other f follows the logs better.
+
+        All of f is fitted beside friction; what the load cannot be of its difference from the known f is compared with
+        its covariance. It is chance, or what arm, gears and drives have and the model lacks. (NaN, 0) where the logs do
+        not tell all of f.
+        """
+        fit, loads, p = outcome.fit, len(self.load.names), len(self.f)
+        found, more = fit.values[:loads], self.load.increments(fit.values)
+        free = dataclasses.replace(self, load=AnyLoad(names=problem.dynamics.names))
+        view = WithLoad(free, Prediction(problem.dynamics, problem.records, problem.unknown, memories=problem.memories,
+                                          **problem.options), problem.unknown[p:])  # fmt: skip
+        size = np.maximum(np.abs(self.f + more), 0.05 * np.abs(self.f).max())
+        steps = np.append(_RELATIVE * size, outcome.stages["steps"])
+        start = np.concatenate([more, outcome.stages["prediction error"][loads:]])
+        limits = np.vstack([np.tile([-np.inf, np.inf], (p, 1)), self.bounds(problem)[loads:]])
+        try:
+            solution = view.followed(start, free._varied(steps), limits, False)
+            weight = np.linalg.inv(solution.covariance[:p, :p])
+        except (ValueError, np.linalg.LinAlgError):
+            return np.nan, 0
+        change = _RELATIVE * np.eye(loads)
+        slopes = np.column_stack([self.load.increments(found + step) - self.load.increments(found - step)
+                                  for step in change]) / (2 * _RELATIVE)  # fmt: skip
+        left = solution.values[:p] - more
+        shares = np.linalg.solve(slopes.T @ weight @ slopes, slopes.T @ weight @ left)
+        left = left - slopes @ shares
+        return float(left @ weight @ left), p - loads
 
     def bounds(self, problem: Problem) -> NDArray[np.float64]:
         """Of mass, centre and friction (k, 2)."""
@@ -127,7 +152,7 @@ class LoadSearch:
             regressor = np.concatenate([of_f @ columns, of_friction[:, :, free]], axis=2)
             systems.append(dataclasses.replace(system, regressor=regressor, torque=torque))
         loads, friction = len(self.load.names), np.flatnonzero(free)
-        names = (*map(_spoken, self.load.names), *(linear[p + i] for i in friction))
+        names = (*map(spoken, self.load.names), *(linear[p + i] for i in friction))
         fit = weighted(problem.dynamics, names, systems)
         values, std = np.append(np.zeros(loads), self.friction), np.zeros(loads + len(free))
         places = [*range(loads), *(loads + friction)]
@@ -135,7 +160,8 @@ class LoadSearch:
         heavy = abs(values[0]) > _LIGHT
         values[1:loads] = values[1:loads] / values[0] if heavy else 0.1
         near = np.abs(values[loads:] - self.friction) < np.minimum(self.deviation, _FAR * np.abs(self.friction))
-        values[loads:] = np.where(near | (self.friction == 0), values[loads:], self.friction)
+        near |= (self.friction == 0) & (np.abs(values[loads:]) < self.deviation)
+        values[loads:] = np.where(near, values[loads:], self.friction)
         return np.clip(values, *self.bounds(problem).T), std
 
     def _columns(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -145,56 +171,3 @@ class LoadSearch:
         if not load.shown:
             return (load.increments(np.array([1.0])) - offset)[:, None], offset
         return matrix[:, [0, *(1 + axis for axis in load.shown)]], offset
-
-
-def _spoken(name: str) -> str:
-    """What messages call a number of the load."""
-    return f"{name} of the load"
-
-
-class _WithLoad:
-    """A prediction whose unknowns are those of a load, friction, and its nuisances."""
-
-    def __init__(self, search: LoadSearch, prediction: Prediction, friction: tuple[str, ...]) -> None:
-        self.search, self.prediction, p = search, prediction, len(search.f)
-        self.unknown = (*map(_spoken, search.load.names), *friction, *prediction.unknown[p + len(friction) :])
-        self._first = len(search.load.names)
-        self._stated = np.flatnonzero(np.isfinite(search.deviation) & (search.deviation > 0))
-        self._trust = _ROUNDING
-        self.weights = np.append(prediction.weights, np.zeros(len(self._stated)))
-
-    @property
-    def scales(self) -> NDArray[np.float64]:
-        """What each innovation is divided by."""
-        return np.append(self.prediction.scales, np.ones(len(self._stated)))
-
-    def whole(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What the prediction takes, of values of this."""
-        return np.append(self.search.f + self.search.load.increments(values), values[self._first :])
-
-    def _with_stated(self, innovations: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-        friction = values[self._first :][self._stated]
-        off = (friction - self.search.friction[self._stated]) / self.search.deviation[self._stated]
-        return np.append(innovations, self._trust * off)
-
-    def innovations(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return self._with_stated(self.prediction.innovations(self.whole(values)), values)
-
-    def all_innovations(self, many: Iterable[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
-        many = list(many)
-        found = self.prediction.all_innovations([self.whole(values) for values in many])
-        return [self._with_stated(each, values) for each, values in zip(found, many, strict=True)]
-
-    def lost(self, values: NDArray[np.float64]) -> str:
-        return self.prediction.lost(self.whole(values))
-
-    def reweigh(self, values: NDArray[np.float64]) -> bool:
-        return self.prediction.reweigh(self.whole(values))
-
-    def trust(self, solution: Solution) -> bool:
-        """Weigh stated friction by what an innovation tells in this log; whether that changes much."""
-        if not len(self._stated):
-            return False
-        before, residual = self._trust, solution.residual
-        self._trust = float(solution.rms_innovation * np.sqrt(variance_inflation(residual)))
-        return abs(self._trust / before - 1) > 0.05

@@ -2,8 +2,10 @@
 
 Friction changes with load, temperature and wear; a load that is found with friction taken as stated is as wrong as that
 is. So friction and its offsets are unknown beside the load, or stated with a deviation that counts in the interval.
-Where several logs have been made, the spread between them counts too: each is fitted alone, and the covariance is
-multiplied by their Birge ratio, squared, where that exceeds one.
+
+The interval counts what the model lacks as far as the logs show it. All of f is fitted freely; by how much it differs
+from the known f by more than a load can is a chi-square. And where several logs have been made, each is fitted alone.
+The covariance is multiplied by the larger of the two per degree of freedom (the Birge ratio), where that exceeds one.
 
 Source: R. T. Birge, The calculation of errors by the method of least squares, Physical Review 40 (1932).
 """
@@ -11,18 +13,23 @@ Source: R. T. Birge, The calculation of errors by the method of least squares, P
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from identification.equation_error.law_memory import along_log
+from identification.equation_error.naming import each_named
 from identification.payload.load import Load
 from identification.payload.load_search import LoadSearch
+from identification.payload.load_warnings import birge, warnings_of
 from identification.payload.unknown_load import UnknownLoad
-from identification.preparation import prepare
 from identification.replay.experiment import as_records
+from identification.replay.objective import Objective
+from identification.search.genetic import GeneticSettings
 from identification.search.memory import with_memory
-from identification.search.outcome import Fit, Outcome
+from identification.search.outcome import Outcome
 from identification.search.problem import Problem
 from plant import Arm, FrictionCurve, Record, Rig
 from plant.parts.arguments import array, instance, known_options, real
@@ -31,13 +38,6 @@ __all__ = ["find_load"]
 
 _HEAVIEST, _LIGHTEST = 1e3, 1e-3
 """[kg]; the lightest where the centre is unknown, of which nothing has none."""
-
-_EXPLAINED = 0.347
-"""RMS innovation [pulses] above which more than rounding is left: 1.2 times 0.289."""
-
-_AT_END, _NEGATIVE, _APART = 1e-6, 2.0, 2.0
-"""Share of a range within which a value lies at its end; standard deviations below zero from which on a mass is called
-negative; and Birge ratio from which on logs are said to differ."""
 
 
 @known_options
@@ -71,7 +71,8 @@ def find_load(
         Ixx, Ixy, Ixz, Iyy, Iyz, Izz of the load about its centre [kg m^2]; by default none, a point.
     friction : float, optional
         Relative standard deviation of the rigs' viscous and Coulomb friction, and of offsets in the Coulomb level; 0
-        takes them as exact. By default all are unknown.
+        takes them as exact. By default all are unknown, offsets within the Coulomb level: in a log that was cut a
+        constant torque may also be what the law remembered.
     steps_per_sample : int
 
     Returns
@@ -103,7 +104,9 @@ def find_load(
     options = {"steps_per_sample": steps_per_sample, "sweeps": 3, "threads": None}
     outcome, problem = _followed(arm, records, search, options)
     runs, ratio = _alone(arm, records, search, options)
-    return _assessed(arm, search, outcome, problem, runs, ratio, friction)
+    square, freedom = search.contradiction(problem, outcome)
+    ratio = max(ratio, np.sqrt(square / freedom)) if freedom else ratio
+    return _assessed(arm, search, outcome, problem, runs, ratio, friction, square, freedom)
 
 
 def _with_offsets(record: Record) -> Record:
@@ -121,7 +124,8 @@ def _search(arm: Arm, rig: Rig, load: UnknownLoad, mass: tuple[float, float], fr
     drive = rig.drive
     offset = np.zeros(rig.n) if drive.curve is None else drive.curve.offset
     stated = [drive.viscous, drive.coulomb, offset]
-    deviation = [np.inf * np.ones(rig.n)] * 3
+    level = np.where(drive.coulomb > 0, drive.coulomb, np.inf)
+    deviation = [np.full(rig.n, np.inf), np.full(rig.n, np.inf), level]
     if friction is not None:
         deviation = [friction * np.abs(each) for each in (drive.viscous, drive.coulomb, drive.coulomb)]
     return LoadSearch(
@@ -130,16 +134,33 @@ def _search(arm: Arm, rig: Rig, load: UnknownLoad, mass: tuple[float, float], fr
 
 
 def _followed(
-    arm: Arm, records: Sequence[Record], search: LoadSearch, options: Mapping[str, object]
+    arm: Arm, records: Sequence[Record], search: LoadSearch, options: Mapping[str, Any]
 ) -> tuple[Outcome, Problem]:
-    names = [f"{kind}[{i}]" for kind in ("drive.viscous", "drive.coulomb", "drive.curve.offset") for i in range(arm.n)]
-    unknown = (*arm.dynamics.names, *names)
-    problem = prepare(arm.dynamics, records, unknown, (), "prediction_error", None, None, 0, False, dict(options))
-    return with_memory(problem, search.fitted), problem
+    """The fit, and the problem that it is of: laws began with their logs, or before."""
+    kinds = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
+    unknown = (*arm.dynamics.names, *(f"{kind}[{i}]" for kind in kinds for i in range(arm.n)))
+    objective, followed = Objective(arm.dynamics, records, unknown, **options), []
+    for record, about in each_named(objective.records):
+        with about:
+            followed.append(along_log(record))
+    problem = Problem(
+        dynamics=arm.dynamics, records=tuple(followed), unknown=unknown, objective=objective, held_out=None,
+        nominal=np.append(arm.f, search.friction), ranges=None, method="prediction_error",
+        settings=GeneticSettings.paper(), seed=0, zeros=False, options=dict(options),
+    )  # fmt: skip
+    problems = dict[int, Problem]()
+
+    def fitted(problem: Problem) -> Outcome:
+        outcome = search.fitted(problem)
+        problems[id(outcome)] = problem
+        return outcome
+
+    outcome = with_memory(problem, fitted)
+    return outcome, problems[id(outcome)]
 
 
 def _alone(
-    arm: Arm, records: Sequence[Record], search: LoadSearch, options: Mapping[str, object]
+    arm: Arm, records: Sequence[Record], search: LoadSearch, options: Mapping[str, Any]
 ) -> tuple[tuple[tuple[float, float], ...], float]:
     """Mass and deviation of each record alone, and their Birge ratio, at least 1."""
     if len(records) < 2:
@@ -152,19 +173,12 @@ def _alone(
             runs.append((np.nan, np.inf))
             continue
         runs.append((float(fit.values[0]), float(fit.std[0])))
-    masses, stds = np.array(runs).T
-    told = np.isfinite(masses)
-    if told.sum() < 2:
-        return tuple(runs), 1.0
-    weight = 1 / stds[told] ** 2
-    mean = (weight * masses[told]).sum() / weight.sum()
-    ratio = float(np.sqrt((weight * (masses[told] - mean) ** 2).sum() / (told.sum() - 1)))
-    return tuple(runs), max(1.0, ratio)
+    return tuple(runs), max(1.0, birge(runs))
 
 
 def _assessed(
     arm: Arm, search: LoadSearch, outcome: Outcome, problem: Problem, runs: tuple[tuple[float, float], ...],
-    ratio: float, friction: float | None,
+    ratio: float, friction: float | None, square: float, freedom: int,
 ) -> Load:  # fmt: skip
     fit, load, count = outcome.fit, search.load, len(search.load.names)
     covariance = np.asarray(fit.covariance) * ratio**2
@@ -180,34 +194,6 @@ def _assessed(
     return Load(
         mass=float(fit.values[0]), std=float(std[0]), arm=arm_with, rms_innovation=float(fit.rms_innovation or 0.0),
         com=com, com_std=com_std, names=fit.unknown, values=fit.values, covariance=covariance,
-        rig=problem.records[0].rig.filled(named), runs=runs,
-        warnings=tuple(_warnings(search, fit, problem, std, runs, ratio, friction)),
+        rig=problem.records[0].rig.filled(named), runs=runs, chi_square=square, freedom=freedom,
+        warnings=tuple(warnings_of(search, fit, problem, std, runs, friction, square, freedom)),
     )  # fmt: skip
-
-
-def _warnings(
-    search: LoadSearch, fit: Fit, problem: Problem, std: NDArray[np.float64], runs: tuple[tuple[float, float], ...],
-    ratio: float, friction: float | None,
-) -> Iterator[str]:  # fmt: skip
-    """Lines about a fit."""
-    bounds, values = search.bounds(problem), fit.values
-    for name, value, own, (low, high) in zip(fit.unknown, values, std, bounds, strict=True):
-        if own > 0 and min(value - low, high - value) <= _AT_END * max(1.0, abs(value)):
-            end = "lower" if value - low < high - value else "upper"
-            yield f"{name} ends at the {end} bound, {value:.4g}; its interval and those of the others do not hold."
-    if values[0] < -_NEGATIVE * std[0]:
-        yield "the mass is negative; the known arm is heavier than that of the log, or a sign or a unit is wrong."
-    if (fit.rms_innovation or 0.0) > _EXPLAINED:
-        yield (
-            f"rounding does not explain the fit: RMS innovation {fit.rms_innovation:.2f} pulses, rounding alone gives "
-            "0.29; arm, gears or friction differ from the model, and the mass may be off by more than its interval."
-        )
-    hidden = [name for name, own in zip(fit.unknown, std, strict=True) if own == 0 and name.startswith("drive.")]
-    if friction is None and hidden:
-        yield f"{', '.join(hidden)} does not show in these logs, and was taken from the rig."
-    if friction is not None:
-        said = "as exact" if friction == 0 else f"within {friction:.0%}"
-        yield f"friction was taken from the rig, {said}; leave friction out to find it beside the load."
-    if ratio > _APART:
-        masses = ", ".join(f"{mass:.4g} +- {own:.2g}" for mass, own in runs)
-        yield f"the records alone differ more than their deviations: {masses} kg; the deviation counts that."

@@ -12,9 +12,6 @@ from plant.mechanics.independent_columns import independent_columns
 
 __all__ = ["UnknownLoad"]
 
-_NEAR = np.array([0.11, 0.23, 0.31])
-"""A centre of mass at which all directions that can show do [m]."""
-
 _SAME = 1e-7
 """Share of its own below which what a direction does to f is a combination of what others do."""
 
@@ -48,17 +45,13 @@ class UnknownLoad:
         matrix = load_matrix(dynamics, link)
         if position is not None:
             return cls(matrix=matrix, position=position, inertia=inertia, shown=())
-        free = cls(matrix=matrix, position=np.zeros(3), inertia=np.zeros(6), shown=(0, 1, 2))
-        at, steps = np.append(1.0, _NEAR), 1e-4 * np.eye(4)
-        slopes = np.column_stack([free.increments(at + step) - free.increments(at - step) for step in steps])
-        if not slopes.any():
-            raise ValueError(f"a load on link {link!r} must show in f; it does not. Give the link that carries it.")
-        kept, _ = independent_columns(slopes, range(4), _SAME)
-        if 0 not in kept:
+        shown = tuple(axis for axis in range(3) if matrix[:, 1 + axis].any())
+        moments = matrix[:, [*(1 + axis for axis in shown), 0]]
+        if not moments.any() or len(independent_columns(moments, range(len(shown) + 1), _SAME)[0]) <= len(shown):
             raise ValueError(
-                "mass and centre of the load must show separately; on this arm only their product does. Give position."
+                "mass and centre of the load must show separately; on this arm or link they do not. Give position."
             )
-        return cls(matrix=matrix, position=np.zeros(3), inertia=inertia, shown=tuple(i - 1 for i in kept if i))
+        return cls(matrix=matrix, position=np.zeros(3), inertia=inertia, shown=shown)
 
     @property
     def names(self) -> tuple[str, ...]:
