@@ -3,10 +3,10 @@
 Dynamics + Record(s) -> Arm, the same arm with f found. The rooms, each above all that it imports:
 
 ================ ===================================================================================================
-`payload`        a load in the gripper, from a short window under computed torque
+`payload`        a load in the gripper, from logs (`find_load`) or from a short window under computed torque
 `repeatability`  `spread` of the result over seeds (4.2)
 `procedure`      `identify`: prepare, search, assess (3.2)
-`results`        `Identification`, its warnings and figures; what contradicts the model; a load; Figs. 10-11
+`results`        `Identification`, its warnings and figures; what contradicts the model; Figs. 10-11
 `search`         the genetic algorithm (3.7), seven methods behind one interface
 `planning`       before the experiment: ranges (3.6), pulse budget, excitation, motor tests
 `replay`         the experiment repeated with other numbers: objective (4), prediction error, Gauss-Newton
@@ -25,8 +25,12 @@ if _found is None or _found.origin is None or Path(_found.origin).resolve().pare
     )
 
 from identification import deprecated as _deprecated  # noqa: F401 - old names, for one release
+from identification.equation_error.band_choice import BandTrial, SpeedTrial
 from identification.equation_error.filtering import derivatives, low_pass
-from identification.equation_error.torque_fit import TorqueFit, fit_torque
+from identification.equation_error.logged_torques import fit_torque
+from identification.equation_error.torque_fit import TorqueFit
+from identification.payload.load import Load
+from identification.payload.logged_load import find_load
 from identification.payload.posterior import PayloadEstimate
 from identification.planning.budget import Budget, pulse_budget
 from identification.planning.excitation import design_motion
@@ -40,7 +44,6 @@ from identification.results.alternatives import Sign
 from identification.results.detection import Detection
 from identification.results.diagnostics import Diagnostics
 from identification.results.identification import Identification
-from identification.results.load import Load, find_load
 from identification.results.oscillation import Oscillation, oscillation
 from identification.results.physical import Physical, nearest_physical
 from identification.search.gear_resonance import GearResonance
@@ -54,9 +57,9 @@ from plant.parts.arguments import known_options
 known_options(GeneticSettings)
 
 __all__ = [
-    "Budget", "Detection", "Diagnostics", "Fit", "GearResonance", "GeneticResult", "GeneticSettings",
+    "BandTrial", "Budget", "Detection", "Diagnostics", "Fit", "GearResonance", "GeneticResult", "GeneticSettings",
     "GeneticState", "Identification", "Interval", "LinkSize", "Load", "MotorFit", "Objective", "Oscillation",
-    "PayloadEstimate", "Physical", "Search", "Sign", "Spread", "Tolerances", "TorqueFit", "derivatives",
+    "PayloadEstimate", "Physical", "Search", "Sign", "SpeedTrial", "Spread", "Tolerances", "TorqueFit", "derivatives",
     "design_motion", "find_load", "fit_torque", "friction_from_motor_test", "gain_from_current", "identify",
     "low_pass", "minimize_genetic", "nearest_physical", "oscillation", "pulse_budget", "puma560_ranges", "ranges",
     "spread", "without_delay",

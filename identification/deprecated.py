@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from identification.payload.load import Load
 from identification.results.identification import Identification
-from identification.results.load import Load
 from plant.parts.deprecation import install
 
 __all__: list[str] = []

@@ -96,8 +96,8 @@ def fit_deflection(
 def _fitted(systems: Sequence[System], joint: int) -> tuple[float, float]:
     """Compliance of one gear, and its standard deviation from the scatter of the equations."""
     rows, target = [], []
-    for k, (columns, deflection, used) in enumerate(systems):
-        some = used[:, joint]
+    for k, system in enumerate(systems):
+        columns, deflection, some = system.regressor, system.torque, system.used[:, joint]
         own = np.zeros((some.sum(), len(systems)))
         own[:, k] = columns[some, joint, 2]  # each record has an offset of its own
         rows.append(np.column_stack([columns[some, joint, :2], own]))

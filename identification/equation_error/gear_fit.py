@@ -70,7 +70,7 @@ class _Wound:
         held = low_pass(torque - drive.friction(motors.qd), rig.period, cutoff)
         passed = drive.coupling.shaft_torque(held - drive.rotor_torque(motors.qdd))
         every = max(1, int(1 / (_SPARSE * cutoff * rig.period)))
-        self.period, rows = every * rig.period, np.arange(0, len(torque), every)
+        self.every, self.period, rows = every, every * rig.period, np.arange(0, len(torque), every)
         self.wind_up = tuple(x[rows] for x in _motion(passed, rig.period))
         self.motors = Motion(*(x[rows] for x in motors))
         self.torque = low_pass(torque, rig.period, cutoff)[rows]
@@ -84,7 +84,8 @@ class _Wound:
         regressor, given = regressor_along(dynamics, self.rig, unknown, links, self.motors)
         signals = [self.torque - given, *np.moveaxis(regressor, 2, 0)]
         every, slowest = max(1, int(1 / (2 * self.band * period))), speed_noise(self.rig, self.band)
-        return compared(signals, self.motors.qd, period, cutoff, self.band, every, slowest, self.valid)
+        kept = compared(signals, self.motors.qd, period, cutoff, self.band, every, slowest, self.valid)
+        return dataclasses.replace(kept, sample=kept.sample * self.every, period=self.rig.period)
 
 
 def _motion(x: NDArray[np.float64], period: float) -> tuple[NDArray[np.float64], ...]:

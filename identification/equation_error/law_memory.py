@@ -222,9 +222,9 @@ def _fitted(
             fits.append((fit.relative_error, fit.sigma, system))
     if not fits:
         return np.zeros(len(columns))
-    _, sigma, (regressor, torque, used) = min(fits, key=lambda each: each[0])
-    weight = 1 / sigma[np.nonzero(used)[1]]
+    _, sigma, best = min(fits, key=lambda each: each[0])
+    weight = 1 / sigma[np.nonzero(best.used)[1]]
     expected = np.hstack([np.zeros((len(columns), len(unknown))), np.diag(1 / (_AT_MOST * usual))])
-    rows = np.vstack([regressor[used] * weight[:, None], expected])
-    values = np.linalg.lstsq(rows, np.append(torque[used] * weight, np.zeros(len(columns))), rcond=None)[0]
+    rows = np.vstack([best.regressor[best.used] * weight[:, None], expected])
+    values = np.linalg.lstsq(rows, np.append(best.torque[best.used] * weight, np.zeros(len(columns))), rcond=None)[0]
     return np.asarray(values[len(unknown) :])

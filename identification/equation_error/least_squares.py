@@ -7,7 +7,25 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["least_squares"]
+__all__ = ["NotIdentifiableError", "dependent_columns", "least_squares"]
+
+
+class NotIdentifiableError(ValueError):
+    """Unknowns that the equations do not tell apart, or that act in none of them.
+
+    Parameters
+    ----------
+    said : str
+    name : str
+        Of the one that could be left out.
+    """
+
+    def __init__(self, said: str, name: str) -> None:
+        super().__init__(said)
+        self.name = name
+
+    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+        return type(self), (str(self), self.name)
 
 
 def least_squares(
@@ -41,7 +59,8 @@ def least_squares(
     lengths = np.sqrt((rows * rows).sum(axis=0))
     if not lengths.all():
         idle = names[int(np.argmin(lengths))]
-        raise ValueError(f"every unknown must act on the log; {idle} does not in this motion. Leave it out.")
+        said = f"every unknown must act on the log; {idle} does not in this motion. Leave it out."
+        raise NotIdentifiableError(said, idle)
     basis, triangle = rows / lengths, np.zeros((k, k))
     for i in range(k):
         column = basis[:, i]
@@ -54,9 +73,10 @@ def least_squares(
         if triangle[i, i] < dependent:
             shares = np.linalg.solve(triangle[:i, :i], triangle[:i, i])
             others = [names[j] for j in np.flatnonzero(np.abs(shares) > 1e-3).tolist()]
-            raise ValueError(
+            raise NotIdentifiableError(
                 f"unknowns must be separately identifiable; {names[i]} is a combination of {', '.join(others)}. Fix "
-                "one of them, or log a motion that excites more."
+                "one of them, or log a motion that excites more.",
+                names[i],
             )
         basis[:, i] = column / triangle[i, i]
     inverse = np.zeros((k, k))
@@ -66,3 +86,20 @@ def least_squares(
     values = (inverse * (basis * target[:, None]).sum(axis=0)).sum(axis=1) / lengths
     covariance = (inverse[:, None] * inverse[None]).sum(axis=2) / np.outer(lengths, lengths)
     return values, covariance, float(np.linalg.cond(triangle))
+
+
+def dependent_columns(
+    names: Sequence[str], rows: NDArray[np.float64], *, dependent: float = 1e-9
+) -> dict[str, tuple[str, ...]]:
+    """Columns (N, k) that are combinations of those before them: name -> names of these, () of a column of zeros."""
+    lengths = np.sqrt((rows * rows).sum(axis=0))
+    found, kept = dict[str, tuple[str, ...]](), list[int]()
+    for i in range(rows.shape[1]):
+        column = rows[:, i] / (lengths[i] or 1.0)
+        before = rows[:, kept] / lengths[kept]
+        shares = np.linalg.lstsq(before, column, rcond=None)[0]
+        if np.linalg.norm(column - before @ shares) < dependent:
+            found[names[i]] = tuple(names[j] for j, share in zip(kept, shares, strict=True) if abs(share) > 1e-3)
+        else:
+            kept.append(i)
+    return found

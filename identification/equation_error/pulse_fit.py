@@ -27,8 +27,8 @@ from plant.simulation.law_run import run_law
 
 __all__ = [
     "BANDS", "BAND_MOST", "CUTOFF", "ENOUGH", "driven", "equation_error",
-    "fit_systems", "mode_in", "over_bands", "pass_band", "speed_noise",
-    "system_of", "torque_of",
+    "fit_systems", "logged_torque", "mode_in", "over_bands", "pass_band", "speed_noise",
+    "system_of", "torque_of", "without_known",
 ]  # fmt: skip
 
 _BAND = 2.0
@@ -69,6 +69,12 @@ def torque_of(record: Record) -> NDArray[np.float64]:
     commanded = commanded_torque(record)
     if commanded is not None:
         return driven(record, rig.drive.limited(commanded))
+    return logged_torque(record)
+
+
+def logged_torque(record: Record) -> NDArray[np.float64]:
+    """Joint torques (N, n) [N m] that a record has logged, half at both ends of a sample that holds them."""
+    law, rig = record.law, record.rig
     if record.torque is not None:
         logged = record.torque
     elif record.current is not None:
@@ -76,7 +82,7 @@ def torque_of(record: Record) -> NDArray[np.float64]:
     else:
         raise ValueError(
             f"the record must hold torques or currents; the counts under {type(law).__name__} do not give them. Log "
-            "one of them."
+            "one of them, state what the law remembered (Resumed), or use identify, which finds it."
         )
     if law is None or (law.period is None and not law.replays):
         return logged
@@ -198,17 +204,33 @@ def over_bands(
 
 
 def fit_systems(
-    dynamics: Dynamics, unknown: Sequence[str], known: Mapping[str, float], systems: Iterable[System]
+    dynamics: Dynamics,
+    unknown: Sequence[str],
+    known: Mapping[str, float],
+    systems: Iterable[System],
+    weights: NDArray[np.float64] | None = None,
 ) -> TorqueFit:
     """Weighted fit of what is not known to systems of equations in all the unknowns."""
+    names, less = without_known(unknown, known, systems)
+    return weighted(dynamics, names, less, weights)
+
+
+def without_known(
+    unknown: Sequence[str], known: Mapping[str, float], systems: Iterable[System]
+) -> tuple[tuple[str, ...], list[System]]:
+    """Names of what is not known, and the systems of equations in these alone."""
     given = [i for i, name in enumerate(unknown) if name in known]
     rest = [i for i, name in enumerate(unknown) if name not in known]
     values = np.array([known[unknown[i]] for i in given])
     less = [
-        (regressor[:, :, rest], torque - (regressor[:, :, given] * values).sum(axis=2), used)
-        for regressor, torque, used in systems
+        dataclasses.replace(
+            system,
+            regressor=system.regressor[:, :, rest],
+            torque=system.torque - (system.regressor[:, :, given] * values).sum(axis=2),
+        )
+        for system in systems
     ]
-    return weighted(dynamics, tuple(unknown[i] for i in rest), less)
+    return tuple(unknown[i] for i in rest), less
 
 
 def system_of(

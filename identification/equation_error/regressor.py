@@ -10,6 +10,7 @@ and every k-th row is kept, counted from the first sample.
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -23,17 +24,73 @@ from identification.equation_error.filtering import derivatives, low_pass
 from plant import Dynamics, Motion, Rig
 from plant.parts.arguments import array
 
-__all__ = ["LINEAR", "SPRINGS", "System", "balance", "compared", "linear", "regressor_along", "regressor_and_torque"]
+__all__ = [
+    "LINEAR", "SPRINGS", "Places", "System", "balance", "compared", "linear", "regressor_along", "regressor_and_torque"
+]  # fmt: skip
 
 LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
 SPRINGS = "springs"
 """What the names of friction in which the torque is linear begin with; and of springs, in some of which it is."""
 
-System = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]
-"""Regressor (N', n, k), measured torque (N', n), and which of their rows count (N', n)."""
-
 _AT_ONCE = 4096
 """Samples whose regressors are worked out in one go."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class System:
+    """The torque equation of one log, and where in it each equation comes from.
+
+    Attributes
+    ----------
+    regressor : (N', n, k) numpy.ndarray
+    torque : (N', n) numpy.ndarray
+        Measured [N m].
+    used : (N', n) numpy.ndarray
+        Which of these equations count.
+    sample : (N',) numpy.ndarray
+        Their rows in the log.
+    period : float
+        Of the log's rows [s].
+    speed : (N', n) numpy.ndarray
+        Of each joint in the band [rad/s], a magnitude.
+    """
+
+    regressor: NDArray[np.float64]
+    torque: NDArray[np.float64]
+    used: NDArray[np.bool_]
+    sample: NDArray[np.intp]
+    period: float
+    speed: NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Places:
+    """Where the equations that a fit uses come from, in its order of them.
+
+    Attributes
+    ----------
+    record, joint, sample : (M,) numpy.ndarray
+        Number of the record, joint, and row in the record's log.
+    t : (M,) numpy.ndarray
+        Time since the log's first row [s].
+    """
+
+    record: NDArray[np.intp]
+    joint: NDArray[np.intp]
+    sample: NDArray[np.intp]
+    t: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, systems: Sequence[System]) -> Places:
+        """Of the equations that count, of one system per record."""
+        rows, joint = (np.concatenate(each) for each in zip(*(np.nonzero(each.used) for each in systems), strict=True))
+        counts = [int(each.used.sum()) for each in systems]
+        record = np.repeat(np.arange(len(systems)), counts)
+        sample = np.concatenate([each.sample for each in systems])
+        first = np.cumsum([0, *(len(each.sample) for each in systems)])[record]
+        period = np.repeat([each.period for each in systems], counts)
+        sample = sample[first + rows]
+        return cls(record=record, joint=joint, sample=sample, t=sample * period)
 
 
 def regressor_and_torque(
@@ -74,12 +131,16 @@ def compared(
     margin = int(np.ceil(1 / (min(cutoff, band) * period)))  # where the filters still feel the ends of the log
     rows = slice(-(-margin // every) * every, len(qd) - margin, every)
     measured, *columns = (low_pass(signal, period, band)[rows] for signal in signals)
-    used = (np.abs(low_pass(qd, period, band)[rows]) > slowest) | (slowest == 0)
+    speed = np.abs(low_pass(qd, period, band)[rows])
+    used = (speed > slowest) | (slowest == 0)
     if valid is not None:
         lost = np.append(0, np.cumsum(valid == 0))
         near = np.clip(np.arange(len(qd))[:, None] + (-margin, margin + 1), 0, len(qd))
         used &= (lost[near[:, 1]] == lost[near[:, 0]])[rows, None]
-    return np.stack(columns, axis=-1), measured, used
+    sample = np.arange(len(qd))[rows]
+    return System(
+        regressor=np.stack(columns, axis=-1), torque=measured, used=used, sample=sample, period=period, speed=speed
+    )
 
 
 def regressor_along(

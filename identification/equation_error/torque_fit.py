@@ -10,19 +10,21 @@ Source: M. Gautier, Dynamic identification of robots with power model, ICRA 1997
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from identification.equation_error.band_choice import BandTrial, SpeedTrial
 from identification.equation_error.labels import short_names
 from identification.equation_error.least_squares import least_squares
-from identification.equation_error.regressor import System, regressor_and_torque
-from plant import Dynamics, Rig
-from plant.parts.arguments import array, choice, instance, known_options, real
+from identification.equation_error.regressor import Places, System
+from plant import Dynamics
+from plant.parts.arguments import choice
 from plant.parts.frozen import Frozen
 
-__all__ = ["TorqueFit", "fit_torque", "weighted"]
+__all__ = ["TorqueFit", "weighted"]
 
 _POOR = 0.3
 """Relative torque error above which something is wrong with the log rather than with the arm."""
@@ -42,13 +44,28 @@ class TorqueFit(Frozen):
         Of the values, from the variance of each joint's residual, taken as white after decimation. Errors that are not
         noise (filters at the reversals of friction, timing, what the model lacks) come on top.
     sigma : (n,) numpy.ndarray
-        Standard deviation of each joint's residual [N m]; the weights of the fit are 1 / sigma.
+        Standard deviation of each joint's residual [N m]; the weights of the fit are 1 / sigma, or as stated. NaN of a
+        joint without equations.
     relative_error : float
         Length of the residual over length of the torque, all rows that were used.
     rows : int
         Equations that were used.
     condition : float
         Condition number of the weighted columns, scaled to one length.
+    known : dict of str to float
+        What was not searched but given.
+    left_out : dict of str to str
+        Joint -> why its equations were not used.
+    cutoff, band : float or None
+        Low-pass before differentiation, and pass band in which both sides were compared [Hz].
+    every : tuple of int
+        Of each log, one row out of so many was used.
+    least_speed : (n,) numpy.ndarray or None
+        Joint speed below which equations were left out [rad/s].
+    bands : tuple of BandTrial
+        What the choice of the band rests on, narrowest first; empty where the band was stated.
+    least_speeds : tuple of SpeedTrial
+        The same of the least speed, most cautious first.
     """
 
     dynamics: Dynamics
@@ -59,6 +76,19 @@ class TorqueFit(Frozen):
     relative_error: float
     rows: int
     condition: float
+    known: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    left_out: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    cutoff: float | None = None
+    band: float | None = None
+    every: tuple[int, ...] = ()
+    least_speed: NDArray[np.float64] | None = None
+    bands: tuple[BandTrial, ...] = ()
+    least_speeds: tuple[SpeedTrial, ...] = ()
+
+    @property
+    def f(self) -> NDArray[np.float64]:
+        """All of f (p,), found or known, in the order of the dynamics."""
+        return np.array([self[name] for name in self.dynamics.names])
 
     @property
     def std(self) -> NDArray[np.float64]:
@@ -66,19 +96,26 @@ class TorqueFit(Frozen):
         return np.sqrt(np.diag(self.covariance))
 
     def __getitem__(self, name: str) -> float:
-        """Value of one name."""
+        """Value of one name, found or known."""
+        if name in self.known:
+            return self.known[name]
         return self.values[self.names.index(choice("a name of this fit", name, self.names))]
 
     def __str__(self) -> str:
         names = short_names(self.dynamics, self.names)
-        width = max(map(len, names))
+        width = max(map(len, (*names, *(name for name, _ in self._short_known()))))
         lines = [
             f"{name:<{width}} {value:12.5g} +- {std:.2g}"
             for name, value, std in zip(names, self.values, self.std, strict=True)
         ]
         end = f"{self.rows} equations, relative torque error {self.relative_error:.2%}, condition {self.condition:.0f}"
-        legend = self.dynamics.legend.splitlines()
-        return "\n".join([*lines, end, *(f"warning: {text}" for text in self.warnings), *legend])
+        lines += [f"{name:<{width}} {value:12.5g} known" for name, value in self._short_known()]
+        lines += [end, *(f"left out: {joint}, {why}" for joint, why in self.left_out.items())]
+        lines += [*tables(self), *(f"warning: {text}" for text in self.warnings)]
+        return "\n".join([*lines, *self.dynamics.legend.splitlines()])
+
+    def _short_known(self) -> list[tuple[str, float]]:
+        return list(zip(short_names(self.dynamics, self.known), self.known.values(), strict=True))
 
     @property
     def warnings(self) -> list[str]:
@@ -96,91 +133,63 @@ class TorqueFit(Frozen):
         return found
 
 
-@known_options
-def fit_torque(
+def tables(fit: TorqueFit) -> list[str]:
+    """Lines on how band and least speeds were chosen; none where they were stated."""
+    lines = list[str]()
+    if fit.bands:
+        lines.append(f"band {fit.band:g} Hz, chosen by torques of stretches left out, compared in narrower bands:")
+        lines += [f"  {trial}" for trial in fit.bands]
+    if fit.least_speeds and fit.least_speed is not None:
+        speeds = ", ".join(f"{speed:.3g}" for speed in fit.least_speed)
+        lines.append(f"least speeds {speeds} rad/s, chosen in the same way, compared at higher speeds:")
+        lines += [f"  {trial}" for trial in fit.least_speeds]
+    return lines
+
+
+def weighted(
     dynamics: Dynamics,
-    q: ArrayLike,
-    torque: ArrayLike,
-    *,
-    rig: Rig,
-    cutoff: float,
-    band: float,
-    every: int = 1,
-    unknown: Iterable[str] | None = None,
-    least_speed: ArrayLike = 0.0,
-    extra: Mapping[str, Callable[..., ArrayLike]] | None = None,
+    names: tuple[str, ...],
+    systems: Iterable[System],
+    weights: NDArray[np.float64] | None = None,
+    **report: Any,
 ) -> TorqueFit:
-    """Fit f, and linear numbers of the drive, to logged positions and torques.
+    """Least squares of one or more logs' equations.
 
     Parameters
     ----------
-    dynamics : Dynamics
-    q : (N, n) array_like
-        Joint positions [rad], one row per period of the rig.
-    torque : (N, n) array_like
-        Measured torque of the motors, joint side [N m] (``rig.drive.joint_torque``).
-    rig : Rig
-        Its friction is part of the equation: what is unknown of it is found, the rest is taken as given.
-    cutoff : float
-        Of the low-pass before differentiation [Hz].
-    band : float
-        Of the low-pass that regressor and measured torque pass [Hz].
-    every : int
-        One row out of so many is used; rows at more than twice the band hold little new.
-    unknown : sequence of str, optional
-        All names of f, and any of ``drive.viscous[i]``, ``drive.coulomb[i]``, ``drive.curve.offset[i]``; by default f.
-    least_speed : float or (n,) array_like
-        Joint speed [rad/s] below which a joint's equation is left out: there the sign of its friction is uncertain.
-    extra : dict of str to callable, optional
-        Further columns: (q, qd, qdd), each (N, n), to the torque (N, n) per unit of the name.
-
-    Returns
-    -------
-    TorqueFit
-
-    Raises
-    ------
-    ValueError
-        Bad input, a number that does not enter linearly, or unknowns that are not separately identifiable (with names).
+    dynamics, names
+        Names of the columns.
+    systems : iterable of System
+        One per record.
+    weights : (R, n) numpy.ndarray, optional
+        Of each record and joint, up to a common factor; by default 1 over a joint's residual in an unweighted fit.
+    report
+        Further fields of the result.
     """
-    instance("dynamics", dynamics, Dynamics, "Pass the equations with f open.")
-    rig = instance("rig", rig, Rig, "Pass the rig of the log.")
-    rig.require_fit(dynamics.chain)
-    q = array("q", q, ("N", dynamics.n), advice="Give one row per sample, one column per joint [rad].")
-    torque = array("torque", torque, q.shape, advice="Give one row per sample, one column per joint [N m].")
-    slowest = np.full(dynamics.n, least_speed) if np.ndim(least_speed) == 0 else least_speed
-    slowest = array("least_speed", slowest, (dynamics.n,), advice="Give one speed, or one per joint [rad/s].")
-    if (slowest < 0).any():
-        raise ValueError(f"least_speed must not be negative; got {slowest}. 0 uses every row.")
-    real("band", band, "Give Hz.", positive=True)
-    if band > real("cutoff", cutoff, "Give Hz.", positive=True):
-        raise ValueError(f"band must not exceed cutoff, {cutoff:g} Hz; got {band:g}. Lower it.")
-    if not isinstance(every, (int, np.integer)) or isinstance(every, bool) or every < 1:
-        raise ValueError(f"every must be a whole number of at least 1; got {every!r}. 1 uses every row.")
-    if isinstance(unknown, str):
-        raise ValueError(f"unknown must be a sequence of names; got {unknown!r}. Write (*dynamics.names, {unknown!r}).")
-    unknown, extra = tuple(dynamics.names if unknown is None else unknown), dict(extra or {})
-    system = regressor_and_torque(dynamics, q, torque, rig, cutoff, band, every, unknown, slowest, extra)
-    return weighted(dynamics, (*unknown, *extra), [system])
-
-
-def weighted(dynamics: Dynamics, names: tuple[str, ...], systems: Iterable[System]) -> TorqueFit:
-    """Least squares of one or more logs' equations, each joint weighted by its residual in an unweighted fit."""
-    regressor, torque, used = (np.concatenate(parts) for parts in zip(*systems, strict=True))
+    systems = tuple(systems)
+    regressor, torque, used = (
+        np.concatenate([getattr(system, part) for system in systems]) for part in ("regressor", "torque", "used")
+    )
     if used.sum() <= len(names):
         raise ValueError(
             f"a fit of {len(names)} numbers needs more equations; {used.sum()} are left. "
             "Log longer, move faster, or lower least_speed or every."
         )
-    joint = np.nonzero(used)[1]
+    places = Places.of(systems)
+    joint = places.joint
     rows, target = regressor[used], torque[used]
-    weight = np.ones(len(target))
-    for _ in range(2):
+    weight = np.ones(len(target)) if weights is None else weights[places.record, joint]
+    for _ in range(2 if weights is None else 1):
         values, covariance, condition = least_squares(names, rows * weight[:, None], target * weight)
         residual = target - rows @ values
         freedom = 1 - len(values) / len(target)  # degrees of freedom that are left, per equation
-        sigma = np.array([np.sqrt(np.mean(residual[joint == j] ** 2) / freedom) for j in range(torque.shape[1])])
-        weight = 1 / np.maximum(sigma, 1e-9 * np.abs(target).max())[joint]
+        sigma = _deviations(residual, joint, torque.shape[1], freedom)
+        if weights is None:
+            weight = 1 / np.maximum(sigma, 1e-9 * np.abs(target).max())[joint]
+    if weights is not None:
+        spread = _deviations(residual, places.record * torque.shape[1] + joint, weights.size, freedom)
+        scores = rows * (weight**2 * spread.reshape(weights.shape)[places.record, joint])[:, None]
+        covariance = covariance @ (scores.T @ scores) @ covariance
     return TorqueFit(
         dynamics=dynamics,
         names=names,
@@ -190,4 +199,15 @@ def weighted(dynamics: Dynamics, names: tuple[str, ...], systems: Iterable[Syste
         relative_error=float(np.linalg.norm(residual) / np.linalg.norm(target)),
         rows=len(target),
         condition=condition,
+        **report,
     )
+
+
+def _deviations(
+    residual: NDArray[np.float64], group: NDArray[np.intp], groups: int, freedom: float
+) -> NDArray[np.float64]:
+    """Standard deviation of the residual in each group (groups,); NaN of an empty one."""
+    found = np.full(groups, np.nan)
+    for g in np.unique(group):
+        found[g] = np.sqrt(np.mean(residual[group == g] ** 2) / freedom)
+    return found

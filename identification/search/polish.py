@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from identification.search.problem import Problem
 from plant.machine.motor_inertia import least_inertia_margin
 from plant.simulation.threads import shared_out
 
-__all__ = ["polished", "start_of_fit", "torque_fit"]
+__all__ = ["by_stages", "polished", "start_of_fit", "torque_fit"]
 
 _SMALL = 0.01
 """Step of the central differences, in standard deviations of the equation error."""
@@ -91,7 +92,7 @@ def polished(
     steps = np.append(_SMALL * step, prediction.nuisance_steps)
     first = np.append(start, prediction.nuisances)
     if problem.memories and not simulated:
-        solution = _by_stages(prediction, first, steps, bounds, slice(k, k + 2 * problem.dynamics.n))
+        solution = by_stages(prediction, first, steps, bounds, slice(k, k + 2 * problem.dynamics.n))
     else:
         solution = gauss_newton(prediction, first, steps, bounds)
     for _ in range(_WEIGHINGS):
@@ -157,8 +158,8 @@ def _unbiased(
     return unbiased, np.mean(logs, axis=0) * prediction.scales
 
 
-def _by_stages(
-    prediction: Prediction, values: NDArray[np.float64], steps: NDArray[np.float64], bounds: NDArray[np.float64],
+def by_stages(
+    prediction: Any, values: NDArray[np.float64], steps: NDArray[np.float64], bounds: NDArray[np.float64],
     gains: slice,
 ) -> Solution:  # fmt: skip
     """Least sum of squares with observer gains that go down by stages, then are free.

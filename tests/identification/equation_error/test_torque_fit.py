@@ -8,6 +8,7 @@ from coupled_arm import PERIOD, arm_of, path_of, rig_of
 
 from identification import TorqueFit, derivatives, fit_torque, low_pass
 from identification.equation_error.least_squares import least_squares
+from identification.equation_error.regressor import Places, System, regressor_and_torque
 from plant import FrictionCurve, puma560
 
 FRICTION = ("drive.viscous[0]", "drive.coulomb[1]", "drive.coulomb[2]", "drive.curve.offset[2]")
@@ -144,6 +145,30 @@ def test_fit_prints_a_table_and_offers_the_nearest_name(made):
     assert lines[dynamics.p + 1 :] == dynamics.legend.splitlines()
     with pytest.raises(ValueError, match="Did you mean 'my1'"):
         found["mz1"]
+
+
+def test_every_equation_knows_its_record_joint_and_row():
+    """A target that encodes where it stands, of two logs with equations left out, comes out in the same order."""
+    random = np.random.default_rng(3)
+    systems = []
+    for record, (many, period) in enumerate([(7, 0.5), (4, 0.25)]):
+        sample = 3 + 4 * record + 2 * np.arange(many)
+        torque = 1000.0 * record + 100.0 * np.arange(3) + sample[:, None]
+        used = random.random(torque.shape) < 0.6
+        rows = np.zeros((*torque.shape, 1))
+        systems.append(System(regressor=rows, torque=torque, used=used, sample=sample, period=period, speed=torque))
+    places = Places.of(systems)
+    targets = np.concatenate([each.torque[each.used] for each in systems])
+    np.testing.assert_array_equal(1000 * places.record + 100 * places.joint + places.sample, targets)
+    np.testing.assert_array_equal(places.t, places.sample * np.where(places.record == 0, 0.5, 0.25))
+
+
+def test_rows_of_a_system_are_those_of_its_log(made):
+    dynamics, rig, _, motion, torque = made
+    some = (dynamics, motion.q, torque, rig, 100, 20, 7, dynamics.names, np.zeros(3), {})
+    system = regressor_and_torque(*some)
+    given = rig.drive.friction(derivatives(motion.q, PERIOD, 100).qd)
+    np.testing.assert_allclose(system.torque, low_pass(torque - given, PERIOD, 20)[system.sample], atol=1e-12)
 
 
 # -- bad input -------------------------------------------------------------------------------------------------------

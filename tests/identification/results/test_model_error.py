@@ -67,7 +67,9 @@ def test_intervals_count_an_offset_that_the_rig_lacks():
     assert (off < 1.96 * found.std).all()
     assert found.diagnostics.detection.names == ("offset",)
     values = found.diagnostics.detection.named[0].values
-    np.testing.assert_allclose([values[f"offset[{i}]"] for i in (0, 1)], curve.offset, rtol=0.35)  # the rest looks like weight
+    np.testing.assert_allclose(
+        [values[f"offset[{i}]"] for i in (0, 1)], curve.offset, rtol=0.35
+    )  # the rest looks like weight
     assert any("torques have an offset that the rig lacks" in text for text in found.warnings)
 
 

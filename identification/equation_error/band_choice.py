@@ -1,0 +1,247 @@
+"""Pass band and least speeds of a torque fit, chosen by cross-validation over stretches of the logs.
+
+A narrow band and high speeds hold the equations that can be trusted: rounding of the counts, elasticity and uncertain
+signs of friction are outside. They alone tell inertias and offsets poorly. A wide band holds more, until noise in the
+accelerations makes every value too small; its own residual does not show that. So a fit is judged by the torques of
+stretches that it has not seen, in all *narrower* bands: it may use its band as long as it predicts these no worse than
+their own fits do. Least speeds likewise, judged at higher speeds. Of those that are no worse by more than one standard
+error over the stretches, the most inclusive is taken.
+
+Sources: O. V. Lepskii, On a problem of adaptive estimation in Gaussian white noise, Theory of Probability and its
+Applications 35 (1990) (the widest that agrees with all narrower ones); L. Breiman et al., Classification and Regression
+Trees (1984), ch. 3 (one standard error); P. Burman, E. Chow, D. Nolan, A cross-validatory method for dependent data,
+Biometrika 81 (1994) (stretches left out, with a gap on both sides).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from identification.equation_error.regressor import Places, System
+
+__all__ = ["SHARES", "STRETCHES", "BandTrial", "SpeedTrial", "choose_band", "choose_speed"]
+
+STRETCHES = 10
+"""Stretches of all logs together, at least; and of each log, at most."""
+
+SHARES = (0.1, 0.05, 0.02, 0.01, 0.0)
+"""Least speeds that are tried, in the usual speed of each joint, the most cautious first."""
+
+_WORSE, _FAR = 1.0, 3.0
+"""Standard errors over the stretches by which the squared errors of prediction may be larger, and from which on
+nothing more inclusive is tried."""
+
+_ENOUGH = 5
+"""Equations per unknown below which a band says too little."""
+
+_LEAST = 4
+"""Stretches below which there is no standard error to speak of."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class BandTrial:
+    """One pass band on trial.
+
+    Attributes
+    ----------
+    band : float
+        [Hz]
+    rows : int
+        Equations of its fit.
+    worse : float
+        By how many standard errors this fit predicts the stretches left out worse than a narrower band's own fit does,
+        in that narrower band where it does worst; -inf of the narrowest.
+    against : float or None
+        That narrower band [Hz].
+    passed : bool
+        Whether it may be chosen: the widest that may is.
+    chosen : bool
+    """
+
+    band: float
+    rows: int
+    worse: float
+    against: float | None
+    passed: bool
+    chosen: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.band:8.3g} Hz {_said(self, 'Hz')}"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class SpeedTrial:
+    """One share of the usual speeds on trial, below which equations are left out; fields as those of `BandTrial`."""
+
+    share: float
+    rows: int
+    worse: float
+    against: float | None
+    passed: bool
+    chosen: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.share:8.0%} of the usual speed {_said(self, '')}"
+
+
+def _said(trial: BandTrial | SpeedTrial, unit: str) -> str:
+    said = f"{trial.rows:7d} equations"
+    if trial.against is not None:
+        where = f"{trial.against:.3g} {unit}" if unit else f"{trial.against:.0%}"
+        said += f", {trial.worse:+5.1f} standard errors against {where}"
+    return f"{said}{', chosen' if trial.chosen else '' if trial.passed else ', too wide' if unit else ', too slow'}"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class _Tried:
+    """Equations in a band at least speeds, their fit, and the fits without each stretch."""
+
+    rows: NDArray[np.float64]
+    target: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    stretch: NDArray[np.intp]
+    without: NDArray[np.float64]
+
+    def losses(self, fits: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Mean squared error (S,) with which fits without each stretch (S, k) predict it; NaN of one without rows."""
+        found = np.full(len(fits), np.nan)
+        for s in np.unique(self.stretch):
+            some = self.stretch == s
+            missed = (self.target[some] - self.rows[some] @ fits[s]) * self.weight[some]
+            found[s] = np.mean(missed**2)
+        return found
+
+    def worse(self, other: _Tried) -> float:
+        """By how many standard errors `other` predicts these equations worse than their own fits do."""
+        more = self.losses(other.without) - self.losses(self.without)
+        more = more[np.isfinite(more)]
+        if len(more) < _LEAST:
+            return -np.inf
+        error = more.std(ddof=1) / np.sqrt(len(more))
+        return float(more.mean() / error) if error > 0 else float(np.sign(more.mean()) * np.inf if more.any() else 0.0)
+
+
+def choose_band(
+    bands: Sequence[float], equations: Callable[[float], Sequence[System]], seconds: NDArray[np.float64],
+    weights: NDArray[np.float64] | None,
+) -> tuple[float, tuple[BandTrial, ...]]:  # fmt: skip
+    """The widest pass band of some, none of the narrower ones contradicting.
+
+    Octaves first, until one is too wide, then the bands before it.
+
+    Parameters
+    ----------
+    bands : sequence of float
+        Increasing, half an octave apart [Hz].
+    equations : callable
+        Band -> the logs' systems, cautious in speed.
+    seconds : (R,) numpy.ndarray
+        Length of each log.
+    weights : (R, n) numpy.ndarray or None
+        Of logs and joints, if stated.
+    """
+    tried, trials = dict[float, _Tried](), dict[float, BandTrial]()
+
+    def worse(band: float) -> float:
+        found = _tried(equations(band), seconds, 1 / band, weights)
+        if found is None:
+            return -np.inf  # too few yet
+        tried[band] = found
+        narrower = [b for b in tried if b < band]
+        scores = [tried[b].worse(tried[band]) for b in narrower]
+        worst = int(np.argmax(scores)) if scores else None
+        most, against = (-np.inf, None) if worst is None else (scores[worst], narrower[worst])
+        rows, passed = len(tried[band].target), most <= _WORSE
+        trials[band] = BandTrial(band=band, rows=rows, worse=most, against=against, passed=passed)
+        return trials[band].worse
+
+    for octave in bands[::2]:
+        if worse(octave) > _FAR:
+            break
+    if not trials:
+        raise ValueError(
+            "some band must hold enough equations to leave stretches out; none does. Log longer, or state band, cutoff "
+            "and least_speed."
+        )
+    best = max(trial.band for trial in trials.values() if trial.passed)
+    for between in bands[1::2]:
+        if best < between < 2 * best and worse(between) <= _WORSE:
+            best = between
+    said = tuple(dataclasses.replace(trials[band], chosen=band == best) for band in sorted(trials))
+    return best, said
+
+
+def choose_speed(
+    shares: Sequence[float], equations: Callable[[float], Sequence[System]], seconds: NDArray[np.float64],
+    gap: float, weights: NDArray[np.float64] | None,
+) -> tuple[float, tuple[SpeedTrial, ...]]:  # fmt: skip
+    """The least share of the usual speeds, the higher ones not contradicting; arguments as for `choose_band`."""
+    tried, trials = dict[float, _Tried](), list[SpeedTrial]()
+    for share in shares:
+        found = _tried(equations(share), seconds, gap, weights)
+        if found is None:
+            continue
+        tried[share] = found
+        scores = {other: tried[other].worse(tried[share]) for other in tried if other > share}
+        against = max(scores, key=lambda other: scores[other]) if scores else None
+        worse = -np.inf if against is None else scores[against]
+        rows, passed = len(tried[share].target), worse <= _WORSE
+        trials.append(SpeedTrial(share=share, rows=rows, worse=worse, against=against, passed=passed))
+        if worse > _FAR:
+            break
+    if not trials:
+        return 0.0, ()
+    best = min(trial.share for trial in trials if trial.passed)
+    return best, tuple(dataclasses.replace(trial, chosen=trial.share == best) for trial in trials)
+
+
+def _tried(
+    systems: Sequence[System], seconds: NDArray[np.float64], gap: float, weights: NDArray[np.float64] | None
+) -> _Tried | None:
+    """Fits without each stretch, and without what is within a gap [s] of it; None of too few equations."""
+    places = Places.of(systems)
+    rows, target = (np.concatenate([getattr(each, part)[each.used] for each in systems])
+                    for part in ("regressor", "torque"))  # fmt: skip
+    k = rows.shape[1]
+    if len(target) < _ENOUGH * k:
+        return None
+    stretch, stretches = _stretches(places, seconds)
+    weight = _weight(rows, target, places, weights)
+    weighted_rows, weighted_target = rows * weight[:, None], target * weight
+    without = np.full((stretches, k), np.nan)
+    for s in np.unique(stretch):
+        own = stretch == s
+        record, t = places.record[own][0], places.t[own]
+        near = (places.record == record) & (places.t > t.min() - gap) & (places.t < t.max() + gap)
+        if (~near).sum() > 2 * k:
+            without[s] = _solved(weighted_rows[~near], weighted_target[~near])
+    return _Tried(rows=rows, target=target, weight=weight, stretch=stretch, without=without)
+
+
+def _stretches(places: Places, seconds: NDArray[np.float64]) -> tuple[NDArray[np.intp], int]:
+    """Each equation's stretch, and the number of all; logs are cut into equal ones, together enough."""
+    each = max(1, -(-STRETCHES // len(seconds)))
+    share = places.t / seconds[places.record]
+    return each * places.record + np.minimum((each * share).astype(int), each - 1), each * len(seconds)
+
+
+def _weight(
+    rows: NDArray[np.float64], target: NDArray[np.float64], places: Places, weights: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
+    """Of each equation: as stated, or 1 over its joint's residual in an unweighted fit."""
+    if weights is not None:
+        return np.asarray(weights[places.record, places.joint])
+    residual = target - rows @ _solved(rows, target)
+    squares = np.bincount(places.joint, residual**2) / np.maximum(np.bincount(places.joint), 1)
+    return np.asarray(1 / np.maximum(np.sqrt(squares), 1e-9 * np.abs(target).max())[places.joint])
+
+
+def _solved(rows: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Least squares with columns of one length; what the rows do not show stays small."""
+    lengths = np.linalg.norm(rows, axis=0)
+    lengths = np.where(lengths > 0, lengths, 1.0)
+    return np.asarray(np.linalg.lstsq(rows / lengths, target, rcond=1e-9)[0] / lengths)

@@ -1,0 +1,176 @@
+"""The torque equations of several logs in any band and above any speeds, of the joints whose torque is known."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from identification.equation_error.filtering import derivatives
+from identification.equation_error.pulse_fit import BAND_MOST, CUTOFF, speed_noise, without_known
+from identification.equation_error.regressor import LINEAR, System, regressor_and_torque
+from identification.equation_error.torque_logs import TorqueLog, dead_columns, thinned, torque_logs
+from plant import Dynamics, Rig
+from plant.parts.arguments import choice, instance, real
+
+__all__ = ["Columns", "TorqueEquations", "cutoff_of", "equations_of", "every_of"]
+
+Columns = Mapping[str, Callable[..., ArrayLike]]
+"""Further columns by name: (q, qd, qdd) -> torque (N, n) per unit."""
+
+_LOWEST = 0.5
+"""Narrowest pass band that is tried [Hz]; then by half octaves."""
+
+_PERIODS = 4.0
+"""Periods of a band that the longest log must hold."""
+
+_MOTION = 10.0
+"""Highest frequency of what counts as the motion of a joint [Hz]."""
+
+
+def cutoff_of(band: float, cutoff: float | None) -> float:
+    """Of the low-pass before differentiation [Hz], as stated or as the band asks for."""
+    return CUTOFF * band if cutoff is None else cutoff
+
+
+def every_of(band: float, period: float, every: int | None) -> int:
+    """One row out of so many, as stated or two per period of the band."""
+    return max(1, int(1 / (2 * band * period))) if every is None else every
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class TorqueEquations:
+    """What `fit_torque` was given.
+
+    Attributes
+    ----------
+    dynamics : Dynamics
+    logs : tuple of TorqueLog
+    names : tuple of str
+        Of the columns, without the further ones: unknown or known.
+    extra : dict
+        Further columns.
+    known : dict
+        Values of some columns.
+    used : (R, n) numpy.ndarray of bool
+        Of which logs and joints the torque is used.
+    """
+
+    dynamics: Dynamics
+    logs: tuple[TorqueLog, ...]
+    names: tuple[str, ...]
+    extra: Columns
+    known: Mapping[str, float]
+    used: NDArray[np.bool_]
+
+    def systems(
+        self, band: float, cutoff: float | None, every: int | None, slowest: NDArray[np.float64], *, thin: bool = False
+    ) -> tuple[tuple[str, ...], list[System]]:
+        """Names of what is unknown, and one system per log in these alone."""
+        found, names = [], (*self.names, *self.extra)
+        for log, used in zip(self.logs, self.used, strict=True):
+            kept = thinned(log, cutoff_of(band, cutoff)) if thin else log
+            step = every_of(band, kept.rig.period, every)
+            if every is not None and kept is not log:
+                step = max(1, round(every * log.rig.period / kept.rig.period))
+            system = regressor_and_torque(
+                self.dynamics, kept.q, kept.torque, kept.rig, cutoff_of(band, cutoff), band, step, self.names, slowest,
+                self.extra, kept.valid,
+            )  # fmt: skip
+            found.append(dataclasses.replace(system, used=system.used & used))
+        return without_known(names, self.known, found)
+
+    @property
+    def seconds(self) -> NDArray[np.float64]:
+        """Length (R,) of each log."""
+        return np.array([len(log.q) * log.rig.period for log in self.logs])
+
+    def bands(self, cutoff: float | None) -> list[float]:
+        """Pass bands to choose from [Hz]."""
+        most = BAND_MOST / max(log.rig.period for log in self.logs) if cutoff is None else cutoff
+        least = _PERIODS / self.seconds.max()
+        octaves = (float(f"{band:.3g}") for band in _LOWEST * 2 ** np.arange(0, 30, 0.5))
+        return [band for band in octaves if least < band < most]
+
+    def usual_speed(self) -> NDArray[np.float64]:
+        """Root mean square of each joint's speed (n,) [rad/s] in all logs, without what is faster than motions are."""
+        speeds = []
+        for log in self.logs:
+            period = log.rig.period
+            speeds.append(derivatives(log.q, period, min(_MOTION, BAND_MOST / period)).qd)
+        return np.asarray(np.sqrt(np.mean(np.concatenate(speeds) ** 2, axis=0)))
+
+    def least(self, usual: NDArray[np.float64], share: float, band: float) -> NDArray[np.float64]:
+        """Least speeds (n,) [rad/s]: a share of the usual ones, and more than the rounding of counts makes."""
+        noise = [speed_noise(log.rig, band) for log in self.logs if log.counted]
+        return np.max([share * usual, *noise], axis=0)
+
+    def left_out(self, stated: bool) -> dict[str, str]:
+        """Joint -> why its equations are not used."""
+        found = dict[str, str]()
+        for j, label in enumerate(self.dynamics.chain.joint_labels):
+            if stated and not self.used[:, j].any():
+                found[label] = "as stated"
+                continue
+            reasons = [dead_columns(log)[j] for log, used in zip(self.logs, self.used, strict=True) if not used[j]]
+            if reasons:
+                found[label] = "; ".join(reasons)
+        return found
+
+
+def equations_of(
+    dynamics: Dynamics,
+    q: Any,
+    torque: Any,
+    rig: Rig | None,
+    unknown: Iterable[str] | None,
+    extra: Columns | None,
+    known: Mapping[str, float] | None,
+    joints: Iterable[int | str] | None,
+) -> TorqueEquations:
+    """What a user gave to `fit_torque`, or a refusal."""
+    instance("dynamics", dynamics, Dynamics, "Pass the equations with f open.")
+    if isinstance(unknown, str):
+        raise ValueError(f"unknown must be a sequence of names; got {unknown!r}. Write (*dynamics.names, {unknown!r}).")
+    extra, values = dict(extra or {}), dict(known or {})
+    searched = tuple((name for name in dynamics.names if name not in values) if unknown is None else unknown)
+    for name, value in values.items():
+        if name not in extra and not name.startswith(LINEAR):
+            choice("a name in known", name, dynamics.names)
+        values[name] = real(f"the known {name}", value, "Give its value in SI units.")
+    missing = [name for name in dynamics.names if name not in searched and name not in values]
+    if missing:
+        raise ValueError(
+            f"unknown must name all of f that is not known; {missing[0]} is missing. Write (*dynamics.names, ...), or "
+            "give its value in known."
+        )
+    names = (*searched, *(name for name in values if name not in searched and name not in extra))
+    if not set(names) | set(extra) > set(values):
+        raise ValueError("a fit needs something unknown; all names are in known. Leave one out.")
+    logs = torque_logs(dynamics, q, torque, rig)
+    used = np.ones((len(logs), dynamics.n), bool)
+    if joints is None:
+        for k, log in enumerate(logs):
+            used[k, list(dead_columns(log))] = False
+    else:
+        places = [_joint(dynamics, joint) for joint in ((joints,) if isinstance(joints, str) else joints)]
+        used[:, [j for j in range(dynamics.n) if j not in places]] = False
+        for log in logs:
+            for j in places:
+                if np.isnan(log.torque[:, j]).any():
+                    label = dynamics.chain.joint_labels[j]
+                    raise ValueError(f"the torque of {label} must be finite; {dead_columns(log)[j]}. Leave it out.")
+    if not used.any():
+        why = "; ".join(f"{dynamics.chain.joint_labels[j]}: {why}" for j, why in dead_columns(logs[0]).items())
+        raise ValueError(f"some joint must have a torque; none has ({why}). Check which columns were read.")
+    return TorqueEquations(dynamics=dynamics, logs=tuple(logs), names=names, extra=extra, known=values, used=used)
+
+
+def _joint(dynamics: Dynamics, joint: Any) -> int:
+    labels = dynamics.chain.joint_labels
+    if isinstance(joint, (int, np.integer)) and not isinstance(joint, bool) and -dynamics.n <= joint < dynamics.n:
+        return int(joint) % dynamics.n
+    return labels.index(choice("a joint", joint, labels))

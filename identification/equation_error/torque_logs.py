@@ -1,0 +1,134 @@
+"""Positions and torques of logs, whichever way they come, and which torques are dead columns."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from identification.equation_error.filtering import low_pass
+from identification.equation_error.naming import each_named, record_label
+from identification.equation_error.pulse_fit import logged_torque, torque_of
+from plant import Dynamics, Record, Rig
+from plant.parts.arguments import array, instance
+
+__all__ = ["TorqueLog", "dead_columns", "thinned", "torque_logs"]
+
+_UNEVEN = 1e-3
+"""Deviation of a sample's time from the even ones, in periods, from which on a record is resampled."""
+
+_FINE = 16.0
+"""Samples per second that a search of the band needs, per Hz of the cutoff."""
+
+_SAMPLES = 100
+"""Samples that a log keeps at least."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class TorqueLog:
+    """One log: joint positions and torques at even times.
+
+    Attributes
+    ----------
+    label : str
+        What messages call it; "" of a single one.
+    q, torque : (N, n) numpy.ndarray
+        Joint side [rad, N m]; NaN in a column of torque that was not measured.
+    rig : Rig
+        With the log's period.
+    valid : (N,) numpy.ndarray or None
+        Weight of each sample; rows near one without weight do not count.
+    counted : bool
+        Whether the positions are counts of the rig's encoders.
+    """
+
+    label: str
+    q: NDArray[np.float64]
+    torque: NDArray[np.float64]
+    rig: Rig
+    valid: NDArray[np.float64] | None = None
+    counted: bool = False
+
+
+def torque_logs(dynamics: Dynamics, q: Any, torque: Any, rig: Rig | None) -> list[TorqueLog]:
+    """Logs of records, or of positions (N, n) and torques (N, n), one or a sequence of each."""
+    instance("dynamics", dynamics, Dynamics, "Pass the equations with f open.")
+    records = (q,) if isinstance(q, Record) else tuple(q) if isinstance(q, (tuple, list)) else ()
+    if records and all(isinstance(record, Record) for record in records):
+        if torque is not None or rig is not None:
+            what = "torque" if torque is not None else "rig"
+            raise ValueError(f"{what} must be left out beside records, which have their own; got one. Leave it out.")
+        return _of_records(dynamics, records)
+    rig = instance("rig", cast(Rig, rig), Rig, "Pass the rig of the log.")
+    rig.require_fit(dynamics.chain)
+    if torque is None:
+        raise ValueError(
+            "torque must be given beside positions; got None. Give (N, n) [N m], or records in their place."
+        )
+    if not (isinstance(q, (tuple, list)) and len(q) and np.ndim(q[0]) == 2):
+        return [_of_arrays(dynamics, "", q, torque, rig)]
+    if not isinstance(torque, (tuple, list)) or len(torque) != len(q):
+        got = len(torque) if isinstance(torque, (tuple, list)) else f"one of type {type(torque).__name__}"
+        raise ValueError(f"torque must be given for each of the {len(q)} logs of q; got {got}. Give as many.")
+    some = len(q) > 1
+    pairs = enumerate(zip(q, torque, strict=True))
+    return [_of_arrays(dynamics, f"logs[{k}]" if some else "", *pair, rig) for k, pair in pairs]
+
+
+def _of_arrays(dynamics: Dynamics, label: str, q: ArrayLike, torque: ArrayLike, rig: Rig) -> TorqueLog:
+    about = f"{label}: " if label else ""
+    q = array(f"{about}q", q, ("N", dynamics.n), advice="Give one row per sample, one column per joint [rad].")
+    torque = array(
+        f"{about}torque", torque, q.shape, advice="Give one row per sample, one column per joint [N m].", finite=False
+    )
+    wrong = ~np.isfinite(torque) & ~np.isnan(torque).all(axis=0)
+    if wrong.any():
+        row, joint = (int(i) for i in np.argwhere(wrong)[0])
+        raise ValueError(
+            f"{about}torque must be finite; got {torque[row, joint]} at index {(row, joint)}. Give one row per sample, "
+            "one column per joint [N m]; a column that was not measured is NaN throughout."
+        )
+    return TorqueLog(label=label, q=q, torque=torque, rig=rig)
+
+
+def _of_records(dynamics: Dynamics, records: Sequence[Record]) -> list[TorqueLog]:
+    logs = []
+    for k, (record, about) in enumerate(each_named(records)):
+        with about:
+            record.rig.require_fit(dynamics.chain)
+            if record.torque is None and record.current is None:
+                record = dataclasses.replace(record, torque=torque_of(record), law=None)
+            even = record.t[0] + record.rig.period * np.arange(len(record))
+            if np.abs(record.t - even).max() > _UNEVEN * record.rig.period:
+                record = record.resampled(record.rig.period)
+            torque = logged_torque(record)
+        label, q = record_label(records, k), record.rig.cell_centre(record.counts)
+        logs.append(TorqueLog(label=label, q=q, torque=torque, rig=record.rig, valid=record.valid, counted=True))
+    return logs
+
+
+def dead_columns(log: TorqueLog) -> dict[int, str]:
+    """Joints whose torque says nothing, and why."""
+    found = dict[int, str]()
+    where = f" in {log.label}" if log.label else ""
+    for joint, column in enumerate(log.torque.T):
+        if np.isnan(column).all():
+            found[joint] = f"its torque is missing{where}"
+        elif np.ptp(column) == 0:
+            found[joint] = f"its torque is {column[0]:g} in every sample{where}"
+    return found
+
+
+def thinned(log: TorqueLog, cutoff: float) -> TorqueLog:
+    """The log with no more samples than a search of a band below a cutoff [Hz] needs, or the log itself."""
+    every = int(1 / (_FINE * cutoff * log.rig.period))
+    if every < 2 or len(log.q) < _SAMPLES * every:
+        return log
+    period, kept = log.rig.period, slice(None, None, every)
+    q, torque = (low_pass(x, period, 0.4 / (every * period))[kept] for x in (log.q, log.torque))
+    valid = None if log.valid is None else np.minimum.reduceat(log.valid, np.arange(0, len(log.q), every))
+    rig = dataclasses.replace(log.rig, period=every * period)
+    return dataclasses.replace(log, q=q, torque=torque, rig=rig, valid=valid)

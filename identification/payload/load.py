@@ -1,0 +1,86 @@
+"""What `find_load` found."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant import Arm, Rig
+from plant.parts.frozen import Frozen
+
+__all__ = ["Load"]
+
+_QUANTILE = 1.96
+"""Of the normal distribution, for 95 %."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Load(Frozen):
+    """A load on the last link, or another one. Print it.
+
+    Attributes
+    ----------
+    mass, std : float
+        [kg]
+    arm : Arm
+        The known arm with this load.
+    rms_innovation : float
+        Root mean square of the innovations [pulses]; rounding alone gives 0.289.
+    com, com_std : (3,) numpy.ndarray
+        Centre of mass in the frame of the link's body [m]; NaN along an axis that does not show in the torques. Of a
+        given position it is that, with a deviation of 0.
+    names : tuple of str
+        Of all that was unknown: ``mass``, ``com[i]``, numbers of friction.
+    values : (k,) numpy.ndarray
+    covariance : (k, k) numpy.ndarray
+    rig : Rig
+        Of the first record, with the friction that was found.
+    runs : tuple of (float, float)
+        Mass and standard deviation of each record alone [kg]; empty of a single one.
+    chi_square, freedom : float, int
+        By how much an arm with any f follows the logs better, and its degrees of freedom: about as many, by chance. NaN
+        and 0 where the logs do not tell all of f, so that nothing was tested.
+    warnings : tuple of str
+        What should be known before the mass is trusted, one line each.
+    """
+
+    mass: float
+    std: float
+    arm: Arm
+    rms_innovation: float
+    com: NDArray[np.float64]
+    com_std: NDArray[np.float64]
+    names: tuple[str, ...]
+    values: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    rig: Rig
+    runs: tuple[tuple[float, float], ...] = ()
+    chi_square: float = np.nan
+    freedom: int = 0
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def interval(self) -> NDArray[np.float64]:
+        """That holds the mass with 95 % (2,) [kg]."""
+        return self.mass + _QUANTILE * self.std * np.array([-1.0, 1.0])
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        lines = [f"mass {self.mass:.4g} +- {self.std:.2g} kg, 95 % from {low:.4g} to {high:.4g}"]
+        where = [f"{axis} {at:.4g} +- {std:.2g}" if np.isfinite(at) else f"{axis} does not show"
+                 for axis, at, std in zip("xyz", self.com, self.com_std, strict=True)]  # fmt: skip
+        lines.append(f"centre of mass [m]: {', '.join(where)}")
+        friction = [(name, i) for i, name in enumerate(self.names) if name.startswith("drive.")]
+        width = max((len(name) for name, _ in friction), default=0)
+        std = np.sqrt(np.diag(self.covariance))
+        lines += [
+            f"{name:<{width}} {self.values[i]:12.4g} {f'+- {std[i]:.2g}' if std[i] > 0 else 'known'}"
+            for name, i in friction
+        ]
+        lines += [f"record {k} alone: {mass:.4g} +- {own:.2g} kg" for k, (mass, own) in enumerate(self.runs)]
+        tested = f"chi-square {self.chi_square:.1f} of {self.freedom}" if self.freedom else "not tested"
+        lines.append(f"another arm, not a load: {tested}")
+        lines.append(f"RMS innovation {self.rms_innovation:.3f} pulses (rounding alone gives 0.289)")
+        return "\n".join([*lines, *(f"warning: {text}" for text in self.warnings)])

@@ -1,0 +1,173 @@
+"""Prediction error of a known arm with an unknown load, and unknown friction beside it.
+
+What a search of a load has in common with that of f (`identification.search`): the records' laws, run along their logs,
+whose memory may be unknown; the start from the torque equation; Gauss-Newton on the innovations. Here f is that of the
+known arm and a function of a few numbers of the load.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from identification.equation_error.least_squares import NotIdentifiableError
+from identification.equation_error.naming import each_named
+from identification.equation_error.pulse_fit import pass_band, system_of
+from identification.equation_error.regressor import LINEAR
+from identification.equation_error.torque_fit import weighted
+from identification.payload.loaded_prediction import AnyLoad, WithLoad, spoken
+from identification.replay.prediction import Prediction
+from identification.search.outcome import Fit, Outcome
+from identification.search.problem import Problem
+
+__all__ = ["LoadSearch"]
+
+_STEPS = (0.01, 0.002)
+"""Of the central differences: of the mass [kg], and of its place [m]."""
+
+_SMALL = 0.05
+"""The same of friction, in standard deviations of the torque equation's fit."""
+
+_RELATIVE = 1e-3
+"""The same of f where all of it is free, relative, and of a load's increments."""
+
+_LIGHT = 0.05
+"""Mass [kg] below which its place is not looked for in the torque equation."""
+
+_FAR = 0.9
+"""Share by which friction may be off what the rig states for the search to start there."""
+
+_REACH = 2.0
+"""How far off its frame a load is [m]."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class LoadSearch:
+    """What is known, and what is not.
+
+    Attributes
+    ----------
+    f : (p,) numpy.ndarray
+        Of the arm without the load.
+    load : UnknownLoad
+        Or anything with its ``names`` and ``increments``.
+    mass : (2,) tuple of float
+        Between which it is [kg].
+    friction : (d,) numpy.ndarray
+        As the rig states it, in the order of the problem's unknowns after f.
+    deviation : (d,) numpy.ndarray
+        Standard deviations of that; inf of what is unknown, 0 of what is known.
+    """
+
+    f: NDArray[np.float64]
+    load: Any
+    mass: tuple[float, float]
+    friction: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+
+    def fitted(self, problem: Problem) -> Outcome:
+        """The prediction error's fit of mass, centre and friction, as a method of identification.
+
+        Friction that does not show, such as that of a joint at rest, stays as the rig states it.
+        """
+        friction = problem.unknown[len(self.f) :]
+        try:
+            return self._fitted(problem)
+        except NotIdentifiableError as error:
+            shown = np.array([name != error.name for name in friction])
+            if not (self.deviation[~shown] > 0).any():
+                raise
+        return dataclasses.replace(self, deviation=np.where(shown, self.deviation, 0.0)).fitted(problem)
+
+    def _fitted(self, problem: Problem) -> Outcome:
+        start, std = self.start(problem)
+        view = WithLoad(self, Prediction(problem.dynamics, problem.records, problem.unknown, memories=problem.memories,
+                                          **problem.options), problem.unknown[len(self.f) :])  # fmt: skip
+        k, loads = len(start), len(self.load.names)
+        steps = np.concatenate([[_STEPS[0]], [_STEPS[1]] * (loads - 1), _SMALL * std[loads:]])
+        solution = view.followed(start, self._varied(steps), self.bounds(problem), bool(problem.memories))
+        fit = Fit(
+            unknown=(*self.load.names, *problem.unknown[len(self.f) :]),
+            values=solution.values[:k],
+            candidates=solution.values[None, :k],
+            covariance=solution.covariance[:k, :k],
+            rms_innovation=solution.rms_innovation,
+            resumptions=view.prediction.resumptions(view.whole(solution.values)) if problem.memories else (),
+        )
+        stages = {"prediction error": solution.values, "steps": steps[loads:]}
+        return Outcome(fit=fit, evaluations=view.prediction.evaluations, stages=stages)
+
+    def _varied(self, steps: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Steps of load and friction, 0 of friction that is known."""
+        known = np.append(np.zeros(len(steps) - len(self.deviation), bool), self.deviation == 0)
+        return np.where(known, 0.0, steps)
+
+    def contradiction(self, problem: Problem, outcome: Outcome) -> tuple[float, int]:
+        """Chi-square, and degrees of freedom, by which an arm with any other f follows the logs better.
+
+        All of f is fitted beside friction; what the load cannot be of its difference from the known f is compared with
+        its covariance. It is chance, or what arm, gears and drives have and the model lacks. (NaN, 0) where the logs do
+        not tell all of f.
+        """
+        fit, loads, p = outcome.fit, len(self.load.names), len(self.f)
+        found, more = fit.values[:loads], self.load.increments(fit.values)
+        free = dataclasses.replace(self, load=AnyLoad(names=problem.dynamics.names))
+        view = WithLoad(free, Prediction(problem.dynamics, problem.records, problem.unknown, memories=problem.memories,
+                                          **problem.options), problem.unknown[p:])  # fmt: skip
+        size = np.maximum(np.abs(self.f + more), 0.05 * np.abs(self.f).max())
+        steps = np.append(_RELATIVE * size, outcome.stages["steps"])
+        start = np.concatenate([more, outcome.stages["prediction error"][loads:]])
+        limits = np.vstack([np.tile([-np.inf, np.inf], (p, 1)), self.bounds(problem)[loads:]])
+        try:
+            solution = view.followed(start, free._varied(steps), limits, False)
+            weight = np.linalg.inv(solution.covariance[:p, :p])
+        except (ValueError, np.linalg.LinAlgError):
+            return np.nan, 0
+        change = _RELATIVE * np.eye(loads)
+        slopes = np.column_stack([self.load.increments(found + step) - self.load.increments(found - step)
+                                  for step in change]) / (2 * _RELATIVE)  # fmt: skip
+        left = solution.values[:p] - more
+        shares = np.linalg.solve(slopes.T @ weight @ slopes, slopes.T @ weight @ left)
+        left = left - slopes @ shares
+        return float(left @ weight @ left), p - loads
+
+    def bounds(self, problem: Problem) -> NDArray[np.float64]:
+        """Of mass, centre and friction (k, 2)."""
+        return np.vstack([self.mass, *[(-_REACH, _REACH)] * len(self.load.shown), problem.bounds[len(self.f) :]])
+
+    def start(self, problem: Problem) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Values (k,) from the torque equation of the counts, and standard deviations."""
+        systems, p = [], len(self.f)
+        linear = [name for name in problem.unknown if name in problem.dynamics.names or name.startswith(LINEAR)]
+        columns, offset = self._columns()
+        free = self.deviation > 0
+        for record, about in each_named(problem.records):
+            with about:
+                system = system_of(problem.dynamics, record, pass_band(record), linear)
+            of_f, of_friction = system.regressor[:, :, :p], system.regressor[:, :, p:]
+            torque = system.torque - of_f @ (self.f + offset) - of_friction[:, :, ~free] @ self.friction[~free]
+            regressor = np.concatenate([of_f @ columns, of_friction[:, :, free]], axis=2)
+            systems.append(dataclasses.replace(system, regressor=regressor, torque=torque))
+        loads, friction = len(self.load.names), np.flatnonzero(free)
+        names = (*map(spoken, self.load.names), *(linear[p + i] for i in friction))
+        fit = weighted(problem.dynamics, names, systems)
+        values, std = np.append(np.zeros(loads), self.friction), np.zeros(loads + len(free))
+        places = [*range(loads), *(loads + friction)]
+        values[places], std[places] = fit.values, fit.std
+        heavy = abs(values[0]) > _LIGHT
+        values[1:loads] = values[1:loads] / values[0] if heavy else 0.1
+        near = np.abs(values[loads:] - self.friction) < np.minimum(self.deviation, _FAR * np.abs(self.friction))
+        near |= (self.friction == 0) & (np.abs(values[loads:]) < self.deviation)
+        values[loads:] = np.where(near, values[loads:], self.friction)
+        return np.clip(values, *self.bounds(problem).T), std
+
+    def _columns(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Increments of f (p, l) by mass and first moments, their inertia left aside; and by the stated inertia."""
+        matrix, load = self.load.matrix, self.load
+        offset = matrix[:, 4:] @ load.inertia
+        if not load.shown:
+            return (load.increments(np.array([1.0])) - offset)[:, None], offset
+        return matrix[:, [0, *(1 + axis for axis in load.shown)]], offset

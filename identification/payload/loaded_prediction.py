@@ -1,0 +1,101 @@
+"""A prediction in the numbers of a load and of friction, in place of f and friction."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from identification.replay.gauss_newton import Solution, gauss_newton, variance_inflation
+from identification.replay.prediction import Prediction
+from identification.search.polish import by_stages
+
+__all__ = ["AnyLoad", "WithLoad", "spoken"]
+
+_ROUNDING, _WEIGHINGS, _CHANGED = 0.289, 2, 0.05
+"""RMS of rounding [pulses]; how often records and joints are weighted anew; and relative change of what an innovation
+tells from which on stated friction is weighed anew."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class AnyLoad:
+    """Increments of f that need not be those of a load."""
+
+    names: tuple[str, ...]
+
+    def increments(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return values[: len(self.names)]
+
+
+def spoken(name: str) -> str:
+    """What messages call a number of the load."""
+    return f"{name} of the load"
+
+
+class WithLoad:
+    """A prediction whose unknowns are those of a load, friction, and its nuisances."""
+
+    def __init__(self, search: Any, prediction: Prediction, friction: tuple[str, ...]) -> None:
+        self.search, self.prediction, p = search, prediction, len(search.f)
+        self.unknown = (*map(spoken, search.load.names), *friction, *prediction.unknown[p + len(friction) :])
+        self._first, self._gains = len(search.load.names), sum("correction." in name for name in self.unknown)
+        self._stated = np.flatnonzero(np.isfinite(search.deviation) & (search.deviation > 0))
+        self._trust = _ROUNDING
+        self.weights = np.append(prediction.weights, np.zeros(len(self._stated)))
+
+    @property
+    def scales(self) -> NDArray[np.float64]:
+        """What each innovation is divided by."""
+        return np.append(self.prediction.scales, np.ones(len(self._stated)))
+
+    def whole(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What the prediction takes, of values of this."""
+        return np.append(self.search.f + self.search.load.increments(values), values[self._first :])
+
+    def followed(
+        self, start: NDArray[np.float64], steps: NDArray[np.float64], bounds: NDArray[np.float64], by_stage: bool
+    ) -> Solution:
+        """Least sum of squares from a start of what is unknown, or of that and of the nuisances."""
+        k, own = len(steps), self.prediction
+        first = np.append(start, own.nuisances) if len(start) == k else start
+        steps, bounds = np.append(steps, own.nuisance_steps), np.vstack([bounds, own.nuisance_bounds])
+        if by_stage:
+            gains = slice(k, k + self._gains)
+            solution = by_stages(self, first, steps, bounds, gains)
+        else:
+            solution = gauss_newton(self, first, steps, bounds)
+        for _ in range(_WEIGHINGS):
+            if not (self.reweigh(solution.values) | self.trust(solution)):
+                break
+            solution = gauss_newton(self, solution.values, steps, bounds)
+        return solution
+
+    def _with_stated(self, innovations: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+        friction = values[self._first :][self._stated]
+        off = (friction - self.search.friction[self._stated]) / self.search.deviation[self._stated]
+        return np.append(innovations, self._trust * off)
+
+    def innovations(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self._with_stated(self.prediction.innovations(self.whole(values)), values)
+
+    def all_innovations(self, many: Iterable[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+        many = list(many)
+        found = self.prediction.all_innovations([self.whole(values) for values in many])
+        return [self._with_stated(each, values) for each, values in zip(found, many, strict=True)]
+
+    def lost(self, values: NDArray[np.float64]) -> str:
+        return self.prediction.lost(self.whole(values))
+
+    def reweigh(self, values: NDArray[np.float64]) -> bool:
+        return self.prediction.reweigh(self.whole(values))
+
+    def trust(self, solution: Solution) -> bool:
+        """Weigh stated friction by what an innovation tells in this log; whether that changes much."""
+        if not len(self._stated):
+            return False
+        before, residual = self._trust, solution.residual
+        self._trust = float(solution.rms_innovation * np.sqrt(variance_inflation(residual)))
+        return abs(self._trust / before - 1) > _CHANGED

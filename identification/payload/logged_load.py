@@ -1,0 +1,199 @@
+"""The load on a known arm, from logs of its own: mass, centre of mass, and friction beside it.
+
+Friction changes with load, temperature and wear; a load that is found with friction taken as stated is as wrong as that
+is. So friction and its offsets are unknown beside the load, or stated with a deviation that counts in the interval.
+
+The interval counts what the model lacks as far as the logs show it. All of f is fitted freely; by how much it differs
+from the known f by more than a load can is a chi-square. And where several logs have been made, each is fitted alone.
+The covariance is multiplied by the larger of the two per degree of freedom (the Birge ratio), where that exceeds one.
+
+Source: R. T. Birge, The calculation of errors by the method of least squares, Physical Review 40 (1932).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from identification.equation_error.law_memory import along_log
+from identification.equation_error.naming import each_named
+from identification.payload.load import Load
+from identification.payload.load_search import LoadSearch
+from identification.payload.load_warnings import birge, warnings_of
+from identification.payload.unknown_load import UnknownLoad
+from identification.replay.experiment import as_records
+from identification.replay.objective import Objective
+from identification.search.genetic import GeneticSettings
+from identification.search.memory import with_memory
+from identification.search.outcome import Outcome
+from identification.search.problem import Problem
+from plant import Arm, FrictionCurve, Record, Rig
+from plant.parts.arguments import array, instance, known_options, real
+
+__all__ = ["find_load"]
+
+_HEAVIEST, _LIGHTEST = 1e3, 1e-3
+"""[kg]; the lightest where the centre is unknown, of which nothing has none."""
+
+
+@known_options
+def find_load(
+    arm: Arm,
+    record: Record | Sequence[Record],
+    position: ArrayLike | None = None,
+    *,
+    link: int | str = -1,
+    mass: tuple[float, float] | None = None,
+    inertia: ArrayLike | None = None,
+    friction: float | None = None,
+    steps_per_sample: int = 4,
+) -> Load:
+    """A load on a known arm, from one log or several, under any law.
+
+    Parameters
+    ----------
+    arm : Arm
+        Without the load, such as ``found.arm``; taken as known.
+    record : Record or sequence of Record
+        Made with the load. The torque is that of the law, as for `identify`: a law with a memory is run along its log,
+        also where this was cut; or that of the log.
+    position : (3,) array_like, optional
+        Centre of mass in the frame of the link's body [m]. Left out, it is found, along the axes that show.
+    link : int or str
+        Place of the link in the chain, or its name.
+    mass : (low, high), optional
+        Range of the mass [kg].
+    inertia : (6,) array_like, optional
+        Ixx, Ixy, Ixz, Iyy, Iyz, Izz of the load about its centre [kg m^2]; by default none, a point.
+    friction : float, optional
+        Relative standard deviation of the rigs' viscous and Coulomb friction, and of offsets in the Coulomb level; 0
+        takes them as exact. By default all are unknown, offsets within the Coulomb level: in a log that was cut a
+        constant torque may also be what the law remembered.
+    steps_per_sample : int
+
+    Returns
+    -------
+    Load
+
+    Raises
+    ------
+    ValueError
+        Bad input, or a load that is not identifiable (a log that does not move it).
+    """
+    instance("arm", arm, Arm, "The order is arm, record, position.")
+    given = record if isinstance(record, (tuple, list)) else (record,)
+    for each in given:
+        instance("record", each, Record, "The order is arm, record, position.")
+    records, _ = as_records(arm.dynamics, [_with_offsets(each) for each in given], None)
+    if position is not None:
+        position = array("position", position, (3,), advice="Give x, y and z in the frame of the link's body [m].")
+    moments = array("inertia", np.zeros(6) if inertia is None else inertia, (6,), advice="Give Ixx ... Izz [kg m^2].")
+    load = UnknownLoad.of(arm.dynamics, link, position, moments)
+    least = -_HEAVIEST if position is not None else _LIGHTEST
+    low, high = array("mass", (least, _HEAVIEST) if mass is None else mass, (2,), advice="Give (low, high) [kg].")
+    if not low < high or (position is None and low <= 0):
+        rule = "increase" if not low < high else "be positive where the place of the load is unknown"
+        raise ValueError(f"mass must {rule}; got {low:g} to {high:g}. Give (low, high) [kg].")
+    if friction is not None and real("friction", friction, "Give a share, such as 0.1, or 0.") < 0:
+        raise ValueError(f"friction must not be negative; got {friction:g}. Give a share, such as 0.1, or 0.")
+    search = _search(arm, records[0].rig, load, (float(low), float(high)), friction)
+    options = {"steps_per_sample": steps_per_sample, "sweeps": 3, "threads": None}
+    outcome, problem = _followed(arm, records, search, options)
+    runs, ratio = _alone(arm, records, search, options)
+    square, freedom = search.contradiction(problem, outcome)
+    ratio = max(ratio, np.sqrt(square / freedom)) if freedom else ratio
+    return _assessed(arm, search, outcome, problem, runs, ratio, friction, square, freedom)
+
+
+def _with_offsets(record: Record) -> Record:
+    """The record with a friction offset in its rig, 0 where it states none."""
+    drive = record.rig.drive
+    if drive.curve is not None:
+        return record
+    none = (0.0,) * record.n
+    curve = FrictionCurve(offset=none, breakaway=none, speed=(1.0,) * record.n)
+    rig = dataclasses.replace(record.rig, drive=dataclasses.replace(drive, curve=curve))
+    return dataclasses.replace(record, rig=rig)
+
+
+def _search(arm: Arm, rig: Rig, load: UnknownLoad, mass: tuple[float, float], friction: float | None) -> LoadSearch:
+    drive = rig.drive
+    offset = np.zeros(rig.n) if drive.curve is None else drive.curve.offset
+    stated = [drive.viscous, drive.coulomb, offset]
+    level = np.where(drive.coulomb > 0, drive.coulomb, np.inf)
+    deviation = [np.full(rig.n, np.inf), np.full(rig.n, np.inf), level]
+    if friction is not None:
+        deviation = [friction * np.abs(each) for each in (drive.viscous, drive.coulomb, drive.coulomb)]
+    return LoadSearch(
+        f=arm.f, load=load, mass=mass, friction=np.concatenate(stated), deviation=np.concatenate(deviation)
+    )
+
+
+def _followed(
+    arm: Arm, records: Sequence[Record], search: LoadSearch, options: Mapping[str, Any]
+) -> tuple[Outcome, Problem]:
+    """The fit, and the problem that it is of: laws began with their logs, or before."""
+    kinds = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
+    unknown = (*arm.dynamics.names, *(f"{kind}[{i}]" for kind in kinds for i in range(arm.n)))
+    objective, followed = Objective(arm.dynamics, records, unknown, **options), []
+    for record, about in each_named(objective.records):
+        with about:
+            followed.append(along_log(record))
+    problem = Problem(
+        dynamics=arm.dynamics, records=tuple(followed), unknown=unknown, objective=objective, held_out=None,
+        nominal=np.append(arm.f, search.friction), ranges=None, method="prediction_error",
+        settings=GeneticSettings.paper(), seed=0, zeros=False, options=dict(options),
+    )  # fmt: skip
+    problems = dict[int, Problem]()
+
+    def fitted(problem: Problem) -> Outcome:
+        outcome = search.fitted(problem)
+        problems[id(outcome)] = problem
+        return outcome
+
+    outcome = with_memory(problem, fitted)
+    return outcome, problems[id(outcome)]
+
+
+def _alone(
+    arm: Arm, records: Sequence[Record], search: LoadSearch, options: Mapping[str, Any]
+) -> tuple[tuple[tuple[float, float], ...], float]:
+    """Mass and deviation of each record alone, and their Birge ratio, at least 1."""
+    if len(records) < 2:
+        return (), 1.0
+    runs = []
+    for record in records:
+        try:
+            fit = _followed(arm, [record], search, options)[0].fit
+        except ValueError:  # one log alone need not tell
+            runs.append((np.nan, np.inf))
+            continue
+        runs.append((float(fit.values[0]), float(fit.std[0])))
+    return tuple(runs), max(1.0, birge(runs))
+
+
+def _assessed(
+    arm: Arm, search: LoadSearch, outcome: Outcome, problem: Problem, runs: tuple[tuple[float, float], ...],
+    ratio: float, friction: float | None, square: float, freedom: int,
+) -> Load:  # fmt: skip
+    fit, load, count = outcome.fit, search.load, len(search.load.names)
+    covariance = np.asarray(fit.covariance) * ratio**2
+    std = np.sqrt(np.diag(covariance))
+    com = load.com(fit.values)
+    com_std = np.zeros(3)
+    com_std[list(load.shown)] = std[1:count]
+    if load.shown:
+        hidden = [axis for axis in range(3) if axis not in load.shown]
+        com[hidden] = com_std[hidden] = np.nan
+    arm_with = arm.dynamics.arm(arm.f + load.increments(fit.values))
+    named = dict(zip(fit.unknown[count:], fit.values[count:], strict=True))
+    return Load(
+        mass=float(fit.values[0]), std=float(std[0]), arm=arm_with, rms_innovation=float(fit.rms_innovation or 0.0),
+        com=com, com_std=com_std, names=fit.unknown, values=fit.values, covariance=covariance,
+        rig=problem.records[0].rig.filled(named), runs=runs, chi_square=square, freedom=freedom,
+        warnings=tuple(warnings_of(search, fit, problem, std, runs, friction, square, freedom)),
+    )  # fmt: skip
