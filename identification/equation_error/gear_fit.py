@@ -18,13 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.filtering import derivatives, low_pass
-from identification.equation_error.pulse_fit import (
-    CUTOFF,
-    fit_systems,
-    mode_in,
-    speed_noise,
-    torque_of,
-)
+from identification.equation_error.motor_torque import torque_of
+from identification.equation_error.pulse_fit import CUTOFF, fit_systems, mode_in, speed_noise
 from identification.equation_error.regressor import System, compared, linear, regressor_along
 from identification.equation_error.torque_fit import TorqueFit
 from plant import Dynamics, Motion, Record

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.filtering import low_pass
+from identification.equation_error.motor_torque import logged_torque, torque_of
 from identification.equation_error.naming import each_named, record_label
-from identification.equation_error.pulse_fit import logged_torque, torque_of
 from plant import Dynamics, Record, Rig
 from plant.parts.arguments import array, instance
 

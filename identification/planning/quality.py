@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from identification.equation_error.motor_torque import torque_of
 from identification.equation_error.naming import column_of
-from identification.equation_error.pulse_fit import mode_in, torque_of
+from identification.equation_error.pulse_fit import mode_in
 from plant import Record
 from plant.checkup.oscillation import own_oscillation
 

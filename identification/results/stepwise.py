@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.law_memory import along_log
-from identification.equation_error.pulse_fit import torque_of
+from identification.equation_error.motor_torque import torque_of
 from identification.replay.experiment import with_zeros
 from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, fitted

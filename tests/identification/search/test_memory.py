@@ -67,7 +67,7 @@ def test_a_p_log_without_reference_that_was_cut_begins_at_the_speed_of_its_count
     record = simulate(ARM, RIG, puma560.p_law((0.1, 0.08)), PATH, duration=2.2).cut(0.437)
     found = identify(ARM.dynamics, dataclasses.replace(record, reference=None), progress=False)
     assert (np.abs(found.f - ARM.f) < 4 * found.std).all()
-    assert (found.std / WIDTH).max() < 0.1
+    assert (np.sqrt(np.diag(found.fit.noise_covariance)) / WIDTH).max() < 0.1
 
 
 def test_a_log_that_began_with_its_law_needs_no_state():

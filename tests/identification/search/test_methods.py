@@ -11,7 +11,8 @@ import pytest
 
 from ctc import ComputedTorque, evaluate
 from identification import GeneticSettings, Objective, identify
-from identification.equation_error.pulse_fit import equation_error, mode_in, pass_band, torque_of
+from identification.equation_error.motor_torque import torque_of
+from identification.equation_error.pulse_fit import equation_error, mode_in, pass_band
 from plant import PointToPoint, Record, linearise, puma560, simulate
 from plant.analysis.linearise import modes
 
@@ -177,7 +178,8 @@ def test_last_of_several_records_is_kept_aside():
     both = identify(DYNAMICS, records, settings=TINY, held_out=(), progress=False)
     assert both.records == tuple(records)
     assert both.diagnostics.held_out_difference is None
-    assert (both.std < result.std).all()  # twice the data
+    noise = [np.diag(each.fit.noise_covariance) for each in (both, result)]
+    assert (noise[0] < noise[1]).all()  # twice the data
 
 
 def test_summary_says_what_goes_with_what():
@@ -185,8 +187,9 @@ def test_summary_says_what_goes_with_what():
     assert lines[0].startswith("seeded, 1 record(s)")
     f2 = next(line for line in lines if line.startswith("f2"))
     assert "f7" in f2 or "f3" in f2 or "f4" in f2
-    assert len(lines) == 2 + 9 + 2
-    assert lines[-1].startswith("no sign of compliance")
+    assert len(lines) == 2 + 9 + 3
+    assert lines[-1].startswith("intervals count noise and a rig that is right within")
+    assert lines[-2].startswith("no sign of compliance")
 
 
 def test_bound_is_below_what_was_reached_and_needs_a_reference():
