@@ -5,7 +5,7 @@ signs of friction are outside. They alone tell inertias and offsets poorly. A wi
 accelerations makes every value too small; its own residual does not show that. So a fit is judged by the torques of
 stretches that it has not seen, in all *narrower* bands: it may use its band as long as it predicts these no worse than
 their own fits do. Least speeds likewise, judged at higher speeds. Of those that are no worse by more than one standard
-error over the stretches, the most inclusive is taken.
+error over the stretches, or by ten per cent, the most inclusive is taken.
 
 Sources: O. V. Lepskii, On a problem of adaptive estimation in Gaussian white noise, Theory of Probability and its
 Applications 35 (1990) (the widest that agrees with all narrower ones); L. Breiman et al., Classification and Regression
@@ -35,11 +35,11 @@ _WORSE, _FAR = 1.0, 3.0
 """Standard errors over the stretches by which the squared errors of prediction may be larger, and from which on
 nothing more inclusive is tried."""
 
-_ENOUGH = 5
-"""Equations per unknown below which a band says too little."""
+_SMALL = 0.1
+"""The same, relative, that does not count however regular it is."""
 
-_LEAST = 4
-"""Stretches below which there is no standard error to speak of."""
+_ENOUGH, _LEAST = 10, 4
+"""Equations per unknown, and stretches, below which a band says too little to judge others."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,13 +116,15 @@ class _Tried:
         return found
 
     def worse(self, other: _Tried) -> float:
-        """By how many standard errors `other` predicts these equations worse than their own fits do."""
-        more = self.losses(other.without) - self.losses(self.without)
-        more = more[np.isfinite(more)]
-        if len(more) < _LEAST:
+        """By how many standard errors `other` predicts these equations worse; what passes, where hardly so."""
+        own = self.losses(self.without)
+        more = self.losses(other.without) - own
+        kept = np.isfinite(more)
+        if kept.sum() < _LEAST:
             return -np.inf
-        error = more.std(ddof=1) / np.sqrt(len(more))
-        return float(more.mean() / error) if error > 0 else float(np.sign(more.mean()) * np.inf if more.any() else 0.0)
+        mean, error = more[kept].mean(), more[kept].std(ddof=1) / np.sqrt(kept.sum())
+        score = float(mean / error) if error > 0 else float(np.sign(mean) * np.inf if mean else 0.0)
+        return score if mean > _SMALL * own[kept].mean() else min(score, _WORSE)
 
 
 def choose_band(

@@ -88,7 +88,7 @@ class LoadSearch:
                                           **problem.options), problem.unknown[len(self.f) :])  # fmt: skip
         k, loads = len(start), len(self.load.names)
         steps = np.concatenate([[_STEPS[0]], [_STEPS[1]] * (loads - 1), _SMALL * std[loads:]])
-        solution = view.followed(start, self._varied(steps), self.bounds(problem), bool(problem.memories))
+        solution = view.followed(start, steps, self.bounds(problem), bool(problem.memories))
         fit = Fit(
             unknown=(*self.load.names, *problem.unknown[len(self.f) :]),
             values=solution.values[:k],
@@ -99,11 +99,6 @@ class LoadSearch:
         )
         stages = {"prediction error": solution.values, "steps": steps[loads:]}
         return Outcome(fit=fit, evaluations=view.prediction.evaluations, stages=stages)
-
-    def _varied(self, steps: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Steps of load and friction, 0 of friction that is known."""
-        known = np.append(np.zeros(len(steps) - len(self.deviation), bool), self.deviation == 0)
-        return np.where(known, 0.0, steps)
 
     def contradiction(self, problem: Problem, outcome: Outcome) -> tuple[float, int]:
         """Chi-square, and degrees of freedom, by which an arm with any other f follows the logs better.
@@ -122,7 +117,7 @@ class LoadSearch:
         start = np.concatenate([more, outcome.stages["prediction error"][loads:]])
         limits = np.vstack([np.tile([-np.inf, np.inf], (p, 1)), self.bounds(problem)[loads:]])
         try:
-            solution = view.followed(start, free._varied(steps), limits, False)
+            solution = view.followed(start, steps, limits, False)
             weight = np.linalg.inv(solution.covariance[:p, :p])
         except (ValueError, np.linalg.LinAlgError):
             return np.nan, 0
