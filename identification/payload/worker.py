@@ -9,6 +9,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -122,6 +123,7 @@ def shared_worker(kept: list[Worker] = []) -> Worker:  # noqa: B006 - one per pr
 def serve() -> None:
     """The process itself: answer until the controller's has gone."""
     out, incoming = Connection(os.dup(1), readable=False), Connection(os.dup(0), writable=False)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the controller's; this process ends with it
     os.dup2(2, 1)  # whatever a library prints must not get into the answers
     if hasattr(os, "nice"):
         os.nice(_NICE)
