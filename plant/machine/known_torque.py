@@ -67,7 +67,7 @@ def require_torques(parts: Iterable[Any], n: int) -> None:
             torque = part.with_numbers(numbers).torque(q)
         except _REFUSED as error:
             reason = (str(error).strip() or "it fails").splitlines()[-1][:80].rstrip(".")
-            raise ValueError(f"torque of {kind} must be a casadi expression of q ({n}, 1); {reason}.") from None
+            raise ValueError(f"torque of {kind} must be a casadi expression of q ({n}, 1); {reason}.") from error
         if not isinstance(torque, ca.SX) or torque.shape != (n, 1):
             given = torque.shape if isinstance(torque, (ca.SX, np.ndarray)) else type(torque).__name__
             raise ValueError(
