@@ -25,7 +25,7 @@ if _found is None or _found.origin is None or Path(_found.origin).resolve().pare
     )
 
 from identification import deprecated as _deprecated  # noqa: F401 - old names, for one release
-from identification.equation_error.band_choice import BandTrial, SpeedTrial
+from identification.equation_error.band_choice import FitTrial
 from identification.equation_error.filtering import derivatives, low_pass
 from identification.equation_error.logged_torques import fit_torque
 from identification.equation_error.torque_fit import TorqueFit
@@ -57,9 +57,9 @@ from plant.parts.arguments import known_options
 known_options(GeneticSettings)
 
 __all__ = [
-    "BandTrial", "Budget", "Detection", "Diagnostics", "Fit", "GearResonance", "GeneticResult", "GeneticSettings",
+    "Budget", "Detection", "Diagnostics", "Fit", "FitTrial", "GearResonance", "GeneticResult", "GeneticSettings",
     "GeneticState", "Identification", "Interval", "LinkSize", "Load", "MotorFit", "Objective", "Oscillation",
-    "PayloadEstimate", "Physical", "Search", "Sign", "SpeedTrial", "Spread", "Tolerances", "TorqueFit", "derivatives",
+    "PayloadEstimate", "Physical", "Search", "Sign", "Spread", "Tolerances", "TorqueFit", "derivatives",
     "design_motion", "find_load", "fit_torque", "friction_from_motor_test", "gain_from_current", "identify",
     "low_pass", "minimize_genetic", "nearest_physical", "oscillation", "pulse_budget", "puma560_ranges", "ranges",
     "spread", "without_delay",

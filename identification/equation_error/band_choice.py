@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from identification.equation_error.regressor import Places, System
 
-__all__ = ["SHARES", "STRETCHES", "BandTrial", "SpeedTrial", "choose_band", "choose_speed"]
+__all__ = ["SHARES", "STRETCHES", "FitTrial", "choose_band", "choose_speed"]
 
 STRETCHES = 10
 """Stretches of all logs together, at least; and of each log, at most."""
@@ -38,31 +38,36 @@ nothing more inclusive is tried."""
 _SMALL = 0.1
 """The same, relative, that does not count however regular it is."""
 
+_SPEED = "of the usual speed"
+
 _ENOUGH, _LEAST = 10, 4
 """Equations per unknown, and stretches, below which a band says too little to judge others."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class BandTrial:
-    """One pass band on trial.
+class FitTrial:
+    """One pass band, or one least speed, on trial.
 
     Attributes
     ----------
-    band : float
-        [Hz]
+    at : float
+        The band [Hz]; or the share of the usual speeds below which equations are left out.
+    unit : str
+        "Hz", or "of the usual speed".
     rows : int
         Equations of its fit.
     worse : float
-        By how many standard errors this fit predicts the stretches left out worse than a narrower band's own fit does,
-        in that narrower band where it does worst; -inf of the narrowest.
+        By how many standard errors this fit predicts the stretches left out worse than a more cautious one's own fit
+        does, among that one's equations, where it does worst; -inf of the most cautious.
     against : float or None
-        That narrower band [Hz].
+        That more cautious one.
     passed : bool
-        Whether it may be chosen: the widest that may is.
+        Whether it may be chosen: the most inclusive that may is.
     chosen : bool
     """
 
-    band: float
+    at: float
+    unit: str
     rows: int
     worse: float
     against: float | None
@@ -70,30 +75,13 @@ class BandTrial:
     chosen: bool = False
 
     def __str__(self) -> str:
-        return f"{self.band:8.3g} Hz {_said(self, 'Hz')}"
+        said = f"{self._number(self.at)} {self.unit} {self.rows:7d} equations"
+        if self.against is not None:
+            said += f", {self.worse:+5.1f} standard errors against {self._number(self.against).strip()}"
+        return f"{said}{', chosen' if self.chosen else '' if self.passed else ', too much'}"
 
-
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class SpeedTrial:
-    """One share of the usual speeds on trial, below which equations are left out; fields as those of `BandTrial`."""
-
-    share: float
-    rows: int
-    worse: float
-    against: float | None
-    passed: bool
-    chosen: bool = False
-
-    def __str__(self) -> str:
-        return f"{self.share:8.0%} of the usual speed {_said(self, '')}"
-
-
-def _said(trial: BandTrial | SpeedTrial, unit: str) -> str:
-    said = f"{trial.rows:7d} equations"
-    if trial.against is not None:
-        where = f"{trial.against:.3g} {unit}" if unit else f"{trial.against:.0%}"
-        said += f", {trial.worse:+5.1f} standard errors against {where}"
-    return f"{said}{', chosen' if trial.chosen else '' if trial.passed else ', too wide' if unit else ', too slow'}"
+    def _number(self, at: float) -> str:
+        return f"{at:8.3g}" if self.unit == "Hz" else f"{at:8.0%}"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -130,7 +118,7 @@ class _Tried:
 def choose_band(
     bands: Sequence[float], equations: Callable[[float], Sequence[System]], seconds: NDArray[np.float64],
     weights: NDArray[np.float64] | None,
-) -> tuple[float, tuple[BandTrial, ...]]:  # fmt: skip
+) -> tuple[float, tuple[FitTrial, ...]]:  # fmt: skip
     """The widest pass band of some, none of the narrower ones contradicting.
 
     Octaves first, until one is too wide, then the bands before it.
@@ -146,7 +134,7 @@ def choose_band(
     weights : (R, n) numpy.ndarray or None
         Of logs and joints, if stated.
     """
-    tried, trials = dict[float, _Tried](), dict[float, BandTrial]()
+    tried, trials = dict[float, _Tried](), dict[float, FitTrial]()
 
     def worse(band: float) -> float:
         found = _tried(equations(band), seconds, 1 / band, weights)
@@ -158,7 +146,7 @@ def choose_band(
         worst = int(np.argmax(scores)) if scores else None
         most, against = (-np.inf, None) if worst is None else (scores[worst], narrower[worst])
         rows, passed = len(tried[band].target), most <= _WORSE
-        trials[band] = BandTrial(band=band, rows=rows, worse=most, against=against, passed=passed)
+        trials[band] = FitTrial(at=band, unit="Hz", rows=rows, worse=most, against=against, passed=passed)
         return trials[band].worse
 
     for octave in bands[::2]:
@@ -169,7 +157,7 @@ def choose_band(
             "some band must hold enough equations to leave stretches out; none does. Log longer, or state band, cutoff "
             "and least_speed."
         )
-    best = max(trial.band for trial in trials.values() if trial.passed)
+    best = max(trial.at for trial in trials.values() if trial.passed)
     for between in bands[1::2]:
         if best < between < 2 * best and worse(between) <= _WORSE:
             best = between
@@ -180,9 +168,9 @@ def choose_band(
 def choose_speed(
     shares: Sequence[float], equations: Callable[[float], Sequence[System]], seconds: NDArray[np.float64],
     gap: float, weights: NDArray[np.float64] | None,
-) -> tuple[float, tuple[SpeedTrial, ...]]:  # fmt: skip
+) -> tuple[float, tuple[FitTrial, ...]]:  # fmt: skip
     """The least share of the usual speeds, the higher ones not contradicting; arguments as for `choose_band`."""
-    tried, trials = dict[float, _Tried](), list[SpeedTrial]()
+    tried, trials = dict[float, _Tried](), list[FitTrial]()
     for share in shares:
         found = _tried(equations(share), seconds, gap, weights)
         if found is None:
@@ -192,13 +180,13 @@ def choose_speed(
         against = max(scores, key=lambda other: scores[other]) if scores else None
         worse = -np.inf if against is None else scores[against]
         rows, passed = len(tried[share].target), worse <= _WORSE
-        trials.append(SpeedTrial(share=share, rows=rows, worse=worse, against=against, passed=passed))
+        trials.append(FitTrial(at=share, unit=_SPEED, rows=rows, worse=worse, against=against, passed=passed))
         if worse > _FAR:
             break
     if not trials:
         return 0.0, ()
-    best = min(trial.share for trial in trials if trial.passed)
-    return best, tuple(dataclasses.replace(trial, chosen=trial.share == best) for trial in trials)
+    best = min(trial.at for trial in trials if trial.passed)
+    return best, tuple(dataclasses.replace(trial, chosen=trial.at == best) for trial in trials)
 
 
 def _tried(
@@ -211,7 +199,7 @@ def _tried(
     k = rows.shape[1]
     if len(target) < _ENOUGH * k:
         return None
-    stretch, stretches = _stretches(places, seconds)
+    stretch, stretches = places.stretches(seconds, STRETCHES)
     weight = _weight(rows, target, places, weights)
     weighted_rows, weighted_target = rows * weight[:, None], target * weight
     without = np.full((stretches, k), np.nan)
@@ -222,13 +210,6 @@ def _tried(
         if (~near).sum() > 2 * k:
             without[s] = _solved(weighted_rows[~near], weighted_target[~near])
     return _Tried(rows=rows, target=target, weight=weight, stretch=stretch, without=without)
-
-
-def _stretches(places: Places, seconds: NDArray[np.float64]) -> tuple[NDArray[np.intp], int]:
-    """Each equation's stretch, and the number of all; logs are cut into equal ones, together enough."""
-    each = max(1, -(-STRETCHES // len(seconds)))
-    share = places.t / seconds[places.record]
-    return each * places.record + np.minimum((each * share).astype(int), each - 1), each * len(seconds)
 
 
 def _weight(

@@ -13,7 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-__all__ = ["at_least", "group_std", "products"]
+__all__ = ["RUNS", "STRETCHES", "at_least", "group_std", "products"]
+
+RUNS, STRETCHES = 3, 10
+"""From how many runs on, and of how many stretches of all runs at least, values are compared."""
 
 _NORMAL = 1.96
 

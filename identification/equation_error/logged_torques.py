@@ -107,7 +107,7 @@ def fit_torque(
     report |= {"band": width, "cutoff": cutoff_of(width, cutoff), "least_speed": slowest}
     report["every"] = tuple(every_of(width, log.rig.period, every) for log in task.logs)
     try:
-        return weighted(task.dynamics, names, systems, stated, **report)
+        return weighted(task.dynamics, names, systems, stated, task.seconds, **report)
     except NotIdentifiableError as error:
         raise NotIdentifiableError(_advice(names, systems, report["left_out"]), error.name) from error
 

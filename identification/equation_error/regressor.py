@@ -92,6 +92,14 @@ class Places:
         sample = sample[first + rows]
         return cls(record=record, joint=joint, sample=sample, t=sample * period)
 
+    def stretches(self, seconds: NDArray[np.float64], least: int) -> tuple[NDArray[np.intp], int]:
+        """Stretch (M,) of each equation, and the number of all: logs of these lengths (R,) in equal parts, at least so
+        many together.
+        """
+        each = -(-least // len(seconds))
+        share = self.t / seconds[self.record]
+        return each * self.record + np.minimum((each * share).astype(int), each - 1), each * len(seconds)
+
 
 def regressor_and_torque(
     dynamics: Dynamics,

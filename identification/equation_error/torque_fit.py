@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.band_choice import BandTrial, SpeedTrial
+from identification.equation_error.band_choice import FitTrial
+from identification.equation_error.clustered import RUNS, STRETCHES, at_least, group_std
 from identification.equation_error.labels import short_names
 from identification.equation_error.least_squares import least_squares
 from identification.equation_error.regressor import Places, System
@@ -41,8 +42,10 @@ class TorqueFit(Frozen):
     names : tuple of str
     values : (k,) numpy.ndarray
     covariance : (k, k) numpy.ndarray
-        Of the values, from the variance of each joint's residual, taken as white after decimation. Errors that are not
-        noise (filters at the reversals of friction, timing, what the model lacks) come on top.
+        Of the values: of white noise, and no less than how they differ between stretches, or runs, of the logs (`spread
+        <../background/intervals>`). What the model lacks everywhere alike comes on top.
+    noise_covariance : (k, k) numpy.ndarray
+        From the variance of each joint's residual alone, taken as white after decimation.
     sigma : (n,) numpy.ndarray
         Standard deviation of each joint's residual [N m]; the weights of the fit are 1 / sigma, or as stated. NaN of a
         joint without equations.
@@ -62,9 +65,9 @@ class TorqueFit(Frozen):
         Of each log, one row out of so many was used.
     least_speed : (n,) numpy.ndarray or None
         Joint speed below which equations were left out [rad/s].
-    bands : tuple of BandTrial
+    bands : tuple of FitTrial
         What the choice of the band rests on, narrowest first; empty where the band was stated.
-    least_speeds : tuple of SpeedTrial
+    least_speeds : tuple of FitTrial
         The same of the least speed, most cautious first.
     """
 
@@ -72,6 +75,7 @@ class TorqueFit(Frozen):
     names: tuple[str, ...]
     values: NDArray[np.float64]
     covariance: NDArray[np.float64]
+    noise_covariance: NDArray[np.float64]
     sigma: NDArray[np.float64]
     relative_error: float
     rows: int
@@ -82,8 +86,8 @@ class TorqueFit(Frozen):
     band: float | None = None
     every: tuple[int, ...] = ()
     least_speed: NDArray[np.float64] | None = None
-    bands: tuple[BandTrial, ...] = ()
-    least_speeds: tuple[SpeedTrial, ...] = ()
+    bands: tuple[FitTrial, ...] = ()
+    least_speeds: tuple[FitTrial, ...] = ()
 
     @property
     def f(self) -> NDArray[np.float64]:
@@ -151,6 +155,7 @@ def weighted(
     names: tuple[str, ...],
     systems: Iterable[System],
     weights: NDArray[np.float64] | None = None,
+    seconds: NDArray[np.float64] | None = None,
     **report: Any,
 ) -> TorqueFit:
     """Least squares of one or more logs' equations.
@@ -163,6 +168,8 @@ def weighted(
         One per record.
     weights : (R, n) numpy.ndarray, optional
         Of each record and joint, up to a common factor; by default 1 over a joint's residual in an unweighted fit.
+    seconds : (R,) numpy.ndarray, optional
+        Length of each log: the covariance counts how its stretches, and logs, differ.
     report
         Further fields of the result.
     """
@@ -190,11 +197,18 @@ def weighted(
         spread = _deviations(residual, places.record * torque.shape[1] + joint, weights.size, freedom)
         scores = rows * (weight**2 * spread.reshape(weights.shape)[places.record, joint])[:, None]
         covariance = covariance @ (scores.T @ scores) @ covariance
+    noise = covariance
+    if seconds is not None:
+        for least in (1, STRETCHES) if len(seconds) >= RUNS else (STRETCHES,):
+            groups, _ = places.stretches(seconds, least)
+            std = group_std(rows * weight[:, None], residual * weight, groups)
+            covariance = at_least(covariance, std)
     return TorqueFit(
         dynamics=dynamics,
         names=names,
         values=values,
         covariance=covariance,
+        noise_covariance=noise,
         sigma=sigma,
         relative_error=float(np.linalg.norm(residual) / np.linalg.norm(target)),
         rows=len(target),

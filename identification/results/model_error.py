@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.clustered import group_std, products
+from identification.equation_error.clustered import RUNS, STRETCHES, group_std, products
 from identification.replay.optimum import Optimum
 from identification.results.alternatives import effects_of
 from identification.search.tolerances import Tolerances
@@ -25,9 +25,6 @@ __all__ = ["Doubt", "consider", "priors"]
 
 _BY_KIND = {"viscous": "friction", "coulomb": "friction"}
 """Tolerance of each kind of number, where it has another name."""
-
-_RUNS, _STRETCHES = 3, 10
-"""Runs that contradict each other, or stretches of all runs, between which values are compared."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,7 +88,7 @@ class Doubt:
         """
         at, varied, whole = self.at, np.flatnonzero(self.step), np.zeros(self.unknown)
         lengths = [rows.stop - rows.start for rows in at.model.rows() if rows.stop <= self.searched]
-        each = 1 if len(lengths) >= _RUNS and self.apart else -(-_STRETCHES // len(lengths))
+        each = 1 if len(lengths) >= RUNS and self.apart else -(-STRETCHES // len(lengths))
         groups = np.concatenate([each * i + np.arange(n) * each // n for i, n in enumerate(lengths)])
         std = group_std(at.rates[:, : self.searched].T, at.innovations[: self.searched], groups)
         some = varied < len(self.keep)

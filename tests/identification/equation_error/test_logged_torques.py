@@ -50,7 +50,7 @@ def test_a_log_given_twice_gives_the_same_with_half_the_variance(logs):
     twice = fit_torque(DYNAMICS, [q, q], [torque, torque], **STATED)
     np.testing.assert_allclose(twice.values, once.values, rtol=1e-9, atol=1e-9)
     freedom = (1 - DYNAMICS.p / once.rows) / (1 - DYNAMICS.p / twice.rows)
-    np.testing.assert_allclose(twice.covariance, once.covariance * freedom / 2, rtol=1e-6)
+    np.testing.assert_allclose(twice.noise_covariance, once.noise_covariance * freedom / 2, rtol=1e-6)
     assert twice.every == (20, 20)
 
 
@@ -186,8 +186,8 @@ def test_the_band_is_wide_enough_and_not_too_wide(measured):
     found = fit_torque(arm.dynamics, record)
     assert 30 < found.band < 80
     assert np.abs(off(found, arm)).max() < 0.1
-    trials = {trial.band: trial for trial in found.bands}
-    assert [trial.band for trial in found.bands if trial.chosen] == [found.band]
+    trials = {trial.at: trial for trial in found.bands}
+    assert [trial.at for trial in found.bands if trial.chosen] == [found.band]
     assert list(trials) == sorted(trials)
     assert max(trials) > found.band
     assert trials[max(trials)].worse > 3

@@ -89,6 +89,21 @@ def test_slow_rows_are_left_out_joint_by_joint(made):
     assert good.relative_error < 0.2 * bad.relative_error
 
 
+def test_intervals_hold_where_the_torque_error_lasts(made):
+    """An error of the torque that stays for a tenth of the log, such as of a warm motor: noise alone says far too little."""
+    dynamics, rig, _, motion, torque = made
+    random, held, by_noise = np.random.default_rng(1), [], []
+    clean = fit_torque(dynamics, motion.q, torque, rig=rig, cutoff=100, band=20, every=25).values
+    for _ in range(40):
+        lasting = np.repeat(random.normal(size=(10, 3)), -(-len(torque) // 10), axis=0)[: len(torque)]
+        fit = fit_torque(dynamics, motion.q, torque + 5 * lasting, rig=rig, cutoff=100, band=20, every=25)
+        off = np.abs(fit.values - clean)
+        held.append(off < 1.96 * fit.std)
+        by_noise.append(off < 1.96 * np.sqrt(np.diag(fit.noise_covariance)))
+    assert np.mean(held) > 0.93
+    assert np.mean(by_noise) < 0.8
+
+
 def test_standard_deviations_are_those_of_repeated_experiments(made):
     """White torque noise, ten times as large on joint 1: the scatter of 60 fits is what each of them says."""
     dynamics, rig, _, motion, torque = made
@@ -105,9 +120,11 @@ def test_standard_deviations_are_those_of_repeated_experiments(made):
         )
         for _ in range(60)
     ]
-    said = np.median([fit.std for fit in fits], axis=0)
+    said = np.median([np.sqrt(np.diag(fit.noise_covariance)) for fit in fits], axis=0)
     scatter = np.std([fit.values for fit in fits], axis=0)
     assert (np.abs(np.log(scatter / said)) < np.log(1.4)).all()
+    wider = np.median([fit.std for fit in fits], axis=0) / said
+    assert (wider >= 1).all() and np.median(wider) < 1.5
     sigma = np.median([fit.sigma for fit in fits], axis=0)
     np.testing.assert_allclose(sigma[0] / sigma[1:], 10, rtol=0.1)
 
