@@ -41,6 +41,7 @@ from identification.repeatability import Spread, spread
 from identification.replay.objective import Objective
 from identification.replay.timing import without_delay
 from identification.results.alternatives import Sign
+from identification.results.assumed import Assumed
 from identification.results.detection import Detection
 from identification.results.diagnostics import Diagnostics
 from identification.results.identification import Identification
@@ -57,9 +58,9 @@ from plant.parts.arguments import known_options
 known_options(GeneticSettings)
 
 __all__ = [
-    "Budget", "Detection", "Diagnostics", "Fit", "FitTrial", "GearResonance", "GeneticResult", "GeneticSettings",
-    "GeneticState", "Identification", "Interval", "LinkSize", "Load", "MotorFit", "Objective", "Oscillation",
-    "PayloadEstimate", "Physical", "Search", "Sign", "Spread", "Tolerances", "TorqueFit", "derivatives",
+    "Assumed", "Budget", "Detection", "Diagnostics", "Fit", "FitTrial", "GearResonance", "GeneticResult",
+    "GeneticSettings", "GeneticState", "Identification", "Interval", "LinkSize", "Load", "MotorFit", "Objective",
+    "Oscillation", "PayloadEstimate", "Physical", "Search", "Sign", "Spread", "Tolerances", "TorqueFit", "derivatives",
     "design_motion", "find_load", "fit_torque", "friction_from_motor_test", "gain_from_current", "identify",
     "low_pass", "minimize_genetic", "nearest_physical", "oscillation", "pulse_budget", "puma560_ranges", "ranges",
     "spread", "without_delay",

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from identification.replay.prediction import Prediction
 from identification.replay.timing import without_delay
-from plant import Dynamics, Elasticity, FrictionCurve, Record, Rig
+from plant import Dynamics, Elasticity, FrictionCurve, Law, Record, Rig
+from plant.parts.arguments import instance
 from plant.simulation.threads import cores, shared_out
 
 __all__ = ["Extended"]
@@ -37,8 +38,13 @@ _PLACES = {
 
 _FRICTION = ("viscous", "coulomb")
 
-_NARROWEST = -0.5
-"""The least relative error of a gear."""
+_SHARES = ("gear", "motor_gain", "law.")
+"""What is a relative error of a number, and how far below it may be."""
+
+_LEAST_SHARE = -0.5
+
+_OF_MODEL = ("law.arm", "law.rig", "law.state")
+"""Numbers of a law that are not its gains."""
 
 
 class Extended:
@@ -61,10 +67,11 @@ class Extended:
     unknown : tuple of str
         What `innovations` takes values for: the given names, observer gains, then `extra`.
     extra : tuple of str
-        What the rig may leave out, zero where it is right: ``compliance[i]``, one over the square of the locked-rotor
-        resonance [1/Hz^2]; ``backlash[i]`` [rad]; ``viscous[i]`` and ``coulomb[i]``, friction beyond the rig's, motor
-        side [N m s/rad, N m]; ``lag`` of the currents [s]. No compliance and backlash where the rig knows no motor
-        inertia, or D falls short of it.
+        What the rig may leave out, or have wrong, zero where it is right: ``compliance[i]``, one over the square of the
+        locked-rotor resonance [1/Hz^2]; ``backlash[i]`` [rad]; ``viscous[i]`` and ``coulomb[i]``, friction beyond
+        the rig's, motor side [N m s/rad, N m]; ``lag`` of the currents [s]; relative errors of ``gear[i]``,
+        ``motor_gain[i]`` and of the law's gains, by their names. No compliance and backlash where the rig knows no
+        motor inertia, or D falls short of it.
     gains, gain_steps : (2n,) numpy.ndarray
         Observer gains to begin with, and steps of their central differences.
     gain_bounds : (2n, 2) numpy.ndarray
@@ -89,8 +96,15 @@ class Extended:
         self._again = lambda others: Extended(dynamics, others, unknown, f, threads=threads, **options)
         first = self._logs[0].prediction
         self.gains, self.gain_steps, self.gain_bounds = first.nuisances, first.nuisance_steps, first.nuisance_bounds
-        names = [*(() if links is None else ("compliance", "backlash")), "viscous", "coulomb", "offset", "gear"]
-        self.extra = (*(f"{name}[{i}]" for name in names for i in range(n)), "lag")
+        names = [
+            *(() if links is None else ("compliance", "backlash")),
+            "viscous",
+            "coulomb",
+            "offset",
+            "gear",
+            "motor_gain",
+        ]
+        self.extra = (*(f"{name}[{i}]" for name in names for i in range(n)), "lag", *self._logs[0].law)
         self.least = np.array([self._logs[0].least(name) for name in self.extra])
         self.unknown = (*unknown, *first.unknown[len(first.unknown) - len(self.gains) :], *self.extra)
         self.weights = np.concatenate([log.prediction.weights for log in self._logs])
@@ -148,9 +162,14 @@ class _Log:
     ) -> None:
         self._links, self._damped = links, record.rig.drive.elasticity is not None
         rig = _with_springs(record.rig, links)
-        kinds = tuple(f"drive.{kind}" for kind in (*_FRICTION, "elasticity", "current_lag", "curve.offset", "gear"))
+        some = (*_FRICTION, "elasticity", "current_lag", "curve.offset", "gear", "motor_gain")
+        kinds = tuple(f"drive.{kind}" for kind in some)
         numbers = dict(zip(rig.number_names(), rig.number_values().tolist(), strict=True))
+        of_law: Law = instance("law", record.law, Law, "Give the record its law.")  # type: ignore[assignment]  # checked
+        law = dict(zip(of_law.number_names("law."), of_law.number_values().tolist(), strict=True))
+        self.law = tuple(name for name in law if not name.startswith(_OF_MODEL) and name not in unknown)
         self._stated = {name: numbers[name] for name in numbers if name.startswith(kinds) and name not in unknown}
+        self._stated |= {name: law[name] for name in self.law}
         self._given = len(unknown)
         self.prediction = Prediction(
             dynamics, dataclasses.replace(record, rig=rig), (*unknown, *self._stated), threads=1, **options
@@ -160,19 +179,22 @@ class _Log:
         numbers = dict(self._stated)
         for name, value in extra.items():
             kind, bracket, joint = name.partition("[")
-            place = _PLACES.get(kind, f"drive.{kind}") + bracket + joint
+            place = name if name in self.law else _PLACES.get(kind, f"drive.{kind}") + bracket + joint
             if kind == "compliance" and value > 0:
                 self._give(numbers, bracket + joint, value)
             elif place in numbers:
-                numbers[place] *= 1 + value if kind == "gear" else 1
-                numbers[place] += 0 if kind == "gear" else max(value, self.least(name))
+                relative = kind.startswith(_SHARES)
+                numbers[place] = (
+                    numbers[place] * (1 + value) if relative else numbers[place] + max(value, self.least(name))
+                )
         own = values[: self._given], list(numbers.values()), values[self._given :]
         return self.prediction.innovations(np.concatenate(own))
 
     def least(self, name: str) -> float:
         """The least that one of the extra numbers can be."""
-        free = {"offset": -np.inf, "gear": _NARROWEST}
-        return free.get(name.partition("[")[0], -self._stated.get(f"drive.{name}", 0.0) or 0.0)
+        if name.startswith(_SHARES):
+            return _LEAST_SHARE
+        return -np.inf if name.startswith("offset") else -self._stated.get(f"drive.{name}", 0.0) or 0.0
 
     def _give(self, numbers: dict[str, float], joint: str, compliance: float) -> None:
         """Put a spring of so much compliance [1/Hz^2] in series with a gear."""

@@ -31,9 +31,9 @@ _BY_CHANCE = 1e-5
 _HERTZ = 200.0
 """Resonance by whose effect that of compliance is taken, where gears are rigid [Hz]."""
 
-_LAG, _DELAY, _FRICTION, _GEAR = 1e-5, 0.05, 0.01, 1e-4
-"""The same of a lag [s], of a delay [samples], of friction and offset, as a share of a motor's torque (rms), and of a
-gear, relative."""
+_LAG, _DELAY, _FRICTION, _SHARE = 1e-5, 0.05, 0.01, 1e-4
+"""The same of a lag [s], of a delay [samples], of friction and offset, as a share of a motor's torque (rms), and of
+gears, motor gains and gains of the law, relative."""
 
 _SIGNED = ("friction", "delay", "offset", "gear")
 """What can be more or less than stated."""
@@ -131,11 +131,13 @@ def _steps(model: Extended, efforts: NDArray[np.float64]) -> dict[str, float]:
     torque, speed = efforts
     sizes = {"compliance": np.full(len(torque), _HERTZ**-2), "lag": np.array([_LAG]),
              "viscous": _FRICTION * torque / speed, "coulomb": _FRICTION * torque, "offset": _FRICTION * torque,
-             "gear": np.full(len(torque), _GEAR)}  # fmt: skip
+             "gear": np.full(len(torque), _SHARE), "motor_gain": np.full(len(torque), _SHARE)}  # fmt: skip
     steps = {}
     for name in model.extra:
         kind, _, joint = name.rstrip("]").partition("[")
-        if kind in sizes:
+        if kind.startswith("law."):
+            steps[name] = _SHARE
+        elif kind in sizes:
             steps[name] = float(sizes[kind][int(joint or 0)])
     return steps
 

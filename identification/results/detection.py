@@ -48,6 +48,8 @@ class Detection(Frozen):
         What is added to the covariance of the unknowns for what the model may lack; see `model_error`.
     grouped : (k,) numpy.ndarray or None
         Their least standard deviations, from how they differ between stretches or runs; see `clustered`.
+    assumed : dict
+        Their change (k,) if a gear, a motor's gain, or a gain of the law is 1 % larger, by its name.
     """
 
     signs: tuple[Sign, ...] = ()
@@ -57,6 +59,7 @@ class Detection(Frozen):
     reason: str | None = None
     doubt: NDArray[np.float64] | None = None
     grouped: NDArray[np.float64] | None = None
+    assumed: dict[str, NDArray[np.float64]] = dataclasses.field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:

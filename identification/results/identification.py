@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from identification.equation_error.labels import short_names
 from identification.planning.budget import pulse_budget
+from identification.results.assumed import Assumed
 from identification.results.diagnostics import Diagnostics
+from identification.results.lengths import moved_by_lengths
 from identification.results.plots import plot_identification
 from identification.results.trust import warnings_of
 from identification.search.gear_resonance import GearResonance
@@ -172,6 +174,23 @@ class Identification(Frozen):
             )
         return np.where(self.std > 0, budget.bound, 0.0)
 
+    def assumed(self) -> Assumed:
+        """What one log cannot reveal: by how much 1 % of each assumed number moves each value.
+
+        Gears, motor gains and gains of the law by the innovations; lengths of the links by the torque along the motion.
+
+        Raises
+        ------
+        ValueError
+            Nothing is known of it, with the reason.
+        """
+        moves = dict(self.diagnostics.detection.assumed)
+        if not moves or self.covariance is None:
+            reason = self.fit.fallback_reason or self.diagnostics.detection.reason or "the fit did not follow the log"
+            raise ValueError(f"found must have a covariance; it has none: {reason}. State one, or log another motion.")
+        moves |= moved_by_lengths(self.arm, self.records[0], self.unknown)
+        return Assumed(names=tuple(moves), unknown=self.short_names, moves=np.array(list(moves.values())), std=self.std)
+
     @property
     def warnings(self) -> list[str]:
         """What a user should know before trusting the values, one line each; see `identification.results.trust`."""
@@ -211,6 +230,7 @@ class Identification(Frozen):
             lines[-1] += f", in the record(s) kept aside by {diagnostics.held_out_difference:.2f}"
         lines.append(str(diagnostics.detection))
         lines += [] if self.fit.noise_covariance is None else [f"intervals count noise and {self.search.tolerances}"]
+        lines += str(self.assumed()).splitlines() if self.diagnostics.detection.assumed else []
         lines += [] if self.resonance is None else str(self.resonance).splitlines()
         lines += [f"warning: {text}" for text in self.warnings]
         return "\n".join([*lines, *self.arm.dynamics.legend.splitlines()])

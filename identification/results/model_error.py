@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +20,13 @@ from numpy.typing import NDArray
 from identification.equation_error.clustered import RUNS, STRETCHES, group_std, products
 from identification.replay.optimum import Optimum
 from identification.results.alternatives import effects_of
+from identification.results.assumed import moved
 from identification.search.tolerances import Tolerances
 
 __all__ = ["Doubt", "consider", "priors"]
+
+_ASSUMED = ("gear", "motor_gain", "law.")
+"""Numbers whose changes by 1 % are told."""
 
 _BY_KIND = {"viscous": "friction", "coulomb": "friction"}
 """Tolerance of each kind of number, where it has another name."""
@@ -58,6 +63,23 @@ class Doubt:
     efforts: NDArray[np.float64]
     apart: bool
 
+    @cached_property
+    def effects(self) -> dict[str, NDArray[np.float64]]:
+        """Change of the innovations (M,) with each of what the rig leaves out, or may have wrong."""
+        return effects_of(self.at, self.efforts)
+
+    def assumed(self) -> dict[str, NDArray[np.float64]]:
+        """Change (k,) of the unknowns if a gear, a motor's gain or a gain of the law is 1 % larger, by its name."""
+        varied = np.flatnonzero(self.step)
+        names = [name for name in self.effects if name.startswith(_ASSUMED)]
+        changes, found = moved(self.at.rates[:, : self.searched], self.effects, names), {}
+        some = varied < len(self.keep)
+        for name, change in changes.items():
+            whole = np.zeros(self.unknown)
+            whole[np.array(self.keep)[varied[some]]] = 0.01 * (change * self.step[varied])[some]
+            found[name if name.startswith("law.") else f"drive.{name}"] = whole
+        return found
+
     def added(self, tolerances: Tolerances, rounding: NDArray[np.float64] | None) -> NDArray[np.float64]:
         """What is added to the covariance (k, k) of the unknowns, by tolerances and by what was named.
 
@@ -65,7 +87,7 @@ class Doubt:
         """
         at, known, varied = self.at, len(self.keep), np.flatnonzero(self.step)
         residual = at.innovations[: self.searched] - (0.0 if rounding is None else rounding[: self.searched])
-        effects, named = effects_of(at, self.efforts), dict[str, float]()
+        effects, named = dict(self.effects), dict[str, float]()
         for i, name in ((i, at.model.unknown[place]) for i, place in enumerate(varied)):
             if name in at.model.extra:
                 effects[name], named[name] = at.rates[i] / self.step[varied[i]], np.inf

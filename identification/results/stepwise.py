@@ -72,7 +72,7 @@ def detect(
         tested = _Search(problem, fit)
         detection, doubt = tested.detection(delay), tested.doubt()
         added = doubt.added(problem.tolerances, rounding)
-        return dataclasses.replace(detection, doubt=added, grouped=doubt.grouped())
+        return dataclasses.replace(detection, doubt=added, grouped=doubt.grouped(), assumed=doubt.assumed())
     except (ValueError, np.linalg.LinAlgError) as error:
         return Detection(reason=str(error))
 

@@ -135,11 +135,8 @@ class Dynamics(Part):
     def _equations(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         """D, Coriolis and gravity torque; with few joints collected as sums over f, in which terms have cancelled."""
         q, qd, qdd, f = self._symbols
-        lumping, rest = self.lumping, ca.SX.zeros(self.n)
-        moving = torque(self.chain, q, qd, qdd, ca.SX(lumping.inertial_section()) @ f, (0, 0, 0))
-        strength = float(np.linalg.norm(self.chain.gravity))
-        down = np.array(self.chain.gravity) / strength if strength else np.zeros(3)
-        at_rest = torque(self.chain, q, rest, rest, strength * (ca.SX(lumping.gravity_section()) @ f), down)
+        strength, rest = float(np.linalg.norm(self.chain.gravity)), ca.SX.zeros(self.n)
+        moving, at_rest = lumped_torque(self.chain, self.lumping, q, qd, qdd, f)
         D, coriolis = ca.jacobian(moving, qdd), ca.substitute(moving, qdd, rest)
         if self.n <= _FEW:
             D = ca.reshape(collected(D, q, f), self.n, self.n)
@@ -229,3 +226,13 @@ class Dynamics(Part):
                     f"lumping must describe the motion of the chain; its torque is {got}, the chain's {expected}. "
                     "Correct the equation for f or the table of links."
                 )
+
+
+def lumped_torque(
+    chain: Chain, lumping: Lumping, q: ca.SX, qd: ca.SX, qdd: ca.SX, f: ca.SX
+) -> tuple[ca.SX, ca.SX]:  # fmt: skip
+    """Inertial torque (n, 1) and gravity torque (n, 1) [N m] of f (p, 1), each by the fewest links' parameters."""
+    rest, strength = ca.SX.zeros(chain.n), float(np.linalg.norm(chain.gravity))
+    moving = torque(chain, q, qd, qdd, ca.SX(lumping.inertial_section()) @ f, (0, 0, 0))
+    down = np.array(chain.gravity) / strength if strength else np.zeros(3)
+    return moving, torque(chain, q, rest, rest, strength * (ca.SX(lumping.gravity_section()) @ f), down)

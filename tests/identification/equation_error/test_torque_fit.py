@@ -90,7 +90,7 @@ def test_slow_rows_are_left_out_joint_by_joint(made):
 
 
 def test_intervals_hold_where_the_torque_error_lasts(made):
-    """An error of the torque that stays for a tenth of the log, such as of a warm motor: noise alone says far too little."""
+    """An error of the torque that stays for a tenth of the log, as of a warm motor: noise alone says too little."""
     dynamics, rig, _, motion, torque = made
     random, held, by_noise = np.random.default_rng(1), [], []
     clean = fit_torque(dynamics, motion.q, torque, rig=rig, cutoff=100, band=20, every=25).values
@@ -124,7 +124,8 @@ def test_standard_deviations_are_those_of_repeated_experiments(made):
     scatter = np.std([fit.values for fit in fits], axis=0)
     assert (np.abs(np.log(scatter / said)) < np.log(1.4)).all()
     wider = np.median([fit.std for fit in fits], axis=0) / said
-    assert (wider >= 1).all() and np.median(wider) < 1.5
+    assert (wider >= 1).all()
+    assert np.median(wider) < 1.5
     sigma = np.median([fit.sigma for fit in fits], axis=0)
     np.testing.assert_allclose(sigma[0] / sigma[1:], 10, rtol=0.1)
 

@@ -1,0 +1,97 @@
+"""What one log cannot reveal: by how much each number that was assumed would move what was found.
+
+Gears, motor gains and gains of the law change the innovations; the unknowns that would take that over to first order
+are what they move. Lengths of the links change the torque along the motion; least squares takes that over.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import textwrap
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from identification.equation_error.clustered import products
+from plant.parts.arguments import real
+from plant.parts.frozen import Frozen
+
+__all__ = ["Assumed", "moved"]
+
+_LITTLE = 0.05
+"""Move of a value by 1 % of an assumed number, in its standard deviations, that is not mentioned."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Assumed(Frozen):
+    """By how much what was found depends on what was assumed; printed, a line per assumed number.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Assumed numbers (a): ``drive.gear[0]``, ``drive.motor_gain[0]``, ``law.gain[0]``, ``links[1].a`` and so on.
+    unknown : tuple of str
+        What was found (k).
+    moves : (a, k) numpy.ndarray
+        Change of each value if the assumed number is 1 % larger, and all is found anew.
+    std : (k,) numpy.ndarray
+        Standard deviations of the values.
+    """
+
+    names: tuple[str, ...]
+    unknown: tuple[str, ...]
+    moves: NDArray[np.float64]
+    std: NDArray[np.float64]
+
+    def covariance(self, percent: ArrayLike = 1.0) -> NDArray[np.float64]:
+        """Covariance (k, k) of the values by assumed numbers that are right within standard deviations of percent.
+
+        Parameters
+        ----------
+        percent : float or (a,) array_like
+            One for all, or one of each of `names`.
+
+        Examples
+        --------
+        >>> assumed = Assumed(names=("drive.gear[0]",), unknown=("f1",), moves=np.array([[0.2]]), std=np.ones(1))
+        >>> assumed.covariance(0.5).item()
+        0.01
+        """
+        sizes = np.array([real("percent", each, "Give a standard deviation.") for each in np.ravel(percent).tolist()])
+        if sizes.shape not in ((1,), (len(self.names),)) or (sizes < 0).any():
+            raise ValueError(
+                f"percent must be one number of at least 0, or {len(self.names)} of them; got {sizes}. 0: exact."
+            )
+        return products(self.moves * np.broadcast_to(sizes, len(self.names))[:, None])
+
+    def __str__(self) -> str:
+        lines = ["1 % more of an assumed number moves what is found by:"]
+        width = max(map(len, self.names), default=0)
+        for name, row in zip(self.names, self.moves, strict=True):
+            told = [f"{each} {move:+.2g}" for each, move, std in zip(self.unknown, row, self.std, strict=True)
+                    if abs(move) > _LITTLE * std]  # fmt: skip
+            said = ", ".join(told) or "next to nothing"
+            lines += textwrap.wrap(
+                said, 110, initial_indent=f"  {name:<{width}}  ", subsequent_indent=" " * (width + 4)
+            )
+        return "\n".join(lines)
+
+
+def moved(
+    rates: NDArray[np.float64], effects: Mapping[str, NDArray[np.float64]], names: Sequence[str]
+) -> dict[str, NDArray[np.float64]]:
+    """Change (v,) of the unknowns, in their steps, with each of these numbers, relative; none of what does not act.
+
+    Parameters
+    ----------
+    rates : (v, M) numpy.ndarray
+        Change of the innovations with a step of each unknown.
+    effects : dict
+        Change of the innovations (at least M,) with each number.
+    names : sequence of str
+        Of those to answer for.
+    """
+    whole, count = products(rates.T), rates.shape[1]
+    own = {name: effects[name][:count] for name in names if np.isfinite(effects[name]).all() and effects[name].any()}
+    return {name: -np.linalg.solve(whole, (rates * effect).sum(axis=1)) for name, effect in own.items()}
