@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.band_choice import FitTrial
-from identification.equation_error.clustered import RUNS, STRETCHES, at_least, group_std
+from identification.equation_error.clustered import RUNS, STRETCHES, at_least, group_std, run_std
 from identification.equation_error.labels import short_names
 from identification.equation_error.least_squares import least_squares
 from identification.equation_error.regressor import Places, System
@@ -199,10 +199,10 @@ def weighted(
         covariance = covariance @ (scores.T @ scores) @ covariance
     noise = covariance
     if seconds is not None:
-        for least in (1, STRETCHES) if len(seconds) >= RUNS else (STRETCHES,):
-            groups, _ = places.stretches(seconds, least)
-            std = group_std(rows * weight[:, None], residual * weight, groups)
-            covariance = at_least(covariance, std)
+        by_weight = rows * weight[:, None], residual * weight
+        covariance = at_least(covariance, group_std(*by_weight, places.stretches(seconds, STRETCHES)[0]))
+        if len(seconds) >= RUNS:
+            covariance = at_least(covariance, run_std(*by_weight, places.record))
     return TorqueFit(
         dynamics=dynamics,
         names=names,

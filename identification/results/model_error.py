@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.clustered import RUNS, STRETCHES, group_std, products
+from identification.equation_error.clustered import RUNS, STRETCHES, group_std, products, run_std
 from identification.replay.optimum import Optimum
 from identification.results.alternatives import effects_of
 from identification.results.assumed import moved
@@ -110,9 +110,11 @@ class Doubt:
         """
         at, varied, whole = self.at, np.flatnonzero(self.step), np.zeros(self.unknown)
         lengths = [rows.stop - rows.start for rows in at.model.rows() if rows.stop <= self.searched]
-        each = 1 if len(lengths) >= RUNS and self.apart else -(-STRETCHES // len(lengths))
+        by_runs = len(lengths) >= RUNS and self.apart
+        each = 1 if by_runs else -(-STRETCHES // len(lengths))
         groups = np.concatenate([each * i + np.arange(n) * each // n for i, n in enumerate(lengths)])
-        std = group_std(at.rates[:, : self.searched].T, at.innovations[: self.searched], groups)
+        differ = run_std if by_runs else group_std
+        std = differ(at.rates[:, : self.searched].T, at.innovations[: self.searched], groups)
         some = varied < len(self.keep)
         whole[np.array(self.keep)[varied[some]]] = (std * self.step[varied])[some]
         return whole

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from identification.equation_error.clustered import at_least, group_std, products
+from identification.equation_error.clustered import at_least, group_std, products, run_std
 
 
 def test_of_a_mean_it_is_students_interval():
@@ -32,6 +32,28 @@ def test_a_value_that_one_group_alone_determines_has_no_bound():
     rows, groups = np.zeros((6, 2)), np.repeat(np.arange(3), 2)
     rows[:, 0], rows[:2, 1] = 1.0, (1.0, -1.0)
     assert np.isinf(group_std(rows, np.ones(6), groups)).all()
+
+
+def test_of_a_mean_over_unequal_runs_it_is_unbiased():
+    """The variance of a mean of independent numbers, on average, where a jackknife is above it."""
+    random, runs = np.random.default_rng(3), np.repeat(np.arange(4), (60, 20, 10, 10))
+    rows, student = np.ones((100, 1)), 3.1824463 / 1.96
+    found = np.array([
+        [differ(rows, values - values.mean(), runs)[0] / student for differ in (run_std, group_std)]
+        for values in random.normal(size=(4000, 100))
+    ])  # fmt: skip
+    by_runs, by_jackknife = np.mean(found**2, axis=0) * 100
+    assert abs(by_runs - 1) < 0.05
+    assert by_jackknife > 1.3
+
+
+def test_what_one_run_alone_determines_does_not_spoil_the_rest():
+    rows, runs = np.zeros((9, 2)), np.repeat(np.arange(3), 3)
+    rows[:, 0], rows[:3, 1] = 1.0, (1.0, -1.0, 0.0)
+    residual = np.random.default_rng(4).normal(size=9)
+    residual -= rows @ np.linalg.lstsq(rows, residual, rcond=None)[0]
+    assert np.isfinite(run_std(rows, residual, runs)).all()
+    assert run_std(rows, residual, runs)[0] > 0
 
 
 def test_at_least_keeps_correlations_and_never_narrows():
