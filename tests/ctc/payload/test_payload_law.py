@@ -47,10 +47,10 @@ def test_springs_that_the_rig_has_are_no_disturbance():
         law = watched(ComputedTorque(ARM, own, bandwidth=150))
         stepped = SteppedArm(ARM, rig, motion.q[0], motion.qd[0])
         control, seen = law.start(RIG, stepped.pulses, guards=None), []
-        pulses, where = stepped.pulses, law.places(2)["observer"]
+        pulses, where, state = stepped.pulses, law.places(2)["observer"], state_of(control, law)
         for each in zip(*motion, strict=True):
             pulses = stepped.step(control.step(pulses, *each))
-            seen.append(ARM.D(each[0]) @ state_of(control, law)[where.stop - 2 : where.stop])
+            seen.append(ARM.D(each[0]) @ state[where.stop - 2 : where.stop])
         largest.append(np.abs(np.mean(seen[400:], axis=0)).max())
     assert largest[1] < largest[0] + 0.5  # [N m]
     assert largest[2] > 10

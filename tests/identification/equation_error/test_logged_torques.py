@@ -1,6 +1,7 @@
 """Several logs, known f, stated weights, torques that were not measured, and pass bands chosen by a rule."""
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -16,10 +17,16 @@ STATED = {"rig": RIG, "cutoff": 100, "band": 20, "every": 20}
 NOISE = np.array([3.0, 1.0, 0.3])
 
 
-def log(period, seed, seconds=6.0, noise=NOISE):
+@functools.cache
+def without_noise(period, seconds):
     motion = path_of(period)(np.arange(0, seconds, PERIOD))
     torque = np.array([ARM.inverse(*state) for state in zip(*motion, strict=True)]) + RIG.drive.friction(motion.qd)
-    return motion.q, torque + noise * np.random.default_rng(seed).normal(size=torque.shape)
+    return motion.q, torque
+
+
+def log(period, seed, seconds=6.0, noise=NOISE):
+    q, torque = without_noise(period, seconds)
+    return q, torque + noise * np.random.default_rng(seed).normal(size=torque.shape)
 
 
 @pytest.fixture(scope="module")

@@ -35,7 +35,9 @@ def error(found):
     return (np.abs(found.f - ARM.f) / WIDTH).max()
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize(
+    "name", ["PID", *(pytest.param(name, marks=pytest.mark.slow) for name in LAWS if name != "PID")]
+)
 def test_f_from_the_tracking_error_of_a_log_that_was_cut(name):
     """The law's state at the first sample is unknown: an integral, the disturbance of an observer."""
     found = identify(ARM.dynamics, log(name).cut(0.437), progress=False)
@@ -48,7 +50,7 @@ def test_f_from_the_tracking_error_of_a_log_that_was_cut(name):
     assert found.diagnostics.detection.names == ()
 
 
-@pytest.mark.parametrize("name", ["PID", "cascade"])
+@pytest.mark.parametrize("name", ["PID", pytest.param("cascade", marks=pytest.mark.slow)])
 def test_a_torque_injected_beside_a_law_with_a_memory_is_no_part_of_it(name):
     """Cut in the middle, without a torque column: the law's run gives its own part, the record the other."""
 
