@@ -22,7 +22,7 @@ from plant import Dynamics, LoggedCurrent, LoggedTorque, Record, Resumed
 from plant.simulation.clock import Clock
 from plant.simulation.law_run import LawRun, run_law
 
-__all__ = ["FADED", "Memory", "Resumption", "along_log", "with_state"]
+__all__ = ["FADED", "Memory", "Resumption", "along_log", "at_work", "state_directions", "with_state"]
 
 _FIRST = 10
 """Samples whose speed the arm had before."""
@@ -128,21 +128,33 @@ def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tu
         What is unknown of arm and drive.
     """
     given: Any = record.law
-    record = reading(record, given)
-    _require_reference(record)
-    names, states = linear(dynamics, record.rig, unknown), run_law(record).states
-    usual = states[len(states) // 2 :]
-    still = np.ptp(usual, axis=0) <= _STILL * np.abs(states).max(axis=0)
-    begun = np.where(still, np.median(usual, axis=0), run_law(_before(record)).states[-1])
-    record = _moved(record, begun - record.law.state)  # type: ignore[union-attr]  # AlongLog
+    record, usual = at_work(record, given)
+    names = linear(dynamics, record.rig, unknown)
     for _ in range(_ROUNDS):
         run = run_law(record)
-        memory, columns = _seen(record, run, np.abs(usual).max(axis=0))
+        memory, columns = state_directions(record, run, usual)
         if not len(columns):
             break
         change = memory.directions @ _fitted(dynamics, record, names, run, columns, memory.usual)
         record, memory = _moved(record, change), dataclasses.replace(memory, state=memory.state + change)
     return dataclasses.replace(record, law=dataclasses.replace(given, state=memory.state)), memory
+
+
+def at_work(record: Record, law: Resumed) -> tuple[Record, NDArray[np.float64]]:
+    """The record with its law reading the log as if it had been at work before, and usual magnitudes (s,) of its state.
+
+    Raises
+    ------
+    ValueError
+        A law whose torque hangs on what the rounding of its reference hides.
+    """
+    record = reading(record, law)
+    _require_reference(record)
+    states = run_law(record).states
+    usual = states[len(states) // 2 :]
+    still = np.ptp(usual, axis=0) <= _STILL * np.abs(states).max(axis=0)
+    begun = np.where(still, np.median(usual, axis=0), run_law(_before(record)).states[-1])
+    return _moved(record, begun - law.state), np.abs(usual).max(axis=0)
 
 
 def _before(record: Record) -> Record:
@@ -176,7 +188,7 @@ def _moved(record: Record, change: Any) -> Record:
     return dataclasses.replace(record, law=dataclasses.replace(law, state=law.state + change))
 
 
-def _seen(record: Record, run: LawRun, scale: NDArray[np.float64]) -> tuple[Memory, NDArray[np.float64]]:
+def state_directions(record: Record, run: LawRun, scale: NDArray[np.float64]) -> tuple[Memory, NDArray[np.float64]]:
     """Directions of states of these magnitudes (s,), and the torques (r, N, n) at the samples that each makes."""
     clock, period, law = Clock.of(record), record.rig.period, record.law
     t = clock.t[clock.rows]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.pulse_fit import over_bands
+from identification.equation_error.stated_law import torque_apart
 from identification.replay.objective import Objective
 from identification.replay.timing import delay_of
 from identification.results.detection import Detection
@@ -41,6 +42,9 @@ class Diagnostics(Frozen):
         deviation; NaN and inf where that is not known.
     detection : Detection
         Whether compliance, backlash, lag, other friction or late counts explain what the model does not.
+    law_apart : tuple
+        Of each record that was searched: how far the logged torque of each joint (n,) is from what the stated law gives
+        along the log, from the best state, as a share of it (rms); None where that cannot be told.
     """
 
     objective: float
@@ -50,6 +54,7 @@ class Diagnostics(Frozen):
     delay: float
     delay_std: float
     detection: Detection
+    law_apart: tuple[NDArray[np.float64] | None, ...] = ()
 
     @classmethod
     def of(
@@ -67,6 +72,7 @@ class Diagnostics(Frozen):
             delay=delay,
             delay_std=delay_std,
             detection=detect(problem, fit, delay if abs(delay) > max(LATE, 3 * delay_std) else 0.0, rounding),
+            law_apart=tuple(torque_apart(record) for record in problem.objective.records),
         )
 
 

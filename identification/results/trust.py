@@ -30,6 +30,9 @@ _BIASED = 0.08
 _INSEPARABLE = 0.995
 """Correlation above which two unknowns are not separately identifiable."""
 
+_ANOTHER = 0.05
+"""Share of the logged torque by which that of the stated law may differ."""
+
 _ZERO = 0.49
 """Zero of a counter [rad] beyond which it is at the end of its range."""
 
@@ -42,6 +45,7 @@ def warnings_of(found: Any) -> list[str]:
         *([] if reason is None else [f"{reason}."]),
         *_ends(found),
         *(_of_torques(found) if replayed else []),
+        *_of_law(found),
         *_of_fit(found, replayed),
         *(_of_timing(found) if not replayed else []),
         *_of_loops(found),
@@ -78,6 +82,20 @@ def _of_torques(found: Any) -> Iterator[str]:
     if zeros is not None and np.abs(zeros).max() > _ZERO:
         joint = found.arm.dynamics.chain.joint_labels[int(np.abs(zeros).max(axis=0).argmax())]
         yield f"a counter's zero of {joint} ends half a radian away; was it set to zero at the start of the run?"
+
+
+def _of_law(found: Any) -> Iterator[str]:
+    """Laws that cannot have made the logged torque."""
+    for i, (record, apart) in enumerate(zip(found.records, found.diagnostics.law_apart, strict=True)):
+        if apart is not None and apart.max() > _ANOTHER:
+            which = f"the log of records[{i}]" if len(found.records) > 1 else "the log"
+            joints = found.arm.dynamics.chain.joint_labels
+            shares = ", ".join(f"{share:.0%} at {joint}" for joint, share in zip(joints, apart, strict=True))
+            yield (
+                f"the stated {type(record.law).__name__} cannot have made {which}: along it, it gives another torque "
+                f"than was logged, by {shares} (rms). Check the law, its gains and period, the reference, and the "
+                "torque's units and side."
+            )
 
 
 def _of_fit(found: Any, replayed: bool) -> Iterator[str]:
@@ -131,7 +149,8 @@ def _of_repeats(found: Any, replayed: bool) -> Iterator[str]:
     elif difference > _FAR and not replayed:
         yield (
             f"simulated and measured errors differ by {difference:.2f} pulses (rms); two roundings alone give "
-            "0.58. Check signs (error = reference minus counted), friction, gains, gears, springs, the order of joints."
+            "0.58. Check the law and its gains, signs (error = reference minus counted), friction, gears, springs, the "
+            "order of joints."
         )
     if held_out is not None and held_out > _WORSE * difference:
         yield (
