@@ -19,7 +19,10 @@ from identification.replay.prediction import Prediction
 from plant import Dynamics, Record
 from plant.parts.arguments import instance, known_options, real
 
-__all__ = ["delay_of", "without_delay"]
+__all__ = ["delay_of", "is_late", "without_delay"]
+
+_LATE, _SURE = 0.02, 3.0
+"""Delay [samples] that matters, and from how many of its standard deviations on."""
 
 _WINDOW = 5
 """Samples before and after, over which the speed of the counts is taken."""
@@ -45,6 +48,11 @@ def delay_of(
     left = difference - slope * weight * speed
     std = np.sqrt(np.mean(left**2) * variance_inflation(left) / ((weight * speed) @ (weight * speed)))
     return float(-slope), float(std)
+
+
+def is_late(delay: float, std: float) -> bool:
+    """Whether a delay and its deviation [samples] say that counts are late, or early."""
+    return abs(delay) > max(_LATE, _SURE * std)
 
 
 @known_options

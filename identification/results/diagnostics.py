@@ -10,17 +10,14 @@ from numpy.typing import NDArray
 from identification.equation_error.pulse_fit import over_bands
 from identification.equation_error.stated_law import torque_apart
 from identification.replay.objective import Objective
-from identification.replay.timing import delay_of
+from identification.replay.timing import delay_of, is_late
 from identification.results.detection import Detection
 from identification.results.stepwise import detect
 from identification.search.outcome import Fit
 from identification.search.problem import Problem
 from plant.parts.frozen import Frozen
 
-__all__ = ["LATE", "Diagnostics"]
-
-LATE = 0.02
-"""Delay [samples] that matters."""
+__all__ = ["Diagnostics"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,7 +68,7 @@ class Diagnostics(Frozen):
             bands=_bands(problem, fit.values),
             delay=delay,
             delay_std=delay_std,
-            detection=detect(problem, fit, delay if abs(delay) > max(LATE, 3 * delay_std) else 0.0, rounding),
+            detection=detect(problem, fit, delay if is_late(delay, delay_std) else 0.0, rounding),
             law_apart=tuple(torque_apart(record) for record in problem.objective.records),
         )
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from identification.results.diagnostics import LATE
+from identification.replay.timing import is_late
 from plant.checkup.oscillation import own_oscillation
 
 __all__ = ["warnings_of"]
@@ -110,7 +110,7 @@ def _of_fit(found: Any, replayed: bool) -> Iterator[str]:
 def _of_timing(found: Any) -> Iterator[str]:
     delay, std, detection = found.diagnostics.delay, found.diagnostics.delay_std, found.diagnostics.detection
     explained = detection.names and "delay" not in detection.names  # by what looks like a delay
-    if abs(delay) > max(LATE, 3 * std) and not explained:
+    if is_late(delay, std) and not explained:
         yield (
             f"the counts are {abs(delay):.2f} samples {'late' if delay > 0 else 'early'}, which biases f. "
             f"Identify without_delay(record, {delay:.3g}) and compare."

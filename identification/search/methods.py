@@ -24,6 +24,7 @@ from identification.equation_error.pulse_fit import fit_systems, pass_band, syst
 from identification.equation_error.regressor import linear
 from identification.equation_error.torque_fit import TorqueFit
 from identification.replay.prediction import Prediction
+from identification.replay.timing import delay_of, is_late
 from identification.search.elastic import elastic
 from identification.search.genetic import GeneticResult, minimize_genetic
 from identification.search.memory import with_memory
@@ -163,6 +164,9 @@ def seeded(problem: Problem) -> Outcome:
     if fit.fallback_reason is None and costs.min() <= _AT_MOST * result.cost:
         fit = dataclasses.replace(fit, values=near[int(np.argmin(costs))], candidates=_as_good(near, costs))
         return dataclasses.replace(outcome, fit=fit)
+    delayed = delay_of(problem.dynamics, problem.records, problem.unknown, fit.values, **problem.options)
+    if fit.fallback_reason is None and is_late(*delayed):
+        return outcome  # only another arm repeats errors of late counts; this one's intervals count the delay
     reason = fit.fallback_reason or (
         "the fit that follows the counts does not repeat the errors when simulated; check rig, law and signs"
     )

@@ -37,7 +37,7 @@ def offset(values):
 CURVED = changed(RIG, curve=offset((0.0, 0.0)))
 CLASSES = {  # unknowns beside f, and the stated rig
     "f alone": ((), RIG), "friction": (FRICTION, RIG), "gains": (("law.gain[0]", "law.gain[1]"), RIG),
-    "offsets": (OFFSETS, CURVED), "a gear": (("drive.gear[0]",), RIG), "a load": (None, RIG),
+    "offsets": (OFFSETS, CURVED), "a gear": (("drive.gear[0]",), RIG), "a delay": ((), RIG), "a load": (None, RIG),
 }  # fmt: skip
 WRONG = ("gear 2 % off", "friction offset", "spring", "elastic, 100 Hz")
 
@@ -55,6 +55,14 @@ def robot(kind, arm, random):
     return changed(RIG, elasticity=Elasticity.from_resonance(arm, 100.0, 0.02, drive=RIG.drive))
 
 
+def late(record, rig, samples):
+    """The same experiment, its counts read so many samples after the reference, which the user does not know."""
+    t = record.t - samples * rig.period
+    q = np.column_stack([np.interp(t, record.t, each) for each in record.true_q.T])
+    counts = np.trunc(rig.position_in_pulses(q) + rig.encoder.phase.shift)
+    return dataclasses.replace(record, error_pulses=record.reference_pulses - counts, torque=None, current=None)
+
+
 def one(kind, k):
     """Errors, standard deviations and those of noise alone, of all unknowns; or the reason why there are none."""
     random = np.random.default_rng([600, k])
@@ -67,6 +75,10 @@ def one(kind, k):
         carried = DYNAMICS.arm(arm.f + DYNAMICS.f((Body(mass=0.0, com=(0, 0, 0)), load)))
     motion = PATH
     record = simulate(carried, dataclasses.replace(real, encoder=encoder), law, motion, steps_per_sample=16)
+    if kind == "a delay":
+        record = late(
+            record, dataclasses.replace(real, encoder=encoder), random.uniform(0.05, 0.4) * random.choice([-1, 1])
+        )
     record = dataclasses.replace(
         record, rig=rig, true_q=None, true_qd=None, link_counts=None, initial=None,
         reference=None if kind.startswith("gear") else record.reference,
