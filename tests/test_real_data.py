@@ -82,7 +82,8 @@ def test_double_pendulum_warns_of_least_squares_above_some_hertz(pendulum):
     assert found.diagnostics.bands[16.0] < 0.5
 
 
-@pytest.mark.parametrize("pendulum", ["C.0", pytest.param("A.0", marks=pytest.mark.slow)], indirect=True)
+@pytest.mark.slow
+@pytest.mark.parametrize("pendulum", ["C.0", "A.0"], indirect=True)
 def test_double_pendulum_is_controlled_to_a_pulse(pendulum):
     """On the arm that the runs kept aside show, which is another: dry friction differs by up to 29 %.
 

@@ -107,6 +107,7 @@ def test_numbers_that_are_not_linear_are_refused_and_left_out_where_a_search_fol
 
 
 # -- identification, on another engine's arm ------------------------------------------------------------------------
+@pytest.mark.slow
 def test_a_known_spring_costs_nothing(plain, sprung):
     known = identify(DYNAMICS, dataclasses.replace(sprung, rig=SPRUNG), method="prediction_error", progress=False)
     # One log each: their errors scatter by a factor of 2 (tests/benchmarks/known_torques.py has many).
@@ -133,6 +134,7 @@ def test_stiffness_and_angle_are_found_with_f_by_every_method_that_may(sprung):
     np.testing.assert_allclose(found.rig.springs.stiffness, SPRING.stiffness, atol=5.0)
 
 
+@pytest.mark.slow
 def test_an_injected_torque_that_is_known_costs_nothing(plain):
     t = RIG.period * np.arange(5215)
     record = p_loop(ARM, LAW, injected=pushes(t))

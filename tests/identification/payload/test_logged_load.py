@@ -138,6 +138,7 @@ def test_inertia_is_as_stated():
 
 
 # -- laws and logs -----------------------------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_a_log_of_a_law_with_a_memory_that_was_cut():
     found = find_load(ARM, worn_log(law=PID_LAW, duration=2.2).cut(0.437), PLACE)
     assert abs(found.mass - MASS) < 0.005
@@ -156,6 +157,7 @@ def test_several_logs_tell_more_and_each_is_shown():
     assert "record 1 alone" in str(found)
 
 
+@pytest.mark.slow
 def test_logs_that_contradict_each_other_widen_the_interval():
     heavier = worn_log(body=Body(mass=MASS + 0.5, com=PLACE))
     found = find_load(ARM, [worn_log(), heavier], PLACE)

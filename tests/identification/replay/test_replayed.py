@@ -91,6 +91,7 @@ def test_the_torque_equation_begins_near_the_truth():
         assert (np.abs(fit.f[SHOWN] / F[SHOWN] - 1) < 0.05).all()
 
 
+@pytest.mark.slow
 def test_weights_by_scatter_bring_the_values_nearer(monkeypatch):
     """One of two runs has two and a half times the friction, which no model of both can have."""
     off = []

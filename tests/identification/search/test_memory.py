@@ -89,6 +89,7 @@ def test_a_state_that_is_stated_is_taken():
     assert error(found) < 0.03
 
 
+@pytest.mark.slow
 def test_unknown_gains_are_found_beside_f():
     stated = dataclasses.replace(PID_LAW, gain=(0.11, 0.07))
     record = dataclasses.replace(log("PID"), law=stated)

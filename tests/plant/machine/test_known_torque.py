@@ -74,7 +74,9 @@ def potential(q):
 
 
 # -- truths ---------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("springs", [SPRING, COIL], ids=["joint springs", "coils"])
+@pytest.mark.parametrize(
+    "springs", [pytest.param(SPRING, marks=pytest.mark.slow), COIL], ids=["joint springs", "coils"]
+)
 def test_free_swing_with_springs_converges_to_another_engine(springs):
     """MuJoCo's joint stiffness and its tendons, by RK4 at 10 us; gravity on, no friction, no law."""
     start = np.array([(0.3, -0.4), (0.5, 1.0)])

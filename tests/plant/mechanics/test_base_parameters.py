@@ -34,7 +34,9 @@ def test_number_of_base_parameters_is_the_literature_s(chain, rotors, count):
     assert len(base_lumping(chain(), rotors=rotors).names) == count
 
 
-@pytest.mark.parametrize(("n", "seed"), [(1, 0), (2, 1), (3, 2), (4, 3), (6, 4), (7, 5)])
+@pytest.mark.parametrize(
+    ("n", "seed"), [(1, 0), (2, 1), (3, 2), (4, 3), (6, 4), pytest.param(7, 5, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("frames", [False, True])
 def test_base_parameters_move_the_arm_as_the_standard_ones_do(n, seed, frames):
     chain = random_chain(n, seed, frames=frames)

@@ -52,7 +52,10 @@ def visited(loop, samples):
     return np.array(states), np.array(rows), numbers
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize(
+    "name",
+    ["P", "three samples", *(pytest.param(name, marks=pytest.mark.slow) for name in ("one sample", "two sub-steps"))],
+)
 def test_one_step_of_the_kernel_from_every_visited_state_is_casadi_s(name):
     loop = loop_of(LAWS[name])
     states, rows, numbers = visited(loop, 5215)  # all of trajectory (6)
