@@ -44,6 +44,7 @@ from identification.results.alternatives import Sign
 from identification.results.detection import Detection
 from identification.results.diagnostics import Diagnostics
 from identification.results.identification import Identification
+from identification.results.model_files import WrittenModel, write_mjcf, write_urdf
 from identification.results.oscillation import Oscillation, oscillation
 from identification.results.physical import Physical, nearest_physical
 from identification.search.gear_resonance import GearResonance
@@ -59,8 +60,8 @@ known_options(GeneticSettings)
 __all__ = [
     "BandTrial", "Budget", "Detection", "Diagnostics", "Fit", "GearResonance", "GeneticResult", "GeneticSettings",
     "GeneticState", "Identification", "Interval", "LinkSize", "Load", "MotorFit", "Objective", "Oscillation",
-    "PayloadEstimate", "Physical", "Search", "Sign", "SpeedTrial", "Spread", "Tolerances", "TorqueFit", "derivatives",
-    "design_motion", "find_load", "fit_torque", "friction_from_motor_test", "gain_from_current", "identify",
-    "low_pass", "minimize_genetic", "nearest_physical", "oscillation", "pulse_budget", "puma560_ranges", "ranges",
-    "spread", "without_delay",
+    "PayloadEstimate", "Physical", "Search", "Sign", "SpeedTrial", "Spread", "Tolerances", "TorqueFit",
+    "WrittenModel", "derivatives", "design_motion", "find_load", "fit_torque", "friction_from_motor_test",
+    "gain_from_current", "identify", "low_pass", "minimize_genetic", "nearest_physical", "oscillation",
+    "pulse_budget", "puma560_ranges", "ranges", "spread", "without_delay", "write_mjcf", "write_urdf",
 ]  # fmt: skip

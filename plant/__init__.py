@@ -3,6 +3,7 @@
 An experiment: Arm + Rig + Law + Reference -> Record. The rooms, each above all that it imports:
 
 =============== ====================================================================================================
+`models`        URDF, MJCF and robot files: edited in place, checked and repaired, read and written
 `robots`        arms to start from: the paper's two links, the whole PUMA 560, planar chains, the TX40
 `analysis`      the loop linearised, python-control, P gains
 `simulation`    the closed loop as one symbolic step, the kernels made of it, `simulate` and `replay`
@@ -51,6 +52,7 @@ from plant.mechanics.body import Body
 from plant.mechanics.chain import Chain
 from plant.mechanics.coupling import Coupling
 from plant.mechanics.dynamics import Dynamics
+from plant.mechanics.limits import Limits
 from plant.mechanics.link import Link
 from plant.mechanics.load import load_body, load_matrix, load_parameters
 from plant.mechanics.lumping import Lumping
@@ -104,6 +106,7 @@ __all__ = [
     "KnownTorque",
     "Later",
     "Law",
+    "Limits",
     "Link",
     "LinkReference",
     "LoadError",

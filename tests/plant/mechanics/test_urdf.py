@@ -6,43 +6,7 @@ import pytest
 from plant import Chain, Dynamics
 
 pin = pytest.importorskip("pinocchio")
-
-
-def numbers(values):
-    return " ".join(repr(float(x)) for x in values)
-
-
-def inertial(random):
-    root = random.normal(size=(3, 3)) * 0.2
-    matrix = np.trace(root @ root.T) * np.eye(3) - root @ root.T
-    i = {f"i{a}{b}": float(matrix["xyz".index(a), "xyz".index(b)]) for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")}
-    place = f'<origin xyz="{numbers(random.uniform(-0.3, 0.3, 3))}" rpy="{numbers(random.uniform(-3, 3, 3))}"/>'
-    inertia = " ".join(f'{key}="{value!r}"' for key, value in i.items())
-    return f'<inertial>{place}<mass value="{random.uniform(0.5, 3)!r}"/><inertia {inertia}/></inertial>'
-
-
-def joint(name, kind, parent, child, random):
-    place = f'<origin xyz="{numbers(random.uniform(-0.5, 0.5, 3))}" rpy="{numbers(random.uniform(-3, 3, 3))}"/>'
-    axis = "" if kind == "fixed" else f'<axis xyz="{numbers(random.normal(size=3))}"/>'
-    limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>' if kind in ("revolute", "prismatic") else ""
-    ends = f'<parent link="{parent}"/><child link="{child}"/>'
-    return f'<joint name="{name}" type="{kind}">{place}{ends}{axis}{limit}</joint>'
-
-
-def robot(seed, kinds=("revolute", "fixed", "prismatic", "continuous", "fixed", "revolute")):
-    """A chain of links, with a branch of two fixed bodies on one of them and a last link without mass."""
-    random = np.random.default_rng(seed)
-    text = f'<link name="l0">{inertial(random)}</link>'
-    for i, kind in enumerate(kinds):
-        text += f'<link name="l{i + 1}">{inertial(random)}</link>' + joint(
-            f"j{i + 1}", kind, f"l{i}", f"l{i + 1}", random
-        )
-    text += f'<link name="tool">{inertial(random)}</link>' + joint(
-        "flange", "fixed", f"l{min(3, len(kinds))}", "tool", random
-    )
-    text += f'<link name="tip">{inertial(random)}</link>' + joint("glue", "fixed", "tool", "tip", random)
-    text += '<link name="nothing"/>' + joint("end", "fixed", f"l{len(kinds)}", "nothing", random)
-    return f'<?xml version="1.0"?><robot name="r">{text}</robot>'
+from model_texts import urdf  # noqa: E402
 
 
 def written(tmp_path, text):
@@ -70,13 +34,13 @@ def compared(chain, model, locked=()):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_agrees_with_pinocchio_s_reader(tmp_path, seed):
-    text = robot(seed)
+    text = urdf(seed)
     compared(Chain.from_urdf(written(tmp_path, text)), pin.buildModelFromXML(text))
 
 
 def test_named_joints_leave_the_others_at_zero(tmp_path):
     """j3 slides in the file; left out, it is a fixed joint, and its masses hang on the link before it."""
-    text = robot(9)
+    text = urdf(9)
     chain = Chain.from_urdf(written(tmp_path, text), ["j1", "j4", "j6"])
     assert [link.prismatic for link in chain.links] == [False, False, False]
     compared(chain, pin.buildModelFromXML(text), locked=("j3",))
@@ -84,7 +48,7 @@ def test_named_joints_leave_the_others_at_zero(tmp_path):
 
 def test_axes_along_each_direction(tmp_path):
     for axis in ("0 0 1", "0 0 -1", "1 0 0", "0 -1 0", "0 0 2"):
-        text = robot(1, kinds=("revolute", "revolute"))
+        text = urdf(1, kinds=("revolute", "revolute"))
         start = text.index("<axis")
         text = text[:start] + f'<axis xyz="{axis}"/>' + text[text.index("/>", start) + 2 :]
         compared(Chain.from_urdf(written(tmp_path, text)), pin.buildModelFromXML(text))
