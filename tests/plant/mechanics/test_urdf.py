@@ -1,5 +1,7 @@
 """URDF import against pinocchio's own reader, then files that must be refused."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -133,3 +135,41 @@ def test_billion_laughs_in_another_encoding(tmp_path):
     path.write_bytes(('<?xml version="1.0" encoding="UTF-16"?><!DOCTYPE r [<!ENTITY a "b">]>' + GOOD).encode("utf-16"))
     with pytest.raises(ValueError, match="must not declare"):
         Chain.from_urdf(path)
+
+
+# -- limits and xacro -----------------------------------------------------------------------------------------------
+def test_limits_are_kept(tmp_path):
+    limit = '<axis xyz="0 0 1"/><limit lower="-1" upper="2" velocity="3" effort="4"/>'
+    text = GOOD.replace('<axis xyz="0 0 1"/>', limit)
+    limits = Chain.from_urdf(written(tmp_path, text)).limits
+    assert [limits.lower[0], limits.upper[0], limits.velocity[0], limits.effort[0]] == [-1, 2, 3, 4]
+    endless = Chain.from_urdf(written(tmp_path, text.replace("revolute", "continuous"))).limits
+    assert [endless.lower[0], endless.upper[0], endless.velocity[0]] == [-np.inf, np.inf, 3]
+    none = Chain.from_urdf(written(tmp_path, GOOD)).limits
+    assert np.isinf(none.number_values()).all()
+    with pytest.raises(ValueError, match="lower must not be above upper"):
+        Chain.from_urdf(written(tmp_path, text.replace('"-1"', '"5"')))
+    with pytest.raises(ValueError, match="one finite number in velocity"):
+        Chain.from_urdf(written(tmp_path, text.replace('velocity="3"', 'velocity="fast"')))
+
+
+XACRO = GOOD.replace(
+    '<robot name="r">',
+    '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="mass" value="3"/>',
+).replace('mass value="1"', 'mass value="${mass}"')
+
+
+def test_xacro_is_expanded(tmp_path):
+    pytest.importorskip("xacrodoc")
+    chain = Chain.from_urdf(written(tmp_path, XACRO))
+    assert chain.bodies[0].mass == 3
+    with pytest.raises(ValueError, match="must be xacro that can be expanded"):
+        Chain.from_urdf(written(tmp_path, XACRO.replace("${mass}", "${mas}")))
+    with pytest.raises(ValueError, match="must not declare a document type"):
+        Chain.from_urdf(written(tmp_path, '<!DOCTYPE r [<!ENTITY a "b">]>' + XACRO))
+
+
+def test_xacro_without_its_tool_is_said(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "xacrodoc", None)
+    with pytest.raises(ValueError, match=r"it is xacro. Expand it .*pip install xacrodoc"):
+        Chain.from_urdf(written(tmp_path, XACRO))
