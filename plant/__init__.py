@@ -57,6 +57,7 @@ from plant.mechanics.link import Link
 from plant.mechanics.load import load_body, load_matrix, load_parameters
 from plant.mechanics.lumping import Lumping
 from plant.mechanics.placement import Placement
+from plant.models.robot_file import Robot, read_robot, write_robot
 from plant.motion.demand import shortest_duration, torque_share
 from plant.motion.fastest import fastest
 from plant.motion.later import Later
@@ -125,6 +126,7 @@ __all__ = [
     "Reference",
     "Resumed",
     "Rig",
+    "Robot",
     "Running",
     "Scaled",
     "Setpoint",
@@ -149,6 +151,7 @@ __all__ = [
     "part",
     "puma560",
     "read_records",
+    "read_robot",
     "read_table",
     "replay",
     "shortest_duration",
@@ -160,4 +163,5 @@ __all__ = [
     "torque_share",
     "visibility",
     "write_replay",
+    "write_robot",
 ]  # fmt: skip
