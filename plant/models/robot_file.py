@@ -56,6 +56,9 @@ class Robot(Frozen):
     columns, units : dict, optional
         Which columns of a log are what, as for `Record.from_csv`.
     name : str
+    model : Path, optional
+        The URDF or MJCF file that the arm was read from, for `write_urdf` and `write_mjcf`; it does not count in a
+        comparison, and is not written.
     """
 
     rig: Rig
@@ -65,6 +68,7 @@ class Robot(Frozen):
     columns: dict[str, Any] | None = None
     units: dict[str, Any] | None = None
     name: str = ""
+    model: Path | None = dataclasses.field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         instance("rig", self.rig, Rig, "Give Rig(drive=..., encoder=..., period=...).")
@@ -144,7 +148,7 @@ def _robot(data: dict[str, Any], folder: Path) -> Robot:
     name = data.get("name", "")
     return Robot(
         name=instance("name", name, str, "Write it in quotes."), rig=rig, arm=arm, dynamics=dynamics, law=law,
-        columns=data.get("columns"), units=data.get("units"),
+        columns=data.get("columns"), units=data.get("units"), model=_model(data["arm"], folder),
     )  # fmt: skip
 
 
@@ -167,6 +171,12 @@ def _dynamics(table: dict[str, Any], rig: Rig, folder: Path) -> tuple[Dynamics, 
     return dynamics, table.get("f", dynamics.f() if chain.bodies else None)
 
 
+def _model(table: dict[str, Any], folder: Path) -> Path | None:
+    """The model file that [arm] names."""
+    named = table.get("urdf", table.get("mjcf"))
+    return None if named is None else folder / str(named)
+
+
 def _chain(table: dict[str, Any], folder: Path) -> Chain:
     sources = [key for key in ("links", "urdf", "mjcf") if key in table]
     if len(sources) != 1:
@@ -176,8 +186,8 @@ def _chain(table: dict[str, Any], folder: Path) -> Chain:
     if sources != ["links"]:
         if unused := [key for key in ("table", "bodies", "limits") if key in table]:
             raise ValueError(f"[arm] must not have {unused[0]!r} beside a model file, which holds it. Remove one.")
-        path = folder / str(table[sources[0]])
-        if not path.is_file():
+        path = _model(table, folder)
+        if path is None or not path.is_file():
             raise ValueError(f"{sources[0]} of [arm] must name a file; {path} is not there. Put it beside this one.")
         read = Chain.from_urdf if sources == ["urdf"] else Chain.from_mjcf
         chain = read(path, table.get("joints"))
