@@ -57,6 +57,7 @@ from plant.mechanics.link import Link
 from plant.mechanics.load import load_body, load_matrix, load_parameters
 from plant.mechanics.lumping import Lumping
 from plant.mechanics.placement import Placement
+from plant.models.check import ModelCheck, ModelFinding, check_model
 from plant.models.robot_file import Robot, read_robot, write_robot
 from plant.motion.demand import shortest_duration, torque_share
 from plant.motion.fastest import fastest
@@ -114,6 +115,8 @@ __all__ = [
     "LoggedCurrent",
     "LoggedTorque",
     "Lumping",
+    "ModelCheck",
+    "ModelFinding",
     "Motion",
     "P",
     "Part",
@@ -137,6 +140,7 @@ __all__ = [
     "TorqueRipple",
     "Transport",
     "catalogue",
+    "check_model",
     "fastest",
     "joint_label",
     "joint_labels",
