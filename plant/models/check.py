@@ -1,9 +1,11 @@
 """What is wrong with the inertials of a URDF file, by what the file itself says, and the repair: `check_model`.
 
 Every inertial is compared with what it would be without each mistake that files have (`hypotheses`). What speaks for
-one or the other: whether a body can have it, the link's own shape (where it is, how wide, how dense), the places of its
-joints, the masses of the other links, and the link on the other side. A mistake is named only where it explains far
-more than a plain inertial; the least evidence for that is `_MARGIN`, in natural logarithms of odds.
+one or the other: the link's own shape (where it is, how wide, how dense), the places of its joints, the masses of the
+other links, and the link on the other side. A mistake is named only where something proves it: no body can have what is
+stated; none within three times the link's shape can, or none within the robot; no matter is so dense; or what is left
+without the mistake is exactly the link on the other side, or exactly the shape uniformly filled, which does not happen
+by chance.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.mechanics.body import Body
+from plant.mechanics.model_tree import MOVING
 from plant.mechanics.urdf_file import INERTIA, origin_of
 from plant.mechanics.xml_file import Element, numbers_of, parsed, spliced
 from plant.models.edits import require_new, urdf_inertial, write_whole
@@ -31,6 +34,21 @@ _RARE = 4.0
 
 _DENSITY, _TIMES = 1500.0, 1.2
 """Usual density [kg/m^3] of a link over the volume of its primitives, and the deviation of its logarithm."""
+
+_SLACK, _OUTSIDE = 0.05, 15.0
+"""Share by which a link may be larger than its shape in the file, and what a body says that needs more."""
+
+_FAR = 1.0
+"""The same share, for a proof: shapes for collisions leave parts out."""
+
+_LIGHTEST, _HEAVIEST = 1.0, 23000.0
+"""Density [kg/m^3] of nothing that links are made of: above that of osmium."""
+
+_SAME, _UNIFORM, _COINCIDENCE = 1e-4, 2e-3, 15.0
+"""Relative differences at which a link is its partner mirrored, or its shape uniformly filled, and what that says."""
+
+_APART = 20.0
+"""What a whole difference from the link on the other side says."""
 
 _CAP = 40.0
 """Most that one piece of evidence may say."""
@@ -115,8 +133,8 @@ class _Link:
 def check_model(path: str | Path) -> ModelCheck:
     """What is wrong with the inertials of a URDF file, and the repair.
 
-    Units (g for kg, mm for m), signs and order of the products of inertia, inertia about the link's frame instead of the
-    centre of mass, mirrored links, missing inertials, and what no body can have. Meshes are not read: links whose
+    Units (g for kg, mm for m), signs and order of the products of inertia, inertia about the link's frame, mirrored
+    links, missing inertials, and what no body can have. Meshes are not read: links whose
     geometry is not made of boxes, cylinders and spheres are judged by their joints and the other links alone.
 
     Parameters
@@ -139,7 +157,8 @@ def check_model(path: str | Path) -> ModelCheck:
         name: _Link(name, _stated(element, name), shape_of(element), joint_places(robot, name))
         for name, element in elements.items()
     }
-    moving = {end.attributes.get("link") for joint in robot.all("joint") for end in joint.all("child")}
+    joints = [joint for joint in robot.all("joint") if joint.attributes.get("type") in MOVING]
+    moving = {end.attributes.get("link") for joint in joints for end in joint.all("child")}
     for name, link in links.items():
         other = partner_of(name, list(links))
         if other is not None and links[other].stated is not None:
@@ -147,12 +166,27 @@ def check_model(path: str | Path) -> ModelCheck:
             planes = mirrors((link.shape, partner.shape), (link.places, partner.places))
             if partner.stated is not None:
                 link.partners = [(partner.stated, plane) for plane in planes]
-    findings = []
+    found: dict[str, ModelFinding] = {}
     for name, link in links.items():
-        found = _missing(link, links) if link.stated is None and name in moving else _judged(link, links)
-        if found is not None:
-            findings.append(found)
-    return ModelCheck(path=Path(path), findings=tuple(findings))
+        finding = _missing(link, links) if link.stated is None and name in moving else _judged(link, links)
+        if finding is not None:
+            found[name] = finding
+    for name in list(found):  # of two sides that differ, one is wrong
+        other = partner_of(name, list(links))
+        if name in found and other in found and np.isfinite([found[name].evidence, found[other].evidence]).all():
+            del found[min((name, other), key=lambda each: _own_gain(links[each], found[each], links))]
+    return ModelCheck(path=Path(path), findings=tuple(found.values()))
+
+
+def _own_gain(link: _Link, finding: ModelFinding, links: dict[str, _Link]) -> float:
+    """What speaks for a repair without the link on the other side."""
+    alone = dataclasses.replace(link, partners=())
+    if link.stated is None or finding.repair is None:
+        return 0.0
+    inertia = np.zeros((3, 3))
+    inertia[np.triu_indices(3)] = finding.repair.inertia
+    repaired = Stated(finding.repair.mass, finding.repair.com, np.eye(3), inertia + np.triu(inertia, 1).T)
+    return _cost(link.stated, alone, links) - _cost(repaired, alone, links)
 
 
 def _stated(link: Element, name: str) -> Stated | None:
@@ -177,35 +211,62 @@ def _judged(link: _Link, links: dict[str, _Link]) -> ModelFinding | None:
     now = _cost(link.stated, link, links)
     trials = [(_cost(other, link, links) + _RARE, words, other) for words, other in without_mistakes(link.stated)]
     best, words, other = min(trials, key=lambda trial: trial[0])
+    exact = np.isfinite(best) and _coincides(other, link)
     if not link.stated.physical():
-        clear = np.isfinite(best)
-        mistake = words if clear else "an inertia that no body has"
-        return ModelFinding(
-            link=link.name, mistake=mistake, evidence=np.inf, repair=_body(other) if clear else _guess(link, links)
-        )
-    if now - best > _MARGIN:
+        sure = exact or (np.isfinite(best) and words.startswith("a negative"))
+        mistake = words if sure else "an inertia that no body has"
+        repair = _body(other) if sure else _guess(link, links)
+        return ModelFinding(link=link.name, mistake=mistake, evidence=np.inf, repair=repair)
+    proven = (exact and not _coincides(link.stated, link)) or _impossible(link.stated, link, links)
+    if proven and now - best > _MARGIN:
         return ModelFinding(link=link.name, mistake=words, evidence=now - best, repair=_body(other))
     return None
 
 
+def _coincides(given: Stated, link: _Link) -> bool:
+    """Whether an inertial is exactly that of the other side, or that of the shape uniformly filled."""
+    apart = [_apart(given, _mirrored(partner, plane)) for partner, plane in link.partners if partner.physical()]
+    return bool(apart and min(apart) < _APART * _SAME) or _uniform(given, link.shape)
+
+
+def _uniform(given: Stated, shape: Shape | None) -> bool:
+    if shape is None:
+        return False
+    size = float(np.trace(shape.spread))
+    spread = np.abs(given.spread / given.mass - shape.spread).max() < _UNIFORM * size
+    return bool(spread and np.linalg.norm(given.com - shape.centre) < _UNIFORM * np.sqrt(size))
+
+
+def _impossible(given: Stated, link: _Link, links: dict[str, _Link]) -> bool:
+    """Whether no body within the robot, or within three times the link's shape, can have this inertial."""
+    spread = given.spread / given.mass
+    if link.shape is not None:
+        dense = not _LIGHTEST < given.mass / link.shape.volume < _HEAVIEST
+        return dense or not link.shape.holds(given.com, spread, _FAR)
+    whole = sum(float(np.linalg.norm(each.places, axis=1).max()) for each in links.values() if len(each.places))
+    return bool(whole) and bool(max(np.linalg.norm(given.com), np.sqrt(np.trace(spread))) > 2.0 * whole)
+
+
 def _missing(link: _Link, links: dict[str, _Link]) -> ModelFinding | None:
-    """A link without inertial that should have one: it has a shape, or a partner with one."""
+    """A link that moves and has a shape, or a partner with an inertial, and no inertial of its own."""
     if link.shape is None and not link.partners:
         return None
     return ModelFinding(link=link.name, mistake="no inertial", evidence=np.inf, repair=_guess(link, links))
 
 
 def _guess(link: _Link, links: dict[str, _Link]) -> Body | None:
-    """The partner's body mirrored; or the link's shape, as dense as the others."""
+    """The partner's body mirrored; or the link's shape filled, where all others are filled alike."""
     for partner, plane in link.partners:
         if partner.physical():
             return _body(_mirrored(partner, plane))
+    others = [other for other in links.values() if other is not link and other.stated is not None and other.shape]
     densities = [
         other.stated.mass / other.shape.volume
-        for other in links.values()
-        if other is not link and other.stated is not None and other.shape is not None and other.stated.physical()
+        for other in others
+        if other.stated is not None and other.shape is not None and _uniform(other.stated, other.shape)
     ]
-    if link.shape is None or not densities:
+    alike = len(densities) > 1 and len(densities) == len(others) and np.ptp(densities) < 0.01 * min(densities)
+    if link.shape is None or not alike:
         return None
     mass = float(np.median(densities)) * link.shape.volume
     spread = mass * link.shape.spread
@@ -233,6 +294,8 @@ def _cost(given: Stated, link: _Link, links: dict[str, _Link]) -> float:
         cost = 0.5 * min(_CAP, float(where @ np.linalg.solve(scale, where)))
         cost += 2.0 * min(_CAP, _divergence(spread, scale))
         cost += 0.5 * min(_CAP, (np.log(given.mass / link.shape.volume / _DENSITY) / _TIMES) ** 2)
+        cost += 0.0 if link.shape.holds(given.com, spread, _SLACK) else _OUTSIDE
+        cost -= _COINCIDENCE if _uniform(given, link.shape) else 0.0
     else:
         masses = [other.stated.mass for other in links.values() if other is not link and other.stated is not None]
         median = float(np.median([abs(mass) for mass in masses])) if masses else given.mass
@@ -244,6 +307,7 @@ def _cost(given: Stated, link: _Link, links: dict[str, _Link]) -> float:
     if link.partners:
         apart = [_apart(given, _mirrored(partner, plane)) for partner, plane in link.partners if partner.mass > 0]
         cost += min([_CAP / 2, *apart])
+        cost -= _COINCIDENCE if apart and min(apart) < _APART * _SAME else 0.0
     return cost
 
 
@@ -267,4 +331,4 @@ def _apart(one: Stated, other: Stated) -> float:
     mass = np.log(one.mass / abs(other.mass)) ** 2
     where = float((one.com - other.com) @ (one.com - other.com)) / size
     spread = float(np.abs(one.spread / one.mass - other.spread / other.mass).max()) / size
-    return 20.0 * float(np.sqrt(mass + where + spread**2))
+    return _APART * float(np.sqrt(mass + where + spread**2))

@@ -20,11 +20,24 @@ _PLANES = tuple(np.diag(signs) for signs in ((1, -1, 1), (-1, 1, 1), (1, 1, -1),
 
 @dataclasses.dataclass(frozen=True)
 class Shape:
-    """Volume [m^3], centroid (3,) [m], and second moments about it per unit mass (3, 3) [m^2], if uniformly filled."""
+    """Volume [m^3], centroid (3,) [m], second moments about it per unit mass (3, 3) [m^2], if uniformly filled; corners
+    (2, 3) of the box around it, along the axes of the link's frame [m].
+    """
 
     volume: float
     centre: NDArray[np.float64]
     spread: NDArray[np.float64]
+    corners: NDArray[np.float64]
+
+    def holds(self, com: NDArray[np.float64], spread: NDArray[np.float64], slack: float) -> bool:
+        """Whether mass within the box can have this centre and these second moments per unit mass about it.
+
+        Of anything between a and b the variance is at most (b - mean)(mean - a) (R. Bhatia, C. Davis, 2000). The box is
+        taken larger by a share `slack` of its edges, since shapes in files are approximate.
+        """
+        wider = slack * (self.corners[1] - self.corners[0])
+        below, above = com - self.corners[0] + wider, self.corners[1] - com + wider
+        return bool((below > 0).all() and (above > 0).all() and (np.diag(spread) < below * above).all())
 
 
 def shape_of(link: Element) -> Shape | None:
@@ -38,7 +51,10 @@ def shape_of(link: Element) -> Shape | None:
                 (s.volume * (s.spread + np.outer(s.centre - centre, s.centre - centre)) for s in found),
                 np.zeros((3, 3)),
             )
-            return Shape(volume, centre, spread / volume)
+            corners = np.array([each.corners for each in found])
+            return Shape(
+                volume, centre, spread / volume, np.array([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
+            )
     return None
 
 
@@ -50,19 +66,21 @@ def _primitive(element: Element) -> Shape | None:
     pose = origin_of(element, where)
     if form.tag == "box":
         edges = numbers_of(form, "size", 3, None, where)
-        volume, spread = float(np.prod(edges)), np.diag(edges**2 / 12)
+        volume, spread, half = float(np.prod(edges)), np.diag(edges**2 / 12), edges / 2
     elif form.tag == "sphere":
         radius = numbers_of(form, "radius", 1, None, where)[0]
-        volume, spread = 4 / 3 * np.pi * radius**3, np.eye(3) * radius**2 / 5
+        volume, spread, half = 4 / 3 * np.pi * radius**3, np.eye(3) * radius**2 / 5, np.full(3, radius)
     elif form.tag == "cylinder":
         radius, length = (numbers_of(form, key, 1, None, where)[0] for key in ("radius", "length"))
         volume, spread = np.pi * radius**2 * length, np.diag([radius**2 / 4, radius**2 / 4, length**2 / 12])
+        half = np.array([radius, radius, length / 2])
     else:
         return None
     if not volume > 0:
         return None
     rotation = np.array(pose.rotation)
-    return Shape(volume, np.array(pose.position), rotation @ spread @ rotation.T)
+    centre, reach = np.array(pose.position), np.abs(rotation) @ half
+    return Shape(volume, centre, rotation @ spread @ rotation.T, np.array([centre - reach, centre + reach]))
 
 
 def joint_places(robot: Element, name: str) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""How many of 50 broken URDF files does `check_model` repair, inertials within 1 %? `python tests/benchmarks/broken_models.py`.
+"""How many of 50 broken URDF files does `check_model` repair within 1 %? `python tests/benchmarks/broken_models.py`.
 
 Robots with two equal sides, links of boxes and cylinders that are neither uniform nor aligned with their shapes; one
 mistake each. With folders as arguments: the alarms on the URDF files there, such as those of example-robot-data.
@@ -90,8 +90,12 @@ def written(links, wrong=None, stated=None):
         if given is not None:
             mass, com, inertia = given
             matrix = " ".join(f'{key}="{text(inertia[place])}"' for key, place in zip(KEYS, PLACES, strict=True))
-            lines.append(f'    <inertial><origin xyz="{text(com)}"/><mass value="{text(mass)}"/><inertia {matrix}/></inertial>')
-        lines.append(f'    <collision><origin xyz="{text(centre)}"/><geometry><box size="{text(edges)}"/></geometry></collision>')
+            lines.append(
+                f'    <inertial><origin xyz="{text(com)}"/><mass value="{text(mass)}"/><inertia {matrix}/></inertial>'
+            )
+        lines.append(
+            f'    <collision><origin xyz="{text(centre)}"/><geometry><box size="{text(edges)}"/></geometry></collision>'
+        )
         side, _, number = name.partition("_")
         parent = "base" if number == "0" else f"{side}_{int(number) - 1}"
         lines += [
@@ -141,6 +145,7 @@ if __name__ == "__main__":
         sys.exit()
     for pairs in (True, False):
         good, alarms, failed = study(pairs=pairs)
-        print(f"{'two sides' if pairs else 'one side'}: {good} of 50 repaired within 1 %, {alarms} false alarms on 50 sound files")
+        sides = "two sides" if pairs else "one side"
+        print(f"{sides}: {good} of 50 repaired within 1 %, {alarms} false alarms on 50 sound files")
         for each in failed:
             print("   ", *each)

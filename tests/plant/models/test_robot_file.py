@@ -135,7 +135,7 @@ PAPER = (FOLDER / "paper_puma560.toml").read_text()
         (PAPER.replace("107.8, ", ""), r"\[drive\]: motor_inertia of Drive must have shape \(1,\)"),
         (PAPER.replace("plant.P", "plant.PP"), r"kind in \[law\] must be that of a part; got 'plant.PP'. Did you mean"),
         (PAPER.replace("plant.P", "ctc.Nothing"), "must be that of a part; got 'ctc.Nothing'"),
-        (PAPER.replace("\ngain = [0.2", "\ngian = [0.2"), r"\[law\] must have keys of P; got 'gian'. Did you mean 'gain'"),
+        (PAPER.replace("\ngain = [0.2", "\ngian = [0.2"), r"keys of P; got 'gian'. Did you mean 'gain'"),
         (PAPER.replace("Izz3 = 1.0, J3", "Izz33 = 1.0, J3"), "a term of f1 of .*Did you mean 'Izz3'"),
         (PAPER.replace('torque = "inertial"', 'torque = "inert"', 1), "torque of f1 .*Did you mean 'inertial'"),
         (PAPER.replace("f7 = {", "f7 = {m2 = 1.0, "), "lumping must describe the motion of the chain"),
