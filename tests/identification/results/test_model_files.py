@@ -2,13 +2,15 @@
 
 import dataclasses
 import re
+import warnings
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from identification import write_mjcf, write_urdf
+from identification import identify, write_mjcf, write_urdf
 from identification.results.nearest_bodies import Block, basis, nearest_realisation
-from plant import Body, Chain, Dynamics
+from plant import Body, Chain, Coupling, Dynamics, Harmonics, P, puma560, simulate
 from plant.mechanics.load import load_parameters
 from plant.mechanics.pseudo_inertia import from_pseudo_inertia, pseudo_inertia
 
@@ -201,3 +203,48 @@ def test_pseudo_inertia_is_that_of_point_masses():
     P = pseudo_inertia(load_parameters(body))
     np.testing.assert_allclose(P, (rows * masses[:, None]).T @ rows, rtol=0, atol=1e-12)
     np.testing.assert_allclose(pseudo_inertia(from_pseudo_inertia(P)), P, rtol=0, atol=1e-15)
+
+
+# -- friction, included files, coupled motors -----------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def identified(tmp_path_factory):
+    """A pendulum of two links from a file, identified from the torque equation alone."""
+    folder = tmp_path_factory.mktemp("found")
+    text = urdf(7, kinds=("revolute", "revolute"))
+    (folder / "arm.urdf").write_text(text.replace("</joint>", '<dynamics friction="9"/></joint>', 1))
+    rig = puma560.rig()
+    dynamics = Dynamics.from_chain(Chain.from_urdf(folder / "arm.urdf").with_rotors(rig.drive))
+    truth = dynamics.arm(dynamics.f() * 1.03)
+    path = Harmonics(period=2.0, offset=(0, 0), cosine=((0.4, 0.2), (0.2, -0.4)), sine=((0.1, 0.3), (-0.3, 0.1)))
+    measured = simulate(truth, rig, P(gain=(0.5, 0.4)), path, backend="casadi")
+    return folder, identify(dynamics, measured, method="equation_error", progress=False)
+
+
+def test_identified_friction_is_written_joint_side(identified, tmp_path):
+    folder, found = identified
+    for name, friction in (("a.urdf", True), ("b.urdf", False)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # noise: the nearest f
+            write_urdf(found, folder / "arm.urdf", tmp_path / name, nearest=True, friction=friction)
+    robot = ElementTree.parse(tmp_path / "a.urdf").getroot()  # noqa: S314 - our own file
+    drive = found.rig.drive
+    written = [joint.find("dynamics") for joint in robot.iter("joint") if joint.get("type") == "revolute"]
+    np.testing.assert_allclose([float(each.get("damping")) for each in written], drive.viscous * drive.gear**2)
+    np.testing.assert_allclose([float(each.get("friction")) for each in written], drive.coulomb * abs(drive.gear))
+    assert inertials_removed((tmp_path / "b.urdf").read_text()) == inertials_removed((folder / "arm.urdf").read_text())
+
+
+def test_an_inertial_in_an_included_file_is_not_written(tmp_path):
+    body = '<body name="b"><joint name="j"/><inertial pos="0.1 0 0" mass="1" diaginertia="1 1 1"/></body>'
+    (tmp_path / "part.xml").write_text(f"<mujocoinclude>{body}</mujocoinclude>")
+    (tmp_path / "main.xml").write_text('<mujoco><worldbody><include file="part.xml"/></worldbody></mujoco>')
+    dynamics = Dynamics.from_chain(Chain.from_mjcf(tmp_path / "main.xml"), rotors=False)
+    with pytest.raises(ValueError, match=r"inertials must stand in .*main.xml; that of b is in .*part.xml"):
+        write_mjcf(dynamics.arm(1.1 * dynamics.f()), tmp_path / "main.xml", tmp_path / "new.xml")
+
+
+def test_coupled_rotors_have_no_armature(files, tmp_path):
+    chain = with_rotors(Chain.from_mjcf(files / "0.xml"), 0.2).coupled(Coupling(matrix=np.eye(4) + np.eye(4, k=-1)))
+    dynamics = Dynamics.from_chain(chain)
+    with pytest.raises(ValueError, match="rotors must turn with joints of their own"):
+        write_mjcf(dynamics.arm(dynamics.f()), files / "0.xml", tmp_path / "new.xml")
