@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from identification.results.identification import Identification
 from identification.results.physical import Physical
-from identification.results.realised import Realised, matching_joints, realised
+from identification.results.realised import Realised, matching_joints
+from identification.results.to_write import bodies_of, given, prior_bodies
 from plant import Arm, Body, Drive
 from plant.mechanics.load import load_parameters
 from plant.mechanics.lumping import STANDARD
@@ -23,12 +24,8 @@ from plant.mechanics.xml_file import Edit, Element, parsed, spliced
 from plant.models.edits import mjcf_inertial, mjcf_joint, require_new, urdf_friction, urdf_inertial, write_whole
 from plant.parts.arguments import known_options
 from plant.parts.frozen import Frozen
-from plant.parts.user_warning import warn
 
 __all__ = ["WrittenModel", "write_mjcf", "write_urdf"]
-
-_RIDGE = 1e-9
-"""Share of the largest variance that is added to all: a number kept fixed has no variance."""
 
 _SAME = 1e-13
 """Relative change of a body below which its bytes stay."""
@@ -106,11 +103,11 @@ def write_urdf(
         A source that does not describe the arm, f that no bodies have, a target that is there.
     """
     path = require_new(target, overwrite)
-    model, before = read_urdf(source), _prior(prior, read_urdf)
+    model, before = read_urdf(source), prior_bodies(prior, read_urdf)
     if is_xacro(parsed(source, "robot", "URDF")[0]):
         raise ValueError(f"source must be a URDF file; {source} is xacro. Expand it first.")
-    arm, drive = _given(found_or_arm, friction)
-    got = _bodies(found_or_arm, arm, model, before, nearest, np.zeros(arm.n))
+    arm, drive = given(found_or_arm, friction)
+    got = bodies_of(found_or_arm, arm, model, before, nearest, np.zeros(arm.n))
     edits: list[Edit] = []
     for link, body in _changed(model, got):
         edits += urdf_inertial(model.data, model.links[link], body)
@@ -154,10 +151,10 @@ def write_mjcf(
         As for `write_urdf`; an inertial in a file that is included; coupled motors, for which MJCF has no armature.
     """
     path = require_new(target, overwrite)
-    model, before = read_mjcf(source), _prior(prior, read_mjcf)
-    arm, drive = _given(found_or_arm, friction)
+    model, before = read_mjcf(source), prior_bodies(prior, read_mjcf)
+    arm, drive = given(found_or_arm, friction)
     joints = matching_joints(arm, model)
-    got = _bodies(found_or_arm, arm, model, before, nearest, np.array([joint.armature for joint in joints]))
+    got = bodies_of(found_or_arm, arm, model, before, nearest, np.array([joint.armature for joint in joints]))
     if arm.dynamics.chain.coupling.matrix and got.rotors.any():
         raise ValueError(
             "rotors must turn with joints of their own; the arm's are coupled, and MJCF has no such. Use URDF."
@@ -173,72 +170,6 @@ def write_mjcf(
             _own(model, joint.child)
             edits += mjcf_joint(model.data, joint.element, values)
     return _write(path, model, edits, arm, got)
-
-
-def _prior(
-    prior: str | Path | Mapping[str, Body] | None, read: Callable[[str | Path], ModelFile]
-) -> Mapping[str, Body]:
-    """Bodies by link."""
-    if prior is None:
-        return {}
-    if isinstance(prior, Mapping):
-        return prior
-    return {name: body for name, body in read(prior).bodies.items() if body is not None}
-
-
-def _given(found_or_arm: Identification | Physical | Arm, friction: bool) -> tuple[Arm, Drive | None]:
-    """The arm, and the drive whose friction is to be written."""
-    if isinstance(found_or_arm, Identification):
-        return found_or_arm.arm, found_or_arm.rig.drive if friction else None
-    arm = found_or_arm.arm if isinstance(found_or_arm, Physical) else found_or_arm
-    if not isinstance(arm, Arm):
-        got = type(found_or_arm).__name__
-        raise ValueError(f"found_or_arm must be what identify gave, or an Arm; got a {got}. Pass found, or found.arm.")
-    return arm, None
-
-
-def _bodies(
-    found_or_arm: Identification | Physical | Arm,
-    arm: Arm,
-    model: ModelFile,
-    prior: Mapping[str, Body],
-    nearest: bool,
-    armature: NDArray[np.float64],
-) -> Realised:
-    """What is to be written, or a refusal."""
-    rotors, scale = armature, None
-    if isinstance(found_or_arm, Identification):
-        stated = found_or_arm.rig.drive.reflected_inertia()
-        rotors, scale = np.where(stated > 0, stated, rotors), _whitening(found_or_arm)
-    elif arm.dynamics.chain.bodies:
-        stated = np.array([body.rotor for body in arm.dynamics.chain.bodies])
-        rotors = np.where(stated > 0, stated, rotors)
-    if isinstance(found_or_arm, Physical):
-        rotors = np.array([body.rotor for body in found_or_arm.bodies])
-    got = realised(arm, model, rotors, prior, scale)
-    if got.exact:
-        return got
-    difference = got.f - arm.f
-    names = arm.dynamics.names
-    text = ", ".join(f"{names[i]} {difference[i]:+.3g}" for i in np.argsort(-np.abs(difference))[:4])
-    unmet = "no bodies with positive density, and no rotors, were found to have these f"
-    if not nearest:
-        raise ValueError(f"f must be what bodies can have; {unmet}: the nearest differ by {text}. Pass nearest=True.")
-    warn(f"{unmet}; written are the nearest, which differ by {text}.")
-    return got
-
-
-def _whitening(found: Identification) -> NDArray[np.float64] | None:
-    """W with W C W' = 1, C the covariance of f; None without one."""
-    if found.covariance is None:
-        return None
-    names, unknown = found.arm.dynamics.names, found.unknown
-    if not all(name in unknown for name in names):
-        return None
-    rows = [unknown.index(name) for name in names]
-    covariance = np.asarray(found.covariance)[np.ix_(rows, rows)]
-    ridge = _RIDGE * np.diag(covariance).max() * np.eye(len(rows))
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance + ridge)))
 
 
 def _friction(drive: Drive, joint: int) -> tuple[float, float] | None:

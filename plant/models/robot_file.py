@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import Any, cast
 
 from plant.laws.law import Law
 from plant.logs.mapping import mapped_names
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
-from plant.mechanics.chain import Chain
 from plant.mechanics.dynamics import Dynamics
+from plant.models.arm_table import arm_table, dynamics_of, model_beside
 from plant.models.edits import require_new, write_whole
-from plant.models.lumping_table import lumping_of, lumping_table
 from plant.models.meaning import unit_of
 from plant.models.tables import class_of, part_of, table_of
 from plant.models.toml_text import toml_lines
@@ -30,11 +27,6 @@ _LARGEST = 5_000_000
 """Bytes of a robot file."""
 
 _KEYS = ("name", "arm", "rig", "drive", "encoder", "law", "columns", "units")
-_ARM = (
-    "table", "links", "urdf", "mjcf", "joints", "gravity", "bodies", "coupling", "limits", "rotors", "parameters",
-    "ranges", "f",
-)  # fmt: skip
-_BASE, _ROTORLESS = "base", "base without rotors"
 FOLDER = Path(__file__).parent / "robots"
 """Robot files of the package."""
 
@@ -141,74 +133,15 @@ def _robot(data: dict[str, Any], folder: Path) -> Robot:
     made = {key: part_of(table, f"plant.{key.capitalize()}", key) for key, table in parts.items()}
     places = {f"[{key}]": part for key, part in made.items()}
     rig = part_of(data["rig"] | {key: f"[{key}]" for key in made}, "plant.Rig", "rig", places)
-    dynamics, f = _dynamics(data["arm"], rig, folder)
+    dynamics, f = dynamics_of(data["arm"], rig, folder)
     arm = None if f is None else dynamics.arm(f)
     known = {"[rig]": rig} | ({} if arm is None else {"[arm]": arm})
     law = part_of(data["law"], "", "law", known) if "law" in data else None
     name = data.get("name", "")
     return Robot(
         name=instance("name", name, str, "Write it in quotes."), rig=rig, arm=arm, dynamics=dynamics, law=law,
-        columns=data.get("columns"), units=data.get("units"), model=_model(data["arm"], folder),
+        columns=data.get("columns"), units=data.get("units"), model=model_beside(data["arm"], folder),
     )  # fmt: skip
-
-
-def _dynamics(table: dict[str, Any], rig: Rig, folder: Path) -> tuple[Dynamics, Any]:
-    """Dynamics of [arm], and its f."""
-    for key in table:
-        choice("a key of [arm]", key, _ARM)
-    chain, rotors = _chain(table, folder), table.get("rotors")
-    if rotors is not None:
-        choice("rotors of [arm]", rotors, ("drive",))
-        chain = chain.with_rotors(rig.drive)
-    parameters = table.get("parameters", _BASE)
-    ranges: Any = table.get("ranges")
-    if isinstance(parameters, Mapping):
-        dynamics = Dynamics(chain=chain, lumping=lumping_of(parameters, chain), ranges=ranges)
-    else:
-        choice("parameters of [arm]", parameters, (_BASE, _ROTORLESS))
-        dynamics = Dynamics.from_chain(chain, rotors=parameters == _BASE)
-        dynamics = dataclasses.replace(dynamics, ranges=ranges)
-    return dynamics, table.get("f", dynamics.f() if chain.bodies else None)
-
-
-def _model(table: dict[str, Any], folder: Path) -> Path | None:
-    """The model file that [arm] names."""
-    named = table.get("urdf", table.get("mjcf"))
-    return None if named is None else folder / str(named)
-
-
-def _chain(table: dict[str, Any], folder: Path) -> Chain:
-    sources = [key for key in ("links", "urdf", "mjcf") if key in table]
-    if len(sources) != 1:
-        raise ValueError(
-            f"[arm] must have one of links, urdf, mjcf; it has {' and '.join(sources) or 'none'}. Give one."
-        )
-    if sources != ["links"]:
-        if unused := [key for key in ("table", "bodies", "limits") if key in table]:
-            raise ValueError(f"[arm] must not have {unused[0]!r} beside a model file, which holds it. Remove one.")
-        path = _model(table, folder)
-        if path is None or not path.is_file():
-            raise ValueError(f"{sources[0]} of [arm] must name a file; {path} is not there. Put it beside this one.")
-        read = Chain.from_urdf if sources == ["urdf"] else Chain.from_mjcf
-        chain = read(path, table.get("joints"))
-        changes: dict[str, Any] = {key: table[key] for key in ("gravity",) if key in table}
-    else:
-        kept: dict[str, Any] = {
-            key: table[key] for key in ("links", "gravity", "bodies", "coupling", "limits") if key in table
-        }
-        if choice("table of [arm]", table.get("table", "modified"), ("modified", "standard")) == "modified":
-            made: Chain = part_of(kept, "plant.Chain", "arm")
-            return made
-        rest = {key: value for key, value in table.items() if key in ("gravity", "limits")}
-        bodies = tuple(part_of(each, "plant.Body", "arm.bodies") for each in kept.get("bodies", ()))
-        chain = Chain.standard(kept["links"], bodies=bodies)
-        changes = {
-            key: part_of(value, "plant.Limits", "arm.limits") if key == "limits" else value
-            for key, value in rest.items()
-        }
-    if "coupling" in table:
-        changes["coupling"] = part_of(table["coupling"], "plant.Coupling", "arm.coupling")
-    return dataclasses.replace(chain, **changes)
 
 
 @known_options
@@ -233,10 +166,10 @@ def write_robot(robot: Robot, path: str | Path, *, overwrite: bool = False) -> N
 
 
 def _lines(robot: Robot) -> Iterator[str]:
-    rig = table_of(robot.rig, "plant.Rig")
+    rig, dynamics = table_of(robot.rig, "plant.Rig"), cast(Dynamics, robot.dynamics)  # which Robot sets
     tables: dict[str, Any] = {"name": robot.name} if robot.name else {}
     tables |= {"rig": {key: value for key, value in rig.items() if key not in ("drive", "encoder")}}
-    tables |= {"drive": rig["drive"], "encoder": rig["encoder"], "arm": _arm_table(robot)}
+    tables |= {"drive": rig["drive"], "encoder": rig["encoder"], "arm": arm_table(dynamics, robot.arm)}
     if robot.law is not None:
         known = {"[rig]": robot.rig} | ({} if robot.arm is None else {"[arm]": robot.arm})
         tables["law"] = table_of(robot.law, "", known)
@@ -251,22 +184,3 @@ def _lines(robot: Robot) -> Iterator[str]:
         return unit_of(classes[where[0]], key) if len(where) == 1 and where[0] in classes else ""
 
     yield from toml_lines(tables, comment=comment)
-
-
-def _arm_table(robot: Robot) -> dict[str, Any]:
-    dynamics, arm = robot.dynamics, robot.arm
-    if dynamics is None:  # Robot sets it
-        return {}
-    chain = dynamics.chain
-    table = table_of(chain, "plant.Chain")
-    if dynamics.ranges is not None:
-        table["ranges"] = [list(row) for row in dynamics.ranges]
-    for word, rotors in ((_BASE, True), (_ROTORLESS, False)):
-        if Dynamics.from_chain(chain, rotors=rotors).lumping == dynamics.lumping:
-            table["parameters"] = word
-            break
-    else:
-        table["parameters"] = lumping_table(dynamics.lumping, chain)
-    if arm is not None and not (chain.bodies and np.array_equal(arm.f, dynamics.f())):
-        table["f"] = arm.f.tolist()
-    return table
