@@ -3,6 +3,7 @@
 An experiment: Arm + Rig + Law + Reference -> Record. The rooms, each above all that it imports:
 
 =============== ====================================================================================================
+`models`        URDF, MJCF and robot files: edited in place, checked and repaired, read and written
 `robots`        arms to start from: the paper's two links, the whole PUMA 560, planar chains, the TX40
 `analysis`      the loop linearised, python-control, P gains
 `simulation`    the closed loop as one symbolic step, the kernels made of it, `simulate` and `replay`
@@ -51,10 +52,13 @@ from plant.mechanics.body import Body
 from plant.mechanics.chain import Chain
 from plant.mechanics.coupling import Coupling
 from plant.mechanics.dynamics import Dynamics
+from plant.mechanics.limits import Limits
 from plant.mechanics.link import Link
 from plant.mechanics.load import load_body, load_matrix, load_parameters
 from plant.mechanics.lumping import Lumping
 from plant.mechanics.placement import Placement
+from plant.models.check import ModelCheck, ModelFinding, check_model
+from plant.models.robot_file import Robot, read_robot, write_robot
 from plant.motion.demand import shortest_duration, torque_share
 from plant.motion.fastest import fastest
 from plant.motion.later import Later
@@ -104,12 +108,15 @@ __all__ = [
     "KnownTorque",
     "Later",
     "Law",
+    "Limits",
     "Link",
     "LinkReference",
     "LoadError",
     "LoggedCurrent",
     "LoggedTorque",
     "Lumping",
+    "ModelCheck",
+    "ModelFinding",
     "Motion",
     "P",
     "Part",
@@ -122,6 +129,7 @@ __all__ = [
     "Reference",
     "Resumed",
     "Rig",
+    "Robot",
     "Running",
     "Scaled",
     "Setpoint",
@@ -132,6 +140,7 @@ __all__ = [
     "TorqueRipple",
     "Transport",
     "catalogue",
+    "check_model",
     "fastest",
     "joint_label",
     "joint_labels",
@@ -146,6 +155,7 @@ __all__ = [
     "part",
     "puma560",
     "read_records",
+    "read_robot",
     "read_table",
     "replay",
     "shortest_duration",
@@ -157,4 +167,5 @@ __all__ = [
     "torque_share",
     "visibility",
     "write_replay",
+    "write_robot",
 ]  # fmt: skip

@@ -87,6 +87,7 @@ LATE = {  # slow library -> what it costs beside numba and casadi, and who needs
     "scipy.optimize": "0.3 s: the nearest physical arm",
     "scipy.signal": "0.6 s: filters, which the genetic algorithm does without",
     "scipy.stats": "0.5 s: Sobol poses, where D depends on several joints",
+    "xacrodoc": "an extra: expands xacro",
 }
 
 LOGS = ROOT / "plant" / "logs"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -11,6 +13,7 @@ from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.motion.reference import Reference
 from plant.parts.arguments import array
+from plant.simulation.missing_rotors import warn_of_missing_rotors
 from plant.simulation.simulator import simulate
 
 __all__ = ["p_gains"]
@@ -51,6 +54,7 @@ def p_gains(arm: Arm, rig: Rig, reference: Reference, peak: ArrayLike, *, poses:
     if (peaks < 1).any():
         raise ValueError(f"peak must be at least 1 pulse; got {peaks.min()}. P control needs an error to act on.")
     motion = reference(np.linspace(0, reference.duration, 400))
+    warn_of_missing_rotors(arm, rig, motion.q[0])
     torque = np.array([arm.inverse(*state) for state in zip(*motion, strict=True)])
     torque = torque - rig.spring_torque(motion.q) + rig.drive.friction(motion.qd)
     torque = np.abs(rig.drive.motor_torque(torque)).max(axis=0)
@@ -64,7 +68,9 @@ def p_gains(arm: Arm, rig: Rig, reference: Reference, peak: ArrayLike, *, poses:
     gain = np.maximum(torque, 1e-3 * torque.max()) / peaks
     for _ in range(_ROUNDS):
         law = P(gain=gain)
-        reached = np.abs(simulate(arm, rig, law, reference).error_pulses).max(axis=0)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="the bodies of the arm have no rotors")  # said above, once
+            reached = np.abs(simulate(arm, rig, law, reference).error_pulses).max(axis=0)
         if ((reached <= peaks) & (reached >= 0.8 * peaks - 1)).all():
             break
         gain = gain * np.clip(np.maximum(reached, 0.5) / (0.9 * peaks), 0.5, 2.0)

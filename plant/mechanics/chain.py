@@ -12,9 +12,12 @@ from numpy.typing import ArrayLike
 
 from plant.mechanics.body import Body
 from plant.mechanics.coupling import Coupling
+from plant.mechanics.limits import Limits
 from plant.mechanics.link import Link
+from plant.mechanics.mjcf_file import read_mjcf
+from plant.mechanics.model_tree import links_of_chain
 from plant.mechanics.placement import Placement
-from plant.mechanics.urdf import links_from_urdf
+from plant.mechanics.urdf_file import read_urdf
 from plant.parts.arguments import choice, instance, real
 from plant.parts.labels import joint_labels
 from plant.parts.part import Nested, Part, part, structure
@@ -38,12 +41,15 @@ class Chain(Part):
         Inertial parameters of the links, where known, each in its link's ``frame``.
     coupling : Coupling, optional
         Where one motor moves several joints: `Body.rotor` is then reflected to the shaft.
+    limits : Limits, optional
+        Of positions, speeds and efforts, as a model file states them.
     """
 
     links: tuple[Link, ...] = structure()
     gravity: Nested = structure(default=(0.0, 0.0, -9.81))
     bodies: tuple[Body, ...] = structure(default=())
     coupling: Coupling = structure(Coupling, default=Coupling())
+    limits: Limits | None = structure(default=None)
 
     def __post_init__(self) -> None:
         links = tuple(self.links) if np.iterable(self.links) else (self.links,)
@@ -60,6 +66,8 @@ class Chain(Part):
         if bodies and (len(bodies) != len(links) or not all(isinstance(body, Body) for body in bodies)):
             raise ValueError(f"bodies must be {len(links)}, one Body per link; got {len(bodies)}. Add or leave out.")
         self.coupling.require_joints(len(links), "chain")
+        if self.limits is not None and instance("limits", self.limits, Limits, "Give Limits(...).").n != len(links):
+            raise ValueError(f"limits must have {len(links)} joints; got {self.limits.n}. Give one number per joint.")
         object.__setattr__(self, "links", links)
         object.__setattr__(self, "gravity", tuple(gravity.tolist()))
         object.__setattr__(self, "bodies", bodies)
@@ -82,6 +90,26 @@ class Chain(Part):
     def coupled(self, coupling: Coupling) -> Chain:
         """The same chain with the coupling of its `Drive`."""
         return dataclasses.replace(self, coupling=coupling)
+
+    def with_rotors(self, drive: Any) -> Chain:
+        """The same chain with the rotor inertias of a `Drive` in its bodies, and with its coupling.
+
+        Parameters
+        ----------
+        drive : Drive
+
+        Raises
+        ------
+        ValueError
+            A chain without bodies, or of another number of joints.
+        """
+        if not self.bodies:
+            raise ValueError("bodies must be known to get rotors; this chain has none. Give the Chain its bodies.")
+        if drive.n != self.n:
+            raise ValueError(f"drive must have {self.n} joints like the chain; got {drive.n}. Use a matching drive.")
+        pairs = zip(self.bodies, drive.reflected_inertia(), strict=True)
+        bodies = tuple(dataclasses.replace(body, rotor=float(rotor)) for body, rotor in pairs)
+        return dataclasses.replace(self, bodies=bodies, coupling=drive.coupling)
 
     def carrying(self, body: Body, link: int | str = -1) -> Chain:
         """The same chain with a tool or a load fixed to a link, the last one by default.
@@ -123,7 +151,7 @@ class Chain(Part):
         Returns
         -------
         Chain
-            Bodies are given in the frames of the file's links; limits, meshes and transmissions are not read.
+            Bodies are given in the frames of the file's links, with `limits`; meshes and transmissions are not read.
 
         Raises
         ------
@@ -131,8 +159,34 @@ class Chain(Part):
             A file that is malformed, too large, declares entities, or describes no such chain; a body that is not
             physically consistent. The message names link or joint, and the rule.
         """
-        links, bodies = links_from_urdf(path, joints)
-        return cls(links=links, gravity=gravity, bodies=bodies)
+        links, bodies, limits = links_of_chain(read_urdf(path), joints)
+        return cls(links=links, gravity=gravity, bodies=bodies, limits=limits)
+
+    @classmethod
+    def from_mjcf(cls, path: str | Path, joints: Sequence[str] | None = None) -> Chain:
+        """A chain, with bodies, from a MuJoCo model: trees of bodies with one hinge or slide joint each, or none.
+
+        Parameters
+        ----------
+        path : str or Path
+        joints : sequence of str, optional
+            Names of the chain's joints, base first, as for `from_urdf`.
+
+        Returns
+        -------
+        Chain
+            With the file's gravity, rotors (``armature``) and `limits` (``range``, ``actuatorfrcrange``). Of damping
+            and frictionloss nothing is read (they are the `Drive`'s).
+
+        Raises
+        ------
+        ValueError
+            As for `from_urdf`; and elements whose forces or joints a chain does not have: tendons, equalities, free
+            and ball joints, springs, fluids, plugins; includes that are missing.
+        """
+        model = read_mjcf(path)
+        links, bodies, limits = links_of_chain(model, joints)
+        return cls(links=links, gravity=model.gravity, bodies=bodies, limits=limits)
 
     @classmethod
     def standard(

@@ -2,113 +2,54 @@
 
 from __future__ import annotations
 
-import dataclasses
-import re
-import xml.parsers.expat
+import math
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.mechanics.body import Body
+from plant.mechanics.model_tree import MOVING, ModelFile, ModelJoint
 from plant.mechanics.placement import Placement
+from plant.mechanics.xacro import expanded, is_xacro
+from plant.mechanics.xml_file import Element, numbers_of, parsed
 from plant.parts.arguments import choice
 
-__all__ = ["MOVING", "UrdfJoint", "joints_of", "links_of", "parsed"]
+__all__ = ["INERTIA", "origin_of", "read_urdf"]
+
+INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+"""Attributes of <inertia>, in the order of `Body.inertia`."""
 
 
-_LARGEST = 5_000_000
-"""Bytes; the largest real files have a few hundred thousand."""
+def read_urdf(path: str | Path) -> ModelFile:
+    """A URDF file: links, joints, and the places of their elements.
 
-
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-
-
-MOVING = {"revolute": False, "continuous": False, "prismatic": True}  # -> whether it slides
-
-
-@dataclasses.dataclass
-class Element:
-    """An XML element."""
-
-    tag: str
-    attributes: dict[str, str]
-    children: list[Element]
-
-    def find(self, tag: str) -> Element | None:
-        return next((child for child in self.children if child.tag == tag), None)
-
-    def all(self, tag: str) -> list[Element]:
-        return [child for child in self.children if child.tag == tag]
-
-
-@dataclasses.dataclass
-class UrdfJoint:
-    """A joint as the file has it, its axis in the frame of its origin."""
-
-    name: str
-    kind: str
-    parent: str
-    child: str
-    origin: Placement
-    axis: NDArray[np.float64]
-    mimics: bool
-
-
-def parsed(path: str | Path) -> Element:
-    """The <robot> of a file, or a refusal."""
-    if isinstance(path, str) and path.lstrip().startswith("<"):
-        raise ValueError("path must be the name of a URDF file; got its text. Write it to a file first.")
-    path = Path(path)
-    data = path.read_bytes()
-    if len(data) > _LARGEST:
-        raise ValueError(f"{path} must be a URDF file of at most {_LARGEST} bytes; it has {len(data)}. Give the file.")
-    root: list[Element] = []
-    open_elements: list[Element] = []
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        element = Element(tag, attributes, [])
-        (open_elements[-1].children if open_elements else root).append(element)
-        open_elements.append(element)
-
-    def refuse(*_: object) -> None:
-        raise ValueError(f"{path} must not declare a document type or entities; it does. Remove them.")
-
-    parser = xml.parsers.expat.ParserCreate()
-    parser.StartElementHandler, parser.EndElementHandler = start, lambda tag: open_elements.pop()
-    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
-    try:
-        parser.Parse(data, True)
-    except xml.parsers.expat.ExpatError as error:
-        raise ValueError(f"{path} must be well-formed XML; {error}. Correct the file.") from None
-    if root[0].tag != "robot":
-        raise ValueError(f"{path} must hold a <robot>; got <{root[0].tag}>. Give a URDF file, xacro expanded.")
-    return root[0]
-
-
-def numbers_of(
-    element: Element | None, attribute: str, count: int, default: str | None, where: str
-) -> NDArray[np.float64]:
-    """So many finite numbers of an attribute."""
-    text = default if element is None else element.attributes.get(attribute, default)
-    if text is None:
-        raise ValueError(f"{where} must have {attribute}; it has none. Add it.")
-    words = text.split()
-    values = np.array([float(word) for word in words if _NUMBER.fullmatch(word)])
-    if len(words) != count or values.shape != (count,) or not np.isfinite(values).all():
-        what = "one finite number" if count == 1 else f"{count} finite numbers"
-        raise ValueError(f"{where} must have {what} in {attribute}; got {text!r:.60}. Write them like 17.4 or 1e-3.")
-    return values
+    Raises
+    ------
+    ValueError
+        A file that is malformed, too large, or declares entities; a body that is not physically consistent; xacro that
+        cannot be expanded.
+    """
+    robot, data = parsed(path, "robot", "URDF")
+    if is_xacro(robot):
+        robot, data = parsed(path, "robot", "URDF", expanded(Path(path)))
+    return ModelFile(
+        path=Path(path),
+        data=data,
+        bodies=_bodies(robot),
+        joints=_joints(robot),
+        links={link.attributes["name"]: link for link in robot.all("link")},
+    )
 
 
 def origin_of(element: Element, where: str) -> Placement:
+    """The pose that an element's <origin> gives; without one, none."""
     origin = element.find("origin")
     position = numbers_of(origin, "xyz", 3, "0 0 0", f"{where}, origin")
     roll, pitch, yaw = numbers_of(origin, "rpy", 3, "0 0 0", f"{where}, origin")
     return Placement.of_angles(roll, pitch, yaw, position)
 
 
-def links_of(robot: Element) -> dict[str, Body | None]:
+def _bodies(robot: Element) -> dict[str, Body | None]:
     """Name of a link -> its Body in its own frame, or None where it has no mass."""
     bodies: dict[str, Body | None] = {}
     if not robot.all("link"):
@@ -124,10 +65,7 @@ def links_of(robot: Element) -> dict[str, Body | None]:
         if inertial is not None:
             mass = numbers_of(inertial.find("mass"), "value", 1, None, f"{where}, mass")[0]
             matrix = inertial.find("inertia")
-            inertia = [
-                numbers_of(matrix, key, 1, None, f"{where}, inertia")[0]
-                for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-            ]
+            inertia = [numbers_of(matrix, key, 1, None, f"{where}, inertia")[0] for key in INERTIA]
             if mass < 0:
                 raise ValueError(f"{where} must have a positive mass; got {mass}. Correct it.")
             if mass or any(inertia):
@@ -137,9 +75,9 @@ def links_of(robot: Element) -> dict[str, Body | None]:
     return bodies
 
 
-def joints_of(robot: Element) -> dict[str, UrdfJoint]:
-    """Name of a joint -> UrdfJoint."""
-    joints: dict[str, UrdfJoint] = {}
+def _joints(robot: Element) -> dict[str, ModelJoint]:
+    """Name of a joint -> ModelJoint."""
+    joints: dict[str, ModelJoint] = {}
     for element in robot.all("joint"):
         name, kind = element.attributes.get("name", ""), element.attributes.get("type", "")
         where = f"joint {name}"
@@ -156,5 +94,23 @@ def joints_of(robot: Element) -> dict[str, UrdfJoint]:
         if kind in MOVING and np.linalg.norm(axis) < 1e-6:
             raise ValueError(f"{where} must have an axis that is not zero; got {axis.tolist()}. Correct it.")
         mimics = element.find("mimic") is not None
-        joints[name] = UrdfJoint(name, kind, parent, child, origin_of(element, where), axis, mimics)
+        joints[name] = ModelJoint(
+            name=name, kind=kind, parent=parent, child=child, origin=origin_of(element, where), axis=axis,
+            mimics=mimics, limits=_limits(element.find("limit"), kind, where), element=element,
+        )  # fmt: skip
     return joints
+
+
+def _limits(limit: Element | None, kind: str, where: str) -> tuple[float, float, float, float]:
+    """Lower and upper position, velocity, effort; a joint that turns without end has no first two.
+
+    Files write 0 for a velocity or an effort that they do not know: no limit.
+    """
+    if limit is None or kind not in MOVING:
+        return (-math.inf, math.inf, math.inf, math.inf)
+    lower, upper, velocity, effort = (
+        numbers_of(limit, key, 1, "0", f"{where}, limit")[0] for key in ("lower", "upper", "velocity", "effort")
+    )
+    if kind == "continuous" or lower == upper == 0.0:
+        lower, upper = -math.inf, math.inf
+    return (lower, upper, velocity or math.inf, effort or math.inf)

@@ -16,6 +16,7 @@ on Automatic Control 54 (2009).
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import casadi as ca
@@ -24,11 +25,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
+from plant.mechanics.limits import Limits
 from plant.motion.demand import Demand, demand, shortest_duration
 from plant.motion.reference import Motion, Reference
 from plant.motion.scaled import Scaled, slowed
 from plant.motion.table import Table
-from plant.parts.arguments import array, known_options
+from plant.parts.arguments import array, instance, known_options
 
 __all__ = ["fastest"]
 
@@ -41,6 +43,9 @@ _NODES = 4
 
 _REST = 1e-6
 """A motion below this share of its peak speed is at rest."""
+
+_AT_LIMIT = 1e-9
+"""Distance [rad or m] by which rounding may carry a path over a limit."""
 
 _LEAST, _MOST = 1e-8, 1e8
 """Bounds of b, in units of that of the uniform motion: a rest on the path then takes no time."""
@@ -55,6 +60,7 @@ def fastest(
     share: float = 0.9,
     motor_speed: ArrayLike | None = None,
     torque_rate: ArrayLike | None = None,
+    limits: Limits | None = None,
     intervals: int = 120,
 ) -> Scaled:
     """Time-optimal motion along the path of a reference under the amplifiers' limits.
@@ -74,6 +80,8 @@ def fastest(
     torque_rate : (n,) array_like, optional
         Largest rate of the torque [N m/s] without Coulomb friction, which jumps where a joint reverses; on the joint,
         of coupled motors on the shaft.
+    limits : Limits, optional
+        Of positions, joint speeds and efforts, as ``chain.limits`` of a model file has them; `share` of the efforts.
     intervals : int
         Of the spline; more come closer to the optimum, and switch the torque faster.
 
@@ -86,23 +94,34 @@ def fastest(
     Raises
     ------
     ValueError
-        A path along which the drives cannot hold the arm, that meets no limit, or that has corners.
+        A path along which the drives cannot hold the arm, that meets no limit, that has corners, or that leaves the
+        limits of a joint's position.
     """
     if isinstance(reference, Table):
         raise ValueError("reference must be smooth; a Table has corners. Use Spline(times=..., points=...).")
     if not isinstance(intervals, (int, np.integer)) or intervals < 4:
         raise ValueError(f"intervals must be a whole number of at least 4; got {intervals!r}. The default is 120.")
+    if limits is not None:
+        instance("limits", limits, Limits, "Pass chain.limits.")
+        if limits.n != rig.n:
+            raise ValueError(f"limits must have {rig.n} joints like the rig; got {limits.n}. Use those of its chain.")
+        rig = dataclasses.replace(rig, drive=rig.drive.limited_to(limits.effort))
+    speed_limit = np.full(rig.n, np.inf) if limits is None else limits.velocity
     uniform = shortest_duration(arm, rig, reference, share=share)
     fastest_motor, steepest = _bound("motor_speed", motor_speed, rig.n), _bound("torque_rate", torque_rate, rig.n)
 
     spline = _Spline(reference.duration, intervals)
     motion = Motion(*reference(spline.places))
+    if limits is not None:
+        _require_inside(motion, limits, arm.dynamics.chain.joint_labels)
     needed = demand(arm, rig, motion)
     unit = (reference.duration / uniform) ** 2
     x = ca.SX.sym("x", spline.count)
     b, a = unit * (spline.matrix(0) @ x), unit / 2 * (spline.matrix(1) @ x)
     v = ca.sqrt(b + _LEAST * unit * 1e-3)  # whose slope is finite where the motion starts from rest
-    limited = _limited(needed, spline.places, a, v, share * rig.drive.torque_limit(), steepest, fastest_motor)
+    limited = _limited(
+        needed, spline.places, a, v, share * rig.drive.torque_limit(), steepest, fastest_motor, speed_limit
+    )
     problem = {"x": x, "f": ca.dot(spline.weights, 1 / v) / uniform, "g": limited}
     ipopt: dict[str, Any] = {"print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-7}
     solver = ca.nlpsol("fastest", "ipopt", problem, {"print_time": False, "ipopt": ipopt})
@@ -119,7 +138,8 @@ def fastest(
         )
     law = spline.law(reference, unit * found["x"].full().ravel())
     fine = np.linspace(0.0, law.duration, 10 * len(law.times))
-    too_fast = np.abs(rig.drive.motor_angle(law(fine).qd) / fastest_motor).max()
+    qd = law(fine).qd
+    too_fast = max(np.abs(rig.drive.motor_angle(qd) / fastest_motor).max(), np.abs(qd / speed_limit).max())
     longer = max(shortest_duration(arm, rig, law, share=share) / law.duration, too_fast)
     return slowed(law, longer) if longer > 1 else law
 
@@ -132,8 +152,9 @@ def _limited(
     limit: NDArray[np.float64],
     torque_rate: NDArray[np.float64],
     motor_speed: NDArray[np.float64],
+    joint_speed: NDArray[np.float64],
 ) -> ca.SX:
-    """Constraints within +-1: torque, its rate and motor speeds (n at each of N places), over their bounds."""
+    """Constraints within +-1, over their bounds: torque, its rate, speeds of motors and joints (n, at N places)."""
     drive = needed.rig.drive
     friction = [
         drive.friction(ca.DM(along) * speed) for along, speed in zip(needed.along, ca.vertsplit(v), strict=True)
@@ -144,9 +165,22 @@ def _limited(
     smooth = torque - needed.dry_friction()
     rate = (smooth[1:, :] - smooth[:-1, :]) * (v[1:] + v[:-1]) / (2 * np.diff(places))
     turning = drive.motor_angle(needed.along) * v
-    pairs = ((torque, limit), (ends, limit), (rate, torque_rate), (turning, motor_speed))
+    pairs = (
+        (torque, limit), (ends, limit), (rate, torque_rate), (turning, motor_speed), (needed.along * v, joint_speed),
+    )  # fmt: skip
     shares = [value[:, i] / bound[i] for value, bound in pairs for i in np.flatnonzero(np.isfinite(bound))]
     return ca.vertcat(*shares)
+
+
+def _require_inside(motion: Motion, limits: Limits, labels: list[str]) -> None:
+    """Refuse a path that leaves the limits of a joint's position."""
+    over = np.maximum(motion.q - limits.upper, limits.lower - motion.q).max(axis=0)
+    if over.max() > _AT_LIMIT:
+        joint = int(over.argmax())
+        raise ValueError(
+            f"path must stay within the limits; {labels[joint]} leaves [{limits.lower[joint]:.4g}, "
+            f"{limits.upper[joint]:.4g}] by {over[joint]:.3g}. Shorten the path."
+        )
 
 
 def _bound(name: str, value: ArrayLike | None, n: int) -> NDArray[np.float64]:

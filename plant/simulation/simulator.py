@@ -22,6 +22,7 @@ from plant.simulation.divergence import DivergenceError, refuse_divergence
 from plant.simulation.followed_path import Path, path_of, start_of, warn_of_motors
 from plant.simulation.injection import Injected, injected_at, injected_beside
 from plant.simulation.loop_kernel import loop_kernel
+from plant.simulation.missing_rotors import warn_of_missing_rotors
 from plant.simulation.stiff_gears import warn_of_stiff_gears
 from plant.simulation.time_tables import time_tables
 from plant.simulation.unstable_lag import warn_of_unstable_lag
@@ -129,6 +130,7 @@ def run(
     given = None if initial is None else array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
     start = path.start() if given is None else given
     warn_of_motors(law, reference)
+    warn_of_missing_rotors(arm, rig, start[0])
     warn_of_stiff_gears(arm, rig, start[0], steps_per_sample)
     warn_of_unstable_lag(arm, rig, law, start[0])
     added = injected_at(injected, clock.t, rig.n)

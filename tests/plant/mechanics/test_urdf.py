@@ -1,48 +1,14 @@
 """URDF import against pinocchio's own reader, then files that must be refused."""
 
+import sys
+
 import numpy as np
 import pytest
 
 from plant import Chain, Dynamics
 
 pin = pytest.importorskip("pinocchio")
-
-
-def numbers(values):
-    return " ".join(repr(float(x)) for x in values)
-
-
-def inertial(random):
-    root = random.normal(size=(3, 3)) * 0.2
-    matrix = np.trace(root @ root.T) * np.eye(3) - root @ root.T
-    i = {f"i{a}{b}": float(matrix["xyz".index(a), "xyz".index(b)]) for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")}
-    place = f'<origin xyz="{numbers(random.uniform(-0.3, 0.3, 3))}" rpy="{numbers(random.uniform(-3, 3, 3))}"/>'
-    inertia = " ".join(f'{key}="{value!r}"' for key, value in i.items())
-    return f'<inertial>{place}<mass value="{random.uniform(0.5, 3)!r}"/><inertia {inertia}/></inertial>'
-
-
-def joint(name, kind, parent, child, random):
-    place = f'<origin xyz="{numbers(random.uniform(-0.5, 0.5, 3))}" rpy="{numbers(random.uniform(-3, 3, 3))}"/>'
-    axis = "" if kind == "fixed" else f'<axis xyz="{numbers(random.normal(size=3))}"/>'
-    limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>' if kind in ("revolute", "prismatic") else ""
-    ends = f'<parent link="{parent}"/><child link="{child}"/>'
-    return f'<joint name="{name}" type="{kind}">{place}{ends}{axis}{limit}</joint>'
-
-
-def robot(seed, kinds=("revolute", "fixed", "prismatic", "continuous", "fixed", "revolute")):
-    """A chain of links, with a branch of two fixed bodies on one of them and a last link without mass."""
-    random = np.random.default_rng(seed)
-    text = f'<link name="l0">{inertial(random)}</link>'
-    for i, kind in enumerate(kinds):
-        text += f'<link name="l{i + 1}">{inertial(random)}</link>' + joint(
-            f"j{i + 1}", kind, f"l{i}", f"l{i + 1}", random
-        )
-    text += f'<link name="tool">{inertial(random)}</link>' + joint(
-        "flange", "fixed", f"l{min(3, len(kinds))}", "tool", random
-    )
-    text += f'<link name="tip">{inertial(random)}</link>' + joint("glue", "fixed", "tool", "tip", random)
-    text += '<link name="nothing"/>' + joint("end", "fixed", f"l{len(kinds)}", "nothing", random)
-    return f'<?xml version="1.0"?><robot name="r">{text}</robot>'
+from model_texts import urdf  # noqa: E402
 
 
 def written(tmp_path, text):
@@ -70,13 +36,13 @@ def compared(chain, model, locked=()):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_agrees_with_pinocchio_s_reader(tmp_path, seed):
-    text = robot(seed)
+    text = urdf(seed)
     compared(Chain.from_urdf(written(tmp_path, text)), pin.buildModelFromXML(text))
 
 
 def test_named_joints_leave_the_others_at_zero(tmp_path):
     """j3 slides in the file; left out, it is a fixed joint, and its masses hang on the link before it."""
-    text = robot(9)
+    text = urdf(9)
     chain = Chain.from_urdf(written(tmp_path, text), ["j1", "j4", "j6"])
     assert [link.prismatic for link in chain.links] == [False, False, False]
     compared(chain, pin.buildModelFromXML(text), locked=("j3",))
@@ -84,7 +50,7 @@ def test_named_joints_leave_the_others_at_zero(tmp_path):
 
 def test_axes_along_each_direction(tmp_path):
     for axis in ("0 0 1", "0 0 -1", "1 0 0", "0 -1 0", "0 0 2"):
-        text = robot(1, kinds=("revolute", "revolute"))
+        text = urdf(1, kinds=("revolute", "revolute"))
         start = text.index("<axis")
         text = text[:start] + f'<axis xyz="{axis}"/>' + text[text.index("/>", start) + 2 :]
         compared(Chain.from_urdf(written(tmp_path, text)), pin.buildModelFromXML(text))
@@ -169,3 +135,41 @@ def test_billion_laughs_in_another_encoding(tmp_path):
     path.write_bytes(('<?xml version="1.0" encoding="UTF-16"?><!DOCTYPE r [<!ENTITY a "b">]>' + GOOD).encode("utf-16"))
     with pytest.raises(ValueError, match="must not declare"):
         Chain.from_urdf(path)
+
+
+# -- limits and xacro -----------------------------------------------------------------------------------------------
+def test_limits_are_kept(tmp_path):
+    limit = '<axis xyz="0 0 1"/><limit lower="-1" upper="2" velocity="3" effort="4"/>'
+    text = GOOD.replace('<axis xyz="0 0 1"/>', limit)
+    limits = Chain.from_urdf(written(tmp_path, text)).limits
+    assert [limits.lower[0], limits.upper[0], limits.velocity[0], limits.effort[0]] == [-1, 2, 3, 4]
+    endless = Chain.from_urdf(written(tmp_path, text.replace("revolute", "continuous"))).limits
+    assert [endless.lower[0], endless.upper[0], endless.velocity[0]] == [-np.inf, np.inf, 3]
+    none = Chain.from_urdf(written(tmp_path, GOOD)).limits
+    assert np.isinf(none.number_values()).all()
+    with pytest.raises(ValueError, match="lower must not be above upper"):
+        Chain.from_urdf(written(tmp_path, text.replace('"-1"', '"5"')))
+    with pytest.raises(ValueError, match="one finite number in velocity"):
+        Chain.from_urdf(written(tmp_path, text.replace('velocity="3"', 'velocity="fast"')))
+
+
+XACRO = GOOD.replace(
+    '<robot name="r">',
+    '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="mass" value="3"/>',
+).replace('mass value="1"', 'mass value="${mass}"')
+
+
+def test_xacro_is_expanded(tmp_path):
+    pytest.importorskip("xacrodoc")
+    chain = Chain.from_urdf(written(tmp_path, XACRO))
+    assert chain.bodies[0].mass == 3
+    with pytest.raises(ValueError, match="must be xacro that can be expanded"):
+        Chain.from_urdf(written(tmp_path, XACRO.replace("${mass}", "${mas}")))
+    with pytest.raises(ValueError, match="must not declare a document type"):
+        Chain.from_urdf(written(tmp_path, '<!DOCTYPE r [<!ENTITY a "b">]>' + XACRO))
+
+
+def test_xacro_without_its_tool_is_said(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "xacrodoc", None)
+    with pytest.raises(ValueError, match=r"it is xacro. Expand it .*pip install xacrodoc"):
+        Chain.from_urdf(written(tmp_path, XACRO))

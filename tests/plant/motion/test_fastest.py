@@ -12,6 +12,7 @@ from plant import (
     Coupling,
     Dynamics,
     Harmonics,
+    Limits,
     PointToPoint,
     Spline,
     fastest,
@@ -68,6 +69,21 @@ def test_a_speed_limit_makes_a_trapezoid():
     law = fastest(arm, rig, ONE, motor_speed=(50 * v,))
     assert 1 < law.duration / (1.5 / v + v / a) < 1.01
     assert np.abs(law(np.linspace(0, law.duration, 5000)).qd).max() <= v * (1 + 1e-6)
+
+
+def test_limits_of_a_model_file_are_those_of_its_joints():
+    """Speed and effort as by motor_speed and by an amplifier of that torque; a position is refused where it is left."""
+    arm, _, rig = one_joint(limit=10.0)
+    limits = Limits(lower=(0.0,), upper=(2.0,), velocity=(1.2,), effort=(6.0,))
+    weaker = dataclasses.replace(rig, drive=rig.drive.limited_to((6.0,)))
+    expected = fastest(arm, weaker, ONE, motor_speed=(1.2 * abs(rig.drive.gear[0]),), intervals=30)
+    got = fastest(arm, rig, ONE, limits=limits, intervals=30)
+    assert got.duration == pytest.approx(expected.duration, rel=1e-9)
+    assert got.duration > 1.05 * fastest(arm, rig, ONE, intervals=30).duration
+    with pytest.raises(ValueError, match=r"path must stay within the limits; .* leaves \[0, 1.6\] by 0.1"):
+        fastest(arm, rig, ONE, limits=dataclasses.replace(limits, upper=(1.6,)))
+    with pytest.raises(ValueError, match="limits must have 1 joints like the rig; got 2"):
+        fastest(arm, rig, ONE, limits=Limits(**dict.fromkeys(("lower", "upper", "velocity", "effort"), (1, 1))))
 
 
 def test_four_times_the_torque_is_twice_as_fast():

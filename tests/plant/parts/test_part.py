@@ -26,6 +26,7 @@ from plant import (
     Jitter,
     JointSpring,
     Later,
+    Limits,
     Link,
     LinkReference,
     LoggedCurrent,
@@ -57,6 +58,7 @@ CHAIN = Chain(links=LINKS, gravity=(0.1, 0.2, -9.7))
 GEARS = Elasticity.from_resonance(puma560.arm(), (50, 60), 0.02)
 EXAMPLES = {
     "Link": LINKS[0],
+    "Limits": Limits(lower=(-1, -np.inf), upper=(1, np.inf), velocity=(2, 3), effort=(4, np.inf)),
     "Placement": Placement.of_angles(0.1, 0.2, 0.3, (1, 2, 3)),
     "Chain": CHAIN,
     "Body": Body(mass=1.1, com=(0.1, 0.2, 0.3), inertia=(1, 0.1, 0.2, 1.5, 0.3, 2), rotor=0.7),
@@ -231,6 +233,7 @@ def test_description_with_missing_or_unknown_fields_is_refused():
 
 
 MISSPELT = {
+    "Limits": "velocty",
     "Link": "alhpa", "Chain": "gravitiy", "Body": "inertai", "Lumping": "matirx", "Dynamics": "range", "Arm": "ff",
     "Drive": "gaer", "Encoder": "smoth", "Rig": "priod", "P": "gian", "Harmonics": "cosin", "PointToPoint": "gaol",
     "Spline": "point", "Table": "time", "Placement": "positon", "FrictionCurve": "ofset",

@@ -1,7 +1,8 @@
-"""URDF reader: links and bodies of a chain, fixed joints lumped, numbers checked, nothing executed or fetched."""
+"""A model file as a tree of links and joints, and the chain that lies in it; fixed joints lumped."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Collection, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -10,45 +11,88 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.mechanics.body import Body
+from plant.mechanics.limits import Limits
 from plant.mechanics.link import Link
 from plant.mechanics.placement import Placement
-from plant.mechanics.urdf_file import MOVING, UrdfJoint, joints_of, links_of, parsed
+from plant.mechanics.xml_file import Element
 from plant.parts.arguments import choice
 from plant.parts.labels import joint_labels
 
-__all__ = ["links_from_urdf"]
+__all__ = ["MOVING", "ModelFile", "ModelJoint", "fixed_to", "links_of_chain"]
+
+MOVING = {"revolute": False, "continuous": False, "prismatic": True}  # -> whether it slides
 
 
-def links_from_urdf(path: str | Path, joints: Sequence[str] | None) -> tuple[tuple[Link, ...], tuple[Body, ...]]:
-    """Links and bodies (tuples) of the chain; see `Chain.from_urdf`."""
-    robot = parsed(path)
-    bodies, every = links_of(robot), joints_of(robot)
-    _require_tree(bodies, every)
-    chosen = _chosen(every, joints)
+@dataclasses.dataclass(kw_only=True)
+class ModelJoint:
+    """A joint as a model file has it.
+
+    `origin` is the pose of the child link's frame at zero, in the parent link's frame; `axis` and `anchor`, a point of
+    it, are in the child link's frame; `zero` is the joint's coordinate there.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: Placement
+    axis: NDArray[np.float64]
+    mimics: bool = False
+    anchor: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    zero: float = 0.0
+    limits: tuple[float, float, float, float] = (-np.inf, np.inf, np.inf, np.inf)
+    """Lower and upper position, velocity, effort."""
+    armature: float = 0.0
+    element: Element | None = None
+
+
+@dataclasses.dataclass(kw_only=True)
+class ModelFile:
+    """What a model file says: links by name with their bodies (None without mass), joints, gravity.
+
+    `inertials` holds the element of each body, the frame of its inertia in the link's frame, and the element of each
+    link; `data` the bytes of the file.
+    """
+
+    path: Path
+    data: bytes
+    bodies: dict[str, Body | None]
+    joints: dict[str, ModelJoint]
+    links: dict[str, Element]
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+
+    def chain_joints(self, names: Sequence[str] | None = None) -> list[ModelJoint]:
+        """The joints of the chain, base first; by default all that move."""
+        _require_tree(self.bodies, self.joints)
+        return _chosen(self.joints, names)
+
+
+def links_of_chain(model: ModelFile, names: Sequence[str] | None) -> tuple[tuple[Link, ...], tuple[Body, ...], Limits]:
+    """Links, bodies and limits of the chain of these joints; see `Chain.from_urdf`."""
+    chosen, every = model.chain_joints(names), model.joints
     links, made = [], []
     at = Placement()  # pose of the last chosen joint's frame in the link being walked
     for i, joint in enumerate(chosen):
         before, start = Placement(), chosen[i - 1].child if i else None
         for step in _way(every, start, joint):
             before = before @ step.origin
-        on_axis = Placement(rotation=_axis_frame(joint.axis))
-        links.append(
-            Link(name=joint.name, prismatic=MOVING[joint.kind], before=at @ before @ on_axis, frame=on_axis.inverse())
-        )
-        at = on_axis.inverse()
-        made.append(_lumped(bodies, every, joint.child, {other.name for other in chosen}))
+        on_axis = Placement(rotation=_axis_frame(joint.axis), position=joint.anchor)
+        slides, frame = MOVING[joint.kind], on_axis.inverse()
+        zero = {"d" if slides else "theta": -joint.zero}
+        links.append(Link(name=joint.name, prismatic=slides, before=at @ before @ on_axis, frame=frame, **zero))
+        at = frame
+        made.append(_lumped(model.bodies, every, joint.child, {other.name for other in chosen}))
     for label, body in zip(joint_labels([joint.name for joint in chosen], len(chosen)), made, strict=True):
         body.require_physical(f"behind {label}")
-    return tuple(links), tuple(made)
-
-
-# -- reading --------------------------------------------------------------------------------------------------------
+    made = [dataclasses.replace(body, rotor=joint.armature) for body, joint in zip(made, chosen, strict=True)]
+    lower, upper, velocity, effort = np.array([joint.limits for joint in chosen]).T
+    return tuple(links), tuple(made), Limits(lower=lower, upper=upper, velocity=velocity, effort=effort)
 
 
 # -- the tree -------------------------------------------------------------------------------------------------------
-def _require_tree(bodies: dict[str, Body | None], joints: dict[str, UrdfJoint]) -> None:
+def _require_tree(bodies: dict[str, Body | None], joints: dict[str, ModelJoint]) -> None:
     """Refuse missing links, links with two parents, and loops."""
-    parents: dict[str, UrdfJoint] = {}
+    parents: dict[str, ModelJoint] = {}
     for joint in joints.values():
         for link in (joint.parent, joint.child):
             if link not in bodies:
@@ -68,7 +112,7 @@ def _require_tree(bodies: dict[str, Body | None], joints: dict[str, UrdfJoint]) 
             link = parents[link].parent
 
 
-def _chosen(every: dict[str, UrdfJoint], names: Sequence[str] | None) -> list[UrdfJoint]:
+def _chosen(every: dict[str, ModelJoint], names: Sequence[str] | None) -> list[ModelJoint]:
     """The joints of the chain, from the base outwards."""
     moving = [joint for joint in every.values() if joint.kind in MOVING]
     if names is None:
@@ -100,7 +144,7 @@ def _chosen(every: dict[str, UrdfJoint], names: Sequence[str] | None) -> list[Ur
     return chosen
 
 
-def _depth(every: dict[str, UrdfJoint], joint: UrdfJoint) -> list[UrdfJoint]:
+def _depth(every: dict[str, ModelJoint], joint: ModelJoint) -> list[ModelJoint]:
     """Joints between the base and this one, from the base outwards, with this one."""
     parents, way = {other.child: other for other in every.values()}, [joint]
     while way[0].parent in parents:
@@ -108,7 +152,7 @@ def _depth(every: dict[str, UrdfJoint], joint: UrdfJoint) -> list[UrdfJoint]:
     return way
 
 
-def _ordered(every: dict[str, UrdfJoint], joints: list[UrdfJoint]) -> list[UrdfJoint] | None:
+def _ordered(every: dict[str, ModelJoint], joints: list[ModelJoint]) -> list[ModelJoint] | None:
     """These joints from the base outwards; None if they are not all on one way."""
     ways = sorted((_depth(every, joint) for joint in joints), key=len)
     if any(shorter != longer[: len(shorter)] for shorter, longer in pairwise(ways)):
@@ -116,7 +160,7 @@ def _ordered(every: dict[str, UrdfJoint], joints: list[UrdfJoint]) -> list[UrdfJ
     return [way[-1] for way in ways]
 
 
-def _way(every: dict[str, UrdfJoint], start: str | None, joint: UrdfJoint) -> list[UrdfJoint]:
+def _way(every: dict[str, ModelJoint], start: str | None, joint: ModelJoint) -> list[ModelJoint]:
     """Joints from behind a link (None: the base) to this joint; those between are fixed, or held at zero."""
     way = _depth(every, joint)
     if start is not None:
@@ -124,19 +168,27 @@ def _way(every: dict[str, UrdfJoint], start: str | None, joint: UrdfJoint) -> li
     return way
 
 
-def _lumped(bodies: dict[str, Body | None], every: dict[str, UrdfJoint], link: str, moving: Collection[str]) -> Body:
-    """Everything that moves with a link, as one Body in its frame."""
-    found, waiting = None, [(link, Placement())]
+def fixed_to(every: dict[str, ModelJoint], link: str, moving: Collection[str]) -> dict[str, Placement]:
+    """Everything that moves with a link: name -> pose in its frame; joints that are none of `moving` are at zero."""
+    found, waiting = {}, [(link, Placement())]
     while waiting:
         name, placement = waiting.pop()
-        if (body := bodies[name]) is not None:
-            body = body.seen_from(placement)
-            found = body if found is None else found.joined(body)
+        found[name] = placement
         waiting += [
             (joint.child, placement @ joint.origin)
             for joint in every.values()
             if joint.parent == name and joint.name not in moving
         ]
+    return found
+
+
+def _lumped(bodies: dict[str, Body | None], every: dict[str, ModelJoint], link: str, moving: Collection[str]) -> Body:
+    """Everything that moves with a link, as one Body in its frame."""
+    found = None
+    for name, placement in fixed_to(every, link, moving).items():
+        if (body := bodies[name]) is not None:
+            body = body.seen_from(placement)
+            found = body if found is None else found.joined(body)
     if found is None:
         raise ValueError(f"link {link} must have a mass, or something with a mass fixed to it; it has none. Add one.")
     return found

@@ -1,0 +1,181 @@
+"""The bodies of a model file that have an arm's f: variables, equations, and what they come to."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from identification.results.nearest_bodies import Block, basis, nearest_realisation
+from plant import Arm, Body
+from plant.mechanics.link import Link
+from plant.mechanics.load import load_body, load_parameters
+from plant.mechanics.lumping import STANDARD
+from plant.mechanics.model_tree import ModelFile, ModelJoint, fixed_to, links_of_chain
+from plant.mechanics.placement import Placement
+from plant.mechanics.pseudo_inertia import from_pseudo_inertia, pseudo_inertia
+from plant.parts.arguments import choice, instance
+
+__all__ = ["Realised", "realised"]
+
+_THIN = 0.03
+"""Extent [m], root mean square, that a prior gets where it has none: a point mass, a rod."""
+
+_SAME = 1e-12
+"""Relative difference of f below which bodies have it already."""
+
+_WIDTH = len(STANDARD)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Realised:
+    """Bodies by link, in the links' frames; rotors (n,) [kg m^2]; the f (p,) that they have; whether it was met."""
+
+    bodies: dict[str, Body]
+    rotors: NDArray[np.float64]
+    f: NDArray[np.float64]
+    exact: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class _Inertial:
+    """One body of the file: its link, the joint that moves it, its pose in that joint's frame, the prior."""
+
+    link: str
+    joint: int
+    pose: Placement
+    body: Body
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """Homogeneous matrix of the pose, under which a pseudo-inertia is congruent."""
+        result = np.eye(4)
+        result[:3, :3], result[:3, 3] = self.pose.rotation, self.pose.position
+        return result
+
+
+def realised(
+    arm: Arm,
+    model: ModelFile,
+    rotors: NDArray[np.float64],
+    prior: Mapping[str, Body],
+    scale: NDArray[np.float64] | None,
+) -> Realised:
+    """The bodies that have f of an arm, nearest to a prior; where none have it, those of the nearest f.
+
+    Parameters
+    ----------
+    arm : Arm
+    model : ModelFile
+    rotors : (n,) numpy.ndarray
+        Prior of the reflected rotor inertias [kg m^2].
+    prior : mapping of str to Body
+        Bodies of links, in their frames, instead of the file's.
+    scale : (p, p) numpy.ndarray, optional
+        Whitening matrix of f, for the nearest one; by default relative to what the prior's bodies give.
+
+    Raises
+    ------
+    ValueError
+        A file that does not describe this arm.
+    """
+    joints = matching_joints(arm, model)
+    for name in prior:
+        choice("link of the prior", name, tuple(name for name, body in model.bodies.items() if body is not None))
+    inertials = _inertials(model, joints, prior)
+    B = np.array(arm.dynamics.lumping.matrix)
+    shafts = B[:, STANDARD.index("J") :: _WIDTH]
+    rotors = np.where(np.abs(shafts).max(axis=0, initial=0.0) > 0, rotors, 0.0)
+    pi = np.zeros(len(joints) * _WIDTH)
+    for each in inertials:
+        pi[_WIDTH * each.joint :][: _WIDTH - 1] += load_parameters(each.body.seen_from(each.pose))
+    pi[STANDARD.index("J") :: _WIDTH] = rotors
+    at_prior = B @ pi
+    if np.abs(at_prior - arm.f).max() <= _SAME * np.abs(arm.f).max():
+        return Realised(bodies={each.link: each.body for each in inertials}, rotors=rotors, f=arm.f, exact=True)
+    bodies = [_block(each, B[:, _WIDTH * each.joint :][:, : _WIDTH - 1]) for each in inertials]
+    guessed = np.where(rotors > 0, rotors, 0.5 * np.diag(arm.D(np.zeros(arm.n))).clip(min=0.0))
+    for inertia in (rotors, guessed):
+        turning = np.flatnonzero((inertia > 0) & (np.abs(shafts).max(axis=0, initial=0.0) > 0))
+        blocks = bodies + [Block(np.sqrt(inertia[[[i]]]), shafts[:, [i]] * inertia[i]) for i in turning]
+        if found := nearest_realisation(blocks, arm.f):
+            return _result(inertials, turning, arm, *found, exact=True)
+    if scale is None:
+        scale = np.diag(1 / np.maximum(np.linalg.norm(np.column_stack([b.columns for b in blocks]), axis=1), 1e-300))
+    if (near := nearest_realisation(blocks, arm.f, scale)) is None:
+        raise ValueError("f must be finite; it is not. Identify again.")
+    return _result(inertials, turning, arm, *near, exact=False)
+
+
+def matching_joints(arm: Arm, model: ModelFile) -> list[ModelJoint]:
+    """The file's joints of this arm; refused where the geometry is another one.
+
+    Raises
+    ------
+    ValueError
+    """
+    chain = arm.dynamics.chain
+    names = [link.name for link in chain.links]
+    for name in names:
+        choice("joint of the arm in the file", name, tuple(model.joints))
+    links, *_ = links_of_chain(model, names)
+    for mine, other in zip(chain.links, links, strict=True):
+        if mine.prismatic != other.prismatic or not np.allclose(_poses(mine), _poses(other), rtol=0, atol=1e-9):
+            raise ValueError(
+                f"source must describe the arm; its joint {mine.name} has another place or axis. Make the arm's chain "
+                "of this file: Chain.from_urdf, or from_mjcf."
+            )
+    return model.chain_joints(names)
+
+
+def _poses(link: Link) -> NDArray[np.float64]:
+    """Rotation and position of a link at two positions, (2, 12)."""
+    return np.array([np.concatenate([ca.DM(part).full().ravel() for part in link.rotation(ca.SX(q))]) for q in (0, 1)])
+
+
+def _inertials(model: ModelFile, joints: list[ModelJoint], prior: Mapping[str, Body]) -> list[_Inertial]:
+    """The bodies behind the joints, with their priors."""
+    moving = [joint.name for joint in joints]
+    links, *_ = links_of_chain(model, moving)
+    found = []
+    for i, (joint, link) in enumerate(zip(joints, links, strict=True)):
+        for name, placement in fixed_to(model.joints, joint.child, moving).items():
+            body = model.bodies[name]
+            if body is not None:
+                body = instance(f"prior of {name}", prior.get(name, body), Body, "Give mass, com and inertia.")
+                found.append(_Inertial(name, i, link.frame @ placement, body))
+    return found
+
+
+def _block(each: _Inertial, columns: NDArray[np.float64]) -> Block:
+    """The prior's factor, and the columns of f; a prior without extent is made a little thick."""
+    P = pseudo_inertia(load_parameters(each.body))
+    if not P[3, 3] > 0:
+        P = P + np.diag([0.0, 0.0, 0.0, 1e-3 * max(1e-3, float(np.trace(P[:3, :3])))])
+    central = P[:3, :3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3]
+    widths, axes = np.linalg.eigh(central)
+    thin = np.maximum(widths, _THIN**2 * P[3, 3] * (widths < (1e-3 * _THIN) ** 2 * P[3, 3])) - widths
+    P[:3, :3] += axes @ np.diag(thin) @ axes.T
+    L = np.asarray(np.linalg.cholesky(P), dtype=float)
+    moved = each.matrix @ L
+    x = np.array([from_pseudo_inertia(moved @ S @ moved.T) for S in basis(4)]).T
+    return Block(L, columns @ x)
+
+
+def _result(
+    inertials: list[_Inertial],
+    turning: NDArray[np.int64],
+    arm: Arm,
+    matrices: list[NDArray[np.float64]],
+    f: NDArray[np.float64],
+    *,
+    exact: bool,
+) -> Realised:
+    pairs = zip(inertials, matrices, strict=False)  # behind the bodies come the rotors
+    bodies = {each.link: load_body(from_pseudo_inertia(P)) for each, P in pairs}
+    rotors = np.zeros(arm.n)
+    rotors[turning] = [float(matrix[0, 0]) for matrix in matrices[len(inertials) :]]
+    return Realised(bodies=bodies, rotors=rotors, f=f, exact=exact)

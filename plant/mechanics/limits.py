@@ -1,0 +1,43 @@
+"""Limits of joints: positions, speeds and efforts that a model file states."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plant.parts.part import Part, Vector, number, part
+
+__all__ = ["Limits"]
+
+
+@part
+class Limits(Part):
+    """Limits of a chain's joints, joint side; infinite where there is none.
+
+    Parameters
+    ----------
+    lower, upper : (n,) array_like
+        Positions [rad or m].
+    velocity : (n,) array_like
+        Largest speeds, magnitudes [rad/s or m/s].
+    effort : (n,) array_like
+        Largest torques, magnitudes [N m or N].
+    """
+
+    lower: Vector = number(("n",), finite=False)
+    upper: Vector = number(("n",), finite=False)
+    velocity: Vector = number(("n",), finite=False)
+    effort: Vector = number(("n",), finite=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for joint in np.flatnonzero(self.lower > self.upper):
+            got = f"got {self.lower[joint]} and {self.upper[joint]} at joint {joint + 1}"
+            raise ValueError(f"lower must not be above upper; {got}. Swap them.")
+        for name in ("velocity", "effort"):
+            if (getattr(self, name) < 0).any():
+                raise ValueError(f"{name} must not be negative; got {getattr(self, name)}. Limits are magnitudes.")
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.lower)

@@ -1,0 +1,166 @@
+"""XML with places: elements that know which bytes of their file they are, and edits of these bytes alone."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import xml.parsers.expat
+from collections.abc import Iterable
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Edit", "Element", "numbers_of", "parsed", "spliced"]
+
+Edit = tuple[int, int, bytes]
+"""From this byte to that one, and what stands there instead."""
+
+_LARGEST = 5_000_000
+"""Bytes; the largest real files have a few hundred thousand."""
+
+_DEEPEST = 200
+"""Elements within each other; a chain of 40 bodies has 40."""
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
+_ATTRIBUTE = re.compile(rb"""([^\s=/>"']+)\s*=\s*("[^"]*"|'[^']*')""")
+
+
+@dataclasses.dataclass
+class Element:
+    """An XML element, and the bytes of its file that it takes: its start tag `start:opened`, all of it `start:stop`."""
+
+    tag: str
+    attributes: dict[str, str]
+    children: list[Element]
+    path: Path
+    start: int = 0
+    opened: int = 0
+    stop: int = 0
+
+    def find(self, tag: str) -> Element | None:
+        """The first child of this tag."""
+        return next((child for child in self.children if child.tag == tag), None)
+
+    def all(self, tag: str) -> list[Element]:
+        """The children of this tag."""
+        return [child for child in self.children if child.tag == tag]
+
+    def attribute_edit(self, data: bytes, name: str, value: str | None) -> Edit:
+        """The edit that gives an attribute this value, or takes it away (None); data: the bytes of the file."""
+        for match in _ATTRIBUTE.finditer(data, self.start + 1 + len(self.tag.encode()), self.opened):
+            if match[1].decode() == name:
+                start, stop = match.span(2)
+                if value is None:
+                    before = match.start()
+                    while data[before - 1 : before].isspace():
+                        before -= 1
+                    return before, stop, b""
+                return start, stop, quoteattr(value).encode()
+        place = self.start + 1 + len(self.tag.encode())
+        return place, place, b"" if value is None else f" {name}={quoteattr(value)}".encode()
+
+    def child_edit(self, data: bytes, text: str, *, first: bool = False) -> Edit:
+        """The edit that adds a child of this text at the end, or as the first, indented like its neighbour."""
+        if not self.children:
+            name = data[self.start + 1 : self.start + 1 + len(self.tag.encode())]
+            if self.opened == self.stop:
+                place = data.rfind(b"/", self.start, self.stop)
+                return place, self.stop, b">" + text.encode() + b"</" + name + b">"
+            return self.opened, self.opened, text.encode()
+        neighbour = self.children[0 if first else -1]
+        before = neighbour.start
+        while data[before - 1 : before].isspace():
+            before -= 1
+        space = data[before : neighbour.start]
+        place = before if first else neighbour.stop
+        return place, place, space + text.encode()
+
+
+def parsed(path: str | Path, root_tag: str | None, what: str, data: bytes | None = None) -> tuple[Element, bytes]:
+    """The root of a file and its bytes, or a refusal: nothing is executed, expanded or fetched.
+
+    Parameters
+    ----------
+    path : str or Path
+    root_tag : str or None
+        That the file must have; None for any.
+    what : str
+        What kind of file it is, for messages.
+    data : bytes, optional
+        Its content, where that is not what the file has.
+
+    Raises
+    ------
+    ValueError
+        Another root, a document type, entities, malformed XML, or a file that is too large or too deep.
+    """
+    if isinstance(path, str) and path.lstrip().startswith("<"):
+        raise ValueError(f"path must be the name of a {what} file; got its text. Write it to a file first.")
+    path = Path(path)
+    data = path.read_bytes() if data is None else data
+    if len(data) > _LARGEST:
+        raise ValueError(
+            f"{path} must be a {what} file of at most {_LARGEST} bytes; it has {len(data)}. Give the file."
+        )
+    root: list[Element] = []
+    open_elements: list[Element] = []
+    parser = xml.parsers.expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        at = parser.CurrentByteIndex
+        element = Element(tag, attributes, [], path, at, _tag_end(data, at))
+        (open_elements[-1].children if open_elements else root).append(element)
+        open_elements.append(element)
+        if len(open_elements) > _DEEPEST:
+            raise ValueError(f"{path} must nest at most {_DEEPEST} elements; it has more. Give a {what} file.")
+
+    def end(_: str) -> None:
+        element = open_elements.pop()
+        empty = data[element.opened - 2 : element.opened] == b"/>"
+        element.stop = element.opened if empty else data.find(b">", parser.CurrentByteIndex) + 1
+
+    def refuse(*_: object) -> None:
+        raise ValueError(f"{path} must not declare a document type or entities; it does. Remove them.")
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
+    try:
+        parser.Parse(data, True)
+    except xml.parsers.expat.ExpatError as error:
+        raise ValueError(f"{path} must be well-formed XML; {error}. Correct the file.") from None
+    if root_tag is not None and root[0].tag != root_tag:
+        raise ValueError(f"{path} must hold a <{root_tag}>; got <{root[0].tag}>. Give a {what} file.")
+    return root[0], data
+
+
+def _tag_end(data: bytes, start: int) -> int:
+    """Where a start tag ends: behind the first > that stands in no value."""
+    match = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""").match(data, start)
+    return match.end() if match else start
+
+
+def numbers_of(
+    element: Element | None, attribute: str, count: int, default: str | None, where: str
+) -> NDArray[np.float64]:
+    """So many finite numbers of an attribute."""
+    text = default if element is None else element.attributes.get(attribute, default)
+    if text is None:
+        raise ValueError(f"{where} must have {attribute}; it has none. Add it.")
+    words = text.split()
+    values = np.array([float(word) for word in words if _NUMBER.fullmatch(word)])
+    if len(words) != count or values.shape != (count,) or not np.isfinite(values).all():
+        what = "one finite number" if count == 1 else f"{count} finite numbers"
+        raise ValueError(f"{where} must have {what} in {attribute}; got {text!r:.60}. Write them like 17.4 or 1e-3.")
+    return values
+
+
+def spliced(data: bytes, edits: Iterable[Edit]) -> bytes:
+    """The bytes with these edits, all others as they were."""
+    pieces, at = [], 0
+    for start, stop, text in sorted(edits, key=lambda edit: edit[:2]):
+        pieces += [data[at:start], text]
+        at = stop
+    return b"".join([*pieces, data[at:]])

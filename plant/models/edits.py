@@ -1,0 +1,108 @@
+"""New inertials, friction and rotors for a URDF or MJCF file: edits of those bytes; files that are written whole."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from plant.mechanics.body import Body
+from plant.mechanics.mjcf_file import FULL
+from plant.mechanics.mjcf_orientation import ORIENTATIONS
+from plant.mechanics.placement import Placement
+from plant.mechanics.urdf_file import INERTIA, origin_of
+from plant.mechanics.xml_file import Edit, Element
+
+__all__ = ["mjcf_inertial", "mjcf_joint", "require_new", "urdf_friction", "urdf_inertial", "write_whole"]
+
+
+def urdf_inertial(data: bytes, link: Element, body: Body) -> list[Edit]:
+    """Edits that give a URDF link this body (in the link's frame); the orientation of its origin stays."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        parts = f'<origin xyz="{_text(body.com)}"/><mass value="{_text(body.mass)}"/>'
+        return [link.child_edit(data, f"<inertial>{parts}{_matrix(body)}</inertial>", first=True)]
+    edits: list[Edit] = []
+    origin, mass, matrix = (inertial.find(tag) for tag in ("origin", "mass", "inertia"))
+    turned = body.seen_from(Placement(rotation=origin_of(inertial, "inertial").rotation).inverse())
+    if origin is None:
+        edits.append(inertial.child_edit(data, f'<origin xyz="{_text(body.com)}"/>', first=True))
+    else:
+        edits.append(origin.attribute_edit(data, "xyz", _text(body.com)))
+    if mass is None:
+        edits.append(inertial.child_edit(data, f'<mass value="{_text(body.mass)}"/>'))
+    else:
+        edits.append(mass.attribute_edit(data, "value", _text(body.mass)))
+    if matrix is None:
+        edits.append(inertial.child_edit(data, _matrix(turned)))
+    else:
+        pairs = zip(INERTIA, turned.inertia, strict=True)
+        edits += [matrix.attribute_edit(data, key, _text(value)) for key, value in pairs]
+    return edits
+
+
+def _matrix(body: Body) -> str:
+    values = " ".join(f'{key}="{_text(value)}"' for key, value in zip(INERTIA, body.inertia, strict=True))
+    return f"<inertia {values}/>"
+
+
+def urdf_friction(data: bytes, joint: Element, viscous: float, coulomb: float) -> list[Edit]:
+    """Edits that give a URDF joint this damping and friction."""
+    dynamics = joint.find("dynamics")
+    if dynamics is None:
+        return [joint.child_edit(data, f'<dynamics damping="{_text(viscous)}" friction="{_text(coulomb)}"/>')]
+    pairs = (("damping", viscous), ("friction", coulomb))
+    return [dynamics.attribute_edit(data, name, _text(value)) for name, value in pairs]
+
+
+def mjcf_inertial(data: bytes, body_element: Element, body: Body) -> list[Edit]:
+    """Edits that give an MJCF body this body, with a full inertia in the body's own axes."""
+    inertial = body_element.find("inertial")
+    full = _text(body.inertia[list(FULL)])
+    if inertial is None:
+        text = f'<inertial pos="{_text(body.com)}" mass="{_text(body.mass)}" fullinertia="{full}"/>'
+        return [body_element.child_edit(data, text, first=True)]
+    values: dict[str, str | None] = dict.fromkeys((*ORIENTATIONS, "diaginertia"))
+    values |= {"pos": _text(body.com), "mass": _text(body.mass), "fullinertia": full}
+    there = inertial.attributes
+    return [inertial.attribute_edit(data, key, value) for key, value in values.items() if value or key in there]
+
+
+def mjcf_joint(data: bytes, joint: Element, values: dict[str, float]) -> list[Edit]:
+    """Edits that give an MJCF joint these numbers: armature, damping, frictionloss."""
+    return [joint.attribute_edit(data, name, _text(value)) for name, value in values.items()]
+
+
+def require_new(target: str | Path, overwrite: bool) -> Path:
+    """The path of a file to be written; one that is there is refused, unless it may be overwritten.
+
+    Raises
+    ------
+    ValueError
+    """
+    path = Path(target)
+    if path.exists() and not overwrite:
+        raise ValueError(f"target must be a new file; {path} is there. Name another one, or pass overwrite=True.")
+    if not path.parent.is_dir():
+        raise ValueError(f"target must be in a folder that is there; {path.parent} is not. Make it first.")
+    return path
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file that is either what it was, or all of this."""
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+        os.chmod(name, 0o644)
+        os.replace(name, path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+def _text(values: object) -> str:
+    """Numbers that are read back as the same bits; zero has no sign."""
+    return " ".join(repr(float(value) + 0.0) for value in np.atleast_1d(np.asarray(values, float)))

@@ -1,0 +1,152 @@
+"""Parts as tables of a robot file, and back: kinds that go without saying, keys checked against the fields."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from collections.abc import Mapping
+from typing import Any
+
+from plant.models.meaning import meaning_of
+from plant.parts.part import Part, restore
+
+__all__ = ["check_keys", "class_of", "part_of", "table_of"]
+
+_KINDS = {
+    "Rig": {
+        "drive": "plant.Drive", "encoder": "plant.Encoder", "transport": "plant.Transport", "jitter": "plant.Jitter",
+    },
+    "Drive": {
+        "curve": "plant.FrictionCurve", "coupling": "plant.Coupling", "elasticity": "plant.Elasticity",
+        "current_lag": "plant.CurrentLag", "presliding": "plant.Presliding", "load_friction": "plant.LoadFriction",
+        "friction_drift": "plant.FrictionDrift", "ripple": "plant.TorqueRipple",
+    },
+    "Encoder": {"phase": "plant.Phase", "quadrature": "plant.QuadratureError"},
+    "Chain": {"links": "plant.Link", "bodies": "plant.Body", "coupling": "plant.Coupling", "limits": "plant.Limits"},
+    "Link": {"before": "plant.Placement", "frame": "plant.Placement"},
+}  # fmt: skip
+"""Class -> field -> the kind of part that it holds where the file names none."""
+
+
+def class_of(kind: Any, where: str) -> type[Part]:
+    """The class of a kind; none is imported for it.
+
+    Raises
+    ------
+    ValueError
+    """
+    known: dict[str, type[Part]] = {}
+    waiting: list[type[Part]] = [Part]
+    while waiting:
+        found = waiting.pop()
+        waiting += found.__subclasses__()
+        known.setdefault(_kind(found), found)
+    if isinstance(kind, str) and kind in known and dataclasses.is_dataclass(known[kind]):
+        return known[kind]
+    package = str(kind).split(".")[0]
+    near = difflib.get_close_matches(str(kind), known, n=1, cutoff=0.6)
+    hint = f"Did you mean {near[0]!r}?" if near else "Write it like 'plant.P'."
+    if package in ("identification", "ctc") and not any(name.startswith(f"{package}.") for name in known):
+        hint = f"Import {package} first."
+    raise ValueError(f"kind in [{where}] must be that of a part; got {kind!r:.60}. {hint}")
+
+
+def _kind(cls: type) -> str:
+    return f"{cls.__module__.split('.')[0]}.{cls.__name__}"
+
+
+def check_keys(table: Any, cls: type[Part], where: str) -> None:
+    """Refuse a key that is no field, and the lack of one that has no default; with meaning and unit.
+
+    Raises
+    ------
+    ValueError
+    """
+    if not isinstance(table, Mapping):
+        raise ValueError(f"[{where}] must be a table of keys; got {table!r:.60}. Write [{where}] on a line of its own.")
+    fields = {field.name: field for field in dataclasses.fields(cls)}
+    for key in table:
+        if key not in fields and key != "kind":
+            near = difflib.get_close_matches(key, fields, n=1, cutoff=0.5)
+            said = f"Did you mean {near[0]!r}{_said(cls, near[0])}?" if near else f"It has {', '.join(fields)}."
+            raise ValueError(f"[{where}] must have keys of {cls.__name__}; got {key!r}. {said}")
+    for name, field in fields.items():
+        needed = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        if needed and name not in table:
+            raise ValueError(f"[{where}] must have {name!r}{_said(cls, name)}; it has not. Add it.")
+
+
+def _said(cls: type[Part], name: str) -> str:
+    text = meaning_of(cls, name)
+    return f" ({text})" if text else ""
+
+
+def part_of(table: Any, kind: str, where: str, known: Mapping[str, Part] | None = None) -> Any:
+    """The part that a table describes.
+
+    Parameters
+    ----------
+    table : mapping
+    kind : str
+        Where the table names none.
+    where : str
+        Its heading, for messages.
+    known : mapping of str to Part, optional
+        What text in the place of a part stands for: ``"[arm]"``.
+
+    Raises
+    ------
+    ValueError
+        Unknown, missing or misspelt keys, and what the part itself refuses, with the heading.
+    """
+    cls = class_of(table.get("kind", kind) if isinstance(table, Mapping) else kind, where)
+    check_keys(table, cls, where)
+    kinds = _KINDS.get(cls.__name__, {})
+
+    def value_of(key: str, value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return part_of(value, kinds.get(key, ""), f"{where}.{key}", known)
+        if isinstance(value, list) and value and all(isinstance(each, Mapping) for each in value):
+            return tuple(value_of(key, each) for each in value)
+        if isinstance(value, str) and known and value in known:
+            return known[value]
+        return restore(value)
+
+    values = {key: value_of(key, value) for key, value in table.items() if key != "kind"}
+    try:
+        return cls(**values)
+    except ValueError as error:
+        raise ValueError(f"[{where}]: {error}") from None
+
+
+def table_of(part: Part, kind: str, known: Mapping[str, Part] | None = None) -> dict[str, Any]:
+    """The table of a part: fields that are not their defaults, kinds that do not go without saying."""
+    kinds = _KINDS.get(type(part).__name__, {})
+
+    def value_of(key: str, value: Any, plain: Any) -> Any:
+        if isinstance(value, Part):
+            for text, other in (known or {}).items():
+                if value == other:
+                    return text
+            return table_of(value, kinds.get(key, ""), known)
+        if isinstance(value, tuple) and value and all(isinstance(each, Part) for each in value):
+            return [table_of(each, kinds.get(key, ""), known) for each in value]
+        return plain
+
+    described, own = part.describe(), _kind(type(part))
+    table: dict[str, Any] = {} if own == kind else {"kind": own}
+    for field in dataclasses.fields(part):
+        value = getattr(part, field.name)
+        if value is None or (field.default is not dataclasses.MISSING and _same(value, field.default)):
+            continue
+        table[field.name] = value_of(field.name, value, described[field.name])
+    return table
+
+
+def _same(value: Any, default: Any) -> bool:
+    if isinstance(value, Part) or isinstance(default, Part):
+        return bool(value == default)
+    try:
+        return type(value) is type(default) and bool(value == default)
+    except ValueError:  # an array beside a default that is a tuple
+        return False

@@ -1,0 +1,250 @@
+"""Inertials written back: torques by pinocchio and MuJoCo, bytes that stay, f that no bodies have."""
+
+import dataclasses
+import re
+import warnings
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from identification import identify, write_mjcf, write_urdf
+from identification.results.nearest_bodies import Block, basis, nearest_realisation
+from plant import Body, Chain, Coupling, Dynamics, Harmonics, P, puma560, simulate
+from plant.mechanics.load import load_parameters
+from plant.mechanics.pseudo_inertia import from_pseudo_inertia, pseudo_inertia
+
+pytest.importorskip("mujoco")
+pytest.importorskip("pinocchio")
+from model_texts import mjcf, mujoco_torques, pinocchio_torques, urdf
+
+STATES = np.random.default_rng(0).uniform(-1, 1, (1000, 3, 4))
+
+
+def with_rotors(chain, rotor):
+    return dataclasses.replace(chain, bodies=tuple(dataclasses.replace(body, rotor=rotor) for body in chain.bodies))
+
+
+def another(chain, bodies, *, rotors=True, known=0.2, true=0.3):
+    """The chain as somebody knows it, with the f of other bodies, and rotors that nobody knows exactly."""
+    dynamics = Dynamics.from_chain(with_rotors(chain, known), rotors=rotors)
+    return dynamics.arm(dynamics.f(with_rotors(dataclasses.replace(chain, bodies=bodies), true).bodies))
+
+
+def inertials_removed(text):
+    return re.sub(r"<inertial>.*?</inertial>|<inertial .*?/>|armature=\"[^\"]*\"", "", text, flags=re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("models")
+    for i in range(2):
+        (folder / f"{i}.urdf").write_text(urdf(i))
+        (folder / f"{i}.xml").write_text(mjcf(i))
+    return folder
+
+
+@pytest.mark.parametrize("rotors", [True, False])
+def test_urdf_has_the_torques_of_the_arm_in_both_engines(files, tmp_path, rotors):
+    """Geometry of one robot, bodies of another; fixed branches, a link without inertial, turned inertial frames."""
+    chain, target = Chain.from_urdf(files / "0.urdf"), tmp_path / "new.urdf"
+    arm = another(chain, Chain.from_urdf(files / "1.urdf").bodies, rotors=rotors, true=0.3 * rotors)
+    written = write_urdf(arm, files / "0.urdf", target)
+    names = [link.name for link in chain.links]
+    # rotors have no place in the file; of the first joint's, f shows the sum with its inertia alone
+    expected = np.array([arm.inverse(*state) for state in STATES]) - written.rotors * STATES[:, 2]
+    for engine in (pinocchio_torques, mujoco_torques):
+        np.testing.assert_allclose(engine(target, names, STATES), expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(written.rotors[1:], 0.3 * rotors, rtol=0, atol=1e-8)
+    assert not written.difference.any()
+    before, after = (files / "0.urdf").read_text(), target.read_text()
+    assert before != after
+    assert inertials_removed(after) == inertials_removed(before)
+    for body in written.bodies.values():
+        assert np.linalg.eigvalsh(pseudo_inertia(load_parameters(body)))[0] > 0
+
+
+def test_mjcf_has_the_torques_of_the_arm_with_its_armature(files, tmp_path):
+    chain, target = Chain.from_mjcf(files / "0.xml"), tmp_path / "new.xml"
+    arm = another(chain, Chain.from_mjcf(files / "1.xml").bodies)
+    written = write_mjcf(arm, files / "0.xml", target)
+    expected = np.array([arm.inverse(*state) for state in STATES])
+    got = mujoco_torques(target, [link.name for link in chain.links], STATES)
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-9)
+    again = Chain.from_mjcf(target)
+    np.testing.assert_allclose([body.rotor for body in again.bodies], written.rotors, rtol=0, atol=0)
+    strip = lambda text: re.sub(r"\s+", "", inertials_removed(text))  # noqa: E731 - armature moved into joints
+    assert strip(target.read_text()) == strip((files / "0.xml").read_text())
+    assert target.read_text().count("<!-- body") == 5
+
+
+def test_an_arm_of_the_file_itself_changes_no_byte(files, tmp_path):
+    for name, read, write in (("0.urdf", Chain.from_urdf, write_urdf), ("0.xml", Chain.from_mjcf, write_mjcf)):
+        dynamics = Dynamics.from_chain(read(files / name))
+        write(dynamics.arm(dynamics.f()), files / name, tmp_path / name)
+        assert (tmp_path / name).read_bytes() == (files / name).read_bytes()
+
+
+def test_what_f_does_not_show_is_the_prior_s(files, tmp_path):
+    """With the file of the truth as prior the truth is written, although f alone does not say it."""
+    chain = Chain.from_urdf(files / "0.urdf")
+    arm = another(chain, Chain.from_urdf(files / "1.urdf").bodies, rotors=False, true=0.0)
+    random, truth = np.random.default_rng(1), tmp_path / "truth.urdf"
+    first = write_urdf(arm, files / "0.urdf", truth)
+    for prior in (truth, first.bodies):
+        written = write_urdf(arm, files / "0.urdf", tmp_path / "a.urdf", prior=prior, overwrite=True)
+        for name, body in written.bodies.items():
+            np.testing.assert_allclose(load_parameters(body), load_parameters(first.bodies[name]), rtol=0, atol=1e-12)
+    # and of another prior something else is left
+    other = {"tool": Body(mass=0.3, com=random.normal(size=3) * 0.1, inertia=(0.01, 0, 0, 0.01, 0, 0.01))}
+    written = write_urdf(arm, files / "0.urdf", tmp_path / "b.urdf", prior=other)
+    assert written.bodies["tool"].mass < 0.5 < first.bodies["tool"].mass
+    assert not written.difference.any()
+
+
+def test_f_that_no_bodies_have_is_refused_or_replaced_by_the_nearest(files, tmp_path):
+    chain = Chain.from_urdf(files / "0.urdf")
+    dynamics = Dynamics.from_chain(chain, rotors=False)
+    f = dynamics.f()
+    last = max(i for i, name in enumerate(dynamics.names) if name.startswith("Izz"))
+    f[last] = -0.05  # about the last axis
+    with pytest.raises(ValueError, match=r"f must be what bodies can have; .*Pass nearest=True") as error:
+        write_urdf(dynamics.arm(f), files / "0.urdf", tmp_path / "no.urdf")
+    assert "\n" not in str(error.value)
+    assert not (tmp_path / "no.urdf").exists()
+    with pytest.warns(UserWarning, match=r"written are the nearest, which differ by .*Izz"):
+        written = write_urdf(dynamics.arm(f), files / "0.urdf", tmp_path / "near.urdf", nearest=True)
+    assert written.difference[last] > 0.05
+    again = Chain.from_urdf(tmp_path / "near.urdf")
+    np.testing.assert_allclose(dynamics.f(again.bodies), written.arm.f, rtol=0, atol=1e-9)
+
+
+def test_refusals(files, tmp_path):
+    chain = Chain.from_urdf(files / "0.urdf")
+    dynamics = Dynamics.from_chain(chain)
+    arm, target = dynamics.arm(dynamics.f()), tmp_path / "new.urdf"
+    write_urdf(arm, files / "0.urdf", target)
+    with pytest.raises(ValueError, match="target must be a new file"):
+        write_urdf(arm, files / "0.urdf", target)
+    write_urdf(arm, files / "0.urdf", target, overwrite=True)
+    with pytest.raises(ValueError, match="another place or axis"):
+        write_urdf(arm, files / "1.urdf", tmp_path / "x.urdf")
+    with pytest.raises(ValueError, match="a folder that is there"):
+        write_urdf(arm, files / "0.urdf", tmp_path / "gone" / "x.urdf")
+    with pytest.raises(ValueError, match="got a Chain"):
+        write_urdf(chain, files / "0.urdf", tmp_path / "x.urdf")
+    with pytest.raises(ValueError, match=r"link of the prior must be one of .*Did you mean 'l1'"):
+        write_urdf(arm, files / "0.urdf", tmp_path / "x.urdf", prior={"l11": Body(mass=1, com=(0, 0, 0))})
+    (tmp_path / "x.xacro").write_text('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro/></robot>')
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["new.urdf", "x.xacro"]
+
+
+# -- the search -----------------------------------------------------------------------------------------------------
+def random_blocks(random, p):
+    """Two bodies with random priors and random rows of f."""
+    blocks = []
+    for _ in range(2):
+        L = np.linalg.cholesky(
+            pseudo_inertia(load_parameters(Body(mass=2, com=random.normal(size=3), inertia=(1, 0, 0, 1, 0, 1))))
+        )
+        blocks.append(Block(L, random.normal(size=(p, 10))))
+    return blocks
+
+
+def test_optimum_is_that_of_a_general_solver():
+    """The same problem by scipy's trust region, which knows no Newton step of ours."""
+    from scipy.optimize import minimize
+
+    random = np.random.default_rng(3)
+    blocks, f = random_blocks(random, 5), random.normal(size=5)
+    matrices, reached = nearest_realisation(blocks, f)
+    np.testing.assert_allclose(reached, f, rtol=0, atol=1e-11)
+
+    def divergence(x):
+        total = 0.0
+        for part in np.split(x, 2):
+            sign, logdet = np.linalg.slogdet(np.einsum("k,kij->ij", part, basis(4)))
+            total += np.trace(np.einsum("k,kij->ij", part, basis(4))) - (logdet if sign > 0 else -1e6)
+        return total
+
+    A = np.column_stack([block.columns for block in blocks])
+    x = np.concatenate([
+        np.einsum("kij,ij->k", basis(4), np.linalg.solve(b.factor, np.linalg.solve(b.factor, P).T))
+        for b, P in zip(blocks, matrices, strict=True)
+    ])  # fmt: skip
+    assert np.allclose(A @ x, f)
+    start = x + np.linalg.svd(A)[2][5:].T @ random.normal(size=15) * 0.02
+    equations = {"type": "eq", "fun": lambda x: A @ x - f}
+    options = {"ftol": 1e-14, "maxiter": 500}
+    other = minimize(divergence, start, method="SLSQP", constraints=equations, options=options)
+    np.testing.assert_allclose(other.x, x, rtol=0, atol=1e-5)
+    assert divergence(x) <= other.fun + 1e-9
+
+
+def test_nearest_f_of_a_pendulum():
+    """f = (Izz, m x, m y) about its axis. No body has Izz < 0; near 0 there are heavy ones for any m x, m y."""
+    body = Body(mass=1.0, com=(0.3, 0, 0), inertia=(0.1, 0, 0, 0.1, 0, 0.1))
+    L = np.linalg.cholesky(pseudo_inertia(load_parameters(body)))
+    rows = np.array([from_pseudo_inertia(L @ S @ L.T) for S in basis(4)]).T[[9, 1, 2]]
+    f = np.array([-0.05, 0.3, 0.0])
+    assert nearest_realisation([Block(L, rows)], f) is None
+    _, near = nearest_realisation([Block(L, rows)], f, np.eye(3))
+    np.testing.assert_allclose(near, [0.0, 0.3, 0.0], rtol=0, atol=1e-3)  # the last softness leaves its square root
+    assert near[0] > 0
+
+
+def test_pseudo_inertia_is_that_of_point_masses():
+    random = np.random.default_rng(0)
+    masses, places = random.uniform(0.1, 1, 7), random.normal(size=(7, 3))
+    body = Body(mass=0.0, com=(0, 0, 0))
+    for mass, place in zip(masses, places, strict=True):
+        body = body.joined(Body(mass=mass, com=place))
+    rows = np.column_stack([places, np.ones(7)])
+    P = pseudo_inertia(load_parameters(body))
+    np.testing.assert_allclose(P, (rows * masses[:, None]).T @ rows, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(pseudo_inertia(from_pseudo_inertia(P)), P, rtol=0, atol=1e-15)
+
+
+# -- friction, included files, coupled motors -----------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def identified(tmp_path_factory):
+    """A pendulum of two links from a file, identified from the torque equation alone."""
+    folder = tmp_path_factory.mktemp("found")
+    text = urdf(7, kinds=("revolute", "revolute"))
+    (folder / "arm.urdf").write_text(text.replace("</joint>", '<dynamics friction="9"/></joint>', 1))
+    rig = puma560.rig()
+    dynamics = Dynamics.from_chain(Chain.from_urdf(folder / "arm.urdf").with_rotors(rig.drive))
+    truth = dynamics.arm(dynamics.f() * 1.03)
+    path = Harmonics(period=2.0, offset=(0, 0), cosine=((0.4, 0.2), (0.2, -0.4)), sine=((0.1, 0.3), (-0.3, 0.1)))
+    measured = simulate(truth, rig, P(gain=(0.5, 0.4)), path, backend="casadi")
+    return folder, identify(dynamics, measured, method="equation_error", progress=False)
+
+
+def test_identified_friction_is_written_joint_side(identified, tmp_path):
+    folder, found = identified
+    for name, friction in (("a.urdf", True), ("b.urdf", False)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # noise: the nearest f
+            write_urdf(found, folder / "arm.urdf", tmp_path / name, nearest=True, friction=friction)
+    robot = ElementTree.parse(tmp_path / "a.urdf").getroot()  # noqa: S314 - our own file
+    drive = found.rig.drive
+    written = [joint.find("dynamics") for joint in robot.iter("joint") if joint.get("type") == "revolute"]
+    np.testing.assert_allclose([float(each.get("damping")) for each in written], drive.viscous * drive.gear**2)
+    np.testing.assert_allclose([float(each.get("friction")) for each in written], drive.coulomb * abs(drive.gear))
+    assert inertials_removed((tmp_path / "b.urdf").read_text()) == inertials_removed((folder / "arm.urdf").read_text())
+
+
+def test_an_inertial_in_an_included_file_is_not_written(tmp_path):
+    body = '<body name="b"><joint name="j"/><inertial pos="0.1 0 0" mass="1" diaginertia="1 1 1"/></body>'
+    (tmp_path / "part.xml").write_text(f"<mujocoinclude>{body}</mujocoinclude>")
+    (tmp_path / "main.xml").write_text('<mujoco><worldbody><include file="part.xml"/></worldbody></mujoco>')
+    dynamics = Dynamics.from_chain(Chain.from_mjcf(tmp_path / "main.xml"), rotors=False)
+    with pytest.raises(ValueError, match=r"inertials must stand in .*main.xml; that of b is in .*part.xml"):
+        write_mjcf(dynamics.arm(1.1 * dynamics.f()), tmp_path / "main.xml", tmp_path / "new.xml")
+
+
+def test_coupled_rotors_have_no_armature(files, tmp_path):
+    chain = with_rotors(Chain.from_mjcf(files / "0.xml"), 0.2).coupled(Coupling(matrix=np.eye(4) + np.eye(4, k=-1)))
+    dynamics = Dynamics.from_chain(chain)
+    with pytest.raises(ValueError, match="rotors must turn with joints of their own"):
+        write_mjcf(dynamics.arm(dynamics.f()), files / "0.xml", tmp_path / "new.xml")

@@ -1,0 +1,179 @@
+"""Robot files: the same bits on a round trip, the packaged robots, every key checked, no package imported."""
+
+import dataclasses
+import subprocess
+import sys
+import tomllib
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from model_texts import urdf
+
+from ctc import ComputedTorque
+from plant import (
+    Chain,
+    CosineTorque,
+    Coupling,
+    Dynamics,
+    Elasticity,
+    FrictionCurve,
+    JointSpring,
+    Phase,
+    Presliding,
+    Rig,
+    Robot,
+    Transport,
+    puma560,
+    read_robot,
+    write_robot,
+)
+from plant.models.robot_file import FOLDER
+from plant.models.toml_text import toml_lines
+from plant.robots import catalogue
+
+COLUMNS = {"t": "time", "position": ("q 1", "q 2")}
+UNITS = {"t": "s", "position": "rad"}
+
+
+def base(chain, *, rotors=True):
+    dynamics = Dynamics.from_chain(chain, rotors=rotors)
+    return dynamics.arm(dynamics.f())
+
+
+def rich_rig():
+    """With every kind of part within parts."""
+    rig = puma560.rig()
+    drive = dataclasses.replace(
+        rig.drive, curve=FrictionCurve(offset=(0.1, 0), breakaway=(0.2, 0.1), speed=(1, 2)), load_friction=(0.01, 0.02),
+        elasticity=Elasticity(stiffness=(1e4 / 3, 2e4), damping=(1, 2), backlash=(1e-4, 0)), current_lag=2e-4 / 3,
+        presliding=Presliding(distance=(1e-3, 1e-3)), joints=("upper", "fore \"arm\""),
+    )  # fmt: skip
+    encoder = dataclasses.replace(rig.encoder, phase=Phase(shift=(0.1, 1 / 3)))
+    springs = (
+        JointSpring(stiffness=(1, 2), angle=(0, 0.1), preload=(0, 0)),
+        CosineTorque(amplitude=(1, 0), phase=(0, 0)),
+    )
+    return Rig(drive=drive, encoder=encoder, period=0.7e-3, transport=Transport(delay=1e-4), springs=springs)
+
+
+def robots():
+    whole, six = base(catalogue.puma560()), catalogue.puma560_rig()
+    wrist = Coupling(matrix=[[1, 0], [0.25, 1]])
+    rig = puma560.rig()
+    coupled = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, coupling=wrist))
+    return {
+        "f of the paper": Robot(name="a \u00e9", arm=puma560.arm(), rig=puma560.rig(), law=puma560.p_law(),
+                                columns=COLUMNS, units=UNITS),
+        "computed torque": Robot(arm=whole, rig=six, law=ComputedTorque(whole, six)),
+        "no bodies": Robot(dynamics=Dynamics.from_chain(catalogue.tx40()), rig=catalogue.tx40_rig()),
+        "every part": Robot(arm=puma560.literature_arm(), rig=rich_rig()),
+        "coupled": Robot(arm=base(catalogue.planar(2).coupled(wrist), rotors=False), rig=coupled),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(("robot"), robots().values(), ids=robots().keys())
+def test_the_same_bits_on_a_round_trip(tmp_path, robot):
+    write_robot(robot, tmp_path / "robot.toml")
+    again = read_robot(tmp_path / "robot.toml")
+    assert again == robot
+    if robot.arm is not None:
+        assert again.arm.f.tobytes() == robot.arm.f.tobytes()
+    write_robot(again, tmp_path / "again.toml")
+    assert (tmp_path / "again.toml").read_bytes() == (tmp_path / "robot.toml").read_bytes()
+
+
+scalars = st.floats(allow_nan=False) | st.integers(-(2**60), 2**60) | st.booleans() | st.text()
+values = st.recursive(scalars, lambda inner: st.lists(inner, max_size=3), max_leaves=8)
+tables = st.recursive(
+    st.dictionaries(st.text(), values, max_size=4), lambda inner: st.dictionaries(st.text(), inner | values, max_size=3)
+)
+
+
+@given(tables)
+def test_any_table_is_read_back_by_tomllib(table):
+    assert tomllib.loads("\n".join(toml_lines(table))) == table
+
+
+def test_packaged_robots_are_the_catalogue_s():
+    paper, whole, tx40, ur5e = (read_robot(name) for name in ("paper_puma560", "puma560", "tx40", "ur5e"))
+    assert (paper.arm, paper.rig, paper.law) == (puma560.arm(), puma560.rig(), puma560.p_law())
+    assert (whole.arm, whole.rig) == (base(catalogue.puma560()), catalogue.puma560_rig())
+    assert (tx40.arm, tx40.dynamics.chain, tx40.rig) == (None, catalogue.tx40(), catalogue.tx40_rig())
+    assert ur5e.arm.dynamics.chain.links[1].name == "shoulder_lift"
+    assert sorted(path.stem for path in FOLDER.glob("*.toml")) == ["paper_puma560", "puma560", "tx40", "ur5e"]
+    # published: 150 and 28 N m; the arm is 0.85 m long, and holds itself level
+    np.testing.assert_allclose(ur5e.rig.drive.torque_limit(), ur5e.dynamics.chain.limits.effort, rtol=4e-3)
+    held = np.abs(ur5e.arm.h(np.zeros(6), np.zeros(6)))
+    assert 40 < held[1] < 80
+    assert (np.linalg.eigvalsh(ur5e.arm.D(np.zeros(6))) > 0).all()
+
+
+def test_an_arm_may_lie_in_a_model_file_beside_it(tmp_path):
+    (tmp_path / "arm.urdf").write_text(urdf(1, kinds=("revolute", "revolute")))
+    text = (FOLDER / "paper_puma560.toml").read_text()
+    start, end = text.index("[arm]"), text.index("[law]")
+    (tmp_path / "r.toml").write_text(text[:start] + '[arm]\nurdf = "arm.urdf"\nrotors = "drive"\n\n' + text[end:])
+    robot = read_robot(tmp_path / "r.toml")
+    chain = Chain.from_urdf(tmp_path / "arm.urdf").with_rotors(puma560.rig().drive)
+    assert robot.arm.dynamics.chain == chain
+
+
+PAPER = (FOLDER / "paper_puma560.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (PAPER.replace("viscous", "viscos"), r"\[drive\] must have keys of Drive; got 'viscos'. Did you mean 'viscous' "
+                                             r"\(Kfr-visc \[N m s/rad\]\)"),
+        (PAPER.replace("motor_gain", "#motor_gain"), r"must have 'motor_gain' \(K_i, .* \[N m/A\]\); it has not"),
+        (PAPER.replace("[drive]", "[drives]"), "a table of the file must be one of .*Did you mean 'drive'"),
+        (PAPER.replace("ranges", "rangs"), r"a key of \[arm\] must be one of .*Did you mean 'ranges'"),
+        (PAPER.replace("alpha", "alhpa"), r"\[arm.links\] must have keys of Link; got 'alhpa'. Did you mean 'alpha'"),
+        (PAPER.replace("107.8, ", ""), r"\[drive\]: motor_inertia of Drive must have shape \(1,\)"),
+        (PAPER.replace("plant.P", "plant.PP"), r"kind in \[law\] must be that of a part; got 'plant.PP'. Did you mean"),
+        (PAPER.replace("plant.P", "ctc.Nothing"), "must be that of a part; got 'ctc.Nothing'"),
+        (PAPER.replace("\ngain = [0.2", "\ngian = [0.2"), r"keys of P; got 'gian'. Did you mean 'gain'"),
+        (PAPER.replace("Izz3 = 1.0, J3", "Izz33 = 1.0, J3"), "a term of f1 of .*Did you mean 'Izz3'"),
+        (PAPER.replace('torque = "inertial"', 'torque = "inert"', 1), "torque of f1 .*Did you mean 'inertial'"),
+        (PAPER.replace("f7 = {", "f7 = {m2 = 1.0, "), "lumping must describe the motion of the chain"),
+        (PAPER.replace("[arm]", '[arm]\nurdf = "x.urdf"'), "must have one of links, urdf, mjcf; it has links and urdf"),
+        (PAPER.replace("[rig]", "[rig]\ndrive = 3"), r"\[rig\] must not have 'drive'"),
+        (PAPER.replace("0.0007", "-1"), "period must be a positive number"),
+        (PAPER + '[columns]\nt = "time"\npos = "q"', "what a column is mapped to must be one of .*'position'"),
+        (PAPER.replace("[drive]", "drive = 3\n[x]", 1), "a table of the file must be one of"),
+        ("a = ", "must be TOML"),
+        ("", r"the file must have \[arm\]"),
+    ],
+)  # fmt: skip
+def test_a_bad_file_is_refused_in_one_line(tmp_path, text, said):
+    path = tmp_path / "r.toml"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=said) as error:
+        read_robot(path)
+    assert str(error.value).startswith(str(path))
+    assert "\n" not in str(error.value)
+
+
+def test_refusals(tmp_path):
+    with pytest.raises(ValueError, match=r"there is none. Give its path, or one of paper_puma560, puma560, tx40, ur5e"):
+        read_robot("ur6e")
+    robot = read_robot("paper_puma560")
+    write_robot(robot, tmp_path / "r.toml")
+    with pytest.raises(ValueError, match="target must be a new file"):
+        write_robot(robot, tmp_path / "r.toml")
+    write_robot(robot, tmp_path / "r.toml", overwrite=True)
+    with pytest.raises(ValueError, match="arm or dynamics must be given"):
+        Robot(rig=puma560.rig())
+    with pytest.raises(ValueError, match="rig must have 6 joints like the arm; got 2"):
+        Robot(rig=puma560.rig(), dynamics=Dynamics.from_chain(catalogue.tx40()))
+
+
+def test_a_law_of_a_package_that_is_not_imported(tmp_path):
+    """plant imports no other package for a file."""
+    write_robot(robots()["computed torque"], tmp_path / "r.toml")
+    code = f"import plant; plant.read_robot({str(tmp_path / 'r.toml')!r})"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)  # noqa: S603
+    assert "Import ctc first." in said.stderr
