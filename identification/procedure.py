@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
-import plant
 from identification.equation_error.clustered import at_least
 from identification.preparation import prepare, with_gears
 from identification.replay.experiment import with_zeros
@@ -26,6 +25,7 @@ from identification.search.search import Search
 from identification.search.tolerances import Tolerances
 from plant import Dynamics, Record
 from plant.parts.arguments import instance, known_options
+from plant.parts.saved import versions
 
 __all__ = ["identify", "search"]
 
@@ -159,7 +159,7 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
         law=law,
         records=problem.objective.records if fit.resumptions else objective.records,
         held_out=() if problem.held_out is None else problem.held_out.records,
-        version=plant.__version__,
+        versions=versions(),
         fit=fit,
         search=Search.of(problem, outcome, cost, time.perf_counter() - started),
         diagnostics=diagnostics,

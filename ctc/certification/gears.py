@@ -18,6 +18,8 @@ from ctc.verdict.on_gears import require_followed, require_swinging
 from plant import Arm, Elasticity, Rig
 from plant.machine.elasticity import DAMPING_RATIO, gears
 from plant.parts.arguments import array
+from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
 
 __all__ = ["Gears"]
 
@@ -25,8 +27,9 @@ _USUAL = (DAMPING_RATIO, 0.03)
 """Damping ratio unless stated."""
 
 
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Gears:
+class Gears(Frozen):
     """Distribution of what gears and drives do.
 
     Parameters

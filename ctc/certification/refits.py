@@ -20,6 +20,8 @@ from identification.preparation import prepare
 from identification.procedure import search
 from identification.search.outcome import Fit
 from plant import Arm, Elasticity
+from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
 
 __all__ = ["Refits", "refits"]
 
@@ -37,8 +39,9 @@ _KEPT: weakref.WeakKeyDictionary[Identification, dict[Any, Refits | None]] = wea
 """Fits of an identification by stated range, while it exists; an equal one, bit for bit, has the same."""
 
 
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Refits:
+class Refits(Frozen):
     """Fits over a range of resonances.
 
     Attributes

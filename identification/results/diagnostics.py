@@ -15,6 +15,7 @@ from identification.results.stepwise import detect
 from identification.search.outcome import Fit
 from identification.search.problem import Problem
 from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
 
 __all__ = ["LATE", "Diagnostics"]
 
@@ -22,6 +23,7 @@ LATE = 0.02
 """Delay [samples] that matters."""
 
 
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnostics(Frozen):
     """How well what was found repeats the records.

@@ -18,6 +18,8 @@ from plant.laws.law import Law
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.motion.reference import Reference
+from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop, bounded
 from plant.simulation.followed_path import Path
@@ -57,8 +59,9 @@ def tally(rig: Rig) -> ca.Function:
     return ca.Function("tally", [log, data, memory], [outside, following])
 
 
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Runs:
+class Runs(Frozen):
     """Results of P runs of n joints.
 
     Attributes
