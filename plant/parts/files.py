@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import glob
 import os
 import secrets
 import stat
-from collections.abc import Callable, Iterable
+import time
+from collections.abc import Iterable
 from pathlib import Path
 
-__all__ = ["read_bounded", "require_bounded", "write_whole"]
+__all__ = ["read_bounded", "remove_remains", "require_bounded", "write_whole"]
+
+_OLD = 60.0
+"""Age [s] beyond which a file beside its place is what a killed process left."""
 
 
 def require_bounded(path: str | Path, most: int) -> None:
@@ -47,7 +52,7 @@ def read_bounded(path: str | Path, most: int) -> bytes:
     return data
 
 
-def write_whole(path: str | Path, text: Iterable[str], *, about_to_replace: Callable[[], None] | None = None) -> None:
+def write_whole(path: str | Path, text: Iterable[str]) -> None:
     """Write a file beside its place, to the disk, then put it there: whoever reads sees the old one or the new one.
 
     Parameters
@@ -56,8 +61,6 @@ def write_whole(path: str | Path, text: Iterable[str], *, about_to_replace: Call
         A link is followed. The folder must be there.
     text : iterable of str
         One after another.
-    about_to_replace : callable, optional
-        Called when all is on the disk, before it takes its place.
 
     Raises
     ------
@@ -69,15 +72,13 @@ def write_whole(path: str | Path, text: Iterable[str], *, about_to_replace: Call
     place = Path(os.path.realpath(path))
     if place.exists() and not place.is_file():
         raise ValueError(f"{path} must be a file or not be there; it is a folder, a pipe or a device. Choose another.")
-    temporary = place.with_name(f".{place.name[:100]}.{secrets.token_hex(8)}")
+    temporary = place.with_name(f"{_beside(place)}{secrets.token_hex(8)}")
     try:
         with open(temporary, "x", encoding="utf-8", newline="\n") as file:
             for each in text:
                 file.write(each)
             file.flush()
             os.fsync(file.fileno())
-        if about_to_replace is not None:
-            about_to_replace()
         os.replace(temporary, place)
     except BaseException:
         with contextlib.suppress(OSError):
@@ -90,3 +91,17 @@ def write_whole(path: str | Path, text: Iterable[str], *, about_to_replace: Call
                 os.fsync(folder)
             finally:
                 os.close(folder)
+
+
+def remove_remains(path: str | Path) -> None:
+    """Remove what killed processes left beside a file, unless it is as new as one that is being written."""
+    place = Path(os.path.realpath(path))
+    for left in place.parent.glob(f"{glob.escape(_beside(place))}{'[0-9a-f]' * 16}"):
+        with contextlib.suppress(OSError):
+            if left.stat().st_mtime < time.time() - _OLD:
+                left.unlink()
+
+
+def _beside(place: Path) -> str:
+    """How the names begin under which a file is written."""
+    return f".{place.name[:100]}."
