@@ -29,6 +29,8 @@ from typing import Any, cast
 import numba
 from llvmlite.binding import get_host_cpu_features
 
+from plant.compiler.background import in_background
+
 if sys.platform != "win32":
     import fcntl
 
@@ -108,6 +110,10 @@ class Kernel:
         """Call one of the functions, compiling it or taking it from the cache first."""
         if name not in self._fresh:
             return self._function(name)(*arguments)
+        (result,) = in_background(lambda: self._first_call(name, *arguments))
+        return result
+
+    def _first_call(self, name: str, *arguments: Any) -> Any:
         with _LOCK, self._alone():
             cached = self._cached()
             try:

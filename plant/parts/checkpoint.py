@@ -53,7 +53,7 @@ class Checkpoint:
     """
 
     def __init__(self, path: str | Path | Checkpoint | None, work: str) -> None:
-        self._prefix, self._file = "", None
+        self._prefix, self._file, self._whole = "", None, not isinstance(path, Checkpoint)
         if isinstance(path, Checkpoint):
             self._prefix, self._file = path._prefix, path._file
         elif path is not None:
@@ -67,6 +67,7 @@ class Checkpoint:
     ) -> None:
         if self._file is not None:
             self._file.write()
+            self._file.closed = self._whole
 
     def part(self, name: str) -> Checkpoint:
         """The same file for a part of the work, whose stages have names of their own."""
@@ -120,7 +121,7 @@ class _File:
         }  # fmt: skip
         self._stages: dict[str, Any] = {}
         self._texts: dict[str, str] = {}
-        self._pending, self._failed, self._next = True, False, 0.0
+        self._pending, self._failed, self._next, self.closed = True, False, 0.0, False
         if path.exists():
             self._read()
             self._pending = False
@@ -155,7 +156,7 @@ class _File:
     def write(self) -> None:
         """Write what is not on the disk yet; where that fails, say so once, and keep what is there."""
         with self._lock:
-            if not self._pending:
+            if not self._pending or self.closed:
                 return
             began = time.monotonic()
             try:
