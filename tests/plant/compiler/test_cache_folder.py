@@ -120,7 +120,7 @@ import os, threading, time
 from plant.compiler import kernel_cache
 from plant.compiler.kernel_cache import Kernel
 slow = "import numba\\n\\n\\n@numba.njit(cache=True)\\ndef slow_{h}(x):\\n    y = 0.0\\n"
-slow += "".join(f"    y += x ** {i} if y < {i}.5 else x\\n" for i in range(150)) + "    return y\\n"
+slow += "".join(f"    y += x ** {i} if y < {i}.5 else x\\n" for i in range(60)) + "    return y\\n"
 fast = "import numba\\n\\n\\n@numba.njit(cache=True)\\ndef fast_{h}(x):\\n    return x + 1\\n"
 thread = threading.Thread(target=Kernel(slow, ["slow"]).call, args=("slow", 0.5))
 thread.start()
@@ -128,6 +128,9 @@ while not kernel_cache._MODULES:
     time.sleep(0.001)
 child = os.fork()
 if not child:
+    if not kernel_cache._LOCK.acquire(blocking=False):
+        os._exit(2)  # held by a thread that is not in this process
+    kernel_cache._LOCK.release()
     os._exit(0 if Kernel(fast, ["fast"]).call("fast", 2.0) == 3.0 else 1)
 assert os.waitpid(child, 0)[1] == 0
 thread.join()
