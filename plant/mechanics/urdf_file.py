@@ -13,16 +13,20 @@ from numpy.typing import NDArray
 from plant.mechanics.body import Body
 from plant.mechanics.placement import Placement
 from plant.parts.arguments import choice
+from plant.parts.files import read_bounded
 
-__all__ = ["MOVING", "UrdfJoint", "joints_of", "links_of", "parsed"]
+__all__ = ["HERE", "MOVING", "UrdfJoint", "joints_of", "links_of", "parsed"]
 
 
-_LARGEST = 5_000_000
+_LARGEST = 5 << 20
 """Bytes; the largest real files have a few hundred thousand."""
 
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
+
+HERE = Placement()
+"""Of all that state no origin."""
 
 MOVING = {"revolute": False, "continuous": False, "prismatic": True}  # -> whether it slides
 
@@ -59,10 +63,10 @@ def parsed(path: str | Path) -> Element:
     """The <robot> of a file, or a refusal."""
     if isinstance(path, str) and path.lstrip().startswith("<"):
         raise ValueError("path must be the name of a URDF file; got its text. Write it to a file first.")
-    path = Path(path)
-    data = path.read_bytes()
-    if len(data) > _LARGEST:
-        raise ValueError(f"{path} must be a URDF file of at most {_LARGEST} bytes; it has {len(data)}. Give the file.")
+    try:
+        data = read_bounded(path, _LARGEST)
+    except ValueError as error:
+        raise ValueError(f"{path} {error}") from None
     root: list[Element] = []
     open_elements: list[Element] = []
 
@@ -103,6 +107,8 @@ def numbers_of(
 
 def origin_of(element: Element, where: str) -> Placement:
     origin = element.find("origin")
+    if origin is None:
+        return HERE
     position = numbers_of(origin, "xyz", 3, "0 0 0", f"{where}, origin")
     roll, pitch, yaw = numbers_of(origin, "rpy", 3, "0 0 0", f"{where}, origin")
     return Placement.of_angles(roll, pitch, yaw, position)

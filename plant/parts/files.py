@@ -30,7 +30,8 @@ def require_bounded(path: str | Path, most: int) -> None:
     if not stat.S_ISREG(status.st_mode):
         raise ValueError("must be a file; got a folder, a pipe or a device. Give the path of the file itself.")
     if status.st_size > most:
-        raise ValueError(f"must have at most {most >> 20} MiB; got {status.st_size >> 20} MiB. Give a smaller file.")
+        got = f"got {-(-status.st_size >> 20)} MiB"
+        raise ValueError(f"must have at most {most >> 20} MiB; {got}. Cut it into several files, or give another.")
 
 
 def read_bounded(path: str | Path, most: int) -> bytes:
