@@ -84,7 +84,7 @@ def read_table(
     ------
     LoadError
         A file that is missing, corrupt, or larger than 256 MiB once expanded; a column that is not there, or that
-        holds anything but real numbers. Within 5 s; of messages, 60 s.
+        holds anything but real numbers. Its reader has 4.5 s; messages and CSV have 60 s.
     """
     with load_errors(path):
         kind = kind_of(path)
