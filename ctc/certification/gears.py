@@ -20,6 +20,7 @@ from plant.machine.elasticity import DAMPING_RATIO, gears
 from plant.parts.arguments import array
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
+from plant.parts.sums import product
 
 __all__ = ["Gears"]
 
@@ -139,7 +140,7 @@ class Gears(Frozen):
         low, high = np.log(self.resonance).T
         hz = np.exp(low + places[:, :-1] * (high - low))
         ratio = self.damping_ratio[0] + places[:, -1:] * np.ptp(self.damping_ratio)
-        links = f @ _inertias(arm, rig, pose) - rig.drive.reflected_inertia()
+        links = product(f, _inertias(arm, rig, pose)) - rig.drive.reflected_inertia()
         found = gears(np.broadcast_to(hz, (count, n)), ratio, links)
         names = ["resonance"] if len(low) == 1 else [f"resonance[{i}]" for i in range(n)]
         own = [f"drive.elasticity.{name}[{i}]" for name in ("stiffness", "damping") for i in range(n)]

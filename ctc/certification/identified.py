@@ -13,6 +13,7 @@ from identification import Identification
 from plant import Arm
 from plant.parts.arguments import array, instance
 from plant.parts.checkpoint import Checkpoint
+from plant.parts.sums import product
 
 __all__ = ["Identified", "identified"]
 
@@ -47,7 +48,7 @@ class Identified:
         """Numbers (P, k) of plants whose resonances are at these places (P, m) of their ranges."""
         deviations = random.standard_normal((len(places), self.roots.shape[2]))
         if self.refits is None:
-            return np.asarray(self.values + deviations @ self.roots[0].T)
+            return np.asarray(self.values + product(deviations, self.roots[0].T))
         roots = self.roots[self.refits.nearest(places.mean(axis=1))]
         return self.centres(places) + (roots * deviations[:, None]).sum(axis=2)
 
