@@ -85,7 +85,7 @@ class Checkpoint:
         """
         if self._file is not None:
             given = {name: fingerprint(value) for name, value in inputs().items()}
-            made: dict[str, str] = self.stage("inputs", lambda: given)
+            made = self.stage("inputs", lambda: given)
             other = [name for name in given if made.get(name) != given[name]]
             if other:
                 raise ValueError(
@@ -171,12 +171,18 @@ class _File:
 
     def _text(self) -> Any:
         """The file's text; that of each stage is made once."""
+        yield "".join(written(self._head)).removesuffix("\n}") + ',\n "stages": {'
+        yield ",".join(self._stage_texts())
+        yield f'\n}},\n "sha256": "{self._sum()}"}}\n'
+
+    def _stage_texts(self) -> list[str]:
         for name, plain in self._stages.items():
             if name not in self._texts:
                 self._texts[name] = "".join(written({name: plain})).removesuffix("\n}").removeprefix("{")
-        yield "".join(written(self._head)).removesuffix("\n}") + ',\n "stages": {'
-        yield ",".join(self._texts[name] for name in self._stages)
-        yield "\n}}\n"
+        return [self._texts[name] for name in self._stages]
+
+    def _sum(self) -> str:
+        return hashlib.sha256(",".join(self._stage_texts()).encode()).hexdigest()
 
     def _read(self) -> None:
         try:
@@ -188,9 +194,11 @@ class _File:
                 if data.get(key) != own:
                     given = _told(data.get(key))
                     raise ValueError(f"must be of the {key} {_told(own)}; got {given}. Give another file.")
+            self._stages = data["stages"]
+            if data.get("sha256") != self._sum():
+                raise ValueError("must be as it was written; it has been changed. Delete it, and begin anew.")
         except (OSError, ValueError) as error:
             raise ValueError(f"checkpoint {self.path} {' '.join(str(error).split())}") from None
-        self._stages = data["stages"]
 
 
 def _told(value: Any) -> str:

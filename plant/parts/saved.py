@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
@@ -36,7 +37,8 @@ _KEYS = ("onepulse", "format", "kind", "provenance", "content")
 def versions() -> dict[str, str]:
     """Versions of what results are computed with."""
     return {
-        "onepulse": __version__, "numpy": np.__version__, "casadi": ca.__version__, "python": platform.python_version(),
+        "onepulse": __version__, "numpy": np.__version__, "casadi": ca.__version__, "numba": version("numba"),
+        "python": platform.python_version(),
     }  # fmt: skip
 
 
