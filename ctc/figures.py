@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant import Record
-from plant.parts.labels import joint_labels
+from plant.parts.labels import joint_labels, literal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -88,6 +88,7 @@ def _require_evaluation(name: str, evaluation: Any) -> None:
         raise ValueError(f"{name} must be an Evaluation; got {type(evaluation).__name__}. Pass what evaluate gave.")
 
 
+@literal
 def plot_evaluation(evaluation: Any, axes: Any = None) -> Figure:
     """Encoder error with the +-1 pulse band (left), torque and the amplifier's limit (right), one row per joint.
 
@@ -116,6 +117,7 @@ def plot_evaluation(evaluation: Any, axes: Any = None) -> Figure:
     return figure
 
 
+@literal
 def plot_phase(evaluation: Any) -> Figure:
     """Phase plot: rate of the true error over the true error, one panel per joint; a limit cycle shows as a ring.
 
@@ -153,6 +155,7 @@ def plot_phase(evaluation: Any) -> Figure:
     return figure
 
 
+@literal
 def plot_comparison(evaluations: dict[str, Any]) -> Figure:
     """Tracking errors of several laws on the same arm.
 
@@ -196,6 +199,7 @@ def plot_comparison(evaluations: dict[str, Any]) -> Figure:
     return figure
 
 
+@literal
 def plot_record(record: Record, joints: Sequence[str] = ()) -> Figure:
     """Tracking error and motor current of every joint. Source: paper Figs. 6-9.
 
@@ -226,6 +230,7 @@ def plot_record(record: Record, joints: Sequence[str] = ()) -> Figure:
     return figure
 
 
+@literal
 def plot_identification(
     measured: Record, first: Record, best: Record, others: Sequence[Record] = (), joints: Sequence[str] = ()
 ) -> Figure:
@@ -265,6 +270,7 @@ def plot_identification(
     return figure
 
 
+@literal
 def plot_margins(margins: Any) -> Figure:
     """Bode diagram of the loop of each joint, and its sensitivity; all over frequency, up to half the sampling rate.
 
@@ -302,6 +308,7 @@ def plot_margins(margins: Any) -> Figure:
     return figure
 
 
+@literal
 def plot_sweep(sweep: Any) -> Figure:
     """Share of samples within the limit over the resonance of the gears, and bars where every sample is, law by law.
 

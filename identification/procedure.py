@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
-import plant
 from identification.equation_error.clustered import at_least
 from identification.preparation import prepare, with_gears
 from identification.replay.experiment import with_zeros
@@ -26,6 +26,8 @@ from identification.search.search import Search
 from identification.search.tolerances import Tolerances
 from plant import Dynamics, Record
 from plant.parts.arguments import instance, known_options
+from plant.parts.checkpoint import Checkpoint
+from plant.parts.saved import versions
 
 __all__ = ["identify", "search"]
 
@@ -48,6 +50,7 @@ def identify(
     zeros: bool = False,
     elasticity: bool = False,
     tolerances: Tolerances | None = None,
+    checkpoint: str | Path | Checkpoint | None = None,
 ) -> Identification:
     """Find the parameters with which the model repeats the tracking errors of the robot.
 
@@ -90,6 +93,9 @@ def identify(
         Find stiffness and damping of all gears too, whatever the rigs say of them: ``found.resonance``.
     tolerances : Tolerances, optional
         Within which the rigs are right; intervals count them. ``Tolerances.none()`` takes rigs for exact.
+    checkpoint : str or Path, optional
+        File in which finished stages are kept: killed and called again with it, the work goes on, to the same bits. One
+        of other inputs, versions or another processor is refused.
 
     Returns
     -------
@@ -108,8 +114,10 @@ def identify(
         records, held_out, unknown = with_gears(dynamics, records, held_out, unknown, method, ranges)
     tolerances = instance("tolerances", tolerances or Tolerances(), Tolerances, "Give Tolerances(gear=0.01).")
     problem = prepare(dynamics, records, unknown, held_out, method, ranges, settings, seed, zeros, options, tolerances)
-    outcome = search(problem, progress)
-    return _assess(problem, outcome, started)
+    with Checkpoint(checkpoint, "identify").bind(lambda: problem.inputs) as kept:
+        problem = dataclasses.replace(problem, checkpoint=kept)
+        outcome = kept.stage("search", lambda: search(problem, progress))
+        return _assess(problem, outcome, started)
 
 
 def search(problem: Problem, progress: bool) -> Outcome:
@@ -146,7 +154,9 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
             "Widen or correct the ranges, and check gains, gears and signs of rig and law."
         )
     arm, rig, law = problem.parts(fit.values)
-    diagnostics = Diagnostics.of(problem, fit, objective, cost, outcome.rounding)
+    diagnostics = problem.checkpoint.stage(
+        "diagnostics", lambda: Diagnostics.of(problem, fit, objective, cost, outcome.rounding)
+    )
     doubt, grouped = diagnostics.detection.doubt, diagnostics.detection.grouped
     if fit.covariance is not None and fit.resonance is None and doubt is not None and grouped is not None:
         whole = at_least(fit.covariance + doubt, grouped)
@@ -159,7 +169,7 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
         law=law,
         records=problem.objective.records if fit.resumptions else objective.records,
         held_out=() if problem.held_out is None else problem.held_out.records,
-        version=plant.__version__,
+        versions=versions(),
         fit=fit,
         search=Search.of(problem, outcome, cost, time.perf_counter() - started),
         diagnostics=diagnostics,

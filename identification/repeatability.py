@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from identification.procedure import identify
 from identification.results.identification import Identification
 from plant import Dynamics, Record
 from plant.parts.arguments import array
+from plant.parts.checkpoint import Checkpoint
 from plant.parts.frozen import Frozen
 
 __all__ = ["Spread", "alteration", "spread"]
@@ -68,6 +70,7 @@ def spread(
     seeds: Iterable[int] = range(10),
     published: ArrayLike | None = None,
     method: str = "paper",
+    checkpoint: str | Path | None = None,
     **options: Any,
 ) -> Spread:
     """Identify the same records with several seeds and say how much each f varies.
@@ -81,6 +84,8 @@ def spread(
         Alterations to print beside the result, such as `plant.robots.puma560.PUBLISHED_ALTERATION`.
     method : str
         The paper's by default: it is its series that varies; the default of `identify` varies far less.
+    checkpoint : str or Path, optional
+        File in which finished stages of the runs are kept, as of `identify`; more seeds go on from those that it has.
     **options
         Of `identify`.
 
@@ -99,6 +104,10 @@ def spread(
         raise ValueError(f"seeds must be two or more; got {len(seeds)}. A spread needs a series of runs.")
     if published is not None:
         published = array("published", published, (dynamics.p,), advice="Give one alteration per f.")
-    runs = tuple(identify(dynamics, records, seed=seed, method=method, **options) for seed in seeds)
+    with Checkpoint(checkpoint, "spread") as kept:
+        runs = tuple(
+            identify(dynamics, records, seed=seed, method=method, checkpoint=kept.part(f"seed {seed}"), **options)
+            for seed in seeds
+        )
     f = np.array([run.f for run in runs])
     return Spread(names=dynamics.names, runs=runs, f=f, alteration=alteration(f), published=published)

@@ -20,48 +20,30 @@ from ctc.certification.plants import Plants
 from ctc.certification.reserves import Reserves, reserves
 from ctc.certification.sensitivity import Influence, influences
 from ctc.certification.statement import percent, verdict
+from ctc.certification.worst import Worst
 from ctc.verdict.lowest_resonance import SETTLED, LowestResonance, lowest_resonance
 from ctc.verdict.table import aligned, by_joint
-from plant import Arm, Law, Reference, Rig
+from plant import Law, Reference
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import known_options
+from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
+from plant.parts.saved import Saved, versions
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Runs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Certificate", "Worst"]
+__all__ = ["Certificate"]
 
 _SHOWN = 5
 """Sensitivities in the table."""
 
 
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Worst:
-    """The plant with the largest error: ``evaluate(worst.arm, worst.rig, law, reference)`` runs it again.
-
-    Attributes
-    ----------
-    arm, rig : Arm, Rig
-        The rig with its friction, phase, delay and lost samples; the arm with its load.
-    peak : float
-        Largest counted error [pulses]; inf if the loop diverged.
-    index : int
-        Which of the plants it is.
-    values : dict
-        Of the numbers drawn for it, by name.
-    """
-
-    arm: Arm
-    rig: Rig
-    peak: float
-    index: int
-    values: dict[str, float]
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Certificate:
+class Certificate(Saved, Frozen):
     """Probability of leaving a pulse limit under parameter uncertainty, and why. Print it for a table.
 
     Attributes
@@ -80,6 +62,8 @@ class Certificate:
     threads : int
     seconds : float
         That the runs took.
+    versions : dict
+        Of the library, numpy, casadi and Python that made it.
     """
 
     law: Law
@@ -89,8 +73,13 @@ class Certificate:
     within: float
     confidence: float
     settings: dict[str, Any]
-    threads: int
-    seconds: float
+    threads: int = dataclasses.field(compare=False)
+    seconds: float = dataclasses.field(compare=False)
+    versions: dict[str, str] = dataclasses.field(compare=False, default_factory=versions)
+
+    def provenance(self) -> dict[str, Any]:
+        """The seed of the plants, and the versions that made it."""
+        return {"versions": dict(self.versions), "seed": self.plants.seed}
 
     @property
     def failures(self) -> int:

@@ -8,6 +8,7 @@ leave the limit are counted (`ctc.certification.certificate`). It holds for the 
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from ctc.verdict.lowest_resonance import SETTLED
 from identification import Identification
 from plant import Arm, Law, Reference, Rig
 from plant.parts.arguments import instance, known_options, real
+from plant.parts.checkpoint import Checkpoint
 from plant.parts.deprecation import old_order
 from plant.simulation.threads import cores
 
@@ -37,7 +39,7 @@ def certify(
     jitter: ArrayLike = 0.0, friction_drift: ArrayLike = 0.0, presliding: ArrayLike = 0.0,
     load_friction: ArrayLike = 0.0, ripple: ArrayLike = 0.0, quadrature: ArrayLike = 0.0,
     after: float | None = None, steps_per_sample: int = 16, duration: float | None = None, threads: int | None = None,
-    progress: bool = True,
+    progress: bool = True, checkpoint: str | Path | Checkpoint | None = None,
 ) -> Certificate:  # fmt: skip
     """Monte Carlo probability of leaving a pulse limit under parameter uncertainty.
 
@@ -78,6 +80,9 @@ def certify(
         By default one per core. The result is the same, bit for bit, for any number.
     progress : bool
         Show a progress bar of the fits below.
+    checkpoint : str or Path, optional
+        File in which these fits and finished loops are kept: killed and called again with it, the work goes on, to the
+        same bits. One of other inputs, versions or another processor is refused.
 
     Returns
     -------
@@ -124,13 +129,23 @@ def certify(
         }),
     )  # fmt: skip
     uncertainty.gears.require_followed(rig.period / steps_per_sample)
-    drawn = uncertainty.draw(found, rig, int(samples), int(seed), reference(np.zeros(1)).q[0], progress)
-    if after is None:
-        after = 0.0 if drawn.rig.drive.elasticity is None else min(SETTLED, duration / 2)
-    settings: dict[str, Any] = {"steps_per_sample": steps_per_sample, "duration": duration, "after": float(after)}
-    population = drawn.under(law, reference, within=within, **settings)
-    threads = int(threads or cores())
-    runs = population.run(threads)
+    pose, kept = reference(np.zeros(1)).q[0], Checkpoint(checkpoint, "certify")
+
+    def inputs() -> dict[str, Any]:
+        return {
+            "identification": found, "rig": rig, "law": law, "reference": reference, "seed": int(seed),
+            "number of samples": int(samples), "uncertainty": uncertainty.stated(),
+            "settings": (within, steps_per_sample, duration, after),
+        }  # fmt: skip
+
+    with kept.bind(inputs):
+        drawn = uncertainty.draw(found, rig, int(samples), int(seed), pose, progress, kept)
+        if after is None:
+            after = 0.0 if drawn.rig.drive.elasticity is None else min(SETTLED, duration / 2)
+        settings: dict[str, Any] = {"steps_per_sample": steps_per_sample, "duration": duration, "after": float(after)}
+        population = drawn.under(law, reference, within=within, **settings)
+        threads = int(threads or cores())
+        runs = population.run(threads, kept)
     return Certificate(
         law=law, reference=reference, plants=drawn, runs=runs, within=within, confidence=confidence,
         settings=settings | {"law_steps": population.law_steps}, threads=threads,

@@ -10,6 +10,7 @@ import numpy as np
 from ctc.figures import COLOURS, draw_band
 from ctc.verdict.evaluation import evaluate
 from plant import DivergenceError
+from plant.parts.labels import literal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,6 +51,7 @@ _WORDS = {
 }
 
 
+@literal
 def plot_certificate(certificate: Any) -> Figure:
     """Draw the peak errors of all loops, the error of the worst one, and the sensitivities; the title is the verdict.
 

@@ -18,6 +18,9 @@ from ctc.verdict.on_gears import require_followed, require_swinging
 from plant import Arm, Elasticity, Rig
 from plant.machine.elasticity import DAMPING_RATIO, gears
 from plant.parts.arguments import array
+from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
+from plant.parts.sums import product
 
 __all__ = ["Gears"]
 
@@ -25,8 +28,9 @@ _USUAL = (DAMPING_RATIO, 0.03)
 """Damping ratio unless stated."""
 
 
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Gears:
+class Gears(Frozen):
     """Distribution of what gears and drives do.
 
     Parameters
@@ -136,7 +140,7 @@ class Gears:
         low, high = np.log(self.resonance).T
         hz = np.exp(low + places[:, :-1] * (high - low))
         ratio = self.damping_ratio[0] + places[:, -1:] * np.ptp(self.damping_ratio)
-        links = f @ _inertias(arm, rig, pose) - rig.drive.reflected_inertia()
+        links = product(f, _inertias(arm, rig, pose)) - rig.drive.reflected_inertia()
         found = gears(np.broadcast_to(hz, (count, n)), ratio, links)
         names = ["resonance"] if len(low) == 1 else [f"resonance[{i}]" for i in range(n)]
         own = [f"drive.elasticity.{name}[{i}]" for name in ("stiffness", "damping") for i in range(n)]

@@ -12,6 +12,8 @@ from ctc.certification.refits import Refits, refits
 from identification import Identification
 from plant import Arm
 from plant.parts.arguments import array, instance
+from plant.parts.checkpoint import Checkpoint
+from plant.parts.sums import product
 
 __all__ = ["Identified", "identified"]
 
@@ -46,7 +48,7 @@ class Identified:
         """Numbers (P, k) of plants whose resonances are at these places (P, m) of their ranges."""
         deviations = random.standard_normal((len(places), self.roots.shape[2]))
         if self.refits is None:
-            return np.asarray(self.values + deviations @ self.roots[0].T)
+            return np.asarray(self.values + product(deviations, self.roots[0].T))
         roots = self.roots[self.refits.nearest(places.mean(axis=1))]
         return self.centres(places) + (roots * deviations[:, None]).sum(axis=2)
 
@@ -57,7 +59,10 @@ class Identified:
         return self.refits.centres(places.mean(axis=1))
 
 
-def identified(uncertainty: Any, found: Identification | Arm, pose: ArrayLike, progress: bool = False) -> Identified:
+def identified(
+    uncertainty: Any, found: Identification | Arm, pose: ArrayLike, progress: bool = False,
+    checkpoint: Checkpoint | None = None,
+) -> Identified:  # fmt: skip
     """What an `Uncertainty` draws of what was identified.
 
     With a stated range of resonances the records of an identification on rigid gears are fitted again on such gears.
@@ -78,7 +83,7 @@ def identified(uncertainty: Any, found: Identification | Arm, pose: ArrayLike, p
     if uncertainty.covariance is not None:
         covariance = uncertainty.covariance
     elif isinstance(found, Identification) and gears.resonance is not None and found.rig.drive.elasticity is None:
-        again = refits(found, gears.resonance, gears.damping_ratio, pose, progress)
+        again = refits(found, gears.resonance, gears.damping_ratio, pose, progress, checkpoint)
     if covariance is None and again is None:
         reason = found.fit.fallback_reason if isinstance(found, Identification) else None
         why = reason or "it comes without a covariance"

@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 
 from ctc.certification.gears import Gears
 from plant import Arm, Law, Reference, Rig
+from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
 from plant.simulation.population import Population
 
 __all__ = ["Plants"]
 
 
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Plants:
+class Plants(Frozen):
     """Plants drawn by `ctc.certification.uncertainty.Uncertainty`.
 
     Attributes

@@ -8,6 +8,7 @@ resonance have the f that fits the log there.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import weakref
 from typing import Any
 
@@ -20,6 +21,9 @@ from identification.preparation import prepare
 from identification.procedure import search
 from identification.search.outcome import Fit
 from plant import Arm, Elasticity
+from plant.parts.checkpoint import Checkpoint
+from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
 
 __all__ = ["Refits", "refits"]
 
@@ -37,8 +41,9 @@ _KEPT: weakref.WeakKeyDictionary[Identification, dict[Any, Refits | None]] = wea
 """Fits of an identification by stated range, while it exists; an equal one, bit for bit, has the same."""
 
 
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Refits:
+class Refits(Frozen):
     """Fits over a range of resonances.
 
     Attributes
@@ -64,8 +69,9 @@ class Refits:
 
 
 def refits(
-    found: Identification, resonance: Any, damping_ratio: Any, pose: ArrayLike, progress: bool = False
-) -> Refits | None:
+    found: Identification, resonance: Any, damping_ratio: Any, pose: ArrayLike, progress: bool = False,
+    checkpoint: Checkpoint | None = None,
+) -> Refits | None:  # fmt: skip
     """Fits of an identification's records on gears over the range; None where no resonance of it can be fitted.
 
     They are made once for each range, and kept with the identification.
@@ -82,12 +88,14 @@ def refits(
         At which the resonances are those of the gears [rad].
     progress : bool
         Show a progress bar.
+    checkpoint : Checkpoint, optional
+        Of which each fit is a stage.
     """
     ranges, ratio = np.asarray(resonance, float), float(np.mean(damping_ratio))
     pose = np.asarray(pose, float)
     key = (ranges.shape, ranges.tobytes(), ratio, pose.tobytes())
     kept = _KEPT.setdefault(found, {})
-    made = kept.pop(key) if key in kept else _fitted(found, ranges, ratio, pose, progress)
+    made = kept.pop(key) if key in kept else _fitted(found, ranges, ratio, pose, progress, Checkpoint(checkpoint, ""))
     kept[key] = made
     while len(kept) > _REMEMBERED:
         del kept[next(iter(kept))]
@@ -95,8 +103,9 @@ def refits(
 
 
 def _fitted(
-    found: Identification, ranges: NDArray[np.float64], ratio: float, pose: NDArray[np.float64], progress: bool
-) -> Refits | None:
+    found: Identification, ranges: NDArray[np.float64], ratio: float, pose: NDArray[np.float64], progress: bool,
+    checkpoint: Checkpoint,
+) -> Refits | None:  # fmt: skip
     """The fits, made anew."""
     low, high = np.log(ranges).T
     count = int(np.clip(np.ceil((high - low).max() / np.log(_APART)) + 1, 1 if (high == low).all() else 2, _MOST))
@@ -105,8 +114,9 @@ def _fitted(
     with tqdm(total=total, desc="fits on gears", unit="fit", disable=not progress, leave=False) as bar:
         for place in np.linspace(0, 1, count) if count > 1 else [0.5]:
             hz = np.exp(low + place * (high - low))
-            for _ in range(1 if fits else _ROUNDS):
-                fitted = _on_gears(found, arm, hz, ratio, pose)
+            for again in range(1 if fits else _ROUNDS):
+                make = functools.partial(_on_gears, found, arm, hz, ratio, pose)
+                fitted = checkpoint.stage(f"fit {again} on gears at {place}", make)
                 bar.update()
                 if fitted is None:
                     fits.pop(place, None)

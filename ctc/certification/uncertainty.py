@@ -23,6 +23,7 @@ from identification import Identification
 from plant import Arm, Body, Phase, Rig, Transport
 from plant.machine.motor_inertia import least_inertia_margin
 from plant.parts.arguments import array, instance, real
+from plant.parts.checkpoint import Checkpoint
 
 __all__ = ["Uncertainty"]
 
@@ -88,9 +89,22 @@ class Uncertainty:
         if self.covariance is not None and self.plants is not None:
             raise ValueError("one of covariance and plants must be given; got both. Leave one out.")
 
+    def stated(self) -> dict[str, Any]:
+        """What was stated, by name, arrays as such."""
+        named = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        shapes: dict[str, tuple[int | str | None, ...]]
+        shapes = {"covariance": ("k", "k"), "plants": ("M", "p"), "load_position": (3,)}
+        advice = "Give numbers, as for certify."
+        return named | {
+            name: array(name, named[name], shape, advice=advice)
+            for name, shape in shapes.items()
+            if named[name] is not None
+        }
+
     def draw(
-        self, found: Identification | Arm, rig: Rig, samples: int, seed: int, pose: Any = None, progress: bool = False
-    ) -> Plants:
+        self, found: Identification | Arm, rig: Rig, samples: int, seed: int, pose: Any = None, progress: bool = False,
+        checkpoint: Checkpoint | None = None,
+    ) -> Plants:  # fmt: skip
         """Draw plants.
 
         Parameters
@@ -102,6 +116,8 @@ class Uncertainty:
             At which resonances are those of the gears [rad]; zeros by default.
         progress : bool
             Show a progress bar where the records of an identification are fitted again.
+        checkpoint : Checkpoint, optional
+            Of which these fits are stages.
 
         Returns
         -------
@@ -115,7 +131,7 @@ class Uncertainty:
         instance("rig", rig, Rig, "The order is found, rig, law, reference.")
         pose = np.zeros(rig.n) if pose is None else pose
         self.gears.require_possible(rig)
-        known = identified(self, found, pose, progress)
+        known = identified(self, found, pose, progress, checkpoint)
         arm, unknown, dynamics, random = known.arm, known.names, known.arm.dynamics, np.random.default_rng(seed)
         places = self.gears.places(np.random.default_rng((seed, 2)), samples)
         rig = _with_found(rig, {n: v for n, v in zip(unknown, known.values, strict=True) if n not in dynamics.names})

@@ -7,6 +7,7 @@ none leaves: what a tuning fails on is not left to chance.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -19,6 +20,7 @@ from ctc.tuning.families import Family
 from ctc.tuning.tuning import Trial
 from identification import GeneticSettings, minimize_genetic
 from plant import Reference
+from plant.parts.checkpoint import Checkpoint
 from plant.simulation.population import Population, Runs
 
 __all__ = ["ROUNDS", "Tunings"]
@@ -70,6 +72,8 @@ class Tunings:
     threads : int
     allowed : float
         Share of the plants that may leave; if any may, none joins a search.
+    checkpoint : Checkpoint
+        Where costs and trials are kept.
     """
 
     family: Family
@@ -79,6 +83,7 @@ class Tunings:
     scale: Floats
     threads: int
     allowed: float = 0.0
+    checkpoint: Checkpoint = dataclasses.field(default_factory=lambda: Checkpoint(None, ""))
 
     def runs(self, values: Floats, plants: Floats, steps: int) -> tuple[Runs, tuple[int, int]]:
         """Plants (P, L) under tunings (T, k), tuning by tuning, and the shape (T, P)."""
@@ -121,7 +126,8 @@ class Tunings:
             """Search on, and check; what leaves joins. The best of the check."""
             nonlocal known, plants
             known = self._searched(plants, known, generations, aim, near, seed + len(tried), show)
-            trials, leaving = self._checked(known[:_CHECKED])
+            check = functools.partial(self._checked, known[:_CHECKED])
+            trials, leaving = self.checkpoint.stage(f"check {len(tried)}", check)
             tried.extend(trials)
             plants = np.vstack([plants, *leaving])
             return min(trials, key=_rank)
@@ -156,9 +162,10 @@ class Tunings:
             return bool(state.generation >= _HOPE and state.best_cost > _HOPELESS * _LEFT)
 
         initial = np.clip(np.log(known), bounds[:, 0], bounds[:, 1])[: settings.individuals]
+        kept = self.checkpoint.part(f"search {seed}")
         result = minimize_genetic(
-            lambda population: self.costs(np.exp(population), plants, aim), bounds, settings, seed, initial=initial,
-            callback=generation,
+            kept.remembered("costs", lambda population: self.costs(np.exp(population), plants, aim)), bounds, settings,
+            seed, initial=initial, callback=generation,
         )  # fmt: skip
         found, costs = np.vstack([result.x, result.final_population]), np.append(result.cost, result.final_costs)
         found, first = np.unique(found, axis=0, return_index=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from ctc.verdict.lowest_resonance import SETTLED
 from identification import Identification
 from plant import Arm, Reference, Rig
 from plant.parts.arguments import instance, known_options, real
+from plant.parts.checkpoint import Checkpoint
 from plant.simulation.threads import cores
 
 __all__ = ["tune"]
@@ -37,7 +39,7 @@ def tune(
     load: ArrayLike = 0.0, load_position: ArrayLike | None = None, delay: ArrayLike = 0.0,
     covariance: ArrayLike | None = None, plants: ArrayLike | None = None, after: float = SETTLED,
     samples: int = 10_000, seed: int = 0, duration: float | None = None, threads: int | None = None,
-    progress: bool = True,
+    progress: bool = True, checkpoint: str | Path | None = None,
 ) -> Tuning:  # fmt: skip
     """Find the quietest law that keeps its limit over the stated uncertainty.
 
@@ -75,6 +77,8 @@ quadrature, load, load_position, delay, covariance, plants
         By default one per core.
     progress : bool
         Show a progress bar.
+    checkpoint : str or Path, optional
+        File in which what has been tried is kept, as of `certify`.
 
     Returns
     -------
@@ -111,20 +115,31 @@ quadrature, load, load_position, delay, covariance, plants
     uncertainty = Uncertainty(**stated, gears=Gears(**gears, imperfections=others))
     uncertainty.gears.require_followed(rig.period / 4)
     pose = reference(np.zeros(1)).q[0]
+
+    def inputs() -> dict[str, Any]:
+        return {
+            "identification": found, "rig": rig, "reference": reference, "seed": seed,
+            "uncertainty": uncertainty.stated(), "settings": (within, float(allowed), after, duration),
+        }  # fmt: skip
+
+    kept = Checkpoint(checkpoint, "tune").bind(inputs)
     searching, fresh = (
-        uncertainty.draw(found, rig, count, seed + i, pose, progress)
+        uncertainty.draw(found, rig, count, seed + i, pose, progress, kept)
         for i, count in enumerate((_MORE if allowed else _PLANTS, _FRESH))
     )
     arm, scale = fresh.arm, _scale(fresh.arm, fresh.rig, reference, float(duration))
     threads = int(threads or cores())
     options = {"within": within, "duration": duration, "after": after}
     laws, trials = families(arm, fresh.own, reference), list[Trial]()
-    with tqdm(total=len(laws) * _GENERATIONS, desc="tune", unit="generation", disable=not progress, leave=False) as bar:
+    with (
+        kept,
+        tqdm(total=len(laws) * _GENERATIONS, desc="tune", unit="generation", disable=not progress, leave=False) as bar,
+    ):
         for i, family in enumerate(laws):
             bar.set_postfix_str(family.name)
             tunings = Tunings(
                 family=family, plants=fresh, reference=reference, options=options, scale=scale, threads=threads,
-                allowed=float(allowed),
+                allowed=float(allowed), checkpoint=kept.part(family.name),
             )  # fmt: skip
             safe = min((trial.noise for trial in trials if trial.holds), default=np.inf)
             trials.append(tunings.best(searching.numbers()[1], seed, bar.update, safe))
@@ -132,7 +147,7 @@ quadrature, load, load_position, delay, covariance, plants
     best = min(trials, key=lambda trial: trial.rank)
     certificate = certify(
         found, rig, best.law, reference, samples=samples, seed=seed + 2, within=within, after=after, threads=threads,
-        duration=duration, progress=progress, **stated, **gears, **others,
+        duration=duration, progress=progress, checkpoint=kept.part("certificate"), **stated, **gears, **others,
     )  # fmt: skip
     return Tuning(law=best.law, trials=tuple(trials), certificate=certificate, fresh=_FRESH)
 

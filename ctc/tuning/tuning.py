@@ -11,6 +11,7 @@ from ctc.certification.certificate import Certificate
 from ctc.verdict.table import aligned
 from plant import Law
 from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
 
 __all__ = ["Trial", "Tuning"]
 
@@ -18,6 +19,7 @@ _EACH = 3
 """Joints up to which a row has the chatter of each; with more it has the largest."""
 
 
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Trial(Frozen):
     """A tuning on fresh plants.

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.regressor import Places, System
+from plant.parts.sums import least, product
 
 __all__ = ["SHARES", "STRETCHES", "FitTrial", "choose_band", "choose_speed"]
 
@@ -99,7 +100,7 @@ class _Tried:
         found = np.full(len(fits), np.nan)
         for s in np.unique(self.stretch):
             some = self.stretch == s
-            missed = (self.target[some] - self.rows[some] @ fits[s]) * self.weight[some]
+            missed = (self.target[some] - product(self.rows[some], fits[s])) * self.weight[some]
             found[s] = np.mean(missed**2)
         return found
 
@@ -218,13 +219,13 @@ def _weight(
     """Of each equation: as stated, or 1 over its joint's residual in an unweighted fit."""
     if weights is not None:
         return np.asarray(weights[places.record, places.joint])
-    residual = target - rows @ _solved(rows, target)
+    residual = target - product(rows, _solved(rows, target))
     squares = np.bincount(places.joint, residual**2) / np.maximum(np.bincount(places.joint), 1)
     return np.asarray(1 / np.maximum(np.sqrt(squares), 1e-9 * np.abs(target).max())[places.joint])
 
 
 def _solved(rows: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
     """Least squares with columns of one length; what the rows do not show stays small."""
-    lengths = np.linalg.norm(rows, axis=0)
+    lengths = np.sqrt((rows * rows).sum(axis=0))
     lengths = np.where(lengths > 0, lengths, 1.0)
-    return np.asarray(np.linalg.lstsq(rows / lengths, target, rcond=1e-9)[0] / lengths)
+    return np.asarray(least(rows / lengths, target, 1e-9) / lengths)

@@ -20,6 +20,7 @@ from identification.equation_error.pulse_fit import CUTOFF, fit_systems, mode_in
 from identification.equation_error.regressor import System, compared, linear, regressor_along
 from identification.equation_error.torque_fit import TorqueFit
 from plant import Dynamics, Record
+from plant.parts.sums import dot, product
 
 __all__ = ["Deflection", "fit_deflection"]
 
@@ -106,6 +107,6 @@ def _fitted(systems: Sequence[System], joint: int) -> tuple[float, float]:
     matrix, measured = np.vstack(rows), np.concatenate(target)
     names = ["compliance", "its rate", *(f"offset of record {k}" for k in range(len(systems)))]
     values, covariance, _ = least_squares(names, matrix, measured)
-    left = measured - matrix @ values
-    std = np.sqrt(np.diag(covariance) * (left @ left) / max(1, len(left) - len(values)))
+    left = measured - product(matrix, values)
+    std = np.sqrt(np.diag(covariance) * dot(left, left) / max(1, len(left) - len(values)))
     return float(values[0]), float(std[0])

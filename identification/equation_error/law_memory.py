@@ -19,6 +19,7 @@ from identification.equation_error.pulse_fit import BAND_MOST, BANDS, CUTOFF, EN
 from identification.equation_error.regressor import linear, regressor_and_torque
 from identification.equation_error.torque_fit import weighted
 from plant import Dynamics, LoggedCurrent, LoggedTorque, Record, Resumed
+from plant.parts.sums import least, norm, product, triangle
 from plant.simulation.clock import Clock
 from plant.simulation.law_run import LawRun, run_law
 
@@ -202,12 +203,12 @@ def state_directions(record: Record, run: LawRun, scale: NDArray[np.float64]) ->
     mild = np.minimum(1.0, _MILD * np.abs(torque).max() / strongest)  # a filter's memory acts at once, and saturates
     scale, each = scale.copy(), each * mild
     scale[varied] *= mild
-    _, sizes, shares = np.linalg.svd(each[FADED * record.n :], full_matrices=False)
-    seen = sizes > _SEEN * np.linalg.norm(torque)
+    _, sizes, shares = np.linalg.svd(triangle(each[FADED * record.n :]))
+    seen = sizes > _SEEN * norm(torque)
     unit = np.sqrt(torque.size) / sizes[seen]
     directions = np.zeros((len(scale), seen.sum()))
     directions[varied] = scale[varied, None] * shares[seen].T * unit
-    columns = (each @ shares[seen].T * unit).T.reshape(-1, *torque.shape)
+    columns = (product(each, shares[seen].T) * unit).T.reshape(-1, *torque.shape)
     most = np.abs(torque).max() / np.abs(columns).max(axis=(1, 2), initial=0.0) if len(columns) else unit
     state: Any = law.state  # type: ignore[union-attr]  # AlongLog
     return Memory(state=np.array(state), directions=directions, usual=np.minimum(1 / unit, most)), columns
@@ -239,5 +240,5 @@ def _fitted(
     weight = 1 / sigma[np.nonzero(best.used)[1]]
     expected = np.hstack([np.zeros((len(columns), len(unknown))), np.diag(1 / (_AT_MOST * usual))])
     rows = np.vstack([best.regressor[best.used] * weight[:, None], expected])
-    values = np.linalg.lstsq(rows, np.append(best.torque[best.used] * weight, np.zeros(len(columns))), rcond=None)[0]
+    values = least(rows, np.append(best.torque[best.used] * weight, np.zeros(len(columns))))
     return np.asarray(values[len(unknown) :])

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from plant.parts.sums import least, norm, product
+
 __all__ = ["NotIdentifiableError", "dependent_columns", "least_squares"]
 
 
@@ -97,8 +99,8 @@ def dependent_columns(
     for i in range(rows.shape[1]):
         column = rows[:, i] / (lengths[i] or 1.0)
         before = rows[:, kept] / lengths[kept]
-        shares = np.linalg.lstsq(before, column, rcond=None)[0]
-        if np.linalg.norm(column - before @ shares) < dependent:
+        shares = least(before, column)
+        if norm(column - product(before, shares)) < dependent:
             found[names[i]] = tuple(names[j] for j, share in zip(kept, shares, strict=True) if abs(share) > 1e-3)
         else:
             kept.append(i)

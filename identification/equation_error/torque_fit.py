@@ -24,6 +24,7 @@ from identification.equation_error.regressor import Places, System
 from plant import Dynamics
 from plant.parts.arguments import choice
 from plant.parts.frozen import Frozen
+from plant.parts.sums import norm, product
 
 __all__ = ["TorqueFit", "weighted"]
 
@@ -188,7 +189,7 @@ def weighted(
     weight = np.ones(len(target)) if weights is None else weights[places.record, joint]
     for _ in range(2 if weights is None else 1):
         values, covariance, condition = least_squares(names, rows * weight[:, None], target * weight)
-        residual = target - rows @ values
+        residual = target - product(rows, values)
         freedom = 1 - len(values) / len(target)  # degrees of freedom that are left, per equation
         sigma = _deviations(residual, joint, torque.shape[1], freedom)
         if weights is None:
@@ -196,7 +197,7 @@ def weighted(
     if weights is not None:
         spread = _deviations(residual, places.record * torque.shape[1] + joint, weights.size, freedom)
         scores = rows * (weight**2 * spread.reshape(weights.shape)[places.record, joint])[:, None]
-        covariance = covariance @ (scores.T @ scores) @ covariance
+        covariance = covariance @ product(scores.T, scores) @ covariance
     noise = covariance
     if seconds is not None:
         by_weight = rows * weight[:, None], residual * weight
@@ -210,7 +211,7 @@ def weighted(
         covariance=covariance,
         noise_covariance=noise,
         sigma=sigma,
-        relative_error=float(np.linalg.norm(residual) / np.linalg.norm(target)),
+        relative_error=float(norm(residual) / norm(target)),
         rows=len(target),
         condition=condition,
         **report,

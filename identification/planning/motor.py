@@ -16,6 +16,7 @@ from identification.equation_error.least_squares import least_squares
 from plant import Record
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.frozen import Frozen
+from plant.parts.sums import dot
 
 __all__ = ["MotorFit", "friction_from_motor_test", "gain_from_current"]
 
@@ -133,5 +134,5 @@ def _line(
         raise ValueError(f"a fit of {len(names)} numbers needs more readings; got {len(rows)}. Measure more.")
     values, covariance, _ = least_squares(names, rows, target)
     residual = target - (rows * values).sum(axis=1)
-    variance = (residual @ residual) / (len(rows) - len(names))
+    variance = dot(residual, residual) / (len(rows) - len(names))
     return values, np.sqrt(np.diag(covariance) * variance)

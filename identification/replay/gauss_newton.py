@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.least_squares import least_squares
+from plant.parts.sums import dot, norm
 
 __all__ = ["DEPENDENT", "Solution", "gauss_newton", "noise", "slopes", "variance_inflation"]
 
@@ -98,16 +99,16 @@ def gauss_newton(
         )
     for _ in range(rounds):
         change = _change(prediction, values, residual, step, bounds)
-        cost, lengths = residual @ residual, 0.5 ** np.arange(8)
+        cost, lengths = dot(residual, residual), 0.5 ** np.arange(8)
         tried = np.clip(values + lengths[:, None] * change, *bounds.T)
         for i in range(0, len(lengths), 4):
             results = prediction.all_innovations(tried[i : i + 4])
-            costs = [np.inf if not np.isfinite(r).all() else r @ r for r in results]
+            costs = [np.inf if not np.isfinite(r).all() else dot(r, r) for r in results]
             best = int(np.argmin(costs))
             if costs[best] < cost:
                 values, residual = tried[i + best], results[best]
                 break
-        if not residual @ residual < (1 - tolerance) * cost:
+        if not dot(residual, residual) < (1 - tolerance) * cost:
             break
     covariance, varied = np.zeros((len(values), len(values))), np.flatnonzero(step)
     names = [prediction.unknown[i] for i in varied]
@@ -117,7 +118,7 @@ def gauss_newton(
         step[varied], step[varied]
     )
     covariance[np.ix_(varied, varied)] = part * noise(prediction, residual)
-    rms = float(np.sqrt(left @ left / (prediction.weights @ prediction.weights)))
+    rms = float(np.sqrt(dot(left, left) / dot(prediction.weights, prediction.weights)))
     return Solution(
         values=values, covariance=covariance, residual=left, rms_innovation=rms, varied=varied,
         slopes=change_per_step / step[varied],
@@ -186,13 +187,13 @@ def slopes(
 
 def _jumps(up: NDArray[np.float64], residual: NDArray[np.float64], down: NDArray[np.float64]) -> bool:
     """Whether innovations change to one side alone, and by much: there an arm's links lose their inertia."""
-    bent = np.linalg.norm(up - 2 * residual + down)
-    return bool(bent > max(np.linalg.norm(up - down) / 2, _JUMP * np.linalg.norm(residual)))
+    bent = norm(up - 2 * residual + down)
+    return bool(bent > max(norm(up - down) / 2, _JUMP * norm(residual)))
 
 
 def noise(prediction: Any, residual: NDArray[np.float64]) -> float:
     """Variance of weighted innovations (M,) per independent reading, inflated by their autocorrelation."""
-    return float(residual @ residual / (prediction.weights @ prediction.weights) * variance_inflation(residual))
+    return float(dot(residual, residual) / dot(prediction.weights, prediction.weights) * variance_inflation(residual))
 
 
 def variance_inflation(residual: NDArray[np.float64]) -> float:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from identification.equation_error.least_squares import least_squares
 from identification.replay.gauss_newton import DEPENDENT, slopes
+from plant.parts.sums import dot, product
 
 __all__ = ["Profile"]
 
@@ -50,7 +51,7 @@ class _Point:
 
     @property
     def cost(self) -> float:
-        return float(self.residual @ self.residual)
+        return dot(self.residual, self.residual)
 
 
 class Profile:
@@ -191,12 +192,12 @@ class Profile:
             residual = self._prediction.innovations(z)
             if not went.any():
                 break
-            if not residual @ residual < _LOST * point.cost:
+            if not dot(residual, residual) < _LOST * point.cost:
                 shorter /= 4
                 continue
-            lacking = residual - point.residual - point.slopes[:, self._others] @ went
+            lacking = residual - point.residual - product(point.slopes[:, self._others], went)
             point.slopes[:, self._others] += np.outer(lacking, went) / (went @ went)
-            gained = point.cost - residual @ residual
+            gained = point.cost - dot(residual, residual)
             if gained <= 0:
                 shorter /= 2
                 continue

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from identification.replay.gauss_newton import variance_inflation
 from identification.replay.prediction import Prediction
 from plant import Dynamics, Elasticity, Record, Rig
+from plant.parts.sums import dot
 from plant.simulation.threads import shared_out
 
 __all__ = ["DAMPING", "INFLATION", "STIFFNESS", "Resonances", "Start", "link_inertia", "on_gears"]
@@ -236,8 +237,8 @@ class Resonances:
     def settle(self, coordinates: NDArray[np.float64]) -> float:
         """Weigh what is known by what innovations scatter, and give their variance as it counts for coordinates."""
         residual = self.innovations(coordinates)
-        readings = self.weights @ self.weights
+        readings = dot(self.weights, self.weights)
         innovations = residual[: len(residual) - self._more]
-        variance = innovations @ innovations / readings * variance_inflation(innovations) * INFLATION
+        variance = dot(innovations, innovations) / readings * variance_inflation(innovations) * INFLATION
         self.noise = float(np.sqrt(variance))
         return float(variance)

@@ -18,6 +18,7 @@ from identification.replay.gauss_newton import variance_inflation
 from identification.replay.prediction import Prediction
 from plant import Dynamics, Record
 from plant.parts.arguments import instance, known_options, real
+from plant.parts.sums import dot
 
 __all__ = ["delay_of", "is_late", "without_delay"]
 
@@ -44,9 +45,9 @@ def delay_of(
         return np.nan, np.inf
     speed = np.concatenate([_speed(record.counts).ravel() for record in records])
     weight = prediction.weights
-    slope = (difference @ (weight * speed)) / ((weight * speed) @ (weight * speed))
+    slope = dot(difference, weight * speed) / dot(weight * speed, weight * speed)
     left = difference - slope * weight * speed
-    std = np.sqrt(np.mean(left**2) * variance_inflation(left) / ((weight * speed) @ (weight * speed)))
+    std = np.sqrt(np.mean(left**2) * variance_inflation(left) / dot(weight * speed, weight * speed))
     return float(-slope), float(std)
 
 

@@ -22,6 +22,7 @@ from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, orthonormal
 from identification.results.trials import Trial, backlash, compliance
 from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
 
 __all__ = ["Sign", "delay_sign", "signs"]
 
@@ -42,6 +43,7 @@ _OWN = 1e-3
 """An effect of which less than this share is its own cannot be told from those of the unknowns."""
 
 
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Sign(Frozen):
     """What a log says of one thing that its rig may leave out.

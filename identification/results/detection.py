@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from identification.results.alternatives import Sign
 from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
 
 __all__ = ["Detection"]
 
@@ -28,6 +29,7 @@ _LIMITS = {
 """What turns the numbers of `Extended` into those of a text, and their units."""
 
 
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Detection(Frozen):
     """What a log says against its rig; printed, a line.

@@ -16,10 +16,12 @@ from identification.results.stepwise import detect
 from identification.search.outcome import Fit
 from identification.search.problem import Problem
 from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
 
 __all__ = ["Diagnostics"]
 
 
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnostics(Frozen):
     """How well what was found repeats the records.

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,8 @@ from identification.search.outcome import Fit
 from identification.search.search import Search
 from plant import Arm, Law, Record, Rig
 from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
+from plant.parts.saved import Saved, fingerprint
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,8 +32,9 @@ if TYPE_CHECKING:
 __all__ = ["Identification"]
 
 
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Identification(Frozen):
+class Identification(Saved, Frozen):
     """What was found, and how.
 
     Attributes
@@ -41,8 +45,8 @@ class Identification(Frozen):
         Those of the (first) record, with whatever else was unknown filled in.
     records, held_out : tuple of Record
         Those that were searched, and those that were kept aside.
-    version : str
-        Of the library.
+    versions : dict
+        Of the library, numpy, casadi and Python that found it.
     fit : Fit
         The values of the unknowns, and how well they are known.
     search : Search
@@ -56,10 +60,20 @@ class Identification(Frozen):
     law: Law
     records: tuple[Record, ...]
     held_out: tuple[Record, ...]
-    version: str
+    versions: Mapping[str, str] = dataclasses.field(compare=False)
     fit: Fit
     search: Search
     diagnostics: Diagnostics
+
+    @property
+    def version(self) -> str:
+        """Of the library that found it."""
+        return self.versions["onepulse"]
+
+    def provenance(self) -> dict[str, Any]:
+        """Logs by their fingerprints, method and seed, and the versions that found it."""
+        logs = {name: [fingerprint(log) for log in getattr(self, name)] for name in ("records", "held_out")}
+        return {"versions": dict(self.versions), **logs, "method": self.method, "seed": self.seed}
 
     # -- the everyday attributes of the groups -------------------------------------------------------------------
     @property

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from identification.replay.prediction import Prediction
 from plant import simulate
+from plant.parts.labels import literal
 from plant.simulation.injection import injected_beside
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ _MEANING = 68
 """Letters of a parameter's meaning that a figure shows; `Dynamics.legend` has them all."""
 
 
+@literal
 def plot_identification(found: Any) -> Figure:
     """Draw the first record of an `Identification`.
 
@@ -100,6 +102,7 @@ def _axis(figure: Figure, place: Any, title: str) -> Axes:
     return axis
 
 
+@literal
 def plot_oscillation(found: Any) -> Figure:
     """Draw an `Oscillation`: errors measured and without it, one row per joint, and their spectrum below.
 

@@ -24,6 +24,7 @@ from identification.search.outcome import Fit, Outcome
 from identification.search.polish import start_of_fit
 from identification.search.problem import Problem
 from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA, least_inertia_margin
+from plant.parts.sums import dot
 from plant.simulation.followed_path import path_of, start_of
 
 __all__ = ["elastic", "gear_fits", "pose_of"]
@@ -135,7 +136,7 @@ def _starts(problem: Problem, view: Resonances, fits: Sequence[GearFit | Deflect
             values[place] = 1 / max(fit.compliance[i], _RIGID)
         found.append(view.start(np.append(values, nuisances), np.append(_SMALL * step, steps), bounds))
     results = view.all_innovations([start.coordinates for start in found])
-    costs = np.array([result @ result if np.isfinite(result).all() else np.inf for result in results])
+    costs = np.array([dot(result, result) if np.isfinite(result).all() else np.inf for result in results])
     order = [i for i in np.argsort(costs, kind="stable") if np.isfinite(costs[i])]
     if not order:
         raise ValueError(
@@ -158,7 +159,7 @@ def _followed(view: Resonances, starts: list[Start]) -> tuple[Start, Solution]:
             failed = error
     if not solutions:
         raise failed
-    start, first = min(solutions, key=lambda pair: pair[1].residual @ pair[1].residual)
+    start, first = min(solutions, key=lambda pair: dot(pair[1].residual, pair[1].residual))
     view.settle(first.values)
     return start, gauss_newton(view, first.values, start.steps, start.bounds)
 

@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
 
 __all__ = ["GearResonance"]
 
 
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class GearResonance(Frozen):
     """Locked-rotor resonances, sqrt(k / (D_ii - Jm_i k_i^2)) / 2 pi, at the pose where the reference begins.

@@ -36,7 +36,8 @@ def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outco
         with about:
             if open_ones[k]:
                 records[k], memories[k] = with_state(problem.dynamics, record, problem.unknown)
-    resumed = dataclasses.replace(problem, records=tuple(records), memories=tuple(memories))
+    own = problem.checkpoint.part("resumed")
+    resumed = dataclasses.replace(problem, records=tuple(records), memories=tuple(memories), checkpoint=own)
     if began is None:
         return fitted(resumed)
     other = _or_none(fitted, resumed)

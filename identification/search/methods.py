@@ -78,7 +78,8 @@ def _as_good(vectors: NDArray[np.float64], costs: NDArray[np.float64]) -> NDArra
 
 
 def _genetic(problem: Problem, ranges: NDArray[np.float64]) -> GeneticResult:
-    return minimize_genetic(problem.objective, ranges, problem.settings, problem.seed, callback=problem.show)
+    costs = problem.checkpoint.remembered("costs", problem.objective)
+    return minimize_genetic(costs, ranges, problem.settings, problem.seed, callback=problem.show)
 
 
 def equation_error(problem: Problem) -> Outcome:
@@ -127,7 +128,8 @@ def prediction_error(problem: Problem) -> Outcome:
 
 def _followed(problem: Problem, *, simulated: bool = False) -> Outcome:
     values, step = start_of_fit(problem, torque_fit(problem))
-    return polished(problem, values, step, {"equation error": values}, simulated=simulated)
+    start = {"equation error": values}
+    return problem.checkpoint.stage("fit", lambda: polished(problem, values, step, start, simulated=simulated))
 
 
 def seeded(problem: Problem) -> Outcome:
@@ -151,7 +153,8 @@ def seeded(problem: Problem) -> Outcome:
     if not np.isfinite(result.cost):
         fit = Fit(unknown=problem.unknown, values=values, candidates=values[None])
         return Outcome(fit=fit, genetic=result, evaluations=result.evaluations, stages=stages)
-    outcome = polished(problem, result.x, step, stages)
+    outcome = problem.checkpoint.stage("fit", lambda: polished(problem, result.x, step, stages))
+    stages = outcome.stages
     fit = outcome.fit
     stages["prediction error"] = fit.values
     moves = np.random.default_rng(problem.seed).normal(size=(_NEIGHBOURS, len(step)))

@@ -9,12 +9,17 @@ from numpy.typing import NDArray
 
 from identification.equation_error.law_memory import Resumption
 from identification.search.gear_resonance import GearResonance
-from identification.search.genetic import GeneticResult
+from identification.search.genetic import GeneticResult, GeneticSettings
 from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
 
 __all__ = ["Fit", "Outcome"]
 
+for _each in (GeneticSettings, GeneticResult, Resumption):  # they know nothing of files
+    kept(_each)
 
+
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Fit(Frozen):
     """The values of the unknowns, and how well they are known.
@@ -84,8 +89,9 @@ class Fit(Frozen):
         return self.covariance
 
 
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Outcome:
+class Outcome(Frozen):
     """What a method found.
 
     Attributes

@@ -15,6 +15,7 @@ from identification.replay.objective import Objective
 from identification.search.genetic import GeneticSettings
 from identification.search.tolerances import Tolerances
 from plant import Arm, Dynamics, Law, Record, Resumed, Rig
+from plant.parts.checkpoint import Checkpoint
 
 __all__ = ["Problem"]
 
@@ -50,6 +51,8 @@ class Problem:
         Called with each `GeneticState`.
     memories : tuple of Memory or None
         Of each record, what is unknown of its law's state before the log.
+    checkpoint : Checkpoint
+        Where finished stages are kept.
     """
 
     dynamics: Dynamics
@@ -67,6 +70,18 @@ class Problem:
     tolerances: Tolerances = dataclasses.field(default_factory=Tolerances)
     show: Callable[..., Any] | None = None
     memories: tuple[Memory | None, ...] = ()
+    checkpoint: Checkpoint = dataclasses.field(default_factory=lambda: Checkpoint(None, ""))
+
+    @property
+    def inputs(self) -> dict[str, Any]:
+        """All that decides the result, by name."""
+        kept = None if self.held_out is None else self.held_out.records
+        model = {name: value for name, value in self.options.items() if name != "threads"}
+        return {
+            "arm": self.dynamics, "log": (self.objective.records, kept), "unknowns": self.unknown,
+            "method": self.method, "seed": self.seed,
+            "settings": (self.settings, self.ranges, self.zeros, self.tolerances, model),
+        }  # fmt: skip
 
     @property
     def replays(self) -> list[bool]:

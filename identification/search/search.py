@@ -12,10 +12,12 @@ from identification.search.outcome import Outcome
 from identification.search.problem import Problem
 from identification.search.tolerances import Tolerances
 from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
 
 __all__ = ["Search"]
 
 
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Search(Frozen):
     """How the unknowns were searched.
@@ -58,7 +60,7 @@ class Search(Frozen):
     initial_costs: NDArray[np.float64]
     history: NDArray[np.float64]
     evaluations: int
-    seconds: float
+    seconds: float = dataclasses.field(compare=False)
     message: str
 
     @classmethod

@@ -6,10 +6,12 @@ import dataclasses
 
 from plant.parts.arguments import real
 from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
 
 __all__ = ["Tolerances"]
 
 
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Tolerances(Frozen):
     """Standard deviations of what a rig states; zero takes a number for exact.

@@ -2,8 +2,8 @@
 
 The pipeline: `translate` (a function's instructions, sorted by when they run) with `instructions` (rewritten shorter)
 -> `splitting` (long code in pieces) -> `intrinsics` (the text of a kernel) with `llvm` (what each operation emits) ->
-`kernel_cache` (compiled, and kept on disk) -> `map_kernel` (a function over columns). `c_statements` writes the same
-instructions as C.
+`kernel_cache` (compiled, in the `background`, and kept on disk in the `cache_folder`) -> `map_kernel` (a function over
+columns). `c_statements` writes the same instructions as C.
 """
 
 __all__: list[str] = []

@@ -3,7 +3,8 @@
 One file per kernel, named by the hash of its content; the hash stands in the module's name and in every function's
 name, because numba's cache would silently hand out another kernel with the same names. The text that runs is always
 the one just generated: the file is there for numba's cache only, and what numba cached is used only if its checksum
-is the one noted when it was made. The folder belongs to the user alone (mode 0700); any other folder is not trusted.
+is the one noted when it was made. The folder belongs to the user alone (mode 0700); any other folder is not trusted,
+nor is a file in it of another user (`plant.compiler.cache_folder`).
 """
 
 from __future__ import annotations
@@ -16,11 +17,9 @@ import importlib.util
 import json
 import os
 import platform
-import stat
+import shutil
 import sys
-import tempfile
 import threading
-import warnings
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -29,13 +28,13 @@ from typing import Any, cast
 import numba
 from llvmlite.binding import get_host_cpu_features
 
+from plant.compiler.background import in_background
+from plant.compiler.cache_folder import CACHE_VARIABLE, cache_folder, is_own, private_folder, prune, replace
+
 if sys.platform != "win32":
     import fcntl
 
 __all__ = ["AVX512_VARIABLE", "CACHE_VARIABLE", "Kernel", "cache_folder"]
-
-CACHE_VARIABLE = "ONEPULSE_CACHE"
-"""Environment variable that names another folder for compiled kernels."""
 
 AVX512_VARIABLE = "ONEPULSE_NO_AVX512"
 """Environment variable: set to 1 before numba compiles anything, it takes the processor for one without AVX-512.
@@ -50,35 +49,7 @@ if os.environ.get(AVX512_VARIABLE) == "1":
 
 _LOCK = threading.RLock()
 _MODULES: dict[str, ModuleType] = {}
-_REFUSED: set[Path] = set()  # folders of which the user has been told
-
-
-def cache_folder() -> Path:
-    """Folder of compiled kernels; a private temporary one where the usual one cannot be trusted or written."""
-    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    folder = Path(os.environ.get(CACHE_VARIABLE) or os.path.join(base, "onepulse"))
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        status = folder.stat()
-        if hasattr(os, "getuid") and (status.st_uid != os.getuid() or stat.S_IMODE(status.st_mode) & 0o077):
-            raise PermissionError
-        with tempfile.TemporaryFile(dir=folder):
-            return folder
-    except OSError:
-        if CACHE_VARIABLE in os.environ and folder not in _REFUSED:
-            _REFUSED.add(folder)
-            warnings.warn(
-                f"{CACHE_VARIABLE} must name a folder of yours that nobody else can enter (chmod 700); {folder} is not "
-                "used, and kernels are compiled anew in every process. Change its mode or name another.",
-                stacklevel=2,
-            )
-        return _private_folder()
-
-
-def _private_folder(kept: list[tempfile.TemporaryDirectory[str]] = []) -> Path:  # noqa: B006 - one folder per process, made when first needed
-    if not kept:
-        kept.append(tempfile.TemporaryDirectory(prefix="onepulse"))
-    return Path(kept[0].name)
+_FORKING: list[bool] = []
 
 
 class Kernel:
@@ -108,21 +79,39 @@ class Kernel:
         """Call one of the functions, compiling it or taking it from the cache first."""
         if name not in self._fresh:
             return self._function(name)(*arguments)
+        if cast(Any, numba.config).DISABLE_JIT:
+            raise ValueError(
+                "NUMBA_DISABLE_JIT must be 0: kernels are LLVM, not Python; it is set. Unset it, and restart."
+            )
+        (result,) = in_background(lambda: self._first_call(name, *arguments))
+        return result
+
+    def _first_call(self, name: str, *arguments: Any) -> Any:
         with _LOCK, self._alone():
             cached = self._cached()
             try:
                 result = self._function(name)(*arguments)
-            except Exception:
+            except Exception as error:
                 # numba names no exception for a cache entry that it cannot load. Where there was one, a new compilation
-                # decides: an error of the kernel itself comes again.
-                if not cached:
+                # decides: an error of the kernel itself comes again. What the disk refuses is compiled without it.
+                if not cached and not _is_of_disk(error):
                     raise
-                _MODULES.pop(self.hash, None)
-                self._drop(lambda file: True)
-                result = self._function(name)(*arguments)
+                result = self._anew(name, *arguments)
             self._note()
             self._fresh.discard(name)
         return result
+
+    def _anew(self, name: str, *arguments: Any) -> Any:
+        """The result of a new compilation, in memory alone where the disk does not take it."""
+        self._drop(lambda file: True)
+        try:
+            _MODULES[self.hash] = self._module()
+            return self._function(name)(*arguments)
+        except Exception as error:
+            if not _is_of_disk(error):
+                raise
+        _MODULES[self.hash] = self._executed(self.source.replace("cache=True", "cache=False"), "<kernel>")
+        return self._function(name)(*arguments)
 
     def function(self, name: str, *arguments: Any) -> Callable[..., Any]:
         """The compiled function itself, for those who call it often; it is first called with these arguments."""
@@ -139,14 +128,19 @@ class Kernel:
     def _module(self) -> ModuleType:
         path = self._path = cache_folder() / f"kernel_{self.hash}.py"
         try:
-            if not (path.is_file() and path.read_bytes() == self.source.encode()):
-                _replace(path, self.source)
+            if not (is_own(path) and path.is_file() and path.read_bytes() == self.source.encode()):
+                replace(path, self.source)
+            if (path.parent / "__pycache__").exists() and not is_own(path.parent / "__pycache__"):
+                raise PermissionError
         except OSError:  # something else stands there
-            path = self._path = _private_folder() / path.name
-            _replace(path, self.source)
+            path = self._path = private_folder() / path.name
+            replace(path, self.source)
         noted = self._noted()
-        self._drop(lambda file: noted.get(file.name) != _checksum(file))
-        loader, config = _Loader(self.source, str(path)), cast(Any, numba.config)
+        self._drop(lambda file: not is_own(file) or noted.get(file.name) != _checksum(file))
+        return self._executed(self.source, str(path))
+
+    def _executed(self, source: str, path: str) -> ModuleType:
+        loader, config = _Loader(source, path), cast(Any, numba.config)
         spec = importlib.machinery.ModuleSpec(f"kernel_{self.hash}", loader)
         module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)  # numba's cache looks it up by name
         elsewhere, config.CACHE_DIR = config.CACHE_DIR, ""  # numba's cache stays beside the file
@@ -164,6 +158,7 @@ class Kernel:
                 with contextlib.suppress(OSError):  # a folder that knows no locks
                     file = stack.enter_context((cache_folder() / f"kernel_{self.hash}.lock").open("w"))
                     fcntl.flock(file, fcntl.LOCK_EX)  # ends with the process that holds it
+                    os.utime(file.fileno())  # when it was used last
             yield
 
     # -- what numba cached, and whether it is still what it was -----------------------------------------------------
@@ -174,6 +169,8 @@ class Kernel:
         return self.path.with_suffix(".sums")
 
     def _noted(self) -> dict[str, str | None]:
+        if not is_own(self._sums()):
+            return {}
         try:
             noted = json.loads(self._sums().read_text())
             return noted if isinstance(noted, dict) else {}
@@ -182,14 +179,16 @@ class Kernel:
 
     def _note(self) -> None:
         try:
-            _replace(self._sums(), json.dumps({file.name: _checksum(file) for file in self._cached()}))
+            replace(self._sums(), json.dumps({file.name: _checksum(file) for file in self._cached()}))
         except OSError:
             return  # not noted, so not trusted: the next process compiles again
+        prune(self.path.parent, self.hash)
 
     def _drop(self, condemned: Callable[[Path], bool]) -> None:
         for file in self._cached():
             if condemned(file):
-                file.unlink(missing_ok=True)
+                with contextlib.suppress(OSError):
+                    shutil.rmtree(file) if file.is_dir() and not file.is_symlink() else file.unlink()
 
 
 class _Loader(importlib.abc.InspectLoader):
@@ -205,20 +204,28 @@ class _Loader(importlib.abc.InspectLoader):
         return self.source_to_code(self.source, self.path)
 
 
+def _is_of_disk(error: Exception) -> bool:
+    """Whether numba could not use its cache: no room, no permission, or no place at all ("no locator")."""
+    return isinstance(error, OSError) or (isinstance(error, RuntimeError) and "cannot cache function" in str(error))
+
+
+def _wait() -> None:
+    """Before a fork: until no other thread compiles, since its locks would stay locked in the child."""
+    _FORKING.append(_LOCK.acquire())
+
+
+def _go_on() -> None:
+    if _FORKING:
+        _FORKING.pop()
+        _LOCK.release()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_wait, after_in_parent=_go_on, after_in_child=_go_on)
+
+
 def _checksum(file: Path) -> str | None:
     try:
         return hashlib.sha256(file.read_bytes()).hexdigest()
     except OSError:
         return None
-
-
-def _replace(path: Path, text: str) -> None:
-    """Write a file so that others see the old one or the new one, never half of it."""
-    handle, name = tempfile.mkstemp(dir=path.parent)
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        os.replace(name, path)
-    except OSError:
-        os.unlink(name)
-        raise

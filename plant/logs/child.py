@@ -1,7 +1,8 @@
 """The child process that reads one file by libraries of others: a corrupt one may crash them.
 
 Run as a script it imports nothing of this project but `formats`, takes an order (JSON) as its argument, and answers on
-stdout: an NPZ archive of the columns, or one line that says why not (exit status 3). What it may use is limited before
+stdout: a line of names, types and shapes (JSON) and the bytes of the columns, or one line that says why not (exit
+status 3). What it may use is limited before
 it imports what reads the file.
 """
 
@@ -50,9 +51,11 @@ def main(order: dict[str, Any]) -> int:
                 raise refusal(
                     f"must hold real numbers; got {column.dtype} in column {name!r}. Leave it out with names=."
                 )
-        label = np.frombuffer(json.dumps([known, list(columns)]).encode(), np.uint8)
+        shapes = [[column.dtype.str, list(column.shape)] for column in arrays]
         with answer:
-            np.savez(answer, label, *arrays)
+            answer.write(json.dumps([known, list(columns), shapes]).encode() + b"\n")
+            for column in arrays:
+                answer.write(np.ascontiguousarray(column).data.cast("B") if column.size else b"")
     except BaseException as error:  # the parent wants one line, whatever it was
         text = str(error) if isinstance(error, refusal) else f"{type(error).__name__} {error}"
         said = (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import array as packed
 import csv
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TextIO
@@ -11,10 +12,14 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import NDArray
 
+from plant.parts.arguments import decimal
+from plant.parts.files import require_bounded
+
 __all__ = ["read_rows"]
 
 _LONGEST = 1 << 20  # characters of a line
-_MOST = 1 << 25  # numbers of a file, 256 MiB
+_MOST = 1 << 25  # numbers of a file, 256 MiB; its text has no more bytes
+_SECONDS = 60
 
 
 def read_rows(
@@ -50,6 +55,8 @@ def read_rows(
     picked: list[int] = []
     width: int | None = None
     table, separator, values, rows, least = chosen is not None, ",", packed.array("d"), 0, 0
+    require_bounded(path, 8 * _MOST)
+    until = time.monotonic() + _SECONDS
     with open(path, encoding="utf-8-sig") as file:
         for count, line in enumerate(_lines(file), 1):
             ended = line.endswith("\n")
@@ -74,7 +81,8 @@ def read_rows(
                 advice = "Complete it." if len(cells) < width else "Correct it; decimals are written with a point."
                 raise ValueError(f"line {count} must have {width} cells; got {len(cells)}. {advice}")
             try:
-                values.extend([float(cells[i]) if not table or cells[i].strip() else np.nan for i in picked])
+                number = float if line.isascii() and "_" not in line else decimal  # which looks at every cell
+                values.extend([number(cells[i]) if not table or cells[i].strip() else np.nan for i in picked])
             except ValueError:
                 said = _no_number(cells, picked, names, table, first=not rows)
                 raise ValueError(f"line {count} must be numbers; {said}") from None
@@ -83,6 +91,8 @@ def read_rows(
                 got = f"got {cells[-1]!r} without a line end, and more decimals in all lines before"
                 raise ValueError(f"line {count} must be complete; {got}. Write the file again, or end that line.")
             least, rows = min(least, decimals) if rows else decimals, rows + 1
+            if not rows % 10_000 and time.monotonic() > until:
+                raise ValueError(f"must be read within {_SECONDS} s; row {rows} was not. Save it as NPZ, or cut it.")
             if len(values) > _MOST:
                 raise ValueError(f"must hold at most {_MOST} numbers; got more. Cut the log into several files.")
     if not rows:
@@ -112,7 +122,7 @@ def _is_name(cell, table):
 
 def _is_number(cell):
     try:
-        float(cell)
+        decimal(cell.strip())
     except ValueError:
         return False
     return True

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import json
+import math
 import os
 import signal
 import sys
@@ -82,7 +82,11 @@ def read_isolated(
     if done.returncode:
         end = signal.Signals(-done.returncode).name if done.returncode < 0 else f"status {done.returncode}"
         raise ValueError(f"must be a sound {kind} file; its reader ended with {end}. Write the file again.")
-    with np.load(io.BytesIO(done.stdout)) as answer:
-        label, *arrays = (answer[name] for name in answer.files)
-    known, found = json.loads(label.tobytes())
-    return known, dict(zip(found, arrays, strict=True))
+    head = done.stdout[: done.stdout.index(b"\n")]
+    known, found, shapes = json.loads(head)
+    columns, at = dict[str, NDArray[Any]](), len(head) + 1
+    for name, (dtype, shape) in zip(found, shapes, strict=True):
+        count = math.prod(shape)
+        columns[name] = np.frombuffer(done.stdout, dtype, count, at if count else 0).reshape(shape)
+        at += columns[name].nbytes
+    return known, columns

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import struct
 import zipfile
 from collections.abc import Collection
 from typing import Any
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 
 __all__ = ["read_npz"]
 
+_DIRECTORY = 4 << 20  # bytes
 _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
@@ -25,6 +28,7 @@ def read_npz(
     ValueError
         Objects, a size beyond `most` bytes, a header that does not fit its data; without the path.
     """
+    _require_small_directory(path)
     with zipfile.ZipFile(path) as archive:
         members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
         wanted = {
@@ -32,12 +36,32 @@ def read_npz(
             for name, info in members.items()
             if (name.startswith(prefix) if names is None else name in names)
         }
+        for name, info in wanted.items():
+            if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise ValueError(
+                    f"must be compressed as numpy does; column {name!r} has ZIP method {info.compress_type}. Save it "
+                    "with numpy.savez_compressed."
+                )
         size = sum(info.file_size for info in wanted.values())
         if size > most:
             raise ValueError(
                 f"must hold at most {most >> 20} MiB; it declares {size >> 20}. Cut the log into several files."
             )
         return list(members), {name: _array(archive, name, info) for name, info in wanted.items()}
+
+
+def _require_small_directory(path: str) -> None:
+    """Refuse an archive of so many members that listing them takes long; numpy's have one per column."""
+    with open(path, "rb") as file:
+        file.seek(0, os.SEEK_END)
+        file.seek(max(file.tell() - (1 << 16) - 22 - 20, 0))
+        tail = file.read()
+    at = tail.rfind(b"PK\5\6")
+    if at < 0 or len(tail) < at + 22:
+        raise ValueError("must be an NPZ archive; it has no directory of a ZIP file. Write it again.")
+    (size,) = struct.unpack_from("<I", tail, at + 12)
+    if size > _DIRECTORY or tail[max(at - 20, 0) : at].startswith(b"PK\6\7"):
+        raise ValueError(f"must hold at most some {_DIRECTORY >> 7} columns; its directory is larger. Cut it.")
 
 
 def _array(archive: zipfile.ZipFile, name: str, info: zipfile.ZipInfo) -> NDArray[Any]:

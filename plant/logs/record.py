@@ -23,6 +23,7 @@ from plant.motion.later import Later
 from plant.motion.reference import Reference
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
 from plant.parts.part import Vector
 
 __all__ = ["Record"]
@@ -31,6 +32,7 @@ _COLUMNS = ("reference_pulses", "error_pulses", "torque", "current", "injected",
 _LEFT_OUT: Any = None
 
 
+@kept
 @known_options
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Record(FromFiles, Frozen):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Collection, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +19,10 @@ from plant.mechanics.xml_file import Element
 from plant.parts.arguments import choice
 from plant.parts.labels import joint_labels
 
-__all__ = ["MOVING", "ModelFile", "ModelJoint", "fixed_to", "links_of_chain"]
+__all__ = ["HERE", "MOVING", "ModelFile", "ModelJoint", "fixed_to", "links_of_chain"]
+
+HERE = Placement()
+"""Of all that state no origin."""
 
 MOVING = {"revolute": False, "continuous": False, "prismatic": True}  # -> whether it slides
 
@@ -71,17 +75,19 @@ def links_of_chain(model: ModelFile, names: Sequence[str] | None) -> tuple[tuple
     """Links, bodies and limits of the chain of these joints; see `Chain.from_urdf`."""
     chosen, every = model.chain_joints(names), model.joints
     links, made = [], []
+    parents, hanging = {joint.child: joint for joint in every.values()}, _hanging_on(every)
+    moving = {joint.name for joint in chosen}
     at = Placement()  # pose of the last chosen joint's frame in the link being walked
     for i, joint in enumerate(chosen):
         before, start = Placement(), chosen[i - 1].child if i else None
-        for step in _way(every, start, joint):
-            before = before @ step.origin
+        for step in _way(parents, start, joint):
+            before = before if step.origin is HERE else before @ step.origin
         on_axis = Placement(rotation=_axis_frame(joint.axis), position=joint.anchor)
         slides, frame = MOVING[joint.kind], on_axis.inverse()
         zero = {"d" if slides else "theta": -joint.zero}
         links.append(Link(name=joint.name, prismatic=slides, before=at @ before @ on_axis, frame=frame, **zero))
         at = frame
-        made.append(_lumped(model.bodies, every, joint.child, {other.name for other in chosen}))
+        made.append(_lumped(model.bodies, hanging, joint.child, moving))
     for label, body in zip(joint_labels([joint.name for joint in chosen], len(chosen)), made, strict=True):
         body.require_physical(f"behind {label}")
     made = [dataclasses.replace(body, rotor=joint.armature) for body, joint in zip(made, chosen, strict=True)]
@@ -103,13 +109,15 @@ def _require_tree(bodies: dict[str, Body | None], joints: dict[str, ModelJoint])
                 "Only trees can be read."
             )
         parents[joint.child] = joint
+    sound: set[str] = set()
     for name in bodies:
-        seen, link = set(), name
-        while link in parents:
+        seen, link = dict[str, None](), name
+        while link in parents and link not in sound:
             if link in seen:
                 raise ValueError(f"links must form a tree; {name} hangs on itself. Remove a joint of the loop.")
-            seen.add(link)
+            seen[link] = None
             link = parents[link].parent
+        sound.update(seen)
 
 
 def _chosen(every: dict[str, ModelJoint], names: Sequence[str] | None) -> list[ModelJoint]:
@@ -119,7 +127,7 @@ def _chosen(every: dict[str, ModelJoint], names: Sequence[str] | None) -> list[M
         chosen = _ordered(every, moving)
         if chosen is None:
             raise ValueError(
-                f"joints must be named where the file has a tree; it has {', '.join(j.name for j in moving)}. "
+                f"joints must be named where the file has a tree; it has {', '.join(j.name for j in moving):.300}. "
                 "Pass joints=[...], base first."
             )
     else:
@@ -129,13 +137,14 @@ def _chosen(every: dict[str, ModelJoint], names: Sequence[str] | None) -> list[M
         for name in names:
             if name in every and every[name].kind == "fixed":
                 raise ValueError(f"joints must move; {name} is fixed. Leave it out, its link is lumped.")
-            choice("joints", name, tuple(joint.name for joint in moving))
-        twice = [name for i, name in enumerate(names) if name in names[:i]]
-        if twice:
-            raise ValueError(f"joints must be named once each; {twice[0]} comes twice. Leave one out.")
+            if name not in every or every[name].kind not in MOVING:
+                choice("joints", name, tuple(joint.name for joint in moving))
+        twice = next((name for name, count in Counter(names).items() if count > 1), None)
+        if twice is not None:
+            raise ValueError(f"joints must be named once each; {twice} comes twice. Leave one out.")
         chosen = _ordered(every, [every[name] for name in names])
         if chosen is None or [joint.name for joint in chosen] != names:
-            raise ValueError(f"joints must lie behind each other, base first; got {', '.join(names)}. Reorder.")
+            raise ValueError(f"joints must lie behind each other, base first; got {', '.join(names):.300}. Reorder.")
     if not chosen:
         raise ValueError("the file must have at least one joint that moves; it has none. Give another one.")
     for joint in chosen:
@@ -144,48 +153,66 @@ def _chosen(every: dict[str, ModelJoint], names: Sequence[str] | None) -> list[M
     return chosen
 
 
-def _depth(every: dict[str, ModelJoint], joint: ModelJoint) -> list[ModelJoint]:
-    """Joints between the base and this one, from the base outwards, with this one."""
-    parents, way = {other.child: other for other in every.values()}, [joint]
-    while way[0].parent in parents:
-        way.insert(0, parents[way[0].parent])
-    return way
-
-
 def _ordered(every: dict[str, ModelJoint], joints: list[ModelJoint]) -> list[ModelJoint] | None:
     """These joints from the base outwards; None if they are not all on one way."""
-    ways = sorted((_depth(every, joint) for joint in joints), key=len)
-    if any(shorter != longer[: len(shorter)] for shorter, longer in pairwise(ways)):
-        return None
-    return [way[-1] for way in ways]
+    parents, depths = {joint.child: joint for joint in every.values()}, dict[str, int]()
+    for joint in joints:
+        way = [joint]
+        while way[-1].parent in parents and way[-1].name not in depths:
+            way.append(parents[way[-1].parent])
+        depth = depths.get(way[-1].name, 0)
+        for steps, other in enumerate(reversed(way)):
+            depths[other.name] = depth + steps
+    ordered = sorted(joints, key=lambda joint: depths[joint.name])
+    for before, joint in pairwise(ordered):
+        steps, other = depths[joint.name] - depths[before.name], joint
+        for _ in range(steps):
+            other = parents[other.parent]
+        if not steps or other is not before:
+            return None
+    return ordered
 
 
-def _way(every: dict[str, ModelJoint], start: str | None, joint: ModelJoint) -> list[ModelJoint]:
+def _way(parents: dict[str, ModelJoint], start: str | None, joint: ModelJoint) -> list[ModelJoint]:
     """Joints from behind a link (None: the base) to this joint; those between are fixed, or held at zero."""
-    way = _depth(every, joint)
-    if start is not None:
-        way = way[next(i for i, other in enumerate(way) if other.child == start) + 1 :]
-    return way
+    way = [joint]
+    while way[-1].parent != start and way[-1].parent in parents:
+        way.append(parents[way[-1].parent])
+    return way[::-1]
 
 
 def fixed_to(every: dict[str, ModelJoint], link: str, moving: Collection[str]) -> dict[str, Placement]:
     """Everything that moves with a link: name -> pose in its frame; joints that are none of `moving` are at zero."""
+    return _moving_with(_hanging_on(every), link, moving)
+
+
+def _hanging_on(every: dict[str, ModelJoint]) -> dict[str, list[ModelJoint]]:
+    """The joints on each link."""
+    hanging = dict[str, list[ModelJoint]]()
+    for joint in every.values():
+        hanging.setdefault(joint.parent, []).append(joint)
+    return hanging
+
+
+def _moving_with(
+    hanging: dict[str, list[ModelJoint]], link: str, moving: Collection[str]
+) -> dict[str, Placement]:  # fmt: skip
     found, waiting = {}, [(link, Placement())]
     while waiting:
         name, placement = waiting.pop()
         found[name] = placement
-        waiting += [
-            (joint.child, placement @ joint.origin)
-            for joint in every.values()
-            if joint.parent == name and joint.name not in moving
-        ]
+        for joint in hanging.get(name, ()):
+            if joint.name not in moving:
+                waiting.append((joint.child, placement if joint.origin is HERE else placement @ joint.origin))
     return found
 
 
-def _lumped(bodies: dict[str, Body | None], every: dict[str, ModelJoint], link: str, moving: Collection[str]) -> Body:
+def _lumped(
+    bodies: dict[str, Body | None], hanging: dict[str, list[ModelJoint]], link: str, moving: Collection[str]
+) -> Body:
     """Everything that moves with a link, as one Body in its frame."""
     found = None
-    for name, placement in fixed_to(every, link, moving).items():
+    for name, placement in _moving_with(hanging, link, moving).items():
         if (body := bodies[name]) is not None:
             body = body.seen_from(placement)
             found = body if found is None else found.joined(body)

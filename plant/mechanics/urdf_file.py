@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from plant.mechanics.body import Body
-from plant.mechanics.model_tree import MOVING, ModelFile, ModelJoint
+from plant.mechanics.model_tree import HERE, MOVING, ModelFile, ModelJoint
 from plant.mechanics.placement import Placement
 from plant.mechanics.xacro import expanded, is_xacro
 from plant.mechanics.xml_file import Element, numbers_of, parsed
@@ -44,6 +44,8 @@ def read_urdf(path: str | Path) -> ModelFile:
 def origin_of(element: Element, where: str) -> Placement:
     """The pose that an element's <origin> gives; without one, none."""
     origin = element.find("origin")
+    if origin is None:
+        return HERE
     position = numbers_of(origin, "xyz", 3, "0 0 0", f"{where}, origin")
     roll, pitch, yaw = numbers_of(origin, "rpy", 3, "0 0 0", f"{where}, origin")
     return Placement.of_angles(roll, pitch, yaw, position)

@@ -12,18 +12,20 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
+from plant.parts.files import read_bounded
+
 __all__ = ["Edit", "Element", "numbers_of", "parsed", "spliced"]
 
 Edit = tuple[int, int, bytes]
 """From this byte to that one, and what stands there instead."""
 
-_LARGEST = 5_000_000
+_LARGEST = 5 << 20
 """Bytes; the largest real files have a few hundred thousand."""
 
 _DEEPEST = 200
 """Elements within each other; a chain of 40 bodies has 40."""
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 _ATTRIBUTE = re.compile(rb"""([^\s=/>"']+)\s*=\s*("[^"]*"|'[^']*')""")
 
@@ -100,11 +102,10 @@ def parsed(path: str | Path, root_tag: str | None, what: str, data: bytes | None
     if isinstance(path, str) and path.lstrip().startswith("<"):
         raise ValueError(f"path must be the name of a {what} file; got its text. Write it to a file first.")
     path = Path(path)
-    data = path.read_bytes() if data is None else data
-    if len(data) > _LARGEST:
-        raise ValueError(
-            f"{path} must be a {what} file of at most {_LARGEST} bytes; it has {len(data)}. Give the file."
-        )
+    try:
+        data = read_bounded(path, _LARGEST) if data is None else data
+    except ValueError as error:
+        raise ValueError(f"{path} {error}") from None
     root: list[Element] = []
     open_elements: list[Element] = []
     parser = xml.parsers.expat.ParserCreate()

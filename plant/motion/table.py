@@ -9,10 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.motion.reference import Timed
-from plant.parts.arguments import known_options
+from plant.parts.arguments import decimal, known_options
+from plant.parts.files import require_bounded
 from plant.parts.part import Nested, part, structure
 
 __all__ = ["Table"]
+
+_MOST = 64 << 20
+"""Bytes of a file."""
 
 
 @part
@@ -43,12 +47,16 @@ class Table(Timed):
     def from_csv(cls, path: str | Path) -> Self:
         """Read columns t [s], q_1..q_n [rad]; lines that start with # or a letter are headings."""
         rows: list[list[float]] = []
+        try:
+            require_bounded(path, _MOST)
+        except ValueError as error:
+            raise ValueError(f"{path} {error}") from None
         with open(path, encoding="utf-8") as file:
             for count, line in enumerate(file, 1):
                 if not line.strip() or line.lstrip()[0] == "#" or line.lstrip()[0].isalpha():
                     continue
                 try:
-                    rows.append([float(cell) for cell in line.split(",")])
+                    rows.append([decimal(cell) for cell in line.split(",")])
                 except ValueError:
                     text = line.strip()[:60]
                     raise ValueError(f"{path} line {count} must be numbers; got {text!r}. Correct the file.") from None

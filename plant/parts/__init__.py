@@ -1,8 +1,10 @@
 """What every description is made of: parts with named numbers, and checks of what a user gives.
 
-Read `part` (named numbers, copies, descriptions; `fields` are their types) and `arguments` (the checks); then
-`checked_function` (casadi with checked shapes), `labels` (names of joints), `frozen` (results that compare) and
-`deprecation` (old names).
+Read `part` (named numbers, copies, descriptions; `fields` are their types) and `arguments` (the checks); then `saved`
+(files of parts and results: `kinds` finds their classes, `plain` makes plain data of them, `json_text` makes text of
+it, `files` writes it whole) and `checkpoint` (finished stages of long work); `checked_function` (casadi with checked
+shapes), `labels` (names of joints), `sums` (in a fixed order), `frozen` (results that compare) and `deprecation` (old
+names).
 """
 
 __all__: list[str] = []

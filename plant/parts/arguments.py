@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["array", "choice", "instance", "known_options", "optional_period", "real", "signs"]
+__all__ = ["array", "choice", "decimal", "instance", "known_options", "optional_period", "real", "signs"]
 
 T = TypeVar("T")
 C = TypeVar("C", bound=Callable[..., Any])
@@ -123,6 +123,18 @@ def signs(
         for name in names:
             if not sound(value := getattr(owner, name), 0).all():
                 raise ValueError(f"{name} must {rule}; got {value}. {advice}")
+
+
+def decimal(text: str) -> float:
+    """A number of a file: ASCII digits, no underscore between them; ``nan`` and ``inf`` are numbers too.
+
+    Raises
+    ------
+    ValueError
+    """
+    if "_" in text or not text.isascii():
+        raise ValueError(f"a number must have digits 0 to 9 alone; got {text!r:.40}. Write it like 17.4 or 1e-3.")
+    return float(text)
 
 
 def optional_period(law: Any) -> None:

@@ -9,7 +9,6 @@ can be copied, and sent to another process.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import functools
 import json
 from collections.abc import Iterator, Mapping
@@ -20,14 +19,15 @@ from numpy.typing import NDArray
 
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.fields import ArrayOrSymbols, Nested, Vector
+from plant.parts.kinds import PARTS, kind_of
+from plant.parts.plain import from_plain as restore
+from plant.parts.saved import Saved
 
 __all__ = [
     "ArrayOrSymbols", "Declared", "Nested", "Part", "Vector", "declared", "number", "part", "restore", "structure",
 ]  # fmt: skip
 
 T = TypeVar("T", bound="Part")
-
-_KINDS: dict[str, type] = {}
 
 
 class Declared:
@@ -64,7 +64,7 @@ def structure(
     return dataclasses.field(default=default, kw_only=kw_only, metadata=metadata)
 
 
-class Part:
+class Part(Saved):
     """Base of all parts. Two parts are equal when their descriptions are."""
 
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
@@ -152,7 +152,7 @@ class Part:
     def describe(self) -> dict[str, Any]:
         """Kind and fields as a dictionary that JSON can hold without loss; `restore` is the way back."""
         fields = {f.name: _plain(getattr(self, f.name)) for f in dataclasses.fields(self)}
-        return {"kind": _kind(type(self)), **fields}
+        return {"kind": kind_of(type(self)), **fields}
 
     # -- copies -----------------------------------------------------------------------------------------------
     def __getstate__(self) -> dict[str, Any]:
@@ -180,10 +180,6 @@ def _amount(shape: tuple[int | str, ...]) -> str:
     if not shape:
         return "one number"
     return "one number per joint" if isinstance(shape[0], str) else f"{shape[0]} numbers"
-
-
-def _kind(cls: type) -> str:
-    return f"{cls.__module__.split('.')[0]}.{cls.__name__}"
 
 
 def _plain(value: Any) -> Any:
@@ -224,26 +220,5 @@ def part(cls: type[T]) -> type[T]:
         base, absent = next(b.__name__ for b in cls.__mro__[1:] if lacking[0] in vars(b)), ", ".join(lacking)
         raise ValueError(f"{cls.__name__} must give all that {base} declares; it lacks {absent}. Define it.")
     cls.__abstractmethods__ = frozenset()  # type: ignore[attr-defined]  # a declared attribute may be a field
-    _KINDS[_kind(cls)] = cls
+    PARTS[kind_of(cls)] = cls
     return known_options(cls)
-
-
-def restore(description: Any) -> Any:
-    """Rebuild a part from what `Part.describe` gave.
-
-    Raises
-    ------
-    ValueError
-        Unknown kind (the message says which package to import), missing or unknown fields.
-    """
-    if isinstance(description, list):
-        return tuple(restore(d) for d in description)
-    if not isinstance(description, dict):
-        return description
-    kind = description.get("kind")
-    if not isinstance(kind, str) or kind not in _KINDS:
-        package = str(kind).split(".")[0]
-        hint = f"import {package} first" if package in ("plant", "identification", "ctc") else "check the file"
-        near = difflib.get_close_matches(str(kind), _KINDS, n=3, cutoff=0.0)
-        raise ValueError(f"kind must be a known one, such as {', '.join(near)}; got {kind!r:.60}. Please {hint}.")
-    return _KINDS[kind](**{k: restore(v) for k, v in description.items() if k != "kind"})

@@ -18,6 +18,9 @@ from plant.laws.law import Law
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.motion.reference import Reference
+from plant.parts.checkpoint import Checkpoint
+from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop, bounded
 from plant.simulation.followed_path import Path
@@ -57,8 +60,9 @@ def tally(rig: Rig) -> ca.Function:
     return ca.Function("tally", [log, data, memory], [outside, following])
 
 
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Runs:
+class Runs(Frozen):
     """Results of P runs of n joints.
 
     Attributes
@@ -137,14 +141,19 @@ class Population:
         self._tables = self._kernel.prepared((*self._times, np.column_stack(data)))
         self._numbers, self._start = loop.number_values(arm.f), path.start() if initial is None else initial
 
-    def run(self, threads: int) -> Runs:
-        """Run them all.
+    def run(self, threads: int, checkpoint: Checkpoint | None = None) -> Runs:
+        """Run them all; blocks of them are stages of a checkpoint.
 
         Returns
         -------
         Runs
         """
-        blocks = shared_out(self._block, range(-(-len(self._values) // LANES)), threads)
+        kept = Checkpoint(checkpoint, "")
+
+        def block(i: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+            return kept.stage(f"loops from {i * LANES}", lambda: self._block(i))
+
+        blocks = shared_out(block, range(-(-len(self._values) // LANES)), threads)
         final, missing = (np.concatenate(each) for each in zip(*blocks, strict=True))
         n = self.loop.n
         counted, highest, lowest, current, chatter, _ = np.hsplit(final[:, -3 - 6 * n : -3], 6)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
+
+from plant.compiler.background import in_background
 
 __all__ = ["cores", "shared_out"]
 
@@ -18,21 +19,20 @@ def cores() -> int:
 
 
 def shared_out(function: Callable[[Any], T], items: Sequence[Any], threads: int) -> list[T]:
-    """[function(item) for item in items], by so many threads, of which this is one."""
+    """[function(item) for item in items], by so many threads; what raises, and Ctrl-C, ends them after their item."""
     results: list[Any] = [None] * len(items)
-    places = iter(range(len(items)))
+    places = list(reversed(range(len(items))))
 
     def work() -> None:
-        for i in places:
+        while places:
+            try:
+                i = places.pop()
+            except IndexError:  # another thread took the last one
+                return
             results[i] = function(items[i])
 
-    others = min(threads, len(items)) - 1
-    if others < 1:
-        work()
-        return results
-    with ThreadPoolExecutor(others) as pool:
-        running = [pool.submit(work) for _ in range(others)]
-        work()
-        for future in running:
-            future.result()
+    try:
+        in_background(work, others=max(min(threads, len(items)) - 1, 0))
+    finally:
+        places.clear()
     return results

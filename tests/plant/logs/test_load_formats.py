@@ -163,7 +163,7 @@ def test_weights_and_every_column_survive_the_library_s_own_file(tmp_path):
 def test_what_is_no_file_is_a_load_error(tmp_path):
     for kind in FORMATS:
         refused(lambda kind=kind: read(kind, tmp_path / "none"), "none must be a file; there is none. Check the path")
-        refused(lambda kind=kind: read(kind, tmp_path), "must be a file; got a folder or a device")
+        refused(lambda kind=kind: read(kind, tmp_path), "must be a file; got a folder, a pipe or a device")
     refused(lambda: Record.from_csv(tmp_path / "none"), "must be a file; there is none")
     refused(lambda: read_table(tmp_path / "log.docx"), r"must end in one of \.csv, .*got '\.docx'")
     refused(lambda: read_table("a\0.npz"), "null")

@@ -98,7 +98,7 @@ def test_the_file_that_the_bad_ones_are_made_of_is_good(tmp_path):
         ("<sdf/>", "must hold a <robot>; got <sdf>"),
         ('<!DOCTYPE r [<!ENTITY a "b">]>' + GOOD, "must not declare a document type or entities"),
         ('<!DOCTYPE r SYSTEM "file:///etc/passwd">' + GOOD, "must not declare a document type or entities"),
-        (" " * 5_000_001, "must be a URDF file of at most 5000000 bytes"),
+        (" " * 5_300_000, "must have at most 5 MiB; got 6"),
     ],
     ids=lambda x: x[:40] if len(x) < 100 else "file",
 )  # fmt: skip

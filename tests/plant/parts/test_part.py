@@ -50,7 +50,8 @@ from plant import (
 )
 from plant.machine.drive import CurrentLag
 from plant.machine.friction_changes import FrictionDrift, LoadFriction
-from plant.parts.part import _KINDS, Part, number, part, restore, structure
+from plant.parts.kinds import PARTS
+from plant.parts.part import Part, number, part, restore, structure
 from plant.simulation.correction import Correction
 
 LINKS = (Link(name="1", alpha=0.1, a=0.2, d=0.3, theta=0.4), Link(name="2", alpha=-np.pi / 2, a=1 / 3, d=0.0))
@@ -128,7 +129,7 @@ def nested():
 
 
 def test_every_kind_of_the_package_is_among_the_examples():
-    kinds = {kind.split(".")[1] for kind in _KINDS if kind.startswith("plant.") and not kind.startswith("plant._")}
+    kinds = {kind.split(".")[1] for kind in PARTS if kind.startswith("plant.") and not kind.startswith("plant._")}
     assert kinds - {"P"} <= set(EXAMPLES), "add an example for the new part"
 
 

@@ -1,0 +1,54 @@
+"""Work on a thread of its own while the main thread waits: Ctrl-C comes through at once, whatever runs there.
+
+Machine code and LLVM do not look for signals. What is interrupted goes on by itself to its end, and what it gives is
+dropped; a compilation is there for the next call.
+"""
+
+from __future__ import annotations
+
+import contextvars
+import threading
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+__all__ = ["in_background"]
+
+T = TypeVar("T")
+
+_WAIT = 0.2
+"""Time [s] after which the main thread looks for signals where a lock does not (Windows)."""
+
+
+def in_background(function: Callable[[], T], *, others: int = 0) -> list[T]:
+    """What a function gives on 1 + `others` threads at once; only the main thread waits, another is one of them.
+
+    Raises
+    ------
+    BaseException
+        The first that a thread raises, and that of the wait.
+    """
+    own = threading.current_thread() is not threading.main_thread()
+    results: list[Any] = []
+    failures: list[BaseException] = []
+    done, lock, left = threading.Event(), threading.Lock(), 1 + others - own
+
+    def run(context: contextvars.Context) -> None:
+        nonlocal left
+        try:
+            results.append(context.run(function))
+        except BaseException as error:  # handed to who waits
+            failures.append(error)
+        with lock:
+            left -= 1
+            if not left or failures:
+                done.set()
+
+    for _ in range(left):
+        threading.Thread(target=run, args=(contextvars.copy_context(),), daemon=True).start()
+    if own:
+        results.append(function())
+    while (not own or others) and not done.wait(_WAIT):
+        pass
+    if failures:
+        raise failures[0]
+    return results

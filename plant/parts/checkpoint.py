@@ -1,0 +1,206 @@
+"""Finished stages of long work in a file, so that what is killed goes on and ends in the same bits.
+
+A stage is a pure function of the inputs that the checkpoint is bound to. What it gave is written down; called again,
+the work takes it from there and computes the rest. The file is replaced as a whole (`plant.parts.files`), so a killed
+process leaves the last state that was written. A file of other inputs, versions or another processor is refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+import numpy as np
+from llvmlite.binding import get_host_cpu_name
+from numpy.typing import ArrayLike, NDArray
+
+from plant.parts.files import read_bounded, remove_remains, write_whole
+from plant.parts.json_text import parsed, written
+from plant.parts.plain import from_plain, to_plain
+from plant.parts.saved import FORMAT, MOST, fingerprint, versions
+from plant.parts.user_warning import warn
+
+__all__ = ["Checkpoint"]
+
+T = TypeVar("T")
+
+_SHARE = 20
+"""Time between two writes, at least, in that which the last one took: the file grows with the work."""
+
+_LEAST = 0.2
+"""The same in seconds."""
+
+
+class Checkpoint:
+    """Finished stages of one piece of work. Use it in a ``with`` statement: at its end all that is finished is written.
+
+    Parameters
+    ----------
+    path : str, Path, Checkpoint or None
+        A file, made if it is not there; or part of the checkpoint of larger work; or None: nothing is kept.
+    work : str
+        What the file is of.
+
+    Raises
+    ------
+    ValueError
+        A file that is no such checkpoint, of another version or processor, or that cannot be written.
+    """
+
+    def __init__(self, path: str | Path | Checkpoint | None, work: str) -> None:
+        self._prefix, self._file, self._whole = "", None, not isinstance(path, Checkpoint)
+        if isinstance(path, Checkpoint):
+            self._prefix, self._file = path._prefix, path._file
+        elif path is not None:
+            self._file = _File(Path(path), work)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._file is not None:
+            self._file.write()
+            self._file.closed = self._whole
+
+    def part(self, name: str) -> Checkpoint:
+        """The same file for a part of the work, whose stages have names of their own."""
+        part = Checkpoint(self, "")
+        part._prefix = f"{self._prefix}{name}, "
+        return part
+
+    def bind(self, inputs: Callable[[], Mapping[str, Any]]) -> Checkpoint:
+        """Refuse stages that were made of other inputs: name -> part, record, array or setting; asked for if needed.
+
+        Raises
+        ------
+        ValueError
+            With the name of what differs.
+        """
+        if self._file is not None:
+            given = {name: fingerprint(value) for name, value in inputs().items()}
+            made = self.stage("inputs", lambda: given)
+            other = [name for name in given if made.get(name) != given[name]]
+            if other:
+                raise ValueError(
+                    f"checkpoint {self._file.path} must be of the same {other[0]}; it was made with another. Give the "
+                    "same, or another file."
+                )
+        return self
+
+    def stage(self, name: str, make: Callable[[], T]) -> T:
+        """What `make` gives, or what it gave when this stage was finished before."""
+        if self._file is None:
+            return make()
+        return self._file.stage(f"{self._prefix}{name}", make)
+
+    def remembered(self, name: str, function: Callable[[NDArray[np.float64]], ArrayLike]) -> Callable[..., ArrayLike]:
+        """A function of one array, each of whose values is a stage."""
+
+        def remembering(x: NDArray[np.float64]) -> ArrayLike:
+            own = hashlib.sha256(repr(x.shape).encode() + np.ascontiguousarray(x).tobytes()).hexdigest()
+            return self.stage(f"{name} {own[:24]}", lambda: function(x))
+
+        return remembering if self._file is not None else function
+
+
+class _File:
+    """All stages of a file by name, as plain data and, once written, as text."""
+
+    def __init__(self, path: Path, work: str) -> None:
+        self.path, self._lock = path, threading.RLock()
+        self._head = {
+            "kind": "checkpoint", "format": FORMAT, "work": work, "versions": versions(),
+            "processor": get_host_cpu_name(),
+        }  # fmt: skip
+        self._stages: dict[str, Any] = {}
+        self._texts: dict[str, str] = {}
+        self._pending, self._failed, self._next, self.closed = True, False, 0.0, False
+        if path.exists():
+            self._read()
+            self._pending = False
+            remove_remains(path)
+        else:
+            try:
+                write_whole(path, self._text())
+            except OSError as error:
+                raise ValueError(f"checkpoint {path} must be a file that can be written; {error.strerror}.") from None
+
+    def stage(self, name: str, make: Callable[[], T]) -> T:
+        with self._lock:
+            if name in self._stages:
+                made: T = self._made(name)
+                return made
+        made = make()
+        plain = to_plain(made)
+        with self._lock:
+            self._stages[name], self._pending = plain, True
+            if time.monotonic() >= self._next:
+                self.write()
+        return made
+
+    def _made(self, name: str) -> Any:
+        """What a finished stage gave."""
+        try:
+            return from_plain(self._stages[name])
+        except (ValueError, TypeError, AttributeError, LookupError, RecursionError) as error:
+            said = " ".join(str(error).split())
+            raise ValueError(f"checkpoint {self.path} is spoilt: {said:.200} Delete it and begin anew.") from None
+
+    def write(self) -> None:
+        """Write what is not on the disk yet; where that fails, say so once, and keep what is there."""
+        with self._lock:
+            if not self._pending or self.closed:
+                return
+            began = time.monotonic()
+            try:
+                write_whole(self.path, self._text())
+                self._pending, self._failed = False, False
+            except OSError as error:
+                if not self._failed:
+                    self._failed = True
+                    warn(f"checkpoint {self.path} cannot be written ({error.strerror}); the work goes on. Make room.")
+            ended = time.monotonic()
+            self._next = ended + max(_LEAST, _SHARE * (ended - began))
+
+    def _text(self) -> Any:
+        """The file's text; that of each stage is made once."""
+        yield "".join(written(self._head)).removesuffix("\n}") + ',\n "stages": {'
+        yield ",".join(self._stage_texts())
+        yield f'\n}},\n "sha256": "{self._sum()}"}}\n'
+
+    def _stage_texts(self) -> list[str]:
+        for name, plain in self._stages.items():
+            if name not in self._texts:
+                self._texts[name] = "".join(written({name: plain})).removesuffix("\n}").removeprefix("{")
+        return [self._texts[name] for name in self._stages]
+
+    def _sum(self) -> str:
+        return hashlib.sha256(",".join(self._stage_texts()).encode()).hexdigest()
+
+    def _read(self) -> None:
+        try:
+            data = parsed(read_bounded(self.path, MOST))
+            sound = isinstance(data, dict) and data.get("kind") == "checkpoint"
+            if not sound or not isinstance(data.get("stages"), dict):
+                raise ValueError("must be a checkpoint; it is another file. Give another name.")
+            for key, own in self._head.items():
+                if data.get(key) != own:
+                    given = _told(data.get(key))
+                    raise ValueError(f"must be of the {key} {_told(own)}; got {given}. Give another file.")
+            self._stages = data["stages"]
+            if data.get("sha256") != self._sum():
+                raise ValueError("must be as it was written; it has been changed. Delete it, and begin anew.")
+        except (OSError, ValueError) as error:
+            raise ValueError(f"checkpoint {self.path} {' '.join(str(error).split())}") from None
+
+
+def _told(value: Any) -> str:
+    """A value of the head, in short."""
+    return ", ".join(f"{key} {each}" for key, each in value.items()) if isinstance(value, dict) else f"{value!r:.60}"

@@ -1,0 +1,108 @@
+"""Files that are written whole or not at all, and read only if they are files of a sound size."""
+
+from __future__ import annotations
+
+import contextlib
+import glob
+import os
+import secrets
+import stat
+import time
+from collections.abc import Iterable
+from pathlib import Path
+
+__all__ = ["read_bounded", "remove_remains", "require_bounded", "write_whole"]
+
+_OLD = 60.0
+"""Age [s] beyond which a file beside its place is what a killed process left."""
+
+
+def require_bounded(path: str | Path, most: int) -> None:
+    """Refuse a folder, a pipe, a device, and a file of more than `most` bytes, before anything of it is read.
+
+    Raises
+    ------
+    ValueError
+        Without the path.
+    FileNotFoundError
+    """
+    status = os.stat(path)
+    if not stat.S_ISREG(status.st_mode):
+        raise ValueError("must be a file; got a folder, a pipe or a device. Give the path of the file itself.")
+    if status.st_size > most:
+        got = f"got {-(-status.st_size >> 20)} MiB"
+        raise ValueError(f"must have at most {most >> 20} MiB; {got}. Cut it into several files, or give another.")
+
+
+def read_bounded(path: str | Path, most: int) -> bytes:
+    """All bytes of a file, at most `most` of them.
+
+    Raises
+    ------
+    ValueError
+        What `require_bounded` refuses; a file that grows while it is read.
+    """
+    require_bounded(path, most)
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    with open(path, "rb", opener=lambda name, _: os.open(name, flags)) as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise ValueError("must be a file; got a pipe or a device. Give the path of the file itself.")
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise ValueError(f"must have at most {most >> 20} MiB; it grows. Give a file that is complete.")
+    return data
+
+
+def write_whole(path: str | Path, text: Iterable[str]) -> None:
+    """Write a file beside its place, to the disk, then put it there: whoever reads sees the old one or the new one.
+
+    Parameters
+    ----------
+    path : str or Path
+        A link is followed. The folder must be there.
+    text : iterable of str
+        One after another.
+
+    Raises
+    ------
+    ValueError
+        A folder, a pipe or a device in its place.
+    OSError
+        A folder that is not there or cannot be written, a full disk; what was there before is as it was.
+    """
+    place = Path(os.path.realpath(path))
+    if place.exists() and not place.is_file():
+        raise ValueError(f"{path} must be a file or not be there; it is a folder, a pipe or a device. Choose another.")
+    temporary = place.with_name(f"{_beside(place)}{secrets.token_hex(8)}")
+    try:
+        with open(temporary, "x", encoding="utf-8", newline="\n") as file:
+            for each in text:
+                file.write(each)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, place)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(temporary)
+        raise
+    if os.name == "posix":
+        with contextlib.suppress(OSError):  # a folder that cannot be synchronised
+            folder = os.open(place.parent, os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
+
+
+def remove_remains(path: str | Path) -> None:
+    """Remove what killed processes left beside a file, unless it is as new as one that is being written."""
+    place = Path(os.path.realpath(path))
+    for left in place.parent.glob(f"{glob.escape(_beside(place))}{'[0-9a-f]' * 16}"):
+        with contextlib.suppress(OSError):
+            if left.stat().st_mtime < time.time() - _OLD:
+                left.unlink()
+
+
+def _beside(place: Path) -> str:
+    """How the names begin under which a file is written."""
+    return f".{place.name[:100]}."

@@ -1,0 +1,151 @@
+"""Parts and results as plain data, and back: dictionaries, lists, numbers and text, as JSON or TOML can hold them.
+
+A part or a result is ``{"kind": "plant.Rig", field: ...}``; a tuple is a list. What a part does not need, since its
+constructor makes arrays, results do: ``{"array": [...], "dtype": ..., "shape": ...}``, ``{"scalar": ..., "dtype":
+...}``, ``{"list": [...]}`` and ``{"dict": [[key, value], ...]}``. No bit of a number is lost.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from plant.parts.arguments import choice
+from plant.parts.kinds import PACKAGES, PARTS, class_of, field_names, kind_of, require_public, source_of
+
+__all__ = ["from_plain", "to_plain"]
+
+_TYPES = ("bool", "uint8", "int32", "int64", "float32", "float64")
+_TAGS = ("array", "scalar", "list", "dict")
+
+
+def to_plain(value: Any, *, compared: bool = False) -> Any:
+    """A part, a result, or what their fields hold, as plain data.
+
+    Parameters
+    ----------
+    value : object
+    compared : bool
+        For a comparison alone: without what does not count in one (``compare=False``), and parts of the user's own with
+        the text of their class.
+
+    Raises
+    ------
+    ValueError
+        What no file can hold.
+    """
+    cls = type(value)
+    if value is None or cls in (bool, int, float, str):
+        return value
+    if isinstance(value, np.ndarray):
+        choice("dtype of an array in a file", value.dtype.name, _TYPES)
+        return {"array": value.tolist(), "dtype": value.dtype.name, "shape": list(value.shape)}
+    if isinstance(value, np.generic):
+        choice("type of a number in a file", value.dtype.name, _TYPES)
+        return {"scalar": value.item(), "dtype": value.dtype.name}
+    names = field_names(cls, compared=compared)
+    if names is not None:
+        described: dict[str, Any] = {"kind": kind_of(cls)}
+        if not compared:
+            require_public(cls)
+        elif described["kind"].split(".")[0] not in PACKAGES:
+            described["source"] = source_of(cls)
+        is_part = PARTS.get(described["kind"]) is cls
+        return described | {name: _field(getattr(value, name), is_part, compared) for name in names}
+    if cls is tuple:
+        return [to_plain(each, compared=compared) for each in value]
+    if cls is list:
+        return {"list": [to_plain(each, compared=compared) for each in value]}
+    if isinstance(value, dict):
+        return {
+            "dict": [
+                [to_plain(key, compared=compared), to_plain(each, compared=compared)] for key, each in value.items()
+            ]
+        }
+    require_public(cls)
+    raise ValueError(f"a file cannot hold a {cls.__name__}; got {value!r:.60}. Leave it out.")
+
+
+def _field(value: Any, is_part: bool, compared: bool) -> Any:
+    if is_part and isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    return to_plain(value, compared=compared)
+
+
+def from_plain(data: Any) -> Any:
+    """What `to_plain` was given.
+
+    Raises
+    ------
+    ValueError
+        Unknown kind, missing or unknown fields, an array that does not fit its shape; what a constructor refuses.
+    """
+    if isinstance(data, list):
+        return tuple(from_plain(each) for each in data)
+    if not isinstance(data, dict):
+        return data
+    if "kind" in data or not any(tag in data for tag in _TAGS):
+        return _made(
+            class_of(data.get("kind")), {name: from_plain(each) for name, each in data.items() if name != "kind"}
+        )
+    if set(data) == {"list"} and isinstance(data["list"], list):
+        return [from_plain(each) for each in data["list"]]
+    if set(data) == {"dict"} and isinstance(data["dict"], list):
+        pairs = [from_plain(pair) for pair in data["dict"]]
+        if all(isinstance(pair, tuple) and len(pair) == 2 and isinstance(pair[0], (str, int, float)) for pair in pairs):
+            return dict(pairs)
+    if set(data) == {"scalar", "dtype"}:
+        return _array([data["scalar"]], data["dtype"], [1])[0]
+    if set(data) == {"array", "dtype", "shape"}:
+        return _array(data["array"], data["dtype"], data["shape"])
+    raise ValueError(
+        f"an object must be a kind, an array, a list or a dict; got the keys {sorted(data)!r:.80}. Correct it."
+    )
+
+
+def _made(cls: type, values: dict[str, Any]) -> Any:
+    if PARTS.get(kind_of(cls)) is cls:
+        return cls(**values)  # a part checks its own options
+    names = field_names(cls) or []
+    for name in values:
+        choice(f"a field of {cls.__name__}", name, names)
+    missing = [name for name in names if name not in values]
+    if missing:
+        raise ValueError(f"{cls.__name__} must have the field {missing[0]!r}; it is not there. Save it again.")
+    return cls(**values)
+
+
+def _array(rows: Any, dtype: Any, shape: Any) -> Any:
+    choice("dtype of an array", dtype, _TYPES)
+    flat = list(_leaves(rows))
+    if (
+        not isinstance(shape, list)
+        or not all(type(n) is int and n >= 0 for n in shape)
+        or math.prod(shape) != len(flat)
+    ):
+        raise ValueError(f"an array must have as many numbers as its shape says; got {len(flat)} of {shape!r:.40}.")
+    wrong = [x for x in flat if type(x) not in ((bool,) if dtype == "bool" else (int, float))]
+    if wrong:
+        raise ValueError(f"an array of {dtype} must hold numbers; got {wrong[0]!r:.40}. Correct it.")
+    try:
+        made = np.array(flat, dtype=dtype)
+    except (OverflowError, ValueError):
+        raise ValueError(f"an array of {dtype} must hold numbers within its range; it does not. Correct it.") from None
+    if dtype not in ("float32", "float64") and made.tolist() != flat:
+        raise ValueError(f"an array of {dtype} must hold whole numbers; it does not. Correct it.")
+    made = made.reshape(shape)
+    made.setflags(write=False)
+    return made
+
+
+def _leaves(rows: Any) -> Any:
+    if isinstance(rows, list):
+        if not any(isinstance(row, list) for row in rows):
+            yield from rows
+            return
+        for row in rows:
+            yield from _leaves(row)
+    else:
+        yield rows

@@ -1,0 +1,128 @@
+"""Files of parts and results: JSON with kind, format, versions and provenance; read back, the same bits.
+
+``{"onepulse": version, "format": 1, "kind": ..., "provenance": {...}, "content": {...}}``. Nothing in a file is
+executed, and it names no module to import.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Self
+
+import casadi as ca
+import numpy as np
+
+from plant.parts.arguments import choice
+from plant.parts.files import read_bounded, write_whole
+from plant.parts.json_text import parsed, written
+from plant.parts.kinds import class_of, kind_of
+from plant.parts.plain import from_plain, to_plain
+from plant.version import __version__
+
+__all__ = ["FORMAT", "Saved", "fingerprint", "versions"]
+
+FORMAT = 1
+"""Of the files that this version writes, and the only one that it reads."""
+
+MOST = 1 << 30
+"""Bytes of a file that is read."""
+
+_KEYS = ("onepulse", "format", "kind", "provenance", "content")
+
+
+def versions() -> dict[str, str]:
+    """Versions of what results are computed with."""
+    return {
+        "onepulse": __version__, "numpy": np.__version__, "casadi": ca.__version__, "numba": version("numba"),
+        "python": platform.python_version(),
+    }  # fmt: skip
+
+
+def fingerprint(value: Any) -> str:
+    """SHA-256 of a part, a record or a setting, parts of the user's own with the text of their class."""
+    text = json.dumps(to_plain(value, compared=True), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+class Saved:
+    """Base of what can be saved to a file and loaded from it."""
+
+    def save(self, path: str | Path) -> None:
+        """Write a JSON file that `load` reads back without loss of a bit; it is there whole, or as it was before.
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Raises
+        ------
+        ValueError
+            A part of the user's own inside: its equations are in no file.
+        OSError
+            A folder that is not there, a full disk.
+        """
+        try:
+            content = to_plain(self)
+        except ValueError as error:
+            raise ValueError(f"{type(self).__name__} cannot be saved: {error}") from None
+        provenance = {"versions": versions()} | self.provenance()
+        head = {"onepulse": __version__, "format": FORMAT, "kind": kind_of(type(self)), "provenance": provenance}
+        write_whole(path, (*written(head | {"content": content}), "\n"))
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read what `save` wrote. Of a base class (``Law.load``) the file says which.
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Raises
+        ------
+        ValueError
+            No such file, one of another kind or format, or a spoilt one; in one line that names it.
+        """
+        try:
+            return _read(cls, path)
+        except FileNotFoundError:
+            raise ValueError(f"{path} must be a file; there is none. Check the path.") from None
+        except (OSError, ValueError, TypeError, AttributeError, LookupError, ArithmeticError, RecursionError) as error:
+            said = " ".join(str(error).split())
+            raise ValueError(
+                f"{path} {said if isinstance(error, ValueError) else f'cannot be read: {said:.200}'}"
+            ) from None
+
+    def provenance(self) -> dict[str, Any]:
+        """What a file says of where it comes from, beside the versions with which it was written."""
+        return {}
+
+
+def _read(cls: Any, path: str | Path) -> Any:
+    data = parsed(read_bounded(path, MOST))
+    if not isinstance(data, dict) or "onepulse" not in data:
+        raise ValueError("must be a file of this library; it has no key 'onepulse'. Give what save() wrote.")
+    if data.get("format") != FORMAT or isinstance(data["format"], bool):
+        newer = isinstance(data.get("format"), int) and data["format"] > FORMAT
+        advice = f"Use version {data['onepulse']!r:.20} or later" if newer else "Save it again with this version"
+        raise ValueError(f"must be of format {FORMAT}; got {data.get('format')!r:.40}. {advice}.")
+    for key in data:
+        choice("a key", key, _KEYS)
+    missing = [key for key in _KEYS if key not in data]
+    if missing:
+        raise ValueError(f"must have the key {missing[0]!r}; it has not. Save it again.")
+    found = class_of(data["kind"])
+    if not issubclass(found, cls):
+        raise ValueError(f"must hold a {cls.__name__}; it holds a {data['kind']!r:.60}. Use {found.__name__}.load.")
+    content = data["content"]
+    if not isinstance(content, dict) or content.get("kind") != data["kind"]:
+        raise ValueError(f"must hold what its head says, a {data['kind']:.60}; it does not. Save it again.")
+    made = from_plain(content)
+    given, own = data["provenance"], made.provenance()
+    differs = [key for key in own if not isinstance(given, dict) or given.get(key) != own[key]]
+    if differs:
+        raise ValueError(f"must have the {differs[0]} that its head says; it has been changed. Save it again.")
+    return made

@@ -1,0 +1,56 @@
+"""Sums in a fixed order: the same bits for any number of threads of the linear algebra library.
+
+That library (BLAS) shares long products out over its threads, and the order of a sum decides its last bits. What is as
+long as a log is summed here; small matrices go to `numpy.linalg`, which does them on one thread.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["dot", "least", "norm", "product", "triangle"]
+
+Floats = NDArray[np.float64]
+
+
+def dot(a: Floats, b: Floats) -> float:
+    """Inner product of two vectors."""
+    return float((a * b).sum())
+
+
+def norm(a: Floats) -> float:
+    """Euclidean length of a vector, or of all entries."""
+    return float(np.sqrt((a * a).sum()))
+
+
+def product(rows: Floats, columns: Floats) -> Floats:
+    """Rows (N, k) times columns (k,) or (k, m)."""
+    if columns.ndim == 1:
+        return np.asarray((rows * columns).sum(axis=1))
+    return np.column_stack([(rows * column).sum(axis=1) for column in columns.T])
+
+
+def triangle(rows: Floats) -> Floats:
+    """R (k, k) of rows (N, k) = Q R, by reflections; rows that are fewer than columns are filled up with zeros.
+
+    Source: A. Householder, Unitary triangularization of a nonsymmetric matrix, Journal of the ACM 5, 1958.
+    """
+    k = rows.shape[1]
+    left = np.vstack([rows, np.zeros((max(0, k - len(rows)), k))]).astype(float)
+    for i in range(k):
+        mirror = left[i:, i].copy()
+        length = norm(mirror)
+        if length:
+            mirror[0] += np.copysign(length, mirror[0])
+            mirror /= norm(mirror)
+            left[i:, i:] -= 2 * mirror[:, None] * (mirror[:, None] * left[i:, i:]).sum(axis=0)
+    return np.triu(left[:k])
+
+
+def least(rows: Floats, target: Floats, rcond: float | None = None) -> Floats:
+    """Least squares of rows (N, k) x = target (N,), of least length; `rcond` as of `numpy.linalg.lstsq`."""
+    k = rows.shape[1]
+    both = triangle(np.column_stack([rows, target]))
+    rcond = np.finfo(float).eps * max(rows.shape) if rcond is None else rcond
+    return np.asarray(np.linalg.lstsq(both[:k, :k], both[:k, k], rcond=rcond)[0])
