@@ -45,8 +45,8 @@ def at_limit(pattern, joint=0, share=1.0):
     return torque
 
 
-SATURATION, CHATTER = Guards(chatter=np.inf), Guards(saturation=np.inf)
-"""Each of the two alone."""
+SATURATION, CHATTER = Guards(chatter=np.inf, rest=np.inf), Guards(saturation=np.inf, rest=np.inf)
+"""Each of the two alone; the counts of these tests stand still, whatever the torque."""
 
 
 # -- saturation ------------------------------------------------------------------------------------------------------
