@@ -207,7 +207,6 @@ def unborne(joint, pushed, own, joints, memory):
         joints[WAS_Q, i], joints[WAS_QD, i] = memory[start + i], memory[start + n + i]
         joints[WAS_QDD, i] = memory[start + 2 * n + i]
         alike = alike and abs(joints[WAS_Q, i] - joints[Q, i]) <= joints[LEAST_STEP, i]
-        alike = alike and joints[WAS_QDD, i] == joints[QDD, i]
     if own[MODELLED] == 0.0:
         return alike
     needed(memory)

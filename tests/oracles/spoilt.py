@@ -11,7 +11,7 @@ from faults import SimulatedArm
 from guarded_loops import LIMIT, RIG, elastic
 
 from ctc import ComputedTorque
-from plant import puma560
+from plant import PointToPoint, puma560
 from plant.realtime import memory as layout
 
 PATH = puma560.reference()
@@ -98,7 +98,7 @@ class Lie:
     spoil: Callable | None = None
     always: bool = False
     load: float = 1.5
-    bandwidth: float = 60.0
+    bandwidth: float = 100.0
     hz: float = 100.0
 
 
@@ -191,3 +191,24 @@ def told(lie, when, gears="rigid", *, end=END, make=None):
 
 def _kinetic(arm, robot):
     return 0.5 * robot.qd @ arm.D(robot.q) @ robot.qd
+
+
+def healthy(seed, samples=1500):
+    """Status after a random smooth path of 1 s, with a load of 0 to 5 kg, on rigid or elastic gears, seldom at rest."""
+    draw = np.random.default_rng(seed)
+    load, hz = draw.uniform(0, 5), draw.choice([0, 40, 60, 100])
+    arm, model = puma560.literature_arm(load), puma560.literature_arm(load * draw.uniform(0.7, 1.3))
+    rig = elastic(arm, hz or None)
+    law = ComputedTorque(model, RIG, bandwidth=(250.0 if draw.random() < 0.5 else 100.0) if not hz else 0.12 * hz * 2)
+    start, goal = draw.uniform(-1, 1, (2, 2))
+    goal = np.where(draw.random(2) < 0.25, start, goal)
+    path = PointToPoint(start=start, goal=goal, duration=draw.uniform(0.5, 1.0))
+    motion, robot = path(np.arange(samples) * DT), SimulatedArm(arm, rig, start, np.zeros(2))
+    running = law.start(RIG, robot.counts())
+    clocked = draw.random() < 0.5
+    for k in range(samples):
+        late = {"now": k * DT + draw.uniform(0, 0.3) * DT} if clocked else {}
+        robot.push(running.step(robot.counts(), motion.q[k], motion.qd[k], motion.qdd[k], **late))
+        if running.stopped:
+            break
+    return str(running.status) if running.stopped else "running"

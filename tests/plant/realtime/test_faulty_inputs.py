@@ -38,15 +38,13 @@ def played(torques, counts=None, **options):
 
 # -- an encoder that dies at rest ------------------------------------------------------------------------------------
 def test_torque_beyond_friction_without_a_count_stops_at_rest():
-    """Friction of 13.4 N m holds a band of 26.7: 60 N m of ramp leave one of 40, then 20 ms pass, without a reference."""
+    """Friction of 13.4 N m holds a band of 26.7: 60 N m of ramp leave one of 40, without a reference."""
     ramp = np.minimum(60.0, 0.2 * np.arange(800))
     stop, running = played(ramp)
     assert "the encoder of joint q[0] stands still while its torque changed by" in running.status
     band = Guards().rest_band(RIG)[0]
     assert band == pytest.approx(40.1, abs=0.1)
-    left = np.flatnonzero(ramp > band + 0.2 * 0.04 / DT)[
-        0
-    ]  # what had been asked when it had settled, and the mean's lag
+    left = np.flatnonzero(ramp > band + 0.2 * 0.04 / DT)[0]  # what was asked when it had settled
     assert stop * DT < left * DT + 0.06
 
 
@@ -106,8 +104,8 @@ def test_torque_at_its_limit_in_a_hold_ends_after_the_stated_time():
         running, at = LAW.start(RIG, (0, 0), guards=guards), 0
         running.step((0, 0), ZERO, ZERO, ZERO)
         running.step((0, 0), np.array([np.nan, 0]), ZERO, ZERO)
-        for k in range(300):  # pushed off by 0.02 rad, slowly enough
-            torque = running.step(np.array([-min(2.0 * k, 500.0), 0.0]), ZERO, ZERO, ZERO)
+        for k in range(500):  # pushed off by 0.05 rad, slowly enough
+            torque = running.step(np.array([-min(2.0 * k, 700.0), 0.0]), ZERO, ZERO, ZERO)
             at += abs(torque[0]) >= LIMIT[0] * (1 - 1e-9)
         assert running.status.startswith("safe stop, no torque since joint q[0] stayed at its torque limit: ")
         assert at * DT == pytest.approx(braking, abs=2 * DT)
@@ -126,9 +124,7 @@ def test_one_glitch_of_the_clock_is_bridged_and_gives_the_torque_of_a_period(wro
     assert "a clock that moved by" in glitched.status
 
 
-@pytest.mark.parametrize(
-    "clock", [lambda k: 0.0, lambda k: -k * DT, lambda k: 3600.0 * k], ids=["stands", "back", "far"]
-)
+@pytest.mark.parametrize("clock", [lambda k: 0.0, lambda k: -k * DT, lambda k: 3600.0 * k], ids=str)
 def test_a_clock_that_stays_wrong_stops_the_arm(clock):
     running = LAW.start(RIG, (0, 0))
     for k in range(6):
@@ -136,7 +132,7 @@ def test_a_clock_that_stays_wrong_stops_the_arm(clock):
     assert running.status.startswith("safe stop, holding: a clock that moved by")
 
 
-@pytest.mark.parametrize(("pace", "said"), [(0.5, "0.5"), (2.0, "1.7"), (1.0, None)])
+@pytest.mark.parametrize(("pace", "said"), [(0.5, "0.5"), (2.0, "1.69"), (1.0, None)])
 def test_calls_doubled_or_lost_are_seen_without_a_clock(pace, said):
     """A reference of time at 1 rad/s, called so many periods apart; 0.1 rad/s is below a pulse a sample."""
     for speed, seen in ((1.0, said), (0.05, None)):
