@@ -13,6 +13,10 @@ from plant.realtime.torque_monitor import WINDOW
 
 __all__ = ["Guards"]
 
+_BAND = 2.2
+"""Change of the torque, relative to static friction, that leaves a joint at rest: from one edge of its band to the
+other, and a tenth more than the rig states."""
+
 _FLOOR = 0.1
 """Share of the limit by which the torque of a joint at rest may change, whatever its friction."""
 
@@ -65,8 +69,8 @@ class Guards:
     rest : float or (n,) array_like, optional
         Change of the joint torque [N m] that leaves a joint at rest. A larger one, for 20 ms without a count, stops:
         the encoder is dead, or the joint blocked. Less what the law's model needs for the motion of the other joints,
-        and half of that; without a model only while no reference moves. By default three times the rig's friction,
-        assuming that static friction is at most half as much again, and a tenth of the limit at least.
+        and half of that; without a model only while no reference moves. By default 2.2 times the rig's friction,
+        assuming that static friction is at most a tenth above it, and a tenth of the limit at least.
     rhythm : float
         Share by which the reference may be slower or faster than its speed ``qd_r`` says, averaged over ten samples in
         which it moves by a pulse and more. Calls lost or doubled without `now` show so, where the reference is one of
@@ -149,7 +153,7 @@ class Guards:
         """Change of torque (n,) [N m] that leaves a joint at rest."""
         limit = rig.drive.coupling.joint_torque(rig.drive.torque_limit())
         floor = np.where(np.isfinite(limit), _FLOOR * np.abs(limit), np.inf)
-        band = self.limits(rig)[3]
+        band = _BAND / 3 * self.limits(rig)[3]
         return self._each("rest", np.where(np.isfinite(floor) | (band == 0), np.fmax(band, floor), band))
 
     def motion_limits(self, rig: Rig) -> NDArray[np.float64]:

@@ -2,9 +2,9 @@
 
     python tests/benchmarks/faults.py [--write] [--runs 20]
 
-The first table: faults of a moment and lasting ones, in motion. The second: whatever an encoder, a clock, a script or an
-arm may do, at rest, in motion and during a hold, on rigid and on elastic gears, beside the same arm without torque from
-the stop on. Last, so many healthy runs: random smooth paths, loads of 0 to 5 kg, rigid gears and elastic ones.
+The first table: faults of a moment and lasting ones, in motion. The second: whatever an encoder, a clock, a script or
+an arm may do, at rest, in motion and during a hold, on rigid and on elastic gears, beside the same arm without torque
+from the stop on. Last, so many healthy runs: random smooth paths, loads of 0 to 5 kg, rigid gears and elastic ones.
 """
 
 import argparse
@@ -55,8 +55,9 @@ def _pair(values, digits):
 def lies():
     """One row per lie: in every situation the time to its detection, and what the arm does after it."""
     yield (
-        "| fault | detected after [ms]: at rest, in motion, in a hold | elastic gears | largest speed after the stop [rad/s] "
-        "(without torque) | largest kinetic energy [J] (without torque) | at the limit after the stop, at most [ms] |"
+        "| fault | detected after [ms]: at rest, in motion, in a hold | elastic gears | largest speed after the stop "
+        "[rad/s] (without torque) | largest kinetic energy [J] (without torque) | "
+        "at the limit after the stop, at most [ms] |"
     )
     yield "|---|---|---|---|---|---|"
     for lie in LIES.values():

@@ -98,8 +98,8 @@ class Lie:
     spoil: Callable | None = None
     always: bool = False
     load: float = 1.5
-    bandwidth: float = 100.0
-    hz: float = 100.0
+    bandwidth: float | None = None
+    hz: float = 150.0
 
 
 LIES = {
@@ -153,7 +153,7 @@ def told(lie, when, gears="rigid", *, end=END, make=None):
     model = puma560.literature_arm(1.5)
     arm = puma560.literature_arm(lie.load)
     rig = elastic(arm, None if gears == "rigid" else lie.hz)
-    law = ComputedTorque(model, RIG, bandwidth=lie.bandwidth)
+    law = ComputedTorque(model, RIG, bandwidth=lie.bandwidth or (250.0 if gears == "rigid" else 60.0))
     law = law if make is None else make(model)
     start = np.array([0.3, -0.4]) if when == "rest" else PATH(np.zeros(1)).q[0]
     robot = SimulatedArm(arm, rig, start, np.zeros(2) if when == "rest" else PATH(np.zeros(1)).qd[0])
