@@ -4,11 +4,11 @@ The text of this module is compiled with that of `plant.realtime.safety`.
 """
 
 from plant.realtime.memory import (
-    AT_MOST, BAD_TIME, BEGUN, BRIDGED, CALLS, CAUSE, DRIVES, DT, EVENT, EVENT_AMOUNT, EVENT_CALL, EVENT_JOINT,
-    FRESH, FROM_Q, FROM_QD, FROM_TORQUE, HAD_GAPS, HOLDING, IS_DEAD, IS_OFF, IS_STUCK, JUMPS, LATCH, LATCHED,
-    LATCH_JOINT, LEAST_STEP, LIMITED, LIMIT_TIME, NO_COUNTS, OFF_BEAT, PLANNED, PUSHES, Q, QD, RAMPING, RELEASED,
-    ROWS, RUNNING, RUNS, SCALARS, SINCE, SLACK, SPEED, STATES, STOP, TORQUE, WAS_LATE, WEIGHT, counted, limited,
-    planned, standing,
+    AT_MOST, BAD_TIME, BEGUN, BRIDGED, CALLS, CAUSE, COUNTS, DRIVES, DT, EVENT, EVENT_AMOUNT, EVENT_CALL,
+    EVENT_JOINT, FRESH, FROM_Q, FROM_QD, FROM_TORQUE, HAD_GAPS, HOLDING, IS_DEAD, IS_OFF, IS_STUCK, JUMPS, LATCH,
+    LATCHED, LATCH_JOINT, LEAST_STEP, LIMITED, LIMIT_TIME, NO_COUNTS, OFF_BEAT, PLANNED, PUSHES, Q, QD, RAMPING,
+    REFERENCE, RELEASED, ROWS, RUNNING, RUNS, SCALARS, SINCE, SLACK, SPEED, STATES, STOP, TORQUE, WAS_LATE, WEIGHT,
+    counted, limited, planned, standing,
 )  # fmt: skip
 
 __all__ = ["begin_stop", "bridge", "copy", "latch", "limit_time", "note", "release", "rising", "stop", "take_state"]
@@ -89,12 +89,12 @@ def latch(why, joint, own):
 
 
 def running_away(own, joints, memory):
-    """Zero torque if the joint that is off its reference leaves it fast: a law that drives it there cannot hold it."""
-    joint = int(own[EVENT_JOINT])
+    """Zero torque if a joint leaves its reference fast where the error stops the arm: the law drives it there."""
     planned(memory)
-    leaving = joints[PLANNED, joint] - joints[SPEED, joint]
-    if leaving * own[EVENT_AMOUNT] > 0.0 and abs(leaving) > joints[SLACK, joint]:
-        latch(RUNS, joint, own)
+    for i in range(joints.shape[1]):
+        leaving = joints[PLANNED, i] - joints[SPEED, i]
+        if leaving * (joints[REFERENCE, i] - joints[COUNTS, i]) > 0.0 and abs(leaving) > joints[SLACK, i]:
+            latch(RUNS, i, own)
 
 
 def rising(own, joints, memory):
