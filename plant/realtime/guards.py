@@ -9,10 +9,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from plant.machine.rig import Rig
 from plant.parts.arguments import array, choice, known_options, real
-from plant.realtime import safety
 from plant.realtime.torque_monitor import WINDOW
 
 __all__ = ["Guards"]
+
+_BAND = 2.2
+"""Change of the torque, relative to static friction, that leaves a joint at rest: from one edge of its band to the
+other, and a tenth more than the rig states."""
+
+_FLOOR = 0.1
+"""Share of the limit by which the torque of a joint at rest may change, whatever its friction."""
+
+_TURNS = 5.0
+"""Speed [turns of the motor per second] that is no rise in a hold."""
 
 STOPS = ("hold", "gravity", "zero")
 
@@ -57,6 +66,24 @@ class Guards:
         the ramp begins at the mean torque.
     duration : float
         Of the braking [s].
+    rest : float or (n,) array_like, optional
+        Change of the joint torque [N m] that leaves a joint at rest. A larger one, for 20 ms without a count, stops:
+        the encoder is dead, or the joint blocked. Less what the law's model needs for the motion of the other joints,
+        and half of that; without a model only while no reference moves. By default 2.2 times the rig's friction,
+        assuming that static friction is at most a tenth above it, and a tenth of the limit at least.
+    rhythm : float
+        Share by which the reference may be slower or faster than its speed ``qd_r`` says, averaged over ten samples in
+        which it moves by a pulse and more. Calls lost or doubled without `now` show so, where the reference is one of
+        time. Stops at once.
+    position : (2, n) array_like, optional
+        Lowest and highest joint position [rad]. Stops at once.
+    speed : float or (n,) array_like, optional
+        Largest measured joint speed [rad/s]. Stops at once.
+    torque_rate : float or (n,) array_like, optional
+        Largest change of the joint torque [N m/s]. A faster one is given as far as that goes.
+    braking : float
+        Time [s] for which, in a stop, a torque may be at its limit in all. Then, or if a joint is faster than the stop
+        can make it, there is no torque until `Running.reset`, and ``status.brake`` asks for the brake.
 
     Raises
     ------
@@ -72,6 +99,12 @@ class Guards:
     patience: int = 3
     stop: str = "hold"
     duration: float = 0.2
+    rest: ArrayLike | None = None
+    rhythm: float = 0.4
+    position: ArrayLike | None = None
+    speed: ArrayLike | None = None
+    torque_rate: ArrayLike | None = None
+    braking: float = 0.05
 
     def __post_init__(self) -> None:
         for name in ("jump", "stuck", "error", "late"):
@@ -89,6 +122,20 @@ class Guards:
             raise ValueError(f"late must be one number; got {self.late}. Give a share of the period.")
         choice("stop", self.stop, STOPS)
         real("duration", self.duration, "Give seconds.", positive=True)
+        for name in ("rest", "speed", "torque_rate", "rhythm", "braking"):
+            value = getattr(self, name)
+            single = name in ("rhythm", "braking")
+            if value is None and not single:
+                continue
+            given = array(name, value, () if single else np.shape(value)[:1], finite=False, advice="Give a number.")
+            if not (given > 0).all():
+                raise ValueError(f"{name} must be positive; got {value}. np.inf switches it off.")
+        if not (self.rhythm < 1 or self.rhythm == np.inf):
+            raise ValueError(f"rhythm must be below 1; got {self.rhythm}. np.inf switches it off.")
+        if self.position is not None:
+            low, high = array("position", self.position, (2, None), finite=False, advice="Give lowest and highest.")
+            if not (low < high).all():
+                raise ValueError(f"position must be (lowest, highest); got {low} and {high}. Exchange them.")
 
     def limits(self, rig: Rig) -> NDArray[np.float64]:
         """Limits of jump, stuck and error on this rig [pulses], and the band of static friction [N m]: (4, n)."""
@@ -101,6 +148,29 @@ class Guards:
             jump = 8 + 4 * np.abs(rig.position_in_pulses(drive.coupling.joint(added)))
         given = [self._each(name, default) for name, default in (("jump", jump), ("stuck", turn / 40), ("error", turn))]
         return np.array([*given, 3 * np.abs(friction)])
+
+    def rest_band(self, rig: Rig) -> NDArray[np.float64]:
+        """Change of torque (n,) [N m] that leaves a joint at rest."""
+        limit = rig.drive.coupling.joint_torque(rig.drive.torque_limit())
+        floor = np.where(np.isfinite(limit), _FLOOR * np.abs(limit), np.inf)
+        band = _BAND / 3 * self.limits(rig)[3]
+        return self._each("rest", np.where(np.isfinite(floor) | (band == 0), np.fmax(band, floor), band))
+
+    def motion_limits(self, rig: Rig) -> NDArray[np.float64]:
+        """Lowest and highest position [rad], largest speed [rad/s] and rate of the torque [N m/s]: (4, n)."""
+        free = np.full(rig.n, np.inf)
+        position = np.array([-free, free])
+        if self.position is not None:
+            position = array("position", self.position, (2, rig.n), finite=False, advice="Give one of each per joint.")
+        return np.array([*position, self._each("speed", free), self._each("torque_rate", free)])
+
+    def rhythm_limits(self) -> tuple[float, float]:
+        """Lowest and highest rate of the reference, relative to its speed."""
+        return (-np.inf, np.inf) if self.rhythm == np.inf else (1 - self.rhythm, 1 / (1 - self.rhythm))
+
+    def slack(self, rig: Rig) -> NDArray[np.float64]:
+        """Speed (n,) [pulses/s] that is no rise in a hold: five turns of the motor per second, and two pulses."""
+        return _TURNS * rig.encoder.resolution + 2 / rig.period
 
     def torque_limits(self, rig: Rig) -> NDArray[np.float64]:
         """Limits of time at the torque limit [s] and of the torque's swing, on the shaft [N m]: (2, n)."""
@@ -119,17 +189,3 @@ class Guards:
             return default
         value = np.full(len(default), value) if np.ndim(value) == 0 else value
         return array(name, value, default.shape, finite=False, advice="Give one number, or one per joint.")
-
-
-def wording(cause: float, joint: str, amount: float) -> str:
-    """A cause in words, with the joint's label; `amount` is what the core noted with it."""
-    return {
-        safety.WAS_LATE: f"a call that came {1e3 * amount:.3g} ms late",
-        safety.HAD_GAPS: "a reference that is no finite position",
-        safety.HAS_JUMPED: f"a jump of {abs(amount):.0f} pulses of {joint}",
-        safety.IS_STUCK: f"the encoder of {joint} stands still while its reference moved by {abs(amount):.0f} pulses",
-        safety.IS_OFF: f"{joint} is {abs(amount):.0f} pulses from its reference",
-        safety.NO_TORQUE: "the law gives no finite torque",
-        safety.IS_SATURATED: f"the torque of {joint} was at its limit for {1e3 * amount:.0f} of 100 ms",
-        safety.CHATTERS: f"the torque of {joint} swings by {amount:.0f} N m about its mean",
-    }[int(cause)]

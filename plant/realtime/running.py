@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
+import threading
 from collections.abc import Mapping
 from typing import Any, NoReturn
 
@@ -11,13 +11,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant.machine.rig import Rig
-from plant.parts.arguments import array, choice, instance, real
-from plant.realtime import safety
-from plant.realtime.compiled_step import compensates_gravity, compiled, row
-from plant.realtime.guards import Guards, wording
+from plant.parts.arguments import array, choice, instance
+from plant.realtime import memory as layout
+from plant.realtime.compiled_step import compensates_gravity, compiled
+from plant.realtime.guards import Guards
+from plant.realtime.pieces import row
+from plant.realtime.status import Status
+from plant.realtime.watching import FAR
 
 __all__ = ["Running"]
 
+_FLOAT, _COUNTS = np.dtype(float), (np.dtype(np.int64), np.dtype(float))
 _ARGUMENTS = ("pulses", "q_r", "qd_r", "qdd_r")
 
 
@@ -52,8 +56,8 @@ class Running:
         Whether a guard has stopped the arm.
     bridged : int
         Number of calls with a bridged sample.
-    status : str
-        "running", with what was bridged last, or "safe stop" and why.
+    status : Status
+        A str: "running", with what was bridged last, or "safe stop" and why; ``status.brake`` asks for the brakes.
     """
 
     def __init__(
@@ -79,10 +83,11 @@ class Running:
         counts = self._counts(pulses)
         self.core = compiled(law, rig, block, guards)
         self._step, self._memory = self.core
+        self._weighs = compensates_gravity(law, guards)
         self._shape, self._initial = (rig.n,), self._memory.copy()
-        self._block = np.empty((len(_ARGUMENTS), rig.n))
+        self._block, self._free = np.empty((len(_ARGUMENTS), rig.n)), threading.Lock()
         self._arguments = tuple(self._block)
-        self._torque, self._rows = np.empty(rig.n), slice(safety.SCALARS, safety.SCALARS + safety.ROWS * rig.n)
+        self._torque, self._rows = np.empty(rig.n), slice(layout.SCALARS, layout.SCALARS + layout.ROWS * rig.n)
         self._set(counts)
 
     def reset(self, pulses: ArrayLike) -> None:
@@ -131,62 +136,58 @@ class Running:
             Something missing, wrong shapes, counts that are not whole, a clock that does not advance; without guards
             also NaN in the reference, or a law that gives no finite torque. Nothing has changed then.
         """
-        ours, shape = self._arguments, self._shape
+        if not self._free.acquire(False):
+            raise ValueError(
+                "step must be called by one thread at a time; another is in it. Start one controller each."
+            )
         try:
-            fits = pulses.shape == q_r.shape == qd_r.shape == qdd_r.shape == shape  # type: ignore[union-attr]  # caught
-            if not fits or unknown:
-                raise ValueError
-            ours[0][:], ours[1][:], ours[2][:], ours[3][:] = pulses, q_r, qd_r, qdd_r
-            time = np.nan if now is None else float(now)
-        except (AttributeError, TypeError, ValueError):
-            time = self._take((pulses, q_r, qd_r, qdd_r), now, unknown)
-        refusal = self._step(*ours, time, self._memory, self._torque)
-        if refusal:
-            self._refuse(refusal, time)
-        return self._torque.copy()
+            ours, shape = self._arguments, self._shape
+            try:
+                fits = pulses.shape == q_r.shape == qd_r.shape == qdd_r.shape == shape  # type: ignore[union-attr]  # caught
+                plain = type(pulses) is type(q_r) is type(qd_r) is type(qdd_r) is np.ndarray
+                known = q_r.dtype is qd_r.dtype is qdd_r.dtype is _FLOAT and pulses.dtype in _COUNTS  # type: ignore[union-attr]  # caught
+                if not (fits and plain and known) or unknown:
+                    raise ValueError
+                ours[0][...], ours[1][...], ours[2][...], ours[3][...] = pulses, q_r, qd_r, qdd_r
+            except (AttributeError, ValueError):
+                self._take((pulses, q_r, qd_r, qdd_r), unknown)
+            time = np.nan if now is None else _clock(now)
+            refusal = self._step(*ours, time, self._memory, self._torque)
+            if refusal:
+                self._refuse(refusal, time)
+            return self._torque.copy()
+        finally:
+            self._free.release()
 
     # -- attributes ---------------------------------------------------------------------------------------------------
     @property
     def pulses(self) -> NDArray[np.float64]:
-        return self._row(safety.COUNTS)
+        return self._row(layout.COUNTS)
 
     @property
     def torque(self) -> NDArray[np.float64]:
-        return self._row(safety.TORQUE)
+        return self._row(layout.TORQUE)
 
     @property
     def reference(self) -> NDArray[np.float64]:
-        return self._row(safety.Q)
+        return self._row(layout.Q)
 
     @property
     def state(self) -> NDArray[np.float64]:
-        states = int(self._memory[safety.STATES])
+        states = int(self._memory[layout.STATES])
         return self._memory[self._rows.stop + states :][:states].copy()
 
     @property
     def stopped(self) -> bool:
-        return bool(self._memory[safety.CAUSE] != safety.RUNNING)
+        return bool(self._memory[layout.CAUSE] != layout.RUNNING)
 
     @property
     def bridged(self) -> int:
-        return int(self._memory[safety.BRIDGED])
+        return int(self._memory[layout.BRIDGED])
 
     @property
-    def status(self) -> str:
-        event, joint, amount, call = self._memory[safety.EVENT : safety.EVENT_CALL + 1]
-        if event == safety.RUNNING:
-            return "running"
-        said = wording(event, self.law.joint_labels(self.rig)[int(joint)], amount)
-        if not self.stopped:
-            return f"running; bridged {said} at call {call:.0f}"
-        patience = self._memory[safety.PATIENCE]
-        again = f", {patience + 1:.0f} times in a row" if event in safety.PATIENT and patience else ""
-        return f"safe stop, {self._end()}: {said}{again}, at call {call:.0f}"
-
-    def _end(self) -> str:
-        if not self._memory[safety.RELEASED]:
-            return "holding"
-        return "ramp to gravity compensation" if compensates_gravity(self.law, self.guards) else "ramp to zero"
+    def status(self) -> Status:
+        return Status.of(self._memory, self.law.joint_labels(self.rig), self._weighs)
 
     def _row(self, index: int) -> NDArray[np.float64]:
         return self._memory[self._rows][index * self.n : (index + 1) * self.n].copy()
@@ -194,35 +195,28 @@ class Running:
     # -- arguments of any kind, and refusals ---------------------------------------------------------------------------
     def _set(self, counts: NDArray[np.float64]) -> None:
         self._memory[:] = self._initial
-        self._memory[row(safety.COUNTS, self.n)] = counts
+        self._memory[row(layout.COUNTS, self.n)] = counts
 
-    def _take(self, given: tuple[Any, ...], now: float | None, unknown: Mapping[str, Any]) -> float:
-        """Take arguments of any kind; returns the time."""
-        if now is None and not unknown:
-            with contextlib.suppress(TypeError, ValueError):  # lists of numbers, in half the time
-                block = np.array(given, float)
-                if block.shape == (len(_ARGUMENTS), self.n):
-                    self._block[:] = block
-                    return np.nan
+    def _take(self, given: tuple[Any, ...], unknown: Mapping[str, Any]) -> None:
+        """Take arguments of any kind."""
         for name in unknown:
             choice("an argument of step", name, (*_ARGUMENTS, "now"))
         for name, value, place in zip(_ARGUMENTS, given, self._arguments, strict=True):
             if value is None:
                 raise ValueError(f"step takes ({', '.join(_ARGUMENTS)}); {name} is missing. Give all four.")
             advice = "Give the encoder count of each joint." if name == "pulses" else "Give one value per joint [SI]."
-            place[:] = array(name, value, (self.n,), advice=advice, finite=False)
-        return np.nan if now is None else real("now", now, "Give seconds of a steady clock.")
+            place[:] = _numbers(name, value, self.n, advice)
 
     def _refuse(self, refusal: int, time: float) -> NoReturn:
         counts, *motion = self._arguments
-        if refusal == safety.BAD_PULSES:
+        if refusal == layout.BAD_PULSES:
             self._counts(counts)
-        if refusal == safety.BAD_REFERENCE:
+        if refusal == layout.BAD_REFERENCE:
             for name, value in zip(_ARGUMENTS[1:], motion, strict=True):
                 array(name, value, (self.n,), advice="Give one value per joint [SI].")
-            raise ValueError(f"q_r must be below {safety.FAR:g} rad; got {motion[0]}. Take whole turns off.")
-        if refusal == safety.BAD_CLOCK:
-            last = self._memory[safety.NOW]
+            raise ValueError(f"q_r must be below {FAR:g} rad; got {motion[0]}. Take whole turns off.")
+        if refusal == layout.BAD_CLOCK:
+            last = self._memory[layout.NOW]
             raise ValueError(
                 f"now must be finite and advance; got {time} after {last}. Give seconds of a steady clock."
             )
@@ -234,3 +228,23 @@ class Running:
         if not self.rig.encoder.smooth and (counts != np.trunc(counts)).any():
             raise ValueError(f"pulses must be whole encoder counts; got {counts}. Give counts, not angles.")
         return counts
+
+
+def _numbers(name: str, value: ArrayLike, n: int, advice: str) -> NDArray[np.float64]:
+    """Numbers of one argument, finite or not; whatever is no plain array of numbers is refused."""
+    try:
+        plain = np.asarray(value)
+    except ValueError:
+        return array(name, value, (n,), advice=advice, finite=False)
+    if isinstance(value, np.ma.MaskedArray) or plain.dtype.kind not in "iuf":
+        kind = "a masked array" if isinstance(value, np.ma.MaskedArray) else f"{plain.dtype} {value!r:.60}"
+        raise ValueError(f"{name} must be plain numbers of shape ({n},); got {kind}. {advice}")
+    return plain if plain.shape == (n,) else array(name, value, (n,), advice=advice, finite=False)
+
+
+def _clock(now: Any) -> float:
+    """Time of a call [s]; one that is no number is infinite, since NaN stands for none."""
+    if type(now) is not float and (isinstance(now, (bool, np.bool_)) or not isinstance(now, (int, float, np.number))):
+        raise ValueError(f"now must be a number; got {now!r:.60}. Give seconds of a steady clock.")
+    time = float(now)
+    return time if time == time else np.inf

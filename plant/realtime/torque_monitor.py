@@ -20,7 +20,19 @@ import casadi as ca
 
 from plant.machine.drive import Drive
 
-__all__ = ["AVERAGED", "HELD", "MEMORY", "SLOT", "SLOTS", "WINDOW", "at_limit", "cause", "swing", "throughout"]
+__all__ = [
+    "AVERAGED",
+    "HELD",
+    "MEMORY",
+    "SLOT",
+    "SLOTS",
+    "WINDOW",
+    "at_limit",
+    "at_the_limit",
+    "cause",
+    "swing",
+    "throughout",
+]
 
 WINDOW = 0.1
 """Length of the window in which time at the limit is counted [s]."""
@@ -75,6 +87,11 @@ def at_limit(slots: ca.SX, counted: ca.SX) -> tuple[ca.SX, ca.SX]:
     """
     newest = slots[:, 0] + counted
     return newest + ca.sum2(slots[:, 1:]), newest
+
+
+def at_the_limit(torque: ca.SX, drive: Drive) -> ca.SX:
+    """Whether an applied joint torque (n, 1) [N m] is that of the limit, (n, 1)."""
+    return ca.fabs(drive.coupling.shaft_torque(torque)) >= (1 - _ROUNDING) * drive.torque_limit()
 
 
 def swing(

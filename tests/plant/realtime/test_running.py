@@ -303,7 +303,7 @@ def started(**options):
         (lambda: started().step((0, 0), ZERO, ZERO), "qdd_r is missing"),
         (lambda: started().step((0, 0), ZERO, ZERO, qddr=ZERO), "Did you mean 'qdd_r'"),
         (lambda: started().step((0, 0), ZERO, ZERO, ZERO, time=1.0), "an argument of step must be one of"),
-        (lambda: started().step((0, 0), ZERO, ZERO, ZERO, now="soon"), "now must be a finite number; got 'soon'"),
+        (lambda: started().step((0, 0), ZERO, ZERO, ZERO, now="soon"), "now must be a number; got 'soon'"),
         (lambda: started().step(np.array([0.5, 0]), ZERO, ZERO, ZERO), "whole encoder counts"),
         (lambda: started().step(np.array([np.inf, 0]), ZERO, ZERO, ZERO), "pulses must be finite"),
         (lambda: started().step(np.zeros(3), ZERO, ZERO, ZERO), r"pulses must have shape \(2,\); got shape \(3,\)"),
@@ -330,8 +330,8 @@ def test_bad_input_is_refused_in_one_line(call, said):
     assert "\n" not in str(refusal.value)
 
 
-def test_a_clock_that_stands_still_is_refused_and_changes_nothing():
-    running = started()
+def test_without_guards_a_clock_that_stands_still_is_refused_and_changes_nothing():
+    running = started(guards=None)
     running.step((0, 0), ZERO, ZERO, ZERO, now=1.0)
     before = running.core.memory.copy()
     for now in (1.0, 0.5):

@@ -1,0 +1,61 @@
+"""What the parts of a running controller's step share: places in its one vector `memory`, causes of stops, codes.
+
+`memory` holds `SCALARS` numbers, `ROWS` rows of one number per joint, the law's initial state, its state, the state
+that follows, its numbers, and for each joint the motion (q, qd, qdd of all joints) where it came to rest. The text of
+this module is compiled with that of `plant.realtime.safety`.
+"""
+
+__all__ = [  # noqa: RUF022 - capitals first
+    "ACTED", "AGE", "ANGLE", "AT_LIMIT", "AT_MOST", "BAD_CLOCK", "BAD_LAW", "BAD_PULSES", "BAD_REFERENCE",
+    "BAD_TIME", "BEFORE", "BEGUN", "BEYOND", "BOUNDED", "BRIDGED", "CALLS", "CAUSE", "CHATTER", "CHATTERS",
+    "CLOCKS", "COUNTS", "DONE", "DRIVES", "DT", "DURATION", "ERROR", "EVENT", "EVENT_AMOUNT", "EVENT_CALL",
+    "EVENT_JOINT", "EXPECTED", "FASTER", "FASTEST", "FILLED", "FRESH", "FRICTION", "FROM_Q", "FROM_QD",
+    "FROM_TORQUE", "FULL", "GAPS", "GIVEN", "GUARDED", "HAD_GAPS", "HAS_JUMPED", "HOLDING", "HURRIED", "IS_DEAD",
+    "IS_OFF", "IS_SATURATED", "IS_STUCK", "JUMP", "JUMPS", "LATCH", "LATCHED", "LATCH_JOINT", "LATE",
+    "LATE_CALLS", "LEAST", "LEAST_STEP", "LIMITED", "LIMIT_TIME", "LOWER", "MARK", "MARK_TORQUE", "MEAN",
+    "MODELLED", "NEEDED", "NEWEST", "NOW", "NO_COUNTS", "NO_TORQUE", "OFF_BEAT", "OLDER", "OUTSIDE", "OVER",
+    "PASSED", "PATIENCE", "PATIENT", "PERIOD", "PIECES", "PLANNED", "PUSHED", "PUSHES", "Q", "QD", "QDD",
+    "RAMPING", "RATE", "RATED", "REFERENCE", "RELEASED", "REST", "REST_TORQUE", "RHYTHM", "ROUNDS", "ROWS", "RUN",
+    "RUNNING", "RUNS", "SAMPLED", "SATURATION", "SCALARS", "SINCE", "SLACK", "SLOWER", "SPEED", "STATES", "STILL",
+    "STOP", "STUCK", "SWING", "TOO_FAST", "TOO_STEEP", "TORQUE", "UPPER", "WANTED", "WAS_LATE", "WAS_Q", "WAS_QD",
+    "WAS_QDD", "WEIGHT", "ahead", "bounds", "counted", "law", "limited", "measured", "monitored", "moving",
+    "needed", "planned", "ramp", "shifted", "slowing", "standing",
+]  # fmt: skip
+
+GUARDED, PATIENCE, LATE, PERIOD, STOP, DURATION, STATES = range(7)
+CALLS, NOW, DT, LATE_CALLS, JUMPS, GAPS, CAUSE, SINCE, RELEASED = range(7, 16)
+EVENT, EVENT_JOINT, EVENT_AMOUNT, EVENT_CALL, BRIDGED, WEIGHT = range(16, 22)
+SAMPLED, PASSED, AGE, FILLED, FULL, LEAST, ROUNDS, PIECES = range(22, 30)
+CLOCKS, RHYTHM, SLOWER, FASTER, MODELLED, FRESH, AT_MOST, LATCH, LATCH_JOINT, RATED = range(30, 40)
+BOUNDED, HURRIED, SCALARS = 40, 41, 42
+
+COUNTS, BEFORE, EXPECTED, SPEED, ANGLE, Q, QD, QDD, REFERENCE = range(9)
+WANTED, GIVEN, TORQUE, FROM_Q, FROM_QD, FROM_TORQUE, MARK, MARK_TORQUE = range(9, 17)
+JUMP, STUCK, ERROR, FRICTION, SATURATION, CHATTER = range(17, 23)
+RUN, AT_LIMIT, MEAN, SWING, OVER, NEWEST, OLDER = range(23, 30)
+REST, PUSHED, WAS_Q, WAS_QD, WAS_QDD, NEEDED, LEAST_STEP = range(34, 41)
+LOWER, UPPER, FASTEST, RATE, BEYOND, SLACK, BEGUN, PLANNED, LIMITED, LIMIT_TIME = range(41, 51)
+ACTED, STILL, REST_TORQUE, ROWS = range(51, 55)
+
+DONE, BAD_PULSES, BAD_REFERENCE, BAD_CLOCK, BAD_LAW = range(5)
+"""Return codes of a step; unless it is DONE, nothing has changed."""
+
+RUNNING, WAS_LATE, HAD_GAPS, HAS_JUMPED, IS_STUCK, IS_OFF, NO_TORQUE, IS_SATURATED, CHATTERS = range(9)
+NO_COUNTS, IS_DEAD, BAD_TIME, OFF_BEAT, OUTSIDE, TOO_FAST, TOO_STEEP = range(9, 16)
+"""Causes of a stop, and of a bridged sample."""
+
+DRIVES, PUSHES, RUNS = 1, 2, 3
+"""Why a stop ended in zero torque: speed that rose, time at the limit, a joint that ran away from its reference."""
+
+HOLDING, RAMPING, LATCHED = range(3)
+"""Values of `RELEASED` in a stop."""
+
+PATIENT = (HAD_GAPS, HAS_JUMPED, NO_COUNTS, BAD_TIME, TOO_STEEP)
+"""Causes that were bridged `PATIENCE` times in a row before they stopped the arm."""
+
+ahead = moving = measured = counted = standing = slowing = law = monitored = shifted = ramp = None
+needed = bounds = planned = limited = None
+"""Generated: the reference one sample on; its speed in pulses; that of the counts; counts of the reference and angle of
+the counts; the motion where a stop begins; its reference; the law; saturation and chatter of its torque; a new slot of
+time; the torque of a stop without feedback; what the model's torque changed by since a joint's counts did; limits of
+position and speed; the speed in pulses of the reference of a stop; which torques are at their limits."""

@@ -1,0 +1,86 @@
+"""What a running controller says of itself: running, or stopped and why, and whether it asks for the brakes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.realtime import memory as layout
+from plant.realtime.braking import RAMP
+
+__all__ = ["Status", "wording"]
+
+
+class Status(str):
+    """State of a running controller in words.
+
+    Attributes
+    ----------
+    brake : bool
+        Whether the mechanical brakes should hold the arm: the law does so no longer, and the torque of a stop has come
+        to its end, or there is none since the stop drove the arm.
+    """
+
+    brake: bool
+
+    __slots__ = ("brake",)
+
+    @classmethod
+    def of(cls, memory: NDArray[np.float64], labels: Sequence[str], gravity: bool) -> Status:
+        """Status of a controller.
+
+        Parameters
+        ----------
+        memory : (m,) numpy.ndarray
+        labels : sequence of str
+            What each joint is called.
+        gravity : bool
+            Whether its ramps end with gravity compensation.
+        """
+        event, joint, amount, call = memory[layout.EVENT : layout.EVENT_CALL + 1]
+        released, over = memory[layout.RELEASED], RAMP * memory[layout.DURATION]
+        status = cls(_said(memory, labels, gravity, wording(event, labels[int(joint)], amount), call))
+        status.brake = bool(released == layout.LATCHED or (released and memory[layout.SINCE] >= over))
+        return status
+
+
+def _said(memory: NDArray[np.float64], labels: Sequence[str], gravity: bool, why: str, call: float) -> str:
+    event, patience, released = (memory[i] for i in (layout.EVENT, layout.PATIENCE, layout.RELEASED))
+    if event == layout.RUNNING:
+        return "running"
+    if memory[layout.CAUSE] == layout.RUNNING:
+        return f"running; bridged {why} at call {call:.0f}"
+    again = f", {patience + 1:.0f} times in a row" if event in layout.PATIENT and patience else ""
+    end = "holding"
+    if released == layout.RAMPING:
+        end = "ramp to gravity compensation" if gravity else "ramp to zero"
+    elif released == layout.LATCHED:
+        joint = labels[int(memory[layout.LATCH_JOINT])]
+        drove = {layout.DRIVES: "grew faster in the stop", layout.PUSHES: "stayed at its torque limit",
+                 layout.RUNS: "ran away"}[int(memory[layout.LATCH])]  # fmt: skip
+        end = f"no torque since {joint} {drove}"
+    return f"safe stop, {end}: {why}{again}, at call {call:.0f}"
+
+
+def wording(cause: float, joint: str, amount: float) -> str:
+    """A cause in words, with the joint's label; `amount` is what the core noted with it."""
+    return {
+        layout.RUNNING: "",
+        layout.WAS_LATE: f"a call that came {1e3 * amount:.3g} ms late",
+        layout.HAD_GAPS: "a reference that is no finite position",
+        layout.HAS_JUMPED: f"a jump of {abs(amount):.0f} pulses of {joint}",
+        layout.IS_STUCK: f"the encoder of {joint} stands still while its reference moved by {abs(amount):.0f} pulses",
+        layout.IS_OFF: f"{joint} is {abs(amount):.0f} pulses from its reference",
+        layout.NO_COUNTS: f"counts of {joint} that are no whole numbers",
+        layout.IS_DEAD: f"the encoder of {joint} stands still while its torque changed by {abs(amount):.0f} N m",
+        layout.BAD_TIME: f"a clock that moved by {amount:.3g} s",
+        layout.OFF_BEAT: f"calls lost or doubled: the reference moves at {amount:.2f} times its speed",
+        layout.OUTSIDE: f"{joint} is outside its limits, at {amount:.4g} rad",
+        layout.TOO_FAST: f"{joint} is faster than its limit, at {amount:.0f} pulses/s",
+        layout.TOO_STEEP: f"a torque of {joint} that changes by {amount:.3g} N m/s",
+        layout.NO_TORQUE: "the law gives no finite torque",
+        layout.IS_SATURATED: f"the torque of {joint} was at its limit for {1e3 * amount:.0f} of 100 ms",
+        layout.CHATTERS: f"the torque of {joint} swings by {amount:.0f} N m about its mean",
+    }[int(cause)]
