@@ -16,6 +16,7 @@ from identification.results.assumed import Assumed
 from identification.results.diagnostics import Diagnostics
 from identification.results.lengths import moved_by_lengths
 from identification.results.plots import plot_identification
+from identification.results.summary import summary_of
 from identification.results.trust import warnings_of
 from identification.search.gear_resonance import GearResonance
 from identification.search.genetic import GeneticSettings
@@ -212,42 +213,7 @@ class Identification(Saved, Frozen):
 
     def summary(self) -> str:
         """A table: each value, its standard deviation, the bound, its 95 % interval, its largest correlation."""
-        names, diagnostics = self.short_names, self.diagnostics
-        width = max(map(len, names))
-        lines = [f"{self.method}, {len(self.records)} record(s): {self.message}"]
-        if self.covariance is None:
-            lines += [f"{name:<{width}} {value:12.5g}" for name, value in zip(names, self.values, strict=True)]
-        else:
-            try:
-                bounds = self.bound()
-            except ValueError:  # no reference, or numbers that are not separately identifiable
-                bounds = np.full(len(self.values), np.nan)
-            known = np.isfinite(bounds).all()
-            head = f"{'value':>12} {'std':>9} {'bound' if known else '':>{9 * known}} {'95 % interval':>25}"
-            lines.append(f"{'':<{width}} {head}   largest correlation")
-            others = self.fit.correlation - np.eye(len(self.values))
-            rows = zip(names, self.values, self.std, bounds, strict=True)
-            for i, (name, value, std, bound) in enumerate(rows):
-                if not std > 0:
-                    said = "bounded" if self.resonance is not None and self.resonance.bounds(name) else "known"
-                    lines.append(f"{name:<{width}} {value:12.5g} {said:>9}")
-                    continue
-                most = int(np.argmax(np.abs(others[i])))
-                interval = f"[{value - 1.96 * std:.5g}, {value + 1.96 * std:.5g}]"
-                together = f"{names[most]} ({others[i, most]:+.2f})"
-                least = f"{bound:9.2g}" if known else ""
-                lines.append(f"{name:<{width}} {value:12.5g} {std:9.2g} {least} {interval:>25}   {together}")
-        known = np.isfinite(diagnostics.difference)
-        by = f"{diagnostics.difference:.2f} pulses (rms)" if known else "an unknown amount"
-        lines.append(f"simulated and measured errors differ by {by}")
-        if diagnostics.held_out_difference is not None:
-            lines[-1] += f", in the record(s) kept aside by {diagnostics.held_out_difference:.2f}"
-        lines.append(str(diagnostics.detection))
-        lines += [] if self.fit.noise_covariance is None else [f"intervals count noise and {self.search.tolerances}"]
-        lines += str(self.assumed()).splitlines() if self.diagnostics.detection.assumed else []
-        lines += [] if self.resonance is None else str(self.resonance).splitlines()
-        lines += [f"warning: {text}" for text in self.warnings]
-        return "\n".join([*lines, *self.arm.dynamics.legend.splitlines()])
+        return summary_of(self)
 
     def plot(self) -> Figure:
         """Draw errors, innovations, spectrum and intervals; see `identification.results.plots.plot_identification`."""

@@ -28,7 +28,8 @@ def product(rows: Floats, columns: Floats) -> Floats:
     """Rows (N, k) times columns (k,) or (k, m)."""
     if columns.ndim == 1:
         return np.asarray((rows * columns).sum(axis=1))
-    return np.column_stack([(rows * column).sum(axis=1) for column in columns.T])
+    sums = [(rows * column).sum(axis=1) for column in columns.T]
+    return np.column_stack(sums) if sums else np.empty((len(rows), 0))
 
 
 def triangle(rows: Floats) -> Floats:
