@@ -88,8 +88,8 @@ def identified(
         reason = found.fit.fallback_reason if isinstance(found, Identification) else None
         why = reason or "it comes without a covariance"
         raise ValueError(
-            f"found must have a covariance: {why}. Pass covariance=, such as found.assumed().covariance(1.0) for 1 % "
-            "of what was assumed, or plants= such as found.candidates."
+            f"found must have a covariance: {why}. Pass covariance=, such as found.assumed().covariance(1.0) of "
+            "an identification that follows its log, or plants= such as found.candidates."
         )
     k, plant = len(names), [i for i, name in enumerate(names) if not name.startswith("law.")]
     if again is None:

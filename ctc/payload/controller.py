@@ -65,9 +65,7 @@ class PayloadController:
     def __init__(self, estimator: Any, running: Running) -> None:
         self.estimator, self.running = estimator, running
         places = estimator.loop_law.places(running.n)
-        base = len(running.core.memory) - len(estimator.loop_law.block(running.rig).values)
-        states = len(estimator.loop_law.initial_state(running.n))
-        state = running.core.memory[base - 2 * states : base - states]
+        state = running.core.law_state(running.n)
         self._wanted = state[places["wanted"].start : places["wanted"].stop]
         self._change = state[places["change"].start : places["change"].stop]
         self._samples, self.period = estimator.specification.samples, running.period

@@ -24,12 +24,14 @@ _ROUNDS = 2
 def torque_apart(record: Record) -> NDArray[np.float64] | None:
     """How far the logged torque of each joint (n,) is from what the stated law gives, as a share of it (rms).
 
-    None where that cannot be told: nothing logged, no law or one that repeats the log, fast hardware with a memory, or
-    a reference whose rounding hides the torque.
+    None where that cannot be told: nothing logged, counts that were moved, no law or one that repeats the log, fast
+    hardware with a memory, or a reference whose rounding hides the torque.
     """
     law, n = record.law, record.n
     if law is None or law.replays or (record.torque is None and record.current is None):
         return None
+    if not (record.rig.encoder.smooth or (record.counts == np.trunc(record.counts)).all()):
+        return None  # counts that were moved (`without_delay`) are not those that the law read
     logged = logged_torque(record)
     if not law.has_memory(n):
         commanded = commanded_torque(record)

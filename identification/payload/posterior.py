@@ -31,9 +31,10 @@ class PayloadEstimate(Frozen):
     Attributes
     ----------
     mass, std : float
-        Mean and standard deviation [kg] within the stated range.
+        Mean and standard deviation [kg] within the stated range; of a load that is outside, the nearest mass, and how
+        far it is away.
     interval : (2,) numpy.ndarray
-        That holds the mass with 95 % [kg].
+        That holds the mass with 95 % [kg]; of a load outside the range, it goes there.
     parameters : (10,) numpy.ndarray
         Standard parameters of the load (`plant.load_parameters`), the mean.
     position : (3,) numpy.ndarray
@@ -125,8 +126,13 @@ def posterior(
         message, sufficient = f"the window says too little (std {std:.2g} kg); the prior stays", False
     elif max(over) > _OUTSIDE:
         message = f"the load is outside its range: {centre[likely]:.2f} kg of {low:g} to {high:g}; the nearest is taken"
+    interval = _interval(odds, centre, sigma, inside, ends)
+    if max(over) > _OUTSIDE:  # the range is not believed any more
+        std = float(np.hypot(sigma[likely], centre[likely] - mass))
+        sides = np.append(interval, centre[likely] + 1.96 * sigma[likely] * np.array([-1, 1]))
+        interval = np.array([sides.min(), sides.max()])
     return PayloadEstimate(
-        mass=mass, std=std, interval=_interval(odds, centre, sigma, inside, ends), parameters=parameters,
+        mass=mass, std=std, interval=interval, parameters=parameters,
         position=position, sufficient=sufficient, explained=misfit <= misfit_limit, misfit=misfit, message=message,
     )  # fmt: skip
 

@@ -43,9 +43,6 @@ _SHARES = ("gear", "motor_gain", "law.")
 
 _LEAST_SHARE = -0.5
 
-_OF_MODEL = ("law.arm", "law.rig", "law.state")
-"""Numbers of a law that are not its gains."""
-
 
 class Extended:
     """Innovations of a model that follows records, with what its rig leaves out.
@@ -70,8 +67,8 @@ class Extended:
         What the rig may leave out, or have wrong, zero where it is right: ``compliance[i]``, one over the square of the
         locked-rotor resonance [1/Hz^2]; ``backlash[i]`` [rad]; ``viscous[i]`` and ``coulomb[i]``, friction beyond
         the rig's, motor side [N m s/rad, N m]; ``lag`` of the currents [s]; relative errors of ``gear[i]``,
-        ``motor_gain[i]`` and of the law's gains, by their names. No compliance and backlash where the rig knows no
-        motor inertia, or D falls short of it.
+        ``motor_gain[i]`` and of the gains of a law without memory, by their names. No compliance and backlash
+        where the rig knows no motor inertia, or D falls short of it.
     gains, gain_steps : (2n,) numpy.ndarray
         Observer gains to begin with, and steps of their central differences.
     gain_bounds : (2n, 2) numpy.ndarray
@@ -167,7 +164,8 @@ class _Log:
         numbers = dict(zip(rig.number_names(), rig.number_values().tolist(), strict=True))
         of_law: Law = instance("law", record.law, Law, "Give the record its law.")  # type: ignore[assignment]  # checked
         law = dict(zip(of_law.number_names("law."), of_law.number_values().tolist(), strict=True))
-        self.law = tuple(name for name in law if not name.startswith(_OF_MODEL) and name not in unknown)
+        lasting = record.law is None or record.law.replays or record.law.has_memory(rig.n)
+        self.law = () if lasting else tuple(name for name in law if name not in unknown)
         self._stated = {name: numbers[name] for name in numbers if name.startswith(kinds) and name not in unknown}
         self._stated |= {name: law[name] for name in self.law}
         self._given = len(unknown)

@@ -1,7 +1,7 @@
 """What one log cannot reveal: by how much each number that was assumed would move what was found.
 
-Gears, motor gains and gains of the law change the innovations; the unknowns that would take that over to first order
-are what they move. Lengths of the links change the torque along the motion; least squares takes that over.
+Gears, motor gains and gains of a law without memory change the innovations; the unknowns that would take that over to
+first order are what they move. Lengths of the links change the torque along the motion; least squares takes that over.
 """
 
 from __future__ import annotations
@@ -66,12 +66,12 @@ class Assumed(Frozen):
         return products(self.moves * np.broadcast_to(sizes, len(self.names))[:, None])
 
     def __str__(self) -> str:
-        lines = ["1 % more of an assumed number moves what is found by:"]
+        lines = [f"1 % more of an assumed number moves what is found by (from {_LITTLE:g} standard deviations on):"]
         width = max(map(len, self.names), default=0)
         for name, row in zip(self.names, self.moves, strict=True):
             told = [f"{each} {move:+.2g}" for each, move, std in zip(self.unknown, row, self.std, strict=True)
                     if abs(move) > _LITTLE * std]  # fmt: skip
-            said = ", ".join(told) or "next to nothing"
+            said = ", ".join(told) or f"each value by less than {_LITTLE:g} of its standard deviation"
             lines += textwrap.wrap(
                 said, 110, initial_indent=f"  {name:<{width}}  ", subsequent_indent=" " * (width + 4)
             )

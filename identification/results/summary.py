@@ -18,7 +18,7 @@ def summary_of(found: Any) -> str:
         lines += [f"{name:<{width}} {value:12.5g}" for name, value in zip(names, found.values, strict=True)]
     else:
         try:
-            bounds = found.bound()
+            bounds = np.full(len(found.values), np.nan) if found.fit.resumptions else found.bound()
         except ValueError:  # no reference, or numbers that are not separately identifiable
             bounds = np.full(len(found.values), np.nan)
         known = np.isfinite(bounds).all()
@@ -43,7 +43,8 @@ def summary_of(found: Any) -> str:
         lines[-1] += f", in the record(s) kept aside by {diagnostics.held_out_difference:.2f}"
     lines.append(str(diagnostics.detection))
     lines += [] if found.fit.noise_covariance is None else [f"intervals count noise and {found.search.tolerances}"]
-    lines += str(found.assumed()).splitlines() if found.diagnostics.detection.assumed else []
+    told = found.covariance is not None and found.diagnostics.detection.assumed
+    lines += str(found.assumed()).splitlines() if told else []
     lines += [] if found.resonance is None else str(found.resonance).splitlines()
     lines += [f"warning: {text}" for text in found.warnings]
     return "\n".join([*lines, *found.arm.dynamics.legend.splitlines()])

@@ -46,6 +46,11 @@ class Core(NamedTuple):
     step: Callable[..., int]
     memory: NDArray[np.float64]
 
+    def law_state(self, n: int) -> NDArray[np.float64]:
+        """The law's state (s,) of a controller of n joints, in place: what is written there acts on the next step."""
+        states, rows = int(self.memory[layout.STATES]), layout.SCALARS + layout.ROWS * n
+        return self.memory[rows + states : rows + 2 * states]
+
 
 def compiled(law: Any, rig: Rig, block: Any, guards: Guards | None) -> Core:
     """Core of a law on a rig, in its initial state.

@@ -174,8 +174,7 @@ class Running:
 
     @property
     def state(self) -> NDArray[np.float64]:
-        states = int(self._memory[layout.STATES])
-        return self._memory[self._rows.stop + states :][:states].copy()
+        return self.core.law_state(self.n).copy()
 
     @property
     def stopped(self) -> bool:

@@ -124,7 +124,9 @@ def test_one_glitch_of_the_clock_is_bridged_and_gives_the_torque_of_a_period(wro
     assert "a clock that moved by" in glitched.status
 
 
-@pytest.mark.parametrize("clock", [lambda k: 0.0, lambda k: -k * DT, lambda k: 3600.0 * k], ids=["stands", "back", "fast"])
+@pytest.mark.parametrize(
+    "clock", [lambda k: 0.0, lambda k: -k * DT, lambda k: 3600.0 * k], ids=["stands", "back", "fast"]
+)
 def test_a_clock_that_stays_wrong_stops_the_arm(clock):
     running = LAW.start(RIG, (0, 0))
     for k in range(6):
