@@ -103,7 +103,7 @@ def test_without_motor_inertia_no_gear_gives(record):
     torques = dataclasses.replace(record, rig=dataclasses.replace(RIG, drive=drive), law=LoggedTorque())
     model = Extended(DYNAMICS, [torques], DYNAMICS.names, ARM.f)
     assert model.extra == (
-        *(f"{kind}[{i}]" for kind in ("viscous", "coulomb", "offset", "gear") for i in (0, 1)),
+        *(f"{kind}[{i}]" for kind in ("viscous", "coulomb", "offset", "gear", "motor_gain") for i in (0, 1)),
         "lag",
     )
     assert np.isfinite(model.innovations(values(model))).all()
