@@ -350,7 +350,7 @@ def test_figure():
 SWAPPED = np.diag([1.0] * 8 + [-1.0])
 WRONG = {
     "swapped law and arm": (lambda: certify(ARM, LAW, RIG, PATH), "rig must be of type Rig"),
-    "no uncertainty": (lambda: certify(ARM, RIG, LAW, PATH), "Pass covariance=, or plants="),
+    "no uncertainty": (lambda: certify(ARM, RIG, LAW, PATH), "Pass covariance=, such as"),
     "neither": (lambda: certify(DYNAMICS, RIG, LAW, PATH), "found must be of type Arm"),
     "both": (lambda: certified(plants=[puma560.PUBLISHED]), "got both"),
     "misspelt": (lambda: certified(frictoin=0.1), "Did you mean 'friction'"),

@@ -54,7 +54,7 @@ def test_worst_known_parameter_becomes_known(motion):
     logs = [simulate(ARM, RIG, LAW, path, steps_per_sample=16) for path in (puma560.reference(), motion)]
     found = [identify(puma560.dynamics(), log, method="prediction_error", progress=False) for log in logs]
     worst = [(100 * np.abs(each.f - ARM.f) / WIDTH).max() for each in found]
-    said = [(100 * each.std / WIDTH).max() for each in found]
+    said = [(100 * np.sqrt(np.diag(each.fit.noise_covariance)) / WIDTH).max() for each in found]
     assert said[1] < said[0] / 2
     assert worst[1] < 3.0
 
