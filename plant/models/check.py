@@ -19,7 +19,7 @@ from plant.mechanics.body import Body
 from plant.mechanics.model_tree import MOVING
 from plant.mechanics.urdf_file import INERTIA, origin_of
 from plant.mechanics.xml_file import Element, numbers_of, parsed, spliced
-from plant.models.agreement import CheckedLink, coincides, cost_of, impossible, mirrored, uniform
+from plant.models.agreement import CheckedLink, agrees, apart, coincides, cost_of, impossible, mirrored, uniform
 from plant.models.edits import require_new, urdf_inertial, write_whole
 from plant.models.evidence import joint_places, mirrors, partner_of, shape_of
 from plant.models.hypotheses import Stated, without_mistakes
@@ -28,6 +28,12 @@ from plant.parts.arguments import known_options
 __all__ = ["ModelCheck", "ModelFinding", "check_model"]
 
 _MARGIN = 6.0
+_COUNTS = 0.006
+"""Relative difference of a link from its repair below which nothing is said: CAD models of two sides differ as much."""
+
+_LIKELY = 3.0
+"""Of two repairs of what no body can have, the likelier by e^3 is taken."""
+
 _RARE = 4.0
 """A mistake is e^4 times rarer than none."""
 
@@ -141,8 +147,17 @@ def check_model(path: str | Path) -> ModelCheck:
     for name in list(found):  # of two sides that differ, one is wrong
         other = partner_of(name, list(links))
         if name in found and other in found and np.isfinite([found[name].evidence, found[other].evidence]).all():
+            if found[name].mistake == found[other].mistake and _alike(links[name]):
+                continue  # the same mistake in both
             del found[min((name, other), key=lambda each: _own_gain(links[each], found[each], links))]
     return ModelCheck(path=Path(path), findings=tuple(found.values()))
+
+
+def _alike(link: CheckedLink) -> bool:
+    """Whether a link states what the other side states, mirrored."""
+    return any(
+        link.stated is not None and agrees(link.stated, mirrored(partner, plane)) for partner, plane in link.partners
+    )
 
 
 def _own_gain(link: CheckedLink, finding: ModelFinding, links: dict[str, CheckedLink]) -> float:
@@ -180,14 +195,22 @@ def _judged(link: CheckedLink, links: dict[str, CheckedLink]) -> ModelFinding | 
     best, words, other = min(trials, key=lambda trial: trial[0])
     exact = np.isfinite(best) and coincides(other, link)
     if not link.stated.physical():
-        sure = exact or (np.isfinite(best) and words.startswith("a negative"))
+        sure = exact or (np.isfinite(best) and words.startswith("a negative")) or _only(trials, other)
         mistake = words if sure else "an inertia that no body has"
         repair = _body(other) if sure else _guess(link, links)
         return ModelFinding(link=link.name, mistake=mistake, evidence=np.inf, repair=repair)
     proven = (exact and not coincides(link.stated, link)) or impossible(link.stated, link, links)
-    if proven and now - best > _MARGIN:
+    counts = apart(link.stated, other) > _COUNTS and not impossible(other, link, links)
+    if proven and counts and now - best > _MARGIN:
         return ModelFinding(link=link.name, mistake=words, evidence=now - best, repair=_body(other))
     return None
+
+
+def _only(trials: list[tuple[float, str, Stated]], best: Stated) -> bool:
+    """Whether all other bodies that one mistake leaves agree with the file much less."""
+    costs = [cost for cost, _, other in trials if not np.allclose(other.spread, best.spread, rtol=1e-3, atol=0)]
+    least = min(cost for cost, _, _ in trials)
+    return bool(np.isfinite(least) and min(costs, default=np.inf) - least > _LIKELY)
 
 
 def _missing(link: CheckedLink, links: dict[str, CheckedLink]) -> ModelFinding | None:
