@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from plant.models.evidence import Shape
 from plant.models.hypotheses import Stated
 
-__all__ = ["CheckedLink", "agrees", "apart", "coincides", "cost_of", "impossible", "mirrored", "uniform"]
+__all__ = ["HEAVIEST", "CheckedLink", "agrees", "apart", "coincides", "cost_of", "impossible", "mirrored", "uniform"]
 
 _DENSITY, _TIMES = 1500.0, 1.2
 """Usual density [kg/m^3] of a link over the volume of its primitives, and the deviation of its logarithm."""
@@ -25,7 +25,7 @@ _FAR = 1.0
 _FAITHFUL = 3
 """Links that have to fit their shapes before shapes are taken for what links are."""
 
-_LIGHTEST, _HEAVIEST = 1.0, 23000.0
+_LIGHTEST, HEAVIEST = 1.0, 23000.0
 """Density [kg/m^3] of nothing that links are made of: above that of osmium."""
 
 _SAME, _UNIFORM, _COINCIDENCE = 1e-4, 2e-3, 15.0
@@ -82,10 +82,10 @@ def impossible(given: Stated, link: CheckedLink, links: dict[str, CheckedLink]) 
     the file (at least `_FAITHFUL`) are all as large as theirs.
     """
     spread = given.spread / given.mass
-    if given.density() > _HEAVIEST:
+    if given.density() > HEAVIEST:
         return True
     if link.shape is not None:
-        dense = not _LIGHTEST < given.mass / link.shape.volume < _HEAVIEST
+        dense = not _LIGHTEST < given.mass / link.shape.volume < HEAVIEST
         others = [
             each.shape.holds(each.stated.com, each.stated.spread / each.stated.mass, _SLACK)
             for each in links.values()

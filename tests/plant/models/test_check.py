@@ -68,8 +68,7 @@ def test_a_link_alone_that_is_impossible_in_its_shape(tmp_path, wrong, said):
 def test_an_impossible_inertia_without_evidence_has_no_repair(tmp_path):
     path = tmp_path / "r.urdf"
     path.write_text(
-        '<robot name="r"><link name="a"><inertial><mass value="2"/><inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" '
-        'izz="0.01"/></inertial></link><link name="b"><inertial><mass value="1"/>'
+        '<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>'
         '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="5"/></inertial></link>'
         '<joint name="j" type="revolute"><parent link="a"/><child link="b"/></joint></robot>'
     )
@@ -82,14 +81,15 @@ def test_matter_is_not_so_dense_without_a_shape_either(tmp_path):
     """A ball of its mass and second moments would have 1,000 times the density of steel."""
     path = tmp_path / "robot.urdf"
     path.write_text(
-        '<robot name="r"><link name="a"><inertial><mass value="2"/><inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" '
-        'izz="0.01"/></inertial></link><link name="b"><inertial><origin xyz="0 0 0.1"/><mass value="300"/>'
+        '<robot name="r"><link name="a"><inertial><mass value="2"/><inertia ixx="0.02" ixy="0" ixz="0" '
+        'iyy="0.02" iyz="0" izz="0.01"/></inertial></link><link name="b"><inertial><origin xyz="0 0 0.1"/>'
+        '<mass value="300"/>'
         '<inertia ixx="0.2" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.1"/></inertial></link>'
         '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 1"/></joint></robot>'
     )
     check = check_model(path)
     assert [finding.link for finding in check.findings] == ["b"]
-    assert "grams for kilograms (mass)" in str(check)
+    assert "grams for kilograms" in str(check)
     np.testing.assert_allclose(check.findings[0].repair.mass, 0.3, rtol=1e-12)
 
 
