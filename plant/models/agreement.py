@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from plant.models.evidence import Shape
 from plant.models.hypotheses import Stated
 
-__all__ = ["CheckedLink", "coincides", "cost_of", "impossible", "mirrored", "uniform"]
+__all__ = ["HEAVIEST", "CheckedLink", "agrees", "apart", "coincides", "cost_of", "impossible", "mirrored", "uniform"]
 
 _DENSITY, _TIMES = 1500.0, 1.2
 """Usual density [kg/m^3] of a link over the volume of its primitives, and the deviation of its logarithm."""
@@ -22,7 +22,10 @@ _SLACK, _OUTSIDE = 0.05, 15.0
 _FAR = 1.0
 """The same share, for a proof: shapes for collisions leave parts out."""
 
-_LIGHTEST, _HEAVIEST = 1.0, 23000.0
+_FAITHFUL = 3
+"""Links that have to fit their shapes before shapes are taken for what links are."""
+
+_LIGHTEST, HEAVIEST = 1.0, 23000.0
 """Density [kg/m^3] of nothing that links are made of: above that of osmium."""
 
 _SAME, _UNIFORM, _COINCIDENCE = 1e-4, 2e-3, 15.0
@@ -54,8 +57,13 @@ def mirrored(given: Stated, plane: NDArray[np.float64]) -> Stated:
 
 def coincides(given: Stated, link: CheckedLink) -> bool:
     """Whether an inertial is exactly that of the other side, or that of the shape uniformly filled."""
-    apart = [_apart(given, mirrored(partner, plane)) for partner, plane in link.partners if partner.physical()]
-    return bool(apart and min(apart) < _APART * _SAME) or uniform(given, link.shape)
+    alike = (agrees(given, mirrored(partner, plane)) for partner, plane in link.partners if partner.physical())
+    return any(alike) or uniform(given, link.shape)
+
+
+def agrees(one: Stated, other: Stated) -> bool:
+    """Whether two inertials are the same."""
+    return apart(one, other) < _SAME
 
 
 def uniform(given: Stated, shape: Shape | None) -> bool:
@@ -68,11 +76,23 @@ def uniform(given: Stated, shape: Shape | None) -> bool:
 
 
 def impossible(given: Stated, link: CheckedLink, links: dict[str, CheckedLink]) -> bool:
-    """Whether no body within the robot, or within three times the link's shape, can have this inertial."""
+    """Whether no body within the robot, or within the link's shape, can have this inertial, or is as dense.
+
+    The shape may be a third of the link, as shapes for collisions are; but as large as it is where the other links of
+    the file (at least `_FAITHFUL`) are all as large as theirs.
+    """
     spread = given.spread / given.mass
+    if given.density() > HEAVIEST:
+        return True
     if link.shape is not None:
-        dense = not _LIGHTEST < given.mass / link.shape.volume < _HEAVIEST
-        return dense or not link.shape.holds(given.com, spread, _FAR)
+        dense = not _LIGHTEST < given.mass / link.shape.volume < HEAVIEST
+        others = [
+            each.shape.holds(each.stated.com, each.stated.spread / each.stated.mass, _SLACK)
+            for each in links.values()
+            if each is not link and each.shape is not None and each.stated is not None and each.stated.physical()
+        ]
+        faithful = len(others) >= _FAITHFUL and all(others)
+        return dense or not link.shape.holds(given.com, spread, 2 * _SLACK if faithful else _FAR)
     whole = sum(float(np.linalg.norm(each.places, axis=1).max()) for each in links.values() if len(each.places))
     return bool(whole) and bool(max(np.linalg.norm(given.com), np.sqrt(np.trace(spread))) > 2.0 * whole)
 
@@ -96,12 +116,13 @@ def cost_of(given: Stated, link: CheckedLink, links: dict[str, CheckedLink]) -> 
         cost = 0.5 * min(_CAP, (np.log(given.mass / max(median, 1e-9)) / 1.5) ** 2)
         ends = np.linalg.norm(link.places, axis=1)
         size = max([*ends, 0.1 * _reach(links), 1e-3])
-        cost += 0.5 * min(_CAP, float(given.com @ given.com) / size**2)
+        middle = given.com - (link.places.mean(axis=0) / 2 if len(link.places) else 0.0)
+        cost += 0.5 * min(_CAP, float(middle @ middle) / size**2)
         cost += 0.5 * min(_CAP, (np.log(np.trace(spread) / (0.3 * size) ** 2) / 2.0) ** 2)
     if link.partners:
-        apart = [_apart(given, mirrored(partner, plane)) for partner, plane in link.partners if partner.mass > 0]
-        cost += min([_CAP / 2, *apart])
-        cost -= _COINCIDENCE if apart and min(apart) < _APART * _SAME else 0.0
+        other = [apart(given, mirrored(partner, plane)) for partner, plane in link.partners if partner.mass > 0]
+        cost += min([_CAP / 2, *(_APART * each for each in other)])
+        cost -= _COINCIDENCE if other and min(other) < _SAME else 0.0
     return cost
 
 
@@ -119,10 +140,10 @@ def _divergence(spread: NDArray[np.float64], scale: NDArray[np.float64]) -> floa
     return float(np.trace(ratio) - logarithm - 3) if sign > 0 else _CAP
 
 
-def _apart(one: Stated, other: Stated) -> float:
+def apart(one: Stated, other: Stated) -> float:
     """How far two bodies are from each other, relative to their own size."""
     size = max(np.trace(one.spread) / one.mass, np.trace(np.abs(other.spread)) / abs(other.mass), 1e-12)
     mass = np.log(one.mass / abs(other.mass)) ** 2
     where = float((one.com - other.com) @ (one.com - other.com)) / size
     spread = float(np.abs(one.spread / one.mass - other.spread / other.mass).max()) / size
-    return _APART * float(np.sqrt(mass + where + spread**2))
+    return float(np.sqrt(mass + where + spread**2))

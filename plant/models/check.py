@@ -19,15 +19,28 @@ from plant.mechanics.body import Body
 from plant.mechanics.model_tree import MOVING
 from plant.mechanics.urdf_file import INERTIA, origin_of
 from plant.mechanics.xml_file import Element, numbers_of, parsed, spliced
-from plant.models.agreement import CheckedLink, coincides, cost_of, impossible, mirrored, uniform
+from plant.models.agreement import (
+    HEAVIEST,
+    CheckedLink,
+    agrees,
+    apart,
+    coincides,
+    cost_of,
+    impossible,
+    mirrored,
+)
 from plant.models.edits import require_new, urdf_inertial, write_whole
 from plant.models.evidence import joint_places, mirrors, partner_of, shape_of
 from plant.models.hypotheses import Stated, without_mistakes
+from plant.models.repairs import body_of, guess, only
 from plant.parts.arguments import known_options
 
 __all__ = ["ModelCheck", "ModelFinding", "check_model"]
 
 _MARGIN = 6.0
+_COUNTS = 0.006
+"""Relative difference of a link from its repair below which nothing is said: CAD models of two sides differ as much."""
+
 _RARE = 4.0
 """A mistake is e^4 times rarer than none."""
 
@@ -141,8 +154,17 @@ def check_model(path: str | Path) -> ModelCheck:
     for name in list(found):  # of two sides that differ, one is wrong
         other = partner_of(name, list(links))
         if name in found and other in found and np.isfinite([found[name].evidence, found[other].evidence]).all():
+            if found[name].mistake == found[other].mistake and _alike(links[name]):
+                continue  # the same mistake in both
             del found[min((name, other), key=lambda each: _own_gain(links[each], found[each], links))]
     return ModelCheck(path=Path(path), findings=tuple(found.values()))
+
+
+def _alike(link: CheckedLink) -> bool:
+    """Whether a link states what the other side states, mirrored."""
+    return any(
+        link.stated is not None and agrees(link.stated, mirrored(partner, plane)) for partner, plane in link.partners
+    )
 
 
 def _own_gain(link: CheckedLink, finding: ModelFinding, links: dict[str, CheckedLink]) -> float:
@@ -179,14 +201,20 @@ def _judged(link: CheckedLink, links: dict[str, CheckedLink]) -> ModelFinding | 
     trials = [(cost_of(other, link, links) + _RARE, words, other) for words, other in without_mistakes(link.stated)]
     best, words, other = min(trials, key=lambda trial: trial[0])
     exact = np.isfinite(best) and coincides(other, link)
-    if not link.stated.physical():
-        sure = exact or (np.isfinite(best) and words.startswith("a negative"))
-        mistake = words if sure else "an inertia that no body has"
-        repair = _body(other) if sure else _guess(link, links)
+    dense = link.stated.physical() and link.stated.density() > HEAVIEST
+    if dense:
+        left = [trial for trial in trials if np.isfinite(trial[0]) and not impossible(trial[2], link, links)]
+        best, words, other = min(left, key=lambda trial: trial[0], default=(np.inf, "", other))
+        exact, trials = bool(left) and coincides(other, link), left or trials
+    if dense or not link.stated.physical():
+        sure = exact or (np.isfinite(best) and words.startswith("a negative")) or only(trials, other)
+        mistake = words if sure else "denser than any matter" if dense else "an inertia that no body has"
+        repair = body_of(other) if sure else guess(link, links)
         return ModelFinding(link=link.name, mistake=mistake, evidence=np.inf, repair=repair)
     proven = (exact and not coincides(link.stated, link)) or impossible(link.stated, link, links)
-    if proven and now - best > _MARGIN:
-        return ModelFinding(link=link.name, mistake=words, evidence=now - best, repair=_body(other))
+    counts = apart(link.stated, other) > _COUNTS and not impossible(other, link, links)
+    if proven and counts and now - best > _MARGIN:
+        return ModelFinding(link=link.name, mistake=words, evidence=now - best, repair=body_of(other))
     return None
 
 
@@ -194,28 +222,4 @@ def _missing(link: CheckedLink, links: dict[str, CheckedLink]) -> ModelFinding |
     """A link that moves and has a shape, or a partner with an inertial, and no inertial of its own."""
     if link.shape is None and not link.partners:
         return None
-    return ModelFinding(link=link.name, mistake="no inertial", evidence=np.inf, repair=_guess(link, links))
-
-
-def _guess(link: CheckedLink, links: dict[str, CheckedLink]) -> Body | None:
-    """The partner's body mirrored; or the link's shape filled, where all others are filled alike."""
-    for partner, plane in link.partners:
-        if partner.physical():
-            return _body(mirrored(partner, plane))
-    others = [other for other in links.values() if other is not link and other.stated is not None and other.shape]
-    densities = [
-        other.stated.mass / other.shape.volume
-        for other in others
-        if other.stated is not None and other.shape is not None and uniform(other.stated, other.shape)
-    ]
-    alike = len(densities) > 1 and len(densities) == len(others) and np.ptp(densities) < 0.01 * min(densities)
-    if link.shape is None or not alike:
-        return None
-    mass = float(np.median(densities)) * link.shape.volume
-    spread = mass * link.shape.spread
-    return _body(Stated(mass, link.shape.centre, np.eye(3), np.trace(spread) * np.eye(3) - spread))
-
-
-def _body(given: Stated) -> Body:
-    turned = given.rotation @ given.inertia @ given.rotation.T
-    return Body(mass=given.mass, com=given.com, inertia=turned[np.triu_indices(3)])
+    return ModelFinding(link=link.name, mistake="no inertial", evidence=np.inf, repair=guess(link, links))

@@ -13,7 +13,7 @@ from plant.mechanics.xml_file import Element, numbers_of
 
 __all__ = ["Shape", "joint_places", "mirrors", "partner_of", "shape_of"]
 
-_SIDES = (("left", "right"), ("l", "r"))
+_SIDES = (("left", "right"), ("l", "r"), ("fl", "fr"), ("hl", "hr"), ("rl", "rr"), ("lf", "rf"), ("lh", "rh"))
 _PLANES = tuple(np.diag(signs) for signs in ((1, -1, 1), (-1, 1, 1), (1, 1, -1), (1, 1, 1)))
 """Reflections of a link on the other side; the last is none, for frames that are mirrored themselves."""
 
@@ -97,7 +97,7 @@ def partner_of(name: str, names: list[str]) -> str | None:
     """The link on the other side, by its name: left and right, l and r."""
     for one, other in _SIDES:
         for mine, theirs in ((one, other), (other, one)):
-            edges = (r"(?<![a-zA-Z])", r"(?![a-zA-Z])") if len(mine) == 1 else ("", "")
+            edges = (r"(?<![a-zA-Z])", r"(?![a-zA-Z])") if len(mine) < 3 else ("", "")
             for form in (str.lower, str.upper, str.capitalize):
                 pattern = f"{edges[0]}{form(mine)}{edges[1]}"
                 found = re.sub(pattern, form(theirs), name, count=1)

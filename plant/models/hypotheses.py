@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Stated", "without_mistakes"]
+__all__ = ["SLIP", "Stated", "without_mistakes"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,6 +26,14 @@ class Stated:
         """Second moments about the centre of mass (3, 3), in the link's axes [kg m^2]."""
         turned = self.rotation @ self.inertia @ self.rotation.T
         return np.asarray(np.trace(turned) / 2 * np.eye(3) - turned)
+
+    def density(self) -> float:
+        """Least density [kg/m^3] of the densest part: that of the ball with this mass and these second moments.
+
+        Of all that is nowhere denser than rho, the ball has the least second moments.
+        """
+        radius = np.sqrt(5 / 3 * np.trace(self.spread) / self.mass)
+        return float(self.mass / (4 / 3 * np.pi * radius**3))
 
     def physical(self) -> bool:
         """Whether a body can have it."""
@@ -45,6 +53,9 @@ _UNITS = (  # what was written in another unit -> mass, length, inertia of the f
     ("centimetres for metres (centre of mass)", 1.0, 1e-2, 1.0),
     ("kg cm^2 for kg m^2 (inertia)", 1.0, 1.0, 1e-4),
 )
+SLIP = "a decimal point of a moment of inertia in the wrong place"
+"""One of several."""
+
 _PRODUCTS = ((0, 1), (0, 2), (1, 2))
 
 
@@ -78,6 +89,10 @@ def without_mistakes(given: Stated) -> Iterator[tuple[str, Stated]]:
                 "moments of inertia in another order",
                 dataclasses.replace(given, inertia=I - np.diag(np.diag(I)) + diagonal),
             )
+    for k, factor in itertools.product(range(3), (0.1, 0.01, 10.0, 100.0)):
+        slipped = I.copy()
+        slipped[k, k] *= factor
+        yield SLIP, dataclasses.replace(given, inertia=slipped)
     for axis in range(3):
         plane = np.eye(3)
         plane[axis, axis] = -1.0

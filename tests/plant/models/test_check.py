@@ -44,6 +44,7 @@ def test_sound_files_of_ours(tmp_path):
         (lambda t: t.replace('iyy="0.143231"', 'iyy="-0.143231"'), "a negative moment of inertia"),
         (lambda t: t.replace('ixx="0.014504" ixy="0" ixz="0" iyy="0.143231" iyz="0" izz="0.143231"',
                              'ixx="14504" ixy="0" ixz="0" iyy="143231" iyz="0" izz="143231"'), r"kg mm\^2 for kg m\^2"),
+        (lambda t: t.replace('iyy="0.143231"', 'iyy="1.43231"'), "a decimal point of a moment"),
     ],
 )  # fmt: skip
 def test_a_link_alone_that_is_impossible_in_its_shape(tmp_path, wrong, said):
@@ -74,3 +75,33 @@ def test_an_impossible_inertia_without_evidence_has_no_repair(tmp_path):
     (finding,) = check_model(path).findings
     assert finding.repair is None
     assert "an inertia that no body has; no repair is certain" in str(finding)
+
+
+def test_matter_is_not_so_dense_without_a_shape_either(tmp_path):
+    """A ball of its mass and second moments would have 1,000 times the density of steel."""
+    path = tmp_path / "robot.urdf"
+    path.write_text(
+        '<robot name="r"><link name="a"><inertial><mass value="2"/><inertia ixx="0.02" ixy="0" ixz="0" '
+        'iyy="0.02" iyz="0" izz="0.01"/></inertial></link><link name="b"><inertial><origin xyz="0 0 0.1"/>'
+        '<mass value="300"/>'
+        '<inertia ixx="0.2" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.1"/></inertial></link>'
+        '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 1"/></joint></robot>'
+    )
+    check = check_model(path)
+    assert [finding.link for finding in check.findings] == ["b"]
+    assert "grams for kilograms" in str(check)
+    np.testing.assert_allclose(check.findings[0].repair.mass, 0.3, rtol=1e-12)
+
+
+def test_one_mistake_in_both_sides_is_undone_in_both(tmp_path):
+    random = np.random.default_rng(2)
+    links, path = broken_models.robot(random), tmp_path / "robot.urdf"
+    wrong = {
+        name: (*row[:3], row[3], 1e3 * row[4], 1e6 * row[5]) if name.endswith("_1") else row
+        for name, row in links.items()
+    }
+    path.write_text(broken_models.written(wrong))
+    findings = {finding.link: finding.repair for finding in check_model(path).findings}
+    assert sorted(findings) == ["left_1", "right_1"]
+    for name, repair in findings.items():
+        np.testing.assert_allclose(repair.com, links[name][4], rtol=1e-9)
