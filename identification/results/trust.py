@@ -27,8 +27,8 @@ _WORSE = 1.5
 _BIASED = 0.08
 """Relative bias of least squares in a band that is tolerated."""
 
-_INSEPARABLE = 0.995
-"""Correlation above which two unknowns are not separately identifiable."""
+_INSEPARABLE, _MANY = 0.995, 3
+"""Correlation above which two unknowns are not separately identifiable; and how many pairs are named one by one."""
 
 _ANOTHER = 0.05
 """Share of the logged torque by which that of the stated law may differ."""
@@ -163,5 +163,13 @@ def _of_pairs(found: Any) -> Iterator[str]:
     if found.covariance is None:
         return
     names = found.short_names
-    for i, j in np.argwhere(np.triu(np.abs(found.fit.correlation) > _INSEPARABLE, 1)):
-        yield f"{names[i]} and {names[j]} are not separately identifiable; fix one of them."
+    pairs = [(names[i], names[j]) for i, j in np.argwhere(np.triu(np.abs(found.fit.correlation) > _INSEPARABLE, 1))]
+    if len(pairs) > _MANY:
+        those = sorted({name for pair in pairs for name in pair}, key=names.index)
+        yield (
+            f"{', '.join(those)} are not separately identifiable ({len(pairs)} pairs): the log tells too little of "
+            "them, or the model is not its robot's."
+        )
+        return
+    for one, other in pairs:
+        yield f"{one} and {other} are not separately identifiable; fix one of them."

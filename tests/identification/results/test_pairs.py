@@ -1,0 +1,23 @@
+"""Unknowns that are not separately identifiable: a few are named pair by pair, many in one line."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from identification.results.trust import _of_pairs
+
+
+def found(correlation):
+    names = tuple(f"f{i + 1}" for i in range(len(correlation)))
+    return SimpleNamespace(covariance=correlation, short_names=names, fit=SimpleNamespace(correlation=correlation))
+
+
+@pytest.mark.parametrize(("alike", "lines"), [(0, 0), (2, 1), (3, 3), (4, 1)])
+def test_many_pairs_are_one_line(alike, lines):
+    correlation = np.eye(6)
+    correlation[:alike, :alike] += 0.999 * (1 - np.eye(alike))
+    said = list(_of_pairs(found(correlation)))
+    assert len(said) == lines
+    assert all(name in " ".join(said) for name in ("f1", "f2", "f3", "f4")[:alike])
+    assert ("6 pairs" in " ".join(said)) == (alike == 4)
