@@ -17,6 +17,14 @@ from plant.simulation.threads import shared_out
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
 
 
+@pytest.fixture(autouse=True)
+def raised():
+    """Ctrl-C raises, also where whoever started the tests ignores it, as a shell does for what runs behind it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def interrupt_after(seconds):
     timer = threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT))
     timer.daemon = True
@@ -81,6 +89,7 @@ import os, signal, threading
 import casadi as ca, numpy as np
 from plant.compiler import kernel_cache
 from plant.compiler.map_kernel import MapKernel
+signal.signal(signal.SIGINT, signal.default_int_handler)
 x = ca.SX.sym("x", 30)
 y = x
 for _ in range(12):
