@@ -16,6 +16,7 @@ from identification.preparation import prepare, with_gears
 from identification.replay.experiment import with_zeros
 from identification.replay.objective import Objective
 from identification.results.diagnostics import Diagnostics
+from identification.results.doubts import warn_of_doubts
 from identification.results.identification import Identification
 from identification.search.genetic import GeneticSettings, GeneticState
 from identification.search.memory import resumed_at
@@ -100,6 +101,11 @@ def identify(
     ValueError
         Bad input, or no candidate that can be simulated.
 
+    Warns
+    -----
+    IdentificationWarning
+        What was found is in doubt: its ``.warnings``.
+
     Source: paper 3.2, 3.7.
     """
     started = time.perf_counter()
@@ -109,7 +115,9 @@ def identify(
     tolerances = instance("tolerances", tolerances or Tolerances(), Tolerances, "Give Tolerances(gear=0.01).")
     problem = prepare(dynamics, records, unknown, held_out, method, ranges, settings, seed, zeros, options, tolerances)
     outcome = search(problem, progress)
-    return _assess(problem, outcome, started)
+    found = _assess(problem, outcome, started)
+    warn_of_doubts(found, "identify")
+    return found
 
 
 def search(problem: Problem, progress: bool) -> Outcome:
