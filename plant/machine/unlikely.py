@@ -36,5 +36,5 @@ def unlikely_statements(
         elif friction[i] > limit[i]:
             yield (
                 f"at the speed of this motion, the viscous friction of {labels[i]} is {friction[i]:.3g} N m at the "
-                f"motor, which gives at most {limit[i]:.3g} N m: viscous is motor side, the joint's by the gear squared."
+                f"motor, which gives at most {limit[i]:.3g} N m: viscous is motor side [N m s/rad]."
             )

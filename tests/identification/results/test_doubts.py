@@ -6,7 +6,7 @@ from functools import cache
 
 import pytest
 
-from ctc import AdaptiveComputedTorque, ComputedTorque
+from ctc import ComputedTorque, ComputedTorquePID
 from identification import IdentificationWarning, identify
 from plant import P, puma560, simulate
 
@@ -36,14 +36,23 @@ def test_a_result_in_doubt_says_so_in_its_repr():
     assert "a fallback" in repr(fallen)
 
 
-@pytest.mark.parametrize("law", [ComputedTorque, AdaptiveComputedTorque])
-def test_a_law_does_not_take_it_silently(law):
+@pytest.mark.parametrize(
+    ("law", "numbers"),
+    [
+        (ComputedTorque, {}),
+        (
+            ComputedTorquePID,
+            {"bandwidth": 155, "ratio": 1.66, "integral": 40.6, "roll_off": 449, "roll_off_damping": 0.53},
+        ),
+    ],
+)
+def test_a_law_does_not_take_it_silently(law, numbers):
     with pytest.warns(IdentificationWarning, match=rf"{law.__name__}: identified with") as caught:
-        law(wrong())
+        law(wrong(), **numbers)
     assert caught[0].filename == __file__
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        law(wrong().arm, wrong().rig)  # accepted by whoever writes this
+        law(wrong().arm, wrong().rig, **numbers)  # accepted by whoever writes this
 
 
 def test_a_right_log_is_quiet():
