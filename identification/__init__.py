@@ -44,6 +44,7 @@ from identification.results.alternatives import Sign
 from identification.results.assumed import Assumed
 from identification.results.detection import Detection
 from identification.results.diagnostics import Diagnostics
+from identification.results.doubts import IdentificationWarning
 from identification.results.identification import Identification
 from identification.results.model_files import WrittenModel, write_mjcf, write_urdf
 from identification.results.oscillation import Oscillation, oscillation
@@ -60,9 +61,10 @@ known_options(GeneticSettings)
 
 __all__ = [
     "Assumed", "Budget", "Detection", "Diagnostics", "Fit", "FitTrial", "GearResonance", "GeneticResult",
-    "GeneticSettings", "GeneticState", "Identification", "Interval", "LinkSize", "Load", "MotorFit", "Objective",
-    "Oscillation", "PayloadEstimate", "Physical", "Search", "Sign", "Spread", "Tolerances", "TorqueFit",
-    "WrittenModel", "derivatives", "design_motion", "find_load", "fit_torque", "friction_from_motor_test",
-    "gain_from_current", "identify", "low_pass", "minimize_genetic", "nearest_physical", "oscillation",
-    "pulse_budget", "puma560_ranges", "ranges", "spread", "without_delay", "write_mjcf", "write_urdf",
+    "GeneticSettings", "GeneticState", "Identification", "IdentificationWarning", "Interval", "LinkSize", "Load",
+    "MotorFit", "Objective", "Oscillation", "PayloadEstimate", "Physical", "Search", "Sign", "Spread", "Tolerances",
+    "TorqueFit", "WrittenModel", "derivatives", "design_motion", "find_load", "fit_torque",
+    "friction_from_motor_test", "gain_from_current", "identify", "low_pass", "minimize_genetic", "nearest_physical",
+    "oscillation", "pulse_budget", "puma560_ranges", "ranges", "spread", "without_delay", "write_mjcf",
+    "write_urdf",
 ]  # fmt: skip

@@ -16,6 +16,7 @@ from identification.preparation import prepare, with_gears
 from identification.replay.experiment import with_zeros
 from identification.replay.objective import Objective
 from identification.results.diagnostics import Diagnostics
+from identification.results.doubts import warn_of_doubts
 from identification.results.identification import Identification
 from identification.search.genetic import GeneticSettings, GeneticState
 from identification.search.memory import resumed_at
@@ -106,6 +107,11 @@ def identify(
     ValueError
         Bad input, or no candidate that can be simulated.
 
+    Warns
+    -----
+    IdentificationWarning
+        What was found is in doubt: its ``.warnings``.
+
     Source: paper 3.2, 3.7.
     """
     started = time.perf_counter()
@@ -117,7 +123,9 @@ def identify(
     with Checkpoint(checkpoint, "identify").bind(lambda: problem.inputs) as kept:
         problem = dataclasses.replace(problem, checkpoint=kept)
         outcome = kept.stage("search", lambda: search(problem, progress))
-        return _assess(problem, outcome, started)
+        found = _assess(problem, outcome, started)
+    warn_of_doubts(found, "identify")
+    return found
 
 
 def search(problem: Problem, progress: bool) -> Outcome:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from identification import Identification
+from identification.results.doubts import warn_of_doubts
 from plant import Arm, Block, Law, Rig, Running
 from plant.analysis.sampled_loops import SampledLoops
 from plant.machine.motor_inertia import require_inertia
@@ -37,7 +38,8 @@ class ModelLaw(Law):
     Parameters
     ----------
     arm : Arm or Identification
-        The identified arm; an identification gives its rig, too: ``ComputedTorque(found)``.
+        The identified arm; an identification gives its rig, too: ``ComputedTorque(found)``, and is not taken silently
+        if it is in doubt (`IdentificationWarning`).
     rig : Rig, optional
         The identified rig, ``found.rig``.
 
@@ -56,6 +58,7 @@ class ModelLaw(Law):
         if isinstance(found, Identification):
             object.__setattr__(self, "arm", found.arm)
             object.__setattr__(self, "rig", found.rig if self.rig is None else self.rig)
+            warn_of_doubts(found, name)
         instance(f"arm of {name}", self.arm, Arm, "Pass an identification, or an arm and its rig.")
         instance(f"rig of {name}", self.rig, Rig, "Pass the arm's rig, or an identification in place of the arm.")
         super().__post_init__()

@@ -14,6 +14,7 @@ from identification.equation_error.labels import short_names
 from identification.planning.budget import pulse_budget
 from identification.results.assumed import Assumed
 from identification.results.diagnostics import Diagnostics
+from identification.results.doubts import doubts
 from identification.results.lengths import moved_by_lengths
 from identification.results.plots import plot_identification
 from identification.results.summary import summary_of
@@ -221,7 +222,9 @@ class Identification(Saved, Frozen):
 
     def __repr__(self) -> str:
         f = np.array2string(self.f, precision=3, suppress_small=True)
+        count, fallback = len(doubts(self)), self.fit.fallback_reason
+        doubtful = f", {count} warning{'s' * (count > 1)}: see .warnings" if count else ""
         return (
             f"Identification(f={f}, objective {self.initial_objective:.0f} -> {self.objective:.0f} pulses^2, "
-            f"{self.evaluations} evaluations in {self.seconds:.1f} s)"
+            f"{self.evaluations} evaluations in {self.seconds:.1f} s{', a fallback' * bool(fallback)}{doubtful})"
         )

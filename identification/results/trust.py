@@ -9,6 +9,7 @@ import numpy as np
 
 from identification.replay.timing import is_late
 from plant.checkup.oscillation import own_oscillation
+from plant.machine.unlikely import unlikely_statements
 
 __all__ = ["warnings_of"]
 
@@ -33,26 +34,42 @@ _INSEPARABLE, _MANY = 0.995, 3
 _ANOTHER = 0.05
 """Share of the logged torque by which that of the stated law may differ."""
 
+_APART = 20
+"""Samples from one position to the next for a speed."""
+
 _ZERO = 0.49
 """Zero of a counter [rad] beyond which it is at the end of its range."""
 
 
-def warnings_of(found: Any) -> list[str]:
-    """Lines about an `Identification`."""
+def warnings_of(found: Any, always: bool = True) -> list[str]:
+    """Lines about an `Identification`; `always`: with those that hold for any log with these unknowns."""
     reason = found.fit.fallback_reason
     replayed = any(record.law is not None and record.law.replays for record in found.records)
     return [
         *([] if reason is None else [f"{reason}."]),
+        *_of_statements(found),
         *_ends(found),
         *(_of_torques(found) if replayed else []),
         *_of_law(found),
         *_of_fit(found, replayed),
         *(_of_timing(found) if not replayed else []),
+        *(_of_unknowns(found) if not replayed and always else []),
         *_of_loops(found),
         *_of_detection(found, replayed),
         *_of_repeats(found, replayed),
         *_of_pairs(found),
     ]
+
+
+def _of_statements(found: Any) -> Iterator[str]:
+    """What the rigs state that no arm has, along the counts; each once."""
+    prismatic, lines = [link.prismatic for link in found.arm.dynamics.chain.links], []
+    for record in found.records:
+        q, every = record.rig.to_angle(record.counts), slice(None, None, _APART)
+        if len(q) > _APART:
+            qd = np.diff(q[every], axis=0) / np.diff(record.t[every])[:, None]
+            lines += [line for line in unlikely_statements(found.rig, q, qd, prismatic) if line not in lines]
+    yield from lines
 
 
 def _ends(found: Any) -> Iterator[str]:
@@ -115,6 +132,10 @@ def _of_timing(found: Any) -> Iterator[str]:
             f"the counts are {abs(delay):.2f} samples {'late' if delay > 0 else 'early'}, which biases f. "
             f"Identify without_delay(record, {delay:.3g}) and compare."
         )
+
+
+def _of_unknowns(found: Any) -> Iterator[str]:
+    """Unknowns that take over a delay, whatever the log."""
     absorbing = [name for name in found.unknown if name.startswith(("drive.viscous", "law.gain"))]
     if absorbing:
         yield f"a delay of the log is not separately identifiable from {', '.join(absorbing)}; be sure of the timing."
@@ -150,13 +171,21 @@ def _of_repeats(found: Any, replayed: bool) -> Iterator[str]:
         yield (
             f"simulated and measured errors differ by {difference:.2f} pulses (rms); two roundings alone give "
             "0.58. Check the law and its gains, signs (error = reference minus counted), friction, gears, springs, the "
-            "order of joints."
+            f"order of joints, and counts per turn: as the rig counts, the joints move over {_ranges(found)}."
         )
     if held_out is not None and held_out > _WORSE * difference:
         yield (
             f"a record kept aside differs by {held_out:.2f} pulses, those searched by "
             f"{difference:.2f}: the values do not hold for both."
         )
+
+
+def _ranges(found: Any) -> str:
+    """Ranges of motion in the first record, as its rig counts."""
+    record, links = found.records[0], found.arm.dynamics.chain.links
+    spans = np.ptp(record.rig.to_angle(record.counts), axis=0)
+    pairs = zip(spans, links, strict=True)
+    return " and ".join(f"{s:.3g} m" if link.prismatic else f"{np.rad2deg(s):.0f} degrees" for s, link in pairs)
 
 
 def _of_pairs(found: Any) -> Iterator[str]:

@@ -12,9 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from plant.laws.law import Law
 from plant.logs.record import Record
 from plant.machine.rig import Rig
+from plant.machine.unlikely import unlikely_statements
 from plant.mechanics.arm import Arm
 from plant.motion.reference import Reference
 from plant.parts.arguments import array, choice, instance, known_options, real
+from plant.parts.user_warning import warn
 from plant.simulation.casadi_loop import by_casadi
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop, bounded
@@ -130,6 +132,9 @@ def run(
     given = None if initial is None else array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
     start = path.start() if given is None else given
     warn_of_motors(law, reference)
+    motion = reference.links(clock.t)
+    for line in unlikely_statements(rig, motion.q, motion.qd, [link.prismatic for link in arm.dynamics.chain.links]):
+        warn(line)
     warn_of_missing_rotors(arm, rig, start[0])
     warn_of_stiff_gears(arm, rig, start[0], steps_per_sample)
     warn_of_unstable_lag(arm, rig, law, start[0])

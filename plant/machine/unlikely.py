@@ -1,0 +1,40 @@
+"""What a rig states that no arm has, beside a motion: speeds in other units, friction of another side, slow periods."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.machine.rig import Rig
+
+__all__ = ["unlikely_statements"]
+
+_SLOWEST = 0.1
+"""Sampling period [s] that no controller of an arm has."""
+
+_TURNS = 3.0
+"""Turns that no revolute joint of an arm makes from end to end."""
+
+
+def unlikely_statements(
+    rig: Rig, q: NDArray[np.float64], qd: NDArray[np.float64], prismatic: Sequence[bool]
+) -> Iterator[str]:
+    """Lines on what cannot be meant, along positions and velocities (N, n) of the joints [rad, rad/s]."""
+    drive, labels = rig.drive, rig.joint_labels
+    if rig.period > _SLOWEST:
+        yield f"a period of {rig.period:g} s is no arm's: state the time from sample to sample [s], such as 0.001."
+    turns = np.ptp(q, axis=0) / (2 * np.pi)
+    limit, friction = drive.motor_gain * drive.current_limit, drive.viscous * np.abs(drive.gear * qd).max(axis=0)
+    for i in range(rig.n):
+        if turns[i] > _TURNS and not prismatic[i]:
+            yield (
+                f"{labels[i]} moves over {turns[i]:.3g} turns: positions are in rad, resolutions in counts per turn "
+                "of the motor. Are they in degrees, or per radian?"
+            )
+        elif friction[i] > limit[i]:
+            yield (
+                f"at the speed of this motion, the viscous friction of {labels[i]} is {friction[i]:.3g} N m at the "
+                f"motor, which gives at most {limit[i]:.3g} N m: viscous is motor side [N m s/rad]."
+            )
