@@ -19,6 +19,7 @@ from ctc.certification.gears import Gears
 from ctc.certification.uncertainty import Uncertainty
 from ctc.verdict.lowest_resonance import SETTLED
 from identification import Identification
+from identification.results.doubts import warn_of_doubts
 from plant import Arm, Law, Reference, Rig
 from plant.parts.arguments import instance, known_options, real
 from plant.parts.checkpoint import Checkpoint
@@ -129,6 +130,8 @@ def certify(
         }),
     )  # fmt: skip
     uncertainty.gears.require_followed(rig.period / steps_per_sample)
+    if isinstance(found, Identification):
+        warn_of_doubts(found, "certify")
     pose, kept = reference(np.zeros(1)).q[0], Checkpoint(checkpoint, "certify")
 
     def inputs() -> dict[str, Any]:

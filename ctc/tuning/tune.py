@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,8 @@ from ctc.tuning.families import families
 from ctc.tuning.search import ROUNDS, Tunings
 from ctc.tuning.tuning import Trial, Tuning
 from ctc.verdict.lowest_resonance import SETTLED
-from identification import Identification
+from identification import Identification, IdentificationWarning
+from identification.results.doubts import warn_of_doubts
 from plant import Arm, Reference, Rig
 from plant.parts.arguments import instance, known_options, real
 from plant.parts.checkpoint import Checkpoint
@@ -114,6 +116,8 @@ quadrature, load, load_position, delay, covariance, plants
     }  # fmt: skip
     uncertainty = Uncertainty(**stated, gears=Gears(**gears, imperfections=others))
     uncertainty.gears.require_followed(rig.period / 4)
+    if isinstance(found, Identification):
+        warn_of_doubts(found, "tune")
     pose = reference(np.zeros(1)).q[0]
 
     def inputs() -> dict[str, Any]:
@@ -145,10 +149,13 @@ quadrature, load, load_position, delay, covariance, plants
             trials.append(tunings.best(searching.numbers()[1], seed, bar.update, safe))
             bar.update((i + 1) * _GENERATIONS - bar.n)
     best = min(trials, key=lambda trial: trial.rank)
-    certificate = certify(
-        found, rig, best.law, reference, samples=samples, seed=seed + 2, within=within, after=after, threads=threads,
-        duration=duration, progress=progress, checkpoint=kept.part("certificate"), **stated, **gears, **others,
-    )  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", IdentificationWarning)  # said by tune
+        certificate = certify(
+            found, rig, best.law, reference, samples=samples, seed=seed + 2, within=within, after=after,
+            threads=threads, duration=duration, progress=progress, checkpoint=kept.part("certificate"),
+            **stated, **gears, **others,
+        )  # fmt: skip
     return Tuning(law=best.law, trials=tuple(trials), certificate=certificate, fresh=_FRESH)
 
 

@@ -73,9 +73,10 @@ class Identification(Saved, Frozen):
         return self.versions["onepulse"]
 
     def provenance(self) -> dict[str, Any]:
-        """Logs by their fingerprints, method and seed, and the versions that found it."""
+        """Logs by their fingerprints, method, seed and warnings, and the versions that found it."""
         logs = {name: [fingerprint(log) for log in getattr(self, name)] for name in ("records", "held_out")}
-        return {"versions": dict(self.versions), **logs, "method": self.method, "seed": self.seed}
+        search = {"method": self.method, "seed": self.seed, "warnings": self.warnings}
+        return {"versions": dict(self.versions)} | logs | search
 
     # -- the everyday attributes of the groups -------------------------------------------------------------------
     @property

@@ -1,13 +1,15 @@
 """Doubt is loud: where it is found, in the repr, and in each law that is built on it; right logs are quiet."""
 
 import dataclasses
+import json
 import warnings
 from functools import cache
 
+import numpy as np
 import pytest
 
-from ctc import ComputedTorque, ComputedTorquePID
-from identification import IdentificationWarning, identify
+from ctc import ComputedTorque, ComputedTorquePID, certify, tune
+from identification import Identification, IdentificationWarning, identify
 from plant import P, puma560, simulate
 
 RIG, LAW, PATH = puma560.rig(), puma560.p_law(), puma560.reference()
@@ -53,6 +55,21 @@ def test_a_law_does_not_take_it_silently(law, numbers):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         law(wrong().arm, wrong().rig, **numbers)  # accepted by whoever writes this
+
+
+@pytest.mark.parametrize("study", [certify, tune])
+def test_nor_does_a_study(study):
+    law, found = () if study is tune else (P(gain=LAW.gain),), wrong()
+    warnings.simplefilter("error", IdentificationWarning)
+    with pytest.raises(IdentificationWarning, match=rf"{study.__name__}: identified with"):
+        study(found, RIG, *law, PATH, covariance=np.eye(found.values.size))
+
+
+def test_a_file_has_the_warnings_and_what_is_read_from_it_warns_again(tmp_path):
+    wrong().save(tmp_path / "found.json")
+    assert json.loads((tmp_path / "found.json").read_text())["provenance"]["warnings"] == wrong().warnings
+    with pytest.warns(IdentificationWarning, match="ComputedTorque: identified with"):
+        ComputedTorque(Identification.load(tmp_path / "found.json"))
 
 
 def test_a_right_log_is_quiet():
