@@ -28,8 +28,9 @@ _WORSE = 1.5
 _BIASED = 0.08
 """Relative bias of least squares in a band that is tolerated."""
 
-_INSEPARABLE, _MANY = 0.995, 3
-"""Correlation above which two unknowns are not separately identifiable; and how many pairs are named one by one."""
+_INSEPARABLE, _VAGUE, _MANY = 0.995, 0.05, 3
+"""Correlation above which two unknowns are not separately identifiable, if the deviation of one is more than this share
+of its value; and how many pairs are named one by one."""
 
 _ANOTHER = 0.05
 """Share of the logged torque by which that of the stated law may differ."""
@@ -191,8 +192,9 @@ def _ranges(found: Any) -> str:
 def _of_pairs(found: Any) -> Iterator[str]:
     if found.covariance is None:
         return
-    names = found.short_names
-    pairs = [(names[i], names[j]) for i, j in np.argwhere(np.triu(np.abs(found.fit.correlation) > _INSEPARABLE, 1))]
+    names, vague = found.short_names, found.std > _VAGUE * np.abs(found.values)
+    alike = (np.abs(found.fit.correlation) > _INSEPARABLE) & (vague[:, None] | vague)
+    pairs = [(names[i], names[j]) for i, j in np.argwhere(np.triu(alike, 1))]
     if len(pairs) > _MANY:
         those = sorted({name for pair in pairs for name in pair}, key=names.index)
         yield (

@@ -8,9 +8,11 @@ import pytest
 from identification.results.trust import _of_pairs
 
 
-def found(correlation):
+def found(correlation, std=0.1):
     names = tuple(f"f{i + 1}" for i in range(len(correlation)))
-    return SimpleNamespace(covariance=correlation, short_names=names, fit=SimpleNamespace(correlation=correlation))
+    numbers = {"values": np.ones(len(names)), "std": np.full(len(names), std)}
+    fit = SimpleNamespace(correlation=correlation)
+    return SimpleNamespace(covariance=correlation, short_names=names, fit=fit, **numbers)
 
 
 @pytest.mark.parametrize(("alike", "lines"), [(0, 0), (2, 1), (3, 3), (4, 1)])
@@ -21,3 +23,8 @@ def test_many_pairs_are_one_line(alike, lines):
     assert len(said) == lines
     assert all(name in " ".join(said) for name in ("f1", "f2", "f3", "f4")[:alike])
     assert ("6 pairs" in " ".join(said)) == (alike == 4)
+
+
+def test_a_pair_that_is_known_well_is_no_warning():
+    correlation = np.array([[1, -0.999], [-0.999, 1]])
+    assert not list(_of_pairs(found(correlation, std=0.001)))
