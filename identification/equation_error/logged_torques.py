@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -106,6 +106,7 @@ def fit_torque(
     names, systems = task.systems(width, cutoff, every, slowest)
     report |= {"band": width, "cutoff": cutoff_of(width, cutoff), "least_speed": slowest}
     report["every"] = tuple(every_of(width, log.rig.period, every) for log in task.logs)
+    report["freed"] = dict(_freed(task, (width, cutoff, every, slowest), stated))
     try:
         return weighted(task.dynamics, names, systems, stated, task.seconds, **report)
     except NotIdentifiableError as error:
@@ -134,6 +135,20 @@ def _chosen(
 
     share, speeds_tried = choose_speed(SHARES, faster, task.seconds, 1 / width, weights)
     return width, task.least(usual, share, width), {"bands": bands_tried, "least_speeds": speeds_tried}
+
+
+def _freed(
+    task: TorqueEquations, settings: tuple[Any, ...], weights: NDArray[np.float64] | None
+) -> Iterator[tuple[str, tuple[float, float]]]:
+    """Each known number that the torques tell from the unknowns: what they ask for, and its standard deviation."""
+    for name in task.known:
+        known = {other: value for other, value in task.known.items() if other != name}
+        names, systems = dataclasses.replace(task, known=known).systems(*settings)
+        try:
+            fit = weighted(task.dynamics, names, systems, weights, task.seconds)
+        except ValueError:  # not separately identifiable, or too few equations
+            continue
+        yield name, (fit[name], float(fit.std[names.index(name)]))
 
 
 def _weights(weights: ArrayLike | None, task: TorqueEquations) -> NDArray[np.float64] | None:

@@ -31,6 +31,10 @@ __all__ = ["TorqueFit", "weighted"]
 _POOR = 0.3
 """Relative torque error above which something is wrong with the log rather than with the arm."""
 
+_DOUBTED, _OTHERWISE = 5.0, 0.2
+"""Standard deviations, and share of the larger, by which a known number differs from what the torques ask for where it
+is doubted."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class TorqueFit(Frozen):
@@ -58,6 +62,9 @@ class TorqueFit(Frozen):
         Condition number of the weighted columns, scaled to one length.
     known : dict of str to float
         What was not searched but given.
+    freed : dict of str to (float, float)
+        What the torques ask for where this one of the known numbers is not taken as known, and its standard deviation;
+        without those that they do not tell from the unknowns.
     left_out : dict of str to str
         Joint -> why its equations were not used.
     cutoff, band : float or None
@@ -82,6 +89,7 @@ class TorqueFit(Frozen):
     rows: int
     condition: float
     known: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    freed: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
     left_out: Mapping[str, str] = dataclasses.field(default_factory=dict)
     cutoff: float | None = None
     band: float | None = None
@@ -135,6 +143,13 @@ class TorqueFit(Frozen):
                 f"{self.relative_error:.0%} of the torque is not explained; check units (rad, joint side N m), signs "
                 "and the order of the joints"
             )
+        for (label, value), name in zip(self._short_known(), self.known, strict=True):
+            asked, std = self.freed.get(name, (value, 0.0))
+            if abs(asked - value) > max(_DOUBTED * std, _OTHERWISE * max(abs(asked), abs(value))):
+                found.append(
+                    f"{label} is stated as {value:.4g}, but these torques ask for {asked:.4g} +- {std:.2g}: check it, "
+                    "its unit and its sign"
+                )
         return found
 
 

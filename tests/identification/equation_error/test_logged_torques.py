@@ -86,6 +86,17 @@ def test_what_is_known_is_taken_and_the_rest_found(logs):
     assert np.abs(moved.f - free.f).max() > 0.1
 
 
+def test_a_known_number_that_the_torques_contradict_is_said(logs):
+    q, torque = zip(*logs, strict=True)
+    name = DYNAMICS.names[0]
+    free = fit_torque(DYNAMICS, q, torque, **STATED)
+    right = fit_torque(DYNAMICS, q, torque, known={name: free[name]}, **STATED)
+    assert right.freed[name] == pytest.approx((free[name], free.std[0]), rel=1e-6)
+    assert not right.warnings
+    wrong = fit_torque(DYNAMICS, q, torque, known={name: 10 * free[name] + 5}, **STATED)
+    assert any("is stated as" in line and "these torques ask for" in line for line in wrong.warnings)
+
+
 def test_known_friction_replaces_that_of_the_rig(logs):
     q, torque = logs[0]
     drive = dataclasses.replace(RIG.drive, coulomb=(9.0, 0.08, 0.05))
