@@ -23,7 +23,7 @@ from identification.replay.prediction import Prediction
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem
 
-__all__ = ["LoadSearch"]
+__all__ = ["FreeArm", "LoadSearch"]
 
 _STEPS = (0.01, 0.002)
 """Of the central differences: of the mass [kg], and of its place [m]."""
@@ -45,6 +45,27 @@ _REACH = 2.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class FreeArm:
+    """What logs say of an arm with any f, beside the known arm with a load.
+
+    Attributes
+    ----------
+    square, freedom : float, int
+        Chi-square, and degrees of freedom, by which any other f follows the logs better than every load: chance, or
+        what arm, gears and drives have and the model lacks. NaN and 0 where the logs do not tell all of f.
+    shares : (l,) numpy.ndarray
+        What is to be added to the numbers of the load, as the known arm is uncertain; 0 of an exact one.
+    covariance : (l, l) numpy.ndarray or None
+        Of the load, with that of the known arm.
+    """
+
+    square: float = np.nan
+    freedom: int = 0
+    shares: NDArray[np.float64] | float = 0.0
+    covariance: NDArray[np.float64] | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class LoadSearch:
     """What is known, and what is not.
 
@@ -60,6 +81,8 @@ class LoadSearch:
         As the rig states it, in the order of the problem's unknowns after f.
     deviation : (d,) numpy.ndarray
         Standard deviations of that; inf of what is unknown, 0 of what is known.
+    covariance : (p, p) numpy.ndarray
+        Of `f`; 0 of an exact arm.
     """
 
     f: NDArray[np.float64]
@@ -67,6 +90,7 @@ class LoadSearch:
     mass: tuple[float, float]
     friction: NDArray[np.float64]
     deviation: NDArray[np.float64]
+    covariance: NDArray[np.float64]
 
     def fitted(self, problem: Problem) -> Outcome:
         """The prediction error's fit of mass, centre and friction, as a method of identification.
@@ -100,12 +124,10 @@ class LoadSearch:
         stages = {"prediction error": solution.values, "steps": steps[loads:]}
         return Outcome(fit=fit, evaluations=view.prediction.evaluations, stages=stages)
 
-    def contradiction(self, problem: Problem, outcome: Outcome) -> tuple[float, int]:
-        """Chi-square, and degrees of freedom, by which an arm with any other f follows the logs better.
+    def free(self, problem: Problem, outcome: Outcome) -> FreeArm:
+        """All of f, fitted beside friction: its difference from the known f, in units of the covariances of both.
 
-        All of f is fitted beside friction; what the load cannot be of its difference from the known f is compared with
-        its covariance. It is chance, or what arm, gears and drives have and the model lacks. (NaN, 0) where the logs do
-        not tell all of f.
+        Generalised least squares: the load takes of the difference what it can, the rest is the contradiction.
         """
         fit, loads, p = outcome.fit, len(self.load.names), len(self.f)
         found, more = fit.values[:loads], self.load.increments(fit.values)
@@ -118,16 +140,18 @@ class LoadSearch:
         limits = np.vstack([np.tile([-np.inf, np.inf], (p, 1)), self.bounds(problem)[loads:]])
         try:
             solution = view.followed(start, steps, limits, False)
-            weight = np.linalg.inv(solution.covariance[:p, :p])
+            weight = np.linalg.inv(solution.covariance[:p, :p] + self.covariance)
         except (ValueError, np.linalg.LinAlgError):
-            return np.nan, 0
+            return FreeArm()
         change = _RELATIVE * np.eye(loads)
         slopes = np.column_stack([self.load.increments(found + step) - self.load.increments(found - step)
                                   for step in change]) / (2 * _RELATIVE)  # fmt: skip
         left = solution.values[:p] - more
-        shares = np.linalg.solve(slopes.T @ weight @ slopes, slopes.T @ weight @ left)
+        covariance = np.linalg.inv(slopes.T @ weight @ slopes)
+        shares = covariance @ (slopes.T @ weight @ left)
         left = left - slopes @ shares
-        return float(left @ weight @ left), p - loads
+        told: dict[str, Any] = {"shares": shares, "covariance": covariance} if self.covariance.any() else {}
+        return FreeArm(square=float(left @ weight @ left), freedom=p - loads, **told)
 
     def bounds(self, problem: Problem) -> NDArray[np.float64]:
         """Of mass, centre and friction (k, 2)."""

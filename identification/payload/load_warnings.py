@@ -62,6 +62,8 @@ def warnings_of(
             f"no load makes of this arm what the logs show: chi-square {square:.0f} of {freedom}; arm, gears or "
             "friction differ from the model. The deviation counts that as if it were noise."
         )
+    if search.covariance.any() and not freedom:
+        yield "the logs do not tell all of f: what is uncertain of the identified arm is not in the interval."
     if birge(runs) > _APART:
         masses = ", ".join(f"{mass:.4g} +- {own:.2g}" for mass, own in runs)
         yield f"the records alone differ more than their deviations: {masses} kg; the deviation counts that."

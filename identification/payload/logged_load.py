@@ -6,7 +6,8 @@ is. So friction and its offsets are unknown beside the load, or stated with a de
 The interval counts what the model lacks as far as the logs show it. All of f is fitted freely; by how much it differs
 from the known f by more than a load can is a chi-square. And where several logs have been made, each is fitted alone.
 The covariance is multiplied by the larger of the two per degree of freedom (the Birge ratio), where that exceeds one.
-The arm counts as exact, and under sampled laws deviations of hundredths of a gram are too small.
+An arm that was identified brings its covariance: the load is the generalised least squares of the difference in f. An
+arm alone counts as exact, and then deviations of hundredths of a gram, under sampled laws, are too small.
 
 Source: R. T. Birge, The calculation of errors by the method of least squares, Physical Review 40 (1932).
 """
@@ -18,7 +19,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.law_memory import along_log
 from identification.equation_error.naming import each_named
@@ -28,6 +29,8 @@ from identification.payload.load_warnings import birge, warnings_of
 from identification.payload.unknown_load import UnknownLoad
 from identification.replay.experiment import as_records
 from identification.replay.objective import Objective
+from identification.results.doubts import warn_of_doubts
+from identification.results.identification import Identification
 from identification.search.genetic import GeneticSettings
 from identification.search.memory import with_memory
 from identification.search.outcome import Outcome
@@ -43,7 +46,7 @@ _HEAVIEST, _LIGHTEST = 1e3, 1e-3
 
 @known_options
 def find_load(
-    arm: Arm,
+    arm: Identification | Arm,
     record: Record | Sequence[Record],
     position: ArrayLike | None = None,
     *,
@@ -57,8 +60,8 @@ def find_load(
 
     Parameters
     ----------
-    arm : Arm
-        Without the load, such as ``found.arm``; taken as known.
+    arm : Identification or Arm
+        Without the load. Of an identification the covariance of f counts; an arm alone is taken as exact.
     record : Record or sequence of Record
         Made with the load. The torque is that of the law, as for `identify`: a law with a memory is run along its log,
         also where this was cut; or that of the log.
@@ -85,10 +88,13 @@ def find_load(
     ValueError
         Bad input, or a load that is not identifiable (a log that does not move it).
     """
-    instance("arm", arm, Arm, "The order is arm, record, position.")
+    exact, uncertain = (arm.arm, arm) if isinstance(arm, Identification) else (arm, None)
+    arm = instance("arm", exact, Arm, "The order is arm, record, position.")
     given = record if isinstance(record, (tuple, list)) else (record,)
     for each in given:
         instance("record", each, Record, "The order is arm, record, position.")
+    if uncertain is not None:
+        warn_of_doubts(uncertain, "find_load")
     records, _ = as_records(arm.dynamics, [_with_offsets(each) for each in given], None)
     if position is not None:
         position = array("position", position, (3,), advice="Give x, y and z in the frame of the link's body [m].")
@@ -101,13 +107,28 @@ def find_load(
         raise ValueError(f"mass must {rule}; got {low:g} to {high:g}. Give (low, high) [kg].")
     if friction is not None and real("friction", friction, "Give a share, such as 0.1, or 0.") < 0:
         raise ValueError(f"friction must not be negative; got {friction:g}. Give a share, such as 0.1, or 0.")
-    search = _search(arm, records[0].rig, load, (float(low), float(high)), friction)
+    search = _search(arm, records[0].rig, load, (float(low), float(high)), friction, _covariance(uncertain, arm))
     options = {"steps_per_sample": steps_per_sample, "sweeps": 3, "threads": None}
     outcome, problem = _followed(arm, records, search, options)
     runs, ratio = _alone(arm, records, search, options)
-    square, freedom = search.contradiction(problem, outcome)
-    ratio = max(ratio, np.sqrt(square / freedom)) if freedom else ratio
-    return _assessed(arm, search, outcome, problem, runs, ratio, friction, square, freedom)
+    return _assessed(arm, search, outcome, problem, runs, ratio, friction)
+
+
+def _covariance(found: Identification | None, arm: Arm) -> NDArray[np.float64]:
+    """Of f, in the order of the arm's; none of an exact arm."""
+    p = len(arm.f)
+    if found is None:
+        return np.zeros((p, p))
+    if found.covariance is None:
+        raise ValueError(
+            f"an identification needs a covariance for the load's; this has none: {found.fit.fallback_reason}. Pass "
+            "found.arm to take the arm as exact."
+        )
+    covariance = np.zeros((p, p))
+    rows = [(i, found.unknown.index(name)) for i, name in enumerate(arm.dynamics.names) if name in found.unknown]
+    own, its = np.array(rows, int).reshape(-1, 2).T
+    covariance[np.ix_(own, own)] = found.covariance[np.ix_(its, its)]
+    return covariance
 
 
 def _with_offsets(record: Record) -> Record:
@@ -121,7 +142,10 @@ def _with_offsets(record: Record) -> Record:
     return dataclasses.replace(record, rig=rig)
 
 
-def _search(arm: Arm, rig: Rig, load: UnknownLoad, mass: tuple[float, float], friction: float | None) -> LoadSearch:
+def _search(
+    arm: Arm, rig: Rig, load: UnknownLoad, mass: tuple[float, float], friction: float | None,
+    covariance: NDArray[np.float64],
+) -> LoadSearch:  # fmt: skip
     drive = rig.drive
     offset = np.zeros(rig.n) if drive.curve is None else drive.curve.offset
     stated = [drive.viscous, drive.coulomb, offset]
@@ -130,8 +154,9 @@ def _search(arm: Arm, rig: Rig, load: UnknownLoad, mass: tuple[float, float], fr
     if friction is not None:
         deviation = [friction * np.abs(each) for each in (drive.viscous, drive.coulomb, drive.coulomb)]
     return LoadSearch(
-        f=arm.f, load=load, mass=mass, friction=np.concatenate(stated), deviation=np.concatenate(deviation)
-    )
+        f=arm.f, load=load, mass=mass, friction=np.concatenate(stated), deviation=np.concatenate(deviation),
+        covariance=covariance,
+    )  # fmt: skip
 
 
 def _followed(
@@ -179,10 +204,17 @@ def _alone(
 
 def _assessed(
     arm: Arm, search: LoadSearch, outcome: Outcome, problem: Problem, runs: tuple[tuple[float, float], ...],
-    ratio: float, friction: float | None, square: float, freedom: int,
+    ratio: float, friction: float | None,
 ) -> Load:  # fmt: skip
-    fit, load, count = outcome.fit, search.load, len(search.load.names)
-    covariance = np.asarray(fit.covariance) * ratio**2
+    free, load, count = search.free(problem, outcome), search.load, len(search.load.names)
+    square, freedom = free.square, free.freedom
+    ratio = max(ratio, np.sqrt(square / freedom)) if freedom else ratio
+    fit, covariance = outcome.fit, np.array(outcome.fit.covariance)
+    if free.covariance is not None:
+        values = np.clip(fit.values + np.append(free.shares, np.zeros(len(fit.values) - count)),
+                         *search.bounds(problem).T)  # fmt: skip
+        fit, covariance[:count, :count] = dataclasses.replace(fit, values=values), free.covariance
+    covariance *= ratio**2
     std = np.sqrt(np.diag(covariance))
     com = load.com(fit.values)
     com_std = np.zeros(3)

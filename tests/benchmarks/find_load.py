@@ -3,6 +3,7 @@
     python tests/benchmarks/find_load.py 120                   # runs per row; some 10 minutes on one core
     python tests/benchmarks/find_load.py 30 --place            # the centre of mass is unknown too
     python tests/benchmarks/find_load.py 30 --resonance 100    # on gears that the model lacks [Hz]
+    python tests/benchmarks/find_load.py 30 --identified       # the arm is identified, from a log of its own
 
 Literature arm; mass 0.2 to 5 kg, anywhere on the forearm; viscous friction and Coulomb friction of each joint, the
 path's offset, the encoders' phase and the cut are drawn anew for each run. Error: of the mass [kg], rms and largest.
@@ -17,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from identification import find_load
+from identification import find_load, identify
 from plant import Body, Elasticity, Phase, load_matrix, load_parameters, puma560, simulate
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "oracles"))
@@ -27,7 +28,10 @@ from logged_laws import LAWS
 ARM, RIG, PATH, SECONDS = puma560.literature_arm(), puma560.rig(), puma560.reference(), 2.2
 
 
-def log_of(law, seed, hertz=None):
+FRICTION = tuple(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in (0, 1))
+
+
+def log_of(law, seed, hertz=None, carried=True):
     """A log without torques, the mass in it, and its place."""
     rng = np.random.default_rng(seed)
     mass, place = rng.uniform(0.2, 5.0), np.array([rng.uniform(-0.1, 0.1), rng.uniform(-0.6, -0.2), 0.0])
@@ -40,7 +44,7 @@ def log_of(law, seed, hertz=None):
         elasticity=None if hertz is None else Elasticity.from_resonance(loaded, hertz, 0.02, drive=RIG.drive),
     )  # fmt: skip
     encoder = dataclasses.replace(RIG.encoder, phase=Phase(shift=rng.uniform(-0.5, 0.5, 2)))
-    begin = rng.uniform(0.1, 0.6)
+    begin, loaded = rng.uniform(0.1, 0.6), loaded if carried else ARM
     steps = 4 if hertz is None else 16
     made = simulate(
         loaded, dataclasses.replace(RIG, drive=drive, encoder=encoder), law, path, duration=SECONDS + begin,
@@ -57,6 +61,7 @@ def main():
     parser.add_argument("--place", action="store_true")
     parser.add_argument("--resonance", type=float)
     parser.add_argument("--friction", type=float)
+    parser.add_argument("--identified", action="store_true")
     given = parser.parse_args()
     print("| law | rms error | largest | median deviation | covered | warned | held | seconds | refused |")
     print("|---|---|---|---|---|---|---|---|---|")
@@ -65,7 +70,11 @@ def main():
         for seed in range(given.runs):
             try:
                 record, mass, place = log_of(LAWS[name], seed, given.resonance)
-                found = find_load(ARM, record, None if given.place else place, friction=given.friction)
+                arm = ARM
+                if given.identified:
+                    own = log_of(LAWS["P"], seed, given.resonance, carried=False)[0]
+                    arm = identify(ARM.dynamics, own, unknown=(*ARM.dynamics.names, *FRICTION), progress=False)
+                found = find_load(arm, record, None if given.place else place, friction=given.friction)
             except ValueError as error:  # also a loop that leaves its path
                 refused.append(str(error))
                 continue

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from identification import Load, find_load
+from identification import Load, find_load, identify
 from identification.equation_error.least_squares import NotIdentifiableError
 from identification.payload.load_search import LoadSearch
 from plant import PID, Body, Harmonics, load_matrix, load_parameters, puma560, simulate
@@ -212,3 +212,19 @@ def test_bad_input_is_refused(change, says):
     given = {"arm": puma560.literature_arm(), "record": log(0.0), "position": PLACE}
     with pytest.raises(ValueError, match=says):
         find_load(**(given | change))
+
+
+# -- an arm that was identified ----------------------------------------------------------------------------------------
+def test_what_is_uncertain_of_the_arm_is_uncertain_of_the_load():
+    """Under PID the log tells f more closely than the identification did, and contradicts an arm taken as exact."""
+    unknown = (*ARM.dynamics.names, *(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in (0, 1)))
+    own = dataclasses.replace(simulate(ARM, dataclasses.replace(RIG, drive=WORN), LAW, PATH), rig=RIG)
+    known, record = identify(ARM.dynamics, own, unknown=unknown, progress=False), worn_log(law=PID_LAW, duration=2.2)
+    found, exact = (find_load(arm, record, PLACE) for arm in (known, known.arm))
+    assert any("no load makes of this arm" in text for text in exact.warnings)
+    assert not found.warnings
+    assert found.std < exact.std / 3
+    assert abs(z(found)) < 3
+    bare = dataclasses.replace(known, fit=dataclasses.replace(known.fit, covariance=None, fallback_reason="no fit"))
+    with pytest.raises(ValueError, match="needs a covariance for the load's; this has none: no fit"):
+        find_load(bare, record, PLACE)
