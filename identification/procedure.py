@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
-from tqdm import tqdm
 
 from identification.equation_error.clustered import at_least
 from identification.preparation import prepare, with_gears
@@ -28,6 +27,7 @@ from identification.search.tolerances import Tolerances
 from plant import Dynamics, Record
 from plant.parts.arguments import instance, known_options
 from plant.parts.checkpoint import Checkpoint
+from plant.parts.progress import progress_bar
 from plant.parts.saved import versions
 
 __all__ = ["identify", "search"]
@@ -73,7 +73,7 @@ def identify(
     method : {"seeded", "paper", "genetic", "equation_error", "didim", "output_error", "prediction_error"}
         See `identification.search.methods`. "paper" is 3.7 as printed.
     progress : bool
-        Show a progress bar.
+        Show a progress bar, where standard error is a terminal.
     ranges : (k, 2) array_like, optional
         Where to search each unknown; "paper" and "genetic" take ``dynamics.ranges`` by default, the others need none.
     unknown : sequence of str, optional
@@ -131,7 +131,7 @@ def identify(
 def search(problem: Problem, progress: bool) -> Outcome:
     """What the method finds; a progress bar counts generations."""
     total = problem.settings.generations
-    with tqdm(total=total, desc="identify", unit="generation", disable=not progress, leave=False) as bar:
+    with progress_bar(total, "identify", "generation", progress) as bar:
 
         def show(state: GeneticState) -> None:
             bar.set_postfix_str(f"best {state.best_cost:.0f} pulses^2")

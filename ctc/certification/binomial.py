@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from scipy.special import betaincinv
-
 __all__ = ["clopper_pearson"]
 
 
@@ -14,6 +12,8 @@ def clopper_pearson(failures: int, samples: int, confidence: float = 0.95) -> tu
 
     Source: C. Clopper and E. Pearson, Biometrika 26 (1934), 404-413.
     """
+    from scipy.special import betaincinv
+
     tail = (1 - confidence) / 2
     low = betaincinv(failures, samples - failures + 1, tail) if failures else 0.0
     high = betaincinv(failures + 1, samples - failures, 1 - tail) if failures < samples else 1.0

@@ -80,7 +80,7 @@ def certify(
     threads : int, optional
         By default one per core. The result is the same, bit for bit, for any number.
     progress : bool
-        Show a progress bar of the fits below.
+        Show a progress bar of the fits below, where standard error is a terminal.
     checkpoint : str or Path, optional
         File in which these fits and finished loops are kept: killed and called again with it, the work goes on, to the
         same bits. One of other inputs, versions or another processor is refused.

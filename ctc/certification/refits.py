@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from tqdm import tqdm
 
 from identification import Identification
 from identification.preparation import prepare
@@ -24,6 +23,7 @@ from plant import Arm, Elasticity
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
+from plant.parts.progress import progress_bar
 
 __all__ = ["Refits", "refits"]
 
@@ -111,7 +111,7 @@ def _fitted(
     count = int(np.clip(np.ceil((high - low).max() / np.log(_APART)) + 1, 1 if (high == low).all() else 2, _MOST))
     arm, fits = found.arm, dict[float, Fit]()
     total = count + _ROUNDS - 1
-    with tqdm(total=total, desc="fits on gears", unit="fit", disable=not progress, leave=False) as bar:
+    with progress_bar(total, "fits on gears", "fit", progress) as bar:
         for place in np.linspace(0, 1, count) if count > 1 else [0.5]:
             hz = np.exp(low + place * (high - low))
             for again in range(1 if fits else _ROUNDS):

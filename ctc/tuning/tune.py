@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from tqdm import tqdm
 
 from ctc.certification.certify import certify
 from ctc.certification.gears import Gears
@@ -22,6 +21,7 @@ from identification.results.doubts import warn_of_doubts
 from plant import Arm, Reference, Rig
 from plant.parts.arguments import instance, known_options, real
 from plant.parts.checkpoint import Checkpoint
+from plant.parts.progress import progress_bar
 from plant.simulation.threads import cores
 
 __all__ = ["tune"]
@@ -78,7 +78,7 @@ quadrature, load, load_position, delay, covariance, plants
     threads : int, optional
         By default one per core.
     progress : bool
-        Show a progress bar.
+        Show a progress bar, where standard error is a terminal.
     checkpoint : str or Path, optional
         File in which what has been tried is kept, as of `certify`.
 
@@ -137,7 +137,7 @@ quadrature, load, load_position, delay, covariance, plants
     laws, trials = families(arm, fresh.own, reference), list[Trial]()
     with (
         kept,
-        tqdm(total=len(laws) * _GENERATIONS, desc="tune", unit="generation", disable=not progress, leave=False) as bar,
+        progress_bar(len(laws) * _GENERATIONS, "tune", "generation", progress) as bar,
     ):
         for i, family in enumerate(laws):
             bar.set_postfix_str(family.name)

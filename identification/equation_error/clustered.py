@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 __all__ = ["RUNS", "STRETCHES", "at_least", "group_std", "products", "run_std"]
 
@@ -51,6 +50,8 @@ def group_std(
     (k,) numpy.ndarray
         Inf where the rest of the groups does not determine all values.
     """
+    from scipy.special import stdtrit
+
     count, k = int(groups.max()) + 1, rows.shape[1]
     scale = np.sqrt((rows * rows).sum(axis=0))
     whole, moves = products(rows / scale), np.empty((count, k))
@@ -66,6 +67,8 @@ def group_std(
 
 def run_std(rows: NDArray[np.float64], residual: NDArray[np.float64], runs: NDArray[np.intp]) -> NDArray[np.float64]:
     """The same for a few groups of unequal weight, such as runs; parameters as for `group_std`."""
+    from scipy.special import stdtrit
+
     count, scale = int(runs.max()) + 1, np.sqrt((rows * rows).sum(axis=0))
     inverse, scores = np.linalg.inv(products(rows / scale)), np.zeros((count, rows.shape[1]))
     for i in range(count):

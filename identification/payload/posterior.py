@@ -6,7 +6,6 @@ import dataclasses
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr
 
 from identification.payload.shape import LoadShape
 from plant.parts.frozen import Frozen
@@ -149,6 +148,8 @@ def _nothing(shape: LoadShape, message: str) -> PayloadEstimate:
 
 def _log_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Logarithm of the normal probability between a and b, also far out."""
+    from scipy.special import log_ndtr
+
     flip = a > 0
     low, high = np.where(flip, -b, a), np.where(flip, -a, b)
     top = log_ndtr(high)

@@ -16,7 +16,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, chdtri
 
 from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, orthonormal
@@ -83,6 +82,8 @@ class Sign(Frozen):
     @property
     def chance(self) -> float:
         """Probability with which a right model reaches chi-square."""
+        from scipy.special import chdtrc
+
         return float(chdtrc(self.freedom, max(self.chi_square, 0.0)))
 
 
@@ -151,6 +152,8 @@ def family(name: str) -> str:
 
 
 def _threshold(freedom: int) -> float:
+    from scipy.special import chdtri
+
     return float(chdtri(freedom, _BY_CHANCE))
 
 

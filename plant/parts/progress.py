@@ -1,0 +1,24 @@
+"""Progress bars: on a terminal, and nowhere else, so that no log file fills with them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tqdm import tqdm
+
+__all__ = ["progress_bar"]
+
+
+def progress_bar(total: int, label: str, unit: str, shown: bool) -> Any:
+    """A bar on standard error, to use in a ``with`` statement; it is gone when the work is done.
+
+    Parameters
+    ----------
+    total : int
+        Units of work.
+    label, unit : str
+        What is done, and what is counted.
+    shown : bool
+        Whether it is wanted; where standard error is a file or a pipe there is none in any case.
+    """
+    return tqdm(total=total, desc=label, unit=unit, disable=None if shown else True, leave=False)
