@@ -20,7 +20,7 @@ from plant.realtime.memory import (
     RAMPING, RATE, RATED, RELEASED, ROWS, RUNNING, SCALARS, SINCE, STATES, SWING, TOO_STEEP, TORQUE, WANTED,
     counted, law, monitored, moving, ramp, shifted, slowing,
 )  # fmt: skip
-from plant.realtime.stopping import begin_stop, bridge, copy, limit_time, release, rising, stop, take_state
+from plant.realtime.stopping import begin_stop, bridge, copy, limit_time, opposed, release, rising, stop, take_state
 from plant.realtime.watching import bounded, follow, in_time, read, refused, watch
 
 __all__ = ["step"]
@@ -120,6 +120,9 @@ def rate(own, joints, memory):
         shifted(memory)
     for i in range(joints.shape[1]):
         if own[RELEASED] == HOLDING and joints[OVER, i] != RUNNING:
+            first = own[CAUSE] == RUNNING
             stop(joints[OVER, i], i, joints[AT_LIMIT if joints[OVER, i] == IS_SATURATED else SWING, i], own)
             release(own, joints)
             copy(MEAN, FROM_TORQUE, joints)
+            if first:
+                opposed(own, joints, memory)

@@ -3,15 +3,29 @@
 The text of this module is compiled with that of `plant.realtime.safety`.
 """
 
+import math
+
 from plant.realtime.memory import (
     AT_MOST, BAD_TIME, BEGUN, BRIDGED, CALLS, CAUSE, COUNTS, DRIVES, DT, EVENT, EVENT_AMOUNT, EVENT_CALL,
     EVENT_JOINT, FRESH, FROM_Q, FROM_QD, FROM_TORQUE, HAD_GAPS, HOLDING, IS_DEAD, IS_OFF, IS_STUCK, JUMPS, LATCH,
     LATCHED, LATCH_JOINT, LEAST_STEP, LIMITED, LIMIT_TIME, NO_COUNTS, OFF_BEAT, PLANNED, PUSHES, Q, QD, RAMPING,
-    REFERENCE, RELEASED, ROWS, RUNNING, RUNS, SCALARS, SINCE, SLACK, SPEED, STATES, STOP, TORQUE, WAS_LATE, WEIGHT,
-    counted, limited, planned, standing,
+    REFERENCE, RELEASED, RHYTHM, ROWS, RUNNING, RUNS, SCALARS, SINCE, SLACK, SPEED, STATES, STOP, TORQUE, WAS_LATE,
+    WEIGHT, counted, limited, planned, standing,
 )  # fmt: skip
 
-__all__ = ["begin_stop", "bridge", "copy", "latch", "limit_time", "note", "release", "rising", "stop", "take_state"]
+__all__ = [
+    "begin_stop",
+    "bridge",
+    "copy",
+    "latch",
+    "limit_time",
+    "note",
+    "opposed",
+    "release",
+    "rising",
+    "stop",
+    "take_state",
+]
 
 GROWTH = 1.25
 """Factor on the speed of the arm where a stop begins, or on that of its reference, that is no rise."""
@@ -58,6 +72,8 @@ def begin_stop(own, joints, memory):
     elif cause in (WAS_LATE, HAD_GAPS, BAD_TIME, OFF_BEAT):
         copy(Q, FROM_Q, joints)
         copy(QD, FROM_QD, joints)
+        if cause == OFF_BEAT:
+            joints[FROM_QD, :] *= own[RHYTHM]  # the arm's, in the time that the calls count
     else:
         if cause == IS_OFF:
             running_away(own, joints, memory)
@@ -97,6 +113,19 @@ def running_away(own, joints, memory):
             latch(RUNS, i, own)
 
 
+def opposed(own, joints, memory):
+    """Zero torque if a joint goes, fast, where its torque does not push it: another joint's encoder or torque is its.
+
+    A joint that only lags, because its torque is at the limit, goes the way of its reference. In a hold it may go on.
+    """
+    planned(memory)
+    for i in range(joints.shape[1]):
+        slack = GROWTH * abs(joints[PLANNED, i]) + joints[SLACK, i]
+        error = joints[REFERENCE, i] - joints[COUNTS, i]
+        if abs(joints[SPEED, i]) > slack and joints[SPEED, i] * error < 0.0:
+            latch(RUNS, i, own)
+
+
 def rising(own, joints, memory):
     """Zero torque once a joint is faster than a stop can make it: the stop drives it."""
     n, most = joints.shape[1], 0.0
@@ -117,8 +146,11 @@ def rising(own, joints, memory):
 def limit_time(own, joints, memory):
     """Zero torque once a joint's has been at its limit for too long since the stop began."""
     limited(memory)
+    lasting = own[DT]
+    if own[CAUSE] == OFF_BEAT:
+        lasting *= math.ceil(own[RHYTHM])  # calls are lost in wholes
     for i in range(joints.shape[1]):
-        joints[LIMIT_TIME, i] = joints[LIMITED, i] * own[DT] + joints[LIMIT_TIME, i]
+        joints[LIMIT_TIME, i] = joints[LIMITED, i] * lasting + joints[LIMIT_TIME, i]
         if joints[LIMIT_TIME, i] > own[AT_MOST]:
             latch(PUSHES, i, own)
 

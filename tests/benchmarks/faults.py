@@ -15,7 +15,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "oracles"))
 from faults import FAULTS, experiment
-from spoilt import BEGIN, DT, LIES, WHEN, healthy, told
+from spoilt import DT, LIES, WHEN, healthy, told
 
 from ctc import ComputedTorque
 from plant import puma560
@@ -62,7 +62,7 @@ def lies():
     yield "|---|---|---|---|---|---|"
     for lie in LIES.values():
         runs = {gears: [told(lie, when, gears) for when in WHEN] for gears in ("rigid", "elastic")}
-        cells = [", ".join(_detected(lie, run) for run in those) for those in runs.values()]
+        cells = [", ".join(_detected(run) for run in those) for those in runs.values()]
         stopped = [run for those in runs.values() for run in those if run.stop is not None]
         if stopped:
             fast = max(stopped, key=lambda run: np.abs(run.speed[run.stop :]).max() / max(np.abs(run.alone).max(), 0.1))
@@ -75,10 +75,10 @@ def lies():
         yield f"| {lie.says} | {' | '.join(cells)} |"
 
 
-def _detected(lie, run):
+def _detected(run):
     if run.stop is None:
         return "-"
-    return f"{1e3 * DT * (run.stop - (0 if lie.always else BEGIN)):.0f}"
+    return f"{1e3 * DT * (run.stop - run.begun):.0f}"
 
 
 def _replaced(mark, text):

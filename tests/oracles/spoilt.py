@@ -92,7 +92,7 @@ def _weak(call, k, seen):
 
 @dataclasses.dataclass(frozen=True)
 class Lie:
-    """What is wrong from sample BEGIN on, or from the start; the gears of an elastic arm [Hz], its bandwidth, load."""
+    """What is wrong from sample BEGIN on or, save in a hold, always; gears of an elastic arm [Hz], bandwidth, load."""
 
     says: str
     spoil: Callable | None = None
@@ -128,11 +128,13 @@ WHEN = ("rest", "motion", "hold")
 class Told:
     """What came of it: status, brake, sample of the stop or None, speeds (N, 2) of the joints, torques (N, 2).
 
-    `alone` are speeds and torques of the same arm without torque from the stop on, None without a stop.
+    The fault began at sample `begun`. `alone` are speeds and torques of the same arm without torque from the stop on,
+    None without a stop.
     """
 
     status: str
     brake: bool
+    begun: int
     stop: int | None
     speed: np.ndarray
     energy: np.ndarray
@@ -160,11 +162,12 @@ def told(lie, when, gears="rigid", *, end=END, make=None):
     running, seen = law.start(RIG, robot.counts()), [robot.counts()]
     speed, torque, energy = np.zeros((end, 2)), np.zeros((end, 2)), np.zeros(end)
     stop = kept = None
+    always = lie.always and when != "hold"
     for k in range(end):
         call = Spoilt(robot.counts().astype(float), float(k - BEGIN))
-        if k == BEGIN and not lie.always:
+        if k == BEGIN and not always:
             seen = [robot.counts()]
-        if lie.spoil is not None and (lie.always or k >= BEGIN):
+        if lie.spoil is not None and (always or k >= BEGIN):
             lie.spoil(call, k - BEGIN, seen)
         if when == "rest":
             motion = start, np.zeros(2), np.zeros(2)
@@ -186,7 +189,17 @@ def told(lie, when, gears="rigid", *, end=END, make=None):
         for k in range(end - stop):
             alone[k], energy_alone[k] = robot.qd, _kinetic(arm, robot)
             robot.push(np.zeros(2))
-    return Told(str(running.status), running.status.brake, stop, speed, energy, torque, alone, energy_alone)
+    return Told(
+        str(running.status),
+        running.status.brake,
+        0 if always else BEGIN,
+        stop,
+        speed,
+        energy,
+        torque,
+        alone,
+        energy_alone,
+    )
 
 
 def _kinetic(arm, robot):

@@ -1,0 +1,27 @@
+"""A stop that does not drive: lies of encoders, clocks and scripts, beside the arm without torque from the stop on."""
+
+import numpy as np
+import pytest
+from spoilt import LIES, told
+
+CASES = {
+    ("frozen", "rest"): "stands still",
+    ("sign", "rest"): "no torque since joint 2 (q[0]) ran away",
+    ("sign", "hold"): "no torque since joint 2 (q[0]) grew faster in the stop",
+    ("swap", "rest"): "no torque since joint 2 (q[0]) ran away",
+    ("swap", "motion"): "no torque since joint 2 (q[0]) ran away: the torque of",
+    ("swap", "hold"): "no torque since",
+    ("nan", "motion"): "no whole numbers",
+    ("double", "motion"): "holding: calls lost or doubled",
+    ("lost", "motion"): "calls lost or doubled",
+}
+
+
+@pytest.mark.parametrize(("name", "when"), CASES, ids=["-".join(case) for case in CASES])
+def test_a_stop_is_no_faster_than_no_torque_and_soon_off_the_limit(name, when):
+    run = told(LIES[name], when)
+    assert run.stop is not None
+    assert CASES[name, when] in run.status
+    assert np.abs(run.speed[run.stop :]).max() <= 1.05 * np.abs(run.alone).max()
+    assert run.energy[run.stop :].max() <= 1.05 * run.energy_alone.max()
+    assert run.at_limit <= 0.05
