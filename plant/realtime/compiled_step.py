@@ -2,7 +2,7 @@
 
 What `plant.realtime.safety` needs of law and rig is written in `plant.realtime.pieces`. All numbers are in one vector,
 so that laws and rigs of one structure share a kernel. `safety` itself, with the modules that it is made of, is compiled
-once, in a kernel of its own: it takes four times as long as the pieces.
+once, in a kernel of its own: it takes five times as long as the pieces.
 """
 
 from __future__ import annotations
@@ -129,12 +129,20 @@ def _common():
     text = re.sub(r"^from plant\.[^(\n]*(\([^)]*\))?.*$|^__all__ = \[[^\]]*\].*$", "", text, flags=re.MULTILINE)
     functions = re.findall(r"^def (\w+)", text, re.MULTILINE)
     text = re.sub(rf"\b({'|'.join(functions)})(?=\()", r"\1_{h}", text)
-    inlined = 'numba.njit(inline="always", error_model="numpy")'  # in half the time that calls take to compile
-    made = [f"{name}_{{h}} = {'compiled' if name == 'step' else inlined}({name}_{{h}})" for name in functions]
+    made = [f"{name}_{{h}} = {_how(name, text)}({name}_{{h}})" for name in functions]
     calls = [called(name, layout.PIECES, which) for which, name in enumerate(_PIECES)]
     known = [f"{name} = {name}_{{h}}" for name in _PIECES]  # in the place of those that safety names
     text = joined(text, "from llvmlite import ir\n" + MODULES)
     return Kernel("\n".join([text, *made, *calls, *known]) + "\n", ["step"])
+
+
+def _how(name, text):
+    """Decorator of a function: inlined where it is called once, a call where more often, as compiles soonest."""
+    if name == "step":
+        return "compiled"
+    once = len(re.findall(rf"\b{name}_{{h}}\(", text)) == 2
+    alone = "no_cpython_wrapper=True, no_cfunc_wrapper=True"  # nothing but `step` calls them
+    return f'numba.njit(inline="{"always" if once else "never"}", error_model="numpy", {alone})'
 
 
 def _compiled_common():

@@ -78,10 +78,10 @@ def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
         ramp(memory)
     if own[CAUSE] != RUNNING:
         limit_time(own, joints, memory)
-    if own[RELEASED] == LATCHED:
-        joints[TORQUE, :] = 0.0
-    copy(TORQUE, ACTED, joints)
-    torque[:] = joints[TORQUE]
+    for i in range(n):
+        if own[RELEASED] == LATCHED:
+            joints[TORQUE, i] = 0.0
+        joints[ACTED, i] = torque[i] = joints[TORQUE, i]
     return DONE
 
 

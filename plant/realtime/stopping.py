@@ -72,13 +72,14 @@ def begin_stop(own, joints, memory):
     elif cause in (WAS_LATE, HAD_GAPS, BAD_TIME, OFF_BEAT):
         copy(Q, FROM_Q, joints)
         copy(QD, FROM_QD, joints)
-        if cause == OFF_BEAT:
-            joints[FROM_QD, :] *= own[RHYTHM]  # the arm's, in the time that the calls count
+        for i in range(joints.shape[1]):
+            joints[FROM_QD, i] *= own[RHYTHM] if cause == OFF_BEAT else 1.0  # the arm's, in the time that calls count
     else:
         if cause == IS_OFF:
             running_away(own, joints, memory)
         standing(memory)
-        joints[TORQUE, :] = 0.0
+        for i in range(joints.shape[1]):
+            joints[TORQUE, i] = 0.0
         take_state(0, own, joints, memory)
 
 
