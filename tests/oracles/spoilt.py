@@ -192,7 +192,7 @@ def told(lie, when, gears="rigid", *, end=END, make=None):
     return Told(
         str(running.status),
         running.status.brake,
-        0 if always else BEGIN,
+        0 if always or lie.spoil is None else BEGIN,
         stop,
         speed,
         energy,
