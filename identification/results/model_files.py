@@ -21,8 +21,9 @@ from plant.mechanics.model_tree import ModelFile
 from plant.mechanics.urdf_file import read_urdf
 from plant.mechanics.xacro import is_xacro
 from plant.mechanics.xml_file import Edit, Element, parsed, spliced
-from plant.models.edits import mjcf_inertial, mjcf_joint, require_new, urdf_friction, urdf_inertial, write_whole
+from plant.models.edits import mjcf_inertial, mjcf_joint, urdf_friction, urdf_inertial
 from plant.parts.arguments import known_options
+from plant.parts.files import require_new, write_whole
 from plant.parts.frozen import Frozen
 
 __all__ = ["WrittenModel", "write_mjcf", "write_urdf"]
@@ -199,6 +200,6 @@ def _own(model: ModelFile, link: str) -> Element:
 
 
 def _write(path: Path, model: ModelFile, edits: list[Edit], arm: Arm, got: Realised) -> WrittenModel:
-    write_whole(path, spliced(model.data, edits))
+    write_whole(path, [spliced(model.data, edits)])
     f = arm.f if got.exact else got.f
     return WrittenModel(path=path, bodies=got.bodies, rotors=got.rotors, arm=arm.dynamics.arm(f), difference=f - arm.f)

@@ -29,11 +29,12 @@ from plant.models.agreement import (
     impossible,
     mirrored,
 )
-from plant.models.edits import require_new, urdf_inertial, write_whole
+from plant.models.edits import urdf_inertial
 from plant.models.evidence import joint_places, mirrors, partner_of, shape_of
 from plant.models.hypotheses import Stated, without_mistakes
 from plant.models.repairs import body_of, guess, only
 from plant.parts.arguments import known_options
+from plant.parts.files import require_new, write_whole
 
 __all__ = ["ModelCheck", "ModelFinding", "check_model"]
 
@@ -107,7 +108,7 @@ class ModelCheck:
         for finding in self.findings:
             if finding.repair is not None:
                 edits += urdf_inertial(data, links[finding.link], finding.repair)
-        write_whole(path, spliced(data, edits))
+        write_whole(path, [spliced(data, edits)])
 
 
 def check_model(path: str | Path) -> ModelCheck:

@@ -1,10 +1,6 @@
-"""New inertials, friction and rotors for a URDF or MJCF file: edits of those bytes; files that are written whole."""
+"""New inertials, friction and rotors for a URDF or MJCF file: edits of those bytes."""
 
 from __future__ import annotations
-
-import os
-import tempfile
-from pathlib import Path
 
 import numpy as np
 
@@ -15,7 +11,7 @@ from plant.mechanics.placement import Placement
 from plant.mechanics.urdf_file import INERTIA, origin_of
 from plant.mechanics.xml_file import Edit, Element
 
-__all__ = ["mjcf_inertial", "mjcf_joint", "require_new", "urdf_friction", "urdf_inertial", "write_whole"]
+__all__ = ["mjcf_inertial", "mjcf_joint", "urdf_friction", "urdf_inertial"]
 
 
 def urdf_inertial(data: bytes, link: Element, body: Body) -> list[Edit]:
@@ -73,34 +69,6 @@ def mjcf_inertial(data: bytes, body_element: Element, body: Body) -> list[Edit]:
 def mjcf_joint(data: bytes, joint: Element, values: dict[str, float]) -> list[Edit]:
     """Edits that give an MJCF joint these numbers: armature, damping, frictionloss."""
     return [joint.attribute_edit(data, name, _text(value)) for name, value in values.items()]
-
-
-def require_new(target: str | Path, overwrite: bool) -> Path:
-    """The path of a file to be written; one that is there is refused, unless it may be overwritten.
-
-    Raises
-    ------
-    ValueError
-    """
-    path = Path(target)
-    if path.exists() and not overwrite:
-        raise ValueError(f"target must be a new file; {path} is there. Name another one, or pass overwrite=True.")
-    if not path.parent.is_dir():
-        raise ValueError(f"target must be in a folder that is there; {path.parent} is not. Make it first.")
-    return path
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file that is either what it was, or all of this."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-        os.chmod(name, 0o644)
-        os.replace(name, path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
 
 
 def _text(values: object) -> str:

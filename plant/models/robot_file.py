@@ -14,11 +14,11 @@ from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.mechanics.dynamics import Dynamics
 from plant.models.arm_table import arm_table, dynamics_of, model_beside
-from plant.models.edits import require_new, write_whole
 from plant.models.meaning import unit_of
 from plant.models.tables import class_of, part_of, table_of
 from plant.models.toml_text import toml_lines
 from plant.parts.arguments import choice, instance, known_options
+from plant.parts.files import require_new, write_whole
 from plant.parts.frozen import Frozen
 
 __all__ = ["Robot", "read_robot", "write_robot"]
@@ -162,7 +162,7 @@ def write_robot(robot: Robot, path: str | Path, *, overwrite: bool = False) -> N
     """
     instance("robot", robot, Robot, "Give Robot(arm=..., rig=..., ...), or what read_robot gave.")
     target = require_new(path, overwrite)
-    write_whole(target, ("\n".join(_lines(robot)) + "\n").encode())
+    write_whole(target, (f"{line}\n" for line in _lines(robot)))
 
 
 def _lines(robot: Robot) -> Iterator[str]:

@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterable
 from pathlib import Path
 
-__all__ = ["read_bounded", "remove_remains", "require_bounded", "write_whole"]
+__all__ = ["read_bounded", "remove_remains", "require_bounded", "require_new", "write_whole"]
 
 _OLD = 60.0
 """Age [s] beyond which a file beside its place is what a killed process left."""
@@ -53,15 +53,30 @@ def read_bounded(path: str | Path, most: int) -> bytes:
     return data
 
 
-def write_whole(path: str | Path, text: Iterable[str]) -> None:
+def require_new(target: str | Path, overwrite: bool) -> Path:
+    """The path of a file to be written; one that is there is refused, unless it may be overwritten.
+
+    Raises
+    ------
+    ValueError
+    """
+    path = Path(target)
+    if path.exists() and not overwrite:
+        raise ValueError(f"target must be a new file; {path} is there. Name another one, or pass overwrite=True.")
+    if not path.parent.is_dir():
+        raise ValueError(f"target must be in a folder that is there; {path.parent} is not. Make it first.")
+    return path
+
+
+def write_whole(path: str | Path, content: Iterable[str | bytes]) -> None:
     """Write a file beside its place, to the disk, then put it there: whoever reads sees the old one or the new one.
 
     Parameters
     ----------
     path : str or Path
         A link is followed. The folder must be there.
-    text : iterable of str
-        One after another.
+    content : iterable of str or bytes
+        One after another; text as UTF-8.
 
     Raises
     ------
@@ -75,9 +90,9 @@ def write_whole(path: str | Path, text: Iterable[str]) -> None:
         raise ValueError(f"{path} must be a file or not be there; it is a folder, a pipe or a device. Choose another.")
     temporary = place.with_name(f"{_beside(place)}{secrets.token_hex(8)}")
     try:
-        with open(temporary, "x", encoding="utf-8", newline="\n") as file:
-            for each in text:
-                file.write(each)
+        with open(temporary, "xb") as file:
+            for each in content:
+                file.write(each.encode() if isinstance(each, str) else each)
             file.flush()
             os.fsync(file.fileno())
         os.replace(temporary, place)
