@@ -1,87 +1,10 @@
-"""The paper from end to end: measure, identify, control, and say how many pulses it was off. ``python -m ctc``."""
+"""The paper from end to end, ``python -m ctc``: what ``onepulse demo`` runs."""
 
 from __future__ import annotations
 
-import argparse
-import time
-from pathlib import Path
+import sys
 
-from ctc import ComputedTorque, Evaluation, evaluate
-from ctc.figures import plot_comparison, plot_evaluation, plot_identification, plot_record
-from identification import Identification, identify
-from plant import Arm, Record, Reference, Rig, puma560, simulate
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Run the main job and print its table."""
-    parser = argparse.ArgumentParser(prog="python -m ctc", description=str(__doc__).split(" ``")[0])
-    parser.add_argument("--seed", type=_seed, default=1, help="of the genetic algorithm (default 1)")
-    parser.add_argument(
-        "--figures", type=Path, default=Path("figures"), help="folder for the figures (default figures)"
-    )
-    options = parser.parse_args(arguments)
-    started = time.perf_counter()
-    robot, rig, path, p = puma560.arm(), puma560.rig(), puma560.reference(), puma560.p_law()
-
-    print("1. measure: P control on trajectory (6), encoder pulses logged every 0.7 ms")
-    measured = simulate(robot, rig, p, path, steps_per_sample=16)
-    print(f"   {measured}")
-
-    print("2. identify: f1..f9 from those pulses alone, by the genetic algorithm of the paper and by the default")
-    paper, found = (
-        identify(puma560.dynamics(), measured, seed=options.seed, method=method) for method in ("paper", "seeded")
-    )
-    for run in (paper, found):
-        print(
-            f"   {run.method}: objective (4) {run.initial_objective:.0f} -> {run.objective:.0f} pulses^2 in "
-            f"{run.seconds:.1f} s"
-        )
-    print("   " + "".join(f"{name:>8}" for name in found.arm.dynamics.names))
-    print("   " + "".join(f"{value:8.2f}" for value in puma560.PUBLISHED) + "   of the robot")
-    print("   " + "".join(f"{value:8.2f}" for value in paper.f) + "   by the paper's method")
-    print("   " + "".join(f"{value:8.2f}" for value in found.f) + "   by the default method, and")
-    print("   " + "".join(f"{value:8.3f}" for value in found.std) + "   its standard deviations")
-
-    print("3. control: the same arm under P and under computed torque from the f that were found")
-    laws = {"P": p, "computed torque": ComputedTorque(found)}
-    verdicts = {name: evaluate(robot, rig, law, path) for name, law in laws.items()}
-    for verdict in verdicts.values():
-        print("\n   " + str(verdict).replace("\n", "\n   "))
-
-    print(f"\n4. figures, saved in the folder {options.figures}")
-    _save_figures(options.figures, robot, rig, path, measured, paper, found, verdicts)
-    print(f"   done after {time.perf_counter() - started:.1f} s")
-    return 0 if verdicts["computed torque"].within(1) else 1
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"a seed is a whole number from 0; got {text!r}")
-    return int(text)
-
-
-def _save_figures(
-    folder: Path, robot: Arm, rig: Rig, path: Reference, measured: Record, paper: Identification,
-    found: Identification, verdicts: dict[str, Evaluation],
-) -> None:  # fmt: skip
-    import matplotlib
-
-    matplotlib.use("Agg")
-    folder.mkdir(parents=True, exist_ok=True)
-    dynamics, p, joints = robot.dynamics, found.law, verdicts["P"].joints
-    leading = paper.initial_population[paper.search.initial_costs.argsort()[:4]]
-    models = [simulate(dynamics.arm(f), rig, p, path) for f in leading]
-    best = simulate(found.arm, rig, p, path)
-    figures = {
-        "1_experiment": plot_record(measured, joints),
-        "2_identification": plot_identification(measured, models[0], best, models[1:], joints),
-        "2_fit": found.plot(),
-        "3_p_against_computed_torque": plot_comparison(verdicts),
-        "4_computed_torque": plot_evaluation(verdicts["computed torque"]),
-    }
-    for name, figure in figures.items():
-        figure.savefig(folder / f"{name}.png", dpi=130)
-
+from ctc.commandline.main import main
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(main(["demo", *sys.argv[1:]]))

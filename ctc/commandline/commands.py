@@ -1,0 +1,154 @@
+"""What each command does with its options; `ctc.commandline.main` reads them and prints the answers."""
+
+from __future__ import annotations
+
+import shutil
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+from ctc.certification.certify import certify
+from ctc.commandline.answer import Answer, plain_number
+from ctc.commandline.demo import demo
+from ctc.commandline.inputs import new_place, path_of, records_of, result_of, robot_of
+from ctc.laws.computed_torque import ComputedTorque
+from ctc.report.report import write_report
+from ctc.verdict.evaluation import evaluate
+from identification import Identification, identify
+from identification.results.doubts import doubts
+from plant.models.robot_file import FOLDER, read_robot
+from plant.parts.files import write_whole
+
+__all__ = ["COMMANDS"]
+
+
+def run_demo(given: Namespace) -> Answer:
+    """The paper from end to end."""
+    good = demo(given.seed, given.figures)
+    return Answer("", {"within one pulse": good}, good)
+
+
+def run_robots(given: Namespace) -> Answer:
+    """Robot files of the package: a list, or one of them to start from."""
+    names = sorted(path.stem for path in FOLDER.glob("*.toml"))
+    if given.name is None:
+        titles = {name: read_robot(name).name for name in names}
+        width = max(map(len, names))
+        return Answer("\n".join(f"{name:{width}}  {title}" for name, title in titles.items()), {"robots": titles})
+    if given.name not in names:
+        raise ValueError(f"a robot of the package is one of {', '.join(names)}; got {given.name!r}. Choose one.")
+    text = (FOLDER / f"{given.name}.toml").read_text(encoding="utf-8")
+    if given.output is None:
+        return Answer(text.rstrip(), {"robot": given.name, "toml": text})
+    model = read_robot(given.name).model
+    places = [new_place(given.output, given.force)]
+    if model is not None:  # stands beside its robot file
+        places.append(new_place(str(places[0].with_name(model.name)), given.force))
+        shutil.copyfile(model, places[1])
+    write_whole(places[0], [text])
+    return Answer(f"wrote {', '.join(map(str, places))}", {"robot": given.name, "files": [*map(str, places)]})
+
+
+def run_check(given: Namespace) -> Answer:
+    """Logs examined before anything is identified."""
+    robot = None if given.robot is None else robot_of(given.robot)
+    texts, data, good = [], {}, True
+    for record in records_of(given.logs, robot, given.cut):
+        checkup = record.check()
+        texts.append(f"{record}\n{checkup}")
+        data[record.name] = [
+            {
+                "check": each.check, "joint": each.joint, "value": plain_number(each.value), "unit": each.unit,
+                "verdict": each.verdict, "advice": each.advice,
+            }
+            for each in checkup.findings
+        ]  # fmt: skip
+        good &= checkup.ok
+    return Answer("\n\n".join(texts), {"good": good, "logs": data}, good)
+
+
+def run_identify(given: Namespace) -> Answer:
+    """The parameters that repeat the logs, with their intervals, in a file for `certify` and `report`."""
+    place, robot = new_place(given.output, given.force), robot_of(given.robot)
+    assert_dynamics = robot.dynamics
+    records = records_of(given.logs, robot, given.cut)
+    held_out = records_of(given.held_out, robot, given.cut) if given.held_out else None
+    found = identify(
+        assert_dynamics, records if len(records) > 1 else records[0], seed=given.seed, method=given.method,
+        unknown=given.unknown, held_out=held_out, elasticity=given.elasticity, checkpoint=given.checkpoint,
+        progress=not given.quiet,
+    )  # fmt: skip
+    found.save(place)
+    good = not doubts(found)
+    return Answer(f"{found.summary()}\n\nwrote {place}", _identified(found) | {"file": str(place)}, good)
+
+
+def _identified(found: Identification) -> dict[str, Any]:
+    std = found.std
+    return {
+        "method": found.method, "seed": found.seed, "doubts": doubts(found), "warnings": list(found.warnings),
+        "values": {
+            name: {"value": float(value), "std": plain_number(s)}
+            for name, value, s in zip(found.unknown, found.values, std, strict=True)
+        },
+    }  # fmt: skip
+
+
+def run_certify(given: Namespace) -> Answer:
+    """The probability that computed torque on what was found leaves a pulse limit."""
+    found = result_of(given.found)
+    place = None if given.output is None else new_place(given.output, given.force)
+    law, path = _law(found, given), path_of(found.records[0], given.path)
+    certificate = certify(
+        found, found.rig, law, path, samples=given.samples, seed=given.seed, within=given.within,
+        resonance=given.resonance, friction=given.friction, load=given.load, checkpoint=given.checkpoint,
+        progress=not given.quiet,
+    )  # fmt: skip
+    if place is not None:
+        certificate.save(place)
+    low, high = certificate.interval
+    data = {
+        "verdict": certificate.verdict, "failures": certificate.failures, "samples": len(certificate.plants),
+        "probability": certificate.probability, "interval": [low, high], "upper": certificate.upper,
+        "within": certificate.within,
+    }  # fmt: skip
+    wrote = "" if place is None else f"\n\nwrote {place}"
+    return Answer(f"{certificate}{wrote}", data, certificate.failures == 0)
+
+
+def _law(found: Identification, given: Namespace) -> ComputedTorque:
+    stated = {} if given.bandwidth is None else {"bandwidth": given.bandwidth}
+    return ComputedTorque(found.arm, found.rig, **stated)
+
+
+def run_report(given: Namespace) -> Answer:
+    """One page of an identification and its controller, to be read in any browser."""
+    place, found = new_place(given.output, given.force), result_of(given.found)
+    law, evaluation = _law(found, given), None
+    try:
+        path = path_of(found.records[0], given.path)
+    except ValueError:
+        if given.path is not None:
+            raise
+    else:
+        evaluation = evaluate(found.arm, found.rig, law, path)
+    certificate = None if given.certificate is None else _certificate(given.certificate)
+    write_report(found, path=place, evaluation=evaluation, certificate=certificate)
+    return Answer(f"wrote {place}", {"file": str(place), "doubts": doubts(found)})
+
+
+def _certificate(path: str | Path) -> Any:
+    from ctc.certification.certificate import Certificate
+
+    return Certificate.load(path)
+
+
+COMMANDS = {
+    "demo": run_demo,
+    "robots": run_robots,
+    "check": run_check,
+    "identify": run_identify,
+    "certify": run_certify,
+    "report": run_report,
+}
+"""Name of each command -> what it does."""

@@ -1,0 +1,150 @@
+"""The command ``onepulse``: options, exit codes, and one line for whatever was wrong."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import traceback
+import warnings
+from pathlib import Path
+from typing import Any, NoReturn
+
+from ctc.commandline.commands import COMMANDS
+from identification.results.doubts import IdentificationWarning
+from plant.version import __version__
+
+__all__ = ["main"]
+
+_CODES = """exit codes: 0 fine; 1 the verdict says no: a finding of the checkup, an identification in doubt, a plant
+that leaves the limit; 2 bad input, said in one line; 3 a defect of the library; 130 interrupted"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        print(f"onepulse: {message}. See: {self.prog} --help", file=sys.stderr)
+        raise SystemExit(2)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        By default those of the process.
+
+    Returns
+    -------
+    int
+        0 fine; 1 the verdict says no; 2 bad input; 3 a defect; 130 interrupted.
+    """
+    given = _parser().parse_args(arguments)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", IdentificationWarning)  # they are part of the answer
+            warnings.showwarning = _said
+            answer = COMMANDS[given.command](given)
+    except KeyboardInterrupt:
+        kept = f" What was finished is in {given.checkpoint}: call again." if getattr(given, "checkpoint", None) else ""
+        return _failed(f"interrupted.{kept}", 130)
+    except (ValueError, OSError, ImportError, MemoryError) as error:
+        return _failed(" ".join(str(error).split()) or type(error).__name__, 2)
+    except Exception:
+        traceback.print_exc()
+        return _failed("this is a defect of the library; please report the lines above", 3)
+    text = json.dumps(answer.data, indent=1, allow_nan=False) if given.json else answer.text
+    if text:
+        print(text)
+    return 0 if answer.good else 1
+
+
+def _failed(text: str, code: int) -> int:
+    print(f"onepulse: {text}", file=sys.stderr)
+    return code
+
+
+def _said(message: Warning | str, *_: Any, **__: Any) -> None:
+    print(f"onepulse: warning: {' '.join(str(message).split())}", file=sys.stderr)
+
+
+def _parser() -> argparse.ArgumentParser:
+    about = "From logged encoder pulses to an arm's inertial parameters, and to computed torque within one pulse."
+    parser = _Parser(prog="onepulse", description=about, epilog=_CODES)
+    parser.add_argument("--version", action="version", version=f"onepulse {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
+
+    demo = _command(commands, "demo", "the paper from end to end: measure, identify, control")
+    demo.add_argument("--figures", type=Path, default=Path("figures"), help="folder for the figures")
+
+    robots = _command(commands, "robots", "robot files of the package, to start from")
+    robots.add_argument("name", nargs="?", help="one of them; without a name, a list")
+    _output(robots, "write it there (default: print it)", required=False)
+
+    check = _command(commands, "check", "examine logs before anything is identified")
+    _logs(check)
+    check.add_argument("--robot", metavar="TOML", help="robot file, or the name of one of the package")
+
+    identify = _command(commands, "identify", "find the parameters, with intervals, from logs")
+    _logs(identify)
+    identify.add_argument("--robot", metavar="TOML", required=True, help="robot file, or the name of one")
+    identify.add_argument("--method", default="seeded", help="seeded (default), paper, genetic, prediction_error, ...")
+    identify.add_argument("--unknown", nargs="+", metavar="NAME", help="default: all of f; such as drive.viscous[0]")
+    identify.add_argument("--elasticity", action="store_true", help="stiffness and damping of the gears, too")
+    identify.add_argument("--held-out", nargs="+", metavar="LOG", help="logs that are only repeated")
+    _output(identify, "file for certify and report")
+    _long(identify)
+
+    certify = _command(commands, "certify", "the probability that computed torque leaves the pulse limit")
+    certify.add_argument("found", help="file of identify -o")
+    certify.add_argument("--resonance", nargs=2, type=float, metavar=("LOW", "HIGH"), help="of the gears [Hz]")
+    certify.add_argument("--friction", type=float, default=0.1, help="share by which it may differ (default 0.1)")
+    certify.add_argument("--load", nargs=2, type=float, default=0.0, metavar=("LOW", "HIGH"), help="[kg]")
+    certify.add_argument("--within", type=float, default=1.0, help="limit [pulses] (default 1)")
+    certify.add_argument("--samples", type=int, default=10_000, help="plants that are drawn (default 10000)")
+    _law(certify)
+    _output(certify, "file for report", required=False)
+    _long(certify)
+
+    report = _command(commands, "report", "one page of an identification and its controller (HTML)")
+    report.add_argument("found", help="file of identify -o")
+    report.add_argument("--certificate", metavar="FILE", help="file of certify -o")
+    _law(report)
+    _output(report, "the page, such as page.html")
+    return parser
+
+
+def _command(commands: Any, name: str, about: str) -> argparse.ArgumentParser:
+    command: argparse.ArgumentParser = commands.add_parser(name, help=about, description=about.capitalize() + ".")
+    command.add_argument("--json", action="store_true", help="answer in JSON, for programs")
+    command.add_argument("--quiet", action="store_true", help="no progress bars (they are drawn on terminals alone)")
+    command.add_argument("--force", action="store_true", help="overwrite output files")
+    if name in ("demo", "identify", "certify"):
+        command.add_argument("--seed", type=_seed, default=1 if name == "demo" else 0, help="same seed, same result")
+    return command
+
+
+def _logs(command: argparse.ArgumentParser) -> None:
+    command.add_argument("logs", nargs="+", metavar="LOG", help="CSV, NPZ, MAT, HDF5, Parquet, MCAP, rosbag2")
+    command.add_argument("--cut", nargs=2, type=float, metavar=("BEGIN", "END"), help="this part alone [s]")
+
+
+def _law(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--bandwidth", type=float, help="of computed torque [rad/s] (default: the law's own)")
+    command.add_argument("--path", metavar="FILE", help="to follow: t [s], q_1, ... [rad] (default: the log's)")
+
+
+def _output(command: argparse.ArgumentParser, about: str, *, required: bool = True) -> None:
+    command.add_argument("-o", "--output", metavar="FILE", required=required, help=about)
+
+
+def _long(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--checkpoint", metavar="FILE", help="keep finished work there: called again, it goes on")
+
+
+def _seed(text: str) -> int:
+    if not (text.isascii() and text.isdecimal()):
+        raise argparse.ArgumentTypeError(f"a seed is a whole number from 0; got {text!r}")
+    return int(text)

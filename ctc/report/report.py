@@ -1,0 +1,69 @@
+"""`write_report`: an identification and its controller as one HTML file."""
+
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+
+from ctc.certification.certificate import Certificate
+from ctc.report.page import page
+from ctc.report.sections import sections
+from ctc.verdict.evaluation import Evaluation
+from identification import Identification
+from plant.parts.arguments import instance, known_options
+from plant.parts.files import require_new, write_whole
+
+__all__ = ["write_report"]
+
+
+@known_options
+def write_report(
+    found: Identification,
+    *results: Evaluation | Certificate | str | Path,
+    path: str | Path | None = None,
+    title: str = "Identification of a robot arm",
+    overwrite: bool = False,
+) -> None:
+    """Write one self-contained HTML page: verdict, parameters, fit, logs, assumptions, controller, provenance.
+
+    It needs no network and no script, and is readable on a phone and on paper.
+
+    Parameters
+    ----------
+    found : Identification
+    *results : Evaluation or Certificate
+        Of a controller for it, one of each at most, in any order; the path may come last.
+    path : str or Path
+        Such as ``"page.html"``.
+    title : str
+    overwrite : bool
+        Replace a file that is there.
+
+    Raises
+    ------
+    ValueError
+        Something else, or two of a kind; no path; a file that is there.
+
+    Examples
+    --------
+    >>> write_report(found, evaluate(found.arm, found.rig, law, path), "page.html")  # doctest: +SKIP
+    """
+    instance("found", found, Identification, "Give what identify returned, or Identification.load(...).")
+    given = list(results)
+    if path is None and given and isinstance(given[-1], (str, Path)):
+        path = given.pop()  # type: ignore[assignment]  # one of them, as was just asked
+    if path is None:
+        raise ValueError('path must be that of the page; got none. Give path="page.html".')
+    kinds: dict[type, Evaluation | Certificate] = {}
+    for each in given:
+        if not isinstance(each, (Evaluation, Certificate)) or type(each) in kinds:
+            raise ValueError(
+                f"results must be one Evaluation and one Certificate at most; got {each!r:.60}. "
+                "Pass what evaluate and certify returned."
+            )
+        kinds[type(each)] = each
+    place = require_new(path, overwrite)
+    today = datetime.date.today().isoformat()
+    subtitle = f"{', '.join(found.arm.dynamics.chain.joint_labels)}; {found.method}; written on {today}"
+    parts = sections(found, kinds.get(Evaluation), kinds.get(Certificate))
+    write_whole(place, [page(instance("title", title, str, "Give a line."), subtitle, parts)])

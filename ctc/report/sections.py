@@ -1,0 +1,192 @@
+"""What a report says, section by section."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ctc.report.drawings import draw_errors, draw_fit, draw_innovations, draw_intervals
+from ctc.report.page import details, figure, items, preformatted, section, table, text
+from identification.results.doubts import doubts
+
+__all__ = ["sections"]
+
+_LINE = 100
+"""Letters of a line of the controller's table."""
+
+
+def sections(found: Any, evaluation: Any, certificate: Any) -> Iterator[str]:
+    """All sections, the verdict first."""
+    yield _verdict(found, evaluation, certificate)
+    yield _values(found)
+    yield _fit(found)
+    yield _logs(found)
+    yield _assumptions(found)
+    if evaluation is not None:
+        yield _controller(evaluation)
+    if certificate is not None:
+        yield _certificate(certificate)
+    yield _origin(found, certificate)
+
+
+def _verdict(found: Any, evaluation: Any, certificate: Any) -> str:
+    """What somebody reads who reads nothing else."""
+    lines, doubtful = [], doubts(found)
+    if doubtful:
+        count = "One line" if len(doubtful) == 1 else f"{len(doubtful)} lines"
+        lines.append((False, "The identification is in doubt", f"{count} under it say why, below: Warnings."))
+    else:
+        lines.append((True, "Nothing in the log contradicts what was stated", "What was tested, and what would have "
+                      "been seen, stands under Assumptions."))  # fmt: skip
+    if evaluation is not None:
+        law, share = type(evaluation.record.law).__name__, evaluation.share_within(1)
+        gears = "" if evaluation.on_gears is None else f" Rigid gears assumed; {evaluation.on_gears}."
+        said = (
+            f"{share} of {len(evaluation.record)} samples within ±1 pulse, simulated on the arm that was found.{gears}"
+        )
+        lines.append((evaluation.within(1), f"{law} on the nominal arm", said))
+    if certificate is not None:
+        title = f"{type(certificate.law).__name__} on {len(certificate.plants)} possible arms"
+        lines.append((certificate.failures == 0, title, certificate.verdict))
+    rows = "\n".join(
+        f'<li class="{"good" if good else "bad"}"><b>{"✓" if good else "✗"} {text(title)}</b>{text(said)}</li>'
+        for good, title, said in lines
+    )
+    parts = [f'<ul class="verdict">\n{rows}\n</ul>']
+    if found.warnings:
+        parts += ["<h3>Warnings</h3>", items(found.warnings)]
+    return section("Verdict", *parts)
+
+
+def _values(found: Any) -> str:
+    names, std = found.short_names, found.std
+    if found.covariance is None:
+        why = found.fit.fallback_reason or "this method gives no intervals"
+        rows = [(name, f"{value:.5g}") for name, value in zip(names, found.values, strict=True)]
+        return section(
+            "Parameters", f"<p>Without intervals: {text(why)}.</p>", table(("", "value"), rows), _legend(found)
+        )
+    rows = []
+    for name, value, s in zip(names, found.values, std, strict=True):
+        if s > 0:
+            digits = max(0, 1 - math.floor(math.log10(s)))  # two of the standard deviation
+            ends = (value, s, value - 1.96 * s, value + 1.96 * s)
+            share = 196 * s / abs(value) if value else math.inf
+            rows.append((name, *(f"{each:.{digits}f}" for each in ends), f"{share:.{1 if share < 10 else 0}f} %"))
+        else:
+            rows.append((name, f"{value:.5g}", "as stated", "", "", ""))
+    head = ("", "value", "standard deviation", "95 % from", "to", "half-width")
+    counted = f"Intervals count noise and {found.search.tolerances}."
+    drawn = figure(draw_intervals(found), "intervals", counted)
+    return section("Parameters", table(head, rows), drawn, _legend(found))
+
+
+def _legend(found: Any) -> str:
+    lines = found.arm.dynamics.legend.splitlines()
+    return details("What the parameters mean", preformatted("\n".join(lines))) if lines else ""
+
+
+def _fit(found: Any) -> str:
+    apart, aside = found.diagnostics.difference, found.diagnostics.held_out_difference
+    known = f"{apart:.2f} pulses (rms)" if np.isfinite(apart) else "an amount that is not known"
+    kept = (
+        "No record was kept aside." if aside is None else
+        f"In the {len(found.held_out)} record(s) kept aside, which no search saw, they differ by {aside:.2f} pulses."
+    )  # fmt: skip
+    said = (
+        f"Errors measured and simulated with these values differ by {known}; two roundings alone give 0.58. {kept} "
+        f"{found.message}"
+    )
+    parts = [f"<p>{text(said)}</p>"]
+    caption = "Tracking error of the first record: all of it, and a stretch."
+    parts.append(figure(draw_fit(found), "tracking errors, measured and simulated", caption))
+    caption = "Counts less their prediction from one sample to the next. Rounding alone fills the shaded pulse evenly."
+    parts.append(figure(draw_innovations(found), "innovations", caption))
+    return section("Fit", *parts)
+
+
+def _logs(found: Any) -> str:
+    rows, parts = [], []
+    for use, records in (("searched", found.records), ("kept aside", found.held_out)):
+        for i, record in enumerate(records):
+            name = record.name or f"record {i + 1}"
+            law = type(record.law).__name__ if record.law is not None else "none"
+            seconds = f"{record.t[-1] - record.t[0]:.3g}"
+            rows.append((name, use, law, f"{len(record)}", seconds, f"{1e3 * record.rig.period:g}"))
+            checkup = record.check()
+            found_wrong = [f"{each.check}: {each.verdict}. {each.advice}" for each in checkup.problems]
+            if found_wrong:
+                parts += [f"<h3>Checkup of {text(name)}</h3>", items(found_wrong)]
+            parts.append(details(f"All checks of {name}", preformatted(str(checkup))))
+    head = ("log", "use", "law", "samples", "duration [s]", "period [ms]")
+    return section("Logs", table(head, rows, words=3), *parts)
+
+
+def _assumptions(found: Any) -> str:
+    tested = f"{found.diagnostics.detection}."
+    parts = ["<h3>Tested against this log</h3>", f"<p>{text(tested[:1].upper() + tested[1:])}</p>"]
+    if found.covariance is not None and found.diagnostics.detection.assumed:
+        assumed = found.assumed()
+        strong = np.abs(assumed.moves) > 0.05 * np.where(assumed.std > 0, assumed.std, np.inf)
+        shown = np.flatnonzero(strong.any(axis=0))
+        head = ("1 % more of", *(assumed.unknown[i] for i in shown))
+        rows = [
+            (name, *(f"{row[i]:+.2g}" if mark[i] else "" for i in shown))
+            for name, row, mark in zip(assumed.names, assumed.moves, strong, strict=True)
+        ]
+        told = "What no log of this kind reveals: how each value moves if a stated number is 1 % larger."
+        parts += ["<h3>Taken as stated</h3>", f"<p>{text(told)}</p>", table(head, rows)]
+    if found.resonance is not None:
+        parts += ["<h3>Gears</h3>", preformatted(str(found.resonance))]
+    return section("Assumptions", *parts)
+
+
+def _controller(evaluation: Any) -> str:
+    law = type(evaluation.record.law).__name__
+    caption = f"Counted error of {law} along the path, simulated on the arm that was found; shaded: ±1 pulse."
+    parts = [figure(draw_errors(evaluation), "counted errors of the controller", caption)]
+    said = "\n".join(line for whole in str(evaluation).splitlines() for line in textwrap.wrap(whole, _LINE) or [""])
+    return section("Controller", *parts, preformatted(said))
+
+
+def _certificate(certificate: Any) -> str:
+    drawn, missing = certificate.plants.said
+    drawing = certificate.plot()
+    drawing.suptitle("")  # the verdict, which stands above it
+    caption = "Peak errors of all arms, the worst of them, and what they follow from."
+    return section(
+        "Certificate",
+        f"<p>{text(certificate.verdict)}</p>",
+        figure(drawing, "certificate", caption),
+        f"<p><b>Drawn</b>: {text(', '.join(drawn))}.</p>",
+        f"<p><b>Not drawn, and so not promised</b>: {text(', '.join(missing))}.</p>",
+        details("Table", preformatted(str(certificate))),
+    )  # fmt: skip
+
+
+def _origin(found: Any, certificate: Any) -> str:
+    provenance = found.provenance()
+    rows = [(name, str(value)) for name, value in provenance["versions"].items()]
+    rows += [("method", found.method), ("seed", str(found.seed)), ("evaluations", f"{found.evaluations}")]
+    rows += [(f"SHA-256 of {name}", digest) for name, digest in _digests(provenance)]
+    if certificate is not None:
+        rows.append(("seed of the certificate", str(certificate.provenance()["seed"])))
+    settings = f"method={found.method!r}, seed={found.seed}"
+    code = (
+        "from identification import Identification, identify\n\n"
+        'found = Identification.load("found.json")            # the file that this page was made from\n'
+        f"again = identify(found.arm.dynamics, list(found.records), held_out=list(found.held_out),\n"
+        f"                 {settings}, unknown={list(found.unknown)!r})\n"
+        "assert (again.values == found.values).all()           # the same versions, the same bits"
+    )
+    return section("Where it comes from", table(("", ""), rows, words=2), "<h3>Once more</h3>", preformatted(code))
+
+
+def _digests(provenance: Any) -> Iterator[tuple[str, str]]:
+    for key, value in provenance.items():
+        if isinstance(value, (list, tuple)) and key != "warnings":
+            yield from ((f"{key.rstrip('s')} {i + 1}", str(each)) for i, each in enumerate(value))
