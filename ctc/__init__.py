@@ -3,6 +3,8 @@
 Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above all that it imports:
 
 =============== ====================================================================================================
+`commandline`   ``onepulse check | identify | certify | report | robots | demo``
+`report`        `write_report`: an identification and its controller as one page
 `tuning`        `tune`: the quietest law that keeps a pulse limit over stated uncertainty
 `certification` `certify`: Monte Carlo probability of leaving a pulse limit under parameter uncertainty
 `stability`     the error loop linearised, its margins, gains by design (python-control)
@@ -12,7 +14,7 @@ Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above
 `figures`       figures of records and results, in one style
 =============== ====================================================================================================
 
-``python -m ctc`` runs the paper from end to end.
+``onepulse demo``, or ``python -m ctc``, runs the paper from end to end.
 """
 
 from importlib.util import find_spec
@@ -54,6 +56,7 @@ from ctc.payload.controller import PayloadController
 from ctc.payload.estimator import PayloadEstimator
 from ctc.payload.events import PayloadEvent
 from ctc.payload.payload_law import PayloadLaw
+from ctc.report.report import write_report
 from ctc.stability.design import kalman_gains, lqr_gains, motor_gain, observer_gains, pid_gains
 from ctc.stability.error_loop import error_loop
 from ctc.stability.margins import Margins, margins
@@ -73,5 +76,5 @@ __all__ = [
     "clopper_pearson", "compare", "error_loop", "evaluate", "kalman_gains", "lowest_resonance", "lqr_gains",
     "margins", "motor_gain", "observer_gains", "pid_gains", "plot_arm", "plot_certificate", "plot_comparison",
     "plot_evaluation", "plot_identification", "plot_margins", "plot_phase", "plot_record", "plot_sweep",
-    "sweep_resonance", "tune",
+    "sweep_resonance", "tune", "write_report",
 ]  # fmt: skip

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import shutil
 from argparse import Namespace
-from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+from ctc.certification.certificate import Certificate
 from ctc.certification.certify import certify
 from ctc.commandline.answer import Answer, plain_number
 from ctc.commandline.demo import demo
@@ -16,6 +16,7 @@ from ctc.report.report import write_report
 from ctc.verdict.evaluation import evaluate
 from identification import Identification, identify
 from identification.results.doubts import doubts
+from plant import Dynamics
 from plant.models.robot_file import FOLDER, read_robot
 from plant.parts.files import write_whole
 
@@ -70,11 +71,11 @@ def run_check(given: Namespace) -> Answer:
 def run_identify(given: Namespace) -> Answer:
     """The parameters that repeat the logs, with their intervals, in a file for `certify` and `report`."""
     place, robot = new_place(given.output, given.force), robot_of(given.robot)
-    assert_dynamics = robot.dynamics
     records = records_of(given.logs, robot, given.cut)
     held_out = records_of(given.held_out, robot, given.cut) if given.held_out else None
     found = identify(
-        assert_dynamics, records if len(records) > 1 else records[0], seed=given.seed, method=given.method,
+        cast(Dynamics, robot.dynamics), records if len(records) > 1 else records[0], seed=given.seed,
+        method=given.method,
         unknown=given.unknown, held_out=held_out, elasticity=given.elasticity, checkpoint=given.checkpoint,
         progress=not given.quiet,
     )  # fmt: skip
@@ -84,7 +85,7 @@ def run_identify(given: Namespace) -> Answer:
 
 
 def _identified(found: Identification) -> dict[str, Any]:
-    std = found.std
+    std = [None] * len(found.values) if found.covariance is None else found.std
     return {
         "method": found.method, "seed": found.seed, "doubts": doubts(found), "warnings": list(found.warnings),
         "values": {
@@ -122,7 +123,7 @@ def _law(found: Identification, given: Namespace) -> ComputedTorque:
 
 
 def run_report(given: Namespace) -> Answer:
-    """One page of an identification and its controller, to be read in any browser."""
+    """One page of an identification, and of computed torque on it where there is a path to follow."""
     place, found = new_place(given.output, given.force), result_of(given.found)
     law, evaluation = _law(found, given), None
     try:
@@ -132,15 +133,10 @@ def run_report(given: Namespace) -> Answer:
             raise
     else:
         evaluation = evaluate(found.arm, found.rig, law, path)
-    certificate = None if given.certificate is None else _certificate(given.certificate)
-    write_report(found, path=place, evaluation=evaluation, certificate=certificate)
+    certificate = None if given.certificate is None else Certificate.load(given.certificate)
+    results = [each for each in (evaluation, certificate) if each is not None]
+    write_report(found, *results, path=place, overwrite=given.force)
     return Answer(f"wrote {place}", {"file": str(place), "doubts": doubts(found)})
-
-
-def _certificate(path: str | Path) -> Any:
-    from ctc.certification.certificate import Certificate
-
-    return Certificate.load(path)
 
 
 COMMANDS = {

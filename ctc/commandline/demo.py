@@ -11,6 +11,8 @@ from ctc.verdict.evaluation import Evaluation, evaluate
 from identification import Identification, identify
 from plant import Arm, Record, Reference, Rig, puma560, simulate
 
+__all__ = ["demo"]
+
 
 def demo(seed: int, figures: Path) -> bool:
     """Run the main job, print its table, save its figures; whether computed torque stays within a pulse."""

@@ -25,9 +25,10 @@ def robot_of(path: str) -> Robot:
 
 def records_of(paths: list[str], robot: Robot | None, cut: tuple[float, float] | None = None) -> tuple[Record, ...]:
     """Logs as records: with the columns of a robot's file, or such as the library wrote."""
-    columns = {"columns": robot.columns, "units": robot.units} if robot is not None and robot.columns else {}
-    given = {} if robot is None else {"rig": robot.rig, "law": robot.law}
-    records = read_records(paths, **given, **columns)
+    if robot is None:
+        records = read_records(paths)
+    else:
+        records = read_records(paths, rig=robot.rig, law=robot.law, columns=robot.columns, units=robot.units)
     return records if cut is None else tuple(record.cut(*cut) for record in records)
 
 

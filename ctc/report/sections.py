@@ -63,7 +63,7 @@ def _verdict(found: Any, evaluation: Any, certificate: Any) -> str:
 
 
 def _values(found: Any) -> str:
-    names, std = found.short_names, found.std
+    names = found.short_names
     if found.covariance is None:
         why = found.fit.fallback_reason or "this method gives no intervals"
         rows = [(name, f"{value:.5g}") for name, value in zip(names, found.values, strict=True)]
@@ -71,7 +71,7 @@ def _values(found: Any) -> str:
             "Parameters", f"<p>Without intervals: {text(why)}.</p>", table(("", "value"), rows), _legend(found)
         )
     rows = []
-    for name, value, s in zip(names, found.values, std, strict=True):
+    for name, value, s in zip(names, found.values, found.std, strict=True):
         if s > 0:
             digits = max(0, 1 - math.floor(math.log10(s)))  # two of the standard deviation
             ends = (value, s, value - 1.96 * s, value + 1.96 * s)

@@ -1,0 +1,156 @@
+"""The command `onepulse`: its answers, exit codes, and one line for whatever is wrong."""
+
+import csv
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import ctc.commandline.commands as commands
+from ctc.commandline.main import main
+from identification import Identification
+from plant import puma560, read_robot, simulate
+from plant.models.robot_file import FOLDER
+
+MAPPED = """
+[columns]
+t = "time"
+counts = ["c1", "c2"]
+reference_position = ["r1", "r2"]
+
+[units]
+t = "s"
+counts = "pulses"
+reference_position = "rad"
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A robot file, its log as another program writes it, and that of the library."""
+    place = tmp_path_factory.mktemp("job")
+    robot = read_robot("paper_puma560")
+    record = simulate(robot.arm, robot.rig, robot.law, puma560.reference(), duration=1.5, steps_per_sample=8)
+    record.to_csv(place / "own.csv")
+    asked = puma560.reference()(record.t).q
+    with open(place / "log.csv", "w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["time", "c1", "c2", "r1", "r2"])
+        rows.writerows(zip(*(column.tolist() for column in (record.t, *record.counts.T, *asked.T)), strict=True))
+    (place / "arm.toml").write_text((FOLDER / "paper_puma560.toml").read_text() + MAPPED)
+    path = "\n".join(",".join(map(repr, [t, *q])) for t, q in _there_and_back())
+    (place / "path.csv").write_text(path)
+    return place
+
+
+def _there_and_back():
+    for t in np.linspace(0, 1, 41).tolist():
+        yield t, [0.3 * np.sin(np.pi * t).item() ** 4, -0.2 * np.sin(np.pi * t).item() ** 4]
+
+
+def run(capsys, *arguments):
+    code = main([str(each) for each in arguments])
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+def test_from_a_log_to_a_page(folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    code, out, err = run(capsys, "check", "log.csv", "--robot", "arm.toml", "--json")
+    assert (code, err) == (0, "")
+    assert json.loads(out)["logs"]["log.csv"][0]["verdict"] == "fine"
+    code, out, err = run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "found.json", "--json", "--quiet")
+    told = json.loads(out)
+    assert (code, err, told["doubts"]) == (0, "", [])
+    found = Identification.load("found.json")
+    assert [told["values"][name]["value"] for name in found.unknown] == found.values.tolist()
+    code, out, err = run(capsys, "certify", "found.json", "--path", "path.csv", "--samples", "40", "--within", "2",
+                         "-o", "proof.json")  # fmt: skip
+    assert (code, err) == (0, "")
+    assert "of 40 possible plants" in out
+    assert out.endswith("wrote proof.json\n")
+    code, out, err = run(capsys, "report", "found.json", "--certificate", "proof.json", "-o", "page.html")
+    assert (code, out, err) == (0, "wrote page.html\n", "")
+    assert (folder / "page.html").read_text(encoding="utf-8").count("<section>") == 7  # all but that of a controller
+
+
+def test_a_finding_is_no_success(folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    text = (folder / "arm.toml").read_text()
+    (folder / "turned.toml").write_text(text.replace("gear = [107.8, -53.7]", "gear = [107.8, 53.7]"))
+    code, out, err = run(capsys, "check", "log.csv", "--robot", "turned.toml")
+    assert (code, err) == (1, "")
+    assert "wrong" in out
+
+
+WRONG = {
+    "no command": ((), "the following arguments are required: COMMAND"),
+    "another command": (("identfy",), "invalid choice: 'identfy'"),
+    "no log": (("check", "nix.csv", "--robot", "arm.toml"), "nix.csv must be a file; there is none"),
+    "no robot": (("check", "log.csv", "--robot", "nix.toml"), "nix.toml must be a robot file; there is none"),
+    "a robot that is none": (("robots", "puma650"), "a robot of the package is one of"),
+    "an unknown key": (("check", "log.csv", "--robot", "key.toml"), "Did you mean 'viscous'"),
+    "an unknown unit": (("check", "log.csv", "--robot", "unit.toml"), "'rads'"),
+    "another column": (("check", "own.csv", "--robot", "arm.toml"), "own.csv"),
+    "an unreadable log": (("check", "arm.toml"), "arm.toml"),
+    "an output that is there": (("identify", "log.csv", "--robot", "arm.toml", "-o", "own.csv"), "own.csv is there"),
+    "an output nowhere": (("identify", "log.csv", "--robot", "arm.toml", "-o", "no/a.json"), "Make the folder first"),
+    "no result": (("certify", "log.csv"), "log.csv must be JSON"),
+    "an older version": (("certify", "old.json"), "format"),
+    "another method": (("identify", "log.csv", "--robot", "arm.toml", "-o", "a.json", "--method", "magic"), "magic"),
+    "a seed": (("demo", "--seed", "-1"), "argument --seed: "),
+    "a number": (("certify", "found.json", "--samples", "many"), "invalid int value: 'many'"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_whatever_is_wrong_is_one_line_and_writes_nothing(folder, capsys, monkeypatch, name):
+    monkeypatch.chdir(folder)
+    text = (folder / "arm.toml").read_text()
+    (folder / "key.toml").write_text(text.replace("viscous =", "viscos ="))
+    (folder / "unit.toml").write_text(text.replace('reference_position = "rad"', 'reference_position = "rads"'))
+    (folder / "old.json").write_text('{"onepulse": "Identification", "format": 0, "provenance": {}, "content": {}}')
+    before, (arguments, expected) = sorted(folder.iterdir()), WRONG[name]
+    try:
+        code, out, err = run(capsys, *arguments)
+    except SystemExit as stop:  # argparse
+        said = capsys.readouterr()
+        code, out, err = stop.code, said.out, said.err
+    assert (code, out) == (2, "")
+    assert err.startswith("onepulse: ")
+    assert err.count("\n") == 1
+    assert expected in err
+    assert sorted(folder.iterdir()) == before
+
+
+def test_robots_of_the_package_are_written_with_their_models(tmp_path, capsys):
+    code, out, err = run(capsys, "robots", "--json")
+    assert (code, err) == (0, "")
+    names = list(json.loads(out)["robots"])
+    assert "ur5e" in names
+    for name in names:
+        assert run(capsys, "robots", name, "-o", tmp_path / f"{name}.toml")[0] == 0
+        assert read_robot(tmp_path / f"{name}.toml").arm == read_robot(name).arm
+    code, out, _ = run(capsys, "robots", "ur5e")
+    assert (code, out) == (0, (FOLDER / "ur5e.toml").read_text())
+
+
+def test_an_interruption_and_a_defect_have_codes_of_their_own(capsys, monkeypatch):
+    for error, code, said in ((KeyboardInterrupt(), 130, "interrupted"), (TypeError("oh"), 3, "defect")):
+        monkeypatch.setitem(commands.COMMANDS, "robots", lambda given, error=error: (_ for _ in ()).throw(error))
+        assert (got := run(capsys, "robots"))[0] == code
+        assert said in got[2].splitlines()[-1]
+
+
+def test_a_process_of_its_own(folder):
+    """Nothing but the answer on standard output; no bars in a pipe."""
+    command = [sys.executable, "-c", "import sys; from ctc.commandline.main import main; sys.exit(main())"]
+    done = subprocess.run(  # noqa: S603
+        [*command, "check", "own.csv"], cwd=folder, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "fine" in done.stdout

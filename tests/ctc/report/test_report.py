@@ -1,0 +1,174 @@
+"""The page: self-contained, escaped, complete; in a browser it fits a phone and a sheet."""
+
+import dataclasses
+import html
+import os
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from ctc import ComputedTorque, certify, evaluate, write_report
+from ctc.report.page import items, preformatted, section, table
+from ctc.report.page import page as page_of
+from identification import identify
+from plant import puma560, simulate
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
+
+
+@pytest.fixture(scope="module")
+def found():
+    return identify(ARM.dynamics, simulate(ARM, RIG, puma560.p_law(), PATH, duration=1.5), seed=1, progress=False)
+
+
+@pytest.fixture(scope="module")
+def page(found, tmp_path_factory):
+    """The page with all sections."""
+    place, law = tmp_path_factory.mktemp("page") / "page.html", ComputedTorque(found.arm, found.rig)
+    proof = certify(found, found.rig, law, PATH, samples=20, duration=0.3, progress=False)
+    write_report(found, proof, evaluate(found.arm, found.rig, law, PATH, duration=0.5), place)
+    return place
+
+
+class Tags(HTMLParser):
+    """Every tag closed, every id once."""
+
+    VOID = ("meta", "br", "hr", "path", "use", "line", "rect", "circle", "image", "stop")
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.ids, self.links = [], [], []
+
+    def handle_starttag(self, tag, attributes):
+        named = dict(attributes)
+        self.ids += [named["id"]] if "id" in named else []
+        self.links += [named[key] for key in ("href", "src") if key in named]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.handle_starttag(tag, attributes)
+        if tag not in self.VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        if tag not in self.VOID:
+            assert self.open.pop() == tag
+
+
+def test_the_page_is_sound_and_points_nowhere_else(page):
+    text, tags = page.read_text(encoding="utf-8"), Tags()
+    tags.feed(text)
+    assert tags.open == []
+    assert len(set(tags.ids)) == len(tags.ids)
+    assert all(link.startswith("#") and link[1:] in tags.ids for link in tags.links)
+    assert not re.search(r"https?:|<script|url\((?!#)", text)
+
+
+def test_it_says_what_was_found(page, found):
+    text = page.read_text(encoding="utf-8")
+    headings = re.findall(r"<h2>(.*?)</h2>", text)
+    assert headings == [
+        "Verdict", "Parameters", "Fit", "Logs", "Assumptions", "Controller", "Certificate", "Where it comes from",
+    ]  # fmt: skip
+    for name, value, std in zip(found.short_names, found.values, found.std, strict=True):
+        row = re.search(rf"<tr><td>{name}</td><td[^>]*>([^<]*)</td><td[^>]*>([^<]*)</td>", text)
+        assert abs(float(row[1]) - value) <= 0.06 * std  # rounded to two digits of the deviation
+        assert float(row[2]) == pytest.approx(std, rel=0.06)
+    assert found.provenance()["records"][0] in text
+    assert "of 20 possible plants" in text
+    assert "Not drawn, and so not promised" in text
+
+
+def test_warnings_come_first(found, tmp_path):
+    doubtful = simulate(ARM, RIG, puma560.p_law(), PATH, duration=1.0)
+    with pytest.warns(UserWarning, match="identified with"):
+        wrong = identify(puma560.arm().dynamics, _with_gain(doubtful, 1.5), seed=1, progress=False)
+    write_report(wrong, path=tmp_path / "page.html")
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert text.index("The identification is in doubt") < text.index("<h3>Warnings</h3>") < text.index("Parameters")
+    assert "Nothing in the log contradicts" not in text
+
+
+def _with_gain(record, factor):
+    law = puma560.p_law(tuple(factor * np.asarray(record.law.gain)))
+    return dataclasses.replace(record, law=law, torque=None, current=None)
+
+
+def test_texts_are_escaped():
+    raw = ["<b>", "&amp", "<i>", "<u>", "<a>", "<q>", "</pre>"]
+    title, subtitle, heading, item, head, cell, code = raw
+    made = page_of(title, subtitle, [section(heading, items([item]), table((head,), [(cell,)]), preformatted(code))])
+    for each in raw:
+        assert html.escape(each) in made
+    made = re.sub(r"<style>.*</style>", "", made, flags=re.DOTALL)
+    assert not re.search(r"<[biuaq]>|</pre>.*</pre>", made)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [((), "path must be"), ((None, "a.html"), "results must be"), ((RIG, "a.html"), "results must be")],
+    ids=["no path", "nothing", "a rig"],
+)
+def test_other_arguments_are_refused(found, arguments, says):
+    with pytest.raises(ValueError, match=says):
+        write_report(found, *arguments)
+
+
+def test_a_page_that_is_there_stays(found, page):
+    before = page.read_bytes()
+    with pytest.raises(ValueError, match="is there"):
+        write_report(found, page)
+    assert page.read_bytes() == before
+
+
+# -- in a browser ----------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def browser():
+    browser = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if browser is None:
+        if os.environ.get("CI_BROWSER"):
+            pytest.fail("a browser must be there: .ci/run installs Debian's chromium")
+        pytest.skip("no chromium here; `apt-get install chromium` to run this test")
+
+    def run(*arguments, home):
+        base = [browser, "--headless=new", "--no-sandbox", "--disable-gpu", f"--user-data-dir={home}"]
+        offline = [
+            "--host-resolver-rules=MAP * ~NOTFOUND",
+            "--disable-background-networking",
+            "--enable-logging=stderr",
+        ]
+        command = [*base, *offline, *arguments]
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)  # noqa: S603 - our own
+
+    return run
+
+
+def test_a_browser_shows_it_on_a_phone_and_prints_it(browser, page, tmp_path):
+    """A frame as wide as a phone measures the page, since a headless window is wider."""
+    text = page.read_text(encoding="utf-8")
+    probe = (
+        "<script>onload = () => { const e = document.documentElement;"
+        "document.title = [e.scrollWidth, e.clientWidth, document.querySelectorAll('svg').length].join(' ');"
+        "parent.postMessage(document.title, '*'); }</script></body>"
+    )
+    (tmp_path / "inner.html").write_text(text.replace("</body>", probe), encoding="utf-8")
+    (tmp_path / "phone.html").write_text(
+        "<iframe src='inner.html' width='390' height='800'></iframe><p id='told'></p><script>"
+        "onmessage = e => { document.getElementById('told').textContent = e.data; }</script>"
+    )
+    done = browser("--virtual-time-budget=8000", "--dump-dom", f"file://{tmp_path}/phone.html", home=tmp_path / "a")
+    wide, there, figures = map(int, re.search(r'id="told">(\d+) (\d+) (\d+)<', done.stdout).groups())
+    assert wide <= there
+    assert 300 < there < 391
+    assert figures == 5
+    assert "CONSOLE" not in done.stderr
+    browser("--no-pdf-header-footer", f"--print-to-pdf={tmp_path}/page.pdf", f"file://{page}", home=tmp_path / "b")
+    sheet = (tmp_path / "page.pdf").read_bytes()
+    assert sheet[:5] == b"%PDF-"
+    assert 2 <= len(re.findall(rb"/Type\s*/Page\b", sheet)) <= 12
