@@ -66,10 +66,9 @@ def _values(found: Any) -> str:
     names = found.short_names
     if found.covariance is None:
         why = found.fit.fallback_reason or "this method gives no intervals"
-        rows = [(name, f"{value:.5g}") for name, value in zip(names, found.values, strict=True)]
-        return section(
-            "Parameters", f"<p>Without intervals: {text(why)}.</p>", table(("", "value"), rows), _legend(found)
-        )
+        values = [(name, f"{value:.5g}") for name, value in zip(names, found.values, strict=True)]
+        said = f"<p>Without intervals: {text(why)}.</p>"
+        return section("Parameters", said, table(("", "value"), values), _legend(found))
     rows = []
     for name, value, s in zip(names, found.values, found.std, strict=True):
         if s > 0:
