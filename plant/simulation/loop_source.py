@@ -30,6 +30,11 @@ PIECE, LONG_PIECE = 40, 1000
 """Instructions in one loop over them; and in one for a single individual, where there is nothing to overlap."""
 
 
+ENOUGH, LONGEST = 500, 2000
+"""Instructions from which on a step has by itself so many that do not wait for each other, as of three joints and more,
+that loops over short pieces only cost memory; and those in one loop then, for the compiler's sake."""
+
+
 def loop_source(
     loop: ClosedLoop, lanes: Sequence[int], uniform: Sequence[int], width: int, uneven: bool
 ) -> tuple[str, dict[str, dict[str, list[int]]]]:
@@ -114,7 +119,10 @@ def _loop(
         block = [f"{which}_times = {name}_{which}_times_{{h}}({table}, data, {index}, numbers)"]
         if logged and name != "single":  # row by row, and beside each other in it
             arguments = f"numbers, {which}_times, {log}, {index} * {len(logged) * width} + {{j}}"
-        for k, piece in enumerate(cut(program.lines[STATE], stores, kept | program.crossing, lambda: next(rows), size)):
+        many = width > 1 and sum(line.weight for line in program.lines[STATE]) >= ENOUGH
+        longest = LONGEST if many else size
+        pieces = cut(program.lines[STATE], stores, kept | program.crossing, lambda: next(rows), longest)
+        for k, piece in enumerate(pieces):
             function, j = f"{name}_{which}_{k}", f"j_{which}_{k}"  # a name assigned once compiles faster
             lines = start + [re.sub(r"{(\d+)}", r"work[\1]", line) for line in piece]
             text.append(intrinsic(function, parameters, lines, width=vector))
