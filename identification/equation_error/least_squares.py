@@ -63,14 +63,15 @@ def least_squares(
         idle = names[int(np.argmin(lengths))]
         said = f"every unknown must act on the log; {idle} does not in this motion. Leave it out."
         raise NotIdentifiableError(said, idle)
-    basis, triangle = rows / lengths, np.zeros((k, k))
+    basis, triangle = np.ascontiguousarray((rows / lengths).T), np.zeros((k, k))
+    work = np.empty(len(rows))
     for i in range(k):
-        column = basis[:, i]
+        column = basis[i]
         for _ in range(2):
             for j in range(i):
-                share = (basis[:, j] * column).sum()
+                share = np.multiply(basis[j], column, out=work).sum()
                 triangle[j, i] += share
-                column = column - share * basis[:, j]
+                column -= np.multiply(share, basis[j], out=work)
         triangle[i, i] = np.sqrt((column * column).sum())
         if triangle[i, i] < dependent:
             shares = np.linalg.solve(triangle[:i, :i], triangle[:i, i])
@@ -80,12 +81,15 @@ def least_squares(
                 "one of them, or log a motion that excites more.",
                 names[i],
             )
-        basis[:, i] = column / triangle[i, i]
+        basis[i] = column / triangle[i, i]
     inverse = np.zeros((k, k))
     for i in reversed(range(k)):
         unit = (np.arange(k) == i).astype(float)
         inverse[i] = (unit - (triangle[i, i + 1 :, None] * inverse[i + 1 :]).sum(axis=0)) / triangle[i, i]
-    values = (inverse * (basis * target[:, None]).sum(axis=0)).sum(axis=1) / lengths
+    turned = np.empty_like(rows, dtype=float)  # the layout of the rows decides the order of a sum
+    turned[:] = basis.T
+    along = (turned * target[:, None]).sum(axis=0)
+    values = (inverse * along).sum(axis=1) / lengths
     covariance = (inverse[:, None] * inverse[None]).sum(axis=2) / np.outer(lengths, lengths)
     return values, covariance, float(np.linalg.cond(triangle))
 

@@ -19,7 +19,7 @@ from identification.replay.prediction import Prediction
 from identification.replay.timing import without_delay
 from plant import Dynamics, Elasticity, FrictionCurve, Law, Record, Rig
 from plant.parts.arguments import instance
-from plant.simulation.threads import cores, shared_out
+from plant.simulation.threads import cores
 
 __all__ = ["Extended"]
 
@@ -89,7 +89,9 @@ class Extended:
         **options: Any,
     ) -> None:
         n, links = dynamics.n, _link_inertia(dynamics, records[0], f)
-        self._logs = [_Log(dynamics, record, tuple(unknown), links, options) for record in records]
+        self.records, self.threads = tuple(records), int(threads or cores())
+        own = {**options, "threads": self.threads}
+        self._logs = [_Log(dynamics, record, tuple(unknown), links, own) for record in records]
         self._again = lambda others: Extended(dynamics, others, unknown, f, threads=threads, **options)
         first = self._logs[0].prediction
         self.gains, self.gain_steps, self.gain_bounds = first.nuisances, first.nuisance_steps, first.nuisance_bounds
@@ -106,17 +108,21 @@ class Extended:
         self.unknown = (*unknown, *first.unknown[len(first.unknown) - len(self.gains) :], *self.extra)
         self.weights = np.concatenate([log.prediction.weights for log in self._logs])
         self.scales = np.ones(len(self.weights))
-        self.records, self.threads = tuple(records), int(threads or cores())
 
     def innovations(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Weighted innovations (M,), scaled, with these values (k,) of the unknowns; inf where the run diverges."""
-        count = len(values) - len(self.extra)
-        extra = dict(zip(self.extra, values[count:], strict=True))
-        return np.concatenate([log.innovations(values[:count], extra) for log in self._logs]) / self.scales
+        return self.all_innovations([values])[0]
 
     def all_innovations(self, many: Iterable[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
         """The same for several vectors of values, side by side."""
-        return shared_out(self.innovations, list(many), self.threads)
+        many = list(many)
+        of_record = [log.all_innovations([self._apart(values) for values in many]) for log in self._logs]
+        return [np.concatenate(row) / self.scales for row in zip(*of_record, strict=True)]
+
+    def _apart(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], dict[str, float]]:
+        """Unknowns and observer gains, and the extra numbers by name."""
+        count = len(values) - len(self.extra)
+        return values[:count], dict(zip(self.extra, values[count:], strict=True))
 
     def late(self, samples: float) -> Extended:
         """The same model, following records whose counts are so many samples later."""
@@ -170,10 +176,16 @@ class _Log:
         self._stated |= {name: law[name] for name in self.law}
         self._given = len(unknown)
         self.prediction = Prediction(
-            dynamics, dataclasses.replace(record, rig=rig), (*unknown, *self._stated), threads=1, **options
+            dynamics, dataclasses.replace(record, rig=rig), (*unknown, *self._stated), **options
         )
 
-    def innovations(self, values: NDArray[np.float64], extra: dict[str, float]) -> NDArray[np.float64]:
+    def all_innovations(
+        self, many: Iterable[tuple[NDArray[np.float64], dict[str, float]]]
+    ) -> list[NDArray[np.float64]]:
+        return self.prediction.all_innovations([self._numbers(*each) for each in many])
+
+    def _numbers(self, values: NDArray[np.float64], extra: dict[str, float]) -> NDArray[np.float64]:
+        """All that the prediction is given."""
         numbers = dict(self._stated)
         for name, value in extra.items():
             kind, bracket, joint = name.partition("[")
@@ -186,7 +198,7 @@ class _Log:
                     numbers[place] * (1 + value) if relative else numbers[place] + max(value, self.least(name))
                 )
         own = values[: self._given], list(numbers.values()), values[self._given :]
-        return self.prediction.innovations(np.concatenate(own))
+        return np.concatenate(own)
 
     def least(self, name: str) -> float:
         """The least that one of the extra numbers can be."""

@@ -14,6 +14,7 @@ from identification.replay.experiment import Experiment
 from identification.replay.rounding import Rounding
 from plant import Dynamics, Record
 from plant.simulation.closed_loop import bounded
+from plant.simulation.loop_kernel import LOGGED, logged_kernel
 
 __all__ = ["Followed"]
 
@@ -40,7 +41,7 @@ class Followed(Experiment):
         self.remembered = 0 if memory is None else memory.usual.size + 2 * dynamics.n
         if memory is not None:
             self.places += [i for i, name in enumerate(self.loop.number_names) if name.startswith("law.state[")]
-        self._kernel = self.kernel()
+        self._kernel = logged_kernel(self.loop, self.places, uneven=self.clock.even is None)
         self._rounding: Rounding | None = None
         self._measure(record.counts)
 
@@ -48,7 +49,8 @@ class Followed(Experiment):
         """Take counts (N, n) for those of the log."""
         record = self.record
         centres = record.rig.encoder.position_in_pulses(record.rig.encoder.cell_centre(counts))
-        self._tables = self._kernel.prepared((*self.times, self.data(centres)), logged=True)
+        self._log = (*self.times, self.data(centres))
+        self._tables = self._kernel.prepared(self._log)
         before = np.maximum(np.arange(len(counts)) - _WINDOW, 0)
         after = np.minimum(np.arange(len(counts)) + _WINDOW, len(counts) - 1)
         steps = np.vstack([np.zeros(record.n), np.abs(np.diff(counts, axis=0)).cumsum(axis=0)])
@@ -106,18 +108,36 @@ class Followed(Experiment):
         other._measure(self._rounding.counts(*self._start(values), self.loop.number_names, shift))
         return other
 
-    def run(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Log (N, 4n) and final state of a run with these values."""
-        (q, qd), numbers, n = *self._start(values), self.loop.n
-        state = self.loop.initial_state(q + numbers[-n:], qd, numbers)  # where the counters' zero is
+    def motion(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Joint positions (N, n) [rad] of a run with these values; NaN after it has diverged."""
+        (q, qd), numbers, n, kernel = *self._start(values), self.loop.n, self.kernel()
+        state = self.loop.initial_state(q + numbers[-n:], qd, numbers)
         log, errors = np.full((len(self.clock), self.loop.n_log), np.nan), np.empty((self.steps, n))
-        final, _ = self._kernel.run(self._tables, state[:, None], np.empty((0, 1)), numbers, (log, errors))
-        return log[self.clock.rows], final[:, 0]
+        kernel.run(kernel.prepared(self._log, logged=True), state[:, None], np.empty((0, 1)), numbers, (log, errors))
+        return log[self.clock.rows, 2 * n : 3 * n]
 
     def innovations(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        (log, final), n = self.run(values), self.loop.n
-        sound = final[-1] > 0 and bounded(final[: 2 * n]) and np.isfinite(log[:, :n]).all()
-        return (log[:, :n] * self.weight).ravel() if sound else np.full(log[:, :n].size, np.inf)
+        """Weighted innovations (N n,) with values (k,) of the unknowns; inf where the run diverges."""
+        return self.block([values])[0]
+
+    def block(self, some: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+        """The same for at most `LOGGED` vectors of values, side by side; empty lanes repeat the last."""
+        n, loop, states, lanes = self.loop.n, self.loop, [], []
+        for values in some:
+            (q, qd), numbers = self._start(values)
+            states.append(loop.initial_state(q + numbers[-n:], qd, numbers))  # where the counters' zero is
+            lanes.append(numbers[self.places])
+        empty = LOGGED - len(states)
+        state, lane = (np.array(rows + rows[-1:] * empty).T.copy() for rows in (states, lanes))
+        uniform = self.numbers[list(self._kernel.uniform)]
+        final, errors = self._kernel.run(self._tables, len(self.clock), state, lane, uniform)
+        sound = (final[-1] > 0) & bounded(final[: 2 * n])
+        found = []
+        for j in range(len(states)):
+            weighted = (errors[self.clock.rows, :, j] * self.weight).ravel()
+            whole = sound[j] and np.isfinite(errors[self.clock.rows, :, j]).all()
+            found.append(weighted if whole else np.full(weighted.size, np.inf))
+        return found
 
 
 def _steady(moved: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -25,6 +25,7 @@ from identification.replay.experiment import as_records
 from identification.replay.followed import Followed
 from plant import Dynamics, Record
 from plant.simulation.correction import Correction
+from plant.simulation.loop_kernel import LOGGED
 from plant.simulation.threads import cores, shared_out
 
 __all__ = ["Prediction"]
@@ -163,9 +164,7 @@ class Prediction:
 
     def innovations(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Weighted innovations (M,), scaled, with these values (k,) of the unknowns; inf where the run diverges."""
-        self.evaluations += 1
-        expected = self._expected * values[len(values) - len(self._expected) :]
-        return np.concatenate([*(each.innovations(own) for each, own in self._each(values)), expected]) / self.scales
+        return self.all_innovations([values])[0]
 
     def lost(self, values: NDArray[np.float64]) -> str:
         """What messages call the first record whose run with these values diverges; "" where none is told apart."""
@@ -229,10 +228,22 @@ class Prediction:
 
     def all_innovations(self, many: Iterable[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
         """The same for several vectors of values, side by side."""
-        return shared_out(self.innovations, list(many), self.threads)
+        many = list(many)
+        self.evaluations += len(many)
+        given = [[own for _, own in self._each(values)] for values in many]
+        blocks = [(k, i) for k in range(len(self._followed)) for i in range(0, len(many), LOGGED)]
+
+        def run(block: tuple[int, int]) -> list[NDArray[np.float64]]:
+            k, i = block
+            return self._followed[k].block([own[k] for own in given[i : i + LOGGED]])
+
+        of_record: list[list[NDArray[np.float64]]] = [[] for _ in self._followed]
+        for (k, _), found in zip(blocks, shared_out(run, blocks, self.threads), strict=True):
+            of_record[k] += found
+        known = (self._expected * values[len(values) - len(self._expected) :] for values in many)
+        return [np.concatenate(row) / self.scales for row in zip(*of_record, known, strict=True)]
 
     def motions(self, values: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         """Joint positions (N, n) [rad] of each record's arm with these values."""
         self.evaluations += 1
-        logs = [followed.run(own)[0] for followed, own in self._each(values)]
-        return [np.hsplit(log[:, : 4 * self._followed[0].loop.n], 4)[2] for log in logs]
+        return [followed.motion(own) for followed, own in self._each(values)]

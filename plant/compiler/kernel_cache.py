@@ -88,7 +88,7 @@ class Kernel:
 
     def _first_call(self, name: str, *arguments: Any) -> Any:
         with _LOCK, self._alone():
-            cached = self._cached()
+            cached = self._stamps()
             try:
                 result = self._function(name)(*arguments)
             except Exception as error:
@@ -97,7 +97,8 @@ class Kernel:
                 if not cached and not _is_of_disk(error):
                     raise
                 result = self._anew(name, *arguments)
-            self._note()
+            if self._stamps() != cached:  # something was compiled
+                self._note()
             self._fresh.discard(name)
         return result
 
@@ -164,6 +165,15 @@ class Kernel:
     # -- what numba cached, and whether it is still what it was -----------------------------------------------------
     def _cached(self) -> list[Path]:
         return list((self.path.parent / "__pycache__").glob(f"kernel_{self.hash}.*.nb*"))
+
+    def _stamps(self) -> set[tuple[str, int, int]]:
+        """What numba has cached, by names, sizes and times."""
+        found = set[tuple[str, int, int]]()
+        for file in self._cached():
+            with contextlib.suppress(OSError):
+                status = file.stat()
+                found.add((file.name, status.st_size, status.st_mtime_ns))
+        return found
 
     def _sums(self) -> Path:
         return self.path.with_suffix(".sums")

@@ -11,13 +11,17 @@ from numpy.typing import NDArray
 
 from plant.compiler.kernel_cache import Kernel
 from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.loop_source import loop_source
+from plant.simulation.loop_source import logged_source, loop_source
 
-__all__ = ["LANES", "LoopKernel", "Structure", "loop_kernel"]
+__all__ = ["LANES", "LOGGED", "LoggedKernel", "LoopKernel", "Structure", "logged_kernel", "loop_kernel"]
 
 
 LANES = 40
 """Individuals side by side in the loop of a population, chosen by tests/benchmarks/speed.py."""
+
+
+LOGGED = 8
+"""The same where each is logged."""
 
 
 class LoopKernel:
@@ -42,12 +46,7 @@ class LoopKernel:
 
     def prepared(self, tables: Sequence[NDArray[np.float64]], *, logged: bool = False) -> tuple[Any, ...]:
         """The columns of the tables (law_time, sample_time, step_time, data) that a run reads; and h."""
-        lengths = np.concatenate([table[:, -1] for table in tables[:3]])
-        if not self._uneven and len(lengths) and np.ptp(lengths) > 0:
-            raise ValueError(f"all steps must have one length; got {lengths.min()} to {lengths.max()} s. Say uneven.")
-        columns = self._columns["single" if logged else "population"].values()
-        used = [np.ascontiguousarray(table[:, some]) for table, some in zip(tables, columns, strict=True)]
-        return *used, lengths[0] if len(lengths) else 0.0
+        return _prepared(tables, self._columns["single" if logged else "population"], self._uneven)
 
     def run(
         self,
@@ -92,6 +91,54 @@ class LoopKernel:
         return final, steps
 
 
+class LoggedKernel:
+    """A closed loop compiled for `width` individuals, with the tracking errors of each.
+
+    Parameters
+    ----------
+    loop : ClosedLoop
+    lanes : sequence of int
+        Which numbers (positions in ``loop.number_names``) differ between individuals.
+    width : int
+    uneven : bool
+        Steps of several lengths.
+    """
+
+    def __init__(self, loop: ClosedLoop, lanes: Iterable[int], width: int = LOGGED, *, uneven: bool = False) -> None:
+        self.loop, self.lanes, self.width, self._uneven = loop, tuple(lanes), width, uneven
+        self.uniform = tuple(i for i in range(len(loop.number_names)) if i not in set(self.lanes))
+        source, self._columns = logged_source(loop, self.lanes, self.uniform, width, uneven)
+        self._kernel = Kernel(source, ["logged"])
+
+    def prepared(self, tables: Sequence[NDArray[np.float64]]) -> tuple[Any, ...]:
+        """As of `LoopKernel`."""
+        return _prepared(tables, self._columns, self._uneven)
+
+    def run(
+        self, tables: tuple[Any, ...], samples: int, initial: NDArray[np.float64], lanes: NDArray[np.float64],
+        uniform: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # fmt: skip
+        """Final states (s, W), and errors (N, n, W) [pulses] at so many samples; NaN after all have diverged.
+
+        What it is given is as of `LoopKernel`.
+        """
+        n, final = self.loop.n, np.empty_like(initial)
+        errors = np.empty((samples, n, self.width))
+        numbers, rows = np.append(uniform, tables[-1]), errors.reshape(-1, self.width)
+        steps = self._kernel.call("logged", initial, lanes, numbers, *tables[:-1], rows, np.empty((0, 0)), final)
+        errors[-(-steps // self.loop.steps_per_sample) :] = np.nan
+        return final, errors
+
+
+def _prepared(tables: Sequence[NDArray[np.float64]], columns: dict[str, list[int]], uneven: bool) -> tuple[Any, ...]:
+    """The columns of the tables, and the length of a step."""
+    lengths = np.concatenate([table[:, -1] for table in tables[:3]])
+    if not uneven and len(lengths) and np.ptp(lengths) > 0:
+        raise ValueError(f"all steps must have one length; got {lengths.min()} to {lengths.max()} s. Say uneven.")
+    used = [np.ascontiguousarray(table[:, some]) for table, some in zip(tables, columns.values(), strict=True)]
+    return *used, lengths[0] if len(lengths) else 0.0
+
+
 class Structure:
     """A loop compared by its structure alone: loops that differ in numbers share one kernel."""
 
@@ -117,3 +164,13 @@ def _kernel(key: Structure, lanes: tuple[int, ...], uneven: bool) -> LoopKernel:
 def loop_kernel(loop: ClosedLoop, lanes: Iterable[int] = (), *, uneven: bool = False) -> LoopKernel:
     """Compiled kernel of a closed loop; `lanes` are the numbers that differ between individuals."""
     return _kernel(Structure(loop), tuple(lanes), uneven)
+
+
+@functools.lru_cache(maxsize=64)
+def _logged_kernel(key: Structure, lanes: tuple[int, ...], uneven: bool) -> LoggedKernel:
+    return LoggedKernel(key.loop, lanes, uneven=uneven)
+
+
+def logged_kernel(loop: ClosedLoop, lanes: Iterable[int], *, uneven: bool = False) -> LoggedKernel:
+    """Compiled kernel of a closed loop that logs the tracking errors of individuals side by side."""
+    return _logged_kernel(Structure(loop), tuple(lanes), uneven)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from plant.compiler.instructions import LANE, STATE, TIME, UNIFORM
@@ -19,7 +19,7 @@ from plant.compiler.splitting import cut
 from plant.compiler.translate import Names, translate
 from plant.simulation.closed_loop import ClosedLoop
 
-__all__ = ["loop_source"]
+__all__ = ["logged_source", "loop_source"]
 
 
 VECTOR = 8
@@ -28,6 +28,11 @@ VECTOR = 8
 
 PIECE, LONG_PIECE = 40, 1000
 """Instructions in one loop over them; and in one for a single individual, where there is nothing to overlap."""
+
+
+ENOUGH, LONGEST = 500, 2000
+"""Instructions from which on a step has by itself so many that do not wait for each other, as of three joints and more,
+that loops over short pieces only cost memory; and those in one loop then, for the compiler's sake."""
 
 
 def loop_source(
@@ -43,14 +48,28 @@ def loop_source(
     return head() + single + population, {"single": columns, "population": fewer}
 
 
+def logged_source(
+    loop: ClosedLoop, lanes: Sequence[int], uniform: Sequence[int], width: int, uneven: bool
+) -> tuple[str, dict[str, list[int]]]:
+    """Text of ``logged``, which logs the tracking errors of `width` individuals, and the columns that it reads."""
+    text, columns = _loop(loop, lanes, uniform, uneven, "logged", width, PIECE)
+    return head() + text, columns
+
+
 def _loop(
     loop: ClosedLoop, lanes: Sequence[int], uniform: Sequence[int], uneven: bool, name: str, width: int, size: int
 ) -> tuple[str, dict[str, list[int]]]:
-    """Text of one loop, and the columns (law, sample, step, data) that it reads; a single individual is logged."""
+    """Text of one loop, and the columns (law, sample, step, data) that it reads.
+
+    ``single`` logs all that there is of its individual, ``logged`` the tracking errors of each.
+    """
     states, vector = len(loop.state_names), math.gcd(width, VECTOR)
     rows = itertools.count(states + len(lanes))
     kept = {f"s{i}": i for i in range(states)} | {f"l{i}": states + i for i in range(len(lanes))}
-    programs = _programs(loop, lanes, uniform, uneven, lambda: next(rows), None if name == "single" else states)
+    wanted = dict.fromkeys(_BLOCKS, None if name == "single" else states)
+    if name == "logged":
+        wanted["sample"] = states + loop.n
+    programs = _programs(loop, lanes, uniform, uneven, lambda: next(rows), wanted)
     given = {number: kind for program in programs.values() for number, kind in program.used.items()}
     text: list[str] = []
     columns: dict[str, list[int]] = {"law": [], "sample": [], "step": [], "data": []}
@@ -92,15 +111,23 @@ def _loop(
         stores: dict[int | str, str] = {i: result for i, result in enumerate(results[:states]) if result != f"s{i}"}
         stores |= {f"log[{i}]": result for i, result in enumerate(logged)}
         start = [f"work = e.view(kinds[0], work, {width}, j)", _unpacked(numbers, "uniform"), _unpacked(times, "times")]
-        start += [f"log = e.view(kinds[4], log, 1, e.index(i, {len(logged)}))"] if logged else []
+        if logged:
+            at = f"e.index(i, {len(logged)})"
+            start += [f"log = e.view(kinds[4], log, {width}, {at if name == 'single' else 'i'})"]
         parameters = ["work", "j", "uniform", "times", *(["log", "i"] if logged else [])]
         arguments = f"numbers, {which}_times" + (f", {log}, {index}" if logged else "")
         block = [f"{which}_times = {name}_{which}_times_{{h}}({table}, data, {index}, numbers)"]
-        for k, piece in enumerate(cut(program.lines[STATE], stores, kept | program.crossing, lambda: next(rows), size)):
+        if logged and name != "single":  # row by row, and beside each other in it
+            arguments = f"numbers, {which}_times, {log}, {index} * {len(logged) * width} + {{j}}"
+        many = width > 1 and sum(line.weight for line in program.lines[STATE]) >= ENOUGH
+        longest = LONGEST if many else size
+        pieces = cut(program.lines[STATE], stores, kept | program.crossing, lambda: next(rows), longest)
+        for k, piece in enumerate(pieces):
             function, j = f"{name}_{which}_{k}", f"j_{which}_{k}"  # a name assigned once compiles faster
             lines = start + [re.sub(r"{(\d+)}", r"work[\1]", line) for line in piece]
             text.append(intrinsic(function, parameters, lines, width=vector))
-            block += [f"for {j} in range(0, {width}, {vector}):", f"    {function}_{{h}}(work, {j}, {arguments})"]
+            called = f"    {function}_{{h}}(work, {j}, {arguments.replace('{j}', j)})"
+            block += [f"for {j} in range(0, {width}, {vector}):", called]
         blocks[which] = "\n            ".join(block)
     settings: dict[str, Any] = {"states": states, "lanes": len(lanes), "per_law": loop.steps_per_law or 1}
     settings |= {"per_sample": loop.steps_per_sample, "rows": next(rows), "W": width, "name": name}
@@ -113,9 +140,9 @@ def _programs(
     uniform: Sequence[int],
     uneven: bool,
     fresh: Callable[[], int],
-    wanted: int | None,
+    wanted: Mapping[str, int | None],
 ) -> dict[str, Any]:
-    """The translated law (if it has a period), log and sub-step; of each only what the wanted outputs need."""
+    """The translated law (if it has a period), log and sub-step; of each only what so many first outputs need."""
     names = Names()
     where = {number: (f"l{i}", LANE) for i, number in enumerate(lanes)}
     where |= {number: (f"u{i}", UNIFORM) for i, number in enumerate(uniform)}
@@ -128,7 +155,9 @@ def _programs(
     ]
     functions = {"law": loop.law_step, "sample": loop.sample, "step": loop.substep}
     return {
-        which: translate(function, inputs[: function.n_in()], names, fresh, relaxed=which == "step", wanted=wanted)
+        which: translate(
+            function, inputs[: function.n_in()], names, fresh, relaxed=which == "step", wanted=wanted[which]
+        )
         for which, function in functions.items()
         if function is not None
     }

@@ -12,7 +12,7 @@ from plant import Arm, P, PointToPoint, puma560
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import FAR, ClosedLoop, bounded
 from plant.simulation.followed_path import Logged, Path
-from plant.simulation.loop_kernel import LANES, LoopKernel, loop_kernel
+from plant.simulation.loop_kernel import LANES, LOGGED, LoggedKernel, LoopKernel, loop_kernel
 from plant.simulation.time_tables import time_tables
 
 PERIOD = 0.7e-3
@@ -158,6 +158,26 @@ def test_every_lane_is_the_single_kernel_bit_for_bit(population):
     tables = single.prepared(tables, logged=True)
     plain = single.run(tables, initial[:, :1], np.empty((0, 1)), loop.number_values(f[0]), logs)[0]
     assert (np.abs(RIG.position_in_pulses(plain[:2, 0] - final[:2, 0])) < 1).all()
+
+
+def test_every_logged_lane_is_the_single_kernel_bit_for_bit(population):
+    kernel, tables, initial, f, uniform, _ = population
+    side_by_side = LoggedKernel(kernel.loop, kernel.lanes)
+    lanes, spoilt = f[:LOGGED].T.copy(), f[:LOGGED].T.copy()
+    spoilt[:, 5] = np.nan
+    prepared = side_by_side.prepared(tables)
+    final, errors = side_by_side.run(prepared, 400, initial[:, :LOGGED].copy(), lanes, uniform)
+    for j in range(LOGGED):
+        logs = np.empty((400, 8)), np.empty((1600, 2))
+        given = kernel.prepared(tables, logged=True)
+        alone, _ = kernel.run(given, initial[:, :1], f[j][:, None].copy(), uniform, logs)
+        np.testing.assert_array_equal(final[:, j], alone[:, 0])
+        np.testing.assert_array_equal(errors[:, :, j], logs[0][:, :2])
+    wrong, others = side_by_side.run(prepared, 400, initial[:, :LOGGED].copy(), spoilt, uniform)
+    assert wrong[-1, 5] == 0
+    np.testing.assert_array_equal(np.delete(others, 5, axis=2), np.delete(errors, 5, axis=2))
+    spoilt[:] = np.nan
+    assert np.isnan(side_by_side.run(prepared, 400, initial[:, :LOGGED].copy(), spoilt, uniform)[1][1:]).all()
 
 
 @pytest.mark.parametrize("bad", [np.nan, -1e3], ids=str)
