@@ -76,3 +76,13 @@ def test_the_picture_shows_every_room():
         folders = {path.name for path in (ROOT / package).iterdir() if path.is_dir() and path.name != "__pycache__"}
         assert folders <= {room for row in rows for room in row}
         assert all(house.sentence(package, room) for row in rows for room in row)
+
+
+EXECUTED_BY_TESTS = {"docs/architecture.md", "README.md"}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_code_of_a_page_is_executed_when_the_page_is_built(page):
+    text, name = page.read_text(encoding="utf-8"), str(page.relative_to(ROOT))
+    assert not blocks(page) or name in EXECUTED_BY_TESTS
+    assert ("{code-cell}" in text) == text.startswith("---\nfile_format: mystnb\n")

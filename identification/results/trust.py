@@ -22,8 +22,8 @@ _STRANGE = 0.4
 _FAR = 0.9
 """Difference [pulses] between simulated and measured errors that rounding does not explain."""
 
-_WORSE = 1.5
-"""How much worse a record kept aside may be repeated."""
+_WORSE, _ROUNDINGS = 1.5, 0.58
+"""How much worse a record kept aside may be repeated, and the difference [pulses] that two roundings alone give."""
 
 _BIASED = 0.08
 """Relative bias of least squares in a band that is tolerated."""
@@ -174,7 +174,7 @@ def _of_repeats(found: Any, replayed: bool) -> Iterator[str]:
             "0.58. Check the law and its gains, signs (error = reference minus counted), friction, gears, springs, the "
             f"order of joints, and counts per turn: as the rig counts, the joints move over {_ranges(found)}."
         )
-    if held_out is not None and held_out > _WORSE * difference:
+    if held_out is not None and held_out > _WORSE * max(difference, _ROUNDINGS):
         yield (
             f"a record kept aside differs by {held_out:.2f} pulses, those searched by "
             f"{difference:.2f}: the values do not hold for both."
