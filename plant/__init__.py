@@ -69,6 +69,7 @@ from plant.motion.table import Table
 from plant.motion.visibility import load_visibility, visibility
 from plant.parts.labels import joint_label, joint_labels
 from plant.parts.part import Part, number, part, structure
+from plant.realtime.first_motion import FirstMotion
 from plant.realtime.guards import Guards
 from plant.realtime.running import Running
 from plant.robots import catalogue, puma560
@@ -99,6 +100,7 @@ __all__ = [
     "Elasticity",
     "Encoder",
     "Finding",
+    "FirstMotion",
     "FrictionCurve",
     "FrictionDrift",
     "Guards",

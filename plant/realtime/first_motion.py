@@ -1,0 +1,193 @@
+"""The first motion of an arm: a small torque on one motor after another shows wires that are turned or swapped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plant.machine.rig import Rig
+from plant.mechanics.arm import Arm
+from plant.parts.arguments import array, instance, known_options, real
+from plant.realtime.guards import Guards
+
+__all__ = ["FirstMotion"]
+
+_SHOWS = 4
+"""Counts that are a motion, and no flicker at the edge of a cell."""
+
+_RAMP, _SETTLE, _STILL = 0.8, 0.5, 0.05
+"""Time from no torque to the largest, longest time to come to rest, and time without a count at rest [s]."""
+
+_SHARE = 0.8
+"""Of the change of torque that leaves a joint at rest, which goes from one direction of friction to the other."""
+
+
+@known_options
+class FirstMotion:
+    """Push each motor a little, watch the counts, and name turned signs, swapped wires and dead encoders.
+
+    One motor after another gets a torque that rises from nothing until some encoder has counted `travel` pulses, then
+    none until the arm rests. The counts that move must be its own, upwards. Before any path, with the arm's brakes
+    released and nobody near: ``while not probe.done: apply(probe.step(read()))``. Afterwards ``probe.fine``, and
+    ``print(probe.status)``.
+
+    Parameters
+    ----------
+    rig : Rig
+    pulses : (n,) array_like
+        Encoder counts now, at rest.
+    arm : Arm, optional
+        Its weight, and that of springs, at these counts is held all the time; without it the torques begin at zero.
+    torque : (n,) array_like, optional
+        Largest torque beside that [N m], joint side; by default 0.8 of `Guards.rest`, the band of static friction: 1.6
+        times the friction that is stated, or 1.6 % of the amplifier's limit if that is more.
+    travel : float
+        Pulses that end the push of a motor; any joint that goes ten times as far ends all.
+
+    Attributes
+    ----------
+    done : bool
+        Whether all motors were pushed, or the test was given up; `step` then gives the weight's torque, or zero.
+    fine : bool
+        Whether each motor moved its own counts upwards.
+    status : str
+        What was found, motor by motor.
+
+    Raises
+    ------
+    ValueError
+        Bad input; no default for `torque`, where neither friction nor a limit of the current is stated.
+
+    Notes
+    -----
+    The torque is at most that of the weight plus `torque`, for at most 2 s a motor. A sign that is turned at the
+    encoder cannot be told from one that is turned at the amplifier: either looks like counts that fall. An arm whose
+    weight is not that of `arm` by more than friction bears moves by itself, and the test ends in zero torque.
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> probe = FirstMotion(puma560.rig(), (0, 0), arm=puma560.arm())
+    >>> probe.done, probe.step((0, 0)).shape
+    (False, (2,))
+    """
+
+    def __init__(
+        self, rig: Rig, pulses: ArrayLike, *, arm: Arm | None = None, torque: ArrayLike | None = None,
+        travel: float = 12.0,
+    ) -> None:  # fmt: skip
+        instance("rig", rig, Rig, "Pass found.rig.")
+        n, advice = rig.n, "Give one torque above 0 per joint [N m]."
+        most = _SHARE * Guards().rest_band(rig) if torque is None else array("torque", torque, (n,), advice=advice)
+        if not (np.isfinite(most) & (most > 0)).all():
+            raise ValueError(f"torque must be above 0 and finite; got {most}. {advice}")
+        self.travel = real("travel", travel, "Give pulses, such as 12.", positive=True)
+        if travel < _SHOWS:
+            raise ValueError(f"travel must be at least {_SHOWS} pulses; got {travel:g}. Fewer are a cell's edge.")
+        self.rig, self.n, self.done, self._lines = rig, n, False, []
+        self._weight, self._most = np.zeros(n), most
+        counts = self._counts(pulses)
+        if arm is not None:
+            instance("arm", arm, Arm, "Pass found.arm.")
+            q = rig.cell_centre(counts)
+            self._weight = arm.h(q, np.zeros(n)) - rig.spring_torque(q)
+        self._begin = self._last = counts
+        self._labels = rig.joint_labels
+        self._plan = self._motors()
+        self._torque = self._weight
+        next(self._plan)
+
+    def step(self, pulses: ArrayLike) -> NDArray[np.float64]:
+        """Torque (n,) [N m], joint side, to be applied until the next call; to be called once per period of the rig.
+
+        Parameters
+        ----------
+        pulses : (n,) array_like
+            Encoder counts, read now.
+
+        Raises
+        ------
+        ValueError
+            Wrong shape, or no finite number; nothing has changed then.
+        """
+        self._last = self._counts(pulses)
+        if not self.done:
+            try:
+                self._torque = next(self._plan)
+            except StopIteration:
+                self.done = True
+        return np.array(self._torque)
+
+    @property
+    def fine(self) -> bool:
+        return self.done and all(line.endswith(": fine") for line in self._lines)
+
+    @property
+    def status(self) -> str:
+        return "\n".join(self._lines) if self._lines else "nothing was pushed yet"
+
+    def __repr__(self) -> str:
+        return f"FirstMotion({'done' if self.done else 'at work'}: {self.status})"
+
+    def _counts(self, pulses: ArrayLike) -> NDArray[np.float64]:
+        return np.array(array("pulses", pulses, (self.rig.n,), advice="Give the encoder counts."), dtype=float)
+
+    def _motors(self) -> Iterator[NDArray[np.float64]]:
+        """The torques, one after another; between two of them the counts are new."""
+        yield self._weight
+        for motor in range(self.n):
+            push = self._push(motor)
+            yield from self._rest()
+            if self._gave_up(motor, "moved by itself before it was pushed; brake it, and check its weight"):
+                return
+            before = self._last
+            for share in np.arange(1, round(_RAMP / self.rig.period) + 1) * self.rig.period / _RAMP:
+                yield self._weight + share * push
+                if np.abs(self._last - before).max() >= self.travel:
+                    break
+            yield from self._rest()
+            moved = self._last - before
+            if self._gave_up(motor, "did not come to rest after its push; brake it, and check the signs"):
+                return
+            self._lines.append(f"motor of {self._labels[motor]}: {self._said(motor, moved, push)}")
+
+    def _push(self, motor: int) -> NDArray[np.float64]:
+        """The largest torque (n,) on the joints that turns one motor so that its counts rise."""
+        per_joint = np.array([self.rig.position_in_pulses(unit) for unit in np.eye(self.n)])[:, motor]
+        return per_joint / np.abs(per_joint / self._most).max()
+
+    def _rest(self) -> Iterator[NDArray[np.float64]]:
+        """The weight's torque until no count has changed for a while."""
+        still, last = 0.0, self._last
+        for _ in range(round(_SETTLE / self.rig.period)):
+            if still >= _STILL:
+                return
+            yield self._weight
+            still = still + self.rig.period if np.abs(self._last - last).max() < _SHOWS / 2 else 0.0
+            last = last if still else self._last
+
+    def _gave_up(self, motor: int, why: str) -> bool:
+        far = np.abs(self._last - self._begin) > 10 * self.travel
+        if far.any():
+            which = self._labels[int(np.argmax(far))]
+            self._lines.append(f"motor of {self._labels[motor]}: {which} {why}")
+            self._torque = np.zeros(self.n)
+        return bool(far.any())
+
+    def _said(self, motor: int, moved: NDArray[np.float64], push: NDArray[np.float64]) -> str:
+        """What counts (n,) say that moved when one motor was pushed to turn them upwards."""
+        most = int(np.abs(moved).argmax())
+        if abs(moved[most]) < _SHOWS:
+            largest = np.abs(push).max()
+            return f"no count moved up to {largest:.3g} N m: a brake, an encoder or an amplifier without power?"
+        if most != motor:
+            dead = "" if abs(moved[motor]) >= _SHOWS else ", or its own encoder is dead"
+            return (
+                f"the counts of {self._labels[most]} moved by {moved[most]:+.0f}, its own by {moved[motor]:+.0f}: "
+                f"encoders or amplifiers are swapped{dead}"
+            )
+        if moved[motor] < 0:
+            return f"its counts fell by {-moved[motor]:.0f}: turn the sign of gear, resolution or amplifier"
+        return "fine"
