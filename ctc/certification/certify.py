@@ -80,7 +80,7 @@ def certify(
     threads : int, optional
         By default one per core. The result is the same, bit for bit, for any number.
     progress : bool
-        Show a progress bar of the fits below, where standard error is a terminal.
+        Show progress bars, of the fits below and of the loops, where standard error is a terminal.
     checkpoint : str or Path, optional
         File in which these fits and finished loops are kept: killed and called again with it, the work goes on, to the
         same bits. One of other inputs, versions or another processor is refused.
@@ -148,7 +148,7 @@ def certify(
         settings: dict[str, Any] = {"steps_per_sample": steps_per_sample, "duration": duration, "after": float(after)}
         population = drawn.under(law, reference, within=within, **settings)
         threads = int(threads or cores())
-        runs = population.run(threads, kept)
+        runs = population.run(threads, kept, progress=progress)
     return Certificate(
         law=law, reference=reference, plants=drawn, runs=runs, within=within, confidence=confidence,
         settings=settings | {"law_steps": population.law_steps}, threads=threads,

@@ -21,6 +21,7 @@ from plant.motion.reference import Reference
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
+from plant.parts.progress import progress_bar
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop, bounded
 from plant.simulation.followed_path import Path
@@ -141,8 +142,8 @@ class Population:
         self._tables = self._kernel.prepared((*self._times, np.column_stack(data)))
         self._numbers, self._start = loop.number_values(arm.f), path.start() if initial is None else initial
 
-    def run(self, threads: int, checkpoint: Checkpoint | None = None) -> Runs:
-        """Run them all; blocks of them are stages of a checkpoint.
+    def run(self, threads: int, checkpoint: Checkpoint | None = None, *, progress: bool = False) -> Runs:
+        """Run them all; blocks of them are stages of a checkpoint, and what a progress bar counts.
 
         Returns
         -------
@@ -151,9 +152,12 @@ class Population:
         kept = Checkpoint(checkpoint, "")
 
         def block(i: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-            return kept.stage(f"loops from {i * LANES}", lambda: self._block(i))
+            made = kept.stage(f"loops from {i * LANES}", lambda: self._block(i))
+            bar.update(len(made[1]))
+            return made
 
-        blocks = shared_out(block, range(-(-len(self._values) // LANES)), threads)
+        with progress_bar(len(self._values), "closed loops", "loop", progress) as bar:
+            blocks = shared_out(block, range(-(-len(self._values) // LANES)), threads)
         final, missing = (np.concatenate(each) for each in zip(*blocks, strict=True))
         n = self.loop.n
         counted, highest, lowest, current, chatter, _ = np.hsplit(final[:, -3 - 6 * n : -3], 6)

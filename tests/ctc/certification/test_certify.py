@@ -4,8 +4,10 @@ Short runs of (6), of 0.05 s: with half a pulse between the arm and its referenc
 +-1 pulse at 14 ms in about 9 of 100 loops, which makes them a case for counting.
 """
 
+import contextlib
 import dataclasses
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from ctc.certification.uncertainty import Uncertainty
 from identification import identify
 from plant import PD, Body, Elasticity, Harmonics, P, Phase, Transport, puma560, simulate
 from plant.machine.motor_inertia import least_inertia_margin
+from plant.simulation import population
 from plant.simulation.loop_kernel import LANES
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
@@ -155,6 +158,21 @@ def test_the_same_bits_for_any_number_of_threads_and_the_same_seed():
 
 
 # -- what is drawn --------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("wanted", [True, False])
+def test_a_bar_counts_the_loops_where_it_is_wanted(monkeypatch, wanted):
+    asked, counted = [], []
+
+    @contextlib.contextmanager
+    def bar(*given):
+        asked.append(given)
+        yield SimpleNamespace(update=counted.append)
+
+    monkeypatch.setattr(population, "progress_bar", bar)
+    certified(samples=50, threads=1, progress=wanted)
+    assert asked == [(50, "closed loops", "loop", wanted)]
+    assert sorted(counted) == [10, 40]
+
+
 def test_draws_have_the_covariance_that_was_given():
     mixed = np.random.default_rng(0).normal(size=(9, 9)) * 0.01
     mixed[:, 8] = 0  # one direction in which nothing is uncertain
