@@ -86,7 +86,8 @@ class FirstMotion:
         self.travel = real("travel", travel, "Give pulses, such as 12.", positive=True)
         if travel < _SHOWS:
             raise ValueError(f"travel must be at least {_SHOWS} pulses; got {travel:g}. Fewer are a cell's edge.")
-        self.rig, self.n, self.done, self._lines = rig, n, False, []
+        self.rig, self.n, self.done = rig, n, False
+        self._lines: list[str] = []
         self._weight, self._most = np.zeros(n), most
         counts = self._counts(pulses)
         if arm is not None:
