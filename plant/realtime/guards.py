@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant.machine.rig import Rig
-from plant.parts.arguments import array, choice, known_options, real
+from plant.mechanics.limits import Limits
+from plant.parts.arguments import array, choice, instance, known_options, real
 from plant.realtime.torque_monitor import WINDOW
 
 __all__ = ["Guards"]
@@ -84,6 +85,9 @@ class Guards:
     braking : float
         Time [s] for which, in a stop, a torque may be at its limit in all. Then, or if a joint is faster than the stop
         can make it, there is no torque until `Running.reset`, and ``status.brake`` asks for the brake.
+    limits_of : Limits, optional
+        Such as ``chain.limits`` of a model file: its positions and speeds, where `position` and `speed` are not given.
+        Its efforts are for ``law.start(torque_limit=chain.limits.effort)``.
 
     Raises
     ------
@@ -105,8 +109,14 @@ class Guards:
     speed: ArrayLike | None = None
     torque_rate: ArrayLike | None = None
     braking: float = 0.05
+    limits_of: Limits | None = None
 
     def __post_init__(self) -> None:
+        if self.limits_of is not None:
+            of = instance("limits_of", self.limits_of, Limits, "Give chain.limits, or position= and speed=.")
+            for name, value in (("position", (of.lower, of.upper)), ("speed", of.velocity)):
+                if getattr(self, name) is None:
+                    object.__setattr__(self, name, value)
         for name in ("jump", "stuck", "error", "late"):
             value = getattr(self, name)
             if value is None and name != "late":

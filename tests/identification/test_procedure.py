@@ -5,6 +5,7 @@ The quick tests look at two seeds; the study of ten, with medians and the order 
 """
 
 import dataclasses
+import sys
 from functools import cache
 
 import numpy as np
@@ -153,7 +154,8 @@ def test_a_criterion_besides_the_number_of_generations():
     assert "reached the target" in found.message
 
 
-def test_progress_is_shown_on_request_only(capsys):
+def test_progress_is_shown_on_request_only(capsys, monkeypatch):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     quick(progress=False)
     assert capsys.readouterr().err == ""
     quick(progress=True)

@@ -7,7 +7,7 @@ import pytest
 from closed_loops import Filtered
 
 from ctc import ComputedTorque
-from plant import Guards, StatelessLaw, puma560
+from plant import Guards, Limits, StatelessLaw, puma560
 from plant.parts.part import part, structure
 from plant.realtime import memory as layout
 
@@ -230,6 +230,14 @@ def test_limits_of_position_and_speed_stop(options, said):
     assert said is None or said in running.status
 
 
+def test_limits_of_a_model_file_are_guards():
+    limits = Limits(lower=(-1, -1), upper=(0.01, 1), velocity=(0.9, np.inf), effort=(50, 50))
+    assert np.array_equal(Guards(limits_of=limits).motion_limits(RIG)[:3], [[-1, -1], [0.01, 1], [0.9, np.inf]])
+    own = Guards(limits_of=limits, speed=2.0).motion_limits(RIG)
+    np.testing.assert_array_equal(own[2], 2.0)
+    assert Guards().motion_limits(RIG)[2].tolist() == [np.inf, np.inf]
+
+
 def test_a_limit_of_the_torques_rate_is_kept_and_stops_if_it_is_needed_for_long():
     running, torque = Played().start(RIG, (0, 0), guards=Guards(torque_rate=1e4, rest=np.inf)), [0.0]
     for asked in (0.0, 15.0, 0.0, 0.0, 100.0, 100.0, 100.0):
@@ -245,6 +253,7 @@ def test_a_limit_of_the_torques_rate_is_kept_and_stops_if_it_is_needed_for_long(
     ("options", "said"),
     [
         ({"rhythm": 1.5}, "rhythm must be below 1"),
+        ({"limits_of": (1, 2)}, "limits_of must be"),
         ({"rhythm": np.nan}, "rhythm must be positive"),
         ({"position": ((1, 1), (0, 2))}, "position must be"),
         ({"speed": -1}, "speed must be positive"),
