@@ -42,7 +42,7 @@ def test_tx40_fit_is_the_published_one():
 PENDULUM = "8_real_double_pendulum"
 
 
-@pytest.fixture(scope="module", params=["C.0", "A.0"])
+@pytest.fixture(scope="module", params=["C.0", pytest.param("A.0", marks=pytest.mark.slow)])
 def pendulum(request):
     """The example, the design, what was identified of it, and the runs kept aside."""
     there, module = folder("dfki_double_pendulum"), example(PENDULUM)

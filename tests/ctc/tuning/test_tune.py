@@ -15,7 +15,7 @@ from plant import Elasticity, LinkReference, puma560, simulate
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 START = PATH([0.0]).q[0]
 STATED = {"resonance": (40, 60), "friction": 0.02, "covariance": np.diag((0.003 * ARM.f) ** 2)}
-SHORT = {"duration": 0.4, "samples": 300, "progress": False}
+SHORT = {"duration": 0.4, "samples": 150, "progress": False}
 
 
 @pytest.fixture(scope="module")

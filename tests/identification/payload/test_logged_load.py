@@ -70,7 +70,7 @@ def test_friction_is_found_beside_the_load():
 
 def test_friction_that_was_assumed_is_warned_of_and_biases():
     """Under PID the log tells the torque, and 10 % of friction is worth some hundred grams."""
-    record = worn_log(law=PID_LAW, duration=2.2)
+    record = worn_log(law=PID_LAW, duration=1.2)
     free, exact, stated = (find_load(ARM, record, PLACE, friction=share) for share in (None, 0.0, 0.1))
     assert abs(free.mass - MASS) < 0.005
     assert abs(exact.mass - MASS) > 10 * abs(free.mass - MASS)
