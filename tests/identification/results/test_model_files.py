@@ -234,6 +234,25 @@ def test_identified_friction_is_written_joint_side(identified, tmp_path):
     assert inertials_removed((tmp_path / "b.urdf").read_text()) == inertials_removed((folder / "arm.urdf").read_text())
 
 
+def test_an_mjcf_comes_back_from_pulses_with_the_robot_s_torques(tmp_path):
+    """File -> log of a robot that is 10 % another -> identification -> file, whose torques are the robot's."""
+    source, target, rig = tmp_path / "arm.xml", tmp_path / "found.xml", puma560.rig()
+    source.write_text(mjcf(7, kinds=("hinge", "hinge")))
+    chain = Chain.from_mjcf(source).with_rotors(rig.drive)
+    dynamics = Dynamics.from_chain(chain)
+    truth = dynamics.arm(dynamics.f() * 1.1)
+    path = Harmonics(period=2.0, offset=(0, 0), cosine=((0.4, 0.2), (0.2, -0.4)), sine=((0.1, 0.3), (-0.3, 0.1)))
+    measured = simulate(truth, rig, P(gain=(0.5, 0.4)), path, backend="casadi")
+    found = identify(dynamics, measured, progress=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # noise: the nearest f
+        write_mjcf(found, source, target, nearest=True)
+    states, names = np.stack(path(np.linspace(0, 2, 101)), axis=1), [link.name for link in chain.links]
+    asked = np.array([truth.inverse(*state) for state in states])
+    before, after = (np.abs(mujoco_torques(file, names, states) - asked).max(axis=0) for file in (source, target))
+    assert (after < 0.1 * before).all(), (before, after)
+
+
 def test_an_inertial_in_an_included_file_is_not_written(tmp_path):
     body = '<body name="b"><joint name="j"/><inertial pos="0.1 0 0" mass="1" diaginertia="1 1 1"/></body>'
     (tmp_path / "part.xml").write_text(f"<mujocoinclude>{body}</mujocoinclude>")
