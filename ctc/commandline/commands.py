@@ -22,6 +22,18 @@ from plant.parts.files import write_whole
 
 __all__ = ["COMMANDS"]
 
+_COLUMNS = """
+# Which columns of your log are what, and in which units; without these two tables, what Record.to_csv wrote.
+# [columns]
+# t = "time"
+# counts = ["count_1", "count_2"]
+# reference_position = ["asked_1", "asked_2"]
+
+# [units]
+# t = "s"
+# reference_position = "rad"
+"""
+
 
 def run_demo(given: Namespace) -> Answer:
     """The paper from end to end."""
@@ -38,7 +50,7 @@ def run_robots(given: Namespace) -> Answer:
         return Answer("\n".join(f"{name:{width}}  {title}" for name, title in titles.items()), {"robots": titles})
     if given.name not in names:
         raise ValueError(f"a robot of the package is one of {', '.join(names)}; got {given.name!r}. Choose one.")
-    text = (FOLDER / f"{given.name}.toml").read_text(encoding="utf-8")
+    text = (FOLDER / f"{given.name}.toml").read_text(encoding="utf-8") + _COLUMNS
     if given.output is None:
         return Answer(text.rstrip(), {"robot": given.name, "toml": text})
     model = read_robot(given.name).model

@@ -8,6 +8,8 @@ import numpy as np
 
 from identification import Identification
 from plant import Record, Reference, Robot, Spline, Table, read_records, read_robot
+from plant.simulation.clock import Clock
+from plant.simulation.followed_path import Logged
 
 __all__ = ["new_place", "path_of", "records_of", "result_of", "robot_of"]
 
@@ -40,30 +42,28 @@ def result_of(path: str) -> Identification:
 def path_of(record: Record, given: str | None = None) -> Reference:
     """The path that a controller is to follow: the file given, or that of a log.
 
-    A table of positions becomes a spline through one point every 20 ms; it begins and ends at rest.
+    A table of positions becomes a spline through one point every 20 ms. So do the commanded counts of a log that has
+    no more, as the smoothest motion that their rounding allows.
 
     Raises
     ------
     ValueError
-        No path in the log but its counts, or one that begins in motion.
+        A log without a path.
     """
     path = Table.from_csv(given) if given is not None else record.reference
     if path is None:
-        got = "it has its counts alone"
-        raise ValueError(f"the log must hold the path without rounding; {got}. Give --path FILE with t, q_1, ...")
-    if not isinstance(path, Table):
+        if not np.ptp(record.reference_pulses):
+            raise ValueError("the log must hold the path that was followed; it does not. Give --path FILE: t, q_1, ...")
+        times = record.t - record.t[0]
+        points = Logged(record.reference_pulses, record.rig, Clock.of(record)).smoothed(times).q
+    elif isinstance(path, Table):
+        times, points = np.array(path.times) - path.times[0], np.array(path.points)
+    else:
         return path
-    times, points = np.array(path.times), np.array(path.points)
-    times -= times[0]
     step = max(1, round(_KNOTS / float(np.median(np.diff(times)))))
     kept = np.unique([*range(0, len(times), step), len(times) - 1])
     ends = np.abs([(points[1] - points[0]) / times[1], (points[-1] - points[-2]) / (times[-1] - times[-2])])
-    if ends.max() > _AT_REST:
-        raise ValueError(
-            f"the path must begin and end at rest; a joint moves at {ends.max():.2g} rad/s there. "
-            "Give --path FILE with one that does."
-        )
-    return Spline(times=times[kept], points=points[kept])
+    return Spline(times=times[kept], points=points[kept], at_rest=bool(ends.max() < _AT_REST))
 
 
 def new_place(path: str, force: bool) -> Path:

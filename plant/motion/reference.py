@@ -17,6 +17,9 @@ from plant.parts.part import Nested, Part, declared, part, structure
 
 __all__ = ["Harmonics", "Motion", "PointToPoint", "Reference", "Spline", "Timed", "require_increasing"]
 
+_FREE = 6
+"""Points of a quintic spline whose ends are free."""
+
 
 class Motion(NamedTuple):
     """Position [rad], velocity [rad/s] and acceleration [rad/s^2], each (N, n), joint side."""
@@ -203,13 +206,21 @@ class Spline(Timed, _Smooth):
         Strictly increasing, from 0 [s].
     points : (N, n) array_like
         [rad]
+    at_rest : bool
+        False for a motion that has begun before, and goes on, such as a stretch of a log: its ends are as smooth as the
+        points say. At least six of them.
     """
 
     times: Nested = structure()
     points: Nested = structure()
+    at_rest: bool = structure(bool, default=True)
 
     def __post_init__(self) -> None:
         self._keep("points", (self._keep_times(from_zero=True), "n"), "One row per time, one column per joint.")
+        if not self.at_rest and len(self.times) < _FREE:
+            raise ValueError(
+                f"points must be {_FREE} and more where at_rest is False; got {len(self.times)}. Give more."
+            )
 
     @property
     def n(self) -> int:  # type: ignore[override]  # declared, and read only
@@ -221,7 +232,7 @@ class Spline(Timed, _Smooth):
         rest = [(1, np.zeros(self.n)), (2, np.zeros(self.n))]
         from scipy.interpolate import make_interp_spline  # 0.2 s, for those who use it
 
-        spline = make_interp_spline(self.times, self.points, k=5, bc_type=(rest, rest))
+        spline = make_interp_spline(self.times, self.points, k=5, bc_type=(rest, rest) if self.at_rest else None)
         inside = ((t >= 0) & (t <= self.duration))[:, None]
         s = np.clip(t, 0, self.duration)
         return [inside * spline(s, k) if k else spline(s) for k in orders]

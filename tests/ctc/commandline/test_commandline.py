@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import os
 import subprocess
 import sys
@@ -41,14 +42,9 @@ def folder(tmp_path_factory):
         rows.writerow(["time", "c1", "c2", "r1", "r2"])
         rows.writerows(zip(*(column.tolist() for column in (record.t, *record.counts.T, *asked.T)), strict=True))
     (place / "arm.toml").write_text((FOLDER / "paper_puma560.toml").read_text() + MAPPED)
-    path = "\n".join(",".join(map(repr, [t, *q])) for t, q in _there_and_back())
-    (place / "path.csv").write_text(path)
+    rows = [[t, 0.3 * math.sin(math.pi * t) ** 4, -0.2 * math.sin(math.pi * t) ** 4] for t in np.linspace(0, 1, 41)]
+    (place / "path.csv").write_text("\n".join(",".join(f"{x:.9f}" for x in row) for row in rows))
     return place
-
-
-def _there_and_back():
-    for t in np.linspace(0, 1, 41).tolist():
-        yield t, [0.3 * np.sin(np.pi * t).item() ** 4, -0.2 * np.sin(np.pi * t).item() ** 4]
 
 
 def run(capsys, *arguments):
@@ -74,7 +70,7 @@ def test_from_a_log_to_a_page(folder, capsys, monkeypatch):
     assert out.endswith("wrote proof.json\n")
     code, out, err = run(capsys, "report", "found.json", "--certificate", "proof.json", "-o", "page.html")
     assert (code, out, err) == (0, "wrote page.html\n", "")
-    assert (folder / "page.html").read_text(encoding="utf-8").count("<section>") == 7  # all but that of a controller
+    assert (folder / "page.html").read_text(encoding="utf-8").count("<section>") == 8
 
 
 def test_a_finding_is_no_success(folder, capsys, monkeypatch):
@@ -135,7 +131,9 @@ def test_robots_of_the_package_are_written_with_their_models(tmp_path, capsys):
         assert run(capsys, "robots", name, "-o", tmp_path / f"{name}.toml")[0] == 0
         assert read_robot(tmp_path / f"{name}.toml").arm == read_robot(name).arm
     code, out, _ = run(capsys, "robots", "ur5e")
-    assert (code, out) == (0, (FOLDER / "ur5e.toml").read_text())
+    assert code == 0
+    assert out.startswith((FOLDER / "ur5e.toml").read_text())
+    assert "# [columns]" in out
 
 
 def test_an_interruption_and_a_defect_have_codes_of_their_own(capsys, monkeypatch):

@@ -176,6 +176,8 @@ def test_bad_table_file_is_refused_in_one_line(tmp_path, text, message):
             "times must increase; got 1.0 after 2.0 at index 2",
         ),
         (lambda: Spline(times=(1, 2), points=((0,), (1,))), r"times must be two or more, from 0"),
+        (lambda: Spline(times=(0, 1), points=((0,), (1,)), at_rest=False), r"points must be 6 and more"),
+        (lambda: Spline(times=(0, 1), points=((0,), (1,)), at_rest=2), r"at_rest"),
         (
             lambda: Spline(times=(0, 1), points=((0,),)),
             r"points must have shape \(2, n\)",
@@ -189,3 +191,14 @@ def test_bad_reference_is_refused(make, message):
     with pytest.raises(ValueError, match=message) as error:
         make()
     assert "\n" not in str(error.value)
+
+
+def test_a_spline_whose_ends_are_free_goes_on_as_its_points_do():
+    """A quintic polynomial, which does not begin at rest, is its own spline."""
+    t = np.linspace(0, 2, 9)
+    polynomials = [np.polynomial.Polynomial(c) for c in ((1, 2, -1, 0.3, 0.1, -0.05), (0, -1, 0.5, 0, 0.2, 0.01))]
+    spline = Spline(times=t, points=np.column_stack([p(t) for p in polynomials]), at_rest=False)
+    asked = np.linspace(0, 2, 33)
+    for order, got in enumerate(spline(asked)):
+        expected = np.column_stack([p.deriv(order)(asked) if order else p(asked) for p in polynomials])
+        np.testing.assert_allclose(got, expected, rtol=0, atol=1e-9)
