@@ -164,15 +164,23 @@ def watch(first, own, joints, memory):
             joints[MARK, i], joints[MARK_TORQUE, i] = joints[REFERENCE, i], joints[TORQUE, i]
             joints[STILL, i] = joints[PUSHED, i] = 0.0
             continue
-        if abs(asked) > joints[STUCK, i] and abs(pushed) > joints[FRICTION, i]:
-            lose(IS_STUCK, i, asked, own, joints)
         settled = joints[STILL, i] >= SETTLED
+        overdue = abs(asked) > joints[STUCK, i] and abs(pushed) > joints[FRICTION, i]
+        if overdue and stands(i, settled, own, joints, memory):
+            lose(IS_STUCK, i, asked, own, joints)
         joints[STILL, i] += own[DT]
         if settled:
             rest(i, own, joints, memory)
         elif joints[STILL, i] >= SETTLED:
             joints[REST_TORQUE, i] = joints[MEAN, i]
             remember(i, joints, memory)
+
+
+def stands(joint, settled, own, joints, memory):
+    """Whether a joint that should move must have: its torque may also be what holds it while the others move."""
+    if not settled or own[MODELLED] == 0.0:
+        return True
+    return unborne(joint, joints[MEAN, joint] - joints[REST_TORQUE, joint], own, joints, memory)
 
 
 def rest(joint, own, joints, memory):

@@ -11,12 +11,13 @@ from faults import SimulatedArm
 from guarded_loops import LIMIT, RIG, elastic
 
 from ctc import ComputedTorque
-from plant import PointToPoint, puma560
+from plant import PointToPoint, puma560, torque_share
 from plant.realtime import memory as layout
 
 PATH = puma560.reference()
 DT = RIG.period
 BEGIN, END = 600, 2000
+FEASIBLE = 0.7  # of the amplifier's limit, for a path that a sound loop can follow
 """Samples at which faults begin, and runs end."""
 
 BRAKED = 70
@@ -216,6 +217,8 @@ def healthy(seed, samples=1500):
     start, goal = draw.uniform(-1, 1, (2, 2))
     goal = np.where(draw.random(2) < 0.25, start, goal)
     path = PointToPoint(start=start, goal=goal, duration=draw.uniform(0.5, 1.0))
+    while torque_share(arm, RIG, path).max() > FEASIBLE:
+        path = dataclasses.replace(path, duration=1.2 * path.duration)
     motion, robot = path(np.arange(samples) * DT), SimulatedArm(arm, rig, start, np.zeros(2))
     running = law.start(RIG, robot.counts())
     clocked = draw.random() < 0.5
