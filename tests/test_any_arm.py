@@ -17,7 +17,7 @@ def test_the_page_on_your_own_arm_is_true():
     """Its code runs as it stands, from the rows of the table to the verdict."""
     page = (Path(__file__).parent.parent / "docs" / "tutorials" / "own_arm.md").read_text(encoding="utf-8")
     names = {}
-    exec("\n".join(re.findall(r"```python\n(.*?)```", page, re.DOTALL)), names)  # noqa: S102 - our own page
+    exec("\n".join(re.findall(r"```{code-cell}\n(.*?)```", page, re.DOTALL)), names)  # noqa: S102 - our own page
     said = re.search(r"dynamics\.names\n# (\(.*?\))\n", page)[1]
     assert repr(names["dynamics"].names) == said
     assert np.abs(names["measured"].error_pulses).max() <= 12

@@ -9,12 +9,15 @@ from numpy.typing import NDArray
 
 from plant.logs.units import ANGLE, CURRENT, LENGTH, Unit, factors, on_grid, require_grid, require_limit, require_span
 from plant.machine.rig import Rig
+from plant.motion.reference import Reference, Spline
 from plant.parts.user_warning import warn
 
-__all__ = ["REFERENCE", "converted"]
+__all__ = ["REFERENCE", "converted", "converted_angle", "path_through"]
 
 REFERENCE = ("reference_pulses", "reference_position", "reference_motor_position")
 _EXACT = 2.0**53
+_FEW, _MOST = 6, 100_000  # samples of a path
+_SMOOTH = 0.5  # of a pulse: between two samples, a smooth path is as far from a straight line at most
 _NEAR = 0.02  # of a pulse: a step that was meant to be one
 
 
@@ -44,6 +47,29 @@ def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str
     if unit == "pulses":
         return {name: _whole(field, value, rig)}
     return {name: _counted(field, value, unit, rig)}
+
+
+def converted_angle(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> NDArray[np.float64]:
+    """Joint position [rad] that was asked for, without rounding."""
+    angle = value * factors(unit)
+    return rig.drive.joint_angle(angle) if "motor" in field else angle
+
+
+def path_through(
+    t: NDArray[np.float64], q: NDArray[np.float64], counts: NDArray[np.float64], rig: Rig
+) -> Reference | None:
+    """The path through positions (N, n) [rad] at times (N,), whose counts are these; None where they tell no more.
+
+    That is so of positions that are whole pulses already, of motions that are not smooth from sample to sample, and of
+    more samples than a path is to hold.
+    """
+    if not 2 * _FEW <= len(t) <= _MOST or on_grid(rig.position_in_pulses(q))[1].all():
+        return None
+    path = Spline(times=t - t[0], points=q, at_rest=False)
+    between = (t[1:] + t[:-1]) / 2 - t[0]
+    bent = np.abs(rig.position_in_pulses(path(between).q) - rig.position_in_pulses((q[1:] + q[:-1]) / 2))
+    alike = np.abs(rig.counts(path(t - t[0]).q) - counts).max() == 0
+    return path if alike and bent.max() < _SMOOTH else None
 
 
 def _whole(field: str, value: NDArray[Any], rig: Rig) -> NDArray[np.float64]:

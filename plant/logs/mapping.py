@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plant.logs.conversion import REFERENCE, converted
+from plant.logs.conversion import REFERENCE, converted, converted_angle, path_through
 from plant.logs.logfile import require_columns
 from plant.logs.units import TIME, UNITS, Unit, require_period, require_units
 from plant.machine.rig import Rig
@@ -19,6 +19,7 @@ from plant.parts.user_warning import warn
 __all__ = ["mapped_names", "record_fields"]
 
 _MEASURED = ("position", "motor_position", "counts", "error_pulses")
+_ASKED = ("reference_position", "reference_motor_position")
 _KNOWN = (*UNITS, "valid")
 
 
@@ -89,6 +90,9 @@ def record_fields(
         fields["error_pulses"] = -counts if commanded is None else commanded - counts
     elif commanded is None:
         raise ValueError("error_pulses need what was commanded; got none. Map reference_pulses, or pass reference=.")
+    if reference is None and not rig.encoder.smooth and (fields["valid"] == 1).all():
+        asked = [converted_angle(each, values[each], stated[each], rig) for each in _ASKED if each in values]
+        fields["reference"] = path_through(t, asked[0], fields["reference_pulses"], rig) if asked else None
     return fields
 
 

@@ -137,7 +137,8 @@ class FromFiles:
             Field of the record -> name of its column, or names, one per joint. Exactly one of ``position`` (joint
             angles), ``motor_position``, ``counts`` and ``error_pulses``; and if there are, ``t``, ``valid``,
             ``torque``, ``current``, ``injected``, ``link_position`` (a second sensor's) and one of
-            ``reference_pulses``, ``reference_position``, ``reference_motor_position``.
+            ``reference_pulses``, ``reference_position``, ``reference_motor_position``. Positions that are smooth and
+            not rounded become the record's reference.
         units : dict
             Field -> unit: ``s``, ``ms``, ``us`` or ``ns`` of t, ``rad``, ``deg`` or ``pulses`` of positions, of joints
             that slide ``m`` or ``mm``, ``N m`` (of the joint), ``N`` (of one that slides) or ``motor N m`` of torques,
@@ -168,4 +169,4 @@ class FromFiles:
             field: value if isinstance(value, str) else tuple(value) for field, value in columns.items()
         }
         fields = record_fields(table, rig=rig, columns=columns, units=units, wrap=wrap, reference=reference)
-        return cls(**fields, **given)
+        return cls(**given | {key: value for key, value in fields.items() if value is not None})

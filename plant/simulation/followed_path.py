@@ -1,14 +1,12 @@
 """The commanded path of a loop: a reference with its counts, or the commanded counts of a log.
 
 The reference counts are rounded as the encoder rounds, also between samples, as the control card does. A record without
-a reference is replayed from its logged counts: a smooth motion through their cells, rounded likewise, or straight lines
-through counts that have fractions. Where the law needs the motion itself, with its acceleration, it is that of
-smoothing splines.
+a reference is replayed from its logged counts: straight lines between two samples, rounded likewise, unless the log has
+fractions of counts. Where the law needs the motion itself, with its acceleration, it is that of smoothing splines.
 """
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
 import numpy as np
@@ -26,9 +24,6 @@ __all__ = ["Logged", "Path", "path_of", "start_of", "warn_of_motors"]
 
 _QUINTIC = 5
 """Degree of the splines through commanded counts: accelerations are smooth."""
-
-_FEW = 2 * (_QUINTIC + 1)
-"""Samples through which there is no smoothing: counts are then joined by straight lines."""
 
 _MORE_KNOTS, _SAMPLES_PER_KNOT = 1.3, 8
 """Ratio of the numbers of knots that are tried, and samples that each has at least."""
@@ -75,49 +70,26 @@ class Logged:
     def __init__(self, reference_pulses: NDArray[np.float64], rig: Rig, clock: Clock) -> None:
         self.pulses, self.rig, self.clock = reference_pulses, rig, clock
         self.whole = bool((reference_pulses == np.trunc(reference_pulses)).all())
-        centres = rig.encoder.position_in_pulses(rig.encoder.cell_centre(reference_pulses))
-        self.centres = centres if self.whole else reference_pulses
 
     def __call__(self, t: NDArray[np.float64]) -> tuple[Motion, NDArray[np.float64]]:
         place = self.clock.place(t)
         row = np.clip(np.floor(place).astype(int), 0, len(self.pulses) - 1)
         following = np.minimum(row + 1, len(self.pulses) - 1)
-        step, share = self.pulses[following] - self.pulses[row], np.maximum(place - row, 0)[:, None]
-        pulses = self.pulses[row] + step * share
+        step = self.pulses[following] - self.pulses[row]
+        pulses = self.pulses[row] + step * np.maximum(place - row, 0)[:, None]
         motion = Motion(
             self.rig.to_angle(pulses), self.rig.to_angle(step / self.clock.apart(row)), np.zeros_like(pulses)
         )
-        if not self.whole:
-            return motion, pulses
-        if len(self.pulses) > _FEW:  # the smooth motion, moved to where each sample is in its cell
-            pulses = self._smooth(t) + (1 - share) * self._off[row] + share * self._off[following]
-        return motion, self.rig.encoder.quantised(pulses)
-
-    @functools.cached_property
-    def _splines(self) -> list[Any]:
-        return [_smooth_spline(self._sampled, column, self.whole, 1.0) for column in self.centres.T]
-
-    @property
-    def _sampled(self) -> NDArray[np.float64]:
-        return self.clock.t[self.clock.rows]
-
-    def _smooth(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
-        within = np.clip(t, 0, self._sampled[-1])
-        return np.column_stack([each(within) for each in self._splines])
-
-    @functools.cached_property
-    def _off(self) -> NDArray[np.float64]:
-        """By how much the smooth motion misses the middle of the cell, at samples that it misses altogether (N, n)."""
-        smooth = self._smooth(self._sampled)
-        return np.where(self.rig.encoder.quantised(smooth) == self.pulses, 0.0, self.centres - smooth)
+        return motion, self.rig.encoder.quantised(pulses) if self.whole else pulses
 
     def smoothed(self, t: NDArray[np.float64], finer: float = 1.0) -> Motion:
         """The smoothest motion that the rounding of the counts allows; through all of them where they have fractions.
 
         A `finer` one has so many times as many knots: where the two differ, rounding hides the motion.
         """
-        sampled = self._sampled
-        splines = [_smooth_spline(sampled, column, self.whole, finer) for column in self.centres.T]
+        encoder, sampled = self.rig.encoder, self.clock.t[self.clock.rows]
+        centres = encoder.position_in_pulses(encoder.cell_centre(self.pulses)) if self.whole else self.pulses
+        splines = [_smooth_spline(sampled, column, self.whole, finer) for column in centres.T]
         within = np.clip(t, 0, sampled[-1])
         return Motion(*(self.rig.to_angle(np.column_stack([each(within, nu) for each in splines])) for nu in range(3)))
 
@@ -138,7 +110,7 @@ def _smooth_spline(t: NDArray[np.float64], column: NDArray[np.float64], rounded:
     from scipy.interpolate import make_interp_spline, make_lsq_spline
 
     count, span = len(t), t[-1] - t[0]
-    if not rounded or count <= _FEW:
+    if not rounded or count <= 2 * (_QUINTIC + 1):
         return make_interp_spline(t, column, k=min(_QUINTIC, count - 1))
     enough, knots, spline = (1 + 2 / np.sqrt(count)) / 12, 1, None
     while spline is None or knots * _SAMPLES_PER_KNOT <= count:

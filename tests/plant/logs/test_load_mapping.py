@@ -430,3 +430,36 @@ def test_units_of_joints_that_slide_are_checked(unit, message):
     table = {"q": 1e3 * np.column_stack([0.3 * np.sin(9 * t), 0.2 * np.cos(7 * t)])}
     with pytest.raises(ValueError, match=message):
         Record.from_table(table, rig=RIG, columns={"position": "q"}, units={"position": unit})
+
+
+# -- the path that was asked for ------------------------------------------------------------------------------------
+def _asked(kind):
+    """Positions that a controller was asked for, at its samples."""
+    t = np.arange(800) * RIG.period
+    q = puma560.reference()(t).q
+    if kind == "a step":
+        q = q + 0.01 * (t > 0.3)[:, None]
+    if kind == "whole pulses":
+        q = RIG.to_angle(RIG.counts(q))
+    return t, q
+
+
+@pytest.mark.parametrize("kind", ["smooth", "a step", "whole pulses", "one is missing"])
+def test_positions_without_rounding_are_the_path_where_they_are_smooth(kind):
+    """Counts at samples alone leave open what a P loop does between them: straight lines lag by half a pulse."""
+    t, q = _asked(kind)
+    counts = RIG.counts(q)
+    q = np.where((np.arange(len(t)) == 50)[:, None] & (kind == "one is missing"), np.nan, q)
+    record = Record.from_table(
+        {"t": t, "c": counts, "q": q}, rig=RIG, law=puma560.p_law(),
+        columns={"t": "t", "counts": "c", "reference_position": "q"},
+        units={"t": "s", "counts": "pulses", "reference_position": "rad"},
+    )  # fmt: skip
+    if kind != "smooth":
+        assert record.reference is None
+        return
+    np.testing.assert_array_equal(record.reference_pulses, counts)
+    between = t[3:-3] + RIG.period / 3
+    truth = puma560.reference()(between)
+    for got, expected, limit in zip(record.reference(between), truth, (1e-12, 1e-9, 1e-5), strict=True):
+        np.testing.assert_allclose(got, expected, rtol=0, atol=limit)
