@@ -11,8 +11,21 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from ctc import ComputedTorque, ComputedTorquePID, FlexibleJointComputedTorque
-from plant import PD, Counterbalance, Elasticity, JointSpring, Law, LinkReference, P, puma560, simulate
+from ctc import Adaptive, ComputedTorque, ComputedTorquePID, FlexibleJointComputedTorque
+from plant import (
+    PD,
+    PID,
+    Cascade,
+    Counterbalance,
+    Elasticity,
+    Guards,
+    JointSpring,
+    Law,
+    LinkReference,
+    P,
+    puma560,
+    simulate,
+)  # fmt: skip
 from plant.compiler.c_statements import statements
 from plant.compiler.instructions import STATE
 from plant.parts.part import number, part
@@ -340,3 +353,102 @@ def test_a_smooth_record_has_no_counts(tmp_path):
     record = dataclasses.replace(simulated("P"), error_pulses=simulated("P").error_pulses + 0.25, rig=rig)
     with pytest.raises(ValueError, match="pulses of the record must be whole"):
         write_replay(record, tmp_path / "record.csv")
+
+
+# -- under sanitizers: ordinary samples, and whatever a caller may give -----------------------------------------------
+SANITIZERS = "-fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all -fno-omit-frame-pointer"
+
+DRIVER = r"""
+#include <math.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include "controller.h"
+
+int main(void)
+{
+    static const double odd[] = {0.0, -0.0, 1e-320, 1.0, -3.0, 1e5, 1e300, -1e300, NAN, INFINITY, -INFINITY};
+    static const int32_t counts[] = {0, 1, -1, 799, -40000, INT32_MAX, INT32_MIN, INT32_MAX - 1, 12345};
+    const int kinds = (int)(sizeof odd / sizeof *odd), numbers = (int)(sizeof counts / sizeof *counts);
+    controller_state *self = malloc(sizeof *self);
+    double torque[CONTROLLER_JOINTS] = {0.0}, limit = 1e9;
+    long refused = 0, bad = 0;
+    controller_init(self);
+    for (long k = 0; k < 60000; ++k) {
+        double q[CONTROLLER_JOINTS], qd[CONTROLLER_JOINTS], qdd[CONTROLLER_JOINTS];
+        int32_t pulses[CONTROLLER_JOINTS];
+        const int kind = (int)(k / 2000 % 4); /* ordinary, stuck counts, odd numbers, odd counts */
+        for (int j = 0; j < CONTROLLER_JOINTS; ++j) {
+            const double s = 1e-3 * (double)(k % 2000) + j;
+            q[j] = 0.3 * sin(s), qd[j] = 0.3 * cos(s), qdd[j] = -0.3 * sin(s);
+            pulses[j] = kind == 1 ? 7 : (int32_t)(13000.0 * q[j]);
+            if (kind == 2) {
+                q[j] = odd[rand() % kinds], qd[j] = odd[rand() % kinds], qdd[j] = odd[rand() % kinds];
+            }
+            if (kind == 3) {
+                pulses[j] = counts[rand() % numbers];
+            }
+        }
+        const int gave = controller_step(self, pulses, q, qd, qdd, torque);
+        refused += gave == 1;
+        for (int j = 0; j < CONTROLLER_JOINTS; ++j) {
+            bad += !(fabs(torque[j]) < limit);
+        }
+        if (k % 2000 == 1999) {
+            controller_init(self);
+        }
+    }
+    free(self);
+    printf("%ld %ld\n", refused, bad);
+    return bad != 0;
+}
+"""
+
+STATED = LAWS | {
+    "PD": PD(gain=(0.1, 0.08), derivative=(1e-3, 8e-4), filter=2000.0, period=RIG.period),
+    "cascade": Cascade(position=(20, 20), speed=(200, 80), integral=(1000.0, 400.0), filter=2000.0, period=RIG.period),
+    "plain PID": PID(gain=(0.1, 0.08), integral=(0.5, 0.4), derivative=(1e-3, 8e-4), filter=2000.0, period=RIG.period),
+    "adaptive": Adaptive(ARM, RIG, bandwidth=60.0, gain=(60.0, 30.0), adaptation=np.full(9, 0.01), filter=1000.0),
+}
+
+
+@pytest.fixture(scope="module")
+def sanitized(tmp_path_factory):
+    """Whether this compiler has the sanitizers."""
+    folder = tmp_path_factory.mktemp("sanitizers")
+    (folder / "a.c").write_text("int main(void) { return 0; }\n")
+    command = [CC, *SANITIZERS.split(), "-o", folder / "a", folder / "a.c"]
+    if run(*command, check=False).returncode or run(folder / "a", check=False).returncode:
+        pytest.skip("this compiler has no sanitizers")
+
+
+@needs_c
+@pytest.mark.parametrize("name", STATED)
+def test_nothing_that_a_caller_gives_is_undefined(tmp_path, sanitized, name):
+    law = STATED[name]
+    rig = elastic_rig() if name == "flexible joint" else RIG
+    law.to_c(tmp_path, rig, guards=Guards() if isinstance(law, ComputedTorque) else None)
+    (tmp_path / "driver.c").write_text(DRIVER)
+    flags = ["-std=c99", "-O1", "-g", *SANITIZERS.split()]
+    run(CC, *flags, "-o", "driver", "driver.c", "controller.c", "-lm", cwd=tmp_path)
+    done = run(tmp_path / "driver", check=False)
+    assert done.returncode == 0, done.stdout + done.stderr[:2000]
+    refused, bad = map(int, done.stdout.split())
+    assert refused > 0  # the odd numbers came
+    assert bad == 0
+
+
+@needs_c
+def test_a_replay_of_a_record_is_sound_too(tmp_path, sanitized):
+    LAWS["computed torque"].to_c(tmp_path, RIG)
+    write_replay(simulated("computed torque"), tmp_path / "record.csv")
+    run("make", f"CFLAGS=-std=c99 -O1 -g {SANITIZERS}", f"LDFLAGS={SANITIZERS}", cwd=tmp_path)
+    done = run(tmp_path / "controller", tmp_path / "record.csv", check=False)
+    assert done.returncode == 0, done.stderr[:2000]
+    assert len(done.stdout.splitlines()) == len(simulated("computed torque"))
+
+
+def test_the_sanitizers_would_say_so(tmp_path, sanitized):
+    (tmp_path / "a.c").write_text("int main(int n, char **v) { int a[2] = {0}; (void)v; return a[n + 4]; }\n")
+    run(CC, "-O1", *SANITIZERS.split(), "-o", "a", "a.c", cwd=tmp_path)
+    assert run(tmp_path / "a", check=False).returncode != 0
