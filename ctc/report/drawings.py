@@ -9,19 +9,18 @@ from numpy.typing import NDArray
 
 from ctc.figures import COLOURS, draw_band
 from identification.replay.prediction import Prediction
+from identification.results.plots import LOGS, draw_intervals
 from plant import simulate
 from plant.parts.labels import literal
 from plant.simulation.injection import injected_beside
 
-__all__ = ["draw_errors", "draw_fit", "draw_innovations", "draw_intervals"]
+__all__ = ["draw_certainty", "draw_errors", "draw_fit", "draw_innovations"]
 
 _BINS = 900
 """Places along the time axis; of each the least and the largest sample are drawn."""
 
 _STRETCH = 0.08
 """Share of the record that the second column shows."""
-
-_MEASURED, _MODEL = "#444444", "#c8553d"
 
 
 @literal
@@ -40,12 +39,9 @@ def draw_fit(found: Any) -> Any:
     stretch = slice(begin, begin + max(2, int(_STRETCH * len(record))))
     for joint, label in enumerate(joints):
         for axis, part in zip(axes[joint], (slice(None), stretch), strict=True):
-            for log, colour, name in (
-                (record, _MEASURED, "measured"),
-                (model, _MODEL, "simulated"),
-            ):
+            for log, (name, style) in zip((record, model), LOGS, strict=True):
                 if log is not None:
-                    axis.plot(*_thinned(log.t[part], log.error_pulses[part, joint]), color=colour, lw=0.8, label=name)
+                    axis.plot(*_thinned(log.t[part], log.error_pulses[part, joint]), label=name, **style)
         axes[joint, 0].set_ylabel(f"{label}\n[pulses]")
     axes[0, 0].legend(frameon=False, fontsize=8, ncols=2, loc="lower left", bbox_to_anchor=(0, 1))
     return figure
@@ -71,30 +67,12 @@ def draw_innovations(found: Any) -> Any:
 
 
 @literal
-def draw_intervals(found: Any) -> Any:
-    """Half-widths of the 95 % intervals, all counted and of noise alone, as shares of the values, on one log axis."""
-    import matplotlib.pyplot as plt
-
-    names, half = list(found.short_names), 1.96 * found.std
-    known = half > 0
-    scale = np.abs(found.values)
-    order = np.flatnonzero(known)
-    figure, axis = plt.subplots(figsize=(9, 0.9 + 0.24 * len(order)), layout="constrained")
-    place = np.arange(len(order))
-    axis.scatter(100 * half[order] / scale[order], place, s=26, color=COLOURS[0], zorder=3, label="all that is counted")
-    noise = found.fit.noise_covariance
-    if noise is not None:
-        share = 196 * np.sqrt(np.diag(noise))[order] / scale[order]
-        axis.scatter(share, place, s=22, facecolor="white", edgecolor=COLOURS[1], zorder=3, label="noise alone")
-    axis.axvline(100, color="0.4", lw=0.8, ls="--")
-    axis.set_xscale("log")
-    axis.xaxis.set_major_formatter("{x:g}")
-    axis.set_yticks(place, [names[i] for i in order], fontsize=8)
-    axis.invert_yaxis()
-    axis.set_xlabel("half-width of the 95 % interval [% of the value]; dashed: the sign is not known beyond")
-    axis.grid(alpha=0.25, lw=0.5)
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.legend(frameon=False, fontsize=8, ncols=2, loc="lower left", bbox_to_anchor=(0, 1))
+def draw_certainty(found: Any) -> Any:
+    """Half-widths of the 95 % intervals; see `identification.results.plots.draw_intervals`."""
+    figure, axes = _rows(1, 1, (1.0,))
+    figure.set_size_inches(9, 2.8)
+    draw_intervals(axes[0, 0], found)
+    axes[0, 0].set_xlabel("")
     return figure
 
 

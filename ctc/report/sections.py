@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ctc.report.drawings import draw_errors, draw_fit, draw_innovations, draw_intervals
+from ctc.report.drawings import draw_certainty, draw_errors, draw_fit, draw_innovations
 from ctc.report.page import details, figure, items, preformatted, section, table, text
 from identification.results.doubts import doubts
 
@@ -79,8 +79,11 @@ def _values(found: Any) -> str:
         else:
             rows.append((name, f"{value:.5g}", "as stated", "", "", ""))
     head = ("", "value", "standard deviation", "95 % from", "to", "half-width")
-    counted = f"Intervals count noise and {found.search.tolerances}."
-    drawn = figure(draw_intervals(found), "intervals", counted)
+    counted = (
+        f"Half-widths of the 95 % intervals; above the dashed line the sign is not known. They count noise and "
+        f"{found.search.tolerances}."
+    )
+    drawn = figure(draw_certainty(found), "intervals", counted)
     return section("Parameters", table(head, rows), drawn, _legend(found))
 
 

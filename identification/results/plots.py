@@ -16,9 +16,17 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["plot_identification", "plot_oscillation"]
+__all__ = ["LOGS", "draw_intervals", "plot_identification", "plot_oscillation"]
 
-_MEASURED, _MODEL, _LEFT = "#444444", "#c8553d", "#1f6f8b"
+_MEASURED, _MODEL, _LEFT = "#b3bcc0", "#c8553d", "#1f6f8b"
+LOGS: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("measured", {"color": _MEASURED, "linewidth": 2.6}),
+    ("simulated", {"color": _MODEL, "linewidth": 0.8}),
+)
+    ("measured", {"color": _MEASURED, "linewidth": 2.6}),
+    ("simulated", {"color": _MODEL, "linewidth": 0.8}),
+)
+"""How a log and its model are drawn: the model lies on the log, which is wider."""
 
 _MEANING = 68
 """Letters of a parameter's meaning that a figure shows; `Dynamics.legend` has them all."""
@@ -29,8 +37,8 @@ def plot_identification(found: Any) -> Figure:
     """Draw the first record of an `Identification`.
 
     One row per joint: tracking errors measured and simulated with what was found, the whole record and a short stretch
-    of it, and the innovations. Below: spectrum of tracking errors and innovations; the 95 % intervals, as shares of the
-    values; what short names of parameters mean.
+    of it, and the innovations. Below: spectrum of tracking errors and innovations; half-widths of the 95 % intervals,
+    as shares of the values; what short names of parameters mean.
 
     Returns
     -------
@@ -55,21 +63,21 @@ def plot_identification(found: Any) -> Figure:
         axes = [_axis(figure, grid[joint, column], title) for column, title in enumerate(titles)]
         for axis, start, end in ((axes[0], 0.0, 1.0), (axes[1], 0.30, 0.36)):
             some = slice(int(start * len(record)), int(end * len(record)))
-            for log, colour, name in ((record, _MEASURED, "measured"), (model, _MODEL, "model")):
+            for log, (name, style) in zip((record, model), LOGS, strict=True):
                 if log is not None:
-                    axis.plot(log.t[some], log.error_pulses[some, joint], color=colour, linewidth=0.8, label=name)
+                    axis.plot(log.t[some], log.error_pulses[some, joint], label=name, **style)
         axes[0].set_ylabel("error [pulses]")
         axes[2].plot(record.t, left[:, joint], color=_LEFT, linewidth=0.5)
         for axis in axes:
             axis.set_xlabel("time [s]" if joint == n - 1 else "")
     _legend(figure.axes[1])
     axis = _axis(figure, grid[n, 0], "spectrum")
-    for signal, colour, name in ((record.error_pulses, _MEASURED, "error"), (left, _LEFT, "innovation")):
+    for signal, colour, name in ((record.error_pulses, "#444444", "error"), (left, _LEFT, "innovation")):
         axis.loglog(*_spectrum(signal, record.rig.period), color=colour, linewidth=0.7, label=name)
     axis.set_xlabel("frequency [Hz]")
     axis.set_ylabel("amplitude [pulses]")
     _legend(axis)
-    _intervals(_axis(figure, grid[n, 1:], "95 % intervals"), found)
+    draw_intervals(_axis(figure, grid[n, 1:], "half-widths of the 95 % intervals"), found)
     axis = figure.add_subplot(grid[n + 1, :])
     axis.axis("off")
     for x, lines in ((0.0, meaning[:half]), (0.5, meaning[half:])):
@@ -82,16 +90,27 @@ def _legend(axis: Axes) -> None:
     axis.legend(frameon=False, fontsize=8, ncols=2, loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0)
 
 
-def _intervals(axis: Axes, found: Any) -> None:
-    """The 95 % interval of each value, as a share of it."""
-    place = np.arange(len(found.unknown))
-    if found.covariance is not None:
-        half = 196 * found.std / np.abs(found.values)
-        axis.errorbar(place, np.zeros(len(place)), yerr=half, fmt="o", markersize=4, color=_LEFT, capsize=3)
-        axis.set_ylim(*np.clip(axis.get_ylim(), -120, 120))
-    axis.axhline(0, color="0.6", linewidth=0.6)
-    axis.set_xticks(place, found.short_names, rotation=0 if len(place) < 12 else 90, fontsize=8)
+def draw_intervals(axis: Axes, found: Any) -> None:
+    """Half-widths of the 95 % intervals, all counted and of noise alone, as shares of the values; beyond 100 % the sign
+    is not known.
+    """
+    names = found.short_names
+    axis.set_xticks(np.arange(len(names)), names, rotation=0 if len(names) < 12 else 90, fontsize=8)
+    axis.set_xlim(-0.5, len(names) - 0.5)
     axis.set_ylabel("[% of the value]")
+    if found.covariance is None:
+        return
+    kinds: list[tuple[Any, str, dict[str, Any]]] = [(found.covariance, "all that is counted", {"color": _LEFT})]
+    if found.fit.noise_covariance is not None:
+        kinds.append((found.fit.noise_covariance, "noise alone", {"facecolor": "white", "edgecolor": _MODEL}))
+    for covariance, label, style in kinds:
+        share = 196 * np.sqrt(np.diag(covariance)) / np.maximum(np.abs(found.values), np.finfo(float).tiny)
+        there = np.flatnonzero((share > 0) & (share < 1e6))  # not what is known, or a value of zero
+        axis.scatter(there, share[there], s=24, zorder=3, label=label, **style)
+    axis.set_yscale("log")
+    axis.yaxis.set_major_formatter("{x:g}")
+    axis.axhline(100, color="0.5", linewidth=0.8, linestyle="--")
+    _legend(axis)
 
 
 def _axis(figure: Figure, place: Any, title: str) -> Axes:
