@@ -23,9 +23,6 @@ LOGS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("measured", {"color": _MEASURED, "linewidth": 2.6}),
     ("simulated", {"color": _MODEL, "linewidth": 0.8}),
 )
-    ("measured", {"color": _MEASURED, "linewidth": 2.6}),
-    ("simulated", {"color": _MODEL, "linewidth": 0.8}),
-)
 """How a log and its model are drawn: the model lies on the log, which is wider."""
 
 _MEANING = 68
