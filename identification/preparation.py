@@ -20,6 +20,7 @@ from identification.search.problem import Problem
 from identification.search.tolerances import Tolerances
 from plant import Dynamics, Record
 from plant.parts.arguments import array, choice, instance
+from plant.simulation.followed_path import with_path
 
 __all__ = ["prepare", "with_gears"]
 
@@ -104,11 +105,13 @@ def _set_aside(
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
     """Records that are searched, and records that are kept aside."""
     searched, _ = as_records(dynamics, records, unknown)
+    if method != "paper":  # which follows the straight lines between counts
+        searched = tuple(map(with_path, searched))
     if held_out is None:
         return (searched[:-1], searched[-1:]) if len(searched) > 1 and method != "paper" else (searched, ())
     if isinstance(held_out, (tuple, list)) and not held_out:
         return searched, ()
-    return searched, as_records(dynamics, held_out, unknown)[0]
+    return searched, tuple(map(with_path, as_records(dynamics, held_out, unknown)[0]))
 
 
 def _validated_ranges(ranges: ArrayLike, unknown: tuple[str, ...]) -> NDArray[np.float64]:

@@ -22,6 +22,7 @@ from identification.replay.optimum import Optimum, orthonormal
 from identification.results.trials import Trial, backlash, compliance
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
+from plant.simulation.followed_path import is_rounded
 
 __all__ = ["Sign", "delay_sign", "signs"]
 
@@ -88,7 +89,7 @@ class Sign(Frozen):
 
 
 def signs(at: Optimum, efforts: NDArray[np.float64]) -> list[Sign]:
-    """All alternatives, where the sum of squares is least.
+    """All alternatives, where the sum of squares is least; of lag and delay nothing where the path is rounded.
 
     Parameters
     ----------
@@ -97,6 +98,8 @@ def signs(at: Optimum, efforts: NDArray[np.float64]) -> list[Sign]:
         Torque [N m] and speed [rad/s] of each motor (rms).
     """
     effects = effects_of(at, efforts)
+    if any(map(is_rounded, at.model.records)):  # straight lines through counts lag by half a pulse
+        effects = {name: row for name, row in effects.items() if name not in ("lag", "delay")}
     changes = {name: row for name, row in effects.items() if np.isfinite(row).all()}
     found: list[Sign] = []
     for name in ("compliance", "lag", "friction", "offset", "gear", "delay"):

@@ -74,7 +74,7 @@ def plot_identification(found: Any) -> Figure:
     axis.set_xlabel("frequency [Hz]")
     axis.set_ylabel("amplitude [pulses]")
     _legend(axis)
-    draw_intervals(_axis(figure, grid[n, 1:], "half-widths of the 95 % intervals"), found)
+    draw_intervals(_axis(figure, grid[n, 1:], "95 % intervals"), found)
     axis = figure.add_subplot(grid[n + 1, :])
     axis.axis("off")
     for x, lines in ((0.0, meaning[:half]), (0.5, meaning[half:])):
@@ -94,7 +94,7 @@ def draw_intervals(axis: Axes, found: Any) -> None:
     names = found.short_names
     axis.set_xticks(np.arange(len(names)), names, rotation=0 if len(names) < 12 else 90, fontsize=8)
     axis.set_xlim(-0.5, len(names) - 0.5)
-    axis.set_ylabel("[% of the value]")
+    axis.set_ylabel("half-width [% of the value]")
     if found.covariance is None:
         return
     kinds: list[tuple[Any, str, dict[str, Any]]] = [(found.covariance, "all that is counted", {"color": _LEFT})]

@@ -10,6 +10,7 @@ import numpy as np
 from identification.replay.timing import is_late
 from plant.checkup.oscillation import own_oscillation
 from plant.machine.unlikely import unlikely_statements
+from plant.simulation.followed_path import is_rounded
 
 __all__ = ["warnings_of"]
 
@@ -19,8 +20,9 @@ _AT_END = 0.002
 _STRANGE = 0.4
 """RMS innovation [pulses] that rounding does not explain."""
 
-_FAR = 0.9
-"""Difference [pulses] between simulated and measured errors that rounding does not explain."""
+_FAR, _FAR_ROUNDED = 0.9, 1.5
+"""Difference [pulses] between simulated and measured errors that rounding does not explain: of the counts, and of the
+path as well."""
 
 _WORSE, _ROUNDINGS = 1.5, 0.58
 """How much worse a record kept aside may be repeated, and the difference [pulses] that two roundings alone give."""
@@ -163,12 +165,13 @@ def _of_detection(found: Any, replayed: bool) -> Iterator[str]:
 
 def _of_repeats(found: Any, replayed: bool) -> Iterator[str]:
     difference, held_out = found.diagnostics.difference, found.diagnostics.held_out_difference
+    far = _FAR_ROUNDED if any(map(is_rounded, found.records)) else _FAR
     if not np.isfinite(difference):
         yield (
             "D(q) is not positive definite at every q, or the simulation diverges: the arm cannot be compared with the "
             "record, and no computed torque can be built on it. Log longer, or another motion."
         )
-    elif difference > _FAR and not replayed:
+    elif difference > far and not replayed:
         yield (
             f"simulated and measured errors differ by {difference:.2f} pulses (rms); two roundings alone give "
             "0.58. Check the law and its gains, signs (error = reference minus counted), friction, gears, springs, the "

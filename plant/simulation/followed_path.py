@@ -7,6 +7,7 @@ fractions of counts. Where the law needs the motion itself, with its acceleratio
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,11 @@ from numpy.typing import NDArray
 from plant.laws.law import Law
 from plant.logs.record import Record
 from plant.machine.rig import Rig, smooth_rig
-from plant.motion.reference import Motion, Reference
+from plant.motion.reference import Motion, Reference, Spline
 from plant.parts.user_warning import warn
 from plant.simulation.clock import Clock
 
-__all__ = ["Logged", "Path", "path_of", "start_of", "warn_of_motors"]
+__all__ = ["Logged", "Path", "is_rounded", "path_of", "start_of", "warn_of_motors", "with_path"]
 
 
 _QUINTIC = 5
@@ -27,6 +28,9 @@ _QUINTIC = 5
 
 _MORE_KNOTS, _SAMPLES_PER_KNOT = 1.3, 8
 """Ratio of the numbers of knots that are tried, and samples that each has at least."""
+
+_FEW, _MOST, _MISSED = 50, 100_000, 0.05
+"""Samples of a path that is found from its counts, and the share of them that may have another count."""
 
 _FIRST, _ON_A_PARABOLA = 10, 1.5
 """Samples from which the initial speed is estimated; and how far off a parabola rounding leaves them [pulses]."""
@@ -152,6 +156,34 @@ def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False)
         )
     whole = (record.reference_pulses == np.trunc(record.reference_pulses)).all()
     return Path(record.reference, smooth_rig(record.rig)) if smooth or not whole else path
+
+
+def is_rounded(record: Record) -> bool:
+    """Whether the path of a record is known as whole counts at its samples, of which its law may have known more."""
+    asked = record.reference_pulses
+    if record.reference is not None or record.law is None or record.law.replays or record.rig.encoder.smooth:
+        return False
+    return bool(np.ptp(asked) > 0 and (asked == np.trunc(asked)).all())
+
+
+def with_path(record: Record) -> Record:
+    """A record whose law acts between samples, too, with the smooth motion through its commanded counts as reference.
+
+    Straight lines through counts lag by half a pulse between samples, which looks like late torques. The record itself,
+    where its path is known, or is not smooth: its counts are to be those of the motion but for one sample in twenty.
+    """
+    law: Any = record.law
+    if not is_rounded(record) or law.period is not None or law.initial_state(record.n).size:
+        return record
+    if not 2 * _FEW < len(record) <= _MOST:
+        return record
+    clock = Clock.of(record)
+    times = clock.t[clock.rows]
+    q = Logged(record.reference_pulses, record.rig, clock).smoothed(times).q
+    off = np.abs(record.rig.counts(q) - record.reference_pulses)
+    if off.max() > 1 or (off > 0).mean() > _MISSED or times[0] != 0:
+        return record
+    return dataclasses.replace(record, reference=Spline(times=times, points=q, at_rest=False))
 
 
 def start_of(record: Record, path: Path | Logged) -> Any:

@@ -8,10 +8,10 @@ import pytest
 from closed_loops import Filtered, NoTorque, SampledP, direct_rig, joint, stiff
 from random_arms import random_arm
 
-from plant import Arm, P, PointToPoint, puma560
+from plant import PD, Arm, P, PointToPoint, Record, puma560
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import FAR, ClosedLoop, bounded
-from plant.simulation.followed_path import Logged, Path
+from plant.simulation.followed_path import Logged, Path, path_of, with_path
 from plant.simulation.loop_kernel import LANES, LOGGED, LoggedKernel, LoopKernel, loop_kernel
 from plant.simulation.time_tables import time_tables
 
@@ -331,3 +331,23 @@ def test_steps_of_different_lengths_are_refused(population):
         ValueError, match=r"all steps must have one length; got 0\.000175 to 0\.00017675 s\. Say uneven\.$"
     ):
         kernel.prepared(uneven)
+
+
+# -- the path of a log that has its counts alone --------------------------------------------------------------------
+@pytest.mark.parametrize("kind", ["smooth", "a step", "sampled law", "a law with a memory"])
+def test_counts_of_a_smooth_motion_are_its_path_for_a_law_between_samples(kind):
+    memory = PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0)
+    law = {"sampled law": LAWS["three samples"], "a law with a memory": memory}.get(kind, P(gain=(0.1, 0.08)))
+    t = np.arange(600) * PERIOD
+    asked = RIG.counts(PATH(t).q) + (800.0 * (t > 0.2))[:, None] * (kind == "a step")
+    record = Record(t=t, error_pulses=np.zeros((600, 2)), reference_pulses=asked, rig=RIG, law=law)
+    known = with_path(record)
+    if kind != "smooth":
+        assert known is record
+        return
+    between = t[5:-5] + PERIOD / 3
+    straight = path_of(record)(between)[1]
+    truth = RIG.counts(PATH(between).q)
+    assert np.abs(truth - straight).mean() > 0.25  # which the smooth motion mends
+    assert np.abs(truth - RIG.counts(known.reference(between).q)).mean() < 0.05
+    assert with_path(known) is known
