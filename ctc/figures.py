@@ -101,6 +101,17 @@ def plot_evaluation(evaluation: Any, axes: Any = None) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    See Also
+    --------
+    ctc.Evaluation, ctc.plot_phase
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, evaluate, plot_evaluation
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> drawn = plot_evaluation(evaluate(arm, rig, ComputedTorque(arm, rig), puma560.reference(), duration=0.3))
     """
     record = evaluation.record
     figure, axes = _figure(record.n, 2, width=11) if axes is None else (np.asarray(axes).flat[0].figure, axes)
@@ -128,6 +139,17 @@ def plot_phase(evaluation: Any) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    See Also
+    --------
+    ctc.plot_evaluation
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, evaluate, plot_phase
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> drawn = plot_phase(evaluate(arm, rig, ComputedTorque(arm, rig), puma560.reference(), duration=0.3))
     """
     import matplotlib.pyplot as plt
 
@@ -169,6 +191,18 @@ def plot_comparison(evaluations: dict[str, Any]) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    See Also
+    --------
+    ctc.Comparison, ctc.plot_evaluation
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, compare, plot_comparison
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> laws = {"P": puma560.p_law(), "computed torque": ComputedTorque(arm, rig)}
+    >>> drawn = plot_comparison(compare(arm, rig, laws, puma560.reference(), duration=0.3).evaluations)
     """
     if not isinstance(evaluations, dict) or not evaluations:
         given = f"{evaluations!r:.40}" if evaluations else "none"
@@ -212,6 +246,17 @@ def plot_record(record: Record, joints: Sequence[str] = ()) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    See Also
+    --------
+    plant.Record, ctc.plot_evaluation
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from ctc import plot_record
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5)
+    >>> drawn = plot_record(record)
     """
     current = record.current
     columns = 1 if current is None else 2
@@ -250,6 +295,18 @@ def plot_identification(
     Returns
     -------
     matplotlib.figure.Figure
+
+    See Also
+    --------
+    identification.Identification, ctc.plot_record
+
+    Examples
+    --------
+    >>> from plant import puma560, replay, simulate
+    >>> from ctc import plot_identification
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5)
+    >>> model = replay(puma560.literature_arm(1.5), record)
+    >>> drawn = plot_identification(record, model, record)
     """
     figure, axes = _figure(measured.n, 2, width=11)
     labels = joint_labels(joints or measured.rig.drive.joints, measured.n)
@@ -281,6 +338,17 @@ def plot_margins(margins: Any) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    See Also
+    --------
+    ctc.Margins
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, margins, plot_margins
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> drawn = plot_margins(margins(arm, rig, ComputedTorque(arm, rig, bandwidth=60)))
     """
     figure, axes = _figure(3, 1, width=7.0)
     f = margins.frequency
@@ -319,6 +387,18 @@ def plot_sweep(sweep: Any) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    See Also
+    --------
+    ctc.ResonanceSweep
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, plot_sweep, sweep_resonance
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> laws = {"60 rad/s": ComputedTorque(arm, rig, bandwidth=60)}
+    >>> drawn = plot_sweep(sweep_resonance(arm, rig, laws, puma560.reference(), hz=(30, 100), duration=0.3))
     """
     import matplotlib.pyplot as plt
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter

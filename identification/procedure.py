@@ -112,6 +112,20 @@ def identify(
     IdentificationWarning
         What was found is in doubt: its ``.warnings``.
 
+    See Also
+    --------
+    identification.Identification, identification.Tolerances, identification.fit_torque, identification.spread
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from identification import identify
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
+    >>> found = identify(puma560.dynamics(), record, seed=1, progress=False)
+    >>> error = abs(found.arm.f - puma560.arm().f)
+    >>> print((error < 4 * found.fit.std).all())
+    True
+
     Source: paper 3.2, 3.7.
     """
     started = time.perf_counter()

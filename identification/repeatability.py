@@ -39,6 +39,19 @@ class Spread(Frozen):
         As a fraction.
     published : (p,) numpy.ndarray or None
         Alterations to print beside it.
+
+    See Also
+    --------
+    identification.spread
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from identification import spread
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
+    >>> series = spread(puma560.dynamics(), record, seeds=range(2), progress=False)
+    >>> series.f.shape
+    (2, 9)
     """
 
     names: tuple[str, ...]
@@ -98,6 +111,18 @@ def spread(
     ------
     ValueError
         Fewer than two seeds, or what `identify` refuses.
+
+    See Also
+    --------
+    identification.Spread, identification.identify
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from identification import spread
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
+    >>> print(len(spread(puma560.dynamics(), record, seeds=range(2), progress=False).runs))
+    2
     """
     seeds = tuple(seeds) if isinstance(seeds, Iterable) else (seeds,)
     if len(seeds) < 2:

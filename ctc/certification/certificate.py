@@ -64,6 +64,23 @@ class Certificate(Saved, Frozen):
         That the runs took.
     versions : dict
         Of the library, numpy, casadi and Python that made it.
+
+    See Also
+    --------
+    ctc.certify, ctc.Influence, ctc.Reserves
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from identification import identify
+    >>> from ctc import ComputedTorque, certify
+    >>> path = puma560.reference()
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), path)
+    >>> found = identify(puma560.dynamics(), record, progress=False)
+    >>> law = ComputedTorque(found, bandwidth=150)
+    >>> certificate = certify(found, found.rig, law, path, samples=64, friction=0.02, progress=False)
+    >>> certificate.failures, certificate.upper < 0.1
+    (0, True)
     """
 
     law: Law

@@ -100,6 +100,23 @@ def certify(
     resonance, 8 for a range of 2.3 or more from end to end, 3 to 6 s each for the record of path (6) on two busy cores
     (7 to 45 s together). They are kept with `found`: other laws over the same range and middle of `damping_ratio` take
     them as they are.
+
+    See Also
+    --------
+    ctc.Certificate, ctc.tune, identification.identify
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from identification import identify
+    >>> from ctc import ComputedTorque, certify
+    >>> path = puma560.reference()
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), path)
+    >>> found = identify(puma560.dynamics(), record, progress=False)
+    >>> law = ComputedTorque(found, bandwidth=150)
+    >>> certificate = certify(found, found.rig, law, path, samples=64, friction=0.02, progress=False)
+    >>> certificate.failures
+    0
     """
     started = time.perf_counter()
     order = "The order is found, rig, law, reference."

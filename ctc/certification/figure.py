@@ -64,6 +64,22 @@ def plot_certificate(certificate: Any) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    See Also
+    --------
+    ctc.Certificate
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from identification import identify
+    >>> from ctc import ComputedTorque, certify, plot_certificate
+    >>> path = puma560.reference()
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), path)
+    >>> found = identify(puma560.dynamics(), record, progress=False)
+    >>> law = ComputedTorque(found, bandwidth=150)
+    >>> certificate = certify(found, found.rig, law, path, samples=64, friction=0.02, progress=False)
+    >>> drawn = plot_certificate(certificate)
     """
     import matplotlib.pyplot as plt
 

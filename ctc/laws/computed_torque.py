@@ -76,6 +76,19 @@ class ComputedTorque(ModelLaw):
         An arm whose D(q) does not exceed the motors' own inertia everywhere (no feedback would be stable), joints that
         do not match, poles that are not positive.
 
+    See Also
+    --------
+    ctc.ComputedTorquePID, ctc.FeedForward, ctc.evaluate, ctc.tune
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, evaluate
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> law = ComputedTorque(arm, rig, bandwidth=150)
+    >>> evaluate(arm, rig, law, puma560.reference(), duration=0.5).within(1)
+    True
+
     Source: paper Fig. 2.
     """
 

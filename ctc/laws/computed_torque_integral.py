@@ -40,6 +40,19 @@ class ComputedTorqueIntegral(ModelLaw):
     ValueError
         As `ModelLaw`; poles that are not positive.
 
+    See Also
+    --------
+    ctc.ComputedTorque, ctc.ComputedTorquePID
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorqueIntegral, evaluate
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> law = ComputedTorqueIntegral(arm, rig, bandwidth=60, filter=600)
+    >>> evaluate(arm, rig, law, puma560.reference(), duration=0.3, backend="numba").joint_labels
+    ['joint 2 (q[0])', 'joint 3 (q[1])']
+
     Source: Lewis, Dawson and Abdallah, Robot Manipulator Control (2004), 4.4, PID computed torque.
     """
 

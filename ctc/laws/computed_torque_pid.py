@@ -49,6 +49,20 @@ class ComputedTorquePID(ModelLaw):
     ValueError
         As `ModelLaw`; numbers that are not positive, an integral that is negative.
 
+    See Also
+    --------
+    ctc.ComputedTorque, ctc.tune
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorquePID
+    >>> law = ComputedTorquePID(
+    ...     puma560.arm(), puma560.rig(), bandwidth=60, ratio=1.0, integral=10, roll_off=600, roll_off_damping=0.7
+    ... )
+    >>> law.bandwidth
+    60.0
+
     Source: of anti-windup with the time constant sqrt(T_i T_d), Astrom and Hagglund, Advanced PID Control (2006), 3.5.
     """
 

@@ -86,6 +86,18 @@ class PDGravity(Aided):
     ValueError
         As `ModelLaw`; a feedback for other joints.
 
+    See Also
+    --------
+    ctc.FeedForward, plant.PD
+
+    Examples
+    --------
+    >>> from plant import PD, puma560
+    >>> from ctc import PDGravity
+    >>> feedback = PD(gain=(0.2, 0.1), derivative=(0.004, 0.002), filter=600)
+    >>> PDGravity(puma560.arm(), puma560.rig(), feedback=feedback).feedback.gain
+    array([0.2, 0.1])
+
     Source: Takegaki and Arimoto (1981).
     """
 
@@ -112,6 +124,18 @@ class FeedForward(Aided):
     ------
     ValueError
         As `ModelLaw`; a feedback for other joints.
+
+    See Also
+    --------
+    ctc.PDGravity, ctc.ComputedTorque
+
+    Examples
+    --------
+    >>> from plant import PD, puma560
+    >>> from ctc import FeedForward
+    >>> feedback = PD(gain=(0.2, 0.1), derivative=(0.004, 0.002), filter=600)
+    >>> FeedForward(puma560.arm(), puma560.rig(), feedback=feedback).feedback.gain
+    array([0.2, 0.1])
     """
 
     def aid(self, rig: Rig, setpoint: Setpoint, pulses: ca.SX) -> ca.SX:

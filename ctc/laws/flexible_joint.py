@@ -42,6 +42,22 @@ class FlexibleJointComputedTorque(WithFeedback):
     ValueError
         As `ModelLaw`; rigid gears, backlash, encoders on the links; a feedback for other joints.
 
+    See Also
+    --------
+    plant.LinkReference, plant.Elasticity, ctc.tune
+
+    Examples
+    --------
+    >>> import dataclasses
+    >>> from plant import PD, Elasticity, puma560
+    >>> from ctc import FlexibleJointComputedTorque
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> gears = Elasticity.from_resonance(arm, hz=60, damping_ratio=0.02, drive=rig.drive)
+    >>> rig = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=gears))
+    >>> feedback = PD(gain=(0.2, 0.1), derivative=(0.004, 0.002), filter=600, period=rig.period)
+    >>> FlexibleJointComputedTorque(arm, rig, feedback=feedback).feedback.gain
+    array([0.2, 0.1])
+
     Source: Spong, Modeling and control of elastic joint robots (1987); De Luca and Book, Robots with flexible elements,
     Springer Handbook of Robotics (2016), 11.1.
     """

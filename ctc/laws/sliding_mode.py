@@ -43,6 +43,17 @@ class SlidingMode(ModelLaw):
     ValueError
         As `ModelLaw`; numbers that are not positive.
 
+    See Also
+    --------
+    ctc.ComputedTorque, ctc.Adaptive
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import SlidingMode
+    >>> SlidingMode(puma560.arm(), puma560.rig(), bandwidth=40, reach=20, layer=0.05, filter=600).layer
+    0.05
+
     Source: Slotine and Li, Applied Nonlinear Control (1991), ch. 7.
     """
 

@@ -77,6 +77,21 @@ class PayloadEstimator:
     ValueError
         Bad input; a law that knows no arm, or has no period.
 
+    See Also
+    --------
+    ctc.PayloadController, identification.PayloadEstimate, identification.find_load
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, PayloadEstimator
+    >>> rig = puma560.rig()
+    >>> law = ComputedTorque(puma560.literature_arm(0.0), rig, bandwidth=150)
+    >>> estimator = PayloadEstimator(law, mass=(0, 5), position=(0.0, -0.43, 0.0))
+    >>> controller = estimator.start(rig, rig.counts((0, 0)))
+    >>> controller.events
+    []
+
     Source: paper, conclusion.
     """
 

@@ -60,6 +60,19 @@ class PayloadLaw(Law):
         Triple pole of the observer [rad/s].
     memory : float
         Time constant of the slow part [s].
+
+    See Also
+    --------
+    ctc.PayloadEstimator
+
+    Examples
+    --------
+    >>> from plant import Body, load_parameters, puma560
+    >>> from ctc import ComputedTorque, PayloadLaw
+    >>> law = ComputedTorque(puma560.literature_arm(0.0), puma560.rig(), bandwidth=150)
+    >>> per_kg = load_parameters(Body(mass=1, com=(0, -0.43, 0)))
+    >>> PayloadLaw(law=law, per_kg=per_kg, noise=(1, 1)).observer
+    60.0
     """
 
     law: Law = structure(Law)

@@ -44,9 +44,18 @@ def write_report(
     ValueError
         Something else, or two of a kind; no path; a file that is there.
 
+    See Also
+    --------
+    identification.Identification, ctc.Certificate, ctc.Evaluation
+
     Examples
     --------
-    >>> write_report(found, evaluate(found.arm, found.rig, law, path), "page.html")  # doctest: +SKIP
+    >>> from plant import puma560, simulate
+    >>> from identification import identify
+    >>> from ctc import write_report
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
+    >>> found = identify(puma560.dynamics(), record, progress=False)
+    >>> write_report(found, path="page.html")
     """
     instance("found", found, Identification, "Give what identify returned, or Identification.load(...).")
     given = list(results)

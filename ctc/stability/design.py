@@ -38,6 +38,16 @@ def pid_gains(bandwidth: float, damping: float = 1.0, integral: float = 0.0) -> 
     ------
     ValueError
         A bandwidth or a damping that is not positive, a negative integral.
+
+    See Also
+    --------
+    ctc.motor_gain, plant.PID
+
+    Examples
+    --------
+    >>> from ctc import pid_gains
+    >>> pid_gains(20.0, integral=5.0)
+    (600.0, 2000.0, 45.0)
     """
     w = real("bandwidth", bandwidth, "Give rad/s.", positive=True)
     zeta = real("damping", damping, "1 is a double pole.", positive=True)
@@ -61,6 +71,16 @@ def lqr_gains(error: float, acceleration: float) -> tuple[float, float]:
     -------
     proportional, derivative : float
         [1/s^2], [1/s]; the bandwidth is the root of the first, the damping 0.707.
+
+    See Also
+    --------
+    ctc.kalman_gains, ctc.pid_gains
+
+    Examples
+    --------
+    >>> from ctc import lqr_gains
+    >>> print(*(round(gain, 3) for gain in lqr_gains(1e-3, 10.0)))
+    10000.0 141.421
     """
     import control
 
@@ -84,6 +104,17 @@ def motor_gain(rig: Rig, inertia: ArrayLike, gain: ArrayLike) -> NDArray[np.floa
     Returns
     -------
     (n,) numpy.ndarray
+
+    See Also
+    --------
+    ctc.pid_gains, plant.PID
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import motor_gain
+    >>> motor_gain(puma560.rig(), (3.0, 1.0), 400.0).round(3)
+    array([0.001, 0.001])
     """
     instance("rig", rig, Rig, "Pass the rig of the arm.")
     felt = array("inertia", inertia, (rig.n,), advice="Give the diagonal of arm.D(q).")
@@ -107,6 +138,16 @@ def observer_gains(poles: ArrayLike, period: float) -> NDArray[np.float64]:
     -------
     (3,) numpy.ndarray
         By which the innovation corrects error, rate [1/s] and disturbance [1/s^2].
+
+    See Also
+    --------
+    ctc.kalman_gains, ctc.ComputedTorque
+
+    Examples
+    --------
+    >>> from ctc import observer_gains
+    >>> observer_gains((-100, -100, -100), 0.0007).round(1).tolist()
+    [0.2, 18.9, 630.6]
     """
     import control
 
@@ -136,6 +177,17 @@ def kalman_gains(rig: Rig, disturbance: ArrayLike, period: float | None = None) 
     -------
     (n, 3) numpy.ndarray
         As `observer_gains`.
+
+    See Also
+    --------
+    ctc.observer_gains, ctc.lqr_gains
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import kalman_gains
+    >>> kalman_gains(puma560.rig(), disturbance=(100, 100)).shape
+    (2, 3)
     """
     import control
 

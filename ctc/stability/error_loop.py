@@ -54,6 +54,19 @@ def error_loop(
     ------
     ValueError
         A law without a period, a joint that is not there, an arm that the law cannot hold at the pose.
+
+    See Also
+    --------
+    ctc.margins, plant.linearise
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, error_loop
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> loop = error_loop(arm, rig, ComputedTorque(arm, rig, bandwidth=60), joint=0)
+    >>> loop.ninputs, loop.noutputs, loop.dt
+    (1, 1, 0.0007)
     """
     import control
 

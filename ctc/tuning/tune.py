@@ -97,6 +97,22 @@ quadrature, load, load_position, delay, covariance, plants
     -----
     On two free cores one to three minutes along path (6), of 3.65 s (160 s of one core on average,
     tests/benchmarks/tuning.py), in proportion to `duration`; before, the fits of `certify` where it has some.
+
+    See Also
+    --------
+    ctc.Tuning, ctc.certify, ctc.ComputedTorque
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from identification import identify
+    >>> from ctc import tune
+    >>> path = puma560.reference()
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), path)
+    >>> found = identify(puma560.dynamics(), record, progress=False)
+    >>> tuning = tune(found, found.rig, path, friction=0.02, samples=8, duration=0.1, progress=False)
+    >>> print(tuning.law.bandwidth > 0, tuning.certificate.failures)
+    True 0
     """
     instance("rig", rig, Rig, "The order is found, rig, reference.")
     instance("reference", reference, Reference, "The order is found, rig, reference.")

@@ -48,6 +48,16 @@ def plot_arm(arm: Arm, q: ArrayLike, *, tip: ArrayLike | None = None, axes: Any 
     ------
     ValueError
         Neither a tip nor bodies say where the last link ends.
+
+    See Also
+    --------
+    ctc.animate, plant.Arm
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import plot_arm
+    >>> drawn = plot_arm(puma560.arm(), (0.3, -0.4), tip=(0, -0.43, 0))
     """
     instance("arm", arm, Arm, "The order is arm, q.")
     pose = array("q", q, (arm.n,), advice="Give one angle per joint [rad].")
@@ -91,6 +101,19 @@ def animate(
     ------
     ValueError
         Bad input; neither a tip nor bodies say where the last link ends.
+
+    See Also
+    --------
+    ctc.plot_arm, ctc.evaluate
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, animate, evaluate
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> report = evaluate(arm, rig, ComputedTorque(arm, rig), puma560.reference(), duration=0.2)
+    >>> animate(report, "run.gif", arm=arm, tip=(0, -0.43, 0))
+    4
     """
     instance("evaluation", evaluation, Evaluation, "Pass what evaluate(...) returned.")
     instance("arm", arm, Arm, "Pass the arm that was evaluated.")

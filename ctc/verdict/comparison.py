@@ -56,6 +56,20 @@ class Comparison:
         By the name of the law, in the order given, without those that diverged.
     diverged : dict of str -> str
         By name, when and where the loop under a law diverged.
+
+    See Also
+    --------
+    ctc.compare, ctc.Evaluation
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, compare
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> laws = {"P": puma560.p_law(), "computed torque": ComputedTorque(arm, rig)}
+    >>> comparison = compare(arm, rig, laws, puma560.reference(), duration=0.5)
+    >>> [(name, each.within(1)) for name, each in comparison.evaluations.items()]
+    [('P', False), ('computed torque', True)]
     """
 
     evaluations: dict[str, Evaluation]
@@ -114,6 +128,19 @@ def compare(
     ------
     ValueError
         Bad input.
+
+    See Also
+    --------
+    ctc.Comparison, ctc.evaluate
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, compare
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> laws = {"P": puma560.p_law(), "computed torque": ComputedTorque(arm, rig)}
+    >>> list(compare(arm, rig, laws, puma560.reference(), duration=0.3).evaluations)
+    ['P', 'computed torque']
     """
     if not isinstance(laws, dict) or not laws or not all(isinstance(name, str) for name in laws):
         raise ValueError(f"laws must be a dict of name -> Law; got {laws!r:.60}. Pass {{'P': p_law, ...}}.")

@@ -58,6 +58,19 @@ class Evaluation:
         Mean change of the torque from one sample to the next, magnitude [N m].
     saturation : (n,) numpy.ndarray
         Share of the samples at the amplifier's limit.
+
+    See Also
+    --------
+    ctc.evaluate, ctc.Comparison
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, evaluate
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> report = evaluate(arm, rig, ComputedTorque(arm, rig), puma560.reference(), duration=0.5)
+    >>> report.within(1), report.share_within(1)
+    (True, '100.00%')
     """
 
     joints: tuple[str, ...]
@@ -204,6 +217,18 @@ def evaluate(
     ------
     ValueError
         Bad input, or a loop that diverges.
+
+    See Also
+    --------
+    ctc.Evaluation, ctc.compare, ctc.certify
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, evaluate
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> evaluate(arm, rig, ComputedTorque(arm, rig), puma560.reference(), duration=0.5).within(1)
+    True
     """
     choice("backend", backend, ("casadi", "numba"))
     trace = run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, injected=injected)

@@ -46,6 +46,20 @@ class LowestResonance(Frozen):
         Limit [pulses]; None where only stability is meant.
     reason : str
         Why it cannot be told, or that the loop leaves when rigid; empty otherwise.
+
+    See Also
+    --------
+    ctc.lowest_resonance, ctc.sweep_resonance
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, lowest_resonance
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> law = ComputedTorque(arm, rig, bandwidth=60)
+    >>> lowest = lowest_resonance(arm, rig, law, puma560.reference(), duration=0.5)
+    >>> print(float(lowest) > 10)                          # [Hz]
+    True
     """
 
     hz: float
@@ -122,6 +136,19 @@ def lowest_resonance(
     ------
     ValueError
         A rig whose gears are elastic, a damping ratio that is not from above 0 to 1.
+
+    See Also
+    --------
+    ctc.LowestResonance, ctc.sweep_resonance, ctc.margins
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, lowest_resonance
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> law = ComputedTorque(arm, rig, bandwidth=60)
+    >>> print(lowest_resonance(arm, rig, law, puma560.reference(), duration=0.5).within)
+    1
     """
     options = {
         "within": within, "steps_per_sample": steps_per_sample, "after": after, "initial": initial,

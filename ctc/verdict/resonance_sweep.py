@@ -46,6 +46,20 @@ class ResonanceSweep(Frozen):
         By law, share of the samples at which every joint's counted error is within the limit; 0 where it diverged.
     rigid : dict of str -> float
         The same on rigid gears.
+
+    See Also
+    --------
+    ctc.sweep_resonance, ctc.lowest_resonance
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, sweep_resonance
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> laws = {"60 rad/s": ComputedTorque(arm, rig, bandwidth=60)}
+    >>> sweep = sweep_resonance(arm, rig, laws, puma560.reference(), hz=(30, 100), duration=0.3)
+    >>> sweep.hz, list(sweep.shares)
+    (array([ 30., 100.]), ['60 rad/s'])
     """
 
     hz: NDArray[np.float64]
@@ -107,6 +121,20 @@ def sweep_resonance(
     ------
     ValueError
         Bad input; a rig whose gears are elastic, or whose motors weigh more than the arm.
+
+    See Also
+    --------
+    ctc.ResonanceSweep, ctc.lowest_resonance
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, sweep_resonance
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> laws = {"60 rad/s": ComputedTorque(arm, rig, bandwidth=60)}
+    >>> sweep = sweep_resonance(arm, rig, laws, puma560.reference(), hz=(30, 100), duration=0.3)
+    >>> sweep.shares["60 rad/s"].shape
+    (2,)
     """
     if not isinstance(laws, dict) or not laws or not all(isinstance(name, str) for name in laws):
         raise ValueError(f"laws must be a dict of name -> Law; got {laws!r:.60}. Pass {{'P': p_law, ...}}.")

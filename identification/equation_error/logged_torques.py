@@ -88,6 +88,18 @@ def fit_torque(
     ------
     ValueError
         Bad input, a number that does not enter linearly, or unknowns that are not separately identifiable (with names).
+
+    See Also
+    --------
+    identification.TorqueFit, identification.identify, identification.derivatives
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from identification import fit_torque
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
+    >>> print(fit_torque(puma560.dynamics(), record).relative_error < 0.2)
+    True
     """
     task = equations_of(dynamics, q, torque, rig, unknown, extra, known, joints)
     stated, slowest = _weights(weights, task), _slowest(least_speed, task.dynamics.n)

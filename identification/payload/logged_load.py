@@ -87,6 +87,20 @@ def find_load(
     ------
     ValueError
         Bad input, or a load that is not identifiable (a log that does not move it).
+
+    See Also
+    --------
+    identification.Load, ctc.PayloadEstimator, plant.load_matrix
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from identification import find_load
+    >>> rig, law, path = puma560.rig(), puma560.p_law(), puma560.reference()
+    >>> record = simulate(puma560.literature_arm(1.5), rig, law, path)
+    >>> load = find_load(puma560.literature_arm(0.0), record, (0.0, -0.43, 0.0))
+    >>> print(0 < load.mass < 3)
+    True
     """
     exact, uncertain = (arm.arm, arm) if isinstance(arm, Identification) else (arm, None)
     arm = instance("arm", exact, Arm, "The order is arm, record, position.")

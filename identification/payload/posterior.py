@@ -45,6 +45,16 @@ class PayloadEstimate(Frozen):
     misfit : float
         Root mean square of what remains of the torque equation, in standard deviations of the rounded counts.
     message : str
+
+    See Also
+    --------
+    ctc.PayloadEstimator
+
+    Examples
+    --------
+    >>> from identification import PayloadEstimate
+    >>> PayloadEstimate.__dataclass_fields__.keys() >= {"mass", "interval", "sufficient"}
+    True
     """
 
     mass: float

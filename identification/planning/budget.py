@@ -43,6 +43,18 @@ class Budget(Frozen):
         Smallest standard deviation of each with all of them unknown, from rounding alone.
     bound_alone : (k,) numpy.ndarray
         The same with all others known.
+
+    See Also
+    --------
+    identification.pulse_budget
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from identification import pulse_budget
+    >>> budget = pulse_budget(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=1.0)
+    >>> budget.names, budget.peak.shape
+    (('f1', 'f2', 'f3', 'f4', 'f5', 'f6', 'f7', 'f8', 'f9'), (9,))
     """
 
     dynamics: Dynamics
@@ -96,6 +108,18 @@ def pulse_budget(
     ------
     ValueError
         Bad input, a number that has no effect, or numbers that are not separately identifiable in this motion.
+
+    See Also
+    --------
+    identification.Budget, identification.design_motion
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from identification import pulse_budget
+    >>> budget = pulse_budget(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=1.0)
+    >>> print((budget.peak > 0).all())
+    True
     """
     record = simulate(arm, rig, law, reference, duration=duration)
     prediction = Prediction(arm.dynamics, record, unknown, simulated=True)

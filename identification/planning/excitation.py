@@ -87,6 +87,21 @@ def design_motion(
     ------
     ValueError
         Bad input, or limits in which no motion was found.
+
+    See Also
+    --------
+    identification.pulse_budget, plant.visibility, plant.Harmonics
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from identification import design_motion
+    >>> path = design_motion(
+    ...     puma560.arm(), puma560.rig(), puma560.p_law(), period=4.0, position=((-1, 1), (-1, 1)),
+    ...     velocity=(2, 2), acceleration=(8, 8), harmonics=2, starts=1, iterations=20,
+    ... )
+    >>> path.n, path.period
+    (2, 4.0)
     """
     instance("arm", arm, Arm, "The order is arm, rig, law.")
     instance("rig", rig, Rig, "The order is arm, rig, law.")

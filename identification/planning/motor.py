@@ -32,6 +32,17 @@ class MotorFit(Frozen):
     ----------
     names : tuple of str
     values, std : (k,) numpy.ndarray
+
+    See Also
+    --------
+    identification.friction_from_motor_test, identification.gain_from_current
+
+    Examples
+    --------
+    >>> from identification import friction_from_motor_test
+    >>> fit = friction_from_motor_test((-100, -50, 50, 100), (-1.4, -1.2, 1.2, 1.4), motor_gain=0.2)
+    >>> dict(zip(fit.names, fit.values.round(4).tolist()))
+    {'viscous': 0.0008, 'coulomb': 0.2, 'offset': -0.0}
     """
 
     names: tuple[str, ...]
@@ -64,6 +75,18 @@ def gain_from_current(record: Record) -> MotorFit:
     ------
     ValueError
         No currents, or a motor whose errors are a pulse at most.
+
+    See Also
+    --------
+    identification.MotorFit, identification.friction_from_motor_test
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from identification import gain_from_current
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
+    >>> gain_from_current(record).names
+    ('law.gain[0]', 'law.gain[1]')
     """
     instance("record", record, Record, "Pass a log with currents.")
     law = record.law
@@ -109,6 +132,17 @@ def friction_from_motor_test(speed: ArrayLike, current: ArrayLike, motor_gain: f
     ------
     ValueError
         Speeds in one direction only: friction and offset are then not separately identifiable.
+
+    See Also
+    --------
+    identification.MotorFit, plant.FrictionCurve, identification.gain_from_current
+
+    Examples
+    --------
+    >>> from identification import friction_from_motor_test
+    >>> fit = friction_from_motor_test((-100, -50, 50, 100), (-1.4, -1.2, 1.2, 1.4), motor_gain=0.2)
+    >>> fit.names
+    ('viscous', 'coulomb', 'offset')
     """
     speeds = array("speed", speed, ("N",), advice="Give motor speeds [rad/s].")
     currents = array("current", current, speeds.shape, advice="Give one current per speed [A].")

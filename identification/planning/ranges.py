@@ -23,6 +23,17 @@ class Interval:
 
     The result is the exact range where every quantity occurs once, or always with the same sign of its influence, as
     in equation (3).
+
+    See Also
+    --------
+    identification.LinkSize, identification.ranges
+
+    Examples
+    --------
+    >>> from identification import Interval
+    >>> mass, length = Interval(1, 2), Interval(-0.1, 0.3)
+    >>> mass * length, length**2
+    (Interval(low=-0.2, high=0.6), Interval(low=0.0, high=0.09))
     """
 
     low: float
@@ -98,6 +109,16 @@ class LinkSize:
         Greatest distance of the centre of mass from the axis [m]; by default from x and y.
     motor_inertia : pair
         Least and greatest Jm, motor side [kg m^2].
+
+    See Also
+    --------
+    identification.ranges, identification.puma560_ranges
+
+    Examples
+    --------
+    >>> from identification import LinkSize
+    >>> LinkSize(mass=(10, 20), x=(-0.1, 0.5), y=(-0.1, 0.1), motor_inertia=(1e-4, 3e-4)).mass
+    (10, 20)
     """
 
     mass: tuple[float, float]
@@ -142,6 +163,18 @@ def ranges(
     ValueError
         Not one size per joint, or an interval whose ends are not low <= high.
 
+    See Also
+    --------
+    identification.LinkSize, identification.Interval, identification.puma560_ranges
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from identification import LinkSize, ranges
+    >>> sizes = [LinkSize(mass=(10, 20), x=(-0.1, 0.5), y=(-0.1, 0.1), motor_inertia=(1e-4, 3e-4))] * 2
+    >>> ranges(puma560.equation_3, sizes, puma560.rig().drive, a3=(0.4, 0.45)).shape
+    (9, 2)
+
     Source: paper 3.6.
     """
 
@@ -156,7 +189,18 @@ def ranges(
 
 
 def puma560_ranges(drive: Drive | None = None) -> NDArray[np.float64]:
-    """Ranges of f1..f9 derived from what 3.6 says of the robot; `puma560.PRINTED_RANGES` are the printed ones."""
+    """Ranges of f1..f9 derived from what 3.6 says of the robot; `puma560.PRINTED_RANGES` are the printed ones.
+
+    See Also
+    --------
+    identification.ranges, identification.LinkSize
+
+    Examples
+    --------
+    >>> from identification import puma560_ranges
+    >>> puma560_ranges().shape
+    (9, 2)
+    """
     motor = (1e-4, 1e-3)
     sizes = (
         LinkSize(mass=(5, 25), x=(-0.24, 0.50), y=(-0.14, 0.14), motor_inertia=motor),

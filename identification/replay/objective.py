@@ -83,6 +83,20 @@ class Objective:
     A candidate costs inf when it is not finite, when its rig or law would be refused, when its run diverges, or when
     D(q) - diag(Jm_min k^2) is not positive semidefinite for all q: no controller could be built on such an arm.
 
+    See Also
+    --------
+    identification.identify, plant.replay
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from identification import Objective
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5)
+    >>> objective = Objective(puma560.dynamics(), record)
+    >>> costs = objective([puma560.arm().f, 1.1 * puma560.arm().f])
+    >>> print(costs[0] < costs[1])
+    True
+
     Source: paper eq. (4).
     """
 

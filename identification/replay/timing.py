@@ -75,6 +75,18 @@ def without_delay(record: Record, samples: float) -> Record:
     ------
     ValueError
         More than one sample: drop rows instead.
+
+    See Also
+    --------
+    identification.Diagnostics, plant.Record
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from identification import without_delay
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5)
+    >>> without_delay(record, 0.5).error_pulses.shape
+    (715, 2)
     """
     instance("record", record, Record, "The order is record, samples.")
     samples = real("samples", samples, "Give found.diagnostics.delay.")

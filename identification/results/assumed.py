@@ -37,6 +37,20 @@ class Assumed(Frozen):
         Change of each value if the assumed number is 1 % larger, and all is found anew.
     std : (k,) numpy.ndarray
         Standard deviations of the values.
+
+    See Also
+    --------
+    identification.Identification, identification.Tolerances
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from identification import identify
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
+    >>> found = identify(puma560.dynamics(), record, progress=False)
+    >>> assumed = found.assumed()
+    >>> assumed.unknown[:2], assumed.names[:2]
+    (('f1', 'f2'), ('drive.gear[0]', 'drive.gear[1]'))
     """
 
     names: tuple[str, ...]
@@ -54,8 +68,10 @@ class Assumed(Frozen):
 
         Examples
         --------
+        >>> import numpy as np
+        >>> from identification import Assumed
         >>> assumed = Assumed(names=("drive.gear[0]",), unknown=("f1",), moves=np.array([[0.2]]), std=np.ones(1))
-        >>> assumed.covariance(0.5).item()
+        >>> round(assumed.covariance(0.5).item(), 6)
         0.01
         """
         sizes = np.array([real("percent", each, "Give a standard deviation.") for each in np.ravel(percent).tolist()])

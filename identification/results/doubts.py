@@ -16,6 +16,17 @@ class IdentificationWarning(UserWarning):
     Given once by `identify`, and by each law that is built on the identification; ``found.warnings`` has the lines.
     ``warnings.simplefilter("error", IdentificationWarning)`` makes it an error. An arm and a rig, as in
     ``ComputedTorque(found.arm, found.rig)``, are taken as they are: so they are accepted.
+
+    See Also
+    --------
+    identification.identify
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from identification import IdentificationWarning
+    >>> warnings.simplefilter("error", IdentificationWarning)    # what is in doubt stops a script
+    >>> warnings.simplefilter("default", IdentificationWarning)
     """
 
 

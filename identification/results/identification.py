@@ -55,6 +55,22 @@ class Identification(Saved, Frozen):
         How they were searched.
     diagnostics : Diagnostics
         How well they repeat the records.
+
+    See Also
+    --------
+    identification.identify, identification.Fit, identification.Diagnostics, ctc.write_report
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from identification import Identification, identify
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
+    >>> found = identify(puma560.dynamics(), record, progress=False)
+    >>> found.arm.f.shape, found.warnings
+    ((9,), [])
+    >>> found.save("found.json")
+    >>> Identification.load("found.json") == found
+    True
     """
 
     arm: Arm

@@ -47,6 +47,20 @@ class WrittenModel(Frozen):
         The arm with the f that bodies and rotors have.
     difference : (p,) numpy.ndarray
         That f minus the one that was asked for; zero unless ``nearest=True`` was needed.
+
+    See Also
+    --------
+    identification.write_urdf, identification.write_mjcf
+
+    Examples
+    --------
+    >>> from plant import Chain, Dynamics, read_robot
+    >>> from identification import write_urdf
+    >>> source = read_robot("ur5e").model
+    >>> dynamics = Dynamics.from_chain(Chain.from_urdf(source, joints=["shoulder_lift", "elbow"]))
+    >>> arm = dynamics.arm(dynamics.f())
+    >>> print(abs(write_urdf(arm, source, "new.urdf").difference).max() < 1e-9)
+    True
     """
 
     path: Path
@@ -102,6 +116,21 @@ def write_urdf(
     ------
     ValueError
         A source that does not describe the arm, f that no bodies have, a target that is there.
+
+    See Also
+    --------
+    identification.write_mjcf, identification.nearest_physical, plant.Chain, plant.check_model
+
+    Examples
+    --------
+    >>> from plant import Chain, Dynamics, read_robot
+    >>> from identification import write_urdf
+    >>> source = read_robot("ur5e").model
+    >>> dynamics = Dynamics.from_chain(Chain.from_urdf(source, joints=["shoulder_lift", "elbow"]))
+    >>> arm = dynamics.arm(dynamics.f())
+    >>> written = write_urdf(arm, source, "new.urdf")
+    >>> list(written.bodies)
+    ['upper_arm', 'forearm', 'wrist_1', 'wrist_2', 'wrist_3']
     """
     path = require_new(target, overwrite)
     model, before = read_urdf(source), prior_bodies(prior, read_urdf)
@@ -150,6 +179,23 @@ def write_mjcf(
     ------
     ValueError
         As for `write_urdf`; an inertial in a file that is included; coupled motors, for which MJCF has no armature.
+
+    See Also
+    --------
+    identification.write_urdf, plant.Chain
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from plant import Chain, Dynamics
+    >>> from identification import write_mjcf
+    >>> inertial = '<inertial pos="0.2 0 0" mass="3" diaginertia="0.1 0.1 0.2"/>'
+    >>> body = f'<body name="arm"><joint name="pivot" axis="0 1 0"/>{inertial}</body>'
+    >>> _ = Path("arm.xml").write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    >>> dynamics = Dynamics.from_chain(Chain.from_mjcf("arm.xml"))
+    >>> written = write_mjcf(dynamics.arm(dynamics.f()), "arm.xml", "new.xml")
+    >>> list(written.bodies)
+    ['arm']
     """
     path = require_new(target, overwrite)
     model, before = read_mjcf(source), prior_bodies(prior, read_mjcf)

@@ -57,6 +57,18 @@ class Oscillation(Frozen):
     record : Record
     joints : tuple of str
         What to call each joint.
+
+    See Also
+    --------
+    identification.oscillation
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from identification import oscillation
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
+    >>> print(oscillation(record).frequency > 0)
+    True
     """
 
     frequency: float
@@ -111,6 +123,18 @@ def oscillation(record: Record, arm: Arm | None = None) -> Oscillation:
     ------
     ValueError
         Bad input, or a law that cannot be linearised.
+
+    See Also
+    --------
+    identification.Oscillation, identification.Objective
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from identification import oscillation
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
+    >>> oscillation(record).amplitude.shape
+    (2,)
     """
     instance("record", record, Record, "The order is record, arm.")
     frequency = mode_in(record)

@@ -43,6 +43,20 @@ class Physical(Frozen):
     distance : float
         From what was found, in standard deviations (root of chi squared); with p numbers, up to about sqrt(p) + 2 is
         noise, and far more says that the rig or the boxes are wrong.
+
+    See Also
+    --------
+    identification.nearest_physical, identification.write_urdf
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from identification import identify, nearest_physical
+    >>> record = simulate(puma560.literature_arm(1.5), puma560.rig(), puma560.p_law(), puma560.reference())
+    >>> found = identify(puma560.dynamics(), record, progress=False)
+    >>> near = nearest_physical(found, [((-0.6, 0.6), (-0.6, 0.6), (-0.3, 0.3))] * 2, points=3)
+    >>> near.arm.f.shape
+    (9,)
     """
 
     arm: Arm
@@ -71,6 +85,21 @@ def nearest_physical(found: Identification, boxes: ArrayLike, *, points: int = 5
     ------
     ValueError
         Bad input, or an identification without covariance.
+
+    See Also
+    --------
+    identification.Physical, identification.write_urdf
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from identification import identify, nearest_physical
+    >>> record = simulate(puma560.literature_arm(1.5), puma560.rig(), puma560.p_law(), puma560.reference())
+    >>> found = identify(puma560.dynamics(), record, progress=False)
+    >>> boxes = [((-0.6, 0.6), (-0.6, 0.6), (-0.3, 0.3))] * 2
+    >>> near = nearest_physical(found, boxes, points=3)
+    >>> print([body.mass > 0 for body in near.bodies])
+    [True, True]
     """
     from scipy.optimize import nnls
 

@@ -41,7 +41,19 @@ def _within(default: Any, kind: type, low: float, high: float = INF) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class GeneticSettings:
-    """Every setting; the defaults are the paper's, and what it leaves open is fixed here. Source: paper section 3.7."""
+    """Every setting; the defaults are the paper's, and what it leaves open is fixed here. Source: paper section 3.7.
+
+    See Also
+    --------
+    identification.minimize_genetic, identification.identify
+
+    Examples
+    --------
+    >>> from identification import GeneticSettings
+    >>> settings = GeneticSettings(generations=10)
+    >>> settings.individuals, settings.subpopulations
+    (20, 4)
+    """
 
     individuals: int = _within(20, Integral, 2)  # N, in each sub-population
     subpopulations: int = _within(4, Integral, 1)
@@ -86,7 +98,21 @@ class GeneticSettings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GeneticState:
-    """The running state; each generation makes a new one, so a callback may keep it. Source: paper section 3.1."""
+    """The running state; each generation makes a new one, so a callback may keep it. Source: paper section 3.1.
+
+    See Also
+    --------
+    identification.minimize_genetic
+
+    Examples
+    --------
+    >>> from identification import minimize_genetic
+    >>> result = minimize_genetic(
+    ...     lambda x: (x**2).sum(axis=1), [(-1, 1)], callback=lambda state: state.best_cost < 1e-3
+    ... )
+    >>> print(result.cost < 1e-3)
+    True
+    """
 
     chromosomes: Bits  # (P, L) of 0 and 1
     costs: Floats  # (P,)
@@ -101,7 +127,19 @@ class GeneticState:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GeneticResult:
-    """What `minimize_genetic` found. Source: paper section 3.1."""
+    """What `minimize_genetic` found. Source: paper section 3.1.
+
+    See Also
+    --------
+    identification.minimize_genetic, identification.GeneticState
+
+    Examples
+    --------
+    >>> from identification import minimize_genetic
+    >>> result = minimize_genetic(lambda x: ((x - 0.3) ** 2).sum(axis=1), [(0, 1), (0, 1)])
+    >>> result.evaluations, len(result.history)
+    (3120, 41)
+    """
 
     x: Floats  # (p,) best individual evaluated in the whole run
     cost: float  # its cost, as evaluated
@@ -151,6 +189,17 @@ def minimize_genetic(
     ------
     ValueError
         If an argument cannot be used, or the objective raises or does not return (P,) real numbers.
+
+    See Also
+    --------
+    identification.GeneticSettings, identification.GeneticResult
+
+    Examples
+    --------
+    >>> from identification import minimize_genetic
+    >>> result = minimize_genetic(lambda x: ((x - 0.3) ** 2).sum(axis=1), [(0, 1), (0, 1)], seed=1)
+    >>> result.x.round(2)
+    array([0.3, 0.3])
     """
     settings = GeneticSettings.paper() if settings is None else settings
     known, given = isinstance(settings, GeneticSettings), type(settings).__name__

@@ -34,8 +34,13 @@ class Tolerances(Frozen):
     ValueError
         A negative number.
 
+    See Also
+    --------
+    identification.identify, identification.Assumed
+
     Examples
     --------
+    >>> from identification import Tolerances
     >>> Tolerances(gear=0.0).gear
     0.0
     """

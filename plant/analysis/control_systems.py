@@ -88,6 +88,17 @@ def to_control(
     ValueError
         A sampled arm or a law without a rig, a rig that does not fit, a law without a period whose equations do not
         hold for dt = 0.
+
+    See Also
+    --------
+    plant.linearise, plant.to_timeresponse
+
+    Examples
+    --------
+    >>> from plant import puma560, to_control
+    >>> system = to_control(puma560.arm(), puma560.rig())
+    >>> system.nstates, system.ninputs
+    (4, 2)
     """
     if isinstance(system, Arm):
         return _arm_system(system, rig, sampled, steps_per_sample)
@@ -187,6 +198,17 @@ def to_timeresponse(record: Record) -> control.TimeResponseData:
     -------
     control.TimeResponseData
         Inputs ``reference_pulses[i]``; outputs ``error_pulses[i]``, and what else was logged.
+
+    See Also
+    --------
+    plant.to_control, plant.Record
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate, to_timeresponse
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.2)
+    >>> to_timeresponse(record).time.shape == record.t.shape
+    True
     """
     instance("record", record, Record, "Pass what simulate or a reader gave.")
     import control

@@ -42,6 +42,17 @@ def linearise(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> control.StateSpa
     ------
     ValueError
         A law with a period or with state.
+
+    See Also
+    --------
+    plant.modes, ctc.margins, plant.to_control
+
+    Examples
+    --------
+    >>> from plant import linearise, modes, puma560
+    >>> system = linearise(puma560.arm(), puma560.rig(), puma560.p_law(), (0.0, 0.0))
+    >>> modes(system).shape
+    (2, 2)
     """
     import control
 
@@ -56,7 +67,18 @@ def linearise(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> control.StateSpa
 
 
 def modes(system: Any) -> NDArray[np.float64]:
-    """Frequency [Hz] and damping ratio of each oscillating mode of a linear model, or its A, slowest first: (k, 2)."""
+    """Frequency [Hz] and damping ratio of each oscillating mode of a linear model, or its A, slowest first: (k, 2).
+
+    See Also
+    --------
+    plant.linearise
+
+    Examples
+    --------
+    >>> from plant import linearise, modes, puma560
+    >>> print(modes(linearise(puma560.arm(), puma560.rig(), puma560.p_law(), (0.0, 0.0)))[:, 0].round(1))  # [Hz]
+    [28.8 41.7]
+    """
     poles = np.linalg.eigvals(getattr(system, "A", system))
     poles = poles[poles.imag > 1e-9 * np.abs(poles).max()]
     found = np.column_stack([np.abs(poles) / (2 * np.pi), -poles.real / np.abs(poles)])

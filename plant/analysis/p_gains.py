@@ -48,6 +48,17 @@ def p_gains(arm: Arm, rig: Rig, reference: Reference, peak: ArrayLike, *, poses:
     ------
     ValueError
         An error that no stable gain, or not this amplifier, can keep; with the joint.
+
+    See Also
+    --------
+    plant.P, ctc.motor_gain
+
+    Examples
+    --------
+    >>> from plant import p_gains, puma560
+    >>> law = p_gains(puma560.arm(), puma560.rig(), puma560.reference(), peak=(10, 8))
+    >>> law.gain.round(3)
+    array([0.207, 0.188])
     """
     n = arm.n
     peaks = array("peak", np.broadcast_to(peak, n) if np.ndim(peak) == 0 else peak, (n,), advice="Give pulses.")

@@ -1,8 +1,7 @@
 """What a control law is: from encoder counts and a reference to a joint torque, written once as a symbolic step.
 
-A law gives its sampling `period` (None: fast hardware, evaluated at every sub-step; otherwise seconds, a whole multiple
-of the sub-step), its state, and its `equations`. From them come the kernel that simulates it, the casadi referee, the
-running controller of a control script, and its C.
+A law gives its `period` (None: fast hardware, evaluated at every sub-step; otherwise [s], a whole multiple of the
+sub-step), its state, and its `equations`: of them are made its kernel, the casadi referee, running controller, and C.
 """
 
 from __future__ import annotations
@@ -31,6 +30,16 @@ class Setpoint(NamedTuple):
     """The reference now: q, qd, qdd (n,) joint side [SI], and the same position in pulses (n,).
 
     For a law that replays a column of its record, also what was logged (n,).
+
+    See Also
+    --------
+    plant.Law, plant.Motion
+
+    Examples
+    --------
+    >>> from plant import Setpoint
+    >>> Setpoint._fields
+    ('q', 'qd', 'qdd', 'pulses', 'logged')
     """
 
     q: ca.SX
@@ -57,6 +66,17 @@ class Block:
     values : (k,) numpy.ndarray
     period : float or None
         [s]
+
+    See Also
+    --------
+    plant.Law
+
+    Examples
+    --------
+    >>> from plant import P, puma560
+    >>> block = P(gain=(0.2, 0.1)).block(puma560.rig())
+    >>> block.names[:2], block.period
+    (['law.gain[0]', 'law.gain[1]'], None)
     """
 
     step: ca.Function
@@ -70,6 +90,18 @@ class Law(Part, abc.ABC):
     """Base of all laws: a new law is a `@part` class that gives ``period``, ``initial_state`` and ``equations``.
 
     A law without state derives from `StatelessLaw` and gives its equations, and a period where it is sampled.
+
+    See Also
+    --------
+    plant.StatelessLaw, plant.Block, plant.Running
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> law = puma560.p_law()
+    >>> controller = law.start(puma560.rig(), (0, 0))
+    >>> controller.step((0, 0), (0.001, 0), (0, 0), (0, 0)).shape
+    (2,)
     """
 
     period: float | None = declared("Sampling period [s], or None: fast hardware, evaluated at every sub-step.")
@@ -241,7 +273,24 @@ class Law(Part, abc.ABC):
 
 
 class StatelessLaw(Law):
-    """Base of laws without state: the torque depends on counts, reference and the last applied torque alone."""
+    """Base of laws without state: the torque depends on counts, reference and the last applied torque alone.
+
+    See Also
+    --------
+    plant.Law, plant.P
+
+    Examples
+    --------
+    >>> from plant import StatelessLaw, number, part
+    >>> @part
+    ... class Soft(StatelessLaw):
+    ...     gain: object = number(("n",))
+    ...     def equations(self, rig, state, setpoint, pulses, torque, dt):
+    ...         return rig.drive.joint_torque(self.gain * (setpoint.pulses - pulses)), state
+    ...
+    >>> Soft(gain=(0.2, 0.1)).number_names()
+    ['gain[0]', 'gain[1]']
+    """
 
     period: float | None = None
 

@@ -28,6 +28,16 @@ class P(StatelessLaw):
     gain : (n,) array_like
         Motor torque per pulse of error [N m]; P K_i of the paper.
 
+    See Also
+    --------
+    plant.PD, plant.p_gains, plant.Law
+
+    Examples
+    --------
+    >>> from plant import P
+    >>> P(gain=(0.2, 0.1))
+    P(gain=array([0.2, 0.1]))
+
     Source: paper Fig. 4.
     """
 
@@ -58,6 +68,18 @@ class PD(Law):
         Pole of the low-pass in front of the difference [rad/s] (`plant.laws.filtered_difference`).
     period : float, optional
         Sampling period [s], the torque held in between. None: fast hardware, evaluated at every sub-step.
+
+    See Also
+    --------
+    plant.P, plant.PID, ctc.PDGravity
+
+    Examples
+    --------
+    >>> from plant import PD, puma560, simulate
+    >>> law = PD(gain=(0.2, 0.1), derivative=(0.004, 0.002), filter=600.0)
+    >>> record = simulate(puma560.arm(), puma560.rig(), law, puma560.reference(), duration=0.3)
+    >>> print(abs(record.error_pulses).max() < 20)
+    True
     """
 
     gain: Vector = number(("n",))
@@ -103,6 +125,18 @@ class PID(PD):
         Pole of the low-pass in front of the difference [rad/s] (`plant.laws.filtered_difference`).
     period : float, optional
         Sampling period [s], the torque held in between. None: fast hardware, evaluated at every sub-step.
+
+    See Also
+    --------
+    plant.PD, plant.Cascade, ctc.pid_gains
+
+    Examples
+    --------
+    >>> from plant import PID, puma560, simulate
+    >>> law = PID(gain=(0.2, 0.1), derivative=(0.004, 0.002), integral=(2.0, 1.0), filter=600.0)
+    >>> record = simulate(puma560.arm(), puma560.rig(), law, puma560.reference(), duration=0.3)
+    >>> print(abs(record.error_pulses).max() < 20)
+    True
     """
 
     integral: Vector = number(("n",))

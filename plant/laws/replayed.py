@@ -16,6 +16,19 @@ class LoggedTorque(StatelessLaw):
     """The logged joint torque, the record's column `torque` [N m], repeated in open loop.
 
     The torque of a sample acts from there to the next: zero-order hold.
+
+    See Also
+    --------
+    plant.LoggedCurrent, identification.fit_torque
+
+    Examples
+    --------
+    >>> from plant import LoggedTorque, replay, puma560, simulate
+    >>> arm = puma560.arm()
+    >>> record = simulate(arm, puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.3)
+    >>> again = replay(arm, record, law=LoggedTorque())
+    >>> again.t.shape == record.t.shape
+    True
     """
 
     replays = "torque"
@@ -32,6 +45,16 @@ class LoggedCurrent(StatelessLaw):
     """The logged motor currents, the record's column `current` [A], repeated in open loop by the rig's motor gain.
 
     The current of a sample acts from there to the next: zero-order hold.
+
+    See Also
+    --------
+    plant.LoggedTorque, plant.Record
+
+    Examples
+    --------
+    >>> from plant import LoggedCurrent
+    >>> LoggedCurrent()
+    LoggedCurrent()
     """
 
     replays = "current"

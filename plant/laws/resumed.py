@@ -29,6 +29,17 @@ class Resumed(Law):
         A controller.
     state : (s,) array_like
         Its memory before the first step, as `Law.initial_state` has it at a start.
+
+    See Also
+    --------
+    plant.AlongLog, plant.Law
+
+    Examples
+    --------
+    >>> from plant import PD, Resumed
+    >>> law = Resumed(law=PD(gain=(0.2, 0.1), derivative=(0.004, 0.002), filter=600.0), state=(1.0, 0.5, 0, 0))
+    >>> law.initial_state(2)
+    array([0., 0., 0., 1.])
     """
 
     law: Law = structure(Law)
@@ -93,6 +104,17 @@ class AlongLog(Resumed):
     whole : bool
         Whether counts are whole numbers that the law reads as they are. Fast hardware, without a period, is given
         straight lines between the middles of their cells.
+
+    See Also
+    --------
+    plant.Resumed, plant.LoggedTorque, plant.replay
+
+    Examples
+    --------
+    >>> from plant import AlongLog, PD, puma560
+    >>> law = AlongLog(law=PD(gain=(0.2, 0.1), derivative=(0.004, 0.002), filter=600.0), state=(0, 0))
+    >>> law.period is None, law.law.gain
+    (True, array([0.2, 0.1]))
     """
 
     whole: bool = structure(bool, default=True)

@@ -30,7 +30,21 @@ _MOST_OF_MESSAGES = 64 << 30  # bytes of a file of which only some topics are re
 
 
 class LoadError(ValueError):
-    """A file that cannot be read: which, what was expected, what came, and what to do."""
+    """A file that cannot be read: which, what was expected, what came, and what to do.
+
+    See Also
+    --------
+    plant.read_table, plant.Record
+
+    Examples
+    --------
+    >>> from plant import LoadError, Record, puma560
+    >>> try:
+    ...     Record.from_csv("missing.csv", rig=puma560.rig())
+    ... except LoadError as error:
+    ...     print(str(error).split(";")[0])
+    missing.csv must be a file
+    """
 
 
 @contextlib.contextmanager
@@ -57,7 +71,7 @@ def _line(text: str) -> str:
 def read_table(
     path: str | Path, *, names: Sequence[str] | None = None, prefix: str = "", episode: int | None = None
 ) -> dict[str, NDArray[Any]]:
-    """Read the columns of a log, by its ending: CSV with a line of names, NPZ, MAT version 5, HDF5, Parquet, MCAP, or
+    r"""Read the columns of a log, by its ending: CSV with a line of names, NPZ, MAT version 5, HDF5, Parquet, MCAP, or
     a bag of ROS 2; or a LeRobot data set, which is a folder, as a bag may be.
 
     All but CSV and NPZ are read in a child process with limits of time and memory, and all but those and MAT need the
@@ -85,6 +99,18 @@ def read_table(
     LoadError
         A file that is missing, corrupt, or larger than 256 MiB once expanded; a column that is not there, or that
         holds anything but real numbers. Its reader has 4.5 s; messages and CSV have 60 s.
+
+    See Also
+    --------
+    plant.Record, plant.read_records
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from plant import read_table
+    >>> _ = Path("log.csv").write_text("t,q1\n0,0.1\n0.001,0.2\n")
+    >>> read_table("log.csv")
+    {'t': array([0.   , 0.001]), 'q1': array([0.1, 0.2])}
     """
     with load_errors(path):
         kind = kind_of(path)

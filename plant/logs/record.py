@@ -77,6 +77,20 @@ class Record(FromFiles, Frozen):
     ------
     ValueError
         Wrong shapes, NaN, time that does not increase, with the index; a law that repeats a column that is not there.
+
+    See Also
+    --------
+    plant.simulate, plant.read_records, plant.Checkup, identification.identify
+
+    Examples
+    --------
+    >>> from plant import Record, puma560, simulate
+    >>> rig = puma560.rig()
+    >>> record = simulate(puma560.arm(), rig, puma560.p_law(), puma560.reference(), duration=0.5)
+    >>> record.to_csv("log.csv")
+    >>> again = Record.from_csv("log.csv", rig=rig)
+    >>> print((again.error_pulses == record.error_pulses).all())
+    True
     """
 
     t: NDArray[Any]

@@ -56,6 +56,20 @@ def read_records(
     ------
     LoadError
         A file that cannot be read, or a pattern without a match; with the path.
+
+    See Also
+    --------
+    plant.Record, plant.read_table
+
+    Examples
+    --------
+    >>> from plant import puma560, read_records, simulate
+    >>> rig = puma560.rig()
+    >>> for i in range(2):
+    ...     simulate(puma560.arm(), rig, puma560.p_law(), puma560.reference(), duration=0.2).to_csv(f"run_{i}.csv")
+    ...
+    >>> [record.name for record in read_records("run_*.csv", rig=rig)]
+    ['run_0.csv', 'run_1.csv']
     """
     given = [paths] if isinstance(paths, (str, Path)) else list(paths)
     files = [file for path in given for file in _matches(path)]

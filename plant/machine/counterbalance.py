@@ -41,6 +41,19 @@ class Counterbalance(KnownTorque):
     ------
     ValueError
         Negative stiffness or lengths; equal arms of a spring that is not of free length 0: its ends would meet.
+
+    See Also
+    --------
+    plant.CosineTorque, plant.JointSpring, plant.KnownTorque
+
+    Examples
+    --------
+    >>> from plant import Counterbalance
+    >>> spring = Counterbalance(
+    ...     stiffness=(2000, 0), base_arm=(0.2, 0), link_arm=(0.1, 0), free_length=(0.05, 0), angle=(0, 0)
+    ... )
+    >>> print(spring.torque((0.5, 0)))
+    [-11.3209, -0]
     """
 
     stiffness: Vector = number(("n",))
@@ -82,6 +95,17 @@ class CosineTorque(KnownTorque):
         [N m]; 0 for joints without one.
     phase : (n,) array_like
         Joint position at which it is largest [rad].
+
+    See Also
+    --------
+    plant.JointSpring, plant.Counterbalance, plant.KnownTorque
+
+    Examples
+    --------
+    >>> from plant import CosineTorque
+    >>> spring = CosineTorque(amplitude=(10, 0), phase=(0, 0))
+    >>> print(spring.torque((0, 0)))
+    [10, 0]
     """
 
     amplitude: Vector = number(("n",))

@@ -65,6 +65,19 @@ class Drive(Part):
         Cogging of the motors; none by default.
     joints : tuple of str, optional
         Names of the joints, for messages, tables and figures of the logs and the laws of this drive.
+
+    See Also
+    --------
+    plant.Rig, plant.Encoder, plant.FrictionCurve, plant.Elasticity
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> drive = puma560.rig().drive
+    >>> drive.motor_torque((10.0, 5.0)).round(4)           # of 10 and 5 N m at the joints [N m]
+    array([ 0.0928, -0.0931])
+    >>> drive.torque_limit().round(0)
+    array([295., 153.])
     """
 
     gear: Vector = number(("n",))

@@ -39,6 +39,18 @@ class Elasticity(Part):
     ------
     ValueError
         Stiffness that is not positive, negative damping, backlash beyond a turn.
+
+    See Also
+    --------
+    plant.Drive, identification.GearResonance, ctc.lowest_resonance
+
+    Examples
+    --------
+    >>> from plant import Elasticity, puma560
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> gears = Elasticity.from_resonance(arm, hz=60, damping_ratio=0.02, drive=rig.drive)
+    >>> print(gears.stiffness.round(-2))                   # [N m/rad]
+    [535200. 156800.]
     """
 
     stiffness: Vector = number(("n",))

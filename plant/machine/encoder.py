@@ -27,6 +27,16 @@ class Phase(Part):
     ----------
     shift : (n,) array_like
         [pulses]
+
+    See Also
+    --------
+    plant.Encoder
+
+    Examples
+    --------
+    >>> from plant import Phase
+    >>> Phase(shift=(0.25, 0.5))
+    Phase(shift=array([0.25, 0.5 ]))
     """
 
     shift: Vector = number(("n",))
@@ -44,6 +54,16 @@ class QuadratureError(Part):
         [pulses], below 2/pi: above, counts would run backwards.
     phase : (n,) array_like, optional
         At position 0 [rad].
+
+    See Also
+    --------
+    plant.Encoder, identification.oscillation
+
+    Examples
+    --------
+    >>> from plant import QuadratureError
+    >>> QuadratureError(amplitude=(0.1, 0.1))
+    QuadratureError(amplitude=array([0.1, 0.1]), phase=None)
     """
 
     amplitude: Vector = number(("n",))
@@ -80,6 +100,19 @@ class Encoder(Part):
     side : {"motor", "link", "both"}
         Whether it turns with the motor, or behind an elastic gear with the link; its pulses are those of the motor's
         shaft in any case. With both, the law reads the motor's, and a record holds the link's beside them.
+
+    See Also
+    --------
+    plant.Rig, plant.QuadratureError, plant.Phase
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> encoder = puma560.rig().encoder
+    >>> encoder.resolution
+    array([ 800., 1000.])
+    >>> encoder.to_angle((1, 1)).round(6)                  # of one pulse, at the motor [rad]
+    array([0.007854, 0.006283])
     """
 
     resolution: Vector = number(("n",))

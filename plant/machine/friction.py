@@ -34,6 +34,19 @@ class FrictionCurve(Part):
         Excess of the breakaway level over ``coulomb`` [N m].
     speed : (n,) array_like
         Stribeck speed, of the motor [rad/s]: level = coulomb + breakaway exp(-(motor speed / speed)^2).
+
+    See Also
+    --------
+    plant.Drive, plant.Presliding, identification.friction_from_motor_test
+
+    Examples
+    --------
+    >>> from plant import FrictionCurve, puma560
+    >>> curve = FrictionCurve(offset=(0, 0), breakaway=(0.02, 0.01), speed=(1.0, 1.0))
+    >>> import dataclasses
+    >>> drive = dataclasses.replace(puma560.rig().drive, curve=curve)
+    >>> drive.curve.breakaway
+    array([0.02, 0.01])
     """
 
     offset: Vector = number(("n",))

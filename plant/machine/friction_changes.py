@@ -45,6 +45,16 @@ class FrictionDrift(Part):
         Relative change in the end, above -1: -0.2 is a fall by 20 %.
     time : (n,) array_like
         Time constant [s].
+
+    See Also
+    --------
+    plant.Drive, plant.FrictionCurve
+
+    Examples
+    --------
+    >>> from plant import FrictionDrift
+    >>> FrictionDrift(amount=(-0.2, -0.1), time=(60, 60))  # a fifth less after some minutes
+    FrictionDrift(amount=array([-0.2, -0.1]), time=array([60., 60.]))
     """
 
     amount: Vector = number(("n",))

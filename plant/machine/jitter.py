@@ -33,6 +33,16 @@ class Jitter(Part):
         Of the draws.
     stream : float
         A whole number, 0 or more: loops with other ones have other instants.
+
+    See Also
+    --------
+    plant.Rig, plant.Transport
+
+    Examples
+    --------
+    >>> from plant import Jitter
+    >>> Jitter(share=0.1, seed=3)
+    Jitter(share=0.1, seed=3, stream=0.0)
     """
 
     share: float = number(())

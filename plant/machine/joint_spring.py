@@ -31,6 +31,17 @@ class JointSpring(KnownTorque):
     ------
     ValueError
         Negative stiffness.
+
+    See Also
+    --------
+    plant.Counterbalance, plant.CosineTorque, plant.KnownTorque
+
+    Examples
+    --------
+    >>> from plant import JointSpring
+    >>> spring = JointSpring(stiffness=(20, 0), angle=(0, 0))
+    >>> print(spring.torque((0.1, 0)))
+    [-2. -0.]
     """
 
     stiffness: Vector = number(("n",))

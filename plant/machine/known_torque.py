@@ -25,6 +25,23 @@ class KnownTorque(Part, abc.ABC):
 
     It acts on the links, also behind elastic gears; no motor, no gear and no amplifier feels it but through the arm.
     Its fields declared with `plant.number` are numbers of the rig, ``springs.stiffness[0]``.
+
+    See Also
+    --------
+    plant.JointSpring, plant.Counterbalance, plant.CosineTorque
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> from plant import KnownTorque, number, part
+    >>> @part
+    ... class Cable(KnownTorque):
+    ...     stiffness: object = number(("n",))
+    ...     def torque(self, q):
+    ...         return -self.stiffness * ca.sin(q)
+    ...
+    >>> print(Cable(stiffness=(3.0, 1.0)).torque((0.1, 0.0)))
+    [-0.2995, -0]
     """
 
     @abc.abstractmethod

@@ -43,6 +43,16 @@ class Presliding(Part):
     ------
     ValueError
         Negative numbers.
+
+    See Also
+    --------
+    plant.FrictionCurve, plant.Drive
+
+    Examples
+    --------
+    >>> from plant import Presliding
+    >>> Presliding(distance=(0.002, 0.002))
+    Presliding(distance=array([0.002, 0.002]), damping=None)
     """
 
     distance: Vector = number(("n",))

@@ -33,6 +33,21 @@ class Rig(Part):
         Of the instants at which a law reads the encoders.
     springs : KnownTorque or tuple of KnownTorque, optional
         `JointSpring`, `Counterbalance`, `CosineTorque` or a part of one's own, on the links; none by default.
+
+    See Also
+    --------
+    plant.Drive, plant.Encoder, plant.Record
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> rig = puma560.rig()
+    >>> rig.n, rig.period
+    (2, 0.0007)
+    >>> rig.position_in_pulses((0.01, 0.01)).round(1)
+    array([137.3, -85.5])
+    >>> rig.cell_centre(rig.counts((0.01, 0.01))).round(3)
+    array([0.01, 0.01])
     """
 
     drive: Drive = structure(Drive)

@@ -30,6 +30,17 @@ class TorqueRipple(Part):
     ------
     ValueError
         Negative amplitude, cycles that are not positive.
+
+    See Also
+    --------
+    plant.Drive
+
+    Examples
+    --------
+    >>> from plant import TorqueRipple
+    >>> ripple = TorqueRipple(amplitude=(0.01, 0.01), cycles=(6, 6))
+    >>> ripple.torque((0.1, 0.0)).round(5)
+    array([0.00565, 0.     ])
     """
 
     amplitude: Vector = number(("n",))

@@ -31,6 +31,16 @@ class Transport(Part):
         Steps of the law, counted from 0, whose counts do not arrive; those of step 0 always do.
     bit : float
         1 / 2^j for the loop whose losses are the bits of value 2^j; 1 for a loop on its own.
+
+    See Also
+    --------
+    plant.Rig, plant.Jitter
+
+    Examples
+    --------
+    >>> from plant import Transport
+    >>> Transport(delay=0.0005, lost=(100, 101))
+    Transport(delay=0.0005, lost=(100, 101), bit=1.0)
     """
 
     delay: float = number((), default=0.0)

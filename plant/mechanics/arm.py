@@ -26,6 +26,21 @@ class Arm(Part):
     Notes
     -----
     Arguments q, qd, qdd, tau are (n,), joint side, SI; results are numpy arrays.
+
+    See Also
+    --------
+    plant.Dynamics, plant.Rig, identification.identify
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> arm = puma560.arm()
+    >>> arm.D((0, 0)).round(2)
+    array([[6.09, 1.1 ],
+           [1.1 , 1.68]])
+    >>> tau = arm.inverse((0, 0.5), (1, 0), (0, 2))
+    >>> arm.forward((0, 0.5), (1, 0), tau).round(6)
+    array([0., 2.])
     """
 
     dynamics: Any = structure()

@@ -35,6 +35,17 @@ class Body(Part):
     Notes
     -----
     Physically inconsistent numbers are accepted, since base parameters can need them; `require_physical` refuses them.
+
+    See Also
+    --------
+    plant.Link, plant.Chain, plant.load_body
+
+    Examples
+    --------
+    >>> from plant import Body
+    >>> link, tool = Body(mass=4, com=(0.2, 0, 0)), Body(mass=1, com=(0.4, 0, 0))
+    >>> link.joined(tool).com
+    array([0.24, 0.  , 0.  ])
     """
 
     mass: float = number(())

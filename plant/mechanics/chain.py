@@ -43,6 +43,18 @@ class Chain(Part):
         Where one motor moves several joints: `Body.rotor` is then reflected to the shaft.
     limits : Limits, optional
         Of positions, speeds and efforts, as a model file states them.
+
+    See Also
+    --------
+    plant.Link, plant.Body, plant.Dynamics, plant.Lumping
+
+    Examples
+    --------
+    >>> from plant import Chain, Link, Lumping, Dynamics
+    >>> chain = Chain(links=(Link(name="shoulder"), Link(name="elbow", a=0.4)), gravity=(0, -9.81, 0))
+    >>> dynamics = Dynamics.from_chain(chain)
+    >>> dynamics.n, dynamics.names[3:5]
+    (2, ('mx_elbow', 'my_elbow'))
     """
 
     links: tuple[Link, ...] = structure()

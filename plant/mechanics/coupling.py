@@ -38,6 +38,17 @@ class Coupling(Part):
     -----
     Angles, speeds and torques are (n,) or (N, n) numpy arrays, or casadi columns (n, 1). The same coupling belongs to
     the `Chain` (rotors turn with the shafts) and to its `Drive` (encoders and friction are on the shafts).
+
+    See Also
+    --------
+    plant.Drive, plant.Chain
+
+    Examples
+    --------
+    >>> from plant import Coupling
+    >>> coupling = Coupling(matrix=((1, 0), (1, 1)))       # the second shaft turns with the first joint
+    >>> coupling.shaft((0.3, 0.1))
+    array([0.3, 0.4])
     """
 
     matrix: Nested = structure(default=())

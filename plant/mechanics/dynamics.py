@@ -56,6 +56,19 @@ class Dynamics(Part):
     `D(q, f)` (n, n), `h(q, qd, f)` (n, 1), `C(q, qd, f)` (n, n) with h = C qd + gravity and Ddot - 2 C skew, and
     `Y(q, qd, qdd)` (n, p) with tau = Y f, or `Y(q, qd, qd_r, qdd_r)` with D qdd_r + C qd_r + gravity = Y f. All
     take numpy arrays (and give casadi DM) or casadi symbols.
+
+    See Also
+    --------
+    plant.Arm, plant.Chain, plant.Lumping, plant.visibility
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> dynamics = puma560.dynamics()
+    >>> dynamics.names
+    ('f1', 'f2', 'f3', 'f4', 'f5', 'f6', 'f7', 'f8', 'f9')
+    >>> dynamics.Y((0, 0), (0, 0), (1, 0)).shape
+    (2, 9)
     """
 
     chain: Chain = structure(Chain)

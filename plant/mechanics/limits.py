@@ -21,6 +21,16 @@ class Limits(Part):
         Largest speeds, magnitudes [rad/s or m/s].
     effort : (n,) array_like
         Largest torques, magnitudes [N m or N].
+
+    See Also
+    --------
+    plant.Chain, plant.Guards, plant.fastest
+
+    Examples
+    --------
+    >>> from plant import Limits
+    >>> Limits(lower=(-2, -2), upper=(2, 2), velocity=(3, 3), effort=(200, 100))
+    Limits(lower=array([-2., -2.]), upper=array([2., 2.]), velocity=array([3., 3.]), effort=array([200., 100.]))
     """
 
     lower: Vector = number(("n",), finite=False)

@@ -36,6 +36,18 @@ class Link(Part):
         Pose, in the previous link's frame, of the frame in which the row begins: for geometry that no row describes.
     frame : Placement
         Pose, in the link's frame, of the frame in which its body is given (`Body`).
+
+    See Also
+    --------
+    plant.Chain, plant.Body, plant.Placement
+
+    Examples
+    --------
+    >>> from plant import Link
+    >>> import casadi as ca
+    >>> rotation, position = Link(name="forearm", a=0.43, d=-0.09).rotation(ca.SX(0))
+    >>> print(position)
+    [0.43, 0, -0.09]
     """
 
     name: str = structure(str)

@@ -37,6 +37,16 @@ def load_parameters(body: Body) -> NDArray[np.float64]:
     -------
     (10,) numpy.ndarray
         [kg, kg m, kg m^2]
+
+    See Also
+    --------
+    plant.load_body, plant.load_matrix
+
+    Examples
+    --------
+    >>> from plant import Body, load_parameters
+    >>> load_parameters(Body(mass=2, com=(0.1, 0, 0))).round(3)[:4]
+    array([2. , 0.2, 0. , 0. ])
     """
     instance("body", body, Body, "Give mass and com; a point mass needs no inertia.")
     return standard_parameters([body])[: len(LOAD)]
@@ -49,6 +59,16 @@ def load_body(parameters: ArrayLike) -> Body:
     ------
     ValueError
         A negative mass; first moments or inertia without mass.
+
+    See Also
+    --------
+    plant.load_parameters, plant.load_matrix
+
+    Examples
+    --------
+    >>> from plant import Body, load_body, load_parameters
+    >>> load_body(load_parameters(Body(mass=2, com=(0.1, 0, 0)))).mass
+    2.0
     """
     phi = array("parameters", parameters, (len(LOAD),), advice="Give m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz.")
     mass = float(phi[0])
@@ -77,6 +97,16 @@ def load_matrix(dynamics: Dynamics, link: int | str = -1) -> NDArray[np.float64]
     ------
     ValueError
         A link that the chain does not have.
+
+    See Also
+    --------
+    plant.load_parameters, identification.find_load
+
+    Examples
+    --------
+    >>> from plant import load_matrix, puma560
+    >>> load_matrix(puma560.dynamics()).shape
+    (9, 10)
     """
     instance("dynamics", dynamics, Dynamics, "Pass arm.dynamics.")
     return _matrix(dynamics, link).copy()

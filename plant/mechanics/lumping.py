@@ -58,6 +58,17 @@ class Lumping(Part):
         B, for the standard parameters in the order of `STANDARD`, link by link.
     inertial, gravitational : tuple of bool
         Whether each f enters the inertial torque (D and the Coriolis terms), and the gravity torque.
+
+    See Also
+    --------
+    plant.Dynamics, plant.Chain
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> lumping = puma560.dynamics().lumping
+    >>> lumping.names[:3], lumping.gravity_section().shape
+    (('f1', 'f2', 'f3'), (22, 9))
     """
 
     names: tuple[str, ...] = structure()

@@ -40,6 +40,18 @@ class Placement(Part):
     ------
     ValueError
         A matrix that is not a right-handed rotation.
+
+    See Also
+    --------
+    plant.Link, plant.Body
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from plant import Placement
+    >>> tool = Placement.of_angles(0, 0, 0.5, position=(0.1, 0, 0))
+    >>> print(np.round(tool.inverse().position, 3))
+    [-0.088  0.048  0.   ]
     """
 
     rotation: Nested = structure(default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))

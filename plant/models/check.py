@@ -59,6 +59,16 @@ class ModelFinding:
         stated.
     repair : Body or None
         In the link's frame; None where the file does not tell.
+
+    See Also
+    --------
+    plant.check_model, plant.ModelCheck
+
+    Examples
+    --------
+    >>> from plant import ModelFinding
+    >>> ModelFinding(link="arm", mistake="mass below zero", evidence=1.0, repair=None).link
+    'arm'
     """
 
     link: str
@@ -79,6 +89,20 @@ class ModelCheck:
     ----------
     path : Path
     findings : tuple of ModelFinding
+
+    See Also
+    --------
+    plant.check_model, plant.ModelFinding, identification.write_urdf
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from plant import check_model
+    >>> link = '<link name="arm"><inertial><mass value="-2"/></inertial></link>'
+    >>> text = f'<robot name="r"><link name="base"/>{link}</robot>'
+    >>> _ = Path("arm.urdf").write_text(text)
+    >>> check_model("arm.urdf").ok
+    False
     """
 
     path: Path
@@ -131,6 +155,20 @@ def check_model(path: str | Path) -> ModelCheck:
     ------
     ValueError
         A file that is malformed, too large, or declares entities.
+
+    See Also
+    --------
+    plant.ModelCheck, identification.write_urdf
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from plant import check_model
+    >>> link = '<link name="arm"><inertial><mass value="-2"/></inertial></link>'
+    >>> text = f'<robot name="r"><link name="base"/>{link}</robot>'
+    >>> _ = Path("arm.urdf").write_text(text)
+    >>> check_model("arm.urdf").ok
+    False
     """
     robot, _ = parsed(path, "robot", "URDF")
     elements = {link.attributes.get("name", ""): link for link in robot.all("link")}

@@ -51,6 +51,17 @@ class Robot(Frozen):
     model : Path, optional
         The URDF or MJCF file that the arm was read from, for `write_urdf` and `write_mjcf`; it does not count in a
         comparison, and is not written.
+
+    See Also
+    --------
+    plant.read_robot, plant.write_robot
+
+    Examples
+    --------
+    >>> from plant import read_robot
+    >>> robot = read_robot("paper_puma560")
+    >>> robot.rig.n, robot.arm.f.shape
+    (2, (9,))
     """
 
     rig: Rig
@@ -102,6 +113,16 @@ def read_robot(path: str | Path) -> Robot:
     ValueError
         Not TOML; keys that are unknown (the nearest one is offered, with its unit), missing, or wrong; a law of a
         package that is not imported. In one line that names file and table.
+
+    See Also
+    --------
+    plant.Robot, plant.write_robot
+
+    Examples
+    --------
+    >>> from plant import read_robot
+    >>> read_robot("ur5e").dynamics.n
+    6
     """
     own = FOLDER / f"{path}.toml"
     place = own if not Path(path).suffix and own.is_file() else Path(path)
@@ -159,6 +180,17 @@ def write_robot(robot: Robot, path: str | Path, *, overwrite: bool = False) -> N
     ------
     ValueError
         A file that is there; a part that is not the library's own.
+
+    See Also
+    --------
+    plant.read_robot, plant.Robot
+
+    Examples
+    --------
+    >>> from plant import read_robot, write_robot
+    >>> write_robot(read_robot("paper_puma560"), "arm.toml")
+    >>> read_robot("arm.toml").rig.n
+    2
     """
     instance("robot", robot, Robot, "Give Robot(arm=..., rig=..., ...), or what read_robot gave.")
     target = require_new(path, overwrite)

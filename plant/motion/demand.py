@@ -121,6 +121,16 @@ def torque_share(arm: Arm, rig: Rig, reference: Reference) -> NDArray[np.float64
     (n,) numpy.ndarray
         Largest magnitude of torque over limit during one duration, of coupled motors per shaft; above 1 no law can
         follow. Feedback torque comes on top.
+
+    See Also
+    --------
+    plant.shortest_duration, plant.fastest
+
+    Examples
+    --------
+    >>> from plant import puma560, torque_share
+    >>> torque_share(puma560.arm(), puma560.rig(), puma560.reference()).round(2)
+    array([0.52, 0.32])
     """
     return _sampled(arm, rig, reference)[-1].share(1.0)
 
@@ -146,6 +156,16 @@ def shortest_duration(arm: Arm, rig: Rig, reference: Reference, *, share: float 
     ------
     ValueError
         A path along which the drives cannot hold the arm, or one that meets no limit.
+
+    See Also
+    --------
+    plant.fastest, plant.torque_share, plant.slowed
+
+    Examples
+    --------
+    >>> from plant import puma560, shortest_duration
+    >>> shortest_duration(puma560.arm(), puma560.rig(), puma560.reference()) < 3.65
+    True
     """
     share = real("share", share, "Give the part of the limit to use, like 0.9.", positive=True)
     t, motion, needed = _sampled(arm, rig, reference)

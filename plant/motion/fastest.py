@@ -96,6 +96,18 @@ def fastest(
     ValueError
         A path along which the drives cannot hold the arm, that meets no limit, that has corners, or that leaves the
         limits of a joint's position.
+
+    See Also
+    --------
+    plant.shortest_duration, plant.slowed, plant.torque_share
+
+    Examples
+    --------
+    >>> from plant import PointToPoint, fastest, puma560
+    >>> path = PointToPoint(start=(0, 0), goal=(1, 0.5), duration=2.0)
+    >>> quick = fastest(puma560.arm(), puma560.rig(), path)
+    >>> quick.duration < path.duration
+    True
     """
     if isinstance(reference, Table):
         raise ValueError("reference must be smooth; a Table has corners. Use Spline(times=..., points=...).")

@@ -20,6 +20,17 @@ class Later(Reference):
     reference : Reference
     time : float
         How long it has been under way [s].
+
+    See Also
+    --------
+    plant.Reference, plant.slowed
+
+    Examples
+    --------
+    >>> from plant import Later, puma560
+    >>> path = puma560.reference()
+    >>> print((Later(reference=path, time=0.5)([0.0]).q == path([0.5]).q).all())
+    True
     """
 
     reference: Reference = structure(Reference)

@@ -48,6 +48,21 @@ class LinkReference(Reference):
         A rig that does not fit, without elastic gears, with backlash, or with its encoders on the links; a motion
         without higher derivatives, such as a `Table`; one so rough (that of `fastest`) that winding the gears alone
         takes more than the amplifiers give.
+
+    See Also
+    --------
+    ctc.FlexibleJointComputedTorque, plant.Elasticity
+
+    Examples
+    --------
+    >>> import dataclasses
+    >>> from plant import Elasticity, LinkReference, puma560
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> gears = Elasticity.from_resonance(arm, hz=60, damping_ratio=0.02, drive=rig.drive)
+    >>> stiff = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=gears))
+    >>> path = LinkReference(arm, stiff, puma560.reference())
+    >>> path([0.0]).q.round(2)
+    array([[-0.,  0.]])
     """
 
     arm: Any = structure(kw_only=False)  # an identification goes in, too; its arm is kept

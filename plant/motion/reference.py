@@ -22,7 +22,19 @@ _FREE = 6
 
 
 class Motion(NamedTuple):
-    """Position [rad], velocity [rad/s] and acceleration [rad/s^2], each (N, n), joint side."""
+    """Position [rad], velocity [rad/s] and acceleration [rad/s^2], each (N, n), joint side.
+
+    See Also
+    --------
+    plant.Reference, identification.derivatives
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> motion = puma560.reference()([0.0, 0.1])
+    >>> motion.q.shape, motion._fields
+    ((2, 2), ('q', 'qd', 'qdd'))
+    """
 
     q: NDArray[np.float64]
     qd: NDArray[np.float64]
@@ -33,6 +45,19 @@ class Reference(Part, abc.ABC):
     """Base of all references: a new one is a `@part` class that gives ``n``, ``duration`` and ``motion``.
 
     The duration is simulated by default; after it periodic references go on, and the others rest at their last point.
+
+    See Also
+    --------
+    plant.Harmonics, plant.Spline, plant.PointToPoint, plant.Table
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> path = puma560.reference()
+    >>> path.n, path.duration
+    (2, 3.65)
+    >>> path([0.1]).qdd.shape
+    (1, 2)
     """
 
     n: int = declared("Number of joints.")
@@ -129,6 +154,19 @@ class Harmonics(_Smooth):
         Amplitudes of the harmonics 1..H [rad].
 
     The trajectory of eq. (6) is ``puma560.reference()``. Source: paper 3.5.
+
+    See Also
+    --------
+    plant.PointToPoint, plant.Spline, identification.design_motion
+
+    Examples
+    --------
+    >>> from plant import Harmonics
+    >>> path = Harmonics(period=4.0, offset=(0, 0), cosine=((0.3,), (0.2,)), sine=((0,), (0.1,)))
+    >>> motion = path([0.0, 1.0])
+    >>> motion.q.round(3)
+    array([[0.3, 0.2],
+           [0. , 0.1]])
     """
 
     period: float = structure(float)
@@ -171,6 +209,17 @@ class PointToPoint(_Smooth):
         [rad]
     duration : float
         [s]
+
+    See Also
+    --------
+    plant.Spline, plant.Harmonics, plant.shortest_duration
+
+    Examples
+    --------
+    >>> from plant import PointToPoint
+    >>> path = PointToPoint(start=(0, 0), goal=(1, -0.5), duration=2.0)
+    >>> path([1.0]).q
+    array([[ 0.5 , -0.25]])
     """
 
     start: Nested = structure()
@@ -209,6 +258,17 @@ class Spline(Timed, _Smooth):
     at_rest : bool
         False for a motion that has begun before, and goes on, such as a stretch of a log: its ends are as smooth as the
         points say. At least six of them.
+
+    See Also
+    --------
+    plant.PointToPoint, plant.Table
+
+    Examples
+    --------
+    >>> from plant import Spline
+    >>> path = Spline(times=(0, 1, 2), points=((0, 0), (0.5, 0.2), (1, 0)))
+    >>> path([1.0]).q
+    array([[0.5, 0.2]])
     """
 
     times: Nested = structure()

@@ -34,6 +34,17 @@ class Scaled(Timed):
     stays : bool
         Outside its times the motion rests at its first or last point. With False it goes on along the path, at the
         first or last speed; a periodic path repeats.
+
+    See Also
+    --------
+    plant.slowed, plant.fastest
+
+    Examples
+    --------
+    >>> from plant import puma560, slowed
+    >>> path = slowed(puma560.reference(), 2.0)
+    >>> type(path).__name__, path.duration
+    ('Scaled', 7.3)
     """
 
     path: Reference = structure(Reference)
@@ -104,6 +115,17 @@ def slowed(reference: Reference, factor: float) -> Scaled:
     -------
     Scaled
         It ends, repeats or stays as the reference does.
+
+    See Also
+    --------
+    plant.Scaled, plant.shortest_duration
+
+    Examples
+    --------
+    >>> from plant import puma560, slowed
+    >>> path = puma560.reference()
+    >>> slowed(path, 2.0).duration / path.duration
+    2.0
     """
     instance("reference", reference, Reference, "The order is reference, factor.")
     factor = real("factor", factor, "Give how many times as long the motion is to take.", positive=True)

@@ -33,6 +33,17 @@ class Table(Timed):
     points : (N, n) array_like
         [rad]
 
+    See Also
+    --------
+    plant.Spline, plant.Reference
+
+    Examples
+    --------
+    >>> from plant import Table
+    >>> path = Table(times=(0, 1, 2), points=((0, 0), (0.5, 0.2), (1, 0)))
+    >>> path([0.5]).q
+    array([[0.25, 0.1 ]])
+
     Source: paper 4.1 (reference trajectories from a file).
     """
 

@@ -57,6 +57,17 @@ def visibility(dynamics: Dynamics, reference: Reference, *, tolerance: float = 1
     Returns
     -------
     Visibility
+
+    See Also
+    --------
+    plant.load_visibility, identification.pulse_budget, identification.design_motion
+
+    Examples
+    --------
+    >>> from plant import puma560, visibility
+    >>> seen = visibility(puma560.dynamics(), puma560.reference())
+    >>> seen.combinations[:2], seen.invisible
+    (('f1', 'f2'), ())
     """
     regressor = _along(dynamics, reference, 0.0, None)
     return _identifiable(regressor, dynamics.names, tolerance)
@@ -94,6 +105,17 @@ def load_visibility(
     ------
     ValueError
         A stretch that is not in the reference, a link that the chain does not have.
+
+    See Also
+    --------
+    plant.visibility, ctc.PayloadEstimator
+
+    Examples
+    --------
+    >>> from plant import load_visibility, puma560
+    >>> seen = load_visibility(puma560.dynamics(), puma560.reference(), duration=1.0)
+    >>> seen.invisible
+    ('mz', 'Ixx', 'Ixy', 'Ixz', 'Iyy', 'Iyz')
     """
     regressor = _along(dynamics, reference, start, duration) @ load_matrix(dynamics, link)
     return _identifiable(regressor, LOAD, tolerance)

@@ -48,6 +48,22 @@ def number(shape: tuple[int | str, ...], *, default: Any = dataclasses.MISSING, 
     """Declare a field of numbers: `shape` is () for one number or ("n",) for one per joint (any name for a length).
 
     With `default` None it may be left out; then it is none of the part's numbers, and of no equation.
+
+    See Also
+    --------
+    plant.part, plant.structure
+
+    Examples
+    --------
+    >>> from plant import StatelessLaw, number, part
+    >>> @part
+    ... class Constant(StatelessLaw):
+    ...     level: object = number(("n",))
+    ...     def equations(self, rig, state, setpoint, pulses, torque, dt):
+    ...         return self.level, state
+    ...
+    >>> Constant(level=(1.0, 2.0)).level
+    array([1., 2.])
     """
     return dataclasses.field(default=default, metadata={"number": shape, "finite": finite})
 
@@ -59,13 +75,40 @@ def structure(
 
     With a `kind` (a type; float for one finite number) anything else is refused. Of `several` parts, a tuple, the
     numbers count too: ``springs[0].stiffness[1]``.
+
+    See Also
+    --------
+    plant.part, plant.number
+
+    Examples
+    --------
+    >>> from plant import Part, part, structure
+    >>> @part
+    ... class Choice(Part):
+    ...     measured: bool = structure(bool, default=False)
+    ...
+    >>> Choice(measured=True)
+    Choice(measured=True)
     """
     metadata = {"structure": True, "kind": kind, "several": several}
     return dataclasses.field(default=default, kw_only=kw_only, metadata=metadata)
 
 
 class Part(Saved):
-    """Base of all parts. Two parts are equal when their descriptions are."""
+    """Base of all parts. Two parts are equal when their descriptions are.
+
+    See Also
+    --------
+    plant.part, plant.number, plant.structure
+
+    Examples
+    --------
+    >>> from plant import Part, puma560
+    >>> law = puma560.p_law()
+    >>> law.save("law.json")
+    >>> Part.load("law.json") == law
+    True
+    """
 
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
 
@@ -200,6 +243,20 @@ def part(cls: type[T]) -> type[T]:
     ------
     ValueError
         A class that lacks what its base declares.
+
+    See Also
+    --------
+    plant.number, plant.structure, plant.Part
+
+    Examples
+    --------
+    >>> from plant import Part, number, part
+    >>> @part
+    ... class Weight(Part):
+    ...     mass: float = number(())
+    ...
+    >>> Weight(mass=2.0)
+    Weight(mass=2.0)
     """
     complete = cls.__post_init__
 

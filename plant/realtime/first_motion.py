@@ -66,9 +66,13 @@ class FirstMotion:
     encoder cannot be told from one that is turned at the amplifier: either looks like counts that fall. An arm whose
     weight is not that of `arm` by more than friction bears moves by itself, and the test ends in zero torque.
 
+    See Also
+    --------
+    plant.Guards, plant.Running
+
     Examples
     --------
-    >>> from plant import puma560
+    >>> from plant import FirstMotion, puma560
     >>> probe = FirstMotion(puma560.rig(), (0, 0), arm=puma560.arm())
     >>> probe.done, probe.step((0, 0)).shape
     (False, (2,))

@@ -92,6 +92,18 @@ class Guards:
     Raises
     ------
     ValueError
+
+    See Also
+    --------
+    plant.Running, plant.FirstMotion, plant.Law
+
+    Examples
+    --------
+    >>> from plant import Guards, puma560
+    >>> law, rig = puma560.p_law(), puma560.rig()
+    >>> controller = law.start(rig, (0, 0), guards=Guards(stop="zero", speed=2.0), torque_limit=(100, 50))
+    >>> print(controller.status)
+    running
     """
 
     jump: ArrayLike | None = None

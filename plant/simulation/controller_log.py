@@ -26,6 +26,19 @@ def write_replay(record: Record, path: str | Path) -> None:
     ------
     ValueError
         Counts that are not whole.
+
+    See Also
+    --------
+    plant.Law, plant.Record
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from plant import puma560, simulate, write_replay
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.2)
+    >>> write_replay(record, "record.csv")
+    >>> Path("record.csv").read_text()[:17]
+    'pulses_1,pulses_2'
     """
     followed, law = path_of(record), record.law
     motion = followed(record.t)[0] if law is None else followed.setpoint(record.t, law)

@@ -42,6 +42,21 @@ class SteppedArm:
     ------
     ValueError
         Bad input; a rig with a transport delay or jitter, which belong to the controller's side of a script.
+
+    See Also
+    --------
+    plant.Running, plant.simulate
+
+    Examples
+    --------
+    >>> from plant import SteppedArm, puma560
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> robot = SteppedArm(arm, rig, (0, 0))
+    >>> for _ in range(100):
+    ...     counts = robot.step((0, 0))
+    ...
+    >>> print(counts)                                      # of the motors, after 70 ms without torque
+    [487. 100.]
     """
 
     def __init__(
