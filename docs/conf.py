@@ -1,5 +1,7 @@
-"""Sphinx configuration: pages in MyST, the tutorial executed when it is built, offline."""
+"""Sphinx configuration: pages in MyST, executed when they are built, offline; a page of the API per public name."""
 
+import importlib
+import inspect
 import os
 import sys
 from pathlib import Path
@@ -13,8 +15,15 @@ os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"  # figure
 project = "onepulse"
 author = "The onepulse authors"
 copyright = "2026, the onepulse authors"
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-myst_enable_extensions = ["dollarmath", "amsmath"]
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx_copybutton",
+    "sphinx_design",
+]
+myst_enable_extensions = ["colon_fence", "dollarmath", "amsmath"]
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300
@@ -23,12 +32,37 @@ napoleon_google_docstring = False
 napoleon_use_ivar = True  # attributes are read, not linked to: many classes have an f and an n
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
+copybutton_exclude = ".linenos, .gp, .go"  # an example of the reference is copied without its output
+templates_path = ["templates"]
 html_theme = "furo"
 html_title = "onepulse"
 html_static_path = ["static"]
 html_css_files = ["formula.css"]
-exclude_patterns = ["_build", "jupyter_execute"]
+exclude_patterns = ["_build", "jupyter_execute", "templates"]
 html_math_renderer = "mathml"
+
+
+
+def parts(thing):
+    """Public methods and properties of a class of ours, its bases' included, for its page."""
+    ours = {}
+    for base in reversed(thing.__mro__):
+        if base.__module__.split(".")[0] in ("plant", "identification", "ctc"):
+            ours |= {key: value for key, value in vars(base).items() if not key.startswith("_") and inspect.getdoc(value)}
+    callable_ones = (classmethod, staticmethod)
+    methods = [key for key, value in ours.items() if inspect.isfunction(value) or isinstance(value, callable_ones)]
+    return sorted(methods), sorted(key for key, value in ours.items() if isinstance(value, property))
+
+
+PACKAGES = [importlib.import_module(package) for package in ("plant", "identification", "ctc")]
+PUBLIC = {f"{package.__name__}.{name}": getattr(package, name) for package in PACKAGES for name in package.__all__}
+autosummary_context = {"parts": {name: parts(thing) for name, thing in PUBLIC.items() if inspect.isclass(thing)}}
+autosummary_filename_map = {  # names that differ in capitals alone would be one file on some machines
+    f"{package.__name__}.{name}": f"{package.__name__}.{name}-function"
+    for package in PACKAGES
+    for name in package.__all__
+    if name.islower() and any(name != other and name == other.lower() for other in package.__all__)
+}
 
 
 def setup(app):
