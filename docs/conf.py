@@ -42,13 +42,14 @@ exclude_patterns = ["_build", "jupyter_execute", "templates"]
 html_math_renderer = "mathml"
 
 
-
 def parts(thing):
     """Public methods and properties of a class of ours, its bases' included, for its page."""
     ours = {}
     for base in reversed(thing.__mro__):
         if base.__module__.split(".")[0] in ("plant", "identification", "ctc"):
-            ours |= {key: value for key, value in vars(base).items() if not key.startswith("_") and inspect.getdoc(value)}
+            ours |= {
+                key: value for key, value in vars(base).items() if not key.startswith("_") and inspect.getdoc(value)
+            }
     callable_ones = (classmethod, staticmethod)
     methods = [key for key, value in ours.items() if inspect.isfunction(value) or isinstance(value, callable_ones)]
     return sorted(methods), sorted(key for key, value in ours.items() if isinstance(value, property))

@@ -15,11 +15,13 @@ import importlib.abc
 import importlib.machinery
 import importlib.util
 import json
+import logging
 import os
 import platform
 import shutil
 import sys
 import threading
+import time
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -47,6 +49,7 @@ if os.environ.get(AVX512_VARIABLE) == "1":
     _FEATURES = _config.CPU_FEATURES or get_host_cpu_features().flatten()
     _config.CPU_FEATURES = _FEATURES.replace("+avx512", "-avx512")
 
+_LOG = logging.getLogger("onepulse.compiler")
 _LOCK = threading.RLock()
 _MODULES: dict[str, ModuleType] = {}
 _FORKING: list[bool] = []
@@ -88,7 +91,7 @@ class Kernel:
 
     def _first_call(self, name: str, *arguments: Any) -> Any:
         with _LOCK, self._alone():
-            cached = self._stamps()
+            cached, began = self._stamps(), time.monotonic()
             try:
                 result = self._function(name)(*arguments)
             except Exception as error:
@@ -98,6 +101,7 @@ class Kernel:
                     raise
                 result = self._anew(name, *arguments)
             if self._stamps() != cached:  # something was compiled
+                _LOG.info("kernel %s, %s: compiled in %.1f s", self.hash[:8], name, time.monotonic() - began)
                 self._note()
             self._fresh.discard(name)
         return result

@@ -8,6 +8,7 @@ process leaves the last state that was written. A file of other inputs, versions
 from __future__ import annotations
 
 import hashlib
+import logging
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -53,9 +54,9 @@ class Checkpoint:
     """
 
     def __init__(self, path: str | Path | Checkpoint | None, work: str) -> None:
-        self._prefix, self._file, self._whole = "", None, not isinstance(path, Checkpoint)
+        self._prefix, self._file, self._whole, self._work = "", None, not isinstance(path, Checkpoint), work
         if isinstance(path, Checkpoint):
-            self._prefix, self._file = path._prefix, path._file
+            self._prefix, self._file, self._work = path._prefix, path._file, path._work
         elif path is not None:
             self._file = _File(Path(path), work)
 
@@ -95,10 +96,11 @@ class Checkpoint:
         return self
 
     def stage(self, name: str, make: Callable[[], T]) -> T:
-        """What `make` gives, or what it gave when this stage was finished before."""
-        if self._file is None:
-            return make()
-        return self._file.stage(f"{self._prefix}{name}", make)
+        """What `make` gives, or what it gave when this stage was finished before; the log says how long it took."""
+        began = time.monotonic()
+        made = make() if self._file is None else self._file.stage(f"{self._prefix}{name}", make)
+        logging.getLogger(f"onepulse.{self._work}").info("%s%s: %.1f s", self._prefix, name, time.monotonic() - began)
+        return made
 
     def remembered(self, name: str, function: Callable[[NDArray[np.float64]], ArrayLike]) -> Callable[..., ArrayLike]:
         """A function of one array, each of whose values is a stage."""

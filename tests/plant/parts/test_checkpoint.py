@@ -191,3 +191,11 @@ def test_inputs_of_records_do_not_hang_on_the_file_s_name(path):
     record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.01)
     Checkpoint(path, "work").bind(lambda: {"log": record})
     Checkpoint(path, "work").bind(lambda: {"log": dataclasses.replace(record, name="moved.csv")})
+
+
+def test_the_log_says_which_stages_ended(caplog):
+    with caplog.at_level("INFO", logger="onepulse"), Checkpoint(None, "work") as kept:
+        assert kept.part("one").stage("fit", lambda: 3) == 3
+    (said,) = caplog.records
+    assert said.name == "onepulse.work"
+    assert said.getMessage().startswith("one, fit: 0.")
