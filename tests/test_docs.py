@@ -86,3 +86,10 @@ def test_code_of_a_page_is_executed_when_the_page_is_built(page):
     text, name = page.read_text(encoding="utf-8"), str(page.relative_to(ROOT))
     assert not blocks(page) or name in EXECUTED_BY_TESTS
     assert ("{code-cell}" in text) == text.startswith("---\nfile_format: mystnb\n")
+
+
+def test_every_tutorial_can_be_downloaded_and_is_in_the_index():
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    for page in sorted((ROOT / "docs" / "tutorials").glob("*.md")):
+        assert f"{{nb-download}}`{page.stem}.ipynb`" in page.read_text(encoding="utf-8")
+        assert f"\ntutorials/{page.stem}\n" in index
