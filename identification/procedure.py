@@ -17,7 +17,7 @@ from identification.replay.objective import Objective
 from identification.results.diagnostics import Diagnostics
 from identification.results.doubts import warn_of_doubts
 from identification.results.identification import Identification
-from identification.search.genetic import GeneticSettings, GeneticState
+from identification.search.genetic import GeneticSettings
 from identification.search.memory import resumed_at
 from identification.search.methods import METHODS
 from identification.search.outcome import Outcome
@@ -70,12 +70,13 @@ def identify(
         counts. `LoggedTorque` and `LoggedCurrent` repeat theirs.
     seed : int
         Same seed, same result, to the bit, on any number of threads.
-    method : {"seeded", "paper", "genetic", "equation_error", "didim", "output_error", "prediction_error"}
-        See `identification.search.methods`. "paper" is 3.7 as printed.
+    method : {"seeded", "paper", "genetic", "cma", "equation_error", "didim", "output_error", "prediction_error"}
+        See `identification.search.methods`. "paper" is 3.7 as printed; "cma" needs the extra ``onepulse[cma]``.
     progress : bool
         Show a progress bar, where standard error is a terminal.
     ranges : (k, 2) array_like, optional
-        Where to search each unknown; "paper" and "genetic" take ``dynamics.ranges`` by default, the others need none.
+        Where to search each unknown; "paper", "genetic" and "cma" take ``dynamics.ranges`` by default, the others need
+        none.
     unknown : sequence of str, optional
         Names of what to find: all of f by default; numbers of rig or law may be added (``drive.viscous[0]``).
     settings : GeneticSettings, optional
@@ -147,8 +148,8 @@ def search(problem: Problem, progress: bool) -> Outcome:
     total = problem.settings.generations
     with progress_bar(total, "identify", "generation", progress) as bar:
 
-        def show(state: GeneticState) -> None:
-            bar.set_postfix_str(f"best {state.best_cost:.0f} pulses^2")
+        def show(best: float) -> None:
+            bar.set_postfix_str(f"best {best:.0f} pulses^2")
             bar.update()
 
         return METHODS[problem.method](dataclasses.replace(problem, show=show))

@@ -48,7 +48,7 @@ class Problem:
     tolerances : Tolerances
         Within which the records' rigs are right.
     show : callable, optional
-        Called with each `GeneticState`.
+        Called with the best cost after each generation.
     memories : tuple of Memory or None
         Of each record, what is unknown of its law's state before the log.
     checkpoint : Checkpoint
