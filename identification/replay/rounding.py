@@ -40,6 +40,7 @@ class Rounding(Experiment):
         self._kernel = self.kernel()
         nothing = self.data(np.zeros((len(record), n)))
         self._tables = self._kernel.prepared((*self.times, nothing), logged=True)
+        self._reference, self.times = self.times[1][:, 3 * n : 4 * n].copy(), ()  # of so many sub-steps they are large
 
     def path(self, smooth: bool) -> Any:
         """The commanded path; of logged counts, the smoothest motion that they allow, rounded at every instant."""
@@ -69,7 +70,7 @@ class Rounding(Experiment):
         final, _ = self._kernel.run(self._tables, state[:, None], np.empty((0, 1)), own, (log, errors))
         if not (final[-1, 0] > 0 and bounded(final[: 2 * n, 0]) and np.isfinite(log[:, :n]).all()):
             raise ValueError("the model must stay on the log's path; simulated with what was found, it diverges.")
-        return np.asarray((self.times[1][:, 3 * n : 4 * n] - log[:, :n])[self.clock.rows])
+        return np.asarray((self._reference - log[:, :n])[self.clock.rows])
 
 
 class _Rounded:

@@ -16,6 +16,9 @@ from plant.simulation.followed_path import Logged, Path
 
 __all__ = ["time_tables"]
 
+_BLOCK = 1 << 17
+"""Rows that are made at once: what a path needs meanwhile is several times a table."""
+
 
 def time_tables(
     loop: ClosedLoop, path: Path | Logged, clock: Clock, logged: NDArray[np.float64] | None = None,
@@ -52,13 +55,27 @@ def time_tables(
     if loop.law.of_links and not every:
         name = type(loop.law).__name__
         raise ValueError(f"a law that follows the links must have a period; {name} has none. Give it one.")
-    tables, reading = [], loop.law.replays == "counts"
-    for i, (t, some) in enumerate(zip(times, rows, strict=True)):
-        sample, h = owner[some], lengths[some]
+    reading = loop.law.replays == "counts"
+    held = None if logged is None or reading else clock.bridged(logged)
+    beside = None if injected is None else clock.bridged(injected)
+
+    def rows_at(i: int, t: NDArray[np.float64], some: NDArray[np.int_]) -> NDArray[np.float64]:
         motion, pulses = path(t)
         if loop.follows_motion and (i == 0 or not every):  # with elastic gears, the log is of the motors
             motion = path.setpoint(t, loop.law)
-        replayed = [] if logged is None else [clock.between(logged, t) if reading else clock.bridged(logged)[sample]]
-        added = [] if injected is None else [clock.bridged(injected)[sample]]
-        tables.append(np.ascontiguousarray(np.column_stack([*motion, pulses, *replayed, *added, passing[some], h])))
+        replayed = [] if logged is None else [clock.between(logged, t) if held is None else held[owner[some]]]
+        added = [] if beside is None else [beside[owner[some]]]
+        return np.column_stack([*motion, pulses, *replayed, *added, passing[some], lengths[some]])
+
+    tables = []
+    for i, (t, which) in enumerate(zip(times, rows, strict=True)):
+        places = np.arange(len(owner))[which]
+        table = rows_at(i, t[:_BLOCK], places[: len(t)][:_BLOCK])
+        if len(t) > _BLOCK:
+            first, table = table, np.empty((len(t), table.shape[1]))
+            table[:_BLOCK] = first
+            for begin in range(_BLOCK, len(t), _BLOCK):
+                block = slice(begin, begin + _BLOCK)
+                table[block] = rows_at(i, t[block], places[block])
+        tables.append(np.ascontiguousarray(table))
     return tuple(tables)
