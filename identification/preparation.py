@@ -20,9 +20,13 @@ from identification.search.problem import Problem
 from identification.search.tolerances import Tolerances
 from plant import Dynamics, Record
 from plant.parts.arguments import array, choice, instance
+from plant.parts.room import require_room
 from plant.simulation.followed_path import with_path
 
 __all__ = ["prepare", "with_gears"]
+
+_FIXED = 0.2e9
+"""Bytes beside the samples: kernels, and what compiles them."""
 
 
 def prepare(
@@ -42,6 +46,7 @@ def prepare(
     choice("method", method, tuple(METHODS))
     instance("zeros", zeros, bool, "Give True or False.")
     searched, kept = _set_aside(dynamics, records, unknown, held_out, method)
+    _require_room(dynamics, (*searched, *kept), unknown, method)
     objective = Objective(dynamics, searched, unknown, **options)
     of_law = any(name.startswith("law.") for name in objective.unknown)
     followed = tuple(along_log(record, unknown_law=of_law) for record in objective.records)
@@ -77,6 +82,23 @@ def prepare(
     if zeros and method not in ("seeded", "prediction_error", "output_error"):
         raise ValueError(f"zeros must be found by prediction or output error; got method={method!r}. Use the default.")
     return problem
+
+
+def _require_room(
+    dynamics: Dynamics, records: Sequence[Record], unknown: Iterable[str] | None, method: str
+) -> None:  # fmt: skip
+    """Refuse logs that memory does not hold.
+
+    What a sample takes at the peak was measured for two and for six joints: tables and replays, and, of methods that
+    follow the counts, some four copies of all sensitivities.
+    """
+    numbers = len(unknown) if isinstance(unknown, Sequence) else dynamics.p
+    follows = method not in ("paper", "genetic", "cma", "equation_error", "didim")
+    each = 8.0 * (770 + 4 * dynamics.n * (numbers + 2 * dynamics.n) if follows else 500)
+    samples = sum(len(record) for record in records)
+    what = f"{samples:,} samples of {dynamics.n} joints with {numbers} unknowns"
+    fewer = "Give {most} samples or fewer (record.cut), or fewer unknowns."
+    require_room(what, samples, each, fewer, fixed=_FIXED)
 
 
 def with_gears(

@@ -16,6 +16,7 @@ from plant.machine.unlikely import unlikely_statements
 from plant.mechanics.arm import Arm
 from plant.motion.reference import Reference
 from plant.parts.arguments import array, choice, instance, known_options, real
+from plant.parts.room import require_room
 from plant.parts.user_warning import warn
 from plant.simulation.casadi_loop import by_casadi
 from plant.simulation.clock import Clock
@@ -124,21 +125,19 @@ def run(
     injected: Injected | None = None,
 ) -> Trace:
     """`simulate`, with the sub-steps kept."""
-    order = "The order is arm, rig, law, reference."
-    for name, value, kind in (
-        ("arm", arm, Arm),
-        ("rig", rig, Rig),
-        ("law", law, Law),
-        ("reference", reference, Reference),
-    ):
-        instance(name, value, kind, order)
+    kinds = {"arm": (arm, Arm), "rig": (rig, Rig), "law": (law, Law), "reference": (reference, Reference)}
+    for name, (value, kind) in kinds.items():
+        instance(name, value, kind, "The order is arm, rig, law, reference.")
     if law.replays:
         raise ValueError(f"the law must be a controller; {type(law).__name__} repeats a log. Use replay(arm, record).")
     steps: dict[str, Any] = {"steps_per_sample": steps_per_sample, "sweeps": sweeps}
     loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, injected=injected is not None, **steps)
     duration = reference.duration if duration is None else duration
     duration = real("duration", duration, "Leave it out for one period of the reference.", positive=True)
-    clock = Clock.regular(math.ceil(duration / rig.period - 1e-9), rig.period)
+    samples = math.ceil(min(duration / rig.period, 1e18) - 1e-9)
+    each = 8.0 * (steps_per_sample * (8 * rig.n + 4) + 16 * rig.n)  # bytes of tables and log, at the peak
+    require_room(f"a simulation of {samples:,} samples", samples, each, "Simulate {most} samples or fewer at once.")
+    clock = Clock.regular(samples, rig.period)
     path = Path(reference, rig)
     given = None if initial is None else array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
     start = path.start() if given is None else given
