@@ -29,7 +29,7 @@ from plant.realtime.c_templates import HEADER, MAIN, MAKEFILE, SOURCE
 from plant.realtime.guards import Guards
 from plant.version import __version__
 
-__all__ = ["write_c"]
+__all__ = ["free_folder", "require_name", "write_c"]
 
 _SECTIONS = {
     UNIFORM: "from the numbers alone: evaluated by the compiler",
@@ -56,9 +56,7 @@ def write_c(
     instance("rig", rig, Rig, "Pass found.rig.")
     if rig.encoder.smooth:
         raise ValueError("rig must have an encoder that counts; got a smooth one. Use Encoder(..., smooth=False).")
-    if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name) or name == "main":
-        rule = "be a small letter and up to 39 small letters, digits or _, and not main"
-        raise ValueError(f"name must {rule}; got {name!r:.60}. It names the files and the functions.")
+    require_name(name)
     if guards is not None:
         instance("guards", guards, Guards, "Give Guards(...), or None for none.")
     scale = None
@@ -67,7 +65,7 @@ def write_c(
     elif counts_per_ampere is not None:
         raise ValueError("counts_per_ampere must be left out for output='torque'; got one. Choose output='dac'.")
     texts = _texts(law, rig, name, scale, largest_count, guards)
-    place = _free(folder, texts, name)
+    place = free_folder(folder, texts, name)
     place.mkdir(parents=True, exist_ok=True)
     for file, text in texts.items():
         (place / file).write_bytes(text)
@@ -93,7 +91,19 @@ def _scale(law: Any, rig: Rig, counts_per_ampere: Any, largest: int) -> NDArray[
     return scale
 
 
-def _free(given: str | Path, texts: Iterable[str], name: str) -> Path:
+def require_name(name: Any) -> None:
+    """Refuse what C could not have as a name.
+
+    Raises
+    ------
+    ValueError
+    """
+    if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name) or name == "main":
+        rule = "be a small letter and up to 39 small letters, digits or _, and not main"
+        raise ValueError(f"name must {rule}; got {name!r:.60}. It names the files and the functions.")
+
+
+def free_folder(given: str | Path, texts: Iterable[str], name: str) -> Path:
     """The folder, if no file in it would be lost; earlier exports of this name may be overwritten."""
     try:
         folder = Path(given)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import threading
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
@@ -13,9 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from plant.machine.rig import Rig
 from plant.parts.arguments import array, choice, instance
 from plant.realtime import memory as layout
+from plant.realtime.c_running import write_running
 from plant.realtime.compiled_step import compensates_gravity, compiled
 from plant.realtime.guards import Guards
 from plant.realtime.pieces import row
+from plant.realtime.plain_numbers import clock, numbers
 from plant.realtime.status import Status
 from plant.realtime.watching import FAR
 
@@ -102,6 +105,23 @@ class Running:
         self._torque, self._rows = np.empty(rig.n), slice(layout.SCALARS, layout.SCALARS + layout.ROWS * rig.n)
         self._set(counts)
 
+    def to_c(self, folder: str | Path, *, name: str = "controller") -> None:
+        """This controller as C99, a header and a source: the law with every guard and stop that it has here.
+
+        Parameters
+        ----------
+        folder : str or Path
+            Made if it is not there; an earlier export of the same name in it is overwritten, nothing else is.
+        name : str
+            Of the files and the functions; small letters, digits and underscores.
+        """
+        write_running(self, folder, name)
+
+    @property
+    def initial_memory(self) -> NDArray[np.float64]:
+        """The core's memory at the start, but for the counts."""
+        return self._initial
+
     def reset(self, pulses: ArrayLike) -> None:
         """Start anew, as after `Law.start`: with the law's initial state, and the stop cleared.
 
@@ -163,7 +183,7 @@ class Running:
                 ours[0][...], ours[1][...], ours[2][...], ours[3][...] = pulses, q_r, qd_r, qdd_r
             except (AttributeError, ValueError):
                 self._take((pulses, q_r, qd_r, qdd_r), unknown)
-            time = np.nan if now is None else _clock(now)
+            time = np.nan if now is None else clock(now)
             refusal = self._step(*ours, time, self._memory, self._torque)
             if refusal:
                 self._refuse(refusal, time)
@@ -216,7 +236,7 @@ class Running:
             if value is None:
                 raise ValueError(f"step takes ({', '.join(_ARGUMENTS)}); {name} is missing. Give all four.")
             advice = "Give the encoder count of each joint." if name == "pulses" else "Give one value per joint [SI]."
-            place[:] = _numbers(name, value, self.n, advice)
+            place[:] = numbers(name, value, self.n, advice)
 
     def _refuse(self, refusal: int, time: float) -> NoReturn:
         counts, *motion = self._arguments
@@ -239,23 +259,3 @@ class Running:
         if not self.rig.encoder.smooth and (counts != np.trunc(counts)).any():
             raise ValueError(f"pulses must be whole encoder counts; got {counts}. Give counts, not angles.")
         return counts
-
-
-def _numbers(name: str, value: ArrayLike, n: int, advice: str) -> NDArray[np.float64]:
-    """Numbers of one argument, finite or not; whatever is no plain array of numbers is refused."""
-    try:
-        plain = np.asarray(value)
-    except ValueError:
-        return array(name, value, (n,), advice=advice, finite=False)
-    if isinstance(value, np.ma.MaskedArray) or plain.dtype.kind not in "iuf":
-        kind = "a masked array" if isinstance(value, np.ma.MaskedArray) else f"{plain.dtype} {value!r:.60}"
-        raise ValueError(f"{name} must be plain numbers of shape ({n},); got {kind}. {advice}")
-    return plain if plain.shape == (n,) else array(name, value, (n,), advice=advice, finite=False)
-
-
-def _clock(now: Any) -> float:
-    """Time of a call [s]; one that is no number is infinite, since NaN stands for none."""
-    if type(now) is not float and (isinstance(now, (bool, np.bool_)) or not isinstance(now, (int, float, np.number))):
-        raise ValueError(f"now must be a number; got {now!r:.60}. Give seconds of a steady clock.")
-    time = float(now)
-    return time if time == time else np.inf
