@@ -67,7 +67,7 @@ def begin_stop(own, joints, memory):
     own[SINCE] = own[JUMPS] = 0.0
     counted(memory)
     cause = own[CAUSE]
-    if own[STOP] != 0.0 or cause in (IS_STUCK, IS_DEAD, NO_COUNTS):
+    if own[STOP] != 0.0 or own[RELEASED] != HOLDING or cause in (IS_STUCK, IS_DEAD, NO_COUNTS):
         release(own, joints)  # a law that sees no motion would push on
     elif cause in (WAS_LATE, HAD_GAPS, BAD_TIME, OFF_BEAT):
         copy(Q, FROM_Q, joints)

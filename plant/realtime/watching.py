@@ -8,8 +8,8 @@ import numpy as np
 from plant.realtime.memory import (
     ANGLE, BAD_CLOCK, BAD_PULSES, BAD_REFERENCE, BAD_TIME, BEFORE, BEYOND, CALLS, CAUSE, CLOCKS, COUNTS, DONE, DT,
     ERROR, EXPECTED, FASTER, FRICTION, GAPS, GUARDED, HAD_GAPS, HAS_JUMPED, IS_DEAD, IS_OFF, IS_STUCK, JUMP, JUMPS,
-    LATE, LATE_CALLS, LEAST_STEP, MARK, MARK_TORQUE, MEAN, MODELLED, NEEDED, NOW, NO_COUNTS, OFF_BEAT, OUTSIDE,
-    PASSED, PATIENCE, PERIOD, PUSHED, Q, QD, QDD, REFERENCE, RELEASED, REST, REST_TORQUE, RHYTHM, ROUNDS, RUNNING,
+    LATE, LATE_CALLS, LEAST_STEP, MARK, MARK_TORQUE, MEAN, MODELLED, NEEDED, NOW, NO_COUNTS, OFFSET, OFF_BEAT, OUTSIDE,
+    PASSED, PATIENCE, PERIOD, PUSHED, Q, QD, QDD, RAW, REFERENCE, RELEASED, REST, REST_TORQUE, RHYTHM, ROUNDS, RUNNING,
     SAMPLED, SINCE, SLOWER, SPEED, STILL, STUCK, TOO_FAST, TORQUE, WAS_LATE, WAS_Q, WAS_QD, WAS_QDD, ahead, bounds,
     measured, needed,
 )  # fmt: skip
@@ -121,29 +121,37 @@ def beat(q_r, qd_r, own, joints):
 def read(pulses, first, own, joints, memory):
     """Guard of the counts: one with too large an innovation is replaced by its prediction, unless this goes on.
 
-    So is one that is no number; that it goes on leaves nothing to hold by.
+    So is one that is no number; that it goes on leaves nothing to hold by. A counter that has jumped for good has lost
+    counts, which no arm can have made: they are taken off, so that a stop goes on where the arm is. One that stands
+    still where it has jumped to may be dead: there is no hold by it.
     """
-    dt, joint, largest, missing = own[DT], -1, 0.0, False
+    dt, joint, largest, missing, dumb = own[DT], -1, 0.0, False, False
     for i in range(len(pulses)):
         joints[BEFORE, i] = joints[COUNTS, i]
         predicted = joints[COUNTS, i] + joints[SPEED, i] * dt
-        innovation = pulses[i] - predicted
-        joints[EXPECTED, i] = pulses[i]
+        innovation = pulses[i] - joints[OFFSET, i] - predicted
+        joints[EXPECTED, i] = pulses[i] - joints[OFFSET, i]
         if not whole(pulses[i], own):
             joints[EXPECTED, i] = np.floor(predicted + 0.5)
             joint, largest, missing = (joint, largest, missing) if missing else (i, 0.0, True)
         elif not first and abs(innovation) > joints[JUMP, i] + abs(joints[SPEED, i]) * dt:
             joints[EXPECTED, i] = np.floor(predicted + 0.5)
+            dumb = dumb or pulses[i] == joints[RAW, i]
             if not missing and abs(innovation) > abs(largest):
                 joint, largest = i, innovation
+        joints[RAW, i] = pulses[i]
     own[JUMPS] = own[JUMPS] + 1.0 if joint >= 0 else 0.0
     lost = own[JUMPS] > own[PATIENCE]
     if joint >= 0:
         if lost and own[CAUSE] != RUNNING:
             release(own, joints)  # a stop without feedback
         bridge(NO_COUNTS if missing else HAS_JUMPED, joint, largest, lost, own)
+        if lost and dumb:
+            release(own, joints)
     for i in range(len(pulses)):
-        joints[COUNTS, i] = pulses[i] if lost and whole(pulses[i], own) else joints[EXPECTED, i]
+        if lost and whole(pulses[i], own):
+            joints[OFFSET, i] = pulses[i] - joints[EXPECTED, i]
+        joints[COUNTS, i] = joints[EXPECTED, i]
         joints[SPEED, i] *= 1.0 - min(own[RELEASED], 1.0) if lost else 1.0  # unknown from here on
     if not (lost or first):
         measured(memory)

@@ -1,10 +1,11 @@
 """What each fault of a control loop does to the paper's arm under computed torque: the tables of docs/guides/faults.md.
 
-    python tests/benchmarks/faults.py [--write] [--runs 20]
+    python tests/benchmarks/faults.py [--write] [--runs 20] [--mujoco]
 
 The first table: faults of a moment and lasting ones, in motion. The second: whatever an encoder, a clock, a script or
 an arm may do, at rest, in motion and during a hold, on rigid and on elastic gears, beside the same arm without torque
-from the stop on. Last, so many healthy runs: random smooth paths, loads of 0 to 5 kg, rigid gears and elastic ones.
+from the stop on; in MuJoCo the same, if asked for. Last, so many healthy runs: random smooth paths, loads of 0 to 5 kg,
+rigid gears and elastic ones.
 """
 
 import argparse
@@ -52,7 +53,7 @@ def _pair(values, digits):
     return ", ".join(f"{value:,.{digits if value < 100 else 0}f}" for value in np.asarray(values))
 
 
-def lies():
+def lies(*, mujoco=False):
     """One row per lie: in every situation the time to its detection, and what the arm does after it."""
     yield (
         "| fault | detected after [ms]: at rest, in motion, in a hold | elastic gears | largest speed after the stop "
@@ -61,7 +62,7 @@ def lies():
     )
     yield "|---|---|---|---|---|---|"
     for lie in LIES.values():
-        runs = {gears: [told(lie, when, gears) for when in WHEN] for gears in ("rigid", "elastic")}
+        runs = {gears: [told(lie, when, gears, mujoco=mujoco) for when in WHEN] for gears in ("rigid", "elastic")}
         cells = [", ".join(_detected(run) for run in those) for those in runs.values()]
         stopped = [run for those in runs.values() for run in those if run.stop is not None]
         if stopped:
@@ -92,8 +93,10 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--write", action="store_true", help="put the table into docs/guides/faults.md")
     parser.add_argument("--runs", type=int, default=20, help="healthy runs")
+    parser.add_argument("--mujoco", action="store_true", help="the second table in MuJoCo, too")
     given = parser.parse_args()
-    for mark, rows in (("faults", table()), ("lies", lies())):
+    tables = {"faults": table(), "lies": lies()} | ({"engine": lies(mujoco=True)} if given.mujoco else {})
+    for mark, rows in tables.items():
         text = "\n".join(rows)
         print(text, flush=True)
         if given.write:

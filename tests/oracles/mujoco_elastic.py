@@ -12,7 +12,7 @@ import pytest
 
 from plant import Record, puma560
 
-__all__ = ["DURATION", "PATH", "RIG", "p_loop", "run"]
+__all__ = ["DURATION", "PATH", "RIG", "MujocoArm", "p_loop", "run"]
 
 STEPS, DURATION = 100, 0.6
 RIG, PATH = puma560.rig(), puma560.reference()
@@ -81,6 +81,40 @@ def p_loop(arm, elasticity, gain, link, duration, steps):
         t=t[rows], reference_pulses=commanded[rows], error_pulses=errors[rows], rig=RIG, law=puma560.p_law(gain),
         reference=PATH,
     )  # fmt: skip
+
+
+class MujocoArm:
+    """The arm as `faults.SimulatedArm` is one: torques are pushed, the encoders of its motors are read."""
+
+    def __init__(self, arm, elasticity, q, qd, steps=STEPS):
+        self.engine, self._steps = model(arm, elasticity, steps), steps
+        self._data = mujoco.MjData(self.engine)
+        self._data.qpos[:], self._data.qvel[:] = [*q, *q], [*qd, *qd]
+
+    @property
+    def state(self):
+        return np.append(self._data.qpos, self._data.qvel)
+
+    @state.setter
+    def state(self, state):
+        mujoco.mj_resetData(self.engine, self._data)
+        self._data.qpos[:], self._data.qvel[:] = state[:4], state[4:]
+
+    @property
+    def q(self):
+        return self._data.qpos[:2].copy()
+
+    @property
+    def qd(self):
+        return self._data.qvel[:2].copy()
+
+    def counts(self):
+        return RIG.counts(self.q)
+
+    def push(self, torque):
+        """Hold a joint torque [N m] for one sample."""
+        self._data.qfrc_applied[:2] = torque
+        mujoco.mj_step(self.engine, self._data, nstep=self._steps)
 
 
 def run(

@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from faults import SimulatedArm
 from guarded_loops import LIMIT, RIG, elastic
+from mujoco_elastic import MujocoArm
 
 from ctc import ComputedTorque
 from plant import PointToPoint, puma560, torque_share
@@ -151,15 +152,24 @@ class Told:
         return float((np.abs(self.torque[self.stop :]) >= LIMIT * (1 - 1e-9)).sum(axis=0).max() * DT)
 
 
-def told(lie, when, gears="rigid", *, end=END, make=None):
-    """Run one lie."""
+STIFF = 400.0
+"""Resonance [Hz] of gears in MuJoCo that stand for rigid ones."""
+
+
+def told(lie, when, gears="rigid", *, end=END, make=None, mujoco=False):
+    """Run one lie; in MuJoCo, if asked for."""
     model = puma560.literature_arm(1.5)
     arm = puma560.literature_arm(lie.load)
     rig = elastic(arm, None if gears == "rigid" else lie.hz)
     law = ComputedTorque(model, RIG, bandwidth=lie.bandwidth or (250.0 if gears == "rigid" else 60.0))
     law = law if make is None else make(model)
     start = np.array([0.3, -0.4]) if when == "rest" else PATH(np.zeros(1)).q[0]
-    robot = SimulatedArm(arm, rig, start, np.zeros(2) if when == "rest" else PATH(np.zeros(1)).qd[0])
+    speed = np.zeros(2) if when == "rest" else PATH(np.zeros(1)).qd[0]
+    if mujoco:
+        stiff = elastic(arm, STIFF if gears == "rigid" else lie.hz).drive.elasticity
+        robot = MujocoArm(arm, stiff, start, speed, steps=50)
+    else:
+        robot = SimulatedArm(arm, rig, start, speed)
     running, seen = law.start(RIG, robot.counts()), [robot.counts()]
     speed, torque, energy = np.zeros((end, 2)), np.zeros((end, 2)), np.zeros(end)
     stop = kept = None

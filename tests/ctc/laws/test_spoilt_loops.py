@@ -27,6 +27,18 @@ def test_a_stop_is_no_faster_than_no_torque_and_soon_off_the_limit(name, when):
     assert run.at_limit <= 0.05
 
 
+@pytest.mark.parametrize(
+    ("name", "when"), [("dead", "rest"), ("frozen", "motion"), ("sign", "motion"), ("swap", "hold")]
+)
+def test_in_another_engine_too(name, when):
+    """The first drove a joint at 2.4 rad/s here, where friction is soft: a hold by a counter that stood at zero."""
+    run = told(LIES[name], when, mujoco=True)
+    assert run.stop is not None
+    assert np.abs(run.speed[run.stop :]).max() <= 1.05 * np.abs(run.alone).max()
+    assert run.energy[run.stop :].max() <= 1.05 * run.energy_alone.max()
+    assert run.at_limit <= 0.05
+
+
 @pytest.mark.parametrize("seed", [144, 174])
 def test_a_joint_that_friction_holds_while_another_moves_is_no_dead_encoder(seed):
     """A slow law on an unknown load; and a path that is barely feasible made slower. 1,000 of them: faults.py."""

@@ -271,10 +271,21 @@ def test_what_is_wrong_twice_in_a_row_stops_with_a_patience_of_one():
     for k in range(3):
         late.step((0, 0), ZERO, ZERO, ZERO, now=2 * k * RIG.period)
         gap.step((0, 0), np.full(2, np.nan if k else 0.0), ZERO, ZERO)
-        jump.step((0, 500 if k else 0), ZERO, ZERO, ZERO)
+        jump.step((k, 500 + k if k else 0), ZERO, ZERO, ZERO)
     assert late.status == "safe stop, holding: a call that came 0.7 ms late, at call 3"
     assert gap.status == ("safe stop, holding: a reference that is no finite position, 2 times in a row, at call 3")
-    assert jump.status == "safe stop, holding: a jump of 500 pulses of joint q[1], 2 times in a row, at call 3"
+    assert jump.status == "safe stop, holding: a jump of 502 pulses of joint q[1], 2 times in a row, at call 3"
+
+
+def test_a_counter_that_has_jumped_has_lost_counts_and_one_that_stands_there_is_not_held_by():
+    moving, standing = (LAW.start(RIG, (0, 0), guards=Guards(patience=1)) for _ in range(2))
+    for k in range(6):
+        moving.step((0, 500 + k if k > 2 else k), ZERO, ZERO, ZERO)
+        standing.step((0, 500 if k > 2 else 0), ZERO, ZERO, ZERO)
+    assert "holding: a jump" in moving.status
+    assert abs(moving.pulses[1] - 5) <= 2  # as if there had been no jump
+    assert "ramp to zero: a jump of 500" in standing.status
+    np.testing.assert_array_equal(standing.pulses, (0, 0))
 
 
 def test_a_joint_with_an_unlimited_amplifier_may_jump_by_a_tenth_of_a_turn():
