@@ -136,7 +136,7 @@ def test_above_the_lowest_resonance_the_arm_stays_and_just_below_it_leaves(ratio
     report = evaluate(ARM, RIG, LAW, PATH, backend="numba", duration=0.5)
     if ratio == 0.01:
         assert report.lowest_resonance == found.hz
-        assert str(report).splitlines()[-1] == f"rigid gears assumed; {found}"
+        assert " ".join(str(report).split()).endswith(f"rigid gears assumed; {found}")
 
 
 def test_ends_of_the_scale(monkeypatch):

@@ -150,8 +150,8 @@ def test_the_arm_may_be_an_identification_or_that_of_the_law():
 
 
 def test_table_and_figure_show_each_joint():
-    *text, gears = str(found(0)).splitlines()
-    assert len(text) == 3
+    said, _, *text, gears, _ = str(found(0)).splitlines()
+    assert said == "The closed loop is stable."
     assert gears.startswith("rigid gears assumed; stable on gears that resonate above")
     assert f"{found(0).phase[1]:.1f}" in text[2]
     assert text[1].startswith("joint 2 (q[0])  ")
