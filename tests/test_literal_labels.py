@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ctc.figures import plot_record
+from ctc.figures.records import plot_record
 from plant import puma560, simulate
-from plant.parts.labels import literal
+from plant.parts.figures import literal
 
 NAMES = ("$x_{$", "50 % \\frac")
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +32,6 @@ from plant.parts.shown import Aside, Piece, Shown, Verdict
 from plant.parts.tables import Table, by_joint
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Runs
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["Certificate"]
 
@@ -213,9 +210,9 @@ class Certificate(Shown, Saved, Frozen):
         """
         return reserves(self, samples, allowed)
 
-    def plot(self) -> Figure:
+    def plot(self, ax: Any = None) -> NDArray[Any]:
         """Draw peak errors, worst loop and sensitivities; see `ctc.certification.figure.plot_certificate`."""
-        return plot_certificate(self)
+        return plot_certificate(self, ax)
 
     def _short(self) -> str:
         bound = f"at most {percent(self.upper, up=True)}"

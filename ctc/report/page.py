@@ -7,6 +7,8 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
+
 from plant.parts.markup import text
 
 __all__ = ["figure", "page", "section"]
@@ -68,11 +70,11 @@ def section(title: str, *parts: str) -> str:
 
 
 def figure(drawing: Any, says: str, caption: str) -> str:
-    """A matplotlib figure as inline SVG, with text as text; closed afterwards."""
+    """The figure of some Axes as inline SVG, with text as text; closed afterwards."""
     import matplotlib as mpl
     import matplotlib.pyplot as plt
 
-    stream = io.StringIO()
+    stream, drawing = io.StringIO(), np.ravel(drawing)[0].figure
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": says, "font.family": "sans-serif"}):
         drawing.savefig(stream, format="svg", metadata={"Date": None})
     plt.close(drawing)

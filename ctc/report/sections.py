@@ -155,7 +155,7 @@ def _controller(evaluation: Any) -> str:
 def _certificate(certificate: Any) -> str:
     drawn, missing = certificate.plants.said
     drawing = certificate.plot()
-    drawing.suptitle("")  # the verdict, which stands above it
+    drawing[0].figure.suptitle("")  # the verdict, which stands above it
     caption = "Peak errors of all arms, the worst of them, and what they follow from."
     return section(
         "Certificate",

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctc.figures import plot_margins
+from ctc.figures.loops import plot_margins
 from ctc.stability.error_loop import controlled, opened
 from ctc.verdict.lowest_resonance import HIGHEST, LowestResonance, above
 from ctc.verdict.on_gears import damping_of
@@ -21,9 +21,6 @@ from plant.parts.arguments import instance, known_options
 from plant.parts.deprecation import old_order
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["Margins", "margins"]
 
@@ -113,14 +110,9 @@ class Margins(Shown):
             found = LowestResonance(hz=self.lowest_resonance, damping_ratio=self.damping_ratio, within=None)
             yield f"rigid gears assumed; {found}, at this pose"
 
-    def plot(self) -> Figure:
-        """Bode diagram of the loops and their sensitivity, one line per joint.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-        """
-        return plot_margins(self)
+    def plot(self, ax: Any = None) -> NDArray[Any]:
+        """Bode diagram of the loops and their sensitivity, one line per joint; see `ctc.plot_margins`."""
+        return plot_margins(self, ax)
 
 
 @old_order("law", "rig", first=Law, new="margins(arm, rig, law)", arm=None)

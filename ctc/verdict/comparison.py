@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctc.figures import plot_comparison
+from ctc.figures.errors import plot_comparison
 from ctc.verdict.evaluation import Evaluation, evaluate
 from plant import Arm, DivergenceError, Law, Reference, Rig
 from plant.parts.arguments import instance, known_options
@@ -18,13 +18,10 @@ from plant.parts.labels import joint_labels
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 __all__ = ["Comparison", "compare"]
 
 _COLUMNS = (
-    ("within +-1", lambda e: e.share_within(1)),
+    ("within ±1", lambda e: e.share_within(1)),
     ("peak [pulses]", lambda e: _each(e.max_error_pulses, ".0f")),
     ("RMS [pulses]", lambda e: _each(e.rms_error_pulses, ".2f")),
     ("torque, RMS [N m]", lambda e: _each(e.rms_torque, ".1f")),
@@ -79,9 +76,9 @@ class Comparison(Shown):
     evaluations: dict[str, Evaluation]
     diverged: dict[str, str]
 
-    def plot(self) -> Figure:
-        """Draw the errors of all laws that stayed bounded; see `ctc.figures.plot_comparison`."""
-        return plot_comparison(self.evaluations)
+    def plot(self, ax: Any = None) -> NDArray[Any]:
+        """Draw the errors of all laws that stayed bounded; see `ctc.plot_comparison`."""
+        return plot_comparison(self.evaluations, ax)
 
     def _short(self) -> str:
         shares = [f"{name} {evaluation.share_within(1)}" for name, evaluation in self.evaluations.items()]

@@ -7,24 +7,22 @@ import functools
 import math
 from collections.abc import Iterator
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctc.figures import plot_evaluation
+from ctc.figures.errors import plot_evaluation
 from ctc.verdict.lowest_resonance import SETTLED, LowestResonance, lowest_resonance
 from plant import Arm, Law, Record, Reference, Rig
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import choice, known_options
+from plant.parts.deprecation import old_option
 from plant.parts.labels import joint_labels
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import by_joint
 from plant.simulation.injection import Injected
 from plant.simulation.simulator import run
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["Evaluation", "evaluate"]
 
@@ -158,9 +156,10 @@ class Evaluation(Shown):
         """Whether every joint's encoder error is within +-k pulses at every sample."""
         return self.fraction_within(k) == 1.0
 
-    def plot(self, axes: Any = None) -> Figure:
-        """Draw error and torque of every joint; see `ctc.figures.plot_evaluation`."""
-        return plot_evaluation(self, axes)
+    @old_option("axes", "ax")
+    def plot(self, ax: Any = None) -> NDArray[Any]:
+        """Draw error and torque of every joint on (n, 2) Axes; see `ctc.plot_evaluation`."""
+        return plot_evaluation(self, ax)
 
     def _short(self) -> str:
         return f"{type(self.record.law).__name__}: {self._verdict}"

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctc.figures import plot_sweep
+from ctc.figures.loops import plot_sweep
 from ctc.verdict.lowest_resonance import HIGHEST, LOWEST, SETTLED
 from ctc.verdict.on_gears import RIGID, OnGears, arm_of, damping_of, require_followed
 from identification import Identification
@@ -20,9 +20,6 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 from plant.simulation.threads import cores
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["ResonanceSweep", "sweep_resonance"]
 
@@ -70,9 +67,9 @@ class ResonanceSweep(Shown, Frozen):
     shares: dict[str, NDArray[np.float64]]
     rigid: dict[str, float]
 
-    def plot(self) -> Figure:
-        """Draw the shares over the resonance, and where every sample is within; see `ctc.figures.plot_sweep`."""
-        return plot_sweep(self)
+    def plot(self, ax: Any = None) -> NDArray[Any]:
+        """Draw the shares over the resonance, and where every sample is within; see `ctc.plot_sweep`."""
+        return plot_sweep(self, ax)
 
     def _short(self) -> str:
         return f"{len(self.shares)} laws at {len(self.hz)} resonances, {self.hz[0]:.3g} to {self.hz[-1]:.3g} Hz"

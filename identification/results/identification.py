@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +28,6 @@ from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.saved import Saved, fingerprint
 from plant.parts.shown import Piece, Shown
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["Identification"]
 
@@ -234,9 +231,9 @@ class Identification(Shown, Saved, Frozen):
         """A table: each value, its standard deviation, the bound, its 95 % interval, its largest correlation."""
         return str(self)
 
-    def plot(self) -> Figure:
+    def plot(self, ax: Any = None) -> NDArray[Any]:
         """Draw errors, innovations, spectrum and intervals; see `identification.results.plots.plot_identification`."""
-        return plot_identification(self)
+        return plot_identification(self, ax)
 
     def _shown(self) -> Iterable[Piece]:
         return said_of(self)

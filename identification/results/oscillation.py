@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,9 +25,6 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 from plant.simulation.jacobians import jacobians
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["Oscillation", "oscillation"]
 
@@ -108,9 +105,9 @@ class Oscillation(Shown, Frozen):
         rows = [(label, f"{value:.2f}") for label, value in zip(self.joints, self.amplitude, strict=True)]
         yield Table(("", "amplitude [pulses, rms]"), rows)
 
-    def plot(self) -> Figure:
-        """Draw the errors as measured and without the oscillation (Figs. 10-11), and their spectrum."""
-        return plot_oscillation(self)
+    def plot(self, ax: Any = None) -> NDArray[Any]:
+        """Draw the errors as measured and without the oscillation (Figs. 10-11), and their spectrum: n + 1 Axes."""
+        return plot_oscillation(self, ax)
 
 
 @known_options

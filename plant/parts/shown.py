@@ -20,7 +20,9 @@ _STYLE = """
 .onepulse table { border-collapse: collapse; border: 0; margin: .5em 0; font-variant-numeric: tabular-nums; }
 .onepulse th, .onepulse td { padding: .2em .9em .2em 0; border: 0; border-bottom: 1px solid rgba(128, 128, 128, .4);
   text-align: left; vertical-align: top; }
-.onepulse .number { text-align: right; white-space: nowrap; }
+.onepulse th { vertical-align: bottom; }
+.onepulse .number { text-align: right; }
+.onepulse td.number { white-space: nowrap; }
 .onepulse .wide { overflow-x: auto; }
 .onepulse .verdict { border-left: .35em solid #808080; padding-left: .6em; margin: .3em 0; max-width: 60em; }
 .onepulse .good { border-color: #2e9e62; }

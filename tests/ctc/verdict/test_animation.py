@@ -13,7 +13,7 @@ from plant.robots.catalogue import puma560 as whole_puma560
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
 
-from ctc.figures import plot_phase  # noqa: E402
+from ctc.figures.errors import plot_phase  # noqa: E402
 from ctc.verdict.animation import animate, plot_arm  # noqa: E402
 
 TIP = (0.0, -0.43, 0.0)

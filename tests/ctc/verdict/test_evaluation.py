@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque, Evaluation, evaluate
-from ctc.figures import plot_comparison, plot_phase
+from ctc.figures.errors import plot_comparison, plot_phase
 from identification import identify
 from plant import puma560, simulate
 
