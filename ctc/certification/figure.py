@@ -147,10 +147,10 @@ def _peaks(axis: Any, certificate: Any, labels: list[str]) -> None:
     axis.set_ylim(0, 100 / (1 - _headroom(labels)))
     axis.set_yticks(range(0, 101, 20))
     axis.set_xticks(counts, [*(str(k) for k in counts[:-1]), f"{highest}+" if peak.max() > highest else str(highest)])
-    axis.set_xlabel("largest counted error of a loop [pulses]; shaded: outside")
+    axis.set_xlabel("largest counted error of a loop [pulses]")
     axis.set_ylabel("loops [%]")
     axis.legend(frameon=False, fontsize=8, loc="upper left")
-    dressed(axis, f"{len(peak):,} closed loops", 10)
+    dressed(axis, f"{len(peak):,} closed loops; shaded: outside", 10)
 
 
 def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
@@ -163,6 +163,7 @@ def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
         run = evaluate(worst.arm, worst.rig, certificate.law, certificate.reference, backend="numba", **options)
     except DivergenceError:
         dressed(axis, f"the worst of them (plant {worst.index}) diverges", 10)
+        axis.set(xticks=[], yticks=[])
         return
     t, counts = run.record.t, run.record.t >= settings["after"] - 1e-9 * run.record.rig.period
     for joint, error in enumerate(run.record.error_pulses.T):
@@ -183,7 +184,7 @@ def _sensitivities(axis: Any, certificate: Any, labels: list[str], found: list[A
     axis.grid(visible=False, axis="y")
     if not found:
         dressed(axis, "sensitivity: nothing that was drawn stands out", 10)
-        axis.set_yticks([])
+        axis.set(xticks=[], yticks=[])
         return
     dressed(axis, "sensitivity to", 10)
     shares, short = [100 * influence.share for influence in found], _short(certificate)

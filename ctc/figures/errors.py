@@ -157,7 +157,7 @@ def plot_phase(evaluation: Any, ax: Any = None) -> NDArray[Any]:
     for joint, axis in enumerate(axes):
         dressed(axis, evaluation.joint_labels[joint], 10)
         axis.axvspan(-1, 1, color=BAND, zorder=0)
-        axis.plot(error[:, joint], rate[:, joint], color=colour_of(joint), linewidth=0.4, alpha=0.6)
+        axis.plot(error[:, joint], rate[:, joint], color=colour_of(joint), linewidth=0.5, alpha=0.8)
         axis.plot(error[0, joint], rate[0, joint], "o", color="0.2", markersize=4, label="start")
         reach = 1.1 * max(np.abs(error[:, joint]).max(), 2.0)
         axis.set_xlim(-reach, reach)

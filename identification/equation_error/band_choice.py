@@ -24,9 +24,8 @@ from numpy.typing import NDArray
 from identification.equation_error.regressor import Places, System
 from plant.parts.shown import Piece, Shown
 from plant.parts.sums import least, product
-from plant.parts.tables import Table
 
-__all__ = ["SHARES", "STRETCHES", "FitTrial", "choose_band", "choose_speed", "table_of"]
+__all__ = ["SHARES", "STRETCHES", "FitTrial", "choose_band", "choose_speed"]
 
 STRETCHES = 10
 """Stretches of all logs together, at least; and of each log, at most."""
@@ -112,11 +111,6 @@ class FitTrial(Shown):
 
     def _shown(self) -> Iterator[Piece]:
         yield self._short()
-
-
-def table_of(trials: Sequence[FitTrial]) -> Table:
-    """All trials of a choice."""
-    return Table(("", "equations", "standard errors", "against", ""), [trial.row for trial in trials], words=(4,))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.band_choice import FitTrial, table_of
+from identification.equation_error.band_choice import FitTrial
 from identification.equation_error.clustered import RUNS, STRETCHES, at_least, group_std, run_std
 from identification.equation_error.labels import short_names
 from identification.equation_error.least_squares import least_squares
@@ -173,11 +173,15 @@ def choices(fit: TorqueFit) -> Iterator[Piece]:
     """How band and least speeds were chosen; nothing where they were stated."""
     if fit.bands:
         yield f"band {fit.band:g} Hz, chosen by torques of stretches left out, compared in narrower bands:"
-        yield table_of(fit.bands)
+        yield _trials(fit.bands)
     if fit.least_speeds and fit.least_speed is not None:
         speeds = ", ".join(f"{speed:.3g}" for speed in fit.least_speed)
         yield f"least speeds {speeds} rad/s, chosen in the same way, compared at higher speeds:"
-        yield table_of(fit.least_speeds)
+        yield _trials(fit.least_speeds)
+
+
+def _trials(trials: Iterable[FitTrial]) -> Table:
+    return Table(("", "equations", "standard errors", "against", ""), [trial.row for trial in trials], words=(4,))
 
 
 def weighted(

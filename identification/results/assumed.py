@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from identification.equation_error.clustered import products
 from plant.parts.arguments import real
 from plant.parts.frozen import Frozen
-from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts.shown import Piece, Shown
 from plant.parts.tables import Table
 
 __all__ = ["Assumed", "moved"]
@@ -87,7 +87,7 @@ class Assumed(Shown, Frozen):
 
     def _shown(self) -> Iterator[Piece]:
         told_from = f"from {_LITTLE:g} standard deviations on"
-        yield Verdict(f"1 % more of an assumed number moves what is found by ({told_from}):")
+        yield f"1 % more of an assumed number moves what is found by ({told_from}):"
         rows = []
         for name, row in zip(self.names, self.moves, strict=True):
             told = [f"{each}\xa0{move:+.2g}" for each, move, std in zip(self.unknown, row, self.std, strict=True)

@@ -105,13 +105,14 @@ def draw_intervals(axis: Any, found: Any) -> None:
     axis.set_ylabel("half-width [% of the value]")
     if found.covariance is None:
         return
-    kinds: list[tuple[Any, str, dict[str, Any]]] = [(found.covariance, "all that is counted", {"color": colour_of(0)})]
+    dot, ring = {"color": colour_of(0), "s": 16}, {"edgecolor": colour_of(1), "facecolor": "none", "s": 60}
+    kinds: list[tuple[Any, str, dict[str, Any]]] = [(found.covariance, "all that is counted", dot)]
     if found.fit.noise_covariance is not None:
-        kinds.append((found.fit.noise_covariance, "noise alone", {"facecolor": "white", "edgecolor": colour_of(1)}))
+        kinds.append((found.fit.noise_covariance, "noise alone", ring))
     for covariance, label, style in kinds:
         share = 196 * np.sqrt(np.diag(covariance)) / np.maximum(np.abs(found.values), np.finfo(float).tiny)
         there = np.flatnonzero((share > 0) & (share < 1e6))  # not what is known, or a value of zero
-        axis.scatter(there, share[there], s=24, zorder=3, label=label, **style)
+        axis.scatter(there, share[there], zorder=3, label=label, **style)
     axis.set_yscale("log")
     axis.yaxis.set_major_formatter("{x:g}")
     axis.axhline(100, color="0.5", linewidth=0.8, linestyle="--")

@@ -93,6 +93,7 @@ def dressed(axis: Any, title: str = "", size: float = 9) -> Any:
     if axis.name != "3d":
         axis.spines[["top", "right"]].set_visible(False)
     axis.grid(alpha=0.25, linewidth=0.5)
+    axis.set_axisbelow(True)
     if title:
         axis.set_title(title, fontsize=size, loc="left")
     return axis

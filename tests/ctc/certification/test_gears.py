@@ -73,7 +73,7 @@ def test_the_bound_is_that_of_the_worst_part_of_the_range():
     assert found.worst_cell.hz[1] < 200
     assert str(found.worst_cell) in found.verdict
 
-    axis = found.plot().axes[-1]
+    axis = found.plot()[-1]
     plt.close(axis.figure)
     lines = {line.get_label(): line for line in axis.lines}
     worst = 100 * max(cell.failures / cell.count for cell in found.cells if cell.count)

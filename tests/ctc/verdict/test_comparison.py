@@ -93,11 +93,12 @@ def test_the_figure_draws_every_error(count):
     matplotlib.use("Agg")
     law = LAWS["P"]
     got = compare(ARM, RIG, {f"P{i}": law for i in range(count)}, PATH, duration=0.1, steps_per_sample=4)
-    figure = got.plot()
+    axes = got.plot()
+    figure = axes[0, 0].figure
     width, height = figure.get_size_inches()
     assert max(width, height) < 13
     for i, (name, evaluation) in enumerate(got.evaluations.items()):
-        at = [axis for axis in figure.axes if axis.get_title().startswith(f"{name}:")]
+        at = [axis for axis in figure.axes if axis.get_title(loc="left").startswith(f"{name}:")]
         assert len(at) == 1, name
         drawn = [line.get_ydata() for axis in figure.axes for line in axis.get_lines()]
         for joint in range(2):

@@ -77,6 +77,6 @@ def test_figures_have_the_labels_of_the_tables():
     import matplotlib
 
     matplotlib.use("Agg")
-    axes = evaluation().plot().axes
-    assert [axis.get_ylabel().splitlines()[0] for axis in axes[::2]] == LABELS
+    axes = evaluation().plot()
+    assert [axis.get_ylabel().splitlines()[0] for axis in axes[:, 0]] == LABELS
     matplotlib.pyplot.close("all")

@@ -71,7 +71,7 @@ def test_figure_of_long_names_is_short_at_its_ticks_and_apart_in_its_texts():
     import matplotlib
 
     matplotlib.use("Agg")
-    figure = found().plot()
+    figure = found().plot()[0].figure
     figure.draw_without_rendering()
     titles = {axis.get_title(loc="left"): axis for axis in figure.axes}
     assert set(renamed().chain.joint_labels) <= set(titles)
