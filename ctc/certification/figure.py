@@ -140,7 +140,7 @@ def _peaks(axis: Any, certificate: Any, labels: list[str]) -> None:
         axis.bar(place, 100 * share, width, color=colour_of(joint), label=labels[joint])
         for x, y in zip(place, 100 * share, strict=True):
             if y and len(labels) <= _NUMBERED:
-                axis.annotate(f"{y:.2g}" if y < 99.5 else f"{y:.0f}", (x, y), (0, 1), textcoords="offset points",
+                axis.annotate(f"{y:.2g}" if y < 99.5 else f"{y:.0f}", (x, y), (0, 3), textcoords="offset points",
                               ha="center", fontsize=7)  # fmt: skip
     axis.axvspan(within + 0.5, highest + 0.5, color=BAND, zorder=0)
     axis.set_xlim(-0.5, highest + 0.5)
