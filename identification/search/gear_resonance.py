@@ -86,10 +86,10 @@ class GearResonance(Shown, Frozen):
             if not self.searched[i]:
                 rows.append((label, hz, "as the rig says", ""))
             elif np.isinf(self.high[i]):
-                rows.append((label, f"stiffer than {self.low[i]:.0f}", "", ""))
+                rows.append((label, "", f"stiffer than {self.low[i]:.0f}", ""))
             else:
                 rows.append((label, hz, f"[{self.low[i]:.1f}, {self.high[i]:.1f}]", ratio))
-        yield Table(("", "[Hz]", "interval", "damping ratio"), rows)
+        yield Table(("", "[Hz]", "interval", "damping ratio"), rows, words=(2, 3))
         if self.played and self.searched.any():
             yield Warned([
                 f"bounds alone: the log shows backlash at {', '.join(self.played)} that the rig does not state, and "
