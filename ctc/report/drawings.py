@@ -57,11 +57,12 @@ def draw_innovations(found: Any) -> Any:
     for joint, label in enumerate(found.arm.dynamics.chain.joint_labels):
         colour = colour_of(joint)
         axes[joint, 0].plot(*_thinned(record.t, left[:, joint]), color=colour, lw=0.5)
-        axes[joint, 0].set_ylabel(f"{label}\nerror [pulses]")
+        axes[joint, 0].set_ylabel(f"{label}\ninnovation [pulses]")
         spread = max(1.0, np.quantile(np.abs(left[:, joint]), 0.999))
         axes[joint, 1].hist(np.clip(left[:, joint], -spread, spread), bins=60, color=colour, density=True)
         axes[joint, 1].axvspan(-0.5, 0.5, color=BAND, zorder=0)
         axes[joint, 1].set_yticks([])
+        axes[joint, 1].set_ylabel("share")
     axes[-1, 1].set_xlabel("innovation [pulses]")
     return axes
 
@@ -72,7 +73,6 @@ def draw_certainty(found: Any) -> Any:
     axes = _rows(1, 1, (1.0,))
     axes[0, 0].figure.set_size_inches(9, 2.8)
     draw_intervals(axes[0, 0], found)
-    axes[0, 0].set_xlabel("")
     return axes
 
 

@@ -26,7 +26,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]], words: Sequence
 
     def row(tag: str, cells: Sequence[object]) -> str:
         kinds = ("" if i in words else _NUMBER for i in range(len(cells)))
-        return "<tr>" + "".join(f"<{tag}{k}>{text(c)}</{tag}>" for k, c in zip(kinds, cells, strict=True)) + "</tr>"
+        said = (text(cell).replace("N m", "N&nbsp;m") for cell in cells)
+        return "<tr>" + "".join(f"<{tag}{k}>{c}</{tag}>" for k, c in zip(kinds, said, strict=True)) + "</tr>"
 
     above = f"<thead>{row('th', head)}</thead>\n" if any(head) else ""
     below = "\n".join(row("td", cells) for cells in rows)

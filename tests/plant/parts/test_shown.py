@@ -4,6 +4,7 @@ from html.parser import HTMLParser
 
 import pytest
 
+from plant.parts.markup import table
 from plant.parts.shown import Aside, Shown, Verdict, Warned, body, inside
 from plant.parts.tables import Table
 
@@ -80,6 +81,10 @@ def test_the_page_decides_on_the_colours_of_text_and_ground():
 def test_numbers_stand_to_the_right():
     kinds = [attributes.get("class") for tag, attributes in Page(body(Example())).tags if tag == "td"]
     assert kinds == [None, "number", None, "number"]
+
+
+def test_units_stay_whole():
+    assert "N&nbsp;m]" in table(("", "torque [N m]"), [("a", "1")])
 
 
 def test_text_is_80_columns_wide_and_its_warnings_are_called_so():
