@@ -241,3 +241,20 @@ def test_a_repr_simulates_nothing():
     assert "on_gears" not in vars(one)
     assert "rigid gears assumed" in str(one)
     assert "on_gears" in vars(one)
+
+
+@pytest.mark.parametrize(
+    ("part", "begins"),
+    [
+        (lambda c: c.plants, "Plants(40 that differ in "),
+        (lambda c: c.runs, "Runs(40 of "),
+        (lambda c: c.sensitivities[0], "Influence("),
+        (lambda c: c.cells[0], "Cell(resonance: 60 to "),
+        (lambda c: c.worst, "Worst(plant "),
+    ],
+)
+def test_what_a_certificate_holds_is_one_line_too(part, begins):
+    said = repr(part(certificate()))
+    assert said.startswith(begins)
+    assert "\n" not in said
+    assert len(said) <= 100
