@@ -113,7 +113,7 @@ def _html(part: Piece) -> str:
     if isinstance(part, str):
         return f"<p>{text(part)}</p>"
     if isinstance(part, Table):
-        return html_table(part.head, part.rows, (0, *part.words))
+        return html_table(part.head, part.rows, (0, *part.words)) if part.rows else ""
     if isinstance(part, Verdict):
         kind = {None: "", True: " good", False: " bad"}[part.good]
         mark = {None: "", True: "✓ ", False: "✗ "}[part.good]

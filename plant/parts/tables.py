@@ -68,9 +68,9 @@ class Table:
         if widths is not None:
             return self._set(columns, range(len(columns)), widths)
         others = range(1, len(columns))
-        for panels in range(2, len(columns)):  # as few as will do, as alike as can be
-            size = -(-len(others) // panels)
-            groups = [(0, *others[i : i + size]) for i in range(0, len(others), size)]
+        for panels in itertools.count(2):  # as few as will do, as alike as can be
+            size = max(-(-len(others) // panels), 1)
+            groups = [(0, *others[i : i + size]) for i in range(0, len(others), size)] or [(0,)]
             parts = [(group, self._widths([columns[i] for i in group], width, group)) for group in groups]
             if all(found is not None for _, found in parts) or size == 1:
                 break

@@ -47,6 +47,7 @@ class Example(Shown):
         yield Table(("", NASTY), [(NASTY, "1"), ("b", "2.5")])
         yield "A sentence " * 20 + NASTY
         yield Warned([NASTY, "a second one"])
+        yield Table((), [])
         yield Aside(NASTY, [f"f1 = {NASTY}"])
 
 
@@ -81,6 +82,10 @@ def test_the_page_decides_on_the_colours_of_text_and_ground():
 def test_numbers_stand_to_the_right():
     kinds = [attributes.get("class") for tag, attributes in Page(body(Example())).tags if tag == "td"]
     assert kinds == [None, "number", None, "number"]
+
+
+def test_a_table_without_rows_is_not_there():
+    assert Example()._repr_html_().count("<table>") == 1
 
 
 def test_units_stay_whole():

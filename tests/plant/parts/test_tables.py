@@ -71,6 +71,12 @@ def test_a_name_of_a_hundred_letters_wraps():
     assert "".join(line.split()[0] for line in lines[1:]) == "a" * 100
 
 
+def test_what_cannot_be_narrower_stays_whole():
+    assert Table((), [("a" * 40, "1" * 60)]).lines() == [f"{'a' * 40}  {'1' * 60}"]
+    assert Table(("t" * 90,), [("a",)]).lines() == ["t" * 90, "a"]
+    assert Table((), []).lines() == []
+
+
 def test_text_wraps_and_is_indented():
     assert wrapped("torque in N m", 11, "  ") == ["torque in", "  N m"]
     assert wrapped("") == [""]
