@@ -218,7 +218,7 @@ def _resonances(axis: Any, certificate: Any, labels: list[str]) -> None:
     ticks = np.unique(np.round(np.geomspace(*_ends(certificate), 7)))
     axis.set_xticks(ticks, [f"{hz:g}" for hz in ticks])
     axis.set_xticks([], minor=True)
-    axis.set_ylim(bottom=0)
+    axis.set_ylim(bottom=-0.03 * axis.get_ylim()[1])  # where no loop leaves, its line is seen
     axis.set_xlabel("locked-rotor resonance [Hz]")
     axis.set_ylabel("loops that leave [%]")
     legend_above(axis, left=True, columns=5)

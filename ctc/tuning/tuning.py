@@ -81,10 +81,10 @@ class Trial(Shown, Frozen):
         return ", ".join(f"{name} {value:.4g}" for name, value in self.numbers.items())
 
     def _short(self) -> str:
-        return f"{self.family}: {self.left} leave, {self.allowed} may; {self.tuned}"
+        return f"{self.family}: {self.left} leave, {self.allowed} may"
 
     def _shown(self) -> Iterator[Piece]:
-        yield Verdict(self._short(), self.holds)
+        yield Verdict(f"{self._short()}; {self.tuned}", self.holds)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -146,7 +146,7 @@ class Tuning(Shown, Frozen):
 
     def _short(self) -> str:
         best = min(self.trials, key=lambda trial: trial.rank)
-        return f"{best.family}, {'holds' if self.holds else 'does not hold'}; {best.tuned}"
+        return f"{best.family}, {'holds' if self.holds else 'does not hold'}; {len(self.trials)} families"
 
     def _shown(self) -> Iterator[Piece]:
         most = self.trials[0].allowed
@@ -154,4 +154,5 @@ class Tuning(Shown, Frozen):
         if not self.holds:
             yield Verdict(f"No law keeps the limit on {where}; this one loses the fewest.", False)
         yield from self.certificate._shown()
+        yield "the best tuning of each family, on fresh plants:"
         yield self._table()
