@@ -16,6 +16,9 @@ __all__ = ["Aside", "Piece", "Shown", "Verdict", "Warned", "body", "inside"]
 
 _INDENT = "    "
 
+_LONGEST = 100
+"""Letters of a `repr` at most."""
+
 _STYLE = """
 .onepulse table { border-collapse: collapse; border: 0; margin: .5em 0; font-variant-numeric: tabular-nums; }
 .onepulse th, .onepulse td { padding: .2em .9em .2em 0; border: 0; border-bottom: 1px solid rgba(128, 128, 128, .4);
@@ -75,7 +78,8 @@ class Shown:
         raise NotImplementedError(f"{type(self).__name__} must say itself in short. Define _short.")
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({self._short()})"
+        said, room = self._short(), _LONGEST - len(type(self).__name__) - 2
+        return f"{type(self).__name__}({said if len(said) <= room else f'{said[: room - 4]} ...'})"
 
     def __str__(self) -> str:
         return "\n".join(line for part in self._shown() for line in _lines(part))

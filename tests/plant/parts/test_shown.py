@@ -107,6 +107,14 @@ def test_inside_another_result_the_verdict_is_a_sentence():
     assert repr(Example()) == "Example(an example)"
 
 
+def test_a_repr_has_100_letters_at_most(monkeypatch):
+    for length in (80, 91, 92, 500):
+        monkeypatch.setattr(Example, "_short", lambda _, length=length: "x" * length)
+        said = repr(Example())
+        assert len(said) == min(length + 9, 100)
+        assert said.endswith(" ...)") == (length > 91)
+
+
 @pytest.mark.parametrize(("call", "said"), [(str, "Define _shown"), (repr, "Define _short")])
 def test_a_result_that_says_nothing_is_refused_in_one_line(call, said):
     with pytest.raises(NotImplementedError, match=said):
