@@ -78,7 +78,7 @@ class Shown:
         raise NotImplementedError(f"{type(self).__name__} must say itself in short. Define _short.")
 
     def __repr__(self) -> str:
-        said, room = self._short(), _LONGEST - len(type(self).__name__) - 2
+        said, room = " ".join(self._short().split()), _LONGEST - len(type(self).__name__) - 2
         return f"{type(self).__name__}({said if len(said) <= room else f'{said[: room - 4]} ...'})"
 
     def __str__(self) -> str:

@@ -113,6 +113,8 @@ def test_a_repr_has_100_letters_at_most(monkeypatch):
         said = repr(Example())
         assert len(said) == min(length + 9, 100)
         assert said.endswith(" ...)") == (length > 91)
+    monkeypatch.setattr(Example, "_short", lambda _: "a name\nof two lines")
+    assert repr(Example()) == "Example(a name of two lines)"
 
 
 @pytest.mark.parametrize(("call", "said"), [(str, "Define _shown"), (repr, "Define _short")])
