@@ -36,15 +36,9 @@ from ctc.certification.certify import certify
 from ctc.certification.figure import plot_certificate
 from ctc.certification.reserves import Reserves
 from ctc.certification.sensitivity import Influence
-from ctc.figures import (
-    plot_comparison,
-    plot_evaluation,
-    plot_identification,
-    plot_margins,
-    plot_phase,
-    plot_record,
-    plot_sweep,
-)
+from ctc.figures.errors import plot_comparison, plot_evaluation, plot_phase
+from ctc.figures.loops import plot_margins, plot_sweep
+from ctc.figures.records import plot_identification, plot_record
 from ctc.laws.adaptive import Adaptive
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.laws.computed_torque_integral import ComputedTorqueIntegral

@@ -10,6 +10,7 @@ from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 ROOT = Path(__file__).resolve().parent.parent
 PICTURE = Path(__file__).with_name("images") / "house.png"
 HOUSES = {"plant": "#dfeaf0", "identification": "#f5e3dd", "ctc": "#e6eddc"}
+TO_PLAIN = {ord("\n"): " ", ord("`"): None}
 HIDDEN = ("version", "siblings", "__main__", "deprecated")
 
 
@@ -28,7 +29,7 @@ def sentence(package, room):
     """The first sentence of what a room says of itself."""
     path = ROOT / package / room
     file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
-    return ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))).split("\n\n")[0].replace("\n", " ")
+    return ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))).split("\n\n")[0].translate(TO_PLAIN)
 
 
 def wrapped(text, width):
@@ -42,7 +43,8 @@ def wrapped(text, width):
 
 def draw():
     """The figure."""
-    figure, axis = plt.subplots(figsize=(13.5, 9.5), layout="constrained")
+    tallest = max(map(len, floors().values()))
+    figure, axis = plt.subplots(figsize=(13.5, 0.87 * (tallest + 0.85)), layout="constrained")
     high, left = 0.86, 0.0
     for package, width in (("plant", 4.6), ("identification", 3.5), ("ctc", 3.3)):
         rows = floors()[package]
@@ -74,7 +76,7 @@ def draw():
         ha="right", fontsize=10, style="italic", color="0.3",
     )  # fmt: skip
     axis.set_xlim(-0.1, left - 0.75)
-    axis.set_ylim(-0.15, 10.9)
+    axis.set_ylim(-0.15, tallest + 0.7)
     axis.set_axis_off()
     return figure
 

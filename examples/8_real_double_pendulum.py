@@ -111,15 +111,15 @@ def draw(found, record, name):
     free = replay(found.arm, record, rig=found.rig)
     figure, axes = plt.subplots(2, 1, figsize=(9, 4.5), sharex=True, layout="constrained")
     for joint, axis in enumerate(axes):
-        for log, colour, label in (
-            (record, "#444444", "measured"),
-            (free, "#c8553d", "simulated from its torques alone"),
+        for log, colour, width, label in (
+            (record, "#b3bcc0", 2.6, "measured"),
+            (free, "#d55e00", 0.8, "simulated from its torques alone"),
         ):
-            axis.plot(log.t, log.counts[:, joint] * STEP, color=colour, linewidth=1.0, label=label)
+            axis.plot(log.t, log.counts[:, joint] * STEP, color=colour, linewidth=width, label=label)
         axis.set_ylabel(f"joint {joint + 1} [rad]")
         axis.spines[["top", "right"]].set_visible(False)
     axes[0].set_title(f"{name}: a run that the identification has not seen", fontsize=10, loc="left")
-    axes[0].legend(frameon=False, fontsize=8, ncols=2, loc="upper right")
+    axes[0].legend(frameon=False, fontsize=8, ncols=2, loc="lower right", bbox_to_anchor=(1, 1))
     axes[1].set_xlabel("time [s]")
     path = Path("figures") / f"{name.replace(' ', '_')}_run.png"
     path.parent.mkdir(exist_ok=True)

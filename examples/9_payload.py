@@ -54,15 +54,17 @@ def drawn(rig, errors, masses, controller, seconds, true):
     above.set_ylabel("tracking error [pulses]")
     above.legend(loc="upper right")
     below.plot(t[some], true(t[some]), color="0.6", lw=2, label="true")
-    below.plot(t[some], masses[some], color="C3", label="in the model")
+    below.plot(t[some], masses[some], color="#d55e00", label="in the model")
     below.set_ylabel("load [kg]")
     below.set_xlabel("time [s]")
     named = False
     for event in controller.events:
         if event.time < seconds and np.isfinite(event.swapped):
             for axis in (above, below):
-                axis.axvspan(event.time, event.swapped, color="C1", alpha=0.25, label=None if named else "collecting")
-                axis.axvline(event.swapped, color="C2", lw=1, label=None if named else "swap")
+                axis.axvspan(
+                    event.time, event.swapped, color="#e69f00", alpha=0.25, label=None if named else "collecting"
+                )
+                axis.axvline(event.swapped, color="#009e73", lw=1, label=None if named else "swap")
             named = True
     handles, labels = below.get_legend_handles_labels()
     below.legend(handles, labels, loc="center right")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,8 @@ from plant import Dynamics, Record
 from plant.parts.arguments import array
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.frozen import Frozen
+from plant.parts.shown import Aside, Piece, Shown, Verdict
+from plant.parts.tables import Table
 
 __all__ = ["Spread", "alteration", "spread"]
 
@@ -26,8 +28,8 @@ def alteration(f: ArrayLike) -> NDArray[np.float64]:
     return (f.max(axis=0) - f.min(axis=0)) / (2 * np.abs(f.mean(axis=0)))
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Spread(Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Spread(Shown, Frozen):
     """A series of identifications of the same records.
 
     Attributes
@@ -60,20 +62,21 @@ class Spread(Frozen):
     alteration: NDArray[np.float64]
     published: NDArray[np.float64] | None
 
-    def __str__(self) -> str:
-        dynamics = self.runs[0].arm.dynamics
-        lines = [f"{'':>4} {'mean':>9} {'min':>9} {'max':>9} {'alteration':>11}" + self._beside("paper")]
-        for i, name in enumerate(dynamics.short_names):
-            column = self.f[:, i]
-            row = f"{name:>4} {column.mean():9.3f} {column.min():9.3f} {column.max():9.3f} "
-            paper = "" if self.published is None else f"{self.published[i]:.0%}"
-            lines.append(row + f"{self.alteration[i]:11.0%}" + self._beside(paper))
-        first, last = (np.median([getattr(r, k) for r in self.runs]) for k in ("initial_objective", "objective"))
-        lines.append(f"objective, median of {len(self.runs)} runs: {first:.0f} -> {last:.0f} pulses^2")
-        return "\n".join([*lines, *dynamics.legend.splitlines()])
+    def _short(self) -> str:
+        return f"{len(self.runs)} runs of {len(self.names)} values, alteration up to {self.alteration.max():.0%}"
 
-    def _beside(self, text: str) -> str:
-        return "" if self.published is None else f" {text:>7}"
+    def _shown(self) -> Iterator[Piece]:
+        first, last = (np.median([getattr(r, k) for r in self.runs]) for k in ("initial_objective", "objective"))
+        yield Verdict(f"objective, median of {len(self.runs)} runs: {first:.0f} -> {last:.0f} pulses^2")
+        dynamics, f, rows = self.runs[0].arm.dynamics, self.f, []
+        for i, (name, *numbers) in enumerate(
+            zip(dynamics.short_names, f.mean(axis=0), f.min(axis=0), f.max(axis=0), strict=True)
+        ):
+            paper = [] if self.published is None else [f"{self.published[i]:.0%}"]
+            rows.append((name, *(f"{x:.3f}" for x in numbers), f"{self.alteration[i]:.0%}", *paper))
+        paper = [] if self.published is None else ["paper"]
+        yield Table(("", "mean", "min", "max", "alteration", *paper), rows)
+        yield Aside("What the parameters mean", dynamics.legend.splitlines())
 
 
 def spread(

@@ -214,7 +214,6 @@ def test_files_stay_short_or_say_why(path):
 
 
 LONG = {
-    "ctc/figures.py": "every figure of a verdict, in one style",
     "identification/search/genetic.py": "every operator of the toolbox in one file that knows nothing of robots",
     "plant/compiler/llvm.py": "every operation of a kernel; its text stands in each",
 }

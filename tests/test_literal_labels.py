@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from ctc.figures import plot_record
+from ctc.figures.records import plot_record
 from plant import puma560, simulate
-from plant.parts.labels import literal
+from plant.parts.figures import literal
 
 NAMES = ("$x_{$", "50 % \\frac")
 
 
 def test_a_joint_with_dollars_and_braces_is_drawn():
     record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.02)
-    figure = plot_record(record, NAMES)
+    figure = plot_record(record, NAMES)[0, 0].figure
     figure.canvas.draw()
     assert any("$x_{$" in text.get_text() for text in figure.findobj(lambda artist: hasattr(artist, "get_text")))
 
@@ -26,9 +26,9 @@ def test_numbers_at_ticks_keep_their_mathematics_and_names_at_ticks_are_literal(
         left.loglog(np.geomspace(1, 1e4, 9), np.arange(1, 10))
         right.set_yticks([0, 1], NAMES)
         right.set_title(NAMES[0])
-        return figure
+        return np.array([left, right])
 
-    figure = plot()
+    figure = plot()[0].figure
     figure.canvas.draw()
     powers = [text for text in figure.axes[0].get_xticklabels() if "10^" in text.get_text()]
     assert powers

@@ -45,6 +45,9 @@ class Cell(Frozen):
         """One-sided upper bound of the probability to leave, at a confidence; 1 for a cell without plants."""
         return clopper_pearson(self.failures, self.count, 2 * confidence - 1)[1] if self.count else 1.0
 
+    def __repr__(self) -> str:
+        return f"Cell({self.name}: {self}; {self.failures} of {self.count} leave)"
+
     def __str__(self) -> str:
         (low, high), (least, most) = self.hz, self.damping_ratio
         damping = f"{least:.3g}" if least == most else f"{least:.3g} to {most:.3g}"

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import textwrap
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,18 +22,16 @@ from ctc.certification.sensitivity import Influence, influences
 from ctc.certification.statement import percent, verdict
 from ctc.certification.worst import Worst
 from ctc.verdict.lowest_resonance import SETTLED, LowestResonance, lowest_resonance
-from ctc.verdict.table import aligned, by_joint
 from plant import Law, Reference
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import known_options
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.saved import Saved, versions
+from plant.parts.shown import Aside, Piece, Shown, Verdict
+from plant.parts.tables import Table, by_joint
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Runs
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["Certificate"]
 
@@ -42,8 +40,8 @@ _SHOWN = 5
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Certificate(Saved, Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Certificate(Shown, Saved, Frozen):
     """Probability of leaving a pulse limit under parameter uncertainty, and why. Print it for a table.
 
     Attributes
@@ -212,11 +210,16 @@ class Certificate(Saved, Frozen):
         """
         return reserves(self, samples, allowed)
 
-    def plot(self) -> Figure:
+    def plot(self, ax: Any = None) -> NDArray[Any]:
         """Draw peak errors, worst loop and sensitivities; see `ctc.certification.figure.plot_certificate`."""
-        return plot_certificate(self)
+        return plot_certificate(self, ax)
 
-    def __str__(self) -> str:
+    def _short(self) -> str:
+        bound = f"at most {percent(self.upper, up=True)}"
+        share = f"{self.failures} of {len(self.plants)} plants leave ±{self.within:g} pulse"
+        return f"{type(self.law).__name__}: {share}, {bound} of all"
+
+    def _shown(self) -> Iterator[Piece]:
         worst, runs, (low, high) = self.worst, self.runs, self.interval
         rows = [
             (f"probability, {100 * self.confidence:g} % interval", f"{percent(low)} to {percent(high, up=True)}"),
@@ -238,16 +241,13 @@ class Certificate(Saved, Frozen):
         shown, dynamics = self.sensitivities[:_SHOWN], self.plants.arm.dynamics
         short = dict(zip(dynamics.names, dynamics.short_names, strict=True))
         explained = [(short.get(x.name, x.name), f"{x.share:.0%}", x.sense) for x in shown]
-        lines = [
-            *textwrap.wrap(f"{type(self.law).__name__}: {self.verdict}", 110),
-            *aligned(rows),
-            *by_joint(dynamics.chain.joint_labels, quantities),
-            *aligned([("sensitivity to", "explains", "direction"), *explained]),
-        ]
+        yield Verdict(f"{type(self.law).__name__}: {self.verdict}", self.failures == 0)
+        yield Table((), rows)
+        yield by_joint(dynamics.chain.joint_labels, quantities)
+        yield Table(("sensitivity to", "explains", "direction"), explained, words=(2,))
         long = [f"{short[x.name]} = {x.name}" for x in shown if short.get(x.name, x.name) != x.name]
-        lines += [line for each in long for line in textwrap.wrap(each, 110, subsequent_indent="    ")]
+        yield Aside("What the parameters mean", long)
         if self.plants.redrawn:
-            lines.append(f"{self.plants.redrawn} draws were no arm, and were drawn again")
+            yield f"{self.plants.redrawn} draws were no arm, and were drawn again"
         for what, names in zip(("drawn", "not drawn"), self.plants.said, strict=True):
-            lines += textwrap.wrap(f"{what}: {', '.join(names)}", 110, subsequent_indent="    ")
-        return "\n".join(lines)
+            yield f"{what}: {', '.join(names)}"

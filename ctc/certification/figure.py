@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import textwrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ctc.figures import COLOURS, draw_band
+from ctc.figures.errors import draw_band
 from ctc.verdict.evaluation import evaluate
 from plant import DivergenceError
-from plant.parts.labels import literal
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from plant.parts.figures import BAND, axes_of, colour_of, dressed, legend_above, literal
 
 __all__ = ["plot_certificate"]
 
@@ -52,18 +50,26 @@ _WORDS = {
 
 
 @literal
-def plot_certificate(certificate: Any) -> Figure:
-    """Draw the peak errors of all loops, the error of the worst one, and the sensitivities; the title is the verdict.
+def plot_certificate(certificate: Any, ax: Any = None) -> NDArray[Any]:
+    """Draw the peak errors of all loops, the error of the worst one, and the sensitivities.
 
-    Where a range of resonances was stated, the share that leaves is drawn over it, too.
+    Where a range of resonances was stated, the share that leaves is drawn over it, too. The title of a figure of its
+    own is the verdict; below it says what short names of parameters mean.
 
     Parameters
     ----------
     certificate : Certificate
+    ax : (3,) array of matplotlib Axes, optional
+        Where to draw, (4,) if resonances were stated; a new figure by default.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    (3,) or (4,) numpy.ndarray of matplotlib Axes
+
+    Raises
+    ------
+    ValueError
+        Another number of Axes.
 
     See Also
     --------
@@ -81,25 +87,44 @@ def plot_certificate(certificate: Any) -> Figure:
     >>> certificate = certify(found, found.rig, law, path, samples=64, friction=0.02, progress=False)
     >>> drawn = plot_certificate(certificate)
     """
+    labels = certificate.plants.arm.dynamics.chain.joint_labels
+    found = [influence for influence in certificate.sensitivities if influence.sense][:_NAMES][::-1]
+    axes = axes_of(ax, (3 + bool(certificate.cells),), lambda: _new_axes(certificate, labels, found))
+    for axis in axes:
+        dressed(axis)
+    _peaks(axes[0], certificate, labels)
+    _worst(axes[1], certificate, labels)
+    _sensitivities(axes[2], certificate, labels, found)
+    if certificate.cells:
+        _resonances(axes[3], certificate, labels)
+    return axes
+
+
+def _new_axes(certificate: Any, labels: list[str], found: list[Any]) -> list[Any]:
+    """Axes of a figure with the verdict above them, and the long names of its parameters below."""
     import matplotlib.pyplot as plt
 
     rows: Any = [["peaks", "worst", "sensitivities"]]
-    heights = [_HEIGHT]
+    heights = [_HEIGHT + 0.25 * max(len(labels) - _NUMBERED, 0)]
     if certificate.cells:
         rows, heights = [*rows, ["resonances"] * 3], [*heights, _STRIP]
+    short = _short(certificate)
+    long = [f"{short[x.name]} = {x.name}" for x in reversed(found) if short.get(x.name, x.name) != x.name]
+    lines = [line for each in long for line in textwrap.wrap(each, _LINE, subsequent_indent="    ")]
     figure, axes = plt.subplot_mosaic(
-        rows, figsize=(13, sum(heights)), width_ratios=(1, 1.5, 1), height_ratios=heights, layout="constrained"
-    )
-    for axis in axes.values():
-        axis.spines[["top", "right"]].set_visible(False)
-    labels = certificate.plants.arm.dynamics.chain.joint_labels
-    _peaks(axes["peaks"], certificate, labels)
-    _worst(axes["worst"], certificate, labels)
-    _sensitivities(axes["sensitivities"], certificate, labels)
-    if certificate.cells:
-        _resonances(axes["resonances"], certificate, labels)
+        rows, figsize=(13, sum(heights) + 0.13 * len(lines)), width_ratios=(1, 1.5, 1), height_ratios=heights,
+        layout="constrained",
+    )  # fmt: skip
+    if lines:
+        figure.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=7)
     figure.suptitle(textwrap.fill(certificate.verdict, _TITLE), fontsize=11)
-    return figure
+    return list(axes.values())
+
+
+def _short(certificate: Any) -> dict[str, str]:
+    """Names of the arm's parameters, and what figures call them."""
+    dynamics = certificate.plants.arm.dynamics
+    return dict(zip(dynamics.names, dynamics.short_names, strict=True))
 
 
 def _peaks(axis: Any, certificate: Any, labels: list[str]) -> None:
@@ -112,14 +137,12 @@ def _peaks(axis: Any, certificate: Any, labels: list[str]) -> None:
     for joint, column in enumerate(peak.T):
         share = np.bincount(np.minimum(column, highest).astype(int), minlength=highest + 1) / len(column)
         place = counts + (joint - (peak.shape[1] - 1) / 2) * width
-        axis.bar(place, 100 * share, width, color=COLOURS[joint % len(COLOURS)], label=labels[joint])
+        axis.bar(place, 100 * share, width, color=colour_of(joint), label=labels[joint])
         for x, y in zip(place, 100 * share, strict=True):
             if y and len(labels) <= _NUMBERED:
-                axis.annotate(f"{y:.2g}" if y < 99.5 else f"{y:.0f}", (x, y), (0, 1), textcoords="offset points",
+                axis.annotate(f"{y:.2g}" if y < 99.5 else f"{y:.0f}", (x, y), (0, 3), textcoords="offset points",
                               ha="center", fontsize=7)  # fmt: skip
-    axis.axvspan(within + 0.5, highest + 0.5, color=COLOURS[1], alpha=0.12, zorder=0)
-    axis.annotate("outside", (highest + 0.45, 0.97), xycoords=axis.get_xaxis_transform(), ha="right", va="top",
-                  fontsize=8, color=COLOURS[1])  # fmt: skip
+    axis.axvspan(within + 0.5, highest + 0.5, color=BAND, zorder=0)
     axis.set_xlim(-0.5, highest + 0.5)
     axis.set_ylim(0, 100 / (1 - _headroom(labels)))
     axis.set_yticks(range(0, 101, 20))
@@ -127,7 +150,7 @@ def _peaks(axis: Any, certificate: Any, labels: list[str]) -> None:
     axis.set_xlabel("largest counted error of a loop [pulses]")
     axis.set_ylabel("loops [%]")
     axis.legend(frameon=False, fontsize=8, loc="upper left")
-    axis.set_title(f"{len(peak):,} closed loops", fontsize=10)
+    dressed(axis, f"{len(peak):,} closed loops; shaded: outside", 10)
 
 
 def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
@@ -139,11 +162,12 @@ def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
     try:
         run = evaluate(worst.arm, worst.rig, certificate.law, certificate.reference, backend="numba", **options)
     except DivergenceError:
-        axis.set_title(f"the worst of them (plant {worst.index}) diverges", fontsize=10)
+        dressed(axis, f"the worst of them (plant {worst.index}) diverges", 10)
+        axis.set(xticks=[], yticks=[])
         return
     t, counts = run.record.t, run.record.t >= settings["after"] - 1e-9 * run.record.rig.period
     for joint, error in enumerate(run.record.error_pulses.T):
-        colour, outside = COLOURS[joint % len(COLOURS)], counts & (np.abs(error) > within)
+        colour, outside = colour_of(joint), counts & (np.abs(error) > within)
         axis.plot(t, error, drawstyle="steps-post", linewidth=0.4, alpha=0.45, color=colour)
         axis.plot(t[outside], error[outside], "o", markersize=4, color=colour,
                   label=f"{labels[joint]}: {outside.sum()} of {counts.sum()} samples outside")  # fmt: skip
@@ -151,27 +175,21 @@ def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
     low, high = axis.get_ylim()
     axis.set_ylim(low, low + (high - low) / (1 - _headroom(labels)))
     axis.legend(frameon=False, fontsize=8, loc="upper left")
-    axis.set_title(f"the worst of them (plant {worst.index})", fontsize=10)
+    dressed(axis, f"the worst of them (plant {worst.index}); shaded: ±{within:g} pulse", 10)
 
 
-def _sensitivities(axis: Any, certificate: Any, labels: list[str]) -> None:
-    """Share of the variance of the peaks that each number explains."""
-    found = [influence for influence in certificate.sensitivities if influence.sense][:_NAMES][::-1]
-    axis.set_title("sensitivity to", fontsize=10)
+def _sensitivities(axis: Any, certificate: Any, labels: list[str], found: list[Any]) -> None:
+    """Share of the variance of the peaks that each number explains, the largest on top."""
     axis.set_xlabel("explains of the variance of the peaks [%]")
+    axis.grid(visible=False, axis="y")
     if not found:
-        axis.annotate("nothing that was drawn stands out", (0.5, 0.5), xycoords="axes fraction", ha="center")
-        axis.set_yticks([])
+        dressed(axis, "sensitivity: nothing that was drawn stands out", 10)
+        axis.set(xticks=[], yticks=[])
         return
-    shares = [100 * influence.share for influence in found]
-    dynamics = certificate.plants.arm.dynamics
-    short = dict(zip(dynamics.names, dynamics.short_names, strict=True))
+    dressed(axis, "sensitivity to", 10)
+    shares, short = [100 * influence.share for influence in found], _short(certificate)
     names = [_label(short.get(influence.name, influence.name), labels) for influence in found]
-    axis.barh(names, shares, height=0.6, color=COLOURS[0])
-    long = [f"{short[x.name]} = {x.name}" for x in reversed(found) if short.get(x.name, x.name) != x.name]
-    lines = [line for each in long for line in textwrap.wrap(each, _LINE, subsequent_indent="    ")]
-    axis.figure.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=7)
-    axis.figure.set_figheight(axis.figure.get_figheight() + 0.25 * max(len(labels) - _NUMBERED, 0) + 0.13 * len(lines))
+    axis.barh(names, shares, height=0.6, color=colour_of(0))
     for place, influence in enumerate(found):
         axis.annotate(influence.sense, (shares[place], place), (3, 0), textcoords="offset points", va="center",
                       fontsize=8)  # fmt: skip
@@ -189,21 +207,21 @@ def _resonances(axis: Any, certificate: Any, labels: list[str]) -> None:
             there = [cell for cell in own if cell.hz == (low, high)]
             bound = max(cell.upper(confidence) for cell in there)
             share = sum(cell.failures for cell in there) / max(sum(cell.count for cell in there), 1)
-            colour, first = COLOURS[i % len(COLOURS)], bool(low == own[0].hz[0])
+            colour, first = colour_of(i), bool(low == own[0].hz[0])
             whose = "" if name == "resonance" else f"{labels[int(name.partition('[')[2][:-1])]}: "
             axis.plot((low, high), (100 * share,) * 2, color=colour, label=f"{whose}share that leaves" * first)
             axis.plot((low, high), (100 * bound,) * 2, color=colour, linestyle=":",
                       label=f"{whose}{100 * confidence:g} % bound" * first)  # fmt: skip
             if worst.name == name and worst.hz == (low, high):
-                axis.axvspan(low, high, color=COLOURS[1], alpha=0.12, zorder=0, label="worst part")
+                axis.axvspan(low, high, color=BAND, zorder=0, label="worst part")
     axis.set_xscale("log")
     ticks = np.unique(np.round(np.geomspace(*_ends(certificate), 7)))
     axis.set_xticks(ticks, [f"{hz:g}" for hz in ticks])
     axis.set_xticks([], minor=True)
-    axis.set_ylim(bottom=0)
+    axis.set_ylim(bottom=-0.03 * axis.get_ylim()[1])  # where no loop leaves, its line is seen
     axis.set_xlabel("locked-rotor resonance [Hz]")
     axis.set_ylabel("loops that leave [%]")
-    axis.legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), ncols=5)
+    legend_above(axis, left=True, columns=5)
 
 
 def _ends(certificate: Any) -> tuple[float, float]:

@@ -65,6 +65,9 @@ class Plants(Frozen):
     said: tuple[tuple[str, ...], tuple[str, ...]]
     expected: NDArray[np.float64]
 
+    def __repr__(self) -> str:
+        return f"Plants({len(self)} that differ in {len(self.names)} numbers, seed {self.seed})"
+
     def __len__(self) -> int:
         return len(self.f)
 

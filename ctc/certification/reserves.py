@@ -7,12 +7,15 @@ observer and its limits know of it), it is not the old one called late.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from typing import Any
 
 from ctc.certification.binomial import clopper_pearson
 from ctc.certification.plants import Plants
 from plant import Law, Rig
 from plant.parts.arguments import real
+from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts.tables import Table
 
 __all__ = ["Reserves", "reserves"]
 
@@ -20,8 +23,8 @@ _BANDWIDTHS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
 _PERIODS = (1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Reserves:
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Reserves(Shown):
     """Robustness reserves of a certificate. Print them for a table.
 
     Attributes
@@ -65,25 +68,25 @@ class Reserves:
     period: float | None
     tried: list[tuple[str, float, int]]
 
-    def __str__(self) -> str:
+    def _short(self) -> str:
+        if not self.holds:
+            return "does not hold as it is"
+        down = "" if self.bandwidth is None else f"down to {self.bandwidth:.4g} rad/s"
+        up = "" if self.period is None else f"up to {1e3 * self.period:.4g} ms"
+        return f"holds {' and '.join(filter(None, (down, up)))}"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield Verdict(f"It {self._short()}.", self.holds)
         most = int(self.allowed * self.samples)
         upper = clopper_pearson(most, self.samples, 0.9)[1]
-        lines = [
-            f"allowed: at most {most} of {self.samples} plants may leave (95 % confidence: below {upper:.2%} of all)",
-            *(
-                f"{name:<10} {value * scale:8.4g} {unit:<6} {left:>6} leave"
-                for name, scale, unit in (("bandwidth", 1, "rad/s"), ("period", 1e3, "ms"))
-                for kind, value, left in self.tried
-                if kind == name
-            ),
+        yield f"allowed: at most {most} of {self.samples} plants may leave (95 % confidence: below {upper:.2%} of all)"
+        rows = [
+            (name, f"{value * scale:.4g} {unit}", f"{left}")
+            for name, scale, unit in (("bandwidth", 1, "rad/s"), ("period", 1e3, "ms"))
+            for kind, value, left in self.tried
+            if kind == name
         ]
-        if not self.holds:
-            return "\n".join([*lines, "It does not hold as it is."])
-        if self.bandwidth is not None:
-            lines.append(f"holds down to {self.bandwidth:.4g} rad/s")
-        if self.period is not None:
-            lines.append(f"holds up to {1e3 * self.period:.4g} ms")
-        return "\n".join(lines)
+        yield Table(("tried", "", "leave"), rows)
 
 
 def reserves(certificate: Any, samples: int = 400, allowed: float = 0.0) -> Reserves:

@@ -42,6 +42,9 @@ class Influence(NamedTuple):
     share: float
     direction: float
 
+    def __repr__(self) -> str:
+        return f"Influence({self.name:.40}: {self.share:.1%}{f', {self.sense}' * bool(self.sense)})"
+
     @property
     def sense(self) -> str:
         """How the peak error depends on the number; empty where it explains nearly nothing."""

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 from plant import Arm, Rig
+from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts.tables import Table
 
 __all__ = ["Worst"]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Worst:
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Worst(Shown):
     """The plant with the largest error: ``evaluate(worst.arm, worst.rig, law, reference)`` runs it again.
 
     Attributes
@@ -30,3 +33,10 @@ class Worst:
     peak: float
     index: int
     values: dict[str, float]
+
+    def _short(self) -> str:
+        return f"plant {self.index}, peak {self.peak:.0f} pulses"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield Verdict(self._short())
+        yield Table(("drawn", ""), [(name, f"{value:.5g}") for name, value in self.values.items()])

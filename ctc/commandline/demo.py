@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from ctc.figures import plot_comparison, plot_evaluation, plot_identification, plot_record
+from ctc.figures.errors import plot_comparison, plot_evaluation
+from ctc.figures.records import plot_identification, plot_record
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.verdict.evaluation import Evaluation, evaluate
 from identification import Identification, identify
@@ -67,5 +68,5 @@ def _save_figures(
         "3_p_against_computed_torque": plot_comparison(verdicts),
         "4_computed_torque": plot_evaluation(verdicts["computed torque"]),
     }
-    for name, figure in figures.items():
-        figure.savefig(folder / f"{name}.png", dpi=130)
+    for name, axes in figures.items():
+        axes.flat[0].figure.savefig(folder / f"{name}.png", dpi=130)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
+
+from plant.parts.shown import Piece, Shown
 
 __all__ = ["PayloadEvent"]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class PayloadEvent:
+@dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
+class PayloadEvent(Shown):
     """A change of the load, as it was detected and as it was identified.
 
     Attributes
@@ -46,3 +49,10 @@ class PayloadEvent:
     swapped: float = float("nan")
     windows: int = 0
     message: str = "collecting"
+
+    def _short(self) -> str:
+        return f"{self.time:.3f} s, {self.kind}, {self.before:.3g} -> {self.after:.3g} kg"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield self._short()
+        yield f"{self.windows} windows; the last: {self.message}"

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ctc.figures import COLOURS, draw_band
+from ctc.figures.errors import draw_band
 from identification.replay.prediction import Prediction
-from identification.results.plots import LOGS, draw_intervals
+from identification.results.plots import draw_intervals
 from plant import simulate
-from plant.parts.labels import literal
+from plant.parts.figures import BAND, LOGS, colour_of, dressed, legend_above, literal
 from plant.simulation.injection import injected_beside
 
 __all__ = ["draw_certainty", "draw_errors", "draw_fit", "draw_innovations"]
@@ -34,7 +34,7 @@ def draw_fit(found: Any) -> Any:
             found.arm, found.rig, found.law, record.reference, duration=duration, injected=injected_beside(record)
         )
     joints = found.arm.dynamics.chain.joint_labels
-    figure, axes = _rows(len(joints), 2, (2.2, 1.0))
+    axes = _rows(len(joints), 2, (2.2, 1.0))
     begin = int(0.3 * len(record))
     stretch = slice(begin, begin + max(2, int(_STRETCH * len(record))))
     for joint, label in enumerate(joints):
@@ -42,9 +42,9 @@ def draw_fit(found: Any) -> Any:
             for log, (name, style) in zip((record, model), LOGS, strict=True):
                 if log is not None:
                     axis.plot(*_thinned(log.t[part], log.error_pulses[part, joint]), label=name, **style)
-        axes[joint, 0].set_ylabel(f"{label}\n[pulses]")
-    axes[0, 0].legend(frameon=False, fontsize=8, ncols=2, loc="lower left", bbox_to_anchor=(0, 1))
-    return figure
+        axes[joint, 0].set_ylabel(f"{label}\nerror [pulses]")
+    legend_above(axes[0, 0], left=True)
+    return axes
 
 
 @literal
@@ -53,58 +53,57 @@ def draw_innovations(found: Any) -> Any:
     record, n = found.records[0], found.arm.n
     prediction = Prediction(found.arm.dynamics, record, found.unknown)
     left = prediction.innovations(np.append(found.values, prediction.nuisances)).reshape(-1, n)
-    figure, axes = _rows(n, 2, (2.2, 1.0))
+    axes = _rows(n, 2, (2.2, 1.0))
     for joint, label in enumerate(found.arm.dynamics.chain.joint_labels):
-        colour = COLOURS[joint % len(COLOURS)]
+        colour = colour_of(joint)
         axes[joint, 0].plot(*_thinned(record.t, left[:, joint]), color=colour, lw=0.5)
-        axes[joint, 0].set_ylabel(f"{label}\n[pulses]")
+        axes[joint, 0].set_ylabel(f"{label}\ninnovation [pulses]")
         spread = max(1.0, np.quantile(np.abs(left[:, joint]), 0.999))
         axes[joint, 1].hist(np.clip(left[:, joint], -spread, spread), bins=60, color=colour, density=True)
-        axes[joint, 1].axvspan(-0.5, 0.5, color="#e9e4d4", zorder=0)
+        axes[joint, 1].axvspan(-0.5, 0.5, color=BAND, zorder=0)
         axes[joint, 1].set_yticks([])
+        axes[joint, 1].set_ylabel("share")
     axes[-1, 1].set_xlabel("innovation [pulses]")
-    return figure
+    return axes
 
 
 @literal
 def draw_certainty(found: Any) -> Any:
     """Half-widths of the 95 % intervals; see `identification.results.plots.draw_intervals`."""
-    figure, axes = _rows(1, 1, (1.0,))
-    figure.set_size_inches(9, 2.8)
+    axes = _rows(1, 1, (1.0,))
+    axes[0, 0].figure.set_size_inches(9, 2.8)
     draw_intervals(axes[0, 0], found)
-    axes[0, 0].set_xlabel("")
-    return figure
+    return axes
 
 
 @literal
 def draw_errors(evaluation: Any) -> Any:
     """Counted errors of a controller, joint by joint, and the promised band."""
     record = evaluation.record
-    figure, axes = _rows(len(evaluation.joint_labels), 1, (1.0,))
+    axes = _rows(len(evaluation.joint_labels), 1, (1.0,))
     for joint, label in enumerate(evaluation.joint_labels):
         axis = axes[joint, 0]
-        axis.plot(*_thinned(record.t, record.error_pulses[:, joint]), color=COLOURS[joint % len(COLOURS)], lw=0.7)
-        axis.set_ylabel(f"{label}\n[pulses]")
+        axis.plot(*_thinned(record.t, record.error_pulses[:, joint]), color=colour_of(joint), lw=0.7)
+        axis.set_ylabel(f"{label}\nerror [pulses]")
         draw_band(axis)
-    return figure
+    return axes
 
 
 def _rows(rows: int, columns: int, widths: tuple[float, ...]) -> Any:
     import matplotlib.pyplot as plt
 
     height = 1.7 if rows < 4 else 1.3
-    figure, axes = plt.subplots(
+    axes = plt.subplots(
         rows, columns, figsize=(9, height * rows + 0.5), squeeze=False, layout="constrained",
         gridspec_kw={"width_ratios": widths},
-    )  # fmt: skip
+    )[1]  # fmt: skip
     for axis in axes.flat:
-        axis.spines[["top", "right"]].set_visible(False)
-        axis.grid(alpha=0.25, linewidth=0.5)
+        dressed(axis)
         axis.tick_params(labelsize=8)
         axis.yaxis.label.set_size(8)
     for axis in axes[-1]:
         axis.set_xlabel("time [s]", fontsize=8)
-    return figure, axes
+    return axes
 
 
 def _thinned(t: NDArray[Any], y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:

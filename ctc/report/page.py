@@ -1,14 +1,17 @@
-"""The page itself: escaped text, tables, figures as inline SVG, and one style for screens, phones and paper."""
+"""The page itself: sections, figures as inline SVG, and one style for screens, phones and paper."""
 
 from __future__ import annotations
 
-import html
 import io
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
-__all__ = ["details", "figure", "items", "page", "preformatted", "section", "table", "text"]
+import numpy as np
+
+from plant.parts.markup import text
+
+__all__ = ["figure", "page", "section"]
 
 _STYLE = """
 :root { color-scheme: light; }
@@ -50,13 +53,6 @@ summary { cursor: pointer; color: #1f6f8b; }
 }
 """
 
-_NUMBER = ' class="number"'
-
-
-def text(value: object) -> str:
-    """Escaped text."""
-    return html.escape(str(value))
-
 
 def page(title: str, subtitle: str, parts: Iterable[str]) -> str:
     """The whole page."""
@@ -73,48 +69,12 @@ def section(title: str, *parts: str) -> str:
     return f"<section>\n<h2>{text(title)}</h2>\n" + "\n".join(parts) + "\n</section>"
 
 
-def items(lines: Iterable[str], kind: str = "") -> str:
-    """A list of texts."""
-    rows = "\n".join(f"<li>{text(line)}</li>" for line in lines)
-    return f'<ul class="{kind}">\n{rows}\n</ul>' if kind else f"<ul>\n{rows}\n</ul>"
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[Any]], words: int = 1) -> str:
-    """A table that scrolls inside a narrow page; so many columns, and texts in the others, are words."""
-
-    def cell(tag: str, place: int, value: Any) -> str:
-        number = place >= words and not (isinstance(value, str) and tag == "td" and not _is_number(value))
-        return f"<{tag}{_NUMBER * number}>{text(value)}</{tag}>"
-
-    lines = ["<tr>" + "".join(cell("th", i, name) for i, name in enumerate(head)) + "</tr>"]
-    lines += ["<tr>" + "".join(cell("td", i, value) for i, value in enumerate(row)) + "</tr>" for row in rows]
-    return (
-        f'<div class="wide"><table>\n<thead>{lines[0]}</thead>\n<tbody>\n'
-        + "\n".join(lines[1:])
-        + "\n</tbody></table></div>"
-    )
-
-
-def _is_number(value: str) -> bool:
-    return bool(re.fullmatch(r"[\s\d.,+\-−±e%\[\]]*", value))
-
-
-def preformatted(value: str) -> str:
-    """Code or a table of text."""
-    return f"<pre>{text(value)}</pre>"
-
-
-def details(summary: str, *parts: str) -> str:
-    """What is folded until it is asked for; open on paper."""
-    return f"<details>\n<summary>{text(summary)}</summary>\n" + "\n".join(parts) + "\n</details>"
-
-
 def figure(drawing: Any, says: str, caption: str) -> str:
-    """A matplotlib figure as inline SVG, with text as text; closed afterwards."""
+    """The figure of some Axes as inline SVG, with text as text; closed afterwards."""
     import matplotlib as mpl
     import matplotlib.pyplot as plt
 
-    stream = io.StringIO()
+    stream, drawing = io.StringIO(), np.ravel(drawing)[0].figure
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": says, "font.family": "sans-serif"}):
         drawing.savefig(stream, format="svg", metadata={"Date": None})
     plt.close(drawing)

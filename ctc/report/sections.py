@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from ctc.report.drawings import draw_certainty, draw_errors, draw_fit, draw_innovations
-from ctc.report.page import details, figure, items, preformatted, section, table, text
+from ctc.report.page import figure, section
 from identification.results.doubts import doubts
+from plant.parts.markup import details, items, preformatted, table, text
+from plant.parts.shown import body
 
 __all__ = ["sections"]
-
-_LINE = 100
-"""Letters of a line of the controller's table."""
 
 
 def sections(found: Any, evaluation: Any, certificate: Any) -> Iterator[str]:
@@ -123,9 +121,9 @@ def _logs(found: Any) -> str:
             found_wrong = [f"{each.check}: {each.verdict}. {each.advice}" for each in checkup.problems]
             if found_wrong:
                 parts += [f"<h3>Checkup of {text(name)}</h3>", items(found_wrong)]
-            parts.append(details(f"All checks of {name}", preformatted(str(checkup))))
+            parts.append(details(f"All checks of {name}", body(checkup)))
     head = ("log", "use", "law", "samples", "duration [s]", "period [ms]")
-    return section("Logs", table(head, rows, words=3), *parts)
+    return section("Logs", table(head, rows, words=range(3)), *parts)
 
 
 def _assumptions(found: Any) -> str:
@@ -143,7 +141,7 @@ def _assumptions(found: Any) -> str:
         told = "What no log of this kind reveals: how each value moves if a stated number is 1 % larger."
         parts += ["<h3>Taken as stated</h3>", f"<p>{text(told)}</p>", table(head, rows)]
     if found.resonance is not None:
-        parts += ["<h3>Gears</h3>", preformatted(str(found.resonance))]
+        parts += ["<h3>Gears</h3>", body(found.resonance)]
     return section("Assumptions", *parts)
 
 
@@ -151,14 +149,13 @@ def _controller(evaluation: Any) -> str:
     law = type(evaluation.record.law).__name__
     caption = f"Counted error of {law} along the path, simulated on the arm that was found; shaded: ±1 pulse."
     parts = [figure(draw_errors(evaluation), "counted errors of the controller", caption)]
-    said = "\n".join(line for whole in str(evaluation).splitlines() for line in textwrap.wrap(whole, _LINE) or [""])
-    return section("Controller", *parts, preformatted(said))
+    return section("Controller", *parts, body(evaluation))
 
 
 def _certificate(certificate: Any) -> str:
     drawn, missing = certificate.plants.said
     drawing = certificate.plot()
-    drawing.suptitle("")  # the verdict, which stands above it
+    drawing[0].figure.suptitle("")  # the verdict, which stands above it
     caption = "Peak errors of all arms, the worst of them, and what they follow from."
     return section(
         "Certificate",
@@ -166,7 +163,7 @@ def _certificate(certificate: Any) -> str:
         figure(drawing, "certificate", caption),
         f"<p><b>Drawn</b>: {text(', '.join(drawn))}.</p>",
         f"<p><b>Not drawn, and so not promised</b>: {text(', '.join(missing))}.</p>",
-        details("Table", preformatted(str(certificate))),
+        details("Table", body(certificate)),
     )  # fmt: skip
 
 
@@ -185,7 +182,9 @@ def _origin(found: Any, certificate: Any) -> str:
         f"                 {settings}, unknown={list(found.unknown)!r})\n"
         "assert (again.values == found.values).all()           # the same versions, the same bits"
     )
-    return section("Where it comes from", table(("", ""), rows, words=2), "<h3>Once more</h3>", preformatted(code))
+    return section(
+        "Where it comes from", table(("", ""), rows, words=range(2)), "<h3>Once more</h3>", preformatted(code)
+    )
 
 
 def _digests(provenance: Any) -> Iterator[tuple[str, str]]:

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctc.figures import plot_margins
+from ctc.figures.loops import plot_margins
 from ctc.stability.error_loop import controlled, opened
 from ctc.verdict.lowest_resonance import HIGHEST, LowestResonance, above
 from ctc.verdict.on_gears import damping_of
-from ctc.verdict.table import aligned
 from identification import Identification
 from plant import Arm, Elasticity, Law, Rig
 from plant.analysis.sampled_loops import SampledLoops
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import instance, known_options
 from plant.parts.deprecation import old_order
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts.tables import Table
 
 __all__ = ["Margins", "margins"]
 
@@ -31,8 +30,8 @@ _RESONANCES, _GEAR = 60, ("stiffness", "damping")
 """Resonances that are tried, and half as many in the last gap between them; and what makes one."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Margins:
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Margins(Shown):
     """Stability margins of every joint, each with the loops of the others closed. Print them for a table.
 
     Attributes
@@ -93,26 +92,27 @@ class Margins:
     lowest_resonance: float | None
     damping_ratio: float
 
-    def __str__(self) -> str:
-        rows = [("", "crossover", "gain down", "gain up", "phase", "delay", "sensitivity peak")]
+    def _short(self) -> str:
+        if not self.stable:
+            return "not stable"
+        least, worst = self.phase.min(), self.sensitivity.max()
+        return f"stable, least phase margin {least:.1f}°, largest sensitivity {worst:.2f}"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield Verdict("The closed loop is stable." if self.stable else "The closed loop is not stable.", self.stable)
+        rows = []
         for i, label in enumerate(self.joint_labels):
             delay = f"{1e3 * self.delay[i]:.2f} ms ({self.delay[i] / self.period:.1f} samples)"
             numbers = f"{self.gain_down[i]:.2f}", f"{self.gain_up[i]:.2f}", f"{self.phase[i]:.1f}°", delay
             rows.append((label, f"{self.crossover[i]:.1f} Hz", *numbers, f"{self.sensitivity[i]:.2f}"))
-        lines = [*([] if self.stable else ["The closed loop is not stable."]), *aligned(rows)]
+        yield Table(("", "crossover", "gain down", "gain up", "phase", "delay", "sensitivity peak"), rows)
         if self.lowest_resonance is not None and self.stable:
             found = LowestResonance(hz=self.lowest_resonance, damping_ratio=self.damping_ratio, within=None)
-            lines.append(f"rigid gears assumed; {found}, at this pose")
-        return "\n".join(lines)
+            yield f"rigid gears assumed; {found}, at this pose"
 
-    def plot(self) -> Figure:
-        """Bode diagram of the loops and their sensitivity, one line per joint.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-        """
-        return plot_margins(self)
+    def plot(self, ax: Any = None) -> NDArray[Any]:
+        """Bode diagram of the loops and their sensitivity, one line per joint; see `ctc.plot_margins`."""
+        return plot_margins(self, ax)
 
 
 @old_order("law", "rig", first=Law, new="margins(arm, rig, law)", arm=None)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ctc.certification.certificate import Certificate
-from ctc.verdict.table import aligned
 from plant import Law
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
+from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts.tables import Table
 
 __all__ = ["Trial", "Tuning"]
 
@@ -20,8 +22,8 @@ _EACH = 3
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Trial(Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Trial(Shown, Frozen):
     """A tuning on fresh plants.
 
     Attributes
@@ -73,9 +75,20 @@ class Trial(Frozen):
         """Whether no more plants left than may."""
         return self.left <= self.allowed
 
+    @property
+    def tuned(self) -> str:
+        """Its variables as a text."""
+        return ", ".join(f"{name} {value:.4g}" for name, value in self.numbers.items())
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Tuning(Frozen):
+    def _short(self) -> str:
+        return f"{self.family}: {self.left} leave, {self.allowed} may"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield Verdict(f"{self._short()}; {self.tuned}", self.holds)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Tuning(Shown, Frozen):
     """What `tune` found. Print it for the table and the verdict.
 
     Laws are chosen by how many of the fresh plants leave, so those counts flatter; the certificate has its own plants.
@@ -122,15 +135,24 @@ class Tuning(Frozen):
     @property
     def table(self) -> str:
         """The best tuning of each family: how many of the fresh plants leave, its chatter, its numbers."""
-        rows = [("", f"leave, of {self.fresh}", "chatter [N m]", "tuned")]
+        return "\n".join(self._table().lines())
+
+    def _table(self) -> Table:
+        rows = []
         for trial in sorted(self.trials, key=lambda trial: trial.rank):
             each = trial.chatter if len(trial.chatter) <= _EACH else np.max(trial.chatter, keepdims=True)
-            numbers = ", ".join(f"{name} {value:.4g}" for name, value in trial.numbers.items())
-            rows.append((trial.family, f"{trial.left}", " / ".join(f"{x:.1f}" for x in each), numbers))
-        return "\n".join(aligned(rows))
+            rows.append((trial.family, f"{trial.left}", " / ".join(f"{x:.1f}" for x in each), trial.tuned))
+        return Table(("", f"leave, of {self.fresh}", "chatter [N m]", "tuned"), rows, words=(3,))
 
-    def __str__(self) -> str:
+    def _short(self) -> str:
+        best = min(self.trials, key=lambda trial: trial.rank)
+        return f"{best.family}, {'holds' if self.holds else 'does not hold'}; {len(self.trials)} families"
+
+    def _shown(self) -> Iterator[Piece]:
         most = self.trials[0].allowed
         where = f"all but {most} of {self.fresh} plants" if most else "all plants"
-        none = "" if self.holds else f"No law keeps the limit on {where}; this one loses the fewest.\n"
-        return f"{self.table}\n{none}{self.certificate}"
+        if not self.holds:
+            yield Verdict(f"No law keeps the limit on {where}; this one loses the fewest.", False)
+        yield from self.certificate._shown()
+        yield "the best tuning of each family, on fresh plants:"
+        yield self._table()

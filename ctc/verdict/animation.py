@@ -6,19 +6,18 @@ matplotlib is imported only when something is drawn.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctc.figures import COLOURS, draw_band
+from ctc.figures.errors import draw_band
 from ctc.verdict.evaluation import Evaluation
 from plant import Arm
 from plant.mechanics.kinematics import joint_positions
 from plant.parts.arguments import array, instance, known_options, real
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from plant.parts.deprecation import old_option
+from plant.parts.figures import axes_of, colour_of, dressed
 
 __all__ = ["animate", "plot_arm"]
 
@@ -26,8 +25,9 @@ _POSES = 200
 """From which the plane of a planar arm, and the space that a motion takes, are found."""
 
 
+@old_option("axes", "ax")
 @known_options
-def plot_arm(arm: Arm, q: ArrayLike, *, tip: ArrayLike | None = None, axes: Any = None) -> Figure:
+def plot_arm(arm: Arm, q: ArrayLike, *, tip: ArrayLike | None = None, ax: Any = None) -> Any:
     """Draw an arm in one pose: base, joints and tip joined by lines; in its plane if it has one, else in space.
 
     Parameters
@@ -37,17 +37,17 @@ def plot_arm(arm: Arm, q: ArrayLike, *, tip: ArrayLike | None = None, axes: Any 
         [rad]
     tip : (3,) array_like, optional
         End of the last link, seen from its frame [m]; by default twice as far as its body's centre of mass.
-    axes : matplotlib axes, optional
+    ax : matplotlib Axes, optional
         Where to draw (three-dimensional for an arm without a plane); a new figure by default.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    matplotlib Axes
 
     Raises
     ------
     ValueError
-        Neither a tip nor bodies say where the last link ends.
+        Neither a tip nor bodies say where the last link ends; several Axes, or flat ones for an arm without a plane.
 
     See Also
     --------
@@ -62,13 +62,20 @@ def plot_arm(arm: Arm, q: ArrayLike, *, tip: ArrayLike | None = None, axes: Any 
     instance("arm", arm, Arm, "The order is arm, q.")
     pose = array("q", q, (arm.n,), advice="Give one angle per joint [rad].")
     scene = _Scene(arm, tip)
-    if axes is None:
+
+    def new() -> Any:
         import matplotlib.pyplot as plt
 
-        axes = plt.figure(figsize=(5, 5), layout="constrained").add_subplot(projection=scene.projection)
-    scene.prepare(axes, pose[None])
+        return plt.figure(figsize=(5, 5), layout="constrained").add_subplot(projection=scene.projection)
+
+    made = f"Make it by plt.figure().add_subplot(projection={scene.projection!r})"
+    axis = axes_of(ax, (), new, made).item()
+    if (axis.name == "3d") != (scene.projection == "3d"):
+        wanted = "three-dimensional for this arm" if scene.projection else "flat for this arm, which lies in a plane"
+        raise ValueError(f"ax must be {wanted}; got a {axis.name} one. {made}, or leave ax out.")
+    scene.prepare(axis, pose[None])
     scene.draw(pose)
-    return axes.figure
+    return axis
 
 
 @known_options
@@ -154,15 +161,15 @@ def animate(
 
 def _error_axis(axis: Any, evaluation: Evaluation, joint: int) -> tuple[Any, NDArray[np.float64]]:
     """An axis of one joint's error, the whole run pale; the line of the run so far, and its values."""
-    record, colour = evaluation.record, COLOURS[joint % len(COLOURS)]
+    record = evaluation.record
     values = record.error_pulses[:, joint]
     axis.spines[["top", "right"]].set_visible(False)
     axis.plot(record.t, values, drawstyle="steps-post", color="0.7", linewidth=0.6)
-    (line,) = axis.plot([], [], drawstyle="steps-post", color=colour, linewidth=0.9)
+    (line,) = axis.plot([], [], drawstyle="steps-post", color=colour_of(joint), linewidth=0.9)
     draw_band(axis)
     axis.set_title(evaluation.joint_labels[joint], fontsize=8, loc="left", pad=2)
     if joint == 0:
-        axis.set_title("encoder error [pulses]", fontsize=8, loc="right", pad=2)
+        axis.set_title("encoder error [pulses]; shaded: ±1", fontsize=8, loc="right", pad=2)
     if joint < record.n - 1:
         axis.tick_params(labelbottom=False)
     else:
@@ -197,18 +204,18 @@ class _Scene:
         points = self.all(motion[:: max(1, len(motion) // _POSES)]) @ self.view.T
         self.links = axis.plot(*np.zeros((len(self.view), 1)), "-o", color="#444444", linewidth=4, markersize=6)[0]
         axis.plot(*points[:1, 0].T, "s", color="#444444", markersize=10)
-        axis.plot(*points[:, -1].T, color=COLOURS[1], linewidth=1, alpha=0.6)
+        axis.plot(*points[:, -1].T, color=colour_of(1), linewidth=1, alpha=0.6)
         low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
         middle, half = (low + high) / 2, 0.55 * max((high - low).max(), 1e-3)
         for name, centre in zip("xyz", middle, strict=False):
             getattr(axis, f"set_{name}lim")(centre - half, centre + half)
-        axis.set_xlabel("[m]")
-        axis.set_ylabel("[m]")
+        for name, direction in zip("xyz", self.view, strict=False):
+            getattr(axis, f"set_{name}label")(f"{_called(direction)} [m]")
         axis.set_aspect("equal")
         if self.projection:
             axis.set_box_aspect(None, zoom=0.88)  # or the labels are cut off
             axis.locator_params(nbins=5)
-        axis.grid(alpha=0.25, linewidth=0.5)
+        dressed(axis)
 
     def draw(self, q: NDArray[np.float64]) -> None:
         """Move the links to a pose (n,)."""
@@ -232,3 +239,11 @@ def _plane(points: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.f
     side = np.cross(up, normal)
     side = side * np.sign(side[np.argmax(np.abs(side[:2]) > 1e-6)] or 1.0)
     return np.array([side, up])
+
+
+def _called(direction: NDArray[np.float64]) -> str:
+    """What to call a direction: the axis of the base that it is, or where it points."""
+    most = int(np.argmax(np.abs(direction)))
+    if np.abs(direction[most]) < 1 - 1e-9:
+        return "across" if np.abs(direction[2]) < 1e-9 else "along the plane"
+    return f"{'-' if direction[most] < 0 else ''}{'xyz'[most]}"

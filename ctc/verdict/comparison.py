@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
-import textwrap
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctc.figures import plot_comparison
+from ctc.figures.errors import plot_comparison
 from ctc.verdict.evaluation import Evaluation, evaluate
-from ctc.verdict.table import aligned
 from plant import Arm, DivergenceError, Law, Reference, Rig
 from plant.parts.arguments import instance, known_options
 from plant.parts.deprecation import old_order
 from plant.parts.labels import joint_labels
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts.tables import Table
 
 __all__ = ["Comparison", "compare"]
 
 _COLUMNS = (
-    ("within +-1", lambda e: e.share_within(1)),
+    ("within ±1", lambda e: e.share_within(1)),
     ("peak [pulses]", lambda e: _each(e.max_error_pulses, ".0f")),
     ("RMS [pulses]", lambda e: _each(e.rms_error_pulses, ".2f")),
     ("torque, RMS [N m]", lambda e: _each(e.rms_torque, ".1f")),
@@ -35,6 +33,9 @@ _COLUMNS = (
 _EACH = 3
 """Joints up to which a cell has a number for each; with more it has the largest."""
 
+_SHORT = 70
+"""Letters of its `repr` that name each law."""
+
 
 def _each(values: NDArray[np.float64], form: str) -> str:
     if len(values) > _EACH:
@@ -42,8 +43,8 @@ def _each(values: NDArray[np.float64], form: str) -> str:
     return " / ".join(format(value, form) for value in values)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Comparison:
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Comparison(Shown):
     """Evaluations of several laws on the same arm and reference.
 
     Print it for a table with one row per law and, in a cell, one number per joint, or of more than three joints the
@@ -75,23 +76,30 @@ class Comparison:
     evaluations: dict[str, Evaluation]
     diverged: dict[str, str]
 
-    def plot(self) -> Figure:
-        """Draw the errors of all laws that stayed bounded; see `ctc.figures.plot_comparison`."""
-        return plot_comparison(self.evaluations)
+    def plot(self, ax: Any = None) -> NDArray[Any]:
+        """Draw the errors of all laws that stayed bounded; see `ctc.plot_comparison`."""
+        return plot_comparison(self.evaluations, ax)
 
-    def __str__(self) -> str:
-        rows = [["law", *(title for title, _ in _COLUMNS)]]
-        rows += [[name, *(cell(evaluation) for _, cell in _COLUMNS)] for name, evaluation in self.evaluations.items()]
-        width = max(map(len, ["law", *self.evaluations, *self.diverged]))
-        rows = [[f"{name:<{width}}", *cells] for name, *cells in rows]
-        lines = [*aligned(rows), *(f"{name:<{width}}  {why}" for name, why in self.diverged.items())]
+    def _short(self) -> str:
+        shares = [f"{name} {evaluation.share_within(1)}" for name, evaluation in self.evaluations.items()]
+        said = ", ".join([*shares, *(f"{name} diverges" for name in self.diverged)])
+        return said if len(said) <= _SHORT else f"{len(shares)} laws, {len(self.diverged)} diverged"
+
+    def _shown(self) -> Iterator[Piece]:
+        inside = [name for name, evaluation in self.evaluations.items() if evaluation.within(1)]
+        count = len(self.evaluations) + len(self.diverged)
+        which = f": {', '.join(inside)}" if inside else ""
+        yield Verdict(f"{len(inside)} of {count} laws within ±1 pulse at every sample{which}", bool(inside))
+        rows = [[name, *(cell(evaluation) for _, cell in _COLUMNS)] for name, evaluation in self.evaluations.items()]
+        if rows:
+            yield Table(["law", *(title for title, _ in _COLUMNS)], rows)
+        yield from (f"{name}: {why}" for name, why in self.diverged.items())
         joints = next((evaluation.joints for evaluation in self.evaluations.values()), ())
         if len(joints) > 1:
             cell = "a / b" if len(joints) <= _EACH else "largest of the joints, and which"
-            lines += textwrap.wrap(f"{cell}: {', '.join(joint_labels(joints, len(joints)))}", 110)
+            yield f"{cell}: {', '.join(joint_labels(joints, len(joints)))}"
         if any(evaluation.record.rig.drive.elasticity is None for evaluation in self.evaluations.values()):
-            lines.append("rigid gears assumed; .evaluations[name].lowest_resonance [Hz] says from where on it holds")
-        return "\n".join(lines)
+            yield "rigid gears assumed; .evaluations[name].lowest_resonance [Hz] says from where on it holds"
 
 
 @old_order("laws", "arm", "rig", "reference", first=dict, new="compare(arm, rig, laws, reference)")

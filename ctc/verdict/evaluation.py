@@ -5,30 +5,30 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Iterator
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctc.figures import plot_evaluation
+from ctc.figures.errors import plot_evaluation
 from ctc.verdict.lowest_resonance import SETTLED, LowestResonance, lowest_resonance
-from ctc.verdict.table import by_joint
 from plant import Arm, Law, Record, Reference, Rig
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import choice, known_options
+from plant.parts.deprecation import old_option
 from plant.parts.labels import joint_labels
+from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts.tables import by_joint
 from plant.simulation.injection import Injected
 from plant.simulation.simulator import run
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["Evaluation", "evaluate"]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Evaluation:
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Evaluation(Shown):
     """Tracking error and torque of an arm that followed a reference under a law. Print it for a table.
 
     Attributes
@@ -156,11 +156,19 @@ class Evaluation:
         """Whether every joint's encoder error is within +-k pulses at every sample."""
         return self.fraction_within(k) == 1.0
 
-    def plot(self, axes: Any = None) -> Figure:
-        """Draw error and torque of every joint; see `ctc.figures.plot_evaluation`."""
-        return plot_evaluation(self, axes)
+    @old_option("axes", "ax")
+    def plot(self, ax: Any = None) -> NDArray[Any]:
+        """Draw error and torque of every joint on (n, 2) Axes; see `ctc.plot_evaluation`."""
+        return plot_evaluation(self, ax)
 
-    def __str__(self) -> str:
+    def _short(self) -> str:
+        return f"{type(self.record.law).__name__}: {self._verdict}"
+
+    @property
+    def _verdict(self) -> str:
+        return f"{self.share_within(1)} of {len(self.record)} samples within ±1 pulse"
+
+    def _shown(self) -> Iterator[Piece]:
         elastic, link = self.record.rig.drive.elasticity is not None, 1e3 * np.abs(self.link_error)
         behind = [
             ("link error, peak [mrad]", link.max(axis=0), ".3f"),
@@ -178,9 +186,10 @@ class Evaluation:
                 ("share at the amplifier's limit", self.saturation, ".2%"),
             )
         ]
-        verdict = f"{self.share_within(1)} of {len(self.record)} samples within +-1 pulse"
-        lines = [f"{type(self.record.law).__name__}: {verdict}", *by_joint(self.joint_labels, quantities)]
-        return "\n".join([*lines, *([] if self.on_gears is None else [f"rigid gears assumed; {self.on_gears}"])])
+        yield Verdict(self._short(), self.within(1))
+        yield by_joint(self.joint_labels, quantities)
+        if self.on_gears is not None:
+            yield f"rigid gears assumed; {self.on_gears}"
 
 
 @known_options

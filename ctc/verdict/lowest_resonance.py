@@ -7,7 +7,7 @@ nominal arm still stays within the limit, found by simulating it on gears of man
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from plant import Arm, Law, Reference, Rig
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import known_options
 from plant.parts.frozen import Frozen
+from plant.parts.shown import Piece, Shown, Verdict
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.threads import cores
 
@@ -31,8 +32,8 @@ SETTLED = 0.02
 """Time before which samples do not count [s]."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class LowestResonance(Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class LowestResonance(Shown, Frozen):
     """The locked-rotor resonance above which a loop stays within its limit. ``float(...)`` is its number.
 
     Attributes
@@ -75,8 +76,15 @@ class LowestResonance(Frozen):
     def __float__(self) -> float:
         return self.hz
 
+    def _short(self) -> str:
+        within = "stable" if self.within is None else f"within {self.within:g}"
+        return f"{self.hz:.3g} Hz, {within}, damping ratio {self.damping_ratio:g}"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield Verdict(str(self), None if np.isnan(self.hz) else self.hz <= LOWEST)
+
     def __str__(self) -> str:
-        """On which gears the loop stays within its limit."""
+        """On which gears the loop stays within its limit, in one line."""
         damped = f"(damping ratio {self.damping_ratio:g})"
         stays, leaves = "stable", "is unstable"
         if self.within is not None:

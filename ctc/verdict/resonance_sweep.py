@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctc.figures import plot_sweep
+from ctc.figures.loops import plot_sweep
 from ctc.verdict.lowest_resonance import HIGHEST, LOWEST, SETTLED
 from ctc.verdict.on_gears import RIGID, OnGears, arm_of, damping_of, require_followed
-from ctc.verdict.table import aligned
 from identification import Identification
 from plant import Arm, Law, Reference, Rig
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import array, instance, known_options
 from plant.parts.frozen import Frozen
+from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts.tables import Table
 from plant.simulation.threads import cores
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["ResonanceSweep", "sweep_resonance"]
 
@@ -31,8 +30,8 @@ _COLUMNS = 7
 """Resonances in the table."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class ResonanceSweep(Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ResonanceSweep(Shown, Frozen):
     """Several laws on gears of many resonances. Print it for a table.
 
     Attributes
@@ -68,17 +67,22 @@ class ResonanceSweep(Frozen):
     shares: dict[str, NDArray[np.float64]]
     rigid: dict[str, float]
 
-    def plot(self) -> Figure:
-        """Draw the shares over the resonance, and where every sample is within; see `ctc.figures.plot_sweep`."""
-        return plot_sweep(self)
+    def plot(self, ax: Any = None) -> NDArray[Any]:
+        """Draw the shares over the resonance, and where every sample is within; see `ctc.plot_sweep`."""
+        return plot_sweep(self, ax)
 
-    def __str__(self) -> str:
+    def _short(self) -> str:
+        return f"{len(self.shares)} laws at {len(self.hz)} resonances, {self.hz[0]:.3g} to {self.hz[-1]:.3g} Hz"
+
+    def _shown(self) -> Iterator[Piece]:
+        gears = f"gears with a damping ratio of {self.damping_ratio:g}"
+        yield Verdict(f"samples within ±{self.within:g} pulse, {gears}")
         columns = np.unique(np.linspace(0, len(self.hz) - 1, _COLUMNS).round().astype(int))
-        rows = [("", *(f"{self.hz[i]:.3g} Hz" for i in columns), "rigid")]
-        for name, share in self.shares.items():
-            rows.append((name, *(_percent(share[i]) for i in columns), _percent(self.rigid[name])))
-        title = f"samples within ±{self.within:g} pulse, gears with a damping ratio of {self.damping_ratio:g}"
-        return "\n".join([title, *aligned(rows)])
+        rows = [
+            (name, *(_percent(share[i]) for i in columns), _percent(self.rigid[name]))
+            for name, share in self.shares.items()
+        ]
+        yield Table(("", *(f"{self.hz[i]:.3g} Hz" for i in columns), "rigid"), rows)
 
 
 @known_options

@@ -16,12 +16,13 @@ Biometrika 81 (1994) (stretches left out, with a gap on both sides).
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.regressor import Places, System
+from plant.parts.shown import Piece, Shown
 from plant.parts.sums import least, product
 
 __all__ = ["SHARES", "STRETCHES", "FitTrial", "choose_band", "choose_speed"]
@@ -45,8 +46,8 @@ _ENOUGH, _LEAST = 10, 4
 """Equations per unknown, and stretches, below which a band says too little to judge others."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class FitTrial:
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class FitTrial(Shown):
     """One pass band, or one least speed, on trial.
 
     Attributes
@@ -88,14 +89,28 @@ class FitTrial:
     passed: bool
     chosen: bool = False
 
-    def __str__(self) -> str:
-        said = f"{self._number(self.at)} {self.unit} {self.rows:7d} equations"
-        if self.against is not None:
-            said += f", {self.worse:+5.1f} standard errors against {self._number(self.against).strip()}"
-        return f"{said}{', chosen' if self.chosen else '' if self.passed else ', too much'}"
+    @property
+    def row(self) -> tuple[str, ...]:
+        """Its cells in a table of all trials."""
+        against = ("", "") if self.against is None else (f"{self.worse:+.1f}", self._number(self.against))
+        return self._number(self.at), f"{self.rows}", *against, self._verdict
+
+    @property
+    def _verdict(self) -> str:
+        return "chosen" if self.chosen else "" if self.passed else "too much"
 
     def _number(self, at: float) -> str:
-        return f"{at:8.3g}" if self.unit == "Hz" else f"{at:8.0%}"
+        return f"{at:.3g} Hz" if self.unit == "Hz" else f"{at:.0%}"
+
+    def _short(self) -> str:
+        where = "" if self.unit == "Hz" else f" {self.unit}"
+        said = f"{self._number(self.at)}{where}, {self.rows} equations"
+        if self.against is not None:
+            said += f", {self.worse:+.1f} standard errors against {self._number(self.against)}"
+        return f"{said}{f', {self._verdict}' * bool(self._verdict)}"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield self._short()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,7 +10,7 @@ Source: M. Gautier, Dynamic identification of robots with power model, ICRA 1997
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,9 @@ from identification.equation_error.regressor import Places, System
 from plant import Dynamics
 from plant.parts.arguments import choice
 from plant.parts.frozen import Frozen
+from plant.parts.shown import Aside, Piece, Shown, Verdict, Warned
 from plant.parts.sums import norm, product
+from plant.parts.tables import Table
 
 __all__ = ["TorqueFit", "weighted"]
 
@@ -36,8 +38,8 @@ _DOUBTED, _OTHERWISE = 5.0, 0.2
 is doubted."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class TorqueFit(Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class TorqueFit(Shown, Frozen):
     """What a fit of the torque found.
 
     Attributes
@@ -127,18 +129,19 @@ class TorqueFit(Frozen):
             return self.known[name]
         return self.values[self.names.index(choice("a name of this fit", name, self.names))]
 
-    def __str__(self) -> str:
-        names = short_names(self.dynamics, self.names)
-        width = max(map(len, (*names, *(name for name, _ in self._short_known()))))
-        lines = [
-            f"{name:<{width}} {value:12.5g} +- {std:.2g}"
-            for name, value, std in zip(names, self.values, self.std, strict=True)
-        ]
-        end = f"{self.rows} equations, relative torque error {self.relative_error:.2%}, condition {self.condition:.0f}"
-        lines += [f"{name:<{width}} {value:12.5g} known" for name, value in self._short_known()]
-        lines += [end, *(f"left out: {joint}, {why}" for joint, why in self.left_out.items())]
-        lines += [*tables(self), *(f"warning: {text}" for text in self.warnings)]
-        return "\n".join([*lines, *self.dynamics.legend.splitlines()])
+    def _short(self) -> str:
+        return f"{len(self.names)} values, {self.rows} equations, relative torque error {self.relative_error:.2%}"
+
+    def _shown(self) -> Iterator[Piece]:
+        said = f"{self.rows} equations, relative torque error {self.relative_error:.2%}, condition {self.condition:.0f}"
+        yield Verdict(said, not self.warnings)
+        yield Warned(self.warnings)
+        found = zip(short_names(self.dynamics, self.names), self.values, self.std, strict=True)
+        rows = [(name, f"{value:.5g}", f"+- {std:.2g}") for name, value, std in found]
+        yield Table((), rows + [(name, f"{value:.5g}", "known") for name, value in self._short_known()], words=(2,))
+        yield from (f"left out: {joint}, {why}" for joint, why in self.left_out.items())
+        yield from choices(self)
+        yield Aside("What the parameters mean", self.dynamics.legend.splitlines())
 
     def _short_known(self) -> list[tuple[str, float]]:
         return list(zip(short_names(self.dynamics, self.known), self.known.values(), strict=True))
@@ -166,17 +169,19 @@ class TorqueFit(Frozen):
         return found
 
 
-def tables(fit: TorqueFit) -> list[str]:
-    """Lines on how band and least speeds were chosen; none where they were stated."""
-    lines = list[str]()
+def choices(fit: TorqueFit) -> Iterator[Piece]:
+    """How band and least speeds were chosen; nothing where they were stated."""
     if fit.bands:
-        lines.append(f"band {fit.band:g} Hz, chosen by torques of stretches left out, compared in narrower bands:")
-        lines += [f"  {trial}" for trial in fit.bands]
+        yield f"band {fit.band:g} Hz, chosen by torques of stretches left out, compared in narrower bands:"
+        yield _trials(fit.bands)
     if fit.least_speeds and fit.least_speed is not None:
         speeds = ", ".join(f"{speed:.3g}" for speed in fit.least_speed)
-        lines.append(f"least speeds {speeds} rad/s, chosen in the same way, compared at higher speeds:")
-        lines += [f"  {trial}" for trial in fit.least_speeds]
-    return lines
+        yield f"least speeds {speeds} rad/s, chosen in the same way, compared at higher speeds:"
+        yield _trials(fit.least_speeds)
+
+
+def _trials(trials: Iterable[FitTrial]) -> Table:
+    return Table(("", "equations", "standard errors", "against", ""), [trial.row for trial in trials], words=(4,))
 
 
 def weighted(

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plant import Arm, Rig
 from plant.parts.frozen import Frozen
+from plant.parts.shown import Piece, Shown, Verdict, Warned
+from plant.parts.tables import Table
 
 __all__ = ["Load"]
 
@@ -16,8 +19,8 @@ _QUANTILE = 1.96
 """Of the normal distribution, for 95 %."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Load(Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Load(Shown, Frozen):
     """A load on the last link, or another one. Print it.
 
     Attributes
@@ -80,21 +83,24 @@ class Load(Frozen):
         """That holds the mass with 95 % (2,) [kg]."""
         return self.mass + _QUANTILE * self.std * np.array([-1.0, 1.0])
 
-    def __str__(self) -> str:
+    def _short(self) -> str:
+        count = len(self.warnings)
+        return f"{self.mass:.4g} +- {self.std:.2g} kg{f', {count} warning' * bool(count)}{'s' * (count > 1)}"
+
+    def _shown(self) -> Iterator[Piece]:
         low, high = self.interval
-        lines = [f"mass {self.mass:.4g} +- {self.std:.2g} kg, 95 % from {low:.4g} to {high:.4g}"]
+        said = f"mass {self.mass:.4g} +- {self.std:.2g} kg, 95 % from {low:.4g} to {high:.4g}"
+        yield Verdict(said, not self.warnings)
         where = [f"{axis} {at:.4g} +- {std:.2g}" if np.isfinite(at) else f"{axis} does not show"
                  for axis, at, std in zip("xyz", self.com, self.com_std, strict=True)]  # fmt: skip
-        lines.append(f"centre of mass [m]: {', '.join(where)}")
-        friction = [(name, i) for i, name in enumerate(self.names) if name.startswith("drive.")]
-        width = max((len(name) for name, _ in friction), default=0)
+        yield f"centre of mass [m]: {', '.join(where)}"
         std = np.sqrt(np.diag(self.covariance))
-        lines += [
-            f"{name:<{width}} {self.values[i]:12.4g} {f'+- {std[i]:.2g}' if std[i] > 0 else 'known'}"
-            for name, i in friction
-        ]
-        lines += [f"record {k} alone: {mass:.4g} +- {own:.2g} kg" for k, (mass, own) in enumerate(self.runs)]
+        yield Table((), [
+            (name, f"{self.values[i]:.4g}", f"+- {std[i]:.2g}" if std[i] > 0 else "known")
+            for i, name in enumerate(self.names) if name.startswith("drive.")
+        ], words=(2,))  # fmt: skip
+        yield from (f"record {k} alone: {mass:.4g} +- {own:.2g} kg" for k, (mass, own) in enumerate(self.runs))
         tested = f"chi-square {self.chi_square:.1f} of {self.freedom}" if self.freedom else "not tested"
-        lines.append(f"another arm, not a load: {tested}")
-        lines.append(f"RMS innovation {self.rms_innovation:.3f} pulses (rounding alone gives 0.289)")
-        return "\n".join([*lines, *(f"warning: {text}" for text in self.warnings)])
+        yield f"another arm, not a load: {tested}"
+        yield f"RMS innovation {self.rms_innovation:.3f} pulses (rounding alone gives 0.289)"
+        yield Warned(self.warnings)

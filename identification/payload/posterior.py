@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from identification.payload.shape import LoadShape
 from plant.parts.frozen import Frozen
+from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts.tables import Table
 
 __all__ = ["PayloadEstimate", "information", "posterior"]
 
@@ -23,8 +26,8 @@ _FAR, _GRID = 6.0, 401
 """Standard deviations to which a distribution is looked at, and at how many masses."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class PayloadEstimate(Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PayloadEstimate(Shown, Frozen):
     """What a window says of a load.
 
     Attributes
@@ -66,6 +69,17 @@ class PayloadEstimate(Frozen):
     explained: bool
     misfit: float
     message: str
+
+    def _short(self) -> str:
+        return f"{self.mass:.3g} +- {self.std:.2g} kg{'' if self.sufficient else ', not to be used'}"
+
+    def _shown(self) -> Iterator[Piece]:
+        low, high = self.interval
+        said = f"mass {self.mass:.3g} +- {self.std:.2g} kg, 95 % from {low:.3g} to {high:.3g}"
+        yield Verdict(said if self.sufficient else f"not to be used: {self.message}", self.sufficient)
+        place = ", ".join(f"{x:.3g}" for x in self.position)
+        rows = [("centre of mass [m]", place), ("misfit [standard deviations of the counts]", f"{self.misfit:.2g}")]
+        yield Table((), [*([] if self.sufficient else [("mass [kg]", f"{self.mass:.3g}")]), *rows])
 
 
 def information(

@@ -8,7 +8,7 @@ within a quantisation cell, it gives the Cramer-Rao bound on the standard deviat
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ from identification.replay.prediction import Prediction
 from plant import Arm, Dynamics, Law, Reference, Rig, simulate
 from plant.parts.arguments import known_options
 from plant.parts.frozen import Frozen
+from plant.parts.shown import Aside, Piece, Shown
+from plant.parts.tables import Table
 
 __all__ = ["Budget", "pulse_budget"]
 
@@ -27,8 +29,8 @@ _STEP = 1e-4
 """Of the central differences, as a share of a number (or of the largest f, for one that is zero)."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Budget(Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Budget(Shown, Frozen):
     """How much a motion shows of each parameter.
 
     Attributes
@@ -65,14 +67,20 @@ class Budget(Frozen):
     bound: NDArray[np.float64]
     bound_alone: NDArray[np.float64]
 
-    def __str__(self) -> str:
-        names = short_names(self.dynamics, self.names)
-        width = max(map(len, names))
-        lines = [f"{'':<{width}} {'value':>11} {'1 % is worth':>13} {'rms':>8} {'bound':>9} {'alone':>9}"]
-        for row in zip(names, self.values, self.peak, self.rms, self.bound, self.bound_alone, strict=True):
-            name, value, peak, rms, bound, alone = row
-            lines.append(f"{name:<{width}} {value:11.4g} {peak:7.3f} pulses {rms:8.4f} {bound:9.2g} {alone:9.2g}")
-        return "\n".join([*lines, *self.dynamics.legend.splitlines()])
+    def _short(self) -> str:
+        least = int(self.peak.argmin())
+        name = short_names(self.dynamics, self.names)[least]
+        return f"{len(self.names)} numbers; {name} shows least, {self.peak[least]:.2g} pulses for 1 %"
+
+    def _shown(self) -> Iterator[Piece]:
+        columns = (self.values, self.peak, self.rms, self.bound, self.bound_alone)
+        rows = [
+            (name, f"{value:.4g}", f"{peak:.3f}", f"{rms:.4f}", f"{bound:.2g}", f"{alone:.2g}")
+            for name, value, peak, rms, bound, alone in
+            zip(short_names(self.dynamics, self.names), *columns, strict=True)
+        ]  # fmt: skip
+        yield Table(("", "value", "1 % is worth [pulses]", "rms [pulses]", "bound", "alone"), rows)
+        yield Aside("What the parameters mean", self.dynamics.legend.splitlines())
 
 
 @known_options

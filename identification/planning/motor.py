@@ -7,7 +7,7 @@ current of a motor that turns at constant speed).
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,9 @@ from identification.equation_error.least_squares import least_squares
 from plant import Record
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.frozen import Frozen
+from plant.parts.shown import Piece, Shown
 from plant.parts.sums import dot
+from plant.parts.tables import Table
 
 __all__ = ["MotorFit", "friction_from_motor_test", "gain_from_current"]
 
@@ -24,8 +26,8 @@ _BELOW_LIMIT = 0.98
 """Share of the amplifier's limit up to which a current follows the error."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class MotorFit(Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class MotorFit(Shown, Frozen):
     """Numbers found on motors, with their standard deviations; motor side.
 
     Attributes
@@ -49,9 +51,15 @@ class MotorFit(Frozen):
     values: NDArray[np.float64]
     std: NDArray[np.float64]
 
-    def __str__(self) -> str:
-        rows, width = zip(self.names, self.values, self.std, strict=True), max(map(len, self.names))
-        return "\n".join(f"{name:<{width}} {value:11.5g} +- {std:.2g}" for name, value, std in rows)
+    def _rows(self) -> list[tuple[str, str, str]]:
+        rows = zip(self.names, self.values, self.std, strict=True)
+        return [(name, f"{value:.5g}", f"+- {std:.2g}") for name, value, std in rows]
+
+    def _short(self) -> str:
+        return ", ".join(" ".join(row[:2]) for row in self._rows())
+
+    def _shown(self) -> Iterator[Piece]:
+        yield Table((), self._rows(), words=(2,))
 
 
 @known_options

@@ -22,6 +22,7 @@ from identification.replay.optimum import Optimum, orthonormal
 from identification.results.trials import Trial, backlash, compliance
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
+from plant.parts.shown import Piece, Shown, Verdict
 from plant.simulation.followed_path import is_rounded
 
 __all__ = ["Sign", "delay_sign", "signs"]
@@ -44,8 +45,8 @@ _OWN = 1e-3
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Sign(Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Sign(Shown, Frozen):
     """What a log says of one thing that its rig may leave out.
 
     Attributes
@@ -99,6 +100,12 @@ class Sign(Frozen):
         from scipy.special import chdtrc
 
         return float(chdtrc(self.freedom, max(self.chi_square, 0.0)))
+
+    def _short(self) -> str:
+        return f"{self.name}, chi-square {self.chi_square:.0f} of {self.freedom}, by chance below {self.threshold:.0f}"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield Verdict(f"{self._short()}{': significant' * self.significant}", not self.significant)
 
 
 def signs(at: Optimum, efforts: NDArray[np.float64]) -> list[Sign]:

@@ -7,8 +7,7 @@ first order are what they move. Lengths of the links change the torque along the
 from __future__ import annotations
 
 import dataclasses
-import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from identification.equation_error.clustered import products
 from plant.parts.arguments import real
 from plant.parts.frozen import Frozen
+from plant.parts.shown import Piece, Shown
+from plant.parts.tables import Table
 
 __all__ = ["Assumed", "moved"]
 
@@ -23,8 +24,8 @@ _LITTLE = 0.05
 """Move of a value by 1 % of an assumed number, in its standard deviations, that is not mentioned."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Assumed(Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Assumed(Shown, Frozen):
     """By how much what was found depends on what was assumed; printed, a line per assumed number.
 
     Attributes
@@ -81,17 +82,18 @@ class Assumed(Frozen):
             )
         return products(self.moves * np.broadcast_to(sizes, len(self.names))[:, None])
 
-    def __str__(self) -> str:
-        lines = [f"1 % more of an assumed number moves what is found by (from {_LITTLE:g} standard deviations on):"]
-        width = max(map(len, self.names), default=0)
+    def _short(self) -> str:
+        return f"{len(self.names)} assumed numbers, {len(self.unknown)} values"
+
+    def _shown(self) -> Iterator[Piece]:
+        told_from = f"from {_LITTLE:g} standard deviations on"
+        yield f"1 % more of an assumed number moves what is found by ({told_from}):"
+        rows = []
         for name, row in zip(self.names, self.moves, strict=True):
-            told = [f"{each} {move:+.2g}" for each, move, std in zip(self.unknown, row, self.std, strict=True)
+            told = [f"{each}\xa0{move:+.2g}" for each, move, std in zip(self.unknown, row, self.std, strict=True)
                     if abs(move) > _LITTLE * std]  # fmt: skip
-            said = ", ".join(told) or f"each value by less than {_LITTLE:g} of its standard deviation"
-            lines += textwrap.wrap(
-                said, 110, initial_indent=f"  {name:<{width}}  ", subsequent_indent=" " * (width + 4)
-            )
-        return "\n".join(lines)
+            rows.append((name, ", ".join(told) or f"each value by less than {_LITTLE:g} of its standard deviation"))
+        yield Table((), rows, words=(1,))
 
 
 def moved(

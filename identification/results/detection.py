@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from identification.results.alternatives import Sign
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
+from plant.parts.shown import Piece, Shown, Verdict, Warned
 
 __all__ = ["Detection"]
 
@@ -30,8 +31,8 @@ _LIMITS = {
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Detection(Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Detection(Shown, Frozen):
     """What a log says against its rig; printed, a line.
 
     Attributes
@@ -93,6 +94,16 @@ class Detection(Frozen):
         values = [item for sign in self.named if sign.name == "backlash" for item in sign.values.items()]
         played = [name for name, value in values if name.startswith("backlash") and value]
         return tuple(dict.fromkeys(map(self._joint, played)))
+
+    def _short(self) -> str:
+        if self.reason is not None:
+            return "not tested"
+        tested = f"{len(self.signs)} tests, no contradiction"
+        return f"contradicted by {', '.join(self.names)}" if self.named else tested
+
+    def _shown(self) -> Iterator[Piece]:
+        yield Verdict(str(self), None if self.reason is not None else not self.named)
+        yield Warned(list(self.warnings()))
 
     def __str__(self) -> str:
         if self.reason is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +18,14 @@ from identification.search.outcome import Fit
 from identification.search.problem import Problem
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
+from plant.parts.shown import Piece, Shown
 
 __all__ = ["Diagnostics"]
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Diagnostics(Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Diagnostics(Shown, Frozen):
     """How well what was found repeats the records.
 
     Attributes
@@ -67,6 +69,17 @@ class Diagnostics(Frozen):
     delay_std: float
     detection: Detection
     law_apart: tuple[NDArray[np.float64] | None, ...] = ()
+
+    def _short(self) -> str:
+        return f"differ by {self.difference:.2f} pulses (rms), {self.detection._short()}"
+
+    def _shown(self) -> Iterator[Piece]:
+        known = np.isfinite(self.difference)
+        by = f"{self.difference:.2f} pulses (rms)" if known else "an unknown amount"
+        aside = self.held_out_difference
+        kept = "" if aside is None else f", in the record(s) kept aside by {aside:.2f}"
+        yield f"simulated and measured errors differ by {by}{kept}"
+        yield str(self.detection)
 
     @classmethod
     def of(

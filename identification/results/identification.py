@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from identification.results.diagnostics import Diagnostics
 from identification.results.doubts import doubts
 from identification.results.lengths import moved_by_lengths
 from identification.results.plots import plot_identification
-from identification.results.summary import summary_of
+from identification.results.summary import said_of
 from identification.results.trust import warnings_of
 from identification.search.gear_resonance import GearResonance
 from identification.search.genetic import GeneticSettings
@@ -27,16 +27,14 @@ from plant import Arm, Law, Record, Rig
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.saved import Saved, fingerprint
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from plant.parts.shown import Piece, Shown
 
 __all__ = ["Identification"]
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Identification(Saved, Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Identification(Shown, Saved, Frozen):
     """What was found, and how.
 
     Attributes
@@ -231,17 +229,17 @@ class Identification(Saved, Frozen):
 
     def summary(self) -> str:
         """A table: each value, its standard deviation, the bound, its 95 % interval, its largest correlation."""
-        return summary_of(self)
+        return str(self)
 
-    def plot(self) -> Figure:
+    def plot(self, ax: Any = None) -> NDArray[Any]:
         """Draw errors, innovations, spectrum and intervals; see `identification.results.plots.plot_identification`."""
-        return plot_identification(self)
+        return plot_identification(self, ax)
 
-    def __repr__(self) -> str:
-        f = np.array2string(self.f, precision=3, suppress_small=True)
+    def _shown(self) -> Iterable[Piece]:
+        return said_of(self)
+
+    def _short(self) -> str:
         count, fallback = len(doubts(self)), self.fit.fallback_reason
-        doubtful = f", {count} warning{'s' * (count > 1)}: see .warnings" if count else ""
-        return (
-            f"Identification(f={f}, objective {self.initial_objective:.0f} -> {self.objective:.0f} pulses^2, "
-            f"{self.evaluations} evaluations in {self.seconds:.1f} s{', a fallback' * bool(fallback)}{doubtful})"
-        )
+        doubtful = f", {count} warning{'s' * (count > 1)}" if count else ""
+        went = f"{self.method}, {self.objective:.0f} pulses^2, {self.evaluations} evaluations"
+        return f"{len(self.values)} values, {went}{', a fallback' * bool(fallback)}{doubtful}"

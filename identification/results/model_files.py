@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,8 @@ from plant.models.edits import mjcf_inertial, mjcf_joint, urdf_friction, urdf_in
 from plant.parts.arguments import known_options
 from plant.parts.files import require_new, write_whole
 from plant.parts.frozen import Frozen
+from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts.tables import Table
 
 __all__ = ["WrittenModel", "write_mjcf", "write_urdf"]
 
@@ -32,8 +34,8 @@ _SAME = 1e-13
 """Relative change of a body below which its bytes stay."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class WrittenModel(Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class WrittenModel(Shown, Frozen):
     """What was written.
 
     Attributes
@@ -69,9 +71,13 @@ class WrittenModel(Frozen):
     arm: Arm
     difference: NDArray[np.float64]
 
-    def __repr__(self) -> str:
-        largest = np.abs(self.difference).max()
-        return f"WrittenModel({self.path.name}, {len(self.bodies)} inertials, f within {largest:.3g})"
+    def _short(self) -> str:
+        return f"{self.path.name}, {len(self.bodies)} inertials, f within {np.abs(self.difference).max():.3g}"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield Verdict(f"{self._short()} of what was asked for")
+        rows = [(link, f"{body.mass:.4g}", *(f"{x:.3g}" for x in body.com)) for link, body in self.bodies.items()]
+        yield Table(("link", "mass [kg]", "x [m]", "y [m]", "z [m]"), rows)
 
 
 @known_options

@@ -10,7 +10,8 @@ Source: paper Figs. 10-11, 4.2.
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,10 +22,9 @@ from plant import Arm, Law, Record
 from plant.analysis.linearise import modes
 from plant.parts.arguments import array, instance, known_options
 from plant.parts.frozen import Frozen
+from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts.tables import Table
 from plant.simulation.jacobians import jacobians
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["Oscillation", "oscillation"]
 
@@ -40,8 +40,8 @@ _PERIODS = 8
 _POSES = 12
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Oscillation(Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Oscillation(Shown, Frozen):
     """The oscillation in the tracking errors of a record.
 
     Attributes
@@ -88,20 +88,26 @@ class Oscillation(Frozen):
         ends = min(len(errors) - 1, int(_PERIODS / (self.frequency * self.record.rig.period)))
         return sosfiltfilt(butter(3, band, "bandstop", output="sos"), errors, axis=0, padlen=ends)
 
-    def __str__(self) -> str:
-        rows = zip(self.joints, self.amplitude, strict=True)
-        amplitudes = ", ".join(f"{label} {value:.2f}" for label, value in rows)
-        text = f"oscillation at {self.frequency:.1f} Hz [pulses, rms]: {amplitudes}"
-        if self.own is None:
-            return f"{text}; pass an arm to learn whether it is the loop's own"
-        found = ", ".join(f"{low:.1f}-{high:.1f}" for low, high in self.modes)
-        if self.own:
-            return f"{text}; the position loop's own mode ({found} Hz): it shows the inertias, keep it"
-        return f"{text}; no mode of this arm's position loop ({found} Hz): a disturbance, unless the arm is known badly"
+    def _short(self) -> str:
+        whose = {None: "", True: ", the loop's own", False: ", a disturbance"}[self.own]
+        return f"{self.frequency:.1f} Hz, up to {self.amplitude.max():.2f} pulses (rms){whose}"
 
-    def plot(self) -> Figure:
-        """Draw the errors as measured and without the oscillation (Figs. 10-11), and their spectrum."""
-        return plot_oscillation(self)
+    def _shown(self) -> Iterator[Piece]:
+        found = ", ".join(f"{low:.1f}-{high:.1f}" for low, high in self.modes)
+        said = f"oscillation at {self.frequency:.1f} Hz"
+        if self.own is None:
+            yield Verdict(f"{said}; pass an arm to learn whether it is the loop's own")
+        elif self.own:
+            yield Verdict(f"{said}; the position loop's own mode ({found} Hz): it shows the inertias, keep it", True)
+        else:
+            none = f"no mode of this arm's position loop ({found} Hz)"
+            yield Verdict(f"{said}; {none}: a disturbance, unless the arm is known badly", False)
+        rows = [(label, f"{value:.2f}") for label, value in zip(self.joints, self.amplitude, strict=True)]
+        yield Table(("", "amplitude [pulses, rms]"), rows)
+
+    def plot(self, ax: Any = None) -> NDArray[Any]:
+        """Draw the errors as measured and without the oscillation (Figs. 10-11), and their spectrum: n + 1 Axes."""
+        return plot_oscillation(self, ax)
 
 
 @known_options

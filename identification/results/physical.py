@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +25,8 @@ from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA
 from plant.mechanics.lumping import STANDARD, standard_parameters
 from plant.parts.arguments import array, instance, known_options
 from plant.parts.frozen import Frozen
+from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts.tables import Table
 
 __all__ = ["Physical", "nearest_physical"]
 
@@ -31,8 +34,8 @@ _RIDGE = 1e-9
 """Share of the largest variance that is added to all: a number kept fixed has no variance."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Physical(Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Physical(Shown, Frozen):
     """The nearest physically consistent arm.
 
     Attributes
@@ -62,6 +65,18 @@ class Physical(Frozen):
     arm: Arm
     bodies: tuple[Body, ...]
     distance: float
+
+    def _short(self) -> str:
+        return f"{len(self.bodies)} bodies, {self.distance:.3g} standard deviations from what was found"
+
+    def _shown(self) -> Iterator[Piece]:
+        noise = f"up to about {np.sqrt(self.arm.dynamics.p) + 2:.1f} is noise"
+        yield Verdict(f"{self._short()}; {noise}")
+        rows = [
+            (label, f"{body.mass:.4g}", *(f"{x:.3g}" for x in body.com))
+            for label, body in zip(self.arm.dynamics.chain.joint_labels, self.bodies, strict=True)
+        ]
+        yield Table(("a set of bodies that has it", "mass [kg]", "x [m]", "y [m]", "z [m]"), rows)
 
 
 @known_options

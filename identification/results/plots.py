@@ -2,155 +2,172 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import itertools
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from identification.replay.prediction import Prediction
 from plant import simulate
-from plant.parts.labels import literal
+from plant.parts.figures import BAND, LOGS, axes_of, colour_of, dressed, legend_above, literal
 from plant.simulation.injection import injected_beside
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-__all__ = ["LOGS", "draw_intervals", "plot_identification", "plot_oscillation"]
-
-_MEASURED, _MODEL, _LEFT = "#b3bcc0", "#c8553d", "#1f6f8b"
-LOGS: tuple[tuple[str, dict[str, Any]], ...] = (
-    ("measured", {"color": _MEASURED, "linewidth": 2.6}),
-    ("simulated", {"color": _MODEL, "linewidth": 0.8}),
-)
-"""How a log and its model are drawn: the model lies on the log, which is wider."""
+__all__ = ["draw_intervals", "plot_identification", "plot_oscillation"]
 
 _MEANING = 68
 """Letters of a parameter's meaning that a figure shows; `Dynamics.legend` has them all."""
 
+_ADVICE = "Draw without ax once: it returns them in their order"
+
 
 @literal
-def plot_identification(found: Any) -> Figure:
+def plot_identification(found: Any, ax: Any = None) -> NDArray[Any]:
     """Draw the first record of an `Identification`.
 
-    One row per joint: tracking errors measured and simulated with what was found, the whole record and a short stretch
-    of it, and the innovations. Below: spectrum of tracking errors and innovations; half-widths of the 95 % intervals,
-    as shares of the values; what short names of parameters mean.
+    Three panels per joint: tracking errors measured and simulated with what was found, the whole record and a short
+    stretch of it, and the innovations. Then the spectrum of tracking errors and innovations, and half-widths of the
+    95 % intervals, as shares of the values. A figure of its own says below what short names of parameters mean.
+
+    Parameters
+    ----------
+    found : Identification
+    ax : (3 n + 2,) array of matplotlib Axes, optional
+        Where to draw, joint by joint; a new figure by default.
 
     Returns
     -------
-    matplotlib figure
-    """
-    import matplotlib.pyplot as plt
+    (3 n + 2,) numpy.ndarray of matplotlib Axes
 
+    Raises
+    ------
+    ValueError
+        Another number of Axes.
+    """
     dynamics, record, n = found.arm.dynamics, found.records[0], found.arm.n
+    axes = axes_of(ax, (3 * n + 2,), lambda: _new_axes(n, dynamics.legend.splitlines()), _ADVICE)
     prediction = Prediction(dynamics, record, found.unknown)
     left = prediction.innovations(np.append(found.values, prediction.nuisances)).reshape(-1, n)
     model = None
     if record.reference is not None:
         duration, added = len(record) * record.rig.period, injected_beside(record)
         model = simulate(found.arm, found.rig, found.law, record.reference, duration=duration, injected=added)
-    meaning = [line if len(line) <= _MEANING else f"{line[:_MEANING]} ..." for line in dynamics.legend.splitlines()]
-    half = (len(meaning) + 1) // 2
-    heights = [*[1.8 if n < 4 else 1.5] * n, 2.6, 0.14 * half + 0.01]
-    figure = plt.figure(figsize=(12, sum(heights)), layout="constrained")
-    grid = figure.add_gridspec(n + 2, 3, height_ratios=heights)
     for joint, label in enumerate(dynamics.chain.joint_labels):
-        titles = (label, *(("a stretch of it", "innovation: counted minus predicted") if joint == 0 else ("", "")))
-        axes = [_axis(figure, grid[joint, column], title) for column, title in enumerate(titles)]
-        for axis, start, end in ((axes[0], 0.0, 1.0), (axes[1], 0.30, 0.36)):
+        whole, stretch, rest = axes[3 * joint : 3 * joint + 3]
+        for axis, start, end in ((whole, 0.0, 1.0), (stretch, 0.30, 0.36)):
             some = slice(int(start * len(record)), int(end * len(record)))
             for log, (name, style) in zip((record, model), LOGS, strict=True):
                 if log is not None:
                     axis.plot(log.t[some], log.error_pulses[some, joint], label=name, **style)
-        axes[0].set_ylabel("error [pulses]")
-        axes[2].plot(record.t, left[:, joint], color=_LEFT, linewidth=0.5)
-        for axis in axes:
+            axis.set_ylabel("error [pulses]")
+        rest.plot(record.t, left[:, joint], color=colour_of(0), linewidth=0.5)
+        rest.set_ylabel("innovation [pulses]")
+        titles = (label, *(("a stretch of it", "innovation: counted minus predicted") if joint == 0 else ("", "")))
+        for axis, title in zip((whole, stretch, rest), titles, strict=True):
+            dressed(axis, title)
             axis.set_xlabel("time [s]" if joint == n - 1 else "")
-    _legend(figure.axes[1])
-    axis = _axis(figure, grid[n, 0], "spectrum")
-    for signal, colour, name in ((record.error_pulses, "#444444", "error"), (left, _LEFT, "innovation")):
-        axis.loglog(*_spectrum(signal, record.rig.period), color=colour, linewidth=0.7, label=name)
-    axis.set_xlabel("frequency [Hz]")
-    axis.set_ylabel("amplitude [pulses]")
-    _legend(axis)
-    draw_intervals(_axis(figure, grid[n, 1:], "95 % intervals"), found)
-    axis = figure.add_subplot(grid[n + 1, :])
-    axis.axis("off")
-    for x, lines in ((0.0, meaning[:half]), (0.5, meaning[half:])):
-        axis.text(x, 1, "\n".join(lines), fontsize=7, family="monospace", va="top", transform=axis.transAxes)
-    return figure
+    legend_above(axes[1])
+    spectrum, intervals = axes[-2:]
+    for signal, colour, name in ((record.error_pulses, "#444444", "error"), (left, colour_of(0), "innovation")):
+        spectrum.loglog(*_spectrum(signal, record.rig.period), color=colour, linewidth=0.7, label=name)
+    dressed(spectrum, "spectrum").set_xlabel("frequency [Hz]")
+    spectrum.set_ylabel("amplitude [pulses]")
+    legend_above(spectrum)
+    draw_intervals(dressed(intervals, "95 % intervals"), found)
+    return axes
 
 
-def _legend(axis: Axes) -> None:
-    """A legend above the axis, to the right of its title."""
-    axis.legend(frameon=False, fontsize=8, ncols=2, loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0)
+def _new_axes(n: int, meaning: list[str]) -> list[Any]:
+    """Axes of a figure that says below what the parameters mean, in two columns."""
+    import matplotlib.pyplot as plt
+
+    short = [line if len(line) <= _MEANING else f"{line[:_MEANING]} ..." for line in meaning]
+    half = (len(short) + 1) // 2
+    heights = [*[1.8 if n < 4 else 1.5] * n, 2.6]
+    figure = plt.figure(figsize=(12, sum(heights) + 0.14 * half), layout="constrained")
+    grid = figure.add_gridspec(n + 1, 3, height_ratios=heights)
+    columns = itertools.zip_longest(short[:half], short[half:], fillvalue="")
+    lines = [f"{first:<{_MEANING + 8}}{second}" for first, second in columns]
+    if lines:
+        figure.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=7, family="monospace")
+    places = [grid[joint, column] for joint in range(n) for column in range(3)]
+    return [figure.add_subplot(place) for place in (*places, grid[n, 0], grid[n, 1:])]
 
 
-def draw_intervals(axis: Axes, found: Any) -> None:
+def draw_intervals(axis: Any, found: Any) -> None:
     """Half-widths of the 95 % intervals, all counted and of noise alone, as shares of the values; beyond 100 % the sign
     is not known.
     """
     names = found.short_names
     axis.set_xticks(np.arange(len(names)), names, rotation=0 if len(names) < 12 else 90, fontsize=8)
     axis.set_xlim(-0.5, len(names) - 0.5)
+    axis.set_xlabel("parameter")
     axis.set_ylabel("half-width [% of the value]")
     if found.covariance is None:
         return
-    kinds: list[tuple[Any, str, dict[str, Any]]] = [(found.covariance, "all that is counted", {"color": _LEFT})]
+    dot, ring = {"color": colour_of(0), "s": 16}, {"edgecolor": colour_of(1), "facecolor": "none", "s": 60}
+    kinds: list[tuple[Any, str, dict[str, Any]]] = [(found.covariance, "all that is counted", dot)]
     if found.fit.noise_covariance is not None:
-        kinds.append((found.fit.noise_covariance, "noise alone", {"facecolor": "white", "edgecolor": _MODEL}))
+        kinds.append((found.fit.noise_covariance, "noise alone", ring))
     for covariance, label, style in kinds:
         share = 196 * np.sqrt(np.diag(covariance)) / np.maximum(np.abs(found.values), np.finfo(float).tiny)
         there = np.flatnonzero((share > 0) & (share < 1e6))  # not what is known, or a value of zero
-        axis.scatter(there, share[there], s=24, zorder=3, label=label, **style)
+        axis.scatter(there, share[there], zorder=3, label=label, **style)
     axis.set_yscale("log")
     axis.yaxis.set_major_formatter("{x:g}")
     axis.axhline(100, color="0.5", linewidth=0.8, linestyle="--")
-    _legend(axis)
-
-
-def _axis(figure: Figure, place: Any, title: str) -> Axes:
-    axis = figure.add_subplot(place)
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.grid(alpha=0.25, linewidth=0.5)
-    axis.set_title(title, fontsize=9, loc="left")
-    return axis
+    legend_above(axis)
 
 
 @literal
-def plot_oscillation(found: Any) -> Figure:
+def plot_oscillation(found: Any, ax: Any = None) -> NDArray[Any]:
     """Draw an `Oscillation`: errors measured and without it, one row per joint, and their spectrum below.
 
-    Source: paper Figs. 10-11.
+    Parameters
+    ----------
+    found : Oscillation
+    ax : (n + 1,) array of matplotlib Axes, optional
+        Where to draw; a new figure by default.
 
     Returns
     -------
-    matplotlib figure
-    """
-    import matplotlib.pyplot as plt
+    (n + 1,) numpy.ndarray of matplotlib Axes
 
+    Raises
+    ------
+    ValueError
+        Another number of Axes.
+
+    Source: paper Figs. 10-11.
+    """
     record = found.record
     n, quiet = record.n, found.removed(record.error_pulses)
-    figure = plt.figure(figsize=(9, (2.0 if n < 4 else 1.5) * n + 2.6), layout="constrained")
-    grid = figure.add_gridspec(n + 1, 1, height_ratios=[*[1.0] * n, 1.2])
-    for joint, label in enumerate(found.joints):
-        axis = _axis(figure, grid[joint], f"{label}, tracking error")
-        axis.plot(record.t, record.error_pulses[:, joint], color="0.7", linewidth=0.6, label="measured")
-        axis.plot(record.t, quiet[:, joint], color=_MODEL, linewidth=1.0, label="without the oscillation")
-        axis.set_ylabel("[pulses]")
-    _legend(figure.axes[0])
-    axis.set_xlabel("time [s]")
+
+    def new() -> Any:
+        import matplotlib.pyplot as plt
+
+        heights = [*[2.0 if n < 4 else 1.5] * n, 2.6]
+        size = (9, sum(heights))
+        return plt.subplots(n + 1, 1, figsize=size, height_ratios=heights, layout="constrained")[1]
+
+    axes = axes_of(ax, (n + 1,), new)
+    (_, measured), (_, thin) = LOGS
+    for joint, (axis, label) in enumerate(zip(axes, found.joints, strict=False)):
+        axis.plot(record.t, record.error_pulses[:, joint], label="measured", **measured)
+        axis.plot(record.t, quiet[:, joint], label="without the oscillation", **thin)
+        dressed(axis, f"{label}, tracking error").set_ylabel("error [pulses]")
+    legend_above(axes[0])
+    axes[-2].set_xlabel("time [s]")
     bands = "; shaded: modes of the linearised loop" if found.modes else ""
-    axis = _axis(figure, grid[n], f"spectrum; dashed: {found.frequency:.1f} Hz{bands}")
-    for signal, colour in ((record.error_pulses, "0.5"), (quiet, _MODEL)):
-        axis.loglog(*_spectrum(signal, record.rig.period), color=colour, linewidth=0.7)
+    spectrum = dressed(axes[-1], f"spectrum; dashed: {found.frequency:.1f} Hz{bands}")
+    for signal, style in ((record.error_pulses, measured), (quiet, thin)):
+        spectrum.loglog(*_spectrum(signal, record.rig.period), **style | {"linewidth": 0.8})
     for low, high in found.modes:
-        axis.axvspan(low, high, color="#e9e4d4", zorder=0)
-    axis.axvline(found.frequency, color="0.3", linewidth=0.8, linestyle="--")
-    axis.set_xlabel("frequency [Hz]")
-    axis.set_ylabel("amplitude [pulses]")
-    return figure
+        spectrum.axvspan(low, high, color=BAND, zorder=0)
+    spectrum.axvline(found.frequency, color="0.3", linewidth=0.8, linestyle="--")
+    spectrum.set_xlabel("frequency [Hz]")
+    spectrum.set_ylabel("amplitude [pulses]")
+    return axes
 
 
 def _spectrum(signal: NDArray[np.float64], period: float) -> tuple[NDArray[Any], NDArray[Any]]:

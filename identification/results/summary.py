@@ -1,50 +1,57 @@
-"""The table of an identification: values, intervals, what contradicts the model, what was assumed."""
+"""What an identification shows: values, intervals, what contradicts the model, what was assumed."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-__all__ = ["summary_of"]
+from identification.results.doubts import doubts
+from plant.parts.shown import Aside, Piece, Verdict, Warned, inside
+from plant.parts.tables import Table
+
+__all__ = ["said_of"]
 
 
-def summary_of(found: Any) -> str:
-    """Lines about an `Identification`: each value, its deviation, the bound, its 95 % interval, its correlation."""
-    names, diagnostics = found.short_names, found.diagnostics
-    width = max(map(len, names))
-    lines = [f"{found.method}, {len(found.records)} record(s): {found.message}"]
+def said_of(found: Any) -> Iterator[Piece]:
+    """Of an `Identification`: its verdict, each value with its interval, what was tested, what was assumed."""
+    doubtful = len(doubts(found))
+    count = f"{doubtful} warning{'s' * (doubtful > 1)}"
+    clear = "Nothing in the log contradicts what was stated."
+    yield Verdict(f"In doubt: {count}, below." if doubtful else clear, not doubtful)
+    yield f"{found.method}, {len(found.records)} record(s): {found.message}"
+    yield _values(found)
+    yield from inside(found.diagnostics)
+    if found.fit.noise_covariance is not None:
+        yield f"intervals count noise and {found.search.tolerances}"
+    if found.covariance is not None and found.diagnostics.detection.assumed:
+        yield from inside(found.assumed())
+    if found.resonance is not None:
+        yield from inside(found.resonance)
+    yield Warned(found.warnings)
+    yield Aside("What the parameters mean", found.arm.dynamics.legend.splitlines())
+
+
+def _values(found: Any) -> Table:
+    names, values = found.short_names, [f"{value:.5g}" for value in found.values]
     if found.covariance is None:
-        lines += [f"{name:<{width}} {value:12.5g}" for name, value in zip(names, found.values, strict=True)]
-    else:
-        try:
-            bounds = np.full(len(found.values), np.nan) if found.fit.resumptions else found.bound()
-        except ValueError:  # no reference, or numbers that are not separately identifiable
-            bounds = np.full(len(found.values), np.nan)
-        known = np.isfinite(bounds).all()
-        head = f"{'value':>12} {'std':>9} {'bound' if known else '':>{9 * known}} {'95 % interval':>25}"
-        lines.append(f"{'':<{width}} {head}   largest correlation")
-        others = found.fit.correlation - np.eye(len(found.values))
-        rows = zip(names, found.values, found.std, bounds, strict=True)
-        for i, (name, value, std, bound) in enumerate(rows):
-            if not std > 0:
-                said = "bounded" if found.resonance is not None and found.resonance.bounds(name) else "known"
-                lines.append(f"{name:<{width}} {value:12.5g} {said:>9}")
-                continue
-            most = int(np.argmax(np.abs(others[i])))
-            interval = f"[{value - 1.96 * std:.5g}, {value + 1.96 * std:.5g}]"
-            together = f"{names[most]} ({others[i, most]:+.2f})"
-            least = f"{bound:9.2g}" if known else ""
-            lines.append(f"{name:<{width}} {value:12.5g} {std:9.2g} {least} {interval:>25}   {together}")
-    known = np.isfinite(diagnostics.difference)
-    by = f"{diagnostics.difference:.2f} pulses (rms)" if known else "an unknown amount"
-    lines.append(f"simulated and measured errors differ by {by}")
-    if diagnostics.held_out_difference is not None:
-        lines[-1] += f", in the record(s) kept aside by {diagnostics.held_out_difference:.2f}"
-    lines.append(str(diagnostics.detection))
-    lines += [] if found.fit.noise_covariance is None else [f"intervals count noise and {found.search.tolerances}"]
-    told = found.covariance is not None and found.diagnostics.detection.assumed
-    lines += str(found.assumed()).splitlines() if told else []
-    lines += [] if found.resonance is None else str(found.resonance).splitlines()
-    lines += [f"warning: {text}" for text in found.warnings]
-    return "\n".join([*lines, *found.arm.dynamics.legend.splitlines()])
+        return Table(("", "value"), list(zip(names, values, strict=True)))
+    try:
+        bounds = np.full(len(values), np.nan) if found.fit.resumptions else found.bound()
+    except ValueError:  # no reference, or numbers that are not separately identifiable
+        bounds = np.full(len(values), np.nan)
+    others, rows = found.fit.correlation - np.eye(len(values)), list[tuple[str, ...]]()
+    for i, (value, std) in enumerate(zip(found.values, found.std, strict=True)):
+        if not std > 0:
+            said = "bounded" if found.resonance is not None and found.resonance.bounds(names[i]) else "known"
+            rows.append((names[i], values[i], said, "", "", ""))
+            continue
+        most = int(np.argmax(np.abs(others[i])))
+        interval = f"[{value - 1.96 * std:.5g}, {value + 1.96 * std:.5g}]"
+        together = f"{names[most]} ({others[i, most]:+.2f})"
+        rows.append((names[i], values[i], f"{std:.2g}", f"{bounds[i]:.2g}", interval, together))
+    head: tuple[str, ...] = ("", "value", "std", "bound", "95 % interval", "largest correlation")
+    if not np.isfinite(bounds).all():
+        head, rows = head[:3] + head[4:], [row[:3] + row[4:] for row in rows]
+    return Table(head, rows, words=(len(head) - 1,))

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
+from plant.parts.shown import Piece, Shown, Verdict, Warned
+from plant.parts.tables import Table
 
 __all__ = ["GearResonance"]
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class GearResonance(Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class GearResonance(Shown, Frozen):
     """Locked-rotor resonances, sqrt(k / (D_ii - Jm_i k_i^2)) / 2 pi, at the pose where the reference begins.
 
     Attributes
@@ -69,20 +72,26 @@ class GearResonance(Frozen):
         stiffer = np.flatnonzero(self.searched & np.isinf(self.high)).tolist()
         return name in [f"drive.elasticity.{what}[{i}]" for what in ("stiffness", "damping") for i in stiffer]
 
-    def __str__(self) -> str:
-        width = max(map(len, self.joints))
-        lines = ["resonance of each link against its locked motor, 95 % interval [Hz]; damping ratio"]
+    def _short(self) -> str:
+        found = [f"{hz:.1f}" if np.isfinite(top) else f">{low:.0f}" for hz, low, top in
+                 zip(self.hz, self.low, np.where(self.searched, self.high, 0), strict=True)]  # fmt: skip
+        return f"{', '.join(found)} Hz"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield Verdict("resonance of each link against its locked motor, with 95 % intervals")
+        rows = []
         for i, label in enumerate(self.joints):
+            hz = f"{self.hz[i]:.1f}"
             ratio = f"{self.damping_ratio[i]:.3f} [{self.damping_low[i]:.3f}, {self.damping_high[i]:.3f}]"
             if not self.searched[i]:
-                lines.append(f"{label:<{width}} {self.hz[i]:7.1f}, as the rig says")
+                rows.append((label, hz, "as the rig says", ""))
             elif np.isinf(self.high[i]):
-                lines.append(f"{label:<{width}} stiffer than {self.low[i]:.0f}")
+                rows.append((label, "", f"stiffer than {self.low[i]:.0f}", ""))
             else:
-                lines.append(f"{label:<{width}} {self.hz[i]:7.1f} [{self.low[i]:.1f}, {self.high[i]:.1f}]; {ratio}")
+                rows.append((label, hz, f"[{self.low[i]:.1f}, {self.high[i]:.1f}]", ratio))
+        yield Table(("", "[Hz]", "interval", "damping ratio"), rows, words=(2, 3))
         if self.played and self.searched.any():
-            lines.append(
+            yield Warned([
                 f"bounds alone: the log shows backlash at {', '.join(self.played)} that the rig does not state, and "
                 "the search takes it for compliance. State it in the Elasticity, and identify again."
-            )
-        return "\n".join(lines)
+            ])  # fmt: skip

@@ -154,6 +154,10 @@ class GeneticResult:
     settings: GeneticSettings
     message: str  # why it stopped
 
+    def __repr__(self) -> str:
+        went = f"cost {self.initial_cost:.4g} -> {self.cost:.4g}"
+        return f"GeneticResult({len(self.x)} numbers, {went}, {self.evaluations} evaluations)"
+
 
 def minimize_genetic(
     objective: Callable[[Floats], ArrayLike],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,8 @@ from identification.search.gear_resonance import GearResonance
 from identification.search.genetic import GeneticResult, GeneticSettings
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
+from plant.parts.shown import Piece, Shown
+from plant.parts.tables import Table
 
 __all__ = ["Fit", "Outcome"]
 
@@ -20,8 +23,8 @@ for _each in (GeneticSettings, GeneticResult, Resumption):  # they know nothing 
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Fit(Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Fit(Shown, Frozen):
     """The values of the unknowns, and how well they are known.
 
     Attributes
@@ -76,6 +79,17 @@ class Fit(Frozen):
     resumptions: tuple[Resumption | None, ...] = ()
     gains: NDArray[np.float64] | None = None
     resonance: GearResonance | None = None
+
+    def _short(self) -> str:
+        known = "no covariance" if self.covariance is None else "with covariance"
+        return f"{len(self.values)} values, {known}{', a fallback' * bool(self.fallback_reason)}"
+
+    def _shown(self) -> Iterator[Piece]:
+        std = [""] * len(self.values) if self.covariance is None else [f"+- {each:.2g}" for each in self.std]
+        rows = zip(self.unknown, self.values, std, strict=True)
+        yield Table((), [(name, f"{value:.5g}", deviation) for name, value, deviation in rows], words=(2,))
+        if self.fallback_reason:
+            yield f"a fallback: {self.fallback_reason}"
 
     @property
     def std(self) -> NDArray[np.float64]:

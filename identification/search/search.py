@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +14,15 @@ from identification.search.problem import Problem
 from identification.search.tolerances import Tolerances
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
+from plant.parts.shown import Piece, Shown
+from plant.parts.tables import Table
 
 __all__ = ["Search"]
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Search(Frozen):
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Search(Shown, Frozen):
     """How the unknowns were searched.
 
     Attributes
@@ -75,6 +78,15 @@ class Search(Frozen):
     evaluations: int
     seconds: float = dataclasses.field(compare=False)
     message: str
+
+    def _short(self) -> str:
+        return f"{self.method}, seed {self.seed}, {self.evaluations} evaluations in {self.seconds:.1f} s"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield f"{self.message}"
+        rows = [("method", self.method), ("seed", f"{self.seed}"), ("evaluations", f"{self.evaluations}")]
+        rows += [("generations", f"{max(len(self.history) - 1, 0)}"), ("time [s]", f"{self.seconds:.1f}")]
+        yield Table((), rows)
 
     @classmethod
     def of(cls, problem: Problem, outcome: Outcome, objective: float, seconds: float) -> Search:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from typing import Any
 
 from plant.parts.labels import joint_label
+from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts.tables import Table
 
 __all__ = ["Checkup", "Finding"]
 
@@ -13,8 +16,8 @@ _ROUNDING = 1e-9
 """Printed as 0."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Finding:
+@dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
+class Finding(Shown):
     """One line of a checkup.
 
     Attributes
@@ -78,9 +81,19 @@ class Finding:
         """Whether there is nothing to do: fine, or cannot tell."""
         return self.verdict not in ("look", "wrong")
 
+    def _short(self) -> str:
+        measured = "" if self.value is None else f", {_measured([self.value], self.unit)}"
+        where = "" if self.joint is None else f", joint {self.joint}"
+        return f"{self.check}{where}{measured}: {self.verdict:.40}"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield Verdict(self._short(), self.ok)
+        if self.advice:
+            yield self.advice
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
-class Checkup:
+class Checkup(Shown):
     """All findings about a record; printed, a table.
 
     Attributes
@@ -115,28 +128,30 @@ class Checkup:
         """The findings that say "look" or "wrong"."""
         return tuple(finding for finding in self.findings if not finding.ok)
 
-    def __repr__(self) -> str:
+    def _short(self) -> str:
         words = [finding.verdict.partition(":")[0] for finding in self.findings]
-        counts = ", ".join(f"{words.count(word)} {word}" for word in dict.fromkeys(words))
-        return f"Checkup({counts})"
+        return ", ".join(f"{words.count(word)} {word}" for word in dict.fromkeys(words))
 
-    def __str__(self) -> str:
-        """Check, joint, number, verdict and advice; joints with one verdict share the line of a check."""
-        rows = [("check", "joint", "measured", "verdict", "what to do")]
+    def _shown(self) -> Iterator[Piece]:
+        """Check, joint, number and verdict; joints with one verdict share the line of a check. Above, what to do."""
         groups: dict[tuple[Any, ...], list[Finding]] = {}
         for finding in self.findings:
             own = finding.joint if not finding.ok else None
             groups.setdefault((finding.check, finding.verdict, finding.unit, own), []).append(finding)
+        yield Verdict(f"{len(self.problems)} of {len(self.findings)} checks ask for a look: {self._short()}", self.ok)
+        rows, reasons = [], []
         for (name, verdict, unit, _), group in groups.items():
             label, *more = self._labels([finding.joint for finding in group])
             values = [finding.value for finding in group if finding.value is not None]
-            rows.append((name, label, _measured(values, unit), verdict, group[0].advice))
-            rows += [("", label, "", "", "") for label in more]
-        widths = [max(len(row[i]) for row in rows if i < 3 or len(row[i]) < 10) for i in range(4)]
-        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=False)) for row in rows]
-        return "\n".join(
-            (f"{line}  {row[4]}" if row[4] else line).rstrip() for line, row in zip(lines, rows, strict=True)
-        )
+            said, _, why = verdict.partition(": ")
+            rows.append((name, label, _measured(values, unit), said))
+            rows += [("", label, "", "") for label in more]
+            if group[0].advice:
+                yield f"{name}{'' if label == '-' else f', {label}'}: {group[0].advice}"
+            if why:
+                reasons.append(f"{name}: {verdict}")
+        yield Table(("check", "joint", "measured", "verdict"), rows, words=(1, 2, 3))
+        yield from reasons
 
     def _labels(self, joints: list[int | None]) -> list[str]:
         """What the table calls these joints, a line each; "all" for all of several."""

@@ -11,6 +11,7 @@ by chance.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,7 @@ from plant.models.hypotheses import Stated, without_mistakes
 from plant.models.repairs import body_of, guess, only
 from plant.parts.arguments import known_options
 from plant.parts.files import require_new, write_whole
+from plant.parts.shown import Piece, Shown, Verdict
 
 __all__ = ["ModelCheck", "ModelFinding", "check_model"]
 
@@ -46,8 +48,8 @@ _RARE = 4.0
 """A mistake is e^4 times rarer than none."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class ModelFinding:
+@dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
+class ModelFinding(Shown):
     """Something wrong with the inertial of a link.
 
     Attributes
@@ -76,13 +78,16 @@ class ModelFinding:
     evidence: float
     repair: Body | None
 
-    def __str__(self) -> str:
+    def _short(self) -> str:
+        return f"link {self.link}{', repaired' * (self.repair is not None)}"
+
+    def _shown(self) -> Iterator[Piece]:
         what = "no repair is certain" if self.repair is None else f"repaired: mass {self.repair.mass:.4g} kg"
-        return f"link {self.link}: {self.mistake}; {what}"
+        yield f"link {self.link}: {self.mistake}; {what}"
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class ModelCheck:
+@dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
+class ModelCheck(Shown):
     """What `check_model` found.
 
     Attributes
@@ -113,8 +118,13 @@ class ModelCheck:
         """Whether nothing was found."""
         return not self.findings
 
-    def __str__(self) -> str:
-        return "\n".join([f"{self.path.name}: {len(self.findings)} finding(s)", *map(str, self.findings)])
+    def _short(self) -> str:
+        return f"{self.path.name}: {len(self.findings)} finding(s)"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield Verdict(self._short(), self.ok)
+        for finding in self.findings:
+            yield from finding._shown()
 
     @known_options
     def write(self, target: str | Path, *, overwrite: bool = False) -> None:

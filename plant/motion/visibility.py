@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,13 @@ from plant.mechanics.independent_columns import independent_columns
 from plant.mechanics.load import LOAD, load_matrix
 from plant.motion.reference import Reference
 from plant.parts.arguments import instance, real
+from plant.parts.shown import Piece, Shown, Verdict
 
 __all__ = ["Visibility", "load_visibility", "visibility"]
 
 
-@dataclasses.dataclass(frozen=True)
-class Visibility:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Visibility(Shown):
     """Identifiable combinations of f under the excitation of a motion.
 
     Attributes
@@ -36,11 +37,13 @@ class Visibility:
     invisible: tuple[str, ...]
     condition: float
 
-    def __str__(self) -> str:
-        count = f"{len(self.combinations)} identifiable combinations"
-        lines = [f"{count}, condition number {self.condition:.0f} (some tens are good)"]
-        lines += [f"  {name}" for name in self.combinations]
-        return "\n".join(lines + [f"  not identifiable from this motion: {name}" for name in self.invisible])
+    def _short(self) -> str:
+        return f"{len(self.combinations)} identifiable combinations, condition number {self.condition:.0f}"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield Verdict(f"{self._short()} (some tens are good)")
+        yield from self.combinations
+        yield from (f"not identifiable from this motion: {name}" for name in self.invisible)
 
 
 def visibility(dynamics: Dynamics, reference: Reference, *, tolerance: float = 1e-6) -> Visibility:

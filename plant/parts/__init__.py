@@ -4,7 +4,8 @@ Read `part` (named numbers, copies, descriptions; `fields` are their types) and 
 (files of parts and results: `kinds` finds their classes, `plain` makes plain data of them, `json_text` makes text of
 it, `files` writes it whole) and `checkpoint` (finished stages of long work); `checked_function` (casadi with checked
 shapes), `labels` (names of joints), `sums` (in a fixed order), `frozen` (results that compare) and `deprecation` (old
-names).
+names). What a user sees: `tables` (text of 80 columns), `markup` (HTML), `shown` (results in both) and `figures` (axes,
+colours, legends).
 """
 
 __all__: list[str] = []

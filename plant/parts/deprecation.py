@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-__all__ = ["Renamed", "install", "old_order", "warn_renamed"]
+__all__ = ["Renamed", "install", "old_option", "old_order", "warn_renamed"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -64,6 +64,22 @@ def old_order(*names: str, first: type, new: str, **absent: Any) -> Callable[[F]
                 return function(*arguments, **options)
             warn_renamed(f"{function.__name__}({', '.join(names)})", new)
             return function(**dict(zip(names, arguments, strict=False)), **(absent | options))
+
+        return wrapper  # type: ignore[return-value]  # users see the function that is decorated
+
+    return decorate
+
+
+def old_option(old: str, new: str) -> Callable[[F], F]:
+    """Decorate a function whose option had another name."""
+
+    def decorate(function: F) -> F:
+        @functools.wraps(function)
+        def wrapper(*arguments: Any, **options: Any) -> Any:
+            if old in options:
+                warn_renamed(f"{function.__name__}({old}=)", f"{function.__name__}({new}=)")
+                options[new] = options.pop(old)
+            return function(*arguments, **options)
 
         return wrapper  # type: ignore[return-value]  # users see the function that is decorated
 

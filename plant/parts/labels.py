@@ -2,16 +2,9 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from collections.abc import Sequence
 
-__all__ = ["joint_label", "joint_labels", "literal"]
-
-F = TypeVar("F", bound=Callable[..., Any])
-
-_NUMBERS = ("Log", "Scalar")
-"""How the names of the formatters begin that write numbers at ticks."""
+__all__ = ["joint_label", "joint_labels"]
 
 
 def joint_label(names: Sequence[str], joint: int) -> str:
@@ -46,24 +39,3 @@ def joint_labels(names: Sequence[str], n: int) -> list[str]:
     ['joint q[0]', 'joint q[1]']
     """
     return [joint_label(names, joint) for joint in range(n)]
-
-
-def literal(plot: F) -> F:
-    """Decorate what draws a figure: texts in it are taken as they are, so a robot may call a joint ``$x_{$``.
-
-    Numbers at ticks keep their mathematics.
-    """
-
-    @functools.wraps(plot)
-    def drawn(*args: Any, **kwargs: Any) -> Any:
-        figure, numbers = plot(*args, **kwargs), set[int]()
-        for axes in figure.axes:
-            for axis in (getattr(axes, name, None) for name in ("xaxis", "yaxis", "zaxis")):
-                if axis is not None and type(axis.get_major_formatter()).__name__.startswith(_NUMBERS):
-                    numbers.update(map(id, (*axis.get_majorticklabels(), *axis.get_minorticklabels())))
-        for text in figure.findobj(lambda artist: hasattr(artist, "set_parse_math")):
-            if id(text) not in numbers:
-                text.set_parse_math(False)
-        return figure
-
-    return drawn  # type: ignore[return-value]  # has the signature of what it wraps

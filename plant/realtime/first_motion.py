@@ -134,7 +134,8 @@ class FirstMotion:
         return "\n".join(self._lines) if self._lines else "nothing was pushed yet"
 
     def __repr__(self) -> str:
-        return f"FirstMotion({'done' if self.done else 'at work'}: {self.status})"
+        last = self.status.splitlines()[-1]
+        return f"FirstMotion({'done' if self.done else 'at work'}, {len(self._lines)} findings; {last:.60})"
 
     def _counts(self, pulses: ArrayLike) -> NDArray[np.float64]:
         return np.array(array("pulses", pulses, (self.rig.n,), advice="Give the encoder counts."), dtype=float)

@@ -95,6 +95,10 @@ class Runs(Frozen):
     lost: NDArray[np.int64]
     samples: int
 
+    def __repr__(self) -> str:
+        left = int((self.outside > 0).sum())
+        return f"Runs({len(self.outside)} of {self.samples} samples, {left} leave)"
+
 
 class Population:
     """Plants (or laws) that differ in numbers, on one reference, ready to run.

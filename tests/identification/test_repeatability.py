@@ -49,14 +49,14 @@ def test_a_spread_is_the_runs_of_identify(record):
 def test_the_table_shows_the_papers_nine_values(record):
     published = puma560.PUBLISHED_ALTERATION
     found = spread(puma560.dynamics(), record, seeds=(1, 2), published=published, settings=SMALL, progress=False)
-    head, *rows, last = str(found).splitlines()
+    first, head, *rows = str(found).splitlines()
     assert head.split() == ["mean", "min", "max", "alteration", "paper"]
     assert [row.split()[-1] for row in rows] == ["10%", "21%", "80%", "30%", "16%", "14%", "11%", "40%", "3%"]
     for row, name, column, share in zip(rows, found.names, found.f.T, found.alteration, strict=True):
         printed = [name, *(f"{x:.3f}" for x in (column.mean(), column.min(), column.max())), f"{share:.0%}"]
         assert row.split()[:-1] == printed
     middle = [np.median([getattr(run, name) for run in found.runs]) for name in ("initial_objective", "objective")]
-    assert f"{middle[0]:.0f} -> {middle[1]:.0f} pulses^2" in last
+    assert f"{middle[0]:.0f} -> {middle[1]:.0f} pulses^2" in first
 
 
 @pytest.mark.parametrize(

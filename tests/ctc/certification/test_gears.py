@@ -73,7 +73,7 @@ def test_the_bound_is_that_of_the_worst_part_of_the_range():
     assert found.worst_cell.hz[1] < 200
     assert str(found.worst_cell) in found.verdict
 
-    axis = found.plot().axes[-1]
+    axis = found.plot()[-1]
     plt.close(axis.figure)
     lines = {line.get_label(): line for line in axis.lines}
     worst = 100 * max(cell.failures / cell.count for cell in found.cells if cell.count)
@@ -136,7 +136,7 @@ def test_above_the_lowest_resonance_the_arm_stays_and_just_below_it_leaves(ratio
     report = evaluate(ARM, RIG, LAW, PATH, backend="numba", duration=0.5)
     if ratio == 0.01:
         assert report.lowest_resonance == found.hz
-        assert str(report).splitlines()[-1] == f"rigid gears assumed; {found}"
+        assert " ".join(str(report).split()).endswith(f"rigid gears assumed; {found}")
 
 
 def test_ends_of_the_scale(monkeypatch):

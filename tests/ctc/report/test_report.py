@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque, certify, evaluate, write_report
-from ctc.report.page import items, preformatted, section, table
 from ctc.report.page import page as page_of
+from ctc.report.page import section
 from identification import identify
 from plant import puma560, simulate
+from plant.parts.markup import items, preformatted, table
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()

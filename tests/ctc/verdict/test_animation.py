@@ -13,7 +13,7 @@ from plant.robots.catalogue import puma560 as whole_puma560
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
 
-from ctc.figures import plot_phase  # noqa: E402
+from ctc.figures.errors import plot_phase  # noqa: E402
 from ctc.verdict.animation import animate, plot_arm  # noqa: E402
 
 TIP = (0.0, -0.43, 0.0)
@@ -47,12 +47,12 @@ def test_the_drawn_end_point_is_pinocchios(seed):
     random = np.random.default_rng(seed)
     dynamics = Dynamics.from_chain(whole_puma560())
     q, tip = random.uniform(-np.pi, np.pi, 6), random.normal(size=3)
-    drawn = links(plot_arm(dynamics.arm(dynamics.f()), q, tip=tip).axes[0])
+    drawn = links(plot_arm(dynamics.arm(dynamics.f()), q, tip=tip))
     assert drawn.shape == (3, 8)
     np.testing.assert_allclose(drawn[:, -1], end_point(dynamics.chain, q, tip), atol=1e-12)
     # The paper's two joints: axis 2 is along y of the base, so its plane is that of x and z.
     q = random.uniform(-np.pi, np.pi, 2)
-    drawn = links(plot_arm(puma560.arm(), q, tip=TIP).axes[0])
+    drawn = links(plot_arm(puma560.arm(), q, tip=TIP))
     assert drawn.shape == (2, 4)
     np.testing.assert_allclose(drawn[:, -1], end_point(puma560.dynamics().chain, q, TIP)[[0, 2]], atol=1e-12)
     matplotlib.pyplot.close("all")
@@ -60,7 +60,7 @@ def test_the_drawn_end_point_is_pinocchios(seed):
 
 def test_without_a_tip_the_last_link_ends_twice_as_far_as_its_centre_of_mass():
     dynamics = Dynamics.from_chain(planar(2, length=0.4))
-    drawn = links(plot_arm(dynamics.arm(dynamics.f()), (np.pi / 2, -np.pi / 2)).axes[0])
+    drawn = links(plot_arm(dynamics.arm(dynamics.f()), (np.pi / 2, -np.pi / 2)))
     np.testing.assert_allclose(drawn, [[0, 0, 0, 0.4], [0, 0, 0.4, 0.4]], atol=1e-12)  # up, then to the right
     matplotlib.pyplot.close("all")
 
@@ -99,7 +99,7 @@ def test_every_picture_shows_the_arm_and_its_error_at_that_time(tmp_path, monkey
 
 
 def test_the_phase_plot_has_the_rate_of_the_error():
-    axes = plot_phase(run()).axes
+    axes = plot_phase(run())
     h = 0.7e-3 / 4
     for joint, axis in enumerate(axes):
         error, rate = axis.get_lines()[0].get_data()
@@ -114,7 +114,7 @@ def test_the_phase_plot_has_the_rate_of_the_error():
 def test_the_limit_of_the_amplifier_is_beside_the_torque():
     """Source: 12 A, motor gain and gear; two dashed lines per joint, inside what is shown."""
     for joint, limit in enumerate(12 * np.array([0.228 * 107.8, 0.238 * 53.7])):
-        axis = run().plot().axes[2 * joint + 1]
+        axis = run().plot()[joint, 1]
         dashed = [line.get_ydata()[0] for line in axis.get_lines() if line.get_linestyle() == "--"]
         np.testing.assert_allclose(dashed, [limit, -limit], rtol=1e-12)
         assert axis.get_ylim()[1] > limit

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque, Evaluation, evaluate
-from ctc.figures import plot_comparison, plot_phase
+from ctc.figures.errors import plot_comparison, plot_phase
 from identification import identify
 from plant import puma560, simulate
 
@@ -130,7 +130,7 @@ def test_plot_draws_the_record():
     matplotlib = pytest.importorskip("matplotlib")
     matplotlib.use("Agg")
     got = verdict()
-    drawn = [line for axis in got.plot().axes for line in axis.get_lines()]
+    drawn = [line for axis in got.plot().flat for line in axis.get_lines()]
     for joint in range(2):
         assert any(np.array_equal(line.get_ydata(), got.record.error_pulses[:, joint]) for line in drawn)
         assert any(np.array_equal(line.get_ydata(), got.record.torque[:, joint]) for line in drawn)

@@ -209,7 +209,12 @@ def test_the_band_is_wide_enough_and_not_too_wide(measured):
     assert list(trials) == sorted(trials)
     assert max(trials) > found.band
     assert trials[max(trials)].worse > 3
-    assert str(found).count(" equations") == 1 + len(found.bands) + len(found.least_speeds)
+    chosen = [line.split()[:3] for line in str(found).splitlines() if line.endswith("chosen")]
+    assert chosen[0] == [
+        *f"{found.band:.3g} Hz".split(),
+        str(next(trial.rows for trial in found.bands if trial.chosen)),
+    ]
+    assert len(chosen) == 2
     stated = {"band": found.band, "cutoff": found.cutoff, "every": found.every[0], "least_speed": found.least_speed}
     np.testing.assert_array_equal(found.values, fit_torque(arm.dynamics, record, **stated).values)
 

@@ -51,7 +51,7 @@ def test_it_is_said_and_can_be_drawn_from(log, found):
     said = str(found.assumed())
     assert said in found.summary()
     assert "drive.gear[0]" in said
-    assert max(map(len, said.splitlines())) <= 110
+    assert max(map(len, said.splitlines())) <= 80
     covariance = found.assumed().covariance(0.5)
     np.testing.assert_allclose(covariance, found.assumed().covariance() / 4)
     each = np.zeros(len(found.assumed().names))

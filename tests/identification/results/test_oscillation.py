@@ -53,10 +53,10 @@ def test_figure_shows_errors_with_and_without_and_the_modes(record):
     import matplotlib
 
     matplotlib.use("Agg")
-    figure = oscillation(record, ARM).plot()
-    assert len(figure.axes) == 3
-    assert "modes of the linearised loop" in figure.axes[-1].get_title(loc="left")
-    matplotlib.pyplot.close(figure)
+    axes = oscillation(record, ARM).plot()
+    assert len(axes) == 3
+    assert "modes of the linearised loop" in axes[-1].get_title(loc="left")
+    matplotlib.pyplot.close("all")
 
 
 def test_bad_input_is_refused(record):

@@ -73,7 +73,7 @@ def test_a_rigid_log_gives_a_bound_and_no_number():
     assert (result.std[9:] == 0).all()
     text = result.summary()
     for i, label in enumerate(resonance.joints):
-        assert f"{label} stiffer than {resonance.low[i]:.0f}\n" in text + "\n"
+        assert f"{label} stiffer than {resonance.low[i]:.0f}" in " ".join(text.split())
     assert text.count("bounded") == 4
     assert (np.abs(result.f - ARM.f) / WIDTH).max() < 0.06
 
@@ -110,8 +110,8 @@ def test_backlash_that_no_rig_states_leaves_a_bound():
     assert 30 < resonance.low[1] < 70
     assert np.isinf(resonance.high[1])
     assert np.isfinite(resonance.high[0])
-    assert "joint 3 (q[1]) stiffer than" in str(resonance)
-    assert "bounds alone: the log shows backlash at" in result.summary()
+    assert "joint 3 (q[1]) stiffer than" in " ".join(str(resonance).split())
+    assert "bounds alone: the log shows backlash at" in " ".join(result.summary().split())
 
 
 def test_gears_that_are_known_leave_f_alone_to_find():

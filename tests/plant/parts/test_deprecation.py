@@ -4,7 +4,7 @@ import warnings
 
 import pytest
 
-from plant.parts.deprecation import Renamed, install, old_order, warn_renamed
+from plant.parts.deprecation import Renamed, install, old_option, old_order, warn_renamed
 
 
 class Thing:
@@ -64,3 +64,15 @@ def test_a_warning_of_one_s_own():
     with pytest.warns(DeprecationWarning, match=r"^old will go in the next release\. Use new\.$") as said:
         warn_renamed("old", "new", stacklevel=2)
     assert said[0].filename == __file__
+
+
+def test_an_option_under_its_old_name_works_and_says_so():
+    @old_option("axes", "ax")
+    def draw(thing, *, ax=None):
+        return thing, ax
+
+    with pytest.warns(DeprecationWarning, match=r"draw\(axes=\) will go in the next release. Use draw\(ax=\)") as said:
+        assert draw(1, axes=2) == (1, 2)
+    assert said[0].filename == __file__
+    assert draw(1, ax=2) == (1, 2)
+    assert draw(1) == (1, None)

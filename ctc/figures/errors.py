@@ -1,0 +1,230 @@
+"""Figures of tracking errors, torques and phase.
+
+matplotlib is imported only when a figure is drawn. Every function draws on the Axes that ``ax=`` gives it, or on a new
+figure, returns the Axes and leaves saving to the caller: ``axes.flat[0].figure.savefig(...)``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.parts.deprecation import old_option
+from plant.parts.figures import BAND, axes_of, colour_of, dressed, legend_above, literal, row_by_row
+
+__all__ = ["draw_band", "equal_rows", "plot_comparison", "plot_evaluation", "plot_phase"]
+
+_ABREAST = 4
+"""Laws beside each other at most; more stand below each other."""
+_PHASES = 3
+"""Phase plots beside each other at most."""
+_WIDEST = 22.0
+"""Of a figure [inches]."""
+
+
+def draw_band(axis: Any, pulses: float = 1) -> None:
+    """The promised band, shaded, and whole pulses on the axis, which never ends at the band."""
+    from matplotlib.ticker import MaxNLocator
+
+    axis.axhspan(-pulses, pulses, color=BAND, zorder=0)
+    axis.yaxis.set_major_locator(MaxNLocator(integer=True))
+    low, high = axis.get_ylim()
+    axis.set_ylim(min(low, -2.0 * pulses), max(high, 2.0 * pulses))
+
+
+def _pulses(axis: Any, t: NDArray[Any], error: NDArray[Any], colour: str) -> None:
+    axis.plot(t, error, drawstyle="steps-post", color=colour, linewidth=0.7)
+
+
+def _limit(axis: Any, drive: Any, joint: int) -> bool:
+    """The amplifier's limit as dashed lines, where it has one; coupled motors have theirs on the shafts."""
+    limit = drive.torque_limit()[joint]
+    if not np.isfinite(limit) or drive.coupling.matrix:
+        return False
+    for sign in (1, -1):
+        axis.axhline(sign * limit, color="0.35", linewidth=0.7, linestyle="--")
+    axis.set_ylim(-1.2 * limit, 1.2 * limit)
+    return True
+
+
+def equal_rows(axes: NDArray[Any], headroom: float = 1.0) -> None:
+    """One scale per row, so that columns can be compared; `headroom` above one leaves place for a legend."""
+    for row in axes:
+        largest = max(abs(limit) for axis in row for limit in axis.get_ylim())
+        for axis in row:
+            axis.set_ylim(-largest, largest * headroom)
+
+
+def _require_evaluation(name: str, evaluation: Any) -> None:
+    if not hasattr(evaluation, "true_error_pulses"):
+        raise ValueError(f"{name} must be an Evaluation; got {type(evaluation).__name__}. Pass what evaluate gave.")
+
+
+@old_option("axes", "ax")
+@literal
+def plot_evaluation(evaluation: Any, ax: Any = None) -> NDArray[Any]:
+    """Encoder error with the +-1 pulse band (left), torque and the amplifier's limit (right), one row per joint.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+    ax : (n, 2) array of matplotlib Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    (n, 2) numpy.ndarray of matplotlib Axes
+
+    Raises
+    ------
+    ValueError
+        No evaluation, another number of Axes.
+
+    See Also
+    --------
+    ctc.Evaluation, ctc.plot_phase
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, evaluate, plot_evaluation
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> drawn = plot_evaluation(evaluate(arm, rig, ComputedTorque(arm, rig), puma560.reference(), duration=0.3))
+    """
+    _require_evaluation("evaluation", evaluation)
+    record, limited = evaluation.record, False
+    axes = row_by_row(ax, record.n, 2, width=11)
+    for joint, (left, right) in enumerate(axes):
+        _pulses(left, record.t, record.error_pulses[:, joint], colour_of(joint))
+        draw_band(left)
+        left.set_ylabel(f"{evaluation.joint_labels[joint]}\nerror [pulses]")
+        right.plot(record.t, record.torque[:, joint], color=colour_of(joint), linewidth=0.7)
+        right.set_ylabel("torque [N m]")
+        limited |= _limit(right, record.rig.drive, joint)
+    dressed(axes[0, 0], f"{evaluation.share_within(1)} of the samples within ±1 pulse (shaded)", 10)
+    dressed(axes[0, 1], f"joint torque{'; dashed: the amplifier limit' * limited}", 10)
+    return axes
+
+
+@literal
+def plot_phase(evaluation: Any, ax: Any = None) -> NDArray[Any]:
+    """Phase plot: rate of the true error over the true error, one panel per joint; a limit cycle shows as a ring.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+    ax : (n,) array of matplotlib Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    (n,) numpy.ndarray of matplotlib Axes
+
+    Raises
+    ------
+    ValueError
+        No evaluation, another number of Axes.
+
+    See Also
+    --------
+    ctc.plot_evaluation
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, evaluate, plot_phase
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> drawn = plot_phase(evaluate(arm, rig, ComputedTorque(arm, rig), puma560.reference(), duration=0.3))
+    """
+    _require_evaluation("evaluation", evaluation)
+    record, error = evaluation.record, evaluation.true_error_pulses
+    rate = np.gradient(error, record.rig.period * len(record) / len(error), axis=0)
+
+    def new() -> Any:
+        import matplotlib.pyplot as plt
+
+        columns = min(record.n, _PHASES)
+        rows = -(-record.n // columns)
+        size = (4.5 * columns, 4 * rows)
+        made = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")[1]
+        for axis in made.flat[record.n :]:
+            axis.remove()
+        return made.flat[: record.n]
+
+    axes = axes_of(ax, (record.n,), new)
+    for joint, axis in enumerate(axes):
+        dressed(axis, evaluation.joint_labels[joint], 10)
+        axis.axvspan(-1, 1, color=BAND, zorder=0)
+        axis.plot(error[:, joint], rate[:, joint], color=colour_of(joint), linewidth=0.5, alpha=0.8)
+        axis.plot(error[0, joint], rate[0, joint], "o", color="0.2", markersize=4, label="start")
+        reach = 1.1 * max(np.abs(error[:, joint]).max(), 2.0)
+        axis.set_xlim(-reach, reach)
+        axis.set_xlabel("true error [pulses]; shaded: ±1 pulse")
+        axis.set_ylabel("rate of the error [pulses/s]")
+    legend_above(axes[0])
+    return axes
+
+
+@literal
+def plot_comparison(evaluations: dict[str, Any], ax: Any = None) -> NDArray[Any]:
+    """Tracking errors of several laws on the same arm.
+
+    Up to four laws stand side by side at equal scales; more stand one below the other, each at its own scale, with the
+    +-1 pulse band to compare by.
+
+    Parameters
+    ----------
+    evaluations : dict of str -> Evaluation
+    ax : array of matplotlib Axes, optional
+        Where to draw, one per joint and law: (n, laws) of up to four laws, (laws, n) of more; a new figure by default.
+
+    Returns
+    -------
+    numpy.ndarray of matplotlib Axes
+        Of the same shape.
+
+    Raises
+    ------
+    ValueError
+        No evaluations, another number of Axes.
+
+    See Also
+    --------
+    ctc.Comparison, ctc.plot_evaluation
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, compare, plot_comparison
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> laws = {"P": puma560.p_law(), "computed torque": ComputedTorque(arm, rig)}
+    >>> drawn = plot_comparison(compare(arm, rig, laws, puma560.reference(), duration=0.3).evaluations)
+    """
+    if not isinstance(evaluations, dict) or not evaluations:
+        given = f"{evaluations!r:.40}" if evaluations else "none"
+        raise ValueError(f"evaluations must be a dict, one per law; got {given}. Pass {{name: evaluate(...)}}.")
+    for name, evaluation in evaluations.items():
+        _require_evaluation(f"evaluation {name!r}", evaluation)
+    n, laws = next(iter(evaluations.values())).record.n, len(evaluations)
+    abreast = laws <= _ABREAST
+    if abreast:
+        drawn = axes = row_by_row(ax, n, laws, width=5.2 * laws)
+    else:
+        drawn = row_by_row(ax, laws, n, width=min(5.2 * n, _WIDEST), height=1.5)
+        axes = drawn.T
+    for column, (name, evaluation) in enumerate(evaluations.items()):
+        record = evaluation.record
+        for joint, axis in enumerate(axes[:, column]):
+            _pulses(axis, record.t, record.error_pulses[:, joint], colour_of(joint))
+            draw_band(axis)
+            if abreast and column == 0:
+                axis.set_ylabel(f"{evaluation.joint_labels[joint]}\nerror [pulses]")
+            elif not abreast:
+                axis.set_ylabel("error [pulses]" if joint == 0 else "")
+                axis.set_xlabel(f"{evaluation.joint_labels[joint]}: time [s]" if column == laws - 1 else "")
+        dressed(axes[0, column], f"{name}: {evaluation.share_within(1)} within ±1 pulse (shaded)", 10)
+    if abreast:
+        equal_rows(axes)
+    return drawn

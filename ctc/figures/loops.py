@@ -1,0 +1,148 @@
+"""Figures over frequency: the loops of a law, and on which gears a law holds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.parts.figures import axes_of, colour_of, dressed, legend_above, literal, row_by_row
+
+__all__ = ["plot_margins", "plot_sweep"]
+
+_DASHES = ("-", "--", ":", "-.")
+_TICKS = (5, 10, 15, 25, 40, 60, 100, 150, 250, 500, 1000)
+"""Resonances [Hz] at which an axis has ticks."""
+
+
+@literal
+def plot_margins(margins: Any, ax: Any = None) -> NDArray[Any]:
+    """Bode diagram of the loop of each joint, and its sensitivity; all over frequency, up to half the sampling rate.
+
+    Parameters
+    ----------
+    margins : Margins
+    ax : (3,) array of matplotlib Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    (3,) numpy.ndarray of matplotlib Axes
+
+    Raises
+    ------
+    ValueError
+        Another number of Axes.
+
+    See Also
+    --------
+    ctc.Margins
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, margins, plot_margins
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> drawn = plot_margins(margins(arm, rig, ComputedTorque(arm, rig, bandwidth=60)))
+    """
+    axes = row_by_row(ax, 3, 1, width=7.0)[:, 0]
+    f = margins.frequency
+    for joint, loop in enumerate(margins.response):
+        phase = np.unwrap(np.angle(loop))
+        phase -= 2 * np.pi * np.ceil(phase[np.abs(np.abs(loop) - 1).argmin()] / (2 * np.pi))
+        options = {"color": colour_of(joint), "linewidth": 1.4, "label": margins.joint_labels[joint]}
+        options["linestyle"] = _DASHES[joint % len(_DASHES)]  # joints under one law often lie on one another
+        for axis, values in zip(
+            axes, (20 * np.log10(np.abs(loop)), np.rad2deg(phase), 20 * np.log10(np.abs(1 / (1 + loop)))), strict=True
+        ):
+            axis.plot(f, values, **options)
+    begin = f[np.searchsorted(f, f[-1] / 1000)]
+    for axis, name, level, ends in zip(
+        axes, ("loop gain [dB]", "phase [°]", "sensitivity [dB]"), (0, -180, 0), ((-40, 60), (-400, 10), (-60, 15)),
+        strict=True,
+    ):  # fmt: skip
+        axis.axhline(level, color="0.35", linewidth=0.6, linestyle="--")
+        axis.set_ylabel(name)
+        axis.set_xscale("log")
+        axis.set_xlim(begin, f[-1])
+        axis.set_ylim(*ends)
+    axes[1].set_yticks(np.arange(-360, 1, 90))
+    legend_above(axes[0], left=True)
+    axes[-1].set_xlabel("frequency [Hz]")
+    return axes
+
+
+@literal
+def plot_sweep(sweep: Any, ax: Any = None) -> NDArray[Any]:
+    """Share of samples within the limit over the resonance of the gears, and bars where every sample is, law by law.
+
+    Parameters
+    ----------
+    sweep : ResonanceSweep
+    ax : (2,) array of matplotlib Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    (2,) numpy.ndarray of matplotlib Axes
+
+    Raises
+    ------
+    ValueError
+        Another number of Axes.
+
+    See Also
+    --------
+    ctc.ResonanceSweep
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, plot_sweep, sweep_resonance
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> laws = {"60 rad/s": ComputedTorque(arm, rig, bandwidth=60)}
+    >>> drawn = plot_sweep(sweep_resonance(arm, rig, laws, puma560.reference(), hz=(30, 100), duration=0.3))
+    """
+    names, hz = list(sweep.shares), sweep.hz
+    edges = np.sqrt(hz[1:] * hz[:-1])
+    edges = np.concatenate([[hz[0] ** 2 / edges[0]], edges, [hz[-1] ** 2 / edges[-1]]])
+
+    def new() -> Any:
+        import matplotlib.pyplot as plt
+
+        heights = (3.6, 0.42 * len(names) + 0.5)
+        size = (9.0, sum(heights))
+        return plt.subplots(2, 1, figsize=size, height_ratios=heights, sharex=True, layout="constrained")[1]
+
+    axes = axes_of(ax, (2,), new)
+    share, bars = axes
+    for place, name in enumerate(names):
+        own = sweep.shares[name]
+        share.plot(hz, 100 * own, color=colour_of(place), linewidth=1.6, linestyle=_DASHES[place % 4], label=name)
+        for low, high, inside in zip(edges[:-1], edges[1:], own >= 1, strict=True):
+            if inside:
+                bars.barh(-place, high - low, 0.62, left=low, color=colour_of(place), linewidth=0)
+    share.set_ylabel(f"samples within ±{sweep.within:g} pulse [%]")
+    share.set_ylim(-2, 104)
+    legend_above(share, left=True)
+    bars.set_yticks([-place for place in range(len(names))], names)
+    bars.set_ylim(-len(names) + 0.4, 0.6)
+    dressed(bars, "every sample within")
+    for axis in axes:
+        _along_resonances(axis, edges[0], edges[-1])
+        dressed(axis).grid(visible=False, axis="y")
+    share.grid(visible=True, axis="y", alpha=0.25, linewidth=0.5)
+    bars.set_xlabel(f"resonance of the gears, motors locked [Hz]; damping ratio {sweep.damping_ratio:g}")
+    return axes
+
+
+def _along_resonances(axis: Any, low: float, high: float) -> None:
+    """A logarithmic axis of frequencies [Hz] with numbers that are read at once."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
+
+    axis.set_xscale("log")
+    axis.set_xlim(low, high)
+    axis.xaxis.set_major_locator(FixedLocator([hz for hz in _TICKS if low <= hz <= high]))
+    axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.xaxis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,122 @@
+"""The paper's Figs. 6-9 and 12-15 redrawn: a record, and what models make of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from numpy.typing import NDArray
+
+from ctc.figures.errors import equal_rows
+from plant import Record
+from plant.parts.figures import LOGS, colour_of, dressed, literal, row_by_row
+from plant.parts.labels import joint_labels
+
+__all__ = ["plot_identification", "plot_record"]
+
+
+@literal
+def plot_record(record: Record, joints: Sequence[str] = (), *, ax: Any = None) -> NDArray[Any]:
+    """Tracking error and motor current of every joint. Source: paper Figs. 6-9.
+
+    Parameters
+    ----------
+    record : Record
+    joints : sequence of str, optional
+        Names of the joints; by default those of the rig's drive.
+    ax : (n, 2) array of matplotlib Axes, optional
+        Where to draw, (n, 1) of a record without currents; a new figure by default.
+
+    Returns
+    -------
+    numpy.ndarray of matplotlib Axes
+        Of the same shape.
+
+    Raises
+    ------
+    ValueError
+        Another number of Axes.
+
+    See Also
+    --------
+    plant.Record, ctc.plot_evaluation
+
+    Examples
+    --------
+    >>> from plant import puma560, simulate
+    >>> from ctc import plot_record
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5)
+    >>> drawn = plot_record(record)
+    """
+    current, labels = record.current, joint_labels(joints or record.rig.drive.joints, record.n)
+    columns = 1 if current is None else 2
+    axes = row_by_row(ax, record.n, columns, width=5.5 * columns)
+    for joint, row in enumerate(axes):
+        row[0].plot(record.t, record.error_pulses[:, joint], color=colour_of(joint), linewidth=0.7)
+        row[0].set_ylabel(f"{labels[joint]}\nerror [pulses]")
+        if current is not None:
+            row[1].plot(record.t, current[:, joint], color=colour_of(joint), linewidth=0.7)
+            row[1].set_ylabel("current [A]")
+    titles = ("tracking error (paper: Figs. 6, 7)", "motor current (paper: Figs. 8, 9)")
+    for axis, title in zip(axes[0], titles, strict=False):
+        dressed(axis, title, 10)
+    return axes
+
+
+@literal
+def plot_identification(
+    measured: Record, first: Record, best: Record, others: Sequence[Record] = (), joints: Sequence[str] = (), *,
+    ax: Any = None,
+) -> NDArray[Any]:  # fmt: skip
+    """Measured tracking errors beside those of models. Source: paper Figs. 12-15.
+
+    Parameters
+    ----------
+    measured : Record
+        The robot.
+    first, best : Record
+        The best model of the initial population, and of the last one.
+    others : sequence of Record
+        More models of the initial population, drawn thin.
+    joints : sequence of str, optional
+        Names of the joints; by default those of the rig's drive.
+    ax : (n, 2) array of matplotlib Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    (n, 2) numpy.ndarray of matplotlib Axes
+
+    Raises
+    ------
+    ValueError
+        Another number of Axes.
+
+    See Also
+    --------
+    identification.Identification, ctc.plot_record
+
+    Examples
+    --------
+    >>> from plant import puma560, replay, simulate
+    >>> from ctc import plot_identification
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5)
+    >>> model = replay(puma560.literature_arm(1.5), record)
+    >>> drawn = plot_identification(record, model, record)
+    """
+    axes = row_by_row(ax, measured.n, 2, width=11)
+    labels = joint_labels(joints or measured.rig.drive.joints, measured.n)
+    titles = ("initial population (paper: Figs. 12, 13)", "after identification (paper: Figs. 14, 15)")
+    (_, robot), (_, thin) = LOGS
+    for column, (model, title) in enumerate(zip((first, best), titles, strict=True)):
+        for joint, axis in enumerate(axes[:, column]):
+            for i, other in enumerate(others if column == 0 else ()):
+                label = f"next {len(others)} models" if i == 0 else None
+                axis.plot(other.t, other.error_pulses[:, joint], color=colour_of(5), linewidth=0.5, label=label)
+            axis.plot(measured.t, measured.error_pulses[:, joint], label="robot", **robot)
+            axis.plot(model.t, model.error_pulses[:, joint], label="best model", **thin)
+            axis.set_ylabel(f"{labels[joint]}\nerror [pulses]" if column == 0 else "")
+        dressed(axes[0, column], title, 10)
+        axes[0, column].legend(loc="upper right", fontsize=8, ncols=3, frameon=False)
+    equal_rows(axes, headroom=1.3)
+    return axes

@@ -1,0 +1,131 @@
+"""What all figures share: axes that a caller may give, colours, texts that are taken as they are.
+
+A plot takes ``ax=``, as many matplotlib Axes as it draws, and returns the Axes on which it has drawn: one, or an array
+where it draws several. Without ``ax`` it makes a figure of its own. matplotlib is imported when something is drawn.
+
+Source of the colours: M. Okabe, K. Ito, Color universal design, 2008: they differ with any colour vision.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["BAND", "COLOURS", "LOGS", "axes_of", "colour_of", "dressed", "legend_above", "literal", "row_by_row"]
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#4d4d4d")
+"""Of joints, or of laws, in turn."""
+
+BAND = "#e9e4d4"
+"""Of what is shaded behind curves."""
+
+LOGS: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("measured", {"color": "#b3bcc0", "linewidth": 2.6}),
+    ("simulated", {"color": COLOURS[1], "linewidth": 0.8}),
+)
+"""How a log and its model are drawn: the model lies on the log, which is wider."""
+
+_NUMBERS = ("Log", "Scalar")
+"""How the names of the formatters begin that write numbers at ticks."""
+
+
+def colour_of(place: int) -> str:
+    """Colour of the joint, or law, at this place."""
+    return COLOURS[place % len(COLOURS)]
+
+
+def axes_of(ax: Any, shape: tuple[int, ...], new: Callable[[], Any], advice: str = "") -> NDArray[Any]:
+    """The Axes to draw on, in this shape: those that a caller gives, in the same order, or `new` ones.
+
+    Parameters
+    ----------
+    ax : matplotlib Axes, sequence or array of them, or None
+    shape : tuple of int
+        () of a plot that draws on one.
+    new : callable
+        Makes the Axes of a figure; called if none are given.
+    advice : str, optional
+        How to make them.
+
+    Raises
+    ------
+    ValueError
+        Another number of them, or something else.
+    """
+    given = np.array(new() if ax is None else ax, dtype=object)
+    count = int(np.prod(shape))
+    if given.size == count and all(hasattr(each, "get_xlim") for each in given.flat):
+        return given.reshape(shape)
+    made = advice or f"Make them by plt.subplots({', '.join(map(str, shape))})"
+    wanted = f"{count} matplotlib Axes" if shape else "a matplotlib Axes"
+    got = f"{given.size}" if all(hasattr(each, "get_xlim") for each in given.flat) else f"{type(ax).__name__}"
+    raise ValueError(f"ax must be {wanted}; got {got}. {made}, or leave ax out.")
+
+
+def row_by_row(
+    ax: Any, rows: int, columns: int, *, width: float = 9.0, height: float = 2.3, time: bool = True
+) -> NDArray[Any]:
+    """Axes (rows, columns), dressed; by default of a figure of so many inches, and rows; with `time`, along time."""
+
+    def new() -> Any:
+        import matplotlib.pyplot as plt
+
+        size = (width, height * rows)
+        return plt.subplots(rows, columns, figsize=size, sharex=time, squeeze=False, layout="constrained")[1]
+
+    axes = axes_of(ax, (rows, columns), new)
+    for axis in axes.flat:
+        dressed(axis)
+    for axis in axes[-1] if time else ():
+        axis.set_xlabel("time [s]")
+    return axes
+
+
+def dressed(axis: Any, title: str = "", size: float = 9) -> Any:
+    """An axis with a grid, without a frame, its title to the left."""
+    if axis.name != "3d":
+        axis.spines[["top", "right"]].set_visible(False)
+    axis.grid(alpha=0.25, linewidth=0.5)
+    axis.set_axisbelow(True)
+    if title:
+        axis.set_title(title, fontsize=size, loc="left")
+    return axis
+
+
+def legend_above(axis: Any, *, left: bool = False, columns: int = 2) -> None:
+    """A legend above the axis, where no curve is: to the right of its title, or to the left of an axis without one."""
+    side, x = ("lower left", 0) if left else ("lower right", 1)
+    axis.legend(frameon=False, fontsize=8, ncols=columns, loc=side, bbox_to_anchor=(x, 1), borderaxespad=0.1)
+
+
+def literal(plot: F) -> F:
+    """Decorate what draws and returns Axes: texts in them are taken as they are, so a robot may call a joint ``$x_{$``.
+
+    Numbers at ticks keep their mathematics; of a figure that a caller gave by ``ax=``, all that is not drawn on.
+    """
+    signature = inspect.signature(plot)
+
+    @functools.wraps(plot)
+    def drawn(*args: Any, **kwargs: Any) -> Any:
+        found, numbers = plot(*args, **kwargs), set[int]()
+        axes = [*np.array(found, dtype=object).flat]
+        for one in axes:
+            for axis in (getattr(one, name, None) for name in ("xaxis", "yaxis", "zaxis")):
+                if axis is not None and type(axis.get_major_formatter()).__name__.startswith(_NUMBERS):
+                    numbers.update(map(id, (*axis.get_majorticklabels(), *axis.get_minorticklabels())))
+        given = signature.bind(*args, **kwargs).arguments.get("ax") is not None
+        whole: Sequence[Any] = axes if given else [axes[0].figure]
+        for each in whole:
+            for text in each.findobj(lambda artist: hasattr(artist, "set_parse_math")):
+                if id(text) not in numbers:
+                    text.set_parse_math(False)
+        return found
+
+    return drawn  # type: ignore[return-value]  # has the signature of what it wraps

@@ -1,0 +1,127 @@
+"""Results as a user sees them: a text of 80 columns, HTML in a notebook, one short line as `repr`.
+
+A result says once what it shows, the verdict first (`Shown._shown`), and how it is called in a line (`Shown._short`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator, Sequence
+
+from plant.parts.markup import details, items, preformatted, text
+from plant.parts.markup import table as html_table
+from plant.parts.tables import Table, wrapped
+
+__all__ = ["Aside", "Piece", "Shown", "Verdict", "Warned", "body", "inside"]
+
+_INDENT = "    "
+
+_LONGEST = 100
+"""Letters of a `repr` at most."""
+
+_STYLE = """
+.onepulse table { border-collapse: collapse; border: 0; margin: .5em 0; font-variant-numeric: tabular-nums; }
+.onepulse th, .onepulse td { padding: .2em .9em .2em 0; border: 0; border-bottom: 1px solid rgba(128, 128, 128, .4);
+  text-align: left; vertical-align: top; }
+.onepulse th { vertical-align: bottom; }
+.onepulse .number { text-align: right; }
+.onepulse td.number { white-space: nowrap; }
+.onepulse .wide { overflow-x: auto; }
+.onepulse .verdict { border-left: .35em solid #808080; padding-left: .6em; margin: .3em 0; max-width: 60em; }
+.onepulse .good { border-color: #2e9e62; }
+.onepulse .bad { border-color: #d5602f; }
+.onepulse p, .onepulse ul { margin: .3em 0; max-width: 60em; }
+.onepulse pre { overflow-x: auto; }
+"""
+"""Colours of text and ground are the page's own, light or dark."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Verdict:
+    """What somebody reads who reads nothing else; `good` is None where nothing is judged."""
+
+    said: str
+    good: bool | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Warned:
+    """Warnings, a line each."""
+
+    warnings: Sequence[str]
+
+
+@dataclasses.dataclass(frozen=True)
+class Aside:
+    """Lines that few need, such as what the names of parameters mean; folded in a notebook."""
+
+    title: str
+    lines: Sequence[str]
+
+
+Piece = str | Table | Verdict | Warned | Aside
+"""Of what a result shows; a str is a sentence."""
+
+
+class Shown:
+    """Base of results: printed, a text no wider than 80 columns; HTML in a notebook; one line in a list or a message.
+
+    A dataclass that derives from it has ``repr=False``.
+    """
+
+    def _shown(self) -> Iterable[Piece]:
+        """What it shows, the verdict first."""
+        raise NotImplementedError(f"{type(self).__name__} must say what it shows. Define _shown.")
+
+    def _short(self) -> str:
+        """What stands between the brackets of its `repr`."""
+        raise NotImplementedError(f"{type(self).__name__} must say itself in short. Define _short.")
+
+    def __repr__(self) -> str:
+        said, room = " ".join(self._short().split()), _LONGEST - len(type(self).__name__) - 2
+        return f"{type(self).__name__}({said if len(said) <= room else f'{said[: room - 4]} ...'})"
+
+    def __str__(self) -> str:
+        return "\n".join(line for part in self._shown() for line in _lines(part))
+
+    def _repr_html_(self) -> str:
+        return f'<div class="onepulse">\n<style>{_STYLE}</style>\n{body(self)}\n</div>'
+
+
+def inside(result: Shown) -> Iterator[Piece]:
+    """What a result shows as a part of another one: its verdict is a sentence among others."""
+    yield from (piece.said if isinstance(piece, Verdict) else piece for piece in result._shown())
+
+
+def body(result: Shown) -> str:
+    """HTML of a result without a style, for a page that has its own."""
+    return "\n".join(_html(part) for part in result._shown())
+
+
+def _lines(part: Piece) -> Iterator[str]:
+    if isinstance(part, str):
+        yield from wrapped(part, indent=_INDENT)
+    elif isinstance(part, Table):
+        yield from part.lines()
+    elif isinstance(part, Verdict):
+        yield from wrapped(part.said)
+    elif isinstance(part, Warned):
+        for warning in part.warnings:
+            yield from wrapped(f"warning: {warning}", indent=_INDENT)
+    else:
+        for line in part.lines:
+            yield from wrapped(line, indent=_INDENT)
+
+
+def _html(part: Piece) -> str:
+    if isinstance(part, str):
+        return f"<p>{text(part)}</p>"
+    if isinstance(part, Table):
+        return html_table(part.head, part.rows, (0, *part.words)) if part.rows else ""
+    if isinstance(part, Verdict):
+        kind = {None: "", True: " good", False: " bad"}[part.good]
+        mark = {None: "", True: "✓ ", False: "✗ "}[part.good]
+        return f'<p class="verdict{kind}"><b>{mark}{text(part.said)}</b></p>'
+    if isinstance(part, Warned):
+        return items([f"warning: {warning}" for warning in part.warnings]) if part.warnings else ""
+    return details(part.title, preformatted("\n".join(part.lines))) if part.lines else ""

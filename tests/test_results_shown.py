@@ -1,0 +1,260 @@
+"""Every result in a notebook, a terminal and a list: HTML that is whole and escaped, 80 columns, one short line."""
+
+import dataclasses
+import functools
+import inspect
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ctc
+import identification
+import plant
+from ctc import (
+    Comparison,
+    ComputedTorque,
+    LowestResonance,
+    PayloadEvent,
+    Reserves,
+    Trial,
+    Tuning,
+    certify,
+    compare,
+    margins,
+    sweep_resonance,
+)
+from identification import (
+    FitTrial,
+    GearResonance,
+    Load,
+    MotorFit,
+    PayloadEstimate,
+    Physical,
+    Spread,
+    WrittenModel,
+    fit_torque,
+    identify,
+    oscillation,
+    pulse_budget,
+)
+from plant import Body, Dynamics, ModelCheck, ModelFinding, puma560, simulate, visibility
+from plant.parts.shown import Shown, Verdict
+
+NASTY = ("<b>&'\"</td>", "shoulder_lift_joint_of_the_left_arm")
+RIG, LAW, PATH = puma560.rig(), puma560.p_law(), puma560.reference()
+SHORT = {"duration": 0.3, "steps_per_sample": 4}
+
+
+@functools.cache
+def arm():
+    """The paper's, with joints of such names and so with parameters of such names."""
+    chain = puma560.dynamics().chain
+    links = tuple(dataclasses.replace(link, name=name) for link, name in zip(chain.links, NASTY, strict=True))
+    dynamics = Dynamics.from_chain(dataclasses.replace(chain, links=links))
+    rotors = RIG.drive.reflected_inertia()
+    bodies = (((17.4, 0.068, 0.539), rotors[0]), ((7.6, 0.0, 0.3), rotors[1]))
+    return dynamics.arm(dynamics.f([
+        Body(mass=mass, com=(x, -0.2, 0), inertia=(0, 0, 0, 0, 0, izz), rotor=rotor)
+        for (mass, x, izz), rotor in bodies
+    ]))  # fmt: skip
+
+
+@functools.cache
+def record():
+    return simulate(arm(), RIG, LAW, PATH, duration=1.5)
+
+
+@functools.cache
+def found():
+    return identify(arm().dynamics, record(), method="equation_error", progress=False)
+
+
+@functools.cache
+def certificate():
+    drawn = {"covariance": np.diag((0.02 * arm().f) ** 2), "samples": 40, "resonance": (60, 80), "progress": False}
+    return certify(arm(), RIG, ComputedTorque(arm(), RIG), PATH, **drawn, **SHORT | {"steps_per_sample": 8})
+
+
+def compared(laws):
+    return compare(arm(), RIG, laws, PATH, **SHORT)
+
+
+def trial():
+    return Trial(family=NASTY[0], law=LAW, numbers={f"a_variable_{i}": 150.0 for i in range(5)}, left=3, allowed=0,
+                 chatter=np.array([1.0, 2.0]), noise=0.1)  # fmt: skip
+
+
+def gears():
+    numbers = dict.fromkeys(("pose", "damping_ratio", "damping_low", "damping_high"), np.array([0.1, 0.1]))
+    ends = {"hz": np.array([40.0, 50]), "low": np.array([39.0, 45]), "high": np.array([41.0, np.inf])}
+    return GearResonance(joints=NASTY, searched=np.array([True, True]), played=NASTY[:1], **ends, **numbers)
+
+
+def load(**options):
+    place = {"com": np.array([0.1, 0, np.nan]), "com_std": np.array([0.01, 0, np.inf])}
+    numbers = {"names": ("mass", "drive.coulomb[0]"), "values": np.array([2.0, 0.1]), "covariance": np.eye(2) * 1e-4}
+    return Load(mass=2.0, std=0.01, arm=arm(), rig=RIG, rms_innovation=0.3, warnings=(NASTY[0],), **place, **numbers)
+
+
+def estimate():
+    zeros = {"parameters": np.zeros(10), "position": np.zeros(3)}
+    return PayloadEstimate(mass=2.0, std=0.1, interval=np.array([1.8, 2.2]), sufficient=False, explained=True,
+                           misfit=1.0, message=NASTY[0], **zeros)  # fmt: skip
+
+
+BODY = Body(mass=1.0, com=(0, 0, 0.1))
+RESULTS = {
+    "Assumed": lambda: found().assumed(),
+    "Budget": lambda: pulse_budget(arm(), RIG, LAW, PATH, duration=0.5),
+    "Certificate": certificate,
+    "Checkup": lambda: dataclasses.replace(record(), error_pulses=2 * record().error_pulses).check(),
+    "Comparison": lambda: compared({NASTY[0]: LAW, NASTY[1]: ComputedTorque(arm(), RIG)}),
+    "Detection": lambda: found().diagnostics.detection,
+    "Diagnostics": lambda: found().diagnostics,
+    "Evaluation": lambda: compared({"P": LAW}).evaluations["P"],
+    "Finding": lambda: record().check().findings[0],
+    "Fit": lambda: found().fit,
+    "FitTrial": lambda: FitTrial(at=40.0, unit="Hz", rows=99, worse=1.0, against=20.0, passed=True, chosen=True),
+    "GearResonance": gears,
+    "Identification": found,
+    "Load": load,
+    "LowestResonance": lambda: LowestResonance(hz=60.0, damping_ratio=0.01, within=1),
+    "Margins": lambda: margins(arm(), RIG, ComputedTorque(arm(), RIG)),
+    "ModelCheck": lambda: ModelCheck(path=Path(f"{NASTY[1]}.urdf"), findings=(RESULTS["ModelFinding"](),)),
+    "ModelFinding": lambda: ModelFinding(link=NASTY[0], mistake="grams", evidence=9.0, repair=BODY),
+    "MotorFit": lambda: MotorFit(names=("law.gain[0]",), values=np.array([0.3]), std=np.array([0.01])),
+    "Oscillation": lambda: oscillation(record(), arm()),
+    "PayloadEstimate": estimate,
+    "PayloadEvent": lambda: PayloadEvent(time=1.0, kind="taken", before=0.0, after=2.5, windows=3, message=NASTY[0]),
+    "Physical": lambda: Physical(arm=arm(), bodies=(BODY, BODY), distance=2.5),
+    "Reserves": lambda: Reserves(samples=40, allowed=0.0, holds=True, bandwidth=100.0, period=1e-3,
+                                 tried=[("bandwidth", 100.0, 0), ("period", 1e-3, 0)]),
+    "ResonanceSweep": lambda: sweep_resonance(arm(), RIG, {NASTY[0]: LAW}, PATH, hz=(50, 100), **SHORT),
+    "Search": lambda: found().search,
+    "Sign": lambda: found().diagnostics.detection.signs[0],
+    "Spread": lambda: Spread(names=arm().dynamics.names, runs=(found(), found()), f=np.array([arm().f] * 2),
+                             alteration=np.full(arm().dynamics.p, 0.1), published=np.full(arm().dynamics.p, 0.1)),
+    "TorqueFit": lambda: fit_torque(arm().dynamics, record()),
+    "Trial": trial,
+    "Tuning": lambda: Tuning(law=LAW, trials=(trial(),), certificate=certificate(), fresh=200),
+    "Visibility": lambda: visibility(arm().dynamics, PATH),
+    "WrittenModel": lambda: WrittenModel(path=Path("arm.urdf"), bodies={NASTY[0]: BODY}, rotors=np.zeros(2), arm=arm(),
+                                         difference=np.zeros(7)),
+}  # fmt: skip
+
+
+class Page(HTMLParser):
+    """Every tag closed in its order; the text outside the style."""
+
+    def __init__(self, html):
+        super().__init__()
+        self.open, self.words, self.names = [], "", set()
+        self.feed(html)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attributes):
+        self.open.append(tag)
+        self.names |= {tag, *(name for name, _ in attributes)}
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            self.words += data
+
+
+def public_results():
+    public = [getattr(package, name) for package in (plant, identification, ctc) for name in package.__all__]
+    return {each.__name__ for each in public if inspect.isclass(each) and issubclass(each, Shown)}
+
+
+def test_every_result_is_here():
+    assert public_results() == set(RESULTS) - {"Visibility"}  # what `visibility` gives
+
+
+def test_what_is_printed_for_a_table_is_one_of_them():
+    """What a docstring says to print is shown in a notebook, too."""
+    for package in (plant, identification, ctc):
+        for name in package.__all__:
+            each = getattr(package, name)
+            if inspect.isclass(each) and "rint it" in (each.__doc__ or ""):
+                assert issubclass(each, Shown), name
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_html_is_whole_escaped_and_small(name):
+    html = RESULTS[name]()._repr_html_()
+    page = Page(html)
+    assert "src" not in page.names
+    assert "href" not in page.names
+    assert html.count("<b>") == html.count("</b>") == html.count('<p class="verdict')  # none of a joint's name
+    assert NASTY[0] not in html
+    assert len(html) < 40_000
+    assert page.words.strip()
+    if name in ("Evaluation", "Comparison", "Margins", "Certificate", "GearResonance", "Identification", "Trial"):
+        assert NASTY[0] in page.words
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_the_first_thing_shown_is_the_verdict_where_there_is_one(name):
+    pieces = list(RESULTS[name]()._shown())
+    assert not any(isinstance(piece, Verdict) for piece in pieces[1:]) or name == "Tuning"
+    judged = ("Evaluation", "Comparison", "Certificate", "Checkup", "Identification", "Margins", "TorqueFit", "Load")
+    assert isinstance(pieces[0], Verdict) or name not in judged
+    assert name not in judged or pieces[0].good is not None
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_text_has_80_columns(name):
+    text = str(RESULTS[name]())
+    if name not in ("Detection", "LowestResonance"):  # a sentence, for other texts
+        assert max(map(len, text.splitlines())) <= 80
+    assert text.strip()
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_repr_is_one_short_line(name):
+    said = repr(RESULTS[name]())
+    assert "\n" not in said
+    assert len(said) <= 100, said
+    assert said.startswith(f"{name}(")
+    assert "array(" not in said
+
+
+def test_a_list_of_results_is_a_list_of_lines():
+    assert repr([trial()]) == f"[Trial({NASTY[0]}: 3 leave, 0 may)]"
+
+
+def test_a_comparison_of_many_laws_is_still_one_line():
+    one = compared({"P": LAW}).evaluations["P"]
+    many = Comparison(evaluations={f"a law of a long name {i}": one for i in range(9)}, diverged={"x": "why"})
+    assert repr(many) == "Comparison(9 laws, 1 diverged)"
+
+
+def test_a_repr_simulates_nothing():
+    one = compare(arm(), RIG, {"P": LAW}, PATH, **SHORT).evaluations["P"]
+    assert "P: " in repr(one)
+    assert "on_gears" not in vars(one)
+    assert "rigid gears assumed" in str(one)
+    assert "on_gears" in vars(one)
+
+
+@pytest.mark.parametrize(
+    ("part", "begins"),
+    [
+        (lambda c: c.plants, "Plants(40 that differ in "),
+        (lambda c: c.runs, "Runs(40 of "),
+        (lambda c: c.sensitivities[0], "Influence("),
+        (lambda c: c.cells[0], "Cell(resonance: 60 to "),
+        (lambda c: c.worst, "Worst(plant "),
+    ],
+)
+def test_what_a_certificate_holds_is_one_line_too(part, begins):
+    said = repr(part(certificate()))
+    assert said.startswith(begins)
+    assert "\n" not in said
+    assert len(said) <= 100
