@@ -19,6 +19,8 @@ def statement(uncertainty: Any, rig: Rig, known: Identified) -> tuple[tuple[str,
     """What is drawn of an `Uncertainty` with these identified numbers, and what is not."""
     u, gears, drive = uncertainty, uncertainty.gears, rig.drive
     drawn, left = [], []
+    identified = [name for name in known.names if name.startswith(("drive.viscous", "drive.coulomb"))]
+    friction = "friction that was not identified" if identified else "friction"
     if u.plants is not None:
         drawn.append("f of given arms")
     elif known.refits is not None:
@@ -32,12 +34,14 @@ def statement(uncertainty: Any, rig: Rig, known: Identified) -> tuple[tuple[str,
     else:
         left.append("elasticity" if drive.elasticity is None else "resonance (as the rig has it)")
     for there, said, name in (
-        (u.friction > 0, f"friction ±{100 * u.friction:g} % (standard deviation)", "friction"),
+        (u.friction > 0, f"{friction} ±{100 * u.friction:g} % (standard deviation)", "friction"),
         (u.load[1] > 0, f"load {_range(u.load)} kg", "load"),
         (u.phase, "encoder zeros", "encoder zeros"),
         (u.delay[1] > 0, f"delay {_range(u.delay)} s", "delay"),
         (u.dropped > 0, f"lost counts {100 * u.dropped:g} %", "lost counts"),
     ):
+        if name == "friction" and len(identified) == 2 * rig.n:
+            continue  # drawn with all that was identified
         if there:
             drawn.append(said)
         else:

@@ -10,7 +10,7 @@ from ctc.certification.certificate import Certificate
 from ctc.certification.certify import certify
 from ctc.commandline.answer import Answer, plain_number
 from ctc.commandline.demo import demo
-from ctc.commandline.inputs import new_place, path_of, records_of, result_of, robot_of
+from ctc.commandline.inputs import new_place, path_of, records_of, result_of, robot_of, unknowns_of
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.report.report import write_report
 from ctc.verdict.evaluation import evaluate
@@ -26,7 +26,7 @@ _COLUMNS = """
 # Which columns of your log are what, and in which units; without these two tables, what Record.to_csv wrote.
 # [columns]
 # t = "time"
-# counts = ["count_1", "count_2"]
+# counts = ["count_1", "count_2"]          # or position = [...], of the joints; torque, current: if they were logged
 # reference_position = ["asked_1", "asked_2"]
 
 # [units]
@@ -37,6 +37,8 @@ _COLUMNS = """
 
 def run_demo(given: Namespace) -> Answer:
     """The paper from end to end."""
+    if given.figures.exists() and not given.figures.is_dir():
+        raise ValueError(f"{given.figures} must be a folder for figures; it is a file. Name another with --figures.")
     good = demo(given.seed, given.figures)
     return Answer("", {"within one pulse": good}, good)
 
@@ -87,9 +89,8 @@ def run_identify(given: Namespace) -> Answer:
     held_out = records_of(given.held_out, robot, given.cut) if given.held_out else None
     found = identify(
         cast(Dynamics, robot.dynamics), records if len(records) > 1 else records[0], seed=given.seed,
-        method=given.method,
-        unknown=given.unknown, held_out=held_out, elasticity=given.elasticity, checkpoint=given.checkpoint,
-        progress=not given.quiet,
+        method=given.method, unknown=unknowns_of(given.unknown, robot), held_out=held_out, elasticity=given.elasticity,
+        checkpoint=given.checkpoint, progress=not given.quiet,
     )  # fmt: skip
     found.save(place)
     good = not doubts(found)
@@ -114,8 +115,8 @@ def run_certify(given: Namespace) -> Answer:
     law, path = _law(found, given), path_of(found.records[0], given.path)
     certificate = certify(
         found, found.rig, law, path, samples=given.samples, seed=given.seed, within=given.within,
-        resonance=given.resonance, friction=given.friction, load=given.load, checkpoint=given.checkpoint,
-        progress=not given.quiet,
+        resonance=given.resonance, friction=given.friction, load=given.load, load_position=given.load_position,
+        checkpoint=given.checkpoint, progress=not given.quiet,
     )  # fmt: skip
     if place is not None:
         certificate.save(place)
@@ -123,10 +124,14 @@ def run_certify(given: Namespace) -> Answer:
     data = {
         "verdict": certificate.verdict, "failures": certificate.failures, "samples": len(certificate.plants),
         "probability": certificate.probability, "interval": [low, high], "upper": certificate.upper,
-        "within": certificate.within,
+        "within": certificate.within, "bandwidth": law.bandwidth,
     }  # fmt: skip
-    wrote = "" if place is None else f"\n\nwrote {place}"
-    return Answer(f"{certificate}{wrote}", data, certificate.failures == 0)
+    said = [str(certificate), f"computed torque with a bandwidth of {law.bandwidth:g} rad/s"]
+    first = certificate.sensitivities[0].name if certificate.failures and certificate.sensitivities else ""
+    if first.startswith(("drive.viscous", "drive.coulomb")) and first not in found.unknown:
+        said.append(f"{first} decides, and was not identified: onepulse identify ... --unknown friction")
+    said += [] if place is None else [f"\nwrote {place}"]
+    return Answer("\n".join(said), data, certificate.failures == 0)
 
 
 def _law(found: Identification, given: Namespace) -> ComputedTorque:
@@ -136,16 +141,21 @@ def _law(found: Identification, given: Namespace) -> ComputedTorque:
 
 def run_report(given: Namespace) -> Answer:
     """One page of an identification, and of computed torque on it where there is a path to follow."""
+    if not given.output.endswith((".html", ".htm")):
+        raise ValueError(f"the page must be an .html file; got {given.output}. Name it so.")
     place, found = new_place(given.output, given.force), result_of(given.found)
-    law, evaluation = _law(found, given), None
+    certificate = None if given.certificate is None else Certificate.load(given.certificate)
+    if certificate is not None and given.bandwidth is not None:
+        raise ValueError("the law must be the certificate's; got --bandwidth beside it. Leave it out.")
+    law, evaluation = _law(found, given) if certificate is None else certificate.law, None
     try:
-        path = path_of(found.records[0], given.path)
+        own = certificate is not None and given.path is None
+        path = certificate.reference if own else path_of(found.records[0], given.path)  # type: ignore[union-attr]  # own
     except ValueError:
         if given.path is not None:
             raise
     else:
         evaluation = evaluate(found.arm, found.rig, law, path)
-    certificate = None if given.certificate is None else Certificate.load(given.certificate)
     results = [each for each in (evaluation, certificate) if each is not None]
     write_report(found, *results, path=place, overwrite=given.force)
     return Answer(f"wrote {place}", {"file": str(place), "doubts": doubts(found)})

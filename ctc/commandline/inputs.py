@@ -11,7 +11,10 @@ from plant import Record, Reference, Robot, Spline, Table, read_records, read_ro
 from plant.simulation.clock import Clock
 from plant.simulation.followed_path import Logged
 
-__all__ = ["new_place", "path_of", "records_of", "result_of", "robot_of"]
+__all__ = ["new_place", "path_of", "records_of", "result_of", "robot_of", "unknowns_of"]
+
+_GROUPS = {"friction": ("drive.viscous", "drive.coulomb"), "gains": ("law.gain",)}
+"""What one word stands for, a number per joint each."""
 
 _KNOTS = 0.02
 """Time between the points of a logged path that a spline goes through [s]."""
@@ -32,6 +35,16 @@ def records_of(paths: list[str], robot: Robot | None, cut: tuple[float, float] |
     else:
         records = read_records(paths, rig=robot.rig, law=robot.law, columns=robot.columns, units=robot.units)
     return records if cut is None else tuple(record.cut(*cut) for record in records)
+
+
+def unknowns_of(named: list[str] | None, robot: Robot) -> list[str] | None:
+    """All of f, which nobody has to name, and the numbers that a word or a name stands for."""
+    if named is None or robot.dynamics is None:
+        return named
+    given = [name for word in named for name in _GROUPS.get(word, (word,)) if word != "f"]
+    grouped = [name for names in _GROUPS.values() for name in names]
+    every = [f"{name}[{i}]" if name in grouped else name for name in given for i in range(robot.rig.n)]
+    return list(dict.fromkeys([*robot.dynamics.names, *every]))
 
 
 def result_of(path: str) -> Identification:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import traceback
 import warnings
@@ -56,9 +57,22 @@ def main(arguments: list[str] | None = None) -> int:
         traceback.print_exc()
         return _failed("this is a defect of the library; please report the lines above", 3)
     text = json.dumps(answer.data, indent=1, allow_nan=False) if given.json else answer.text
-    if text:
-        print(text)
+    try:
+        _print(text)
+    except BrokenPipeError:  # whoever read it has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 2
+    except OSError as error:
+        return _failed(f"the answer must be printed; {error.strerror}. Make room, or print it elsewhere.", 2)
     return 0 if answer.good else 1
+
+
+def _print(text: str) -> None:
+    """Print, with what the output's encoding does not have as "?"."""
+    encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
+    if text:
+        print(text.replace("±", "+-").encode(encoding, "replace").decode(encoding) if encoding != "utf-8" else text)
+    sys.stdout.flush()
 
 
 def _failed(text: str, code: int) -> int:
@@ -91,7 +105,12 @@ def _parser() -> argparse.ArgumentParser:
     _logs(identify)
     identify.add_argument("--robot", metavar="TOML", required=True, help="robot file, or the name of one")
     identify.add_argument("--method", default="seeded", help="seeded (default), paper, genetic, prediction_error, ...")
-    identify.add_argument("--unknown", nargs="+", metavar="NAME", help="default: all of f; such as drive.viscous[0]")
+    identify.add_argument(
+        "--unknown",
+        nargs="+",
+        metavar="NAME",
+        help="beside f (default: f alone): friction, gains, or such as drive.viscous[0]",
+    )
     identify.add_argument("--elasticity", action="store_true", help="stiffness and damping of the gears, too")
     identify.add_argument("--held-out", nargs="+", metavar="LOG", help="logs that are only repeated")
     _output(identify, "file for certify and report")
@@ -101,8 +120,12 @@ def _parser() -> argparse.ArgumentParser:
     certify.add_argument("found", help="file of identify -o")
     certify.add_argument("--resonance", nargs=2, type=float, metavar=("LOW", "HIGH"), help="of the gears [Hz]")
     certify.add_argument("--friction", type=float, default=0.1, help="share by which it may differ (default 0.1)")
-    certify.add_argument("--load", nargs=2, type=float, default=0.0, metavar=("LOW", "HIGH"), help="[kg]")
-    certify.add_argument("--within", type=float, default=1.0, help="limit [pulses] (default 1)")
+    certify.add_argument(
+        "--load", nargs=2, type=float, default=0.0, metavar=("LOW", "HIGH"), help="in the gripper [kg]"
+    )
+    place = "its centre in the last link's frame [m]"
+    certify.add_argument("--load-position", nargs=3, type=float, metavar=("X", "Y", "Z"), help=place)
+    certify.add_argument("--within", type=_positive, default=1.0, help="limit [pulses] (default 1)")
     certify.add_argument("--samples", type=int, default=10_000, help="plants that are drawn (default 10000)")
     _law(certify)
     _output(certify, "file for report", required=False)
@@ -142,6 +165,16 @@ def _output(command: argparse.ArgumentParser, about: str, *, required: bool = Tr
 
 def _long(command: argparse.ArgumentParser) -> None:
     command.add_argument("--checkpoint", metavar="FILE", help="keep finished work there: called again, it goes on")
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"a limit is a number above 0; got {text!r}")
+    return value
 
 
 def _seed(text: str) -> int:

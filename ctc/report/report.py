@@ -5,6 +5,8 @@ from __future__ import annotations
 import datetime
 from pathlib import Path
 
+import numpy as np
+
 from ctc.certification.certificate import Certificate
 from ctc.report.page import page
 from ctc.report.sections import sections
@@ -42,7 +44,7 @@ def write_report(
     Raises
     ------
     ValueError
-        Something else, or two of a kind; no path; a file that is there.
+        Something else, or two of a kind; results of another identification; no path; a file that is there.
 
     See Also
     --------
@@ -71,6 +73,14 @@ def write_report(
                 "Pass what evaluate and certify returned."
             )
         kinds[type(each)] = each
+    for each in kinds.values():
+        law = each.law if isinstance(each, Certificate) else each.record.law
+        arm = getattr(law, "arm", None)
+        if arm is not None and not np.array_equal(arm.f, found.arm.f):
+            raise ValueError(
+                f"results must be of laws with this identification's f; the {type(each).__name__.lower()} has another. "
+                "Make it again, with found."
+            )
     place = require_new(path, overwrite)
     today = datetime.date.today().isoformat()
     subtitle = f"{', '.join(found.arm.dynamics.chain.joint_labels)}; {found.method}; written on {today}"

@@ -96,7 +96,7 @@ class LowestResonance(Shown, Frozen):
         if self.hz <= LOWEST:
             return f"{stays} on elastic gears too, at any resonance above {LOWEST:g} Hz {damped}"
         if self.hz > HIGHEST:
-            return f"{stays} on rigid gears only: at resonances up to {HIGHEST:g} Hz it {leaves} {damped}"
+            return f"{stays} on rigid gears only: at some resonances up to {HIGHEST:g} Hz it {leaves} {damped}"
         return f"{stays} on gears that resonate above {self.hz:.3g} Hz {damped}, not just below"
 
 

@@ -73,6 +73,45 @@ def test_from_a_log_to_a_page(folder, capsys, monkeypatch):
     assert (folder / "page.html").read_text(encoding="utf-8").count("<section>") == 8
 
 
+def test_friction_is_named_by_a_word_beside_f_and_the_page_is_of_one_controller(folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    words = ("--unknown", "friction", "--quiet")
+    assert run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "rubbed.json", *words)[0] == 0
+    names = Identification.load("rubbed.json").unknown
+    assert len(names) == 13
+    assert set(names[9:]) == {f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in (0, 1)}
+    given = ("--path", "path.csv", "--samples", "40", "--bandwidth", "150", "--load", "0", "0.1")
+    code, out, err = run(capsys, "certify", "rubbed.json", *given, "-o", "rubbed_proof.json")
+    assert code == 2
+    assert "load_position" in err
+    place = ("--load-position", "0", "-0.4", "0")
+    code, out, err = run(capsys, "certify", "rubbed.json", *given, *place, "-o", "proof2.json")
+    assert code in (0, 1), err
+    assert "with a bandwidth of 150 rad/s" in out
+    assert "friction ±" not in out  # it was identified
+    assert run(capsys, "report", "rubbed.json", "--certificate", "proof2.json", "-o", "rubbed.html")[0] == 0
+    run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "alone.json", "--quiet")
+    code, _, err = run(capsys, "report", "alone.json", "--certificate", "proof2.json", "-o", "mixed.html")
+    assert code == 2
+    assert "must be of laws with this identification's f" in err
+    assert not (folder / "mixed.html").exists()
+
+
+def test_an_output_that_is_full_closed_or_narrow(folder):
+    command = [sys.executable, "-c", "import sys; from ctc.commandline.main import main; sys.exit(main())", "robots"]
+    given = {"cwd": folder, "capture_output": True, "text": True, "check": False}
+    there = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    full = subprocess.run(["/bin/sh", "-c", '"$@" > /dev/full', "sh", *command], **given, env=there)  # noqa: S603
+    assert full.returncode == 2
+    assert full.stderr.startswith("onepulse: the answer must be printed; No space left")
+    assert full.stderr.count("\n") == 1
+    closed = subprocess.run(["/bin/sh", "-c", '"$@" | true', "sh", *command], **given, env=there)  # noqa: S603
+    assert "Traceback" not in closed.stderr
+    narrow = {**there, "PYTHONIOENCODING": "ascii"}
+    said = subprocess.run([*command[:-1], "check", "own.csv"], **given, env=narrow)  # noqa: S603
+    assert (said.returncode, said.stderr) == (0, "")
+
+
 def test_a_finding_is_no_success(folder, capsys, monkeypatch):
     monkeypatch.chdir(folder)
     text = (folder / "arm.toml").read_text()
@@ -98,6 +137,9 @@ WRONG = {
     "an older version": (("certify", "old.json"), "format"),
     "another method": (("identify", "log.csv", "--robot", "arm.toml", "-o", "a.json", "--method", "magic"), "magic"),
     "a seed": (("demo", "--seed", "-1"), "argument --seed: "),
+    "no limit": (("certify", "found.json", "--within", "0"), "a limit is a number above 0; got '0'"),
+    "a page that is none": (("report", "found.json", "-o", "log.csv", "--force"), "the page must be an .html file"),
+    "figures in a file": (("demo", "--figures", "arm.toml"), "arm.toml must be a folder for figures"),
     "a number": (("certify", "found.json", "--samples", "many"), "invalid int value: 'many'"),
 }
 

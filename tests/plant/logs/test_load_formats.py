@@ -347,7 +347,7 @@ def test_the_page_on_your_own_log_is_true(tmp_path, monkeypatch, capsys):
     """Its code runs as it stands, in an empty folder, and prints what it says it prints."""
     page = (Path(__file__).parents[3] / "docs" / "guides" / "logs.md").read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    code = "\n".join(re.findall(r"```{code-cell}\n(.*?)```", page, re.DOTALL))
+    code = "\n".join(re.findall(r"```{code-cell}\n(?::tags.*?\n)?(.*?)```", page, re.DOTALL))
     exec(code, {})  # noqa: S102 - our own page
     printed = capsys.readouterr().out.splitlines()
     said = re.findall(r"^# (.*)$", code, re.MULTILINE)
