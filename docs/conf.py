@@ -9,7 +9,7 @@ from pathlib import Path
 from docutils import nodes
 from latex2mathml.converter import convert
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+sys.path[:0] = [str(Path(__file__).resolve().parent.parent), str(Path(__file__).resolve().parent)]
 os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"  # figures appear below their cell
 
 project = "onepulse"
@@ -87,4 +87,5 @@ def setup(app):
             lines[sections[0] - 1 : sections[0] - 1] = [*source, ""]
 
     app.connect("autodoc-process-docstring", source_first, priority=100)
+    app.add_role("script-download", importlib.import_module("script").ScriptDownload())
     app.add_html_math_renderer("mathml", (inline, None), (display, None))

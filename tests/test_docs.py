@@ -1,6 +1,7 @@
 """README and docs: code that runs, links and files that are there, every public name in the reference."""
 
 import ast
+import importlib
 import re
 import sys
 from pathlib import Path
@@ -91,5 +92,24 @@ def test_code_of_a_page_is_executed_when_the_page_is_built(page):
 def test_every_tutorial_can_be_downloaded_and_is_in_the_index():
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     for page in sorted((ROOT / "docs" / "tutorials").glob("*.md")):
-        assert f"{{nb-download}}`{page.stem}.ipynb`" in page.read_text(encoding="utf-8")
+        text = page.read_text(encoding="utf-8")
+        assert f"{{nb-download}}`{page.stem}.ipynb`" in text
+        assert f"{{script-download}}`{page.stem}.py`" in text
         assert f"\ntutorials/{page.stem}\n" in index
+
+
+def test_the_script_of_a_tutorial_holds_its_cells_and_its_prose(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    script = importlib.import_module("script").script
+    for page in sorted((ROOT / "docs" / "tutorials").glob("*.md")):
+        text = page.read_text(encoding="utf-8")
+        cells = re.findall(r"^```{code-cell}\n(?::[^\n]*\n)*(.*?)^```", text, re.DOTALL | re.MULTILINE)
+        given, expected = script(text), ast.parse("\n".join(cells)).body
+        shown = 2 if "plt.show()" in given else 0
+        assert ast.dump(ast.Module(ast.parse(given).body[: len(expected)], [])) == ast.dump(ast.Module(expected, []))
+        assert len(ast.parse(given).body) == len(expected) + shown
+        assert re.search(r"^# # .+", given, re.MULTILINE)
+        assert "-download}" not in given
+        assert "file_format" not in given
+    plain = "---\nfile_format: mystnb\n---\n\n# A\n\nText.\n\n```{code-cell}\n:tags: [x]\na = 1\n```\n\n---\n\nfoot\n"
+    assert script(plain) == "# %% [markdown]\n# # A\n#\n# Text.\n\n# %%\na = 1\n"
