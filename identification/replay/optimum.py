@@ -85,8 +85,8 @@ def fitted(
         raise ValueError("the model with what was found does not follow the log")
     for _ in range(_ROUNDS):
         rates = slopes(model, values, step, varied).T
-        basis, _ = orthonormal(rates, innovations)
-        move, before = _move(values, rates, innovations, step, varied, bounds), (innovations**2).sum()
+        basis, free = orthonormal(rates, innovations)
+        move, before = _move(values, rates, free, innovations, step, varied, bounds), (innovations**2).sum()
         for length in _LENGTHS:
             trial = np.clip(values - length * move, *bounds.T)
             result = model.innovations(trial)
@@ -103,21 +103,26 @@ def fitted(
 def _move(
     values: NDArray[np.float64],
     rates: NDArray[np.float64],
+    free: NDArray[np.float64],
     innovations: NDArray[np.float64],
     step: NDArray[np.float64],
     varied: NDArray[np.intp],
     bounds: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Gauss-Newton's change (k,), to be subtracted; what is pushed over its bound stays, the others make up for it."""
-    moving = np.ones(len(varied), bool)
+    """Gauss-Newton's change (k,), to be subtracted; what is pushed over its bound stays, the others make up for it.
+
+    Free are the coefficients (v,) of the rates while nothing is pushed.
+    """
+    moving, found = np.ones(len(varied), bool), free
     while True:
         move, some = np.zeros(len(values)), varied[moving]
-        move[some] = orthonormal(rates[moving], innovations)[1] * step[some]
+        move[some] = found * step[some]
         low, high = bounds.T
         pushed = ((values <= low) & (move > 0)) | ((values >= high) & (move < 0))
         if not pushed[some].any():
             return move
         moving &= ~pushed[varied]
+        found = orthonormal(rates[moving], innovations)[1]
 
 
 def orthonormal(
