@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from identification.replay import optimum
 from identification.replay.extended import Extended
 from identification.replay.gauss_newton import gauss_newton
 from identification.replay.optimum import fitted, orthonormal
@@ -68,6 +69,16 @@ def test_values_stay_within_their_bounds(model):
     held = fitted(model, values, step, bounds)
     assert held.values[0] == bounds[0, 0]
     assert held.squares > fitted(model, *parts(model)).squares
+
+
+def test_directions_are_made_once_per_round(model, monkeypatch):
+    """As often as the rates themselves, while no value is at its bound."""
+    made = []
+    for name in ("slopes", "orthonormal"):
+        function = getattr(optimum, name)
+        monkeypatch.setattr(optimum, name, lambda *given, _of=(name, function): made.append(_of[0]) or _of[1](*given))
+    fitted(model, *parts(model))
+    assert made.count("orthonormal") == made.count("slopes") > 1
 
 
 def test_a_model_that_does_not_follow_is_refused(model):
