@@ -46,10 +46,11 @@ def _verdict(found: Any, evaluation: Any, certificate: Any) -> str:
         said = (
             f"{share} of {len(evaluation.record)} samples within ±1 pulse, simulated on the arm that was found.{gears}"
         )
-        lines.append((evaluation.within(1), f"{law} on the nominal arm", said))
+        nominal = "the nominal arm, which is in doubt" if doubtful else "the nominal arm"
+        lines.append((evaluation.within(1) and not doubtful, f"{law} on {nominal}", said))
     if certificate is not None:
         title = f"{type(certificate.law).__name__} on {len(certificate.plants)} possible arms"
-        lines.append((certificate.failures == 0, title, certificate.verdict))
+        lines.append((certificate.failures == 0 and not doubtful, title, certificate.verdict))
     rows = "\n".join(
         f'<li class="{"good" if good else "bad"}"><b>{"✓" if good else "✗"} {text(title)}</b>{text(said)}</li>'
         for good, title, said in lines
@@ -140,6 +141,10 @@ def _assumptions(found: Any) -> str:
         ]
         told = "What no log of this kind reveals: how each value moves if a stated number is 1 % larger."
         parts += ["<h3>Taken as stated</h3>", f"<p>{text(told)}</p>", table(head, rows)]
+    stated = [*zip(found.rig.number_names(), found.rig.number_values(), strict=True)]
+    stated += [*zip(found.law.number_names("law."), found.law.number_values(), strict=True)]
+    shown_numbers = [(name, f"{value:.6g}") for name, value in stated if name not in found.unknown]
+    parts.append(details("Numbers of rig and law, as stated", table(("motor side, SI", "value"), shown_numbers)))
     if found.resonance is not None:
         parts += ["<h3>Gears</h3>", body(found.resonance)]
     return section("Assumptions", *parts)
@@ -149,7 +154,9 @@ def _controller(evaluation: Any) -> str:
     law = type(evaluation.record.law).__name__
     caption = f"Counted error of {law} along the path, simulated on the arm that was found; shaded: ±1 pulse."
     parts = [figure(draw_errors(evaluation), "counted errors of the controller", caption)]
-    return section("Controller", *parts, body(evaluation))
+    bandwidth = getattr(evaluation.record.law, "bandwidth", None)
+    said = "" if bandwidth is None else f"<p>{text(f'{law} with a bandwidth of {bandwidth:g} rad/s.')}</p>"
+    return section("Controller", said, *parts, body(evaluation))
 
 
 def _certificate(certificate: Any) -> str:

@@ -84,16 +84,21 @@ def test_it_says_what_was_found(page, found):
     assert found.provenance()["records"][0] in text
     assert "of 20 possible plants" in text
     assert "Not drawn, and so not promised" in text
+    assert re.search(r"<td>drive\.gear\[1\]</td><td[^>]*>-53\.7</td>", text)  # what was stated
+    assert "rad/s." in text
 
 
 def test_warnings_come_first(found, tmp_path):
     doubtful = simulate(ARM, RIG, puma560.p_law(), PATH, duration=1.0)
     with pytest.warns(UserWarning, match="identified with"):
         wrong = identify(puma560.arm().dynamics, _with_gain(doubtful, 1.5), seed=1, progress=False)
-    write_report(wrong, path=tmp_path / "page.html")
+    held = evaluate(wrong.arm, wrong.rig, ComputedTorque(wrong), PATH, backend="numba", duration=0.5)
+    write_report(wrong, held, path=tmp_path / "page.html")
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert text.index("The identification is in doubt") < text.index("<h3>Warnings</h3>") < text.index("Parameters")
     assert "Nothing in the log contradicts" not in text
+    assert "on the nominal arm, which is in doubt" in text
+    assert "✓" not in text[: text.index("<h3>Warnings</h3>")]
 
 
 def _with_gain(record, factor):
