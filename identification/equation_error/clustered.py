@@ -15,7 +15,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["RUNS", "STRETCHES", "at_least", "group_std", "products", "run_std"]
+from plant.parts.sums import products
+
+__all__ = ["RUNS", "STRETCHES", "at_least", "group_std", "run_std"]
 
 RUNS, STRETCHES = 3, 10
 """From how many runs on, and of how many stretches of all runs at least, values are compared."""
@@ -24,11 +26,6 @@ _NORMAL = 1.96
 
 _OWN = 1e-9
 """Share of a direction below which one run alone determines it: of that nothing is known."""
-
-
-def products(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sums of the products (k, k) of the columns of rows (M, k), in one order on any number of threads."""
-    return np.asarray(np.einsum("mi,mj->ij", rows, rows))
 
 
 def group_std(

@@ -163,7 +163,7 @@ def regressor_along(
     motors : Motion, optional
         Of the motors, as joints on rigid gears would have it, where gears are elastic.
     """
-    names, function = balance(dynamics, rig, tuple(unknown), motors is not None)
+    names, _ = balance(dynamics, rig, tuple(unknown), motors is not None)
     motions = (*motion, *(() if motors is None else motors[1:]))
     values = np.concatenate([np.zeros(dynamics.p), rig.number_values()])
     values[[names.index(name) for name in unknown]] = 0.0
@@ -171,7 +171,8 @@ def regressor_along(
     regressor, given = np.empty((len(motion.q), n, k)), np.empty((len(motion.q), n))
     for start in range(0, len(given), _AT_ONCE):
         some = slice(start, start + _AT_ONCE)
-        block, rest = function.map(len(given[some]))(*(part[some].T for part in motions), values)
+        mapped = _mapped(dynamics, rig, tuple(unknown), motors is not None, len(given[some]))
+        block, rest = mapped(*(part[some].T for part in motions), values)
         regressor[some] = block.full().reshape(n, -1, k).transpose(1, 0, 2)
         given[some] = rest.full().T
     return regressor, given
@@ -189,6 +190,12 @@ def linear(dynamics: Dynamics, rig: Rig, unknown: Iterable[str]) -> tuple[str, .
             taken += [] if ca.depends_on(slopes, own) else [place]
     some = {rig.number_names()[place] for place in taken}
     return tuple(name for name in unknown if name in dynamics.names or name.startswith(LINEAR) or name in some)
+
+
+@functools.lru_cache(maxsize=16)
+def _mapped(dynamics: Dynamics, rig: Rig, unknown: tuple[str, ...], elastic: bool, count: int) -> Any:
+    """The function of `balance`, of so many samples at once."""
+    return balance(dynamics, rig, unknown, elastic)[1].map(count)
 
 
 @functools.lru_cache(maxsize=16)

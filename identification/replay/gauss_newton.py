@@ -6,6 +6,7 @@ Slopes are central differences of whole runs: friction and a quantiser have no d
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -97,8 +98,12 @@ def gauss_newton(
             f"{f' on {where}' if where else ''}. Check signs, "
             "units and the order of joints, or give ranges."
         )
+    varied = np.flatnonzero(step)
+    names = [prediction.unknown[i] for i in varied]
+    moved = True
     for _ in range(rounds):
-        change = _change(prediction, values, residual, step, bounds)
+        change_per_step = slopes(prediction, values, step, varied, residual)
+        change = _change(names, change_per_step, values, residual, step, bounds)
         cost, lengths = dot(residual, residual), 0.5 ** np.arange(8)
         tried = np.clip(values + lengths[:, None] * change, *bounds.T)
         for i in range(0, len(lengths), 4):
@@ -108,12 +113,12 @@ def gauss_newton(
             if costs[best] < cost:
                 values, residual = tried[i + best], results[best]
                 break
+        moved = dot(residual, residual) < cost
         if not dot(residual, residual) < (1 - tolerance) * cost:
             break
-    covariance, varied = np.zeros((len(values), len(values))), np.flatnonzero(step)
-    names = [prediction.unknown[i] for i in varied]
-    change_per_step = slopes(prediction, values, step, varied, residual)
-    left = residual * prediction.scales
+    if moved:
+        change_per_step = slopes(prediction, values, step, varied, residual)
+    covariance, left = np.zeros((len(values), len(values))), residual * prediction.scales
     part = least_squares(names, change_per_step, residual, dependent=DEPENDENT)[1] * np.outer(
         step[varied], step[varied]
     )
@@ -126,7 +131,8 @@ def gauss_newton(
 
 
 def _change(
-    prediction: Any,
+    names: Sequence[str],
+    change_per_step: NDArray[np.float64],
     values: NDArray[np.float64],
     residual: NDArray[np.float64],
     step: NDArray[np.float64],
@@ -134,11 +140,10 @@ def _change(
 ) -> NDArray[np.float64]:
     """Gauss-Newton's change (k,) of the values; one that would leave its bounds stays, the others make up for it."""
     varied, change = np.flatnonzero(step), np.zeros(len(values))
-    change_per_step, moving = slopes(prediction, values, step, varied, residual), np.ones(len(varied), bool)
+    moving = np.ones(len(varied), bool)
     while moving.any():
-        some = varied[moving]
-        names = [prediction.unknown[i] for i in some]
-        solved = least_squares(names, change_per_step[:, moving], residual, dependent=DEPENDENT)[0]
+        some, left = varied[moving], [name for name, moves in zip(names, moving, strict=True) if moves]
+        solved = least_squares(left, change_per_step[:, moving], residual, dependent=DEPENDENT)[0]
         change[:] = 0
         change[some] = -solved * step[some]
         low, high = bounds[some].T
@@ -162,7 +167,7 @@ def slopes(
     Steps that lose the log are shortened in place; with the innovations (M,) of the values themselves, also those on
     which innovations jump to one side.
     """
-    found, waiting = np.empty((len(prediction.weights), len(varied))), list(range(len(varied)))
+    found, waiting = np.empty((len(varied), len(prediction.weights))), list(range(len(varied)))
     for attempt in range(_SHORTER):
         step[varied[waiting]] *= 0.25 if attempt else 1.0
         moves = np.zeros((len(waiting), len(values)))
@@ -173,14 +178,14 @@ def slopes(
             if not (np.isfinite(up).all() and np.isfinite(down).all()):
                 lost.append(i)
                 continue
-            found[:, i] = (up - down) / 2
+            np.multiply(np.subtract(up, down, out=found[i]), 0.5, out=found[i])
             if residual is not None and _jumps(up, residual, down):
                 jumping.append(i)
         waiting = [*lost, *jumping]
         if not waiting:
-            return found
+            return found.T
     if not lost:
-        return found
+        return found.T
     names = ", ".join(prediction.unknown[varied[i]] for i in lost)
     raise ValueError(f"every unknown must keep the arm on the log; any change of {names} loses it. Narrow the ranges.")
 
@@ -198,8 +203,8 @@ def noise(prediction: Any, residual: NDArray[np.float64]) -> float:
 
 def variance_inflation(residual: NDArray[np.float64]) -> float:
     """By how much autocorrelation makes the variance of a mean exceed that of independent samples: 1 without any."""
-    spectrum = np.abs(np.fft.rfft(residual, 2 * len(residual))) ** 2
-    own = np.fft.irfft(spectrum)[: _LAGS + 1]
+    spectrum = np.fft.rfft(residual, 1 << (len(residual) + _LAGS).bit_length())
+    own = np.fft.irfft(spectrum.real**2 + spectrum.imag**2)[: _LAGS + 1]
     if not own[0] > 0:
         return 1.0
     return float(max(1.0, 1 + 2 * np.sum(own[1:] / own[0] * (1 - np.arange(1, _LAGS + 1) / (_LAGS + 1)))))

@@ -22,6 +22,10 @@ from plant.simulation.threads import cores, shared_out
 __all__ = ["Objective", "squared_error"]
 
 
+_AT_ONCE = 10
+"""Candidates whose inertia one thread checks at once."""
+
+
 @functools.lru_cache
 def squared_error(n: int, sections: tuple[tuple[float, ...], ...] = ()) -> ca.Function:
     """The term that one sample adds, (log, data, memory) -> sum over joints of (e^r - e^m)^2, memory.
@@ -159,7 +163,9 @@ class _Scored(Experiment):
         costs = np.full(len(population), np.inf)
 
         sound = np.flatnonzero(np.isfinite(population).all(axis=1))
-        sound = sound[self._margins(numbers[sound]) >= 0]
+        some = [numbers[sound[i : i + _AT_ONCE]] for i in range(0, len(sound), _AT_ONCE)]
+        margins = np.concatenate([np.empty(0), *shared_out(self._margins, some, threads)])
+        sound = sound[margins >= 0]
         blocks = [sound[i : i + LANES] for i in range(0, len(sound), LANES)]
         results = shared_out(lambda rows: self._block(population[rows]), blocks, threads)
         costs[sound] = np.concatenate([np.empty(0), *results])

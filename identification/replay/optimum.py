@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from identification.replay.extended import Extended
 from identification.replay.gauss_newton import slopes, variance_inflation
+from plant.parts.sums import dot, product, products
 
-__all__ = ["Optimum", "fitted", "orthonormal"]
+__all__ = ["Optimum", "along", "directions", "fitted"]
 
 _ROUNDS, _SETTLED = 6, 1e-4
 """Of Gauss-Newton, at most, and the relative decrease below which it ends."""
@@ -34,8 +36,8 @@ class Optimum:
         Weighted.
     rates : (v, M) numpy.ndarray
         Their changes per step of the varied unknowns.
-    basis : (r, M) numpy.ndarray
-        Orthonormal directions of these changes.
+    made : (r, v) numpy.ndarray
+        What orthonormal directions are of these changes.
     unknown : int
         How many of the varied unknowns, the first, are not observer gains.
     """
@@ -44,7 +46,7 @@ class Optimum:
     values: NDArray[np.float64]
     innovations: NDArray[np.float64]
     rates: NDArray[np.float64]
-    basis: NDArray[np.float64]
+    made: NDArray[np.float64]
     unknown: int
 
     @property
@@ -52,11 +54,14 @@ class Optimum:
         """Sum of the squared innovations [pulses^2]."""
         return float((self.innovations**2).sum())
 
-    def left(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What of directions (..., M) the varied unknowns cannot do as well."""
-        for own in self.basis:
-            directions = directions - (directions * own).sum(axis=-1, keepdims=True) * own
-        return directions
+    @cached_property
+    def before(self) -> NDArray[np.float64]:
+        """What of the innovations the varied unknowns cannot do."""
+        return self.left(self.innovations)
+
+    def left(self, direction: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What of a direction (M,) the varied unknowns cannot do as well."""
+        return np.asarray(direction - np.einsum("v,vm->m", along(self.made, self.rates, direction), self.rates))
 
     def unit(self, left: NDArray[np.float64]) -> float:
         """Variance of what is left, inflated by its autocorrelation."""
@@ -64,8 +69,7 @@ class Optimum:
 
     def chi_square(self, after: NDArray[np.float64]) -> float:
         """Decrease of the sum of squares from here to what is left afterwards (M,), in its unit."""
-        before = self.left(self.innovations)
-        return float(((before**2).sum() - (after**2).sum()) / self.unit(after))
+        return float(((self.before**2).sum() - (after**2).sum()) / self.unit(after))
 
 
 def fitted(
@@ -85,7 +89,8 @@ def fitted(
         raise ValueError("the model with what was found does not follow the log")
     for _ in range(_ROUNDS):
         rates = slopes(model, values, step, varied).T
-        basis, free = orthonormal(rates, innovations)
+        made = directions(rates)
+        free = along(made, rates, innovations)
         move, before = _move(values, rates, free, innovations, step, varied, bounds), (innovations**2).sum()
         for length in _LENGTHS:
             trial = np.clip(values - length * move, *bounds.T)
@@ -96,7 +101,7 @@ def fitted(
         if not (innovations**2).sum() < (1 - _SETTLED) * before:
             break
     return Optimum(
-        model=model, values=values, innovations=innovations, rates=rates, basis=basis, unknown=unknown
+        model=model, values=values, innovations=innovations, rates=rates, made=made, unknown=unknown
     )  # fmt: skip
 
 
@@ -122,30 +127,28 @@ def _move(
         if not pushed[some].any():
             return move
         moving &= ~pushed[varied]
-        found = orthonormal(rates[moving], innovations)[1]
+        found = along(directions(rates[moving]), rates[moving], innovations)
 
 
-def orthonormal(
-    rates: NDArray[np.float64], target: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Orthonormal directions (r, M) of rates (v, M), and their coefficients (v,) that make the target, in plain sums.
+def directions(rates: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What orthonormal directions are of rates (v, M): (r, v), none for a rate that is a combination of others.
 
-    The coefficient of a rate that is a combination of others is zero.
+    By Gram-Schmidt on the products of the rates.
     """
-    basis: list[NDArray[np.float64]] = []
-    made: list[NDArray[np.float64]] = []  # each direction, in rates
-    for i, row in enumerate(rates):
-        length = np.sqrt((row**2).sum()) or 1.0
-        own, of = row / length, (np.arange(len(rates)) == i) / length
+    together = products(rates.T)
+    lengths = np.sqrt(np.diag(together))
+    lengths = np.where(lengths > 0, lengths, 1.0)
+    together, made = together / np.outer(lengths, lengths), np.empty((0, len(rates)))
+    for i in range(len(rates)):
+        own = (np.arange(len(rates)) == i).astype(float)
         for _ in range(2):
-            for other, others in zip(basis, made, strict=True):
-                share = (other * own).sum()
-                own, of = own - share * other, of - share * others
-        size = np.sqrt((own**2).sum())
+            own = own - product(made.T, product(made, product(together, own)))
+        size = np.sqrt(max(dot(own, product(together, own)), 0.0))
         if size > _OWN:
-            basis.append(own / size)
-            made.append(of / size)
-    found = np.zeros(len(rates))
-    for own, of in zip(basis, made, strict=True):
-        found = found + (own * target).sum() * of
-    return np.reshape(basis, (-1, rates.shape[1])), found
+            made = np.vstack([made, own / size])
+    return np.asarray(made / lengths)
+
+
+def along(made: NDArray[np.float64], rates: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Coefficients (v,) of rates (v, M) that make the target; zero of a rate that is a combination of others."""
+    return product(made.T, product(made, np.einsum("vm,m->v", rates, target)))

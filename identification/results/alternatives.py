@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.replay.extended import Extended
-from identification.replay.optimum import Optimum, orthonormal
+from identification.replay.optimum import Optimum, along, directions
 from identification.results.trials import Trial, backlash, compliance
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
@@ -108,16 +108,15 @@ class Sign(Shown, Frozen):
         yield Verdict(f"{self._short()}{': significant' * self.significant}", not self.significant)
 
 
-def signs(at: Optimum, efforts: NDArray[np.float64]) -> list[Sign]:
+def signs(at: Optimum, effects: dict[str, NDArray[np.float64]]) -> list[Sign]:
     """All alternatives, where the sum of squares is least; of lag and delay nothing where the path is rounded.
 
     Parameters
     ----------
     at : Optimum
-    efforts : (2, n) numpy.ndarray
-        Torque [N m] and speed [rad/s] of each motor (rms).
+    effects : dict
+        From `effects_of`.
     """
-    effects = effects_of(at, efforts)
     if any(map(is_rounded, at.model.records)):  # straight lines through counts lag by half a pulse
         effects = {name: row for name, row in effects.items() if name not in ("lag", "delay")}
     changes = {name: row for name, row in effects.items() if np.isfinite(row).all()}
@@ -186,14 +185,14 @@ def _linear(at: Optimum, name: str, changes: dict[str, NDArray[np.float64]]) -> 
     own = {each: row for each, row in own.items() if (row**2).sum() > _OWN**2 * (changes[each] ** 2).sum()}
     if not own:
         return
-    before, freedom = at.left(at.innovations), len(own)
+    before, freedom = at.before, len(own)
     least = _threshold(freedom) * at.unit(before)
     visible = {each: float(np.sqrt(least / (row**2).sum())) for each, row in own.items()}
     after, size = before, np.empty(0)
     while own:
         rows = np.array(list(own.values()))
-        size = -orthonormal(rows, before)[1]
-        after = before + (size[:, None] * rows).sum(axis=0)
+        size = -along(directions(rows), rows, before)
+        after = before + np.einsum("i,im->m", size, rows)
         if name in _SIGNED or not (size < 0).any():
             break
         own, after = {each: row for (each, row), x in zip(own.items(), size, strict=True) if x > 0}, before
@@ -228,19 +227,17 @@ def _of_backlash(trials: Sequence[Trial]) -> Sign:
 
 def _disagreement(at: Optimum) -> Iterator[Sign]:
     """Whether each record alone would have other values of the unknowns."""
-    rows = at.model.rows()
-    if len(rows) < 2:
+    records = at.model.rows()
+    if len(records) < 2:
         return
-    apart = []
-    for record in rows[1:]:
+    apart: list[NDArray[np.float64]] = []
+    for record in records[1:]:
         alone = np.zeros((at.unknown, len(at.innovations)))
         alone[:, record] = at.rates[: at.unknown, record]
-        apart.append(at.left(alone))
-    after = before = at.left(at.innovations)
-    basis, _ = orthonormal(np.vstack(apart), before)
-    for row in basis:
-        after = after - (after * row).sum() * row
-    freedom = len(basis)
+        apart += [at.left(row) for row in alone]
+    before, rows = at.before, np.array(apart)
+    made = directions(rows)
+    after, freedom = before - np.einsum("i,im->m", along(made, rows, before), rows), len(made)
     yield Sign(
         name="disagreement", chi_square=at.chi_square(after), freedom=freedom, threshold=_threshold(freedom),
         explained=float((before**2).sum() - (after**2).sum()), values={}, visible={},

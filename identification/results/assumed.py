@@ -12,10 +12,10 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from identification.equation_error.clustered import products
 from plant.parts.arguments import real
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown
+from plant.parts.sums import products
 from plant.parts.tables import Table
 
 __all__ = ["Assumed", "moved"]

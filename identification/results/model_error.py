@@ -12,16 +12,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.clustered import RUNS, STRETCHES, group_std, products, run_std
+from identification.equation_error.clustered import RUNS, STRETCHES, group_std, run_std
 from identification.replay.optimum import Optimum
-from identification.results.alternatives import effects_of
 from identification.results.assumed import moved
 from identification.search.tolerances import Tolerances
+from plant.parts.sums import products
 
 __all__ = ["Doubt", "consider", "priors"]
 
@@ -48,6 +47,8 @@ class Doubt:
         Number of the unknowns.
     searched : int
         Number of the innovations of the records that were searched, the first.
+    effects : dict
+        Change of the innovations (M,) with each of what the rig leaves out, or may have wrong.
     efforts : (2, n) numpy.ndarray
         Torque [N m] and speed [rad/s] of each motor (rms).
     apart : bool
@@ -60,13 +61,9 @@ class Doubt:
     keep: Sequence[int]
     unknown: int
     searched: int
+    effects: Mapping[str, NDArray[np.float64]]
     efforts: NDArray[np.float64]
     apart: bool
-
-    @cached_property
-    def effects(self) -> dict[str, NDArray[np.float64]]:
-        """Change of the innovations (M,) with each of what the rig leaves out, or may have wrong."""
-        return effects_of(self.at, self.efforts)
 
     def assumed(self) -> dict[str, NDArray[np.float64]]:
         """Change (k,) of the unknowns if a gear, a motor's gain or a gain of the law is 1 % larger, by its name."""

@@ -13,7 +13,7 @@ from identification.equation_error.motor_torque import torque_of
 from identification.replay.experiment import with_zeros
 from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, fitted
-from identification.results.alternatives import Sign, delay_sign, signs
+from identification.results.alternatives import Sign, delay_sign, effects_of, signs
 from identification.results.detection import Detection
 from identification.results.model_error import Doubt
 from identification.search.memory import resumed_at
@@ -104,12 +104,13 @@ class _Search:
         self.bounds = np.vstack([problem.bounds[keep], model.gain_bounds, limits])
         self.at = self._first = fitted(model, np.concatenate([values[keep], gains, extra]), self.step, self.bounds)
         self._searched = model.rows()[len(problem.records) - 1].stop
-        self.efforts, self.joints = _efforts(records[0]), tuple(problem.dynamics.chain.joint_labels)
+        self._efforts, self.joints = _efforts(records[0]), tuple(problem.dynamics.chain.joint_labels)
+        self.effects = effects_of(self.at, self._efforts)
         rounding = 0.0 if records[0].rig.encoder.smooth else _ROUNDING * float((model.weights**2).sum())
         self.least = _EXPLAINED * max(0.0, self.at.squares - rounding)
 
     def detection(self, delay: float) -> Detection:
-        first = found = self._signs = signs(self.at, self.efforts)
+        first = found = self._signs = signs(self.at, self.effects)
         stated, named = self.at.model.stated(), list[Sign]()
         if delay:
             found = [_guessed(sign, delay) if sign.name == "delay" else sign for sign in found]
@@ -127,8 +128,9 @@ class _Search:
             best = _AS_GOOD * max(refit.sign.explained for refit in good)
             refit = min((each for each in good if each.sign.explained > best), key=lambda each: each.sign.freedom)
             self.at, self.step = refit.at, refit.step
+            self.effects = effects_of(self.at, self._efforts)
             named.append(refit.sign)
-            found = signs(self.at, self.efforts)
+            found = signs(self.at, self.effects)
         values = tuple(self._with_values(sign) for sign in named)
         return Detection(signs=tuple(first), named=values, stated=stated, joints=self.joints)
 
@@ -137,7 +139,7 @@ class _Search:
         apart = any(sign.name == "disagreement" and sign.chance < _APART for sign in self._signs)
         return Doubt(
             at=self.at, first=self._first, step=self.step, keep=self._keep, unknown=self._unknown,
-            searched=self._searched, efforts=self.efforts, apart=apart,
+            searched=self._searched, effects=self.effects, efforts=self._efforts, apart=apart,
         )  # fmt: skip
 
     def _refitted(self, sign: Sign) -> _Refit | None:

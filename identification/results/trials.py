@@ -75,7 +75,7 @@ def _tried(at: Optimum, tried: list[dict[str, float]]) -> list[Trial]:
         many.append(at.values.copy())
         for name, value in values.items():
             many[-1][at.model.place(name)] = value
-    before, trials = at.left(at.innovations), []
+    before, trials = at.before, []
     unit = at.unit(before)
     for values, result in zip(tried, at.model.all_innovations(many), strict=True):
         if np.isfinite(result).all():

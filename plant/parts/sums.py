@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["dot", "least", "norm", "product", "triangle"]
+__all__ = ["dot", "least", "norm", "product", "products", "triangle"]
 
 Floats = NDArray[np.float64]
 
@@ -30,6 +30,11 @@ def product(rows: Floats, columns: Floats) -> Floats:
         return np.asarray((rows * columns).sum(axis=1))
     sums = [(rows * column).sum(axis=1) for column in columns.T]
     return np.column_stack(sums) if sums else np.empty((len(rows), 0))
+
+
+def products(rows: Floats) -> Floats:
+    """Sums of the products (k, k) of the columns of rows (N, k)."""
+    return np.asarray(np.einsum("mi,mj->ij", rows, rows))
 
 
 def triangle(rows: Floats) -> Floats:

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from identification.equation_error.clustered import at_least, group_std, products, run_std
+from identification.equation_error.clustered import at_least, group_std, run_std
+from plant.parts.sums import products
 
 
 def test_of_a_mean_it_is_students_interval():

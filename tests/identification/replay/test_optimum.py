@@ -6,7 +6,7 @@ import pytest
 from identification.replay import optimum
 from identification.replay.extended import Extended
 from identification.replay.gauss_newton import gauss_newton
-from identification.replay.optimum import fitted, orthonormal
+from identification.replay.optimum import along, directions, fitted
 from identification.replay.prediction import Prediction
 from plant import puma560, simulate
 
@@ -18,12 +18,14 @@ def test_orthonormal_directions_make_the_target():
     """As numpy's least squares; a combination of others gets no coefficient and no direction."""
     rng = np.random.default_rng(0)
     rates, target = rng.normal(size=(4, 50)), rng.normal(size=50)
-    basis, found = orthonormal(rates, target)
-    np.testing.assert_allclose(basis @ basis.T, np.eye(4), atol=1e-12)
-    np.testing.assert_allclose(found, np.linalg.lstsq(rates.T, target, rcond=None)[0], rtol=1e-9)
-    basis, found = orthonormal(np.vstack([rates, rates[0] + rates[1]]), target)
-    assert len(basis) == 4
-    assert found[4] == 0
+    made = directions(rates)
+    np.testing.assert_allclose(made @ rates @ (made @ rates).T, np.eye(4), atol=1e-12)
+    expected = np.linalg.lstsq(rates.T, target, rcond=None)[0]
+    np.testing.assert_allclose(along(made, rates, target), expected, rtol=1e-9)
+    more = np.vstack([rates, rates[0] + rates[1]])
+    made = directions(more)
+    assert len(made) == 4
+    assert along(made, more, target)[4] == 0
 
 
 @pytest.fixture(scope="module")
@@ -74,11 +76,11 @@ def test_values_stay_within_their_bounds(model):
 def test_directions_are_made_once_per_round(model, monkeypatch):
     """As often as the rates themselves, while no value is at its bound."""
     made = []
-    for name in ("slopes", "orthonormal"):
+    for name in ("slopes", "directions"):
         function = getattr(optimum, name)
         monkeypatch.setattr(optimum, name, lambda *given, _of=(name, function): made.append(_of[0]) or _of[1](*given))
     fitted(model, *parts(model))
-    assert made.count("orthonormal") == made.count("slopes") > 1
+    assert made.count("directions") == made.count("slopes") > 1
 
 
 def test_a_model_that_does_not_follow_is_refused(model):
