@@ -59,6 +59,7 @@ def prepare(
         raise ValueError(f"settings must be GeneticSettings; got {given}. Leave it out for those of the paper.")
     with naming.held_out(kept, len(searched), among=held_out is None):
         aside = Objective(dynamics, kept, unknown, **options) if kept else None
+    _require_different(searched, kept)
     problem = Problem(
         dynamics=dynamics,
         records=followed,
@@ -82,6 +83,18 @@ def prepare(
     if zeros and method not in ("seeded", "prediction_error", "output_error"):
         raise ValueError(f"zeros must be found by prediction or output error; got method={method!r}. Use the default.")
     return problem
+
+
+def _require_different(searched: Sequence[Record], kept: Sequence[Record]) -> None:
+    """Refuse a log that comes twice: its rounding would count as that of two."""
+    every = (*searched, *kept)
+    for i, record in enumerate(every):
+        for k, before in enumerate(every[:i]):
+            if np.array_equal(record.t, before.t) and np.array_equal(record.counts, before.counts):
+                aside = k < len(searched) <= i
+                told = "each log kept aside must not be among those searched" if aside else "each log must come once"
+                first, second = (naming.record_label(every, place) for place in (k, i))
+                raise ValueError(f"{told}; {second} is {first} again. Leave one out.")
 
 
 def _require_room(

@@ -63,6 +63,10 @@ def path_of(record: Record, given: str | None = None) -> Reference:
     ValueError
         A log without a path.
     """
+    if given is not None and not Path(given).is_file():
+        raise ValueError(
+            f"the path to follow must be a CSV file that is there; {given} is not. Its columns: t, q_1, ..."
+        )
     path = Table.from_csv(given) if given is not None else record.reference
     if path is None:
         if not np.ptp(record.reference_pulses):

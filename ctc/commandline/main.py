@@ -143,7 +143,6 @@ def _command(commands: Any, name: str, about: str) -> argparse.ArgumentParser:
     command: argparse.ArgumentParser = commands.add_parser(name, help=about, description=about.capitalize() + ".")
     command.add_argument("--json", action="store_true", help="answer in JSON, for programs")
     command.add_argument("--quiet", action="store_true", help="no progress bars (they are drawn on terminals alone)")
-    command.add_argument("--force", action="store_true", help="overwrite output files")
     if name in ("demo", "identify", "certify"):
         command.add_argument("--seed", type=_seed, default=1 if name == "demo" else 0, help="same seed, same result")
     return command
@@ -161,6 +160,7 @@ def _law(command: argparse.ArgumentParser) -> None:
 
 def _output(command: argparse.ArgumentParser, about: str, *, required: bool = True) -> None:
     command.add_argument("-o", "--output", metavar="FILE", required=required, help=about)
+    command.add_argument("--force", action="store_true", help="overwrite output files")
 
 
 def _long(command: argparse.ArgumentParser) -> None:

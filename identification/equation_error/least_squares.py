@@ -67,13 +67,13 @@ def least_squares(
         A column that is zero, or a combination of others; with the names.
     """
     k = rows.shape[1]
-    lengths = np.sqrt((rows * rows).sum(axis=0))
+    lengths = np.sqrt(np.einsum("mi,mi->i", rows, rows))
     if not lengths.all():
         idle = names[int(np.argmin(lengths))]
         said = f"every unknown must act on the log; {idle} does not in this motion. Leave it out."
         raise NotIdentifiableError(said, idle)
     solved = _by_products if dependent >= _EXACT_ENOUGH else _by_rows
-    triangle, along = solved(rows / lengths, target, _Told(names, dependent))
+    triangle, along = solved(rows, lengths, target, _Told(names, dependent))
     inverse = np.zeros((k, k))
     for i in reversed(range(k)):
         unit = (np.arange(k) == i).astype(float)
@@ -102,11 +102,11 @@ class _Told(NamedTuple):
 
 
 def _by_rows(
-    rows: NDArray[np.float64], target: NDArray[np.float64], told: _Told
+    rows: NDArray[np.float64], lengths: NDArray[np.float64], target: NDArray[np.float64], told: _Told
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """R (k, k) of rows (N, k) = Q R, and Q^T target (k,): Gram-Schmidt, twice."""
+    """R (k, k) of rows (N, k) over the lengths (k,) of columns = Q R, and Q^T target (k,): Gram-Schmidt, twice."""
     k = rows.shape[1]
-    basis, triangle, work = np.ascontiguousarray(rows.T), np.zeros((k, k)), np.empty(len(rows))
+    basis, triangle, work = np.ascontiguousarray((rows / lengths).T), np.zeros((k, k)), np.empty(len(rows))
     for i in range(k):
         column = basis[i]
         for _ in range(2):
@@ -123,11 +123,11 @@ def _by_rows(
 
 
 def _by_products(
-    rows: NDArray[np.float64], target: NDArray[np.float64], told: _Told
+    rows: NDArray[np.float64], lengths: NDArray[np.float64], target: NDArray[np.float64], told: _Told
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The same from the products of columns: Cholesky's factorisation of rows^T rows = R^T R."""
-    together, triangle = products(rows), np.zeros((rows.shape[1],) * 2)
-    along = np.einsum("mi,m->i", rows, target)
+    together, triangle = products(rows) / np.outer(lengths, lengths), np.zeros((rows.shape[1],) * 2)
+    along = np.einsum("mi,m->i", rows, target) / lengths
     for i in range(len(triangle)):
         before, own = triangle[:i], triangle[:i, i]
         triangle[i, i] = np.sqrt(max(together[i, i] - (own * own).sum(), 0.0))

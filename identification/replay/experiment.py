@@ -19,7 +19,6 @@ from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import path_of, start_of
 from plant.simulation.injection import injected_beside
 from plant.simulation.loop_kernel import loop_kernel
-from plant.simulation.time_tables import time_tables
 
 __all__ = ["Experiment", "as_records", "with_zeros"]
 
@@ -59,8 +58,8 @@ class Experiment:
     loop : ClosedLoop
     places : list of int
         Where the unknowns are among the loop's numbers.
-    times : tuple
-        Time tables of law, samples and sub-steps.
+    driven : dict
+        Path, clock, and what is replayed and injected: what a kernel is driven by.
     numbers : numpy.ndarray
         As the record says; f is NaN.
     begin : tuple of numpy.ndarray
@@ -100,7 +99,7 @@ class Experiment:
         self.places = [names.index(name) for name in unknown]
         self.clock = Clock.of(record)
         path = self.path(smooth and not getattr(record.law, "rounds", False))
-        self.times = time_tables(self.loop, path, self.clock, record.law.replayed(record), added)
+        self.driven = {"path": path, "clock": self.clock, "replayed": record.law.replayed(record), "injected": added}
         self.numbers = self.loop.number_values(np.full(dynamics.p, np.nan))
         self.begin = start_of(record, path_of(record, self.clock))
         self._geared = any(name.startswith(_GEARED) for name in unknown)

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from identification.replay.followed import joined
 from identification.replay.prediction import Prediction
 from identification.replay.timing import without_delay
 from plant import Dynamics, Elasticity, FrictionCurve, Law, Record, Rig
@@ -117,7 +118,7 @@ class Extended:
         """The same for several vectors of values, side by side."""
         many = list(many)
         of_record = [log.all_innovations([self._apart(values) for values in many]) for log in self._logs]
-        return [np.concatenate(row) / self.scales for row in zip(*of_record, strict=True)]
+        return [joined(row, self.scales) for row in zip(*of_record, strict=True)]
 
     def _apart(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], dict[str, float]]:
         """Unknowns and observer gains, and the extra numbers by name."""

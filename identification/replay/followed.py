@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,7 +17,7 @@ from plant import Dynamics, Record
 from plant.simulation.closed_loop import bounded
 from plant.simulation.loop_kernel import LOGGED, logged_kernel
 
-__all__ = ["Followed"]
+__all__ = ["Followed", "joined"]
 
 _LOST, _SETTLING = 4.5, 80
 """Periods that may be missing, and samples after a longer gap that are not compared."""
@@ -43,14 +44,17 @@ class Followed(Experiment):
             self.places += [i for i, name in enumerate(self.loop.number_names) if name.startswith("law.state[")]
         self._kernel = logged_kernel(self.loop, self.places, uneven=self.clock.even is None)
         self._rounding: Rounding | None = None
-        self._measure(record.counts)
+        self._tables = self._kernel.along(**self.driven, data=self._measured(record.counts))
+        self._weigh(record.counts)
 
-    def _measure(self, counts: NDArray[np.float64]) -> None:
-        """Take counts (N, n) for those of the log."""
+    def _measured(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What the kernel is given of counts (N, n)."""
+        encoder = self.record.rig.encoder
+        return self.data(encoder.position_in_pulses(encoder.cell_centre(counts)))
+
+    def _weigh(self, counts: NDArray[np.float64]) -> None:
+        """Weigh samples by how counts (N, n) move."""
         record = self.record
-        centres = record.rig.encoder.position_in_pulses(record.rig.encoder.cell_centre(counts))
-        self._log = (*self.times, self.data(centres))
-        self._tables = self._kernel.prepared(self._log)
         before = np.maximum(np.arange(len(counts)) - _WINDOW, 0)
         after = np.minimum(np.arange(len(counts)) + _WINDOW, len(counts) - 1)
         steps = np.vstack([np.zeros(record.n), np.abs(np.diff(counts, axis=0)).cumsum(axis=0)])
@@ -94,8 +98,10 @@ class Followed(Experiment):
         """Whether the arm of the log felt the rounding of its counts, which the model leaves out."""
         return not (self.loop.law.replays or self.record.rig.encoder.smooth)
 
-    def rounded(self, values: NDArray[np.float64], shift: NDArray[np.float64]) -> Followed:
-        """The same, of the log that the model itself makes with these values, its encoders shifted (n,) and rounding.
+    def rounded(
+        self, values: NDArray[np.float64], shifts: Sequence[NDArray[np.float64]], threads: int
+    ) -> list[NDArray[np.float64]]:
+        """Counts (N, n) of the logs that the model itself makes with values, its encoders shifted (n,) and rounding.
 
         Raises
         ------
@@ -104,8 +110,14 @@ class Followed(Experiment):
         """
         if self._rounding is None:
             self._rounding = Rounding(self.loop, self.record)
+        start, numbers = self._start(values)
+        return self._rounding.counts(start, numbers, self.loop.number_names, shifts, threads)
+
+    def of(self, counts: NDArray[np.float64]) -> Followed:
+        """The same, of a log with these counts (N, n)."""
         other = copy.copy(self)
-        other._measure(self._rounding.counts(*self._start(values), self.loop.number_names, shift))
+        other._tables = self._kernel.with_data(self._tables, self._measured(counts))
+        other._weigh(counts)
         return other
 
     def motion(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -113,7 +125,8 @@ class Followed(Experiment):
         (q, qd), numbers, n, kernel = *self._start(values), self.loop.n, self.kernel()
         state = self.loop.initial_state(q + numbers[-n:], qd, numbers)
         log, errors = np.full((len(self.clock), self.loop.n_log), np.nan), np.empty((self.steps, n))
-        kernel.run(kernel.prepared(self._log, logged=True), state[:, None], np.empty((0, 1)), numbers, (log, errors))
+        tables = kernel.along(**self.driven, data=self._measured(self.record.counts), logged=True)
+        kernel.run(tables, state[:, None], np.empty((0, 1)), numbers, (log, errors))
         return log[self.clock.rows, 2 * n : 3 * n]
 
     def innovations(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -130,14 +143,19 @@ class Followed(Experiment):
         empty = LOGGED - len(states)
         state, lane = (np.array(rows + rows[-1:] * empty).T.copy() for rows in (states, lanes))
         uniform = self.numbers[list(self._kernel.uniform)]
-        final, errors = self._kernel.run(self._tables, len(self.clock), state, lane, uniform)
-        sound = (final[-1] > 0) & bounded(final[: 2 * n])
-        found = []
-        for j in range(len(states)):
-            weighted = (errors[self.clock.rows, :, j] * self.weight).ravel()
-            whole = sound[j] and np.isfinite(errors[self.clock.rows, :, j]).all()
-            found.append(weighted if whole else np.full(weighted.size, np.inf))
-        return found
+        rows, found = self.clock.rows, [np.empty((len(self.clock.rows), n)) for _ in some]
+        sound = np.ones(LOGGED, bool)
+        for part, tables in self._kernel.parts(self._tables, len(self.clock)):
+            state, errors = self._kernel.run(tables, part.stop - part.start, state, lane, uniform)
+            own = slice(*np.searchsorted(rows, (part.start, part.stop)).tolist())
+            seen = errors[rows[own] - part.start]
+            sound &= np.isfinite(seen).all(axis=(0, 1))
+            for j, weighted in enumerate(found):
+                np.multiply(seen[:, :, j], self.weight[own], out=weighted[own])
+        sound &= (state[-1] > 0) & bounded(state[: 2 * n])
+        for weighted in itertools.compress(found, ~sound):
+            weighted[:] = np.inf
+        return [weighted.ravel() for weighted in found]
 
 
 def _steady(moved: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -149,3 +167,11 @@ def _steady(moved: NDArray[np.float64]) -> NDArray[np.float64]:
     slow = (moved < _SLOW)[:, (moved < _SLOW).mean(axis=0) < 0.5].any(axis=1)
     felt, rows = np.append(0, np.cumsum(slow)), np.arange(slow.size)
     return np.asarray(felt[rows + 1] == felt[np.maximum(rows - _RINGING, 0)], dtype=float)
+
+
+def joined(parts: Sequence[NDArray[np.float64]], scales: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Parts one behind another (M,), divided by scales (M,); a single one in place."""
+    parts = [part for part in parts if part.size]
+    whole = parts[0] if len(parts) == 1 else np.concatenate(parts)
+    whole /= scales
+    return whole

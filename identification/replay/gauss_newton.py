@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.least_squares import least_squares
 from plant.parts.sums import dot, norm
+from plant.simulation.threads import cores
 
 __all__ = ["DEPENDENT", "Solution", "gauss_newton", "noise", "slopes", "variance_inflation"]
 
@@ -25,6 +26,9 @@ _SHORTER = 8
 
 _JUMP = 0.01
 """Change of the innovations, in their own length, from which on it can be a jump."""
+
+_PER_CORE = 4
+"""Unknowns whose slopes are made at once, per core: the runs of all would take twice the memory of the slopes."""
 
 _LAGS = 50
 """Samples over which the autocorrelation of the innovations is added up."""
@@ -101,7 +105,7 @@ def gauss_newton(
     varied = np.flatnonzero(step)
     names = [prediction.unknown[i] for i in varied]
     moved = True
-    for _ in range(rounds):
+    for left in reversed(range(rounds)):
         change_per_step = slopes(prediction, values, step, varied, residual)
         change = _change(names, change_per_step, values, residual, step, bounds)
         cost, lengths = dot(residual, residual), 0.5 ** np.arange(8)
@@ -114,19 +118,22 @@ def gauss_newton(
                 values, residual = tried[i + best], results[best]
                 break
         moved = dot(residual, residual) < cost
-        if not dot(residual, residual) < (1 - tolerance) * cost:
+        if not left or not dot(residual, residual) < (1 - tolerance) * cost:
             break
+        change_per_step = np.empty((0, 0))  # not beside the next ones
     if moved:
+        change_per_step = np.empty((0, 0))
         change_per_step = slopes(prediction, values, step, varied, residual)
-    covariance, left = np.zeros((len(values), len(values))), residual * prediction.scales
+    covariance, unscaled = np.zeros((len(values), len(values))), residual * prediction.scales
     part = least_squares(names, change_per_step, residual, dependent=DEPENDENT)[1] * np.outer(
         step[varied], step[varied]
     )
     covariance[np.ix_(varied, varied)] = part * noise(prediction, residual)
-    rms = float(np.sqrt(dot(left, left) / dot(prediction.weights, prediction.weights)))
+    rms = float(np.sqrt(dot(unscaled, unscaled) / dot(prediction.weights, prediction.weights)))
+    change_per_step /= step[varied]
     return Solution(
-        values=values, covariance=covariance, residual=left, rms_innovation=rms, varied=varied,
-        slopes=change_per_step / step[varied],
+        values=values, covariance=covariance, residual=unscaled, rms_innovation=rms, varied=varied,
+        slopes=change_per_step,
     )  # fmt: skip
 
 
@@ -143,7 +150,8 @@ def _change(
     moving = np.ones(len(varied), bool)
     while moving.any():
         some, left = varied[moving], [name for name, moves in zip(names, moving, strict=True) if moves]
-        solved = least_squares(left, change_per_step[:, moving], residual, dependent=DEPENDENT)[0]
+        columns = change_per_step if moving.all() else change_per_step[:, moving]
+        solved = least_squares(left, columns, residual, dependent=DEPENDENT)[0]
         change[:] = 0
         change[some] = -solved * step[some]
         low, high = bounds[some].T
@@ -168,19 +176,21 @@ def slopes(
     which innovations jump to one side.
     """
     found, waiting = np.empty((len(varied), len(prediction.weights))), list(range(len(varied)))
+    together = _PER_CORE * cores()
     for attempt in range(_SHORTER):
         step[varied[waiting]] *= 0.25 if attempt else 1.0
-        moves = np.zeros((len(waiting), len(values)))
-        moves[np.arange(len(waiting)), varied[waiting]] = step[varied[waiting]]
-        results = prediction.all_innovations([*(values + moves), *(values - moves)])
-        lost, jumping = [], []
-        for i, up, down in zip(waiting, results[: len(waiting)], results[len(waiting) :], strict=True):
-            if not (np.isfinite(up).all() and np.isfinite(down).all()):
-                lost.append(i)
-                continue
-            np.multiply(np.subtract(up, down, out=found[i]), 0.5, out=found[i])
-            if residual is not None and _jumps(up, residual, down):
-                jumping.append(i)
+        lost, jumping = list[int](), list[int]()
+        for some in (waiting[i : i + together] for i in range(0, len(waiting), together)):
+            moves = np.zeros((len(some), len(values)))
+            moves[np.arange(len(some)), varied[some]] = step[varied[some]]
+            results = prediction.all_innovations([*(values + moves), *(values - moves)])
+            for i, up, down in zip(some, results[: len(some)], results[len(some) :], strict=True):
+                if not (np.isfinite(up).all() and np.isfinite(down).all()):
+                    lost.append(i)
+                    continue
+                np.multiply(np.subtract(up, down, out=found[i]), 0.5, out=found[i])
+                if residual is not None and _jumps(up, residual, down):
+                    jumping.append(i)
         waiting = [*lost, *jumping]
         if not waiting:
             return found.T

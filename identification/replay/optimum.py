@@ -87,7 +87,7 @@ def fitted(
     unknown = int((varied < len(values) - len(model.extra) - len(model.gains)).sum())
     if not np.isfinite(innovations).all():
         raise ValueError("the model with what was found does not follow the log")
-    for _ in range(_ROUNDS):
+    for left in reversed(range(_ROUNDS)):
         rates = slopes(model, values, step, varied).T
         made = directions(rates)
         free = along(made, rates, innovations)
@@ -98,8 +98,9 @@ def fitted(
             if np.isfinite(result).all() and (result**2).sum() < before:
                 values, innovations = trial, result
                 break
-        if not (innovations**2).sum() < (1 - _SETTLED) * before:
+        if not left or not (innovations**2).sum() < (1 - _SETTLED) * before:
             break
+        rates = np.empty((0, 0))  # not beside the next ones
     return Optimum(
         model=model, values=values, innovations=innovations, rates=rates, made=made, unknown=unknown
     )  # fmt: skip

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from identification.equation_error.law_memory import Memory, Resumption
 from identification.equation_error.naming import each_named, record_label
 from identification.replay.experiment import as_records
-from identification.replay.followed import Followed
+from identification.replay.followed import Followed, joined
 from plant import Dynamics, Record
 from plant.simulation.correction import Correction
 from plant.simulation.loop_kernel import LOGGED
@@ -205,26 +205,29 @@ class Prediction:
         """Whether the arm of any record felt the rounding of its counts, which the model leaves out."""
         return any(followed.rounds for followed in self._followed)
 
-    def innovations_of_rounded(self, values: NDArray[np.float64], shift: NDArray[np.float64]) -> NDArray[np.float64]:
+    def innovations_of_rounded(
+        self, values: NDArray[np.float64], shifts: NDArray[np.float64]
+    ) -> list[NDArray[np.float64]]:
         """Weighted innovations (M,) of the logs that the model makes itself with these values, its encoders rounding.
 
-        Parameters
-        ----------
-        values : (k,) numpy.ndarray
-        shift : (R, n) numpy.ndarray
-            Of the encoders of each record [pulses]. Innovations of records that did not feel rounding are zero.
+        Shifts (L, R, n) [pulses] are those of the encoders of each record, for L logs of each. Innovations of records
+        that did not feel rounding are zero.
 
         Raises
         ------
         ValueError
             An arm that diverges.
         """
-        rows = list[NDArray[np.float64]]()
-        for (followed, own), moved in zip(self._each(values), shift, strict=True):
-            self.evaluations += 2
-            made = followed.rounded(own, moved).innovations(own) if followed.rounds else np.zeros(followed.weight.size)
-            rows.append(made)
-        return np.concatenate([*rows, np.zeros(len(self._expected))]) / self.scales
+        of_record = list[list[NDArray[np.float64]]]()
+        for (followed, own), moved in zip(self._each(values), np.swapaxes(shifts, 0, 1), strict=True):
+            self.evaluations += 2 * len(shifts)
+            made = [np.zeros(followed.weight.size) for _ in shifts]
+            if followed.rounds:
+                logs, of = followed.rounded(own, list(moved), self.threads), followed.of
+                made = shared_out(lambda log, of=of, own=own: of(log).innovations(own), logs, self.threads)  # type: ignore[misc]
+            of_record.append(made)
+        known = np.zeros(len(self._expected))
+        return [joined([*rows, known], self.scales) for rows in zip(*of_record, strict=True)]
 
     def all_innovations(self, many: Iterable[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
         """The same for several vectors of values, side by side."""
@@ -241,7 +244,7 @@ class Prediction:
         for (k, _), found in zip(blocks, shared_out(run, blocks, self.threads), strict=True):
             of_record[k] += found
         known = (self._expected * values[len(values) - len(self._expected) :] for values in many)
-        return [np.concatenate(row) / self.scales for row in zip(*of_record, known, strict=True)]
+        return [joined(row, self.scales) for row in zip(*of_record, known, strict=True)]
 
     def motions(self, values: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         """Joint positions (N, n) [rad] of each record's arm with these values."""

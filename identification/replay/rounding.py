@@ -13,11 +13,16 @@ from identification.replay.experiment import Experiment
 from plant import Law, Motion, Phase, Record
 from plant.simulation.closed_loop import ClosedLoop, bounded
 from plant.simulation.followed_path import Logged
+from plant.simulation.threads import shared_out
 
 __all__ = ["Rounding"]
 
 _STEPS = 16
 """Sub-steps per sample: fast hardware feels each count when it comes."""
+
+
+_AT_ONCE = 1 << 13
+"""Samples that are simulated at once: the tables of so many sub-steps are large."""
 
 
 class Rounding(Experiment):
@@ -38,9 +43,7 @@ class Rounding(Experiment):
             sweeps=loop.sweeps,
         )  # fmt: skip
         self._kernel = self.kernel()
-        nothing = self.data(np.zeros((len(record), n)))
-        self._tables = self._kernel.prepared((*self.times, nothing), logged=True)
-        self._reference, self.times = self.times[1][:, 3 * n : 4 * n].copy(), ()  # of so many sub-steps they are large
+        self._reference = self.driven["path"](self.clock.t)[1]
 
     def path(self, smooth: bool) -> Any:
         """The commanded path; of logged counts, the smoothest motion that they allow, rounded at every instant."""
@@ -48,9 +51,10 @@ class Rounding(Experiment):
         return _Rounded(path) if isinstance(path, Logged) and path.whole else path
 
     def counts(
-        self, start: Any, numbers: NDArray[np.float64], names: Sequence[str], shift: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Counts (N, n) from a start, with numbers (k,) of these names, and encoders shifted by so many pulses (n,).
+        self, start: Any, numbers: NDArray[np.float64], names: Sequence[str], shifts: Sequence[NDArray[np.float64]],
+        threads: int,
+    ) -> list[NDArray[np.float64]]:  # fmt: skip
+        """Counts (N, n) from a start, with numbers (k,) of these names, for encoders shifted by so many pulses (n,).
 
         Raises
         ------
@@ -62,15 +66,36 @@ class Rounding(Experiment):
         for name, value in zip(names, numbers.tolist(), strict=True):
             if name in places:
                 own[places[name]] = value
-        for i in range(n):
-            own[places[f"encoder.phase.shift[{i}]"]] = self._own[i] + shift[i]
-        log, errors = np.full((len(self.clock), self.loop.n_log), np.nan), np.empty((self.steps, n))
+        phase = [places[f"encoder.phase.shift[{i}]"] for i in range(n)]
         q, qd = start
-        state = self.loop.initial_state(q, qd, own)
-        final, _ = self._kernel.run(self._tables, state[:, None], np.empty((0, 1)), own, (log, errors))
-        if not (final[-1, 0] > 0 and bounded(final[: 2 * n, 0]) and np.isfinite(log[:, :n]).all()):
-            raise ValueError("the model must stay on the log's path; simulated with what was found, it diverges.")
-        return np.asarray((self._reference - log[:, :n])[self.clock.rows])
+        runs = [_Run(self.loop.initial_state(q, qd, own), own.copy(), np.empty((len(self.clock), n))) for _ in shifts]
+        for run, shift in zip(runs, shifts, strict=True):
+            run.numbers[phase] = self._own + shift
+        begin = 0
+        for tables in self._kernel.blocks(**self.driven, samples=_AT_ONCE):
+            rows = slice(begin, begin + len(tables[1]))
+            shared_out(lambda run, tables=tables, rows=rows: self._block(run, tables, rows), runs, threads)  # type: ignore[misc]
+            begin = rows.stop
+        for run in runs:
+            if not (run.state[-1] > 0 and bounded(run.state[: 2 * n]) and np.isfinite(run.errors).all()):
+                raise ValueError("the model must stay on the log's path; simulated with what was found, it diverges.")
+        return [np.asarray((self._reference - run.errors)[self.clock.rows]) for run in runs]
+
+    def _block(self, run: _Run, tables: tuple[Any, ...], rows: slice) -> None:
+        """One block of samples of a run."""
+        log = np.full((len(tables[1]), self.loop.n_log), np.nan)
+        errors = np.empty((len(log) * self.loop.steps_per_sample, self.loop.n))
+        final, _ = self._kernel.run(tables, run.state[:, None], np.empty((0, 1)), run.numbers, (log, errors))
+        run.state, run.errors[rows] = final[:, 0], log[:, : self.loop.n]
+
+
+@dataclasses.dataclass
+class _Run:
+    """Where a run has come to: state (s,), its numbers, and errors (M, n) [pulses] up to there."""
+
+    state: NDArray[np.float64]
+    numbers: NDArray[np.float64]
+    errors: NDArray[np.float64]
 
 
 class _Rounded:

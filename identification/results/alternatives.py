@@ -139,8 +139,10 @@ def effects_of(at: Optimum, efforts: NDArray[np.float64]) -> dict[str, NDArray[n
     moves = np.zeros((len(steps), len(at.values)))
     for row, (name, size) in zip(moves, steps.items(), strict=True):
         row[model.place(name)] = size
-    results = model.all_innovations(at.values + moves)
-    changes = {name: (moved - at.innovations) / steps[name] for name, moved in zip(steps, results, strict=True)}
+    changes = dict(zip(steps, model.all_innovations(at.values + moves), strict=True))
+    for name, moved in changes.items():
+        moved -= at.innovations
+        moved /= steps[name]
     return {**changes, "delay": (at.innovations - model.late(_DELAY).innovations(at.values)) / _DELAY}
 
 

@@ -27,6 +27,9 @@ __all__ = ["Doubt", "consider", "priors"]
 _ASSUMED = ("gear", "motor_gain", "law.")
 """Numbers whose changes by 1 % are told."""
 
+_AT_ONCE = 1 << 15
+"""Rows of the innovations that are taken at once."""
+
 _BY_KIND = {"viscous": "friction", "coulomb": "friction"}
 """Tolerance of each kind of number, where it has another name."""
 
@@ -163,12 +166,15 @@ def consider(
     names = [name for name in prior if np.isfinite(effects[name]).all()]
     sizes = np.array([prior[name] for name in names])
     scale = np.where(np.isfinite(sizes), sizes, 1.0)
-    rows = np.column_stack([own, *(effects[name][: len(residual)] * by for name, by in zip(names, scale, strict=True))])
-    information = products(rows) / unit
+    information, slope = np.zeros((count + len(names),) * 2), np.zeros(count + len(names))
+    for start in range(0, len(residual), _AT_ONCE):
+        some = slice(start, min(start + _AT_ONCE, len(residual)))
+        rows = np.column_stack([own[some], *(effects[name][some] * by for name, by in zip(names, scale, strict=True))])
+        information += products(rows) / unit
+        slope += (rows * residual[some, None]).sum(axis=0) / unit
     places = np.arange(count, len(information))
     information[places, places] += np.isfinite(sizes)
     inverse, alone = _inverse(information), _inverse(information[:count, :count])
-    slope = (rows * residual[:, None]).sum(axis=0) / unit
     return alone @ slope[:count] - inverse[:count] @ slope, inverse[:count, :count] - alone
 
 

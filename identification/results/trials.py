@@ -24,6 +24,10 @@ CONTACT = 300.0
 """[Hz]"""
 
 
+_AT_ONCE = 16
+"""Trials that are simulated at once."""
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Trial:
     """Some numbers that the rig leaves out, and what comes of them.
@@ -77,10 +81,11 @@ def _tried(at: Optimum, tried: list[dict[str, float]]) -> list[Trial]:
             many[-1][at.model.place(name)] = value
     before, trials = at.before, []
     unit = at.unit(before)
-    for values, result in zip(tried, at.model.all_innovations(many), strict=True):
-        if np.isfinite(result).all():
-            after = at.left(result)
-            effect = float(((after - before) ** 2).sum()) / unit
-            explained = float((before**2).sum() - (after**2).sum())
-            trials.append(Trial(values=values, chi_square=at.chi_square(after), explained=explained, effect=effect))
+    for i in range(0, len(many), _AT_ONCE):
+        for values, result in zip(tried[i:], at.model.all_innovations(many[i : i + _AT_ONCE]), strict=False):
+            if np.isfinite(result).all():
+                after = at.left(result)
+                effect = float(((after - before) ** 2).sum()) / unit
+                explained = float((before**2).sum() - (after**2).sum())
+                trials.append(Trial(values=values, chi_square=at.chi_square(after), explained=explained, effect=effect))
     return trials

@@ -19,7 +19,6 @@ from identification.replay.prediction import Prediction
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem
 from plant.machine.motor_inertia import least_inertia_margin
-from plant.simulation.threads import shared_out
 
 __all__ = ["by_stages", "polished", "start_of_fit", "torque_fit"]
 
@@ -136,16 +135,16 @@ def _unbiased(
     Source: C. Gourieroux, A. Monfort, E. Renault, Indirect inference, Journal of Applied Econometrics 8, 1993.
     """
     values, random = solution.values, np.random.default_rng([seed, _ROUNDED])
-    shifts = list(random.uniform(-0.5, 0.5, (_ROUNDED, *prediction.shape)))
+    shifts = random.uniform(-0.5, 0.5, (_ROUNDED, *prediction.shape))
     try:
-        logs = shared_out(lambda shift: prediction.innovations_of_rounded(values, shift), shifts, prediction.threads)
+        logs = prediction.innovations_of_rounded(values, shifts)
     except ValueError:  # what follows the counts does not repeat the log by itself
         return solution, None
     if not np.isfinite(logs).all():
         return solution, None
     names = [prediction.unknown[i] for i in solution.varied]
     inverse = least_squares(names, solution.slopes, logs[0], dependent=DEPENDENT)[1]
-    found = [inverse @ (solution.slopes * log[:, None]).sum(axis=0) for log in logs]
+    found = [inverse @ np.einsum("mi,m->i", solution.slopes, log) for log in logs]
     values = values.copy()
     values[solution.varied] += np.mean(found, axis=0)
     noises = np.array([noise(prediction, log) for log in logs])

@@ -107,20 +107,21 @@ class Clock:
         filled[self.rows] = values
         return filled
 
-    def starts(self, steps: int, every: int = 1) -> NDArray[Any]:
-        """Start (K,) [s] of every so many sub-steps, with so many sub-steps per sample."""
+    def starts(self, steps: int, places: NDArray[np.int_], every: int = 1) -> NDArray[Any]:
+        """Start (K,) [s] of some sub-steps (K,), whole multiples of `every`, with so many sub-steps per sample."""
         if self.even is not None:
-            return np.arange(-(-len(self) * steps // every)) * (self.even / steps * every)
-        return (self.t[:, None] + self.lengths[:, None] / steps * np.arange(steps)).ravel()[::every]
+            return places // every * (self.even / steps * every)
+        owner = places // steps
+        return self.t[owner] + self.lengths[owner] / steps * (places % steps)
 
-    def step_lengths(self, steps: int) -> NDArray[Any]:
-        """Length (K,) [s] of all sub-steps."""
+    def step_lengths(self, steps: int, places: NDArray[np.int_]) -> NDArray[Any]:
+        """Length (K,) [s] of some sub-steps (K,)."""
         if self.even is not None:
-            return np.full(len(self) * steps, self.even / steps)
-        return np.repeat(self.lengths / steps, steps)
+            return np.full(len(places), self.even / steps)
+        return self.lengths[places // steps] / steps
 
-    def middles(self, steps: int) -> NDArray[Any]:
-        """Middle (K,) [s] of all sub-steps."""
+    def middles(self, steps: int, places: NDArray[np.int_]) -> NDArray[Any]:
+        """Middle (K,) [s] of some sub-steps (K,)."""
         if self.even is not None:
-            return (np.arange(len(self) * steps) + 0.5) * (self.even / steps)
-        return self.starts(steps) + self.step_lengths(steps) / 2
+            return (places + 0.5) * (self.even / steps)
+        return self.starts(steps, places) + self.step_lengths(steps, places) / 2

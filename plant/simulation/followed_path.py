@@ -74,6 +74,7 @@ class Logged:
     def __init__(self, reference_pulses: NDArray[np.float64], rig: Rig, clock: Clock) -> None:
         self.pulses, self.rig, self.clock = reference_pulses, rig, clock
         self.whole = bool((reference_pulses == np.trunc(reference_pulses)).all())
+        self._splines: dict[float, list[Any]] = {}
 
     def __call__(self, t: NDArray[np.float64]) -> tuple[Motion, NDArray[np.float64]]:
         place = self.clock.place(t)
@@ -91,10 +92,11 @@ class Logged:
 
         A `finer` one has so many times as many knots: where the two differ, rounding hides the motion.
         """
-        encoder, sampled = self.rig.encoder, self.clock.t[self.clock.rows]
-        centres = encoder.position_in_pulses(encoder.cell_centre(self.pulses)) if self.whole else self.pulses
-        splines = [_smooth_spline(sampled, column, self.whole, finer) for column in centres.T]
-        within = np.clip(t, 0, sampled[-1])
+        if finer not in self._splines:
+            encoder, sampled = self.rig.encoder, self.clock.t[self.clock.rows]
+            centres = encoder.position_in_pulses(encoder.cell_centre(self.pulses)) if self.whole else self.pulses
+            self._splines[finer] = [_smooth_spline(sampled, column, self.whole, finer) for column in centres.T]
+        within, splines = np.clip(t, 0, self.clock.t[self.clock.rows[-1]]), self._splines[finer]
         return Motion(*(self.rig.to_angle(np.column_stack([each(within, nu) for each in splines])) for nu in range(3)))
 
     def setpoint(self, t: NDArray[np.float64], law: Law) -> Motion:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plant.compiler.kernel_cache import Kernel
+from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
+from plant.simulation.followed_path import Logged, Path
 from plant.simulation.loop_source import logged_source, loop_source
+from plant.simulation.time_tables import in_blocks, time_tables
 
 __all__ = ["LANES", "LOGGED", "LoggedKernel", "LoopKernel", "Structure", "logged_kernel", "loop_kernel"]
 
@@ -22,6 +26,10 @@ LANES = 40
 
 LOGGED = 8
 """The same where each is logged."""
+
+
+_AT_ONCE = 1 << 14
+"""Samples of a logged run of many at once: their errors stay in the processor's cache."""
 
 
 class LoopKernel:
@@ -47,6 +55,27 @@ class LoopKernel:
     def prepared(self, tables: Sequence[NDArray[np.float64]], *, logged: bool = False) -> tuple[Any, ...]:
         """The columns of the tables (law_time, sample_time, step_time, data) that a run reads; and h."""
         return _prepared(tables, self._columns["single" if logged else "population"], self._uneven)
+
+    def along(
+        self, path: Path | Logged, clock: Clock, data: NDArray[np.float64], *, logged: bool = False,
+        replayed: NDArray[np.float64] | None = None, injected: NDArray[np.float64] | None = None,
+    ) -> tuple[Any, ...]:  # fmt: skip
+        """What a run along a path reads, as from `prepared`; columns that it does not read are never made.
+
+        Path, clock, replayed and injected are as for `time_tables`, `data` is (M, m).
+        """
+        columns = self._columns["single" if logged else "population"]
+        return _along(self.loop, columns, self._uneven, (path, clock, replayed, injected), data)
+
+    def blocks(
+        self, path: Path | Logged, clock: Clock, replayed: NDArray[np.float64] | None = None,
+        injected: NDArray[np.float64] | None = None, *, samples: int,
+    ) -> Iterator[tuple[Any, ...]]:  # fmt: skip
+        """The same of a logged run without data, in blocks of about so many samples one after another."""
+        columns = self._columns["single"]
+        narrow, places = _narrow(columns)
+        for tables in in_blocks(self.loop, path, clock, replayed, injected, narrow, samples=samples):
+            yield _prepared((*tables, np.empty((len(tables[1]), 0))), places, self._uneven)
 
     def run(
         self,
@@ -114,6 +143,27 @@ class LoggedKernel:
         """As of `LoopKernel`."""
         return _prepared(tables, self._columns, self._uneven)
 
+    def along(
+        self, path: Path | Logged, clock: Clock, data: NDArray[np.float64],
+        replayed: NDArray[np.float64] | None = None, injected: NDArray[np.float64] | None = None,
+    ) -> tuple[Any, ...]:  # fmt: skip
+        """As of `LoopKernel`."""
+        return _along(self.loop, self._columns, self._uneven, (path, clock, replayed, injected), data)
+
+    def with_data(self, tables: tuple[Any, ...], data: NDArray[np.float64]) -> tuple[Any, ...]:
+        """The same tables with other data (M, m)."""
+        return *tables[:3], np.ascontiguousarray(data[:, self._columns["data"]]), tables[4]
+
+    def parts(self, tables: tuple[Any, ...], samples: int) -> Iterator[tuple[slice, tuple[Any, ...]]]:
+        """The tables of so many samples in parts that are run one after another: their samples, and their tables."""
+        steps, every = self.loop.steps_per_sample, self.loop.steps_per_law
+        whole = every // math.gcd(every, steps) if every else 1
+        for begin in range(0, samples, _AT_ONCE * whole):
+            end = min(begin + _AT_ONCE * whole, samples)
+            of_law = slice(begin * steps // every, -(-end * steps // every)) if every else slice(0)
+            rows = of_law, slice(begin, end), slice(begin * steps, end * steps), slice(begin, end)
+            yield rows[1], (*(table[some] for table, some in zip(tables, rows, strict=False)), tables[-1])
+
     def run(
         self, tables: tuple[Any, ...], samples: int, initial: NDArray[np.float64], lanes: NDArray[np.float64],
         uniform: NDArray[np.float64],
@@ -137,6 +187,21 @@ def _prepared(tables: Sequence[NDArray[np.float64]], columns: dict[str, list[int
         raise ValueError(f"all steps must have one length; got {lengths.min()} to {lengths.max()} s. Say uneven.")
     used = [np.ascontiguousarray(table[:, some]) for table, some in zip(tables, columns.values(), strict=True)]
     return *used, lengths[0] if len(lengths) else 0.0
+
+
+def _narrow(columns: dict[str, list[int]]) -> tuple[list[list[int]], dict[str, list[int]]]:
+    """Columns of the time tables that are read, and where they are when there are no others; those of the data."""
+    narrow = [columns[which] for which in ("law", "sample", "step")]
+    places = {which: list(range(len(columns[which]))) for which in ("law", "sample", "step")}
+    return narrow, {**places, "data": columns["data"]}
+
+
+def _along(
+    loop: ClosedLoop, columns: dict[str, list[int]], uneven: bool, of_time: tuple[Any, ...], data: NDArray[np.float64]
+) -> tuple[Any, ...]:
+    narrow, places = _narrow(columns)
+    path, clock, replayed, injected = of_time
+    return _prepared((*time_tables(loop, path, clock, replayed, injected, narrow), data), places, uneven)
 
 
 class Structure:

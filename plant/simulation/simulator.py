@@ -18,16 +18,14 @@ from plant.motion.reference import Reference
 from plant.parts.arguments import array, choice, instance, known_options, real
 from plant.parts.room import require_room
 from plant.parts.user_warning import warn
-from plant.simulation.casadi_loop import by_casadi
 from plant.simulation.clock import Clock
-from plant.simulation.closed_loop import ClosedLoop, bounded
-from plant.simulation.divergence import DivergenceError, refuse_divergence
+from plant.simulation.closed_loop import ClosedLoop
+from plant.simulation.divergence import DivergenceError
 from plant.simulation.followed_path import Path, path_of, start_of, warn_of_motors
 from plant.simulation.injection import Injected, injected_at, injected_beside
-from plant.simulation.loop_kernel import loop_kernel
+from plant.simulation.logged_run import logged_run
 from plant.simulation.missing_rotors import warn_of_missing_rotors
 from plant.simulation.stiff_gears import warn_of_stiff_gears
-from plant.simulation.time_tables import time_tables
 from plant.simulation.unstable_lag import warn_of_unstable_lag
 
 __all__ = ["DivergenceError", "Trace", "replay", "run", "simulate"]
@@ -149,8 +147,7 @@ def run(
     warn_of_stiff_gears(arm, rig, start[0], steps_per_sample)
     warn_of_unstable_lag(arm, rig, law, start[0])
     added = injected_at(injected, clock.t, rig.n)
-    tables = time_tables(loop, path, clock, injected=added)
-    log, true_error = _evaluated(loop, arm, tables, clock, start, backend)
+    log, true_error = logged_run(loop, arm, (path, clock, None, added), start, backend)
     error, torque, q, qd = np.hsplit(log[:, : 4 * rig.n], 4)
     record = Record(
         t=clock.t,
@@ -227,8 +224,8 @@ def replay(
     loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, injected=added is not None, **steps)
     clock = Clock.of(record)
     path = path_of(record, clock)
-    tables = time_tables(loop, path, clock, law.replayed(record), added)
-    log, _ = _evaluated(loop, arm, tables, clock, start_of(record, path), backend)
+    driven = path, clock, law.replayed(record), added
+    log, _ = logged_run(loop, arm, driven, start_of(record, path), backend)
     error, torque, q, qd = np.hsplit(log[clock.rows, : 4 * rig.n], 4)
     return dataclasses.replace(
         record, error_pulses=error, torque=torque, current=rig.drive.current(torque), link_counts=_link_counts(rig, q),
@@ -239,31 +236,3 @@ def replay(
 def _link_counts(rig: Rig, q: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """What encoders on the links count at q (N, n) [rad], if there are some beside those of the motors."""
     return rig.true_counts(q) if rig.encoder.side == "both" else None
-
-
-def _evaluated(
-    loop: ClosedLoop, arm: Arm, tables: tuple[NDArray[np.float64], ...], clock: Clock, start: Any, backend: str
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Log and true errors of a run from a start, or a refusal where it diverges."""
-    evaluate = _by_kernel if backend == "numba" else by_casadi
-    numbers = loop.number_values(arm.f)
-    state = loop.initial_state(start[0], start[1], numbers)
-    final, _, log, true_error = evaluate(loop, tables, clock, state, numbers)
-    if not (final[-1] > 0 and bounded(final[: 2 * loop.n])):
-        refuse_divergence(loop, arm, log, final)
-    return log, true_error
-
-
-def _by_kernel(
-    loop: ClosedLoop,
-    tables: tuple[NDArray[np.float64], ...],
-    clock: Clock,
-    state: NDArray[np.float64],
-    numbers: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], int, NDArray[np.float64], NDArray[np.float64]]:
-    samples, steps = len(tables[1]), len(tables[2])
-    log, true_error = np.full((samples, loop.n_log), np.nan), np.full((steps, loop.n), np.nan)
-    kernel = loop_kernel(loop, uneven=clock.even is None)
-    tables = kernel.prepared((*tables, np.empty((samples, 0))), logged=True)
-    final, done = kernel.run(tables, state[:, None], np.empty((0, 1)), numbers, (log, true_error))
-    return final[:, 0], done, log, true_error

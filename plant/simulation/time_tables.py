@@ -7,6 +7,9 @@ lines.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,15 +17,15 @@ from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import Logged, Path
 
-__all__ = ["time_tables"]
+__all__ = ["in_blocks", "time_tables"]
 
-_BLOCK = 1 << 17
-"""Rows that are made at once: what a path needs meanwhile is several times a table."""
+_ROWS = 1 << 17
+"""That are made at once: what a path needs meanwhile is several times a table."""
 
 
 def time_tables(
     loop: ClosedLoop, path: Path | Logged, clock: Clock, logged: NDArray[np.float64] | None = None,
-    injected: NDArray[np.float64] | None = None,
+    injected: NDArray[np.float64] | None = None, columns: Sequence[Sequence[int]] | None = None,
 ) -> tuple[NDArray[np.float64], ...]:  # fmt: skip
     """Rows of `loop.time_names` for every step of the law, the log and the plant.
 
@@ -35,47 +38,63 @@ def time_tables(
         What the law replays, a row for each sample of the log.
     injected : (N, n) numpy.ndarray, optional
         Torque that acts beside the law's, likewise [N m]; the loop says whether it has one.
+    columns : sequence, optional
+        Those that each table gets, with the length of a step behind them; by default all there are.
 
     Returns
     -------
     law_time, sample_time, step_time : numpy.ndarray
     """
+    steps, tables, done = loop.steps_per_sample, list[NDArray[np.float64]](), [0, 0, 0]
+    of_law = -(-len(clock) * steps // loop.steps_per_law) if loop.steps_per_law else 0
+    for block in in_blocks(loop, path, clock, logged, injected, columns, samples=max(1, _ROWS // steps)):
+        if len(block[1]) == len(clock):
+            return block
+        if not tables:
+            counts = of_law, len(clock), len(clock) * steps
+            tables = [np.empty((count, part.shape[1])) for count, part in zip(counts, block, strict=True)]
+        for i, part in enumerate(block):
+            tables[i][done[i] : done[i] + len(part)] = part
+            done[i] += len(part)
+    return tuple(tables)
+
+
+def in_blocks(
+    loop: ClosedLoop, path: Path | Logged, clock: Clock, logged: NDArray[np.float64] | None = None,
+    injected: NDArray[np.float64] | None = None, columns: Sequence[Sequence[int]] | None = None, *, samples: int,
+) -> Iterator[tuple[NDArray[np.float64], ...]]:  # fmt: skip
+    """The tables of about so many samples after another; each block begins with a step of the law."""
     steps, every = loop.steps_per_sample, loop.steps_per_law
-    transport, passing = loop.rig.transport, np.empty((len(clock) * steps, 0))
-    if transport is not None:
-        step = np.arange(len(passing))
-        passing = np.column_stack([step % every, transport.words(-(-len(passing) // every))[step // every]])
-    if (jitter := loop.rig.jitter) is not None:
-        draws = jitter.draws(-(-len(passing) // every))
-        passing = np.column_stack([passing, draws[np.arange(len(passing)) // every]])
-    owner = np.repeat(np.arange(len(clock)), steps)  # the sample that each sub-step belongs to
-    lengths = clock.step_lengths(steps)
-    rows = [slice(None, None, every) if every else slice(0), slice(None, None, steps), slice(None)]
-    times = clock.starts(steps, every) if every else np.empty(0), clock.t, clock.middles(steps)
+    transport, jitter = loop.rig.transport, loop.rig.jitter
     if loop.law.of_links and not every:
         name = type(loop.law).__name__
         raise ValueError(f"a law that follows the links must have a period; {name} has none. Give it one.")
     reading = loop.law.replays == "counts"
     held = None if logged is None or reading else clock.bridged(logged)
     beside = None if injected is None else clock.bridged(injected)
+    of_law = -(-len(clock) * steps // every) if every else 0
+    words = transport.words(of_law) if transport is not None else np.empty(0)
+    draws = jitter.draws(of_law) if jitter is not None else np.empty(0)
 
-    def rows_at(i: int, t: NDArray[np.float64], some: NDArray[np.int_]) -> NDArray[np.float64]:
+    def rows_at(i: int, t: NDArray[np.float64], places: NDArray[np.int_]) -> NDArray[np.float64]:
         motion, pulses = path(t)
         if loop.follows_motion and (i == 0 or not every):  # with elastic gears, the log is of the motors
             motion = path.setpoint(t, loop.law)
-        replayed = [] if logged is None else [clock.between(logged, t) if held is None else held[owner[some]]]
-        added = [] if beside is None else [beside[owner[some]]]
-        return np.column_stack([*motion, pulses, *replayed, *added, passing[some], lengths[some]])
+        owner = places // steps  # the sample that each sub-step belongs to
+        replayed = [] if logged is None else [clock.between(logged, t) if held is None else held[owner]]
+        added = [] if beside is None else [beside[owner]]
+        passing = [] if transport is None else [places % every, words[places // every]]
+        passing += [] if jitter is None else [draws[places // every]]
+        lengths = clock.step_lengths(steps, places)
+        rows = np.column_stack([*motion, pulses, *replayed, *added, *passing, lengths])
+        return rows if columns is None else rows[:, [*columns[i], -1]]
 
-    tables = []
-    for i, (t, which) in enumerate(zip(times, rows, strict=True)):
-        places = np.arange(len(owner))[which]
-        table = rows_at(i, t[:_BLOCK], places[: len(t)][:_BLOCK])
-        if len(t) > _BLOCK:
-            first, table = table, np.empty((len(t), table.shape[1]))
-            table[:_BLOCK] = first
-            for begin in range(_BLOCK, len(t), _BLOCK):
-                block = slice(begin, begin + _BLOCK)
-                table[block] = rows_at(i, t[block], places[block])
-        tables.append(np.ascontiguousarray(table))
-    return tuple(tables)
+    whole = every // math.gcd(every, steps) if every else 1
+    samples = max(1, samples // whole) * whole
+    for begin in range(0, len(clock), samples):
+        some = np.arange(begin, min(begin + samples, len(clock)))
+        places = np.arange(some[0] * steps, (some[-1] + 1) * steps)
+        of_steps = places[places % every == 0] if every else places[:0]
+        times = clock.starts(steps, of_steps, every or 1), clock.t[some], clock.middles(steps, places)
+        those = of_steps, some * steps, places
+        yield tuple(np.ascontiguousarray(rows_at(i, t, at)) for i, (t, at) in enumerate(zip(times, those, strict=True)))

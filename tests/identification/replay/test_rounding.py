@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from identification import identify
+from identification.replay import rounding
 from identification.replay.prediction import Prediction
-from plant import Phase, puma560, simulate
+from plant import PID, Jitter, Phase, Record, puma560, simulate
+from plant.simulation import loop_kernel
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 LAW = puma560.p_law((0.1, 0.08))
@@ -21,13 +23,42 @@ def test_the_log_that_the_model_makes_is_that_of_the_simulator(reference):
     record = simulate(ARM, RIG, LAW, PATH, duration=1.0)
     prediction = Prediction(ARM.dynamics, dataclasses.replace(record, reference=reference))
     (followed, values), *_ = prediction._each(np.append(ARM.f, prediction.nuisances))
-    followed.rounded(values, shift)
-    counts = followed._rounding.counts(*followed._start(values), followed.loop.number_names, shift)
+    counts, again = followed.rounded(values, [shift, shift], threads=2)
+    np.testing.assert_array_equal(counts, again)
     expected = simulate(ARM, phased, LAW, PATH, duration=1.0, steps_per_sample=16).counts
     off = np.abs(counts - expected)
     assert off.max() <= (0 if reference is not None else 6)
     assert off.mean() < 0.8
     assert np.abs((counts - expected).mean(axis=0)).max() < 0.02
+
+
+SLOWER = PID(gain=(0.1, 0.075), integral=(0.5, 0.4), derivative=(4e-4, 3e-4), filter=2000.0, period=3 * RIG.period)
+
+
+@pytest.mark.parametrize("law", [LAW, SLOWER], ids=["P", "PID"])
+def test_a_log_that_is_made_in_blocks_has_the_same_bits(law, monkeypatch):
+    """Also where a block would not begin with a step of the law."""
+    rig = dataclasses.replace(RIG, jitter=Jitter(share=0.1)) if law is not LAW else RIG
+    record = simulate(ARM, rig, law, PATH, duration=0.3)
+    followed = next(iter(Prediction(ARM.dynamics, record)._followed))
+    values = np.append(ARM.f, followed.loop.correction.number_values()[:4])
+    whole = followed.rounded(values, [np.zeros(2)], threads=1)
+    monkeypatch.setattr(rounding, "_AT_ONCE", 100)
+    np.testing.assert_array_equal(followed.rounded(values, [np.zeros(2)], threads=1), whole)
+
+
+def test_innovations_in_parts_have_the_same_bits(monkeypatch):
+    """Gaps lie in one part or across two."""
+    record = simulate(ARM, RIG, LAW, PATH, duration=0.5)
+    kept = np.ones(len(record), bool)
+    kept[95:105] = kept[300:303] = False
+    some = {name: getattr(record, name)[kept] for name in ("t", "reference_pulses", "error_pulses")}
+    prediction = Prediction(ARM.dynamics, Record(**some, rig=RIG, law=LAW))
+    values = [np.append(ARM.f * share, prediction.nuisances) for share in (1.0, 1.01)]
+    whole = prediction.all_innovations(values)
+    monkeypatch.setattr(loop_kernel, "_AT_ONCE", 100)
+    np.testing.assert_array_equal(prediction.all_innovations(values), whole)
+    assert np.isfinite(whole).all()
 
 
 def test_estimates_have_no_bias():

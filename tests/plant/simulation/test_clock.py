@@ -1,4 +1,4 @@
-"""When a loop is sampled: even and uneven time stamps, and gaps."""
+"""When a loop is sampled, and what drives it then: even and uneven time stamps, and gaps."""
 
 import dataclasses
 
@@ -7,10 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant import P, Record, puma560
+from plant import PID, P, Record, puma560
 from plant.simulation.clock import Clock
+from plant.simulation.closed_loop import ClosedLoop
+from plant.simulation.followed_path import Path
+from plant.simulation.time_tables import in_blocks, time_tables
 
 RIG = puma560.rig()
+GAINS = {"gain": (0.1, 0.075), "integral": (0.5, 0.4), "derivative": (4e-4, 3e-4), "filter": 2000.0}
 
 
 def record(t, rig=RIG):
@@ -22,8 +26,9 @@ def test_time_stamps_next_to_the_period_are_even():
     clock = Clock.of(record(3.0 + t + 1e-3 * RIG.period * np.sin(t * 1e4)))
     assert clock.even == RIG.period
     np.testing.assert_array_equal(clock.t, t)
-    np.testing.assert_array_equal(clock.starts(4), np.arange(200) * (RIG.period / 4))
-    np.testing.assert_array_equal(clock.starts(4, 8), np.arange(25) * (RIG.period / 4 * 8))
+    places = np.arange(200)
+    np.testing.assert_array_equal(clock.starts(4, places), places * (RIG.period / 4))
+    np.testing.assert_array_equal(clock.starts(4, places[::8], 8), np.arange(25) * (RIG.period / 4 * 8))
 
 
 @settings(max_examples=50, deadline=None)
@@ -37,9 +42,10 @@ def test_steps_fill_the_time_between_the_samples(parts, steps, gap):
     np.testing.assert_allclose(clock.t[clock.rows], t, atol=1e-15)
     assert clock.lengths.max() <= 1.5 * RIG.period * (1 + 1e-9)
     assert len(clock) - len(t) == np.ceil(lengths / (1.5 * RIG.period) - 1e-9).sum() - len(lengths)
-    starts, h = clock.starts(steps), clock.step_lengths(steps)
+    places = np.arange(len(clock) * steps)
+    starts, h = clock.starts(steps, places), clock.step_lengths(steps, places)
     np.testing.assert_allclose(starts[1:], (starts + h)[:-1], atol=1e-15)
-    np.testing.assert_allclose(clock.middles(steps), starts + h / 2, atol=1e-15)
+    np.testing.assert_allclose(clock.middles(steps, places), starts + h / 2, atol=1e-15)
     np.testing.assert_allclose(starts[::steps], clock.t, atol=1e-15)
     np.testing.assert_allclose(starts[-1] + h[-1], t[-1] + RIG.period)
 
@@ -59,3 +65,21 @@ def test_stamps_that_have_nothing_to_do_with_the_period_are_refused():
         ValueError, match=r"t must advance by the rig's period 0\.001 s, or nearly; sample 1 is -0\.0003"
     ):
         Clock.of(record(np.arange(9) * RIG.period, slower))
+
+
+@pytest.mark.parametrize("period", [None, 2e-3])
+def test_tables_in_blocks_are_those_of_the_whole(period):
+    """Each block begins with a step of the law; chosen columns are those of the whole table."""
+    rig = puma560.rig()
+    law = P(gain=(0.1, 0.1)) if period is None else PID(**GAINS, period=3 * rig.period)
+    loop = ClosedLoop(dynamics=puma560.dynamics(), rig=rig, law=law, steps_per_sample=4)
+    path, clock = Path(puma560.reference(), rig), Clock.regular(100, rig.period)
+    whole, blocks = time_tables(loop, path, clock), list(in_blocks(loop, path, clock, samples=17))
+    for i, table in enumerate(whole):
+        np.testing.assert_array_equal(np.vstack([block[i] for block in blocks]), table)
+    assert len(blocks) > 5
+    every = loop.steps_per_law or 1
+    assert all(4 * len(block[1]) % every == 0 for block in blocks[:-1])
+    some = time_tables(loop, path, clock, columns=[[0], [1, 2], [6]])
+    np.testing.assert_array_equal(some[1], whole[1][:, [1, 2, -1]])
+    np.testing.assert_array_equal(some[2], whole[2][:, [6, -1]])
