@@ -205,9 +205,7 @@ class Prediction:
         """Whether the arm of any record felt the rounding of its counts, which the model leaves out."""
         return any(followed.rounds for followed in self._followed)
 
-    def innovations_of_rounded(
-        self, values: NDArray[np.float64], shifts: NDArray[np.float64]
-    ) -> list[NDArray[np.float64]]:
+    def of_rounded(self, values: NDArray[np.float64], shifts: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         """Weighted innovations (M,) of the logs that the model makes itself with these values, its encoders rounding.
 
         Shifts (L, R, n) [pulses] are those of the encoders of each record, for L logs of each. Innovations of records

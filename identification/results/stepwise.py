@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -119,14 +120,15 @@ class _Search:
             those = [sign for sign in found if sign.chi_square > again * sign.threshold and _may_follow(sign, named)]
             most = max((sign.explained for sign in those if sign.name != "disagreement"), default=0.0)
             worth = [sign for sign in those if sign.explained > _WORTH * most or np.isinf(sign.chi_square)]
-            refits = [self._refitted(sign) for sign in worth]
-            good = [refit for refit in refits if refit is not None and refit.sign.explained > self.least]
-            good = [refit for refit in good if refit.sign.chi_square > again * refit.sign.threshold]
+            good = list[_Refit]()
+            for sign in worth:
+                good += self._significant(sign, again)
+                best = _AS_GOOD * max((each.sign.explained for each in good), default=0.0)
+                good = [each for each in good if each.sign.explained > best]  # the others are let go
             if not good:
                 named += [sign for sign in those if sign.name == "disagreement"]
                 break
-            best = _AS_GOOD * max(refit.sign.explained for refit in good)
-            refit = min((each for each in good if each.sign.explained > best), key=lambda each: each.sign.freedom)
+            refit = min(good, key=lambda each: each.sign.freedom)
             self.at, self.step = refit.at, refit.step
             self.effects = effects_of(self.at, self._efforts)
             named.append(refit.sign)
@@ -141,6 +143,12 @@ class _Search:
             at=self.at, first=self._first, step=self.step, keep=self._keep, unknown=self._unknown,
             searched=self._searched, effects=self.effects, efforts=self._efforts, apart=apart,
         )  # fmt: skip
+
+    def _significant(self, sign: Sign, again: float) -> Iterator[_Refit]:
+        """The model with an alternative, fitted, if that explains enough."""
+        refit = self._refitted(sign)
+        if refit is not None and refit.sign.chi_square > again * refit.sign.threshold:
+            yield from [refit] * (refit.sign.explained > self.least)
 
     def _refitted(self, sign: Sign) -> _Refit | None:
         """The model with an alternative, fitted from its first estimate; None where it does not follow the log."""

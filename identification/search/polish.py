@@ -137,7 +137,7 @@ def _unbiased(
     values, random = solution.values, np.random.default_rng([seed, _ROUNDED])
     shifts = random.uniform(-0.5, 0.5, (_ROUNDED, *prediction.shape))
     try:
-        logs = prediction.innovations_of_rounded(values, shifts)
+        logs = prediction.of_rounded(values, shifts)
     except ValueError:  # what follows the counts does not repeat the log by itself
         return solution, None
     if not np.isfinite(logs).all():
