@@ -195,7 +195,7 @@ class Harmonics(_Smooth):
         rate = 2j * np.pi / self.period * np.arange(1, np.shape(self.cosine)[1] + 1)
         amplitude = np.asarray(self.cosine) - 1j * np.asarray(self.sine)
         waves = np.exp(t[:, None] * rate)
-        swings = [((amplitude * rate**k)[None] * waves[:, None, :]).sum(axis=2).real for k in orders]
+        swings = [np.einsum("ij,tj->ti", amplitude * rate**k, waves).real for k in orders]
         return [each + np.asarray(self.offset) if k == 0 else each for k, each in zip(orders, swings, strict=True)]
 
 
