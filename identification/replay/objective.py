@@ -22,8 +22,8 @@ from plant.simulation.threads import cores, shared_out
 __all__ = ["Objective", "squared_error"]
 
 
-_AT_ONCE = 10
-"""Candidates whose inertia one thread checks at once."""
+_FEW = 2
+"""Joints up to which the inertia of candidates is checked at too few poses to be worth another thread."""
 
 
 @functools.lru_cache
@@ -163,7 +163,8 @@ class _Scored(Experiment):
         costs = np.full(len(population), np.inf)
 
         sound = np.flatnonzero(np.isfinite(population).all(axis=1))
-        some = [numbers[sound[i : i + _AT_ONCE]] for i in range(0, len(sound), _AT_ONCE)]
+        size = max(1, -(-len(sound) // threads)) if self.loop.n > _FEW else max(1, len(sound))
+        some = [numbers[sound[i : i + size]] for i in range(0, len(sound), size)]
         margins = np.concatenate([np.empty(0), *shared_out(self._margins, some, threads)])
         sound = sound[margins >= 0]
         blocks = [sound[i : i + LANES] for i in range(0, len(sound), LANES)]
