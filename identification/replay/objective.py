@@ -163,14 +163,19 @@ class _Scored(Experiment):
         costs = np.full(len(population), np.inf)
 
         sound = np.flatnonzero(np.isfinite(population).all(axis=1))
-        size = max(1, -(-len(sound) // threads)) if self.loop.n > _FEW else max(1, len(sound))
-        some = [numbers[sound[i : i + size]] for i in range(0, len(sound), size)]
-        margins = np.concatenate([np.empty(0), *shared_out(self._margins, some, threads)])
-        sound = sound[margins >= 0]
+        sound = sound[self._all_margins(numbers[sound], threads) >= 0]
         blocks = [sound[i : i + LANES] for i in range(0, len(sound), LANES)]
         results = shared_out(lambda rows: self._block(population[rows]), blocks, threads)
         costs[sound] = np.concatenate([np.empty(0), *results])
         return costs
+
+    def _all_margins(self, numbers: NDArray[np.float64], threads: int) -> NDArray[np.float64]:
+        """What `_margins` says, of as many joints as are worth another thread by several."""
+        if self.loop.n <= _FEW or threads == 1:
+            return self._margins(numbers)
+        size = max(1, -(-len(numbers) // threads))
+        some = [numbers[i : i + size] for i in range(0, len(numbers), size)]
+        return np.concatenate([np.empty(0), *shared_out(self._margins, some, threads)])
 
     def _margins(self, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
         """Smallest pivot (P,) of D less the motors' own inertia, of candidates given by all their numbers (P, k)."""
