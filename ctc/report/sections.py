@@ -10,6 +10,7 @@ import numpy as np
 
 from ctc.report.drawings import draw_certainty, draw_errors, draw_fit, draw_innovations
 from ctc.report.page import figure, section
+from identification.equation_error.labels import units as units_of
 from identification.results.doubts import doubts
 from plant.parts.markup import details, items, preformatted, table, text
 from plant.parts.shown import body
@@ -62,22 +63,23 @@ def _verdict(found: Any, evaluation: Any, certificate: Any) -> str:
 
 
 def _values(found: Any) -> str:
-    names = found.short_names
+    names, units = found.short_names, units_of(found.arm.dynamics, found.unknown)
     if found.covariance is None:
         why = found.fit.fallback_reason or "this method gives no intervals"
-        values = [(name, f"{value:.5g}") for name, value in zip(names, found.values, strict=True)]
+        values = [(name, f"{value:.5g}", unit) for name, value, unit in zip(names, found.values, units, strict=True)]
         said = f"<p>Without intervals: {text(why)}.</p>"
-        return section("Parameters", said, table(("", "value"), values), _legend(found))
+        return section("Parameters", said, table(("", "value", "unit"), values), _legend(found))
     rows = []
-    for name, value, s in zip(names, found.values, found.std, strict=True):
+    for name, value, s, unit in zip(names, found.values, found.std, units, strict=True):
         if s > 0:
             digits = max(0, 1 - math.floor(math.log10(s)))  # two of the standard deviation
             ends = (value, s, value - 1.96 * s, value + 1.96 * s)
             share = 196 * s / abs(value) if value else math.inf
-            rows.append((name, *(f"{each:.{digits}f}" for each in ends), f"{share:.{1 if share < 10 else 0}f} %"))
+            said = f"{share:.{1 if share < 10 else 0}f} %"
+            rows.append((name, *(f"{each:.{digits}f}" for each in ends), unit, said))
         else:
-            rows.append((name, f"{value:.5g}", "as stated", "", "", ""))
-    head = ("", "value", "standard deviation", "95 % from", "to", "half-width")
+            rows.append((name, f"{value:.5g}", "as stated", "", "", unit, ""))
+    head = ("", "value", "standard deviation", "95 % from", "to", "unit", "half-width")
     counted = (
         f"Half-widths of the 95 % intervals; above the dashed line the sign is not known. They count noise and "
         f"{found.search.tolerances}."
