@@ -1,7 +1,8 @@
 """A model with what its rig leaves out: gears that give, backlash, lagging currents, other friction, late counts.
 
 Each is a number that is zero where the rig is right. The innovations are those of `Prediction`, of one compiled loop
-that is the rigid one where nothing gives or lags: its gears are so stiff, its currents so prompt.
+whose currents are prompt where they do not lag. Where gears give it is another, with springs: at coarse sub-steps even
+the stiffest do not stick quite like rigid ones where a joint turns back, which a log would be taken to contradict.
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ _PLACES = {
 }  # fmt: skip
 
 _FRICTION = ("viscous", "coulomb")
+
+_GIVING = ("compliance", "backlash")
 
 _SHARES = ("gear", "motor_gain", "law.")
 """What is a relative error of a number, and how far below it may be."""
@@ -165,6 +168,7 @@ class _Log:
         options: dict[str, Any],
     ) -> None:
         self._links, self._damped = links, record.rig.drive.elasticity is not None
+        self._springs: Prediction | None = None
         rig = _with_springs(record.rig, links)
         some = (*_FRICTION, "elasticity", "current_lag", "curve.offset", "gear", "motor_gain")
         kinds = tuple(f"drive.{kind}" for kind in some)
@@ -176,18 +180,33 @@ class _Log:
         self._stated = {name: numbers[name] for name in numbers if name.startswith(kinds) and name not in unknown}
         self._stated |= {name: law[name] for name in self.law}
         self._given = len(unknown)
-        self.prediction = Prediction(
-            dynamics, dataclasses.replace(record, rig=rig), (*unknown, *self._stated), **options
+        self._rigid = rig.drive.elasticity is not None and not self._damped
+        plain = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=None)) if self._rigid else rig
+        self._made = lambda rig, names: Prediction(
+            dynamics, dataclasses.replace(record, rig=rig), (*unknown, *names), **options
         )
+        self._sprung, self.prediction = rig, self._made(plain, self._names(giving=False))
+
+    def _names(self, *, giving: bool) -> list[str]:
+        """Of what is stated, in a loop with springs or without."""
+        return [name for name in self._stated if giving or not (self._rigid and name.startswith("drive.elasticity"))]
 
     def all_innovations(
         self, many: Iterable[tuple[NDArray[np.float64], dict[str, float]]]
     ) -> list[NDArray[np.float64]]:
-        return self.prediction.all_innovations([self._numbers(*each) for each in many])
+        many = list(many)
+        gives = [self._rigid and any(extra[name] for name in extra if name.startswith(_GIVING)) for _, extra in many]
+        if any(gives) and self._springs is None:
+            self._springs = self._made(self._sprung, self._names(giving=True))
+        of_loop = {}
+        for giving, prediction in ((False, self.prediction), (True, self._springs)):
+            some = [self._numbers(*each, giving=giving) for each, own in zip(many, gives, strict=True) if own == giving]
+            of_loop[giving] = iter(prediction.all_innovations(some) if prediction is not None and some else ())
+        return [next(of_loop[giving]) for giving in gives]
 
-    def _numbers(self, values: NDArray[np.float64], extra: dict[str, float]) -> NDArray[np.float64]:
+    def _numbers(self, values: NDArray[np.float64], extra: dict[str, float], *, giving: bool) -> NDArray[np.float64]:
         """All that the prediction is given."""
-        numbers = dict(self._stated)
+        numbers = {name: self._stated[name] for name in self._names(giving=giving)}
         for name, value in extra.items():
             kind, bracket, joint = name.partition("[")
             place = name if name in self.law else _PLACES.get(kind, f"drive.{kind}") + bracket + joint

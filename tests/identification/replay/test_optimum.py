@@ -8,7 +8,7 @@ from identification.replay.extended import Extended
 from identification.replay.gauss_newton import gauss_newton
 from identification.replay.optimum import along, directions, fitted
 from identification.replay.prediction import Prediction
-from plant import puma560, simulate
+from plant import Harmonics, puma560, read_robot, simulate
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
 ARM = puma560.literature_arm(1.5)
@@ -88,3 +88,23 @@ def test_a_model_that_does_not_follow_is_refused(model):
     values[0] = -100.0
     with pytest.raises(ValueError, match="does not follow the log"):
         fitted(model, values, step, bounds)
+
+
+def test_what_does_not_give_is_the_rigid_loop():
+    """Also where joints turn back at coarse sub-steps: stiff springs would stick otherwise there, by a whole pulse."""
+    robot = read_robot("ur5e")
+    offset, sine = (0, -1.2, 1.0, -0.5, 0.8, 0), ((0.3,), (0.2,), (0.3,), (0.2,), (0.3,), (0.4,))
+    path = Harmonics(period=2.0, offset=offset, cosine=((0.2,),) * 6, sine=sine)
+    arm = robot.dynamics.arm(robot.dynamics.f())
+    record = simulate(arm, robot.rig, robot.law, path)
+    model = Extended(arm.dynamics, [record], arm.dynamics.names, arm.f)
+    prediction = Prediction(arm.dynamics, record)
+    extra = np.zeros(len(model.extra))
+    plain = model.innovations(np.concatenate([arm.f, model.gains, extra]))
+    np.testing.assert_allclose(plain, prediction.innovations(np.append(arm.f, model.gains)), atol=1e-3)
+    extra[model.extra.index("compliance[0]")] = 60.0**-2
+    given = [np.concatenate([arm.f, model.gains, each]) for each in (extra, 0 * extra, extra)]
+    first, second, third = model.all_innovations(given)
+    np.testing.assert_array_equal(second, plain)
+    np.testing.assert_array_equal(first, third)
+    assert np.abs(first - plain).max() > 0.1

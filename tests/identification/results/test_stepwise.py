@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from identification import GeneticSettings, identify
-from plant import PD, Elasticity, LoggedTorque, puma560, simulate
+from plant import PD, Elasticity, Harmonics, LoggedTorque, puma560, read_robot, simulate
 from plant.machine.encoder import Phase
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
@@ -54,6 +54,18 @@ def test_a_rigid_robot_is_accused_of_nothing(rigid):
     assert not any(sign.significant for sign in detection.signs)
     assert "no sign of compliance (seen below" in rigid.summary()
     assert rigid.warnings == []
+
+
+def test_a_rigid_robot_that_swings_between_counts_is_accused_of_nothing():
+    """A UR5e at 2 ms, whose joints stand and turn back within one coarse sub-step."""
+    robot = read_robot("ur5e")
+    cosine, sine = np.random.default_rng(1).uniform(-0.4, 0.4, (2, 6, 4)) / np.arange(1, 5)
+    path = Harmonics(period=4.0, offset=(0, -1.2, 1.0, -0.5, 0.8, 0), cosine=cosine, sine=sine)
+    record = simulate(robot.dynamics.arm(robot.dynamics.f()), robot.rig, robot.law, path, steps_per_sample=16)
+    found = identify(robot.dynamics, record, method="prediction_error", progress=False)
+    assert found.diagnostics.detection.names == ()
+    assert not any(sign.significant for sign in found.diagnostics.detection.signs)
+    assert found.warnings == []
 
 
 def test_what_would_be_seen_is_stated(rigid):
