@@ -44,7 +44,7 @@ class Followed(Experiment):
             self.places += [i for i, name in enumerate(self.loop.number_names) if name.startswith("law.state[")]
         self._kernel = logged_kernel(self.loop, self.places, uneven=self.clock.even is None)
         self._rounding: Rounding | None = None
-        self._tables = self._kernel.along(**self.driven, data=self._measured(record.counts))
+        self._tables = self._kernel.along(self.loop, **self.driven, data=self._measured(record.counts))
         self._weigh(record.counts)
 
     def _measured(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -113,19 +113,19 @@ class Followed(Experiment):
         start, numbers = self._start(values)
         return self._rounding.counts(start, numbers, self.loop.number_names, shifts, threads)
 
-    def of(self, counts: NDArray[np.float64]) -> Followed:
-        """The same, of a log with these counts (N, n)."""
+    def innovations_of(self, values: NDArray[np.float64], counts: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Weighted innovations (N n,) with values (k,), of a log with these counts (N, n)."""
         other = copy.copy(self)
         other._tables = self._kernel.with_data(self._tables, self._measured(counts))
         other._weigh(counts)
-        return other
+        return other.innovations(values)
 
     def motion(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Joint positions (N, n) [rad] of a run with these values; NaN after it has diverged."""
         (q, qd), numbers, n, kernel = *self._start(values), self.loop.n, self.kernel()
         state = self.loop.initial_state(q + numbers[-n:], qd, numbers)
         log, errors = np.full((len(self.clock), self.loop.n_log), np.nan), np.empty((self.steps, n))
-        tables = kernel.along(**self.driven, data=self._measured(self.record.counts), logged=True)
+        tables = kernel.along(self.loop, **self.driven, data=self._measured(self.record.counts), logged=True)
         kernel.run(tables, state[:, None], np.empty((0, 1)), numbers, (log, errors))
         return log[self.clock.rows, 2 * n : 3 * n]
 

@@ -154,7 +154,7 @@ class _Scored(Experiment):
         score = squared_error(dynamics.n, _sections(settings.pop("ignoring"), record.rig.period))
         super().__init__(dynamics, record, unknown, score=score, **settings)
         self._kernel = self.kernel(self.places)
-        self._tables = self._kernel.along(**self.driven, data=self.data(record.error_pulses))
+        self._tables = self._kernel.along(self.loop, **self.driven, data=self.data(record.error_pulses))
 
     def costs(self, population: NDArray[np.float64], threads: int) -> NDArray[np.float64]:
         """Costs (P,), inf for what cannot be."""

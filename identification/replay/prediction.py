@@ -14,6 +14,7 @@ Source: L. Ljung, System Identification, Prentice Hall 1999, ch. 7 (prediction-e
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
@@ -219,11 +220,10 @@ class Prediction:
         of_record = list[list[NDArray[np.float64]]]()
         for (followed, own), moved in zip(self._each(values), np.swapaxes(shifts, 0, 1), strict=True):
             self.evaluations += 2 * len(shifts)
-            made = [np.zeros(followed.weight.size) for _ in shifts]
+            of_record.append([np.zeros(followed.weight.size) for _ in shifts])
             if followed.rounds:
-                logs, of = followed.rounded(own, list(moved), self.threads), followed.of
-                made = shared_out(lambda log, of=of, own=own: of(log).innovations(own), logs, self.threads)  # type: ignore[misc]
-            of_record.append(made)
+                logs = followed.rounded(own, list(moved), self.threads)
+                of_record[-1] = shared_out(functools.partial(followed.innovations_of, own), logs, self.threads)
         known = np.zeros(len(self._expected))
         return [joined([*rows, known], self.scales) for rows in zip(*of_record, strict=True)]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -72,16 +73,16 @@ class Rounding(Experiment):
         for run, shift in zip(runs, shifts, strict=True):
             run.numbers[phase] = self._own + shift
         begin = 0
-        for tables in self._kernel.blocks(**self.driven, samples=_AT_ONCE):
+        for tables in self._kernel.blocks(self.loop, **self.driven, samples=_AT_ONCE):
             rows = slice(begin, begin + len(tables[1]))
-            shared_out(lambda run, tables=tables, rows=rows: self._block(run, tables, rows), runs, threads)  # type: ignore[misc]
+            shared_out(functools.partial(self._block, tables, rows), runs, threads)
             begin = rows.stop
         for run in runs:
             if not (run.state[-1] > 0 and bounded(run.state[: 2 * n]) and np.isfinite(run.errors).all()):
                 raise ValueError("the model must stay on the log's path; simulated with what was found, it diverges.")
         return [np.asarray((self._reference - run.errors)[self.clock.rows]) for run in runs]
 
-    def _block(self, run: _Run, tables: tuple[Any, ...], rows: slice) -> None:
+    def _block(self, tables: tuple[Any, ...], rows: slice, run: _Run) -> None:
         """One block of samples of a run."""
         log = np.full((len(tables[1]), self.loop.n_log), np.nan)
         errors = np.empty((len(log) * self.loop.steps_per_sample, self.loop.n))

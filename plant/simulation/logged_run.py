@@ -46,6 +46,6 @@ def _by_kernel(
     log, true_error = np.full((samples, loop.n_log), np.nan), np.full((steps, loop.n), np.nan)
     kernel = loop_kernel(loop, uneven=clock.even is None)
     nothing = np.empty((samples, 0))
-    tables = kernel.along(path, clock, nothing, logged=True, replayed=replayed, injected=injected)
+    tables = kernel.along(loop, path, clock, nothing, logged=True, replayed=replayed, injected=injected)
     final, _ = kernel.run(tables, state[:, None], np.empty((0, 1)), numbers, (log, true_error))
     return final[:, 0], log, true_error

@@ -57,24 +57,25 @@ class LoopKernel:
         return _prepared(tables, self._columns["single" if logged else "population"], self._uneven)
 
     def along(
-        self, path: Path | Logged, clock: Clock, data: NDArray[np.float64], *, logged: bool = False,
+        self, loop: ClosedLoop, path: Path | Logged, clock: Clock, data: NDArray[np.float64], *, logged: bool = False,
         replayed: NDArray[np.float64] | None = None, injected: NDArray[np.float64] | None = None,
     ) -> tuple[Any, ...]:  # fmt: skip
-        """What a run along a path reads, as from `prepared`; columns that it does not read are never made.
+        """What a run of a loop along a path reads, as from `prepared`; columns that it does not read are never made.
 
-        Path, clock, replayed and injected are as for `time_tables`, `data` is (M, m).
+        The loop has this structure, and may have other numbers. Path, clock, replayed and injected are as for
+        `time_tables`, `data` is (M, m).
         """
         columns = self._columns["single" if logged else "population"]
-        return _along(self.loop, columns, self._uneven, (path, clock, replayed, injected), data)
+        return _along(loop, columns, self._uneven, (path, clock, replayed, injected), data)
 
     def blocks(
-        self, path: Path | Logged, clock: Clock, replayed: NDArray[np.float64] | None = None,
+        self, loop: ClosedLoop, path: Path | Logged, clock: Clock, replayed: NDArray[np.float64] | None = None,
         injected: NDArray[np.float64] | None = None, *, samples: int,
     ) -> Iterator[tuple[Any, ...]]:  # fmt: skip
         """The same of a logged run without data, in blocks of about so many samples one after another."""
         columns = self._columns["single"]
         narrow, places = _narrow(columns)
-        for tables in in_blocks(self.loop, path, clock, replayed, injected, narrow, samples=samples):
+        for tables in in_blocks(loop, path, clock, replayed, injected, narrow, samples=samples):
             yield _prepared((*tables, np.empty((len(tables[1]), 0))), places, self._uneven)
 
     def run(
@@ -144,11 +145,11 @@ class LoggedKernel:
         return _prepared(tables, self._columns, self._uneven)
 
     def along(
-        self, path: Path | Logged, clock: Clock, data: NDArray[np.float64],
+        self, loop: ClosedLoop, path: Path | Logged, clock: Clock, data: NDArray[np.float64],
         replayed: NDArray[np.float64] | None = None, injected: NDArray[np.float64] | None = None,
     ) -> tuple[Any, ...]:  # fmt: skip
         """As of `LoopKernel`."""
-        return _along(self.loop, self._columns, self._uneven, (path, clock, replayed, injected), data)
+        return _along(loop, self._columns, self._uneven, (path, clock, replayed, injected), data)
 
     def with_data(self, tables: tuple[Any, ...], data: NDArray[np.float64]) -> tuple[Any, ...]:
         """The same tables with other data (M, m)."""

@@ -10,6 +10,7 @@ after the other; `vector_costs` is as fast as it could be made. One thread.
 import ctypes
 import dataclasses
 import functools
+import os
 import pathlib
 import shutil
 import subprocess
@@ -31,6 +32,9 @@ FLAGS = {
     "turned": ("-O3", "-march=native", "-ffp-contract=fast"),
 }
 """Options of gcc for each program; "turned" is vector.c with sines that 7 of 8 steps turn by the angle moved."""
+
+NARROW = ("-mno-avx512f",) if os.environ.get("ONEPULSE_NO_AVX512") == "1" else ()
+"""Where the engine takes the processor for one without AVX-512, gcc does."""
 
 _PAIR = ctypes.c_double * 2
 _NUMBERS = ("gear", "viscous", "coulomb", "motor_gain", "current_limit", "resolution", "gain", "q", "qd")
@@ -114,7 +118,17 @@ def _function(name):
     source = "vector" if name == "turned" else name
     with tempfile.TemporaryDirectory() as folder:
         library = pathlib.Path(folder) / f"{name}.so"
-        command = [shutil.which("gcc"), *FLAGS[name], "-shared", "-fPIC", "-o", library, SOURCES / f"{source}.c", "-lm"]
+        command = [
+            shutil.which("gcc"),
+            *FLAGS[name],
+            *NARROW,
+            "-shared",
+            "-fPIC",
+            "-o",
+            library,
+            SOURCES / f"{source}.c",
+            "-lm",
+        ]
         subprocess.run(command, check=True)  # noqa: S603 - our own sources
         function = getattr(ctypes.CDLL(str(library)), f"{source}_costs")
     function.argtypes = (

@@ -24,6 +24,7 @@ from opponents import Engine, Experiment, Kernel, all_engines
 
 from identification import Objective, identify
 from plant import puma560, simulate
+from plant.compiler.kernel_cache import AVX512_VARIABLE
 
 ROOT = Path(__file__).parent.parent.parent
 PAGE = ROOT / "docs" / "background" / "speed.md"
@@ -118,6 +119,14 @@ def engines(rounds):
     options = {"method": "paper", "progress": False}
     runs = [seconds(lambda: identify(puma560.dynamics(), experiment.record, **options)) for _ in range(6)]
     yield f"The whole genetic algorithm of 3.7, warm: {statistics.median(runs[1:]):.2f} s."
+
+
+def without_avx512(rounds):
+    """The table of engines of a process for which the processor has no AVX-512, nor has gcc."""
+    environment = {**os.environ, AVX512_VARIABLE: "1"}
+    command = [sys.executable, __file__, "--engines", str(rounds)]
+    answer = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, env=environment)  # noqa: S603 - this file
+    yield from (line for line in answer.stdout.splitlines() if line.startswith("|") and "casadi" not in line)
 
 
 def widths(rounds):
@@ -224,11 +233,16 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--write", action="store_true", help="put the tables into docs/background/speed.md")
     parser.add_argument("--quick", action="store_true", help="few rounds, no C++")
+    parser.add_argument("--engines", type=int, metavar="ROUNDS", help=argparse.SUPPRESS)
     options = parser.parse_args()
+    if options.engines:
+        print(*engines(options.engines), sep="\n")
+        return
     rounds = 3 if options.quick else 15
     parts = {
         "machine": [machine()],
         "engines": engines(rounds),
+        "without AVX-512": without_avx512(rounds),
         "widths": widths(rounds),
         "scaling": scaling(),
         "starts": starts(1 if options.quick else 5),
