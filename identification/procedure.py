@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -17,6 +18,7 @@ from identification.replay.objective import Objective
 from identification.results.diagnostics import Diagnostics
 from identification.results.doubts import warn_of_doubts
 from identification.results.identification import Identification
+from identification.results.trust import of_statements
 from identification.search.genetic import GeneticSettings
 from identification.search.memory import resumed_at
 from identification.search.methods import METHODS
@@ -172,9 +174,11 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
         objective = Objective(problem.dynamics, resumed, fit.unknown, **problem.options)
     cost = float(objective(fit.values[None])[0])
     if genetic is not None and not np.isfinite(cost):
+        lines = of_statements(problem.records[0].rig, problem.records, problem.dynamics.chain)
+        told = "".join(f" Of the rig: {line}" for line in itertools.islice(lines, 1))
         raise ValueError(
             f"some candidate must repeat the experiment; all {outcome.evaluations} diverged or had no sound inertia. "
-            "Widen or correct the ranges, and check gains, gears and signs of rig and law."
+            f"Widen or correct the ranges, and check gains, gears and signs of rig and law.{told}"
         )
     arm, rig, law = problem.parts(fit.values)
     diagnostics = problem.checkpoint.stage(

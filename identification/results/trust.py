@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
 
 from identification.replay.timing import is_late
+from plant import Chain, Record, Rig
 from plant.checkup.oscillation import own_oscillation
 from plant.machine.unlikely import unlikely_statements
 from plant.simulation.followed_path import is_rounded
 
-__all__ = ["warnings_of"]
+__all__ = ["of_statements", "warnings_of"]
 
 _AT_END = 0.002
 """Share of a range within which a value lies at its end."""
@@ -50,7 +51,7 @@ def warnings_of(found: Any, always: bool = True) -> list[str]:
     replayed = any(record.law is not None and record.law.replays for record in found.records)
     return [
         *([] if reason is None else [f"{reason}."]),
-        *_of_statements(found),
+        *of_statements(found.rig, found.records, found.arm.dynamics.chain),
         *_ends(found),
         *(_of_torques(found) if replayed else []),
         *_of_law(found),
@@ -64,14 +65,14 @@ def warnings_of(found: Any, always: bool = True) -> list[str]:
     ]
 
 
-def _of_statements(found: Any) -> Iterator[str]:
-    """What the rigs state that no arm has, along the counts; each once."""
-    prismatic, lines = [link.prismatic for link in found.arm.dynamics.chain.links], []
-    for record in found.records:
+def of_statements(rig: Rig, records: Iterable[Record], chain: Chain) -> Iterator[str]:
+    """What a rig states that no arm has, along the counts of records; each once."""
+    prismatic, lines = [link.prismatic for link in chain.links], list[str]()
+    for record in records:
         q, every = record.rig.to_angle(record.counts), slice(None, None, _APART)
         if len(q) > _APART:
             qd = np.diff(q[every], axis=0) / np.diff(record.t[every])[:, None]
-            lines += [line for line in unlikely_statements(found.rig, q, qd, prismatic) if line not in lines]
+            lines += [line for line in unlikely_statements(rig, q, qd, prismatic) if line not in lines]
     yield from lines
 
 

@@ -48,13 +48,13 @@ def _units(signals, i):
     if share > _BEYOND and signals.torque is not None:
         return Finding(
             check=name, joint=i, value=float(share), unit="of the limit", verdict="wrong",
-            advice=f"The torque is beyond the amplifier: {_guess(share / _USED, drive.gear[i])}.",
+            advice=f"The torque is beyond the amplifier: {_guess(signals, share / _USED, i)}.",
         )  # fmt: skip
     law = law_slope(signals, i)
     if law is not None and law[1] > _EXPLAINED:
         slope = abs(law[0])
         verdict = "fine" if 1 / _FACTOR < slope < _FACTOR else "wrong"
-        advice = f"The torque is {slope:.3g} times the commanded one: {_guess(slope, drive.gear[i])}."
+        advice = f"The torque is {slope:.3g} times the commanded one: {_guess(signals, slope, i)}."
         if verdict == "fine" and abs(slope - 1) > _GAIN_OFF and correlation(signals, i, i) > 1 - _GAIN_OFF / 10:
             verdict, advice = "look", f"The torque is {slope:.3g} times the commanded one: check gain and motor gain."
         return Finding(check=name, joint=i, value=float(slope), unit="of the law's", verdict=verdict,
@@ -71,7 +71,7 @@ def _units(signals, i):
     if found < _LIGHT or found > _HEAVY:
         verdict = "look" if _HEAVY < found < _ABSURD else "wrong"
         size = f"{found:.2g} of" if found < _LIGHT else f"{found:.3g} times"
-        guess = _guess(found / _USUAL if rubs is None else rubs, drive.gear[i])
+        guess = _guess(signals, found / _USUAL if rubs is None else rubs, i)
         if rubs is None:
             guess += ", or the counts are of angles of the " + ("motor" if found < _LIGHT else "joint")
         elif 1 / _FACTOR < rubs < _FACTOR:
@@ -84,7 +84,7 @@ def _units(signals, i):
         return Finding(
             check=name, joint=i, value=float(rubs), unit="of the Coulomb friction", verdict="look",
             advice=f"Coulomb friction is {rubs:.2g} of what the rig states: correct that if it was a guess; of the "
-            f"torque, {_guess(rubs, drive.gear[i])}.",
+            f"torque, {_guess(signals, rubs, i)}.",
         )  # fmt: skip
     if not stated:
         return Finding.unknown(name, i, "no rotor inertia stated, and no law that tells the torque")
@@ -100,11 +100,15 @@ def _rubs(shown: Any, stated: float) -> float | None:
     return max(ratio, 1e-9) if surely else None
 
 
-def _guess(ratio: float, gear: float) -> str:
-    """The likeliest reasons for a wrong factor."""
+def _guess(signals: Any, ratio: float, i: int) -> str:
+    """The likeliest reasons for a wrong factor of joint i."""
+    gear, of_current = abs(signals.rig.drive.gear[i]), signals.record.torque is None
+    larger, smaller = ("it may be in mN m", "it may be in kN m")
+    if of_current:
+        larger, smaller = "the current may be in mA", "the current may be in A, not in mA"
     reasons = {
-        1e3: "it may be in mN m", 1e-3: "it may be in kN m", abs(gear): "it may have crossed the gear twice",
-        1 / abs(gear): "it may be the motor's torque, not the joint's",
+        1e3: larger, 1e-3: smaller, gear: "it may have crossed the gear twice",
+        1 / gear: "it may be the motor's torque, not the joint's",
     }  # fmt: skip
     off = {reason: abs(np.log(ratio / factor)) for factor, reason in reasons.items()}
     near = sorted((reason for reason in off if off[reason] < min(off.values()) + np.log(_FACTOR)), key=off.__getitem__)

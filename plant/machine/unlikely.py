@@ -17,6 +17,9 @@ _SLOWEST = 0.1
 _TURNS = 3.0
 """Turns that no revolute joint of an arm makes from end to end."""
 
+_SLUGGISH = 30.0
+"""Acceleration [rad/s^2] that any motor of an arm gives its rotor alone."""
+
 
 def unlikely_statements(
     rig: Rig, q: NDArray[np.float64], qd: NDArray[np.float64], prismatic: Sequence[bool]
@@ -37,4 +40,14 @@ def unlikely_statements(
             yield (
                 f"at the speed of this motion, the viscous friction of {labels[i]} is {friction[i]:.3g} N m at the "
                 f"motor, which gives at most {limit[i]:.3g} N m: viscous is motor side [N m s/rad]."
+            )
+        elif drive.coulomb[i] > limit[i]:
+            yield (
+                f"the Coulomb friction of {labels[i]} is {drive.coulomb[i]:.3g} N m at the motor, which gives at most "
+                f"{limit[i]:.3g} N m: coulomb is motor side [N m]."
+            )
+        if limit[i] < _SLUGGISH * drive.motor_inertia[i]:
+            yield (
+                f"the motor of {labels[i]} gives its rotor alone {limit[i] / drive.motor_inertia[i]:.2g} rad/s^2 at "
+                f"most: motor_inertia is in kg m^2, {drive.motor_inertia[i]:.3g} is stated. 1 g cm^2 is 1e-7 kg m^2."
             )

@@ -11,6 +11,10 @@ from plant.parts.part import Part, part, structure
 __all__ = ["Link"]
 
 
+_LONGEST = 50.0
+"""Length [m] of no link of an arm."""
+
+
 @part
 class Link(Part):
     """One joint and its link: its frame in that of the previous link, by a row of the *modified* table.
@@ -65,6 +69,10 @@ class Link(Part):
             if abs(getattr(self, name)) > 2 * np.pi:
                 got = f"got {getattr(self, name)}. Use np.radians."
                 raise ValueError(f"{name} of link {self.name} must be an angle in radians, within one turn; {got}")
+        for name in ("a", "d"):
+            if abs(getattr(self, name)) > _LONGEST:
+                got = f"got {getattr(self, name):g}. Divide by 1000 what is in mm."
+                raise ValueError(f"{name} of link {self.name} must be a length in metres, at most {_LONGEST:g}; {got}")
 
     def rotation(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rotation (3, 3) from this link's frame to the previous one, and the origin's position (3,) there [m]."""

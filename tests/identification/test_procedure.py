@@ -200,6 +200,15 @@ def test_no_possible_candidate_is_an_error_and_not_a_result():
     with pytest.raises(ValueError, match=r"all 48 diverged or had no sound inertia\. Widen") as refusal:
         quick(ranges=impossible)
     assert "\n" not in str(refusal.value)
+    assert "Of the rig" not in str(refusal.value)
+
+
+def test_a_rig_that_no_arm_has_is_told_beside_a_search_in_vain():
+    record = short()
+    drive = dataclasses.replace(record.rig.drive, motor_inertia=(2.0, 2.0))
+    heavy = dataclasses.replace(record, rig=dataclasses.replace(record.rig, drive=drive))
+    with pytest.raises(ValueError, match=r"Of the rig: the motor of joint .* motor_inertia is in kg m\^2"):
+        quick(heavy)
 
 
 @pytest.mark.parametrize(("method", "least"), [("paper", 2), ("seeded", 1)])

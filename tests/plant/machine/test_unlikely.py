@@ -31,6 +31,12 @@ def of_drive(**changes):
             PATH,
             "viscous friction of joint .* is 1.38e.03 N m",
         ),
+        (
+            of_drive(coulomb=RIG.drive.coulomb * np.abs(RIG.drive.gear)),
+            PATH,
+            "Coulomb friction of joint .* is 13.4 N m",
+        ),
+        (of_drive(motor_inertia=(2.0, 2e-4)), PATH, r"rotor alone 1.4 rad/s\^2 at most: motor_inertia is in kg m\^2"),
     ],
 )
 def test_what_no_arm_has_is_said_before_it_is_simulated(rig, path, said):

@@ -116,6 +116,7 @@ BALL = (0.1, 0, 0, 0.1, 0, 0.1)
         (lambda: Body(mass=1, com=(0, 0, 0), inertia=(0.1, 0, 0, 0.1, 0, 0.3)).require_physical("b"),
          r"link b must have an inertia that a body can have \(triangle inequality\)"),
         (lambda: Chain(links=(Link(name="1"), Link(name="1"))), "'1' comes twice"),
+        (lambda: Link(name="1", a=431.8), r"a of link 1 must be a length in metres, at most 50; got 431\.8\. Divide"),
         (lambda: Chain(links=(Link(name="1"),), bodies=(1, 2)), "bodies must be 1, one Body per link; got 2"),
         (lambda: Chain(links=(Link(name="1"),)).carrying(Body(mass=1, com=(0, 0, 0), inertia=BALL)), "has none"),
         (lambda: Chain.standard([{"alpha": 0, "a": 1}]), "row 0 must have d; it has alpha, a"),
