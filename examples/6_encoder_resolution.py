@@ -36,7 +36,7 @@ def study(pulses):
 
 def main():
     print("pulses per | worst and median error of f [% of range]          | computed torque, default f")
-    print("motor turn |   paper's GA     | least squares    |  default      | within +-1 | peak [pulses]")
+    print("motor turn |   paper's GA     | least squares    |  default      | within ±1 | peak [pulses]")
     for pulses in (100, 200, 500, 1_000, 2_000, 5_000, 10_000):
         errors, report = study(pulses)
         row = " | ".join(f"{worst:6.1f} {median:8.1f} " for worst, median in errors.values())

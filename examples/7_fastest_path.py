@@ -1,4 +1,4 @@
-"""How fast may a path be passed? The fastest time law that the amplifiers allow, and what becomes of +-1 pulse.
+"""How fast may a path be passed? The fastest time law that the amplifiers allow, and what becomes of ±1 pulse.
 
 Three paths of the paper's arm: its trajectory (6), a point-to-point move, and a spline. For each: the shortest duration
 by uniform scaling, the fastest time law along the same path, and the same path uniformly scaled to that duration. All

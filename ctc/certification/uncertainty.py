@@ -51,7 +51,7 @@ class Uncertainty:
     load_position : (3,) array_like, optional
         Of the load, in the frame of the last link's body [m].
     phase : bool
-        Whether the encoders' zeros are drawn, uniform in +-1/2 pulse, each on its own.
+        Whether the encoders' zeros are drawn, uniform in ±1/2 pulse, each on its own.
     delay : float or (2,) array_like
         Of the torque [s], constant during a run: one value, or uniform between two; at most one period of the law.
     dropped : float

@@ -65,7 +65,7 @@ def _require_evaluation(name: str, evaluation: Any) -> None:
 @old_option("axes", "ax")
 @literal
 def plot_evaluation(evaluation: Any, ax: Any = None) -> NDArray[Any]:
-    """Encoder error with the +-1 pulse band (left), torque and the amplifier's limit (right), one row per joint.
+    """Encoder error with the ±1 pulse band (left), torque and the amplifier's limit (right), one row per joint.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def plot_comparison(evaluations: dict[str, Any], ax: Any = None) -> NDArray[Any]
     """Tracking errors of several laws on the same arm.
 
     Up to four laws stand side by side at equal scales; more stand one below the other, each at its own scale, with the
-    +-1 pulse band to compare by.
+    ±1 pulse band to compare by.
 
     Parameters
     ----------

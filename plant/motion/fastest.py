@@ -166,7 +166,7 @@ def _limited(
     motor_speed: NDArray[np.float64],
     joint_speed: NDArray[np.float64],
 ) -> ca.SX:
-    """Constraints within +-1, over their bounds: torque, its rate, speeds of motors and joints (n, at N places)."""
+    """Constraints within ±1, over their bounds: torque, its rate, speeds of motors and joints (n, at N places)."""
     drive = needed.rig.drive
     friction = [
         drive.friction(ca.DM(along) * speed) for along, speed in zip(needed.along, ca.vertsplit(v), strict=True)

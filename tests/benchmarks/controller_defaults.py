@@ -39,7 +39,7 @@ def main():
     noisy = [dynamics.arm(puma560.PUBLISHED * (1 + 0.05 * random.normal(size=9))) for _ in range(10)]
     print(
         "| bandwidth | ratio | boost | time | true f: chatter [N m] | peak [N m] | cold: worst share at "
-        "T = 3.65, 2.5, 2.0 | all within +-1, of 20 | noisy: worst share | all within +-1, of 10 |\n|" + "---|" * 10
+        "T = 3.65, 2.5, 2.0 | all within ±1, of 20 | noisy: worst share | all within ±1, of 10 |\n|" + "---|" * 10
     )
     for bandwidth, ratio, boost, time in SETTINGS:
         named = {"bandwidth": bandwidth, "observer_ratio": ratio, "start_boost": boost, "start_time": time}

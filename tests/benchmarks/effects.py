@@ -3,7 +3,7 @@
     python tests/benchmarks/effects.py [name of a row, or its beginning ...]
 
 Literature arm with 1.5 kg on trajectory (6), every law with the true f and with the friction that it believes in. In a
-cell: share of the samples after 20 ms at which both joints' counts are within +-1, and the mean change of joint 2's
+cell: share of the samples after 20 ms at which both joints' counts are within ±1, and the mean change of joint 2's
 torque per sample [N m]. Backlash is that of gears whose links swing at 200 Hz, 2 % damped. Cogging is six per turn of
 the motor, 3 % of its largest torque. Where four runs are made (backlash: phases of the encoders; cogging: its own
 phases; jitter: seeds) a cell has the least and the largest share, and the largest change of torque.

@@ -156,7 +156,7 @@ def designed_motions(arm, gain, count=3):
 def verdict(count=10):
     """Computed torque with what was found, on the robot it was found on."""
     yield (
-        "| robot | gains | T [s] | all samples within +-1 | worst share | true error, peak [pulses] | "
+        "| robot | gains | T [s] | all samples within ±1 | worst share | true error, peak [pulses] | "
         "joint 2, peak [N m] |"
     )
     yield "|---|---|---|---|---|---|---|"
@@ -272,7 +272,7 @@ def whole():
     """All six joints of the PUMA 560: forty base parameters from one log, no ranges."""
     yield (
         "| method | error over standard deviation, RMS and worst | 95 % intervals that cover the truth | "
-        "RMS innovation [pulses] | computed torque, share within +-1 | s, kernels built |"
+        "RMS innovation [pulses] | computed torque, share within ±1 | s, kernels built |"
     )
     yield "|---|---|---|---|---|---|"
     dynamics, rig = Dynamics.from_chain(arms_of_others.puma560()), arms_of_others.puma560_rig()

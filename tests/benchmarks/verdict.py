@@ -57,7 +57,7 @@ def main():
     print(f"final / initial: median {statistics.median(ratios):.2f}, largest {max(ratios):.2f}")
     print(f"seconds per run, warm: median {statistics.median(seconds):.2f}\n")
 
-    print("| f of the controller | T [s] | all within +-1 | worst share | true error, peak [pulses] | joint 2 peak, "
+    print("| f of the controller | T [s] | all within ±1 | worst share | true error, peak [pulses] | joint 2 peak, "
           "median / max [N m] | chatter [N m] | at the limit |\n|---|---|---|---|---|---|---|---|")  # fmt: skip
     verdicts("true", robot, rig, [robot], options.backend)
     random = np.random.default_rng(0)
@@ -74,7 +74,7 @@ def main():
     print("\nP control on the same arm:")
     for duration in DURATIONS:
         report = evaluate(robot, rig, p, puma560.reference(duration), backend=options.backend)
-        print(f"  T = {duration}: peaks {report.max_error_pulses} pulses, {report.fraction_within(1):.1%} within +-1")
+        print(f"  T = {duration}: peaks {report.max_error_pulses} pulses, {report.fraction_within(1):.1%} within ±1")
     law, path = ComputedTorque(series.runs[0].arm, rig), puma560.reference()
     for each in (p, law):
         one, two = (evaluate(robot, rig, each, path, backend=backend) for backend in ("casadi", "numba"))

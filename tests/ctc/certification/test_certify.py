@@ -1,7 +1,7 @@
 """Probability of leaving a pulse limit: what is drawn, how its loops run, and what is said about them.
 
 Short runs of (6), of 0.05 s: with half a pulse between the arm and its reference at the start, the default law leaves
-+-1 pulse at 14 ms in about 9 of 100 loops, which makes them a case for counting.
+±1 pulse at 14 ms in about 9 of 100 loops, which makes them a case for counting.
 """
 
 import contextlib

@@ -262,7 +262,7 @@ def test_measured_and_reference_agree_on_the_reference():
 
 
 def test_friction_feed_forward_is_worth_its_place():
-    """FINDINGS 10: without it the loop leaves +-1 pulse where the motion turns back."""
+    """FINDINGS 10: without it the loop leaves ±1 pulse where the motion turns back."""
     without = evaluate(arm(), RIG, law(friction=False), puma560.reference(), steps_per_sample=4)
     assert not without.within(1)
     assert without.fraction_within(1) > 0.95

@@ -1,4 +1,4 @@
-"""The verdict in pulses: its numbers by numpy, by both backends, and what the paper promises, +-1 encoder pulse.
+"""The verdict in pulses: its numbers by numpy, by both backends, and what the paper promises, ±1 encoder pulse.
 
 The quick tests run the published arm with the true f, with f 5 % off, one cold identification and P control; the
 studies over ten seeds are marked slow (``pytest -m slow``).
