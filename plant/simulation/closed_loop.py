@@ -17,6 +17,7 @@ from functools import cached_property
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from plant.machine.current_lag import lagging
 from plant.machine.friction_step import FrictionStep
@@ -177,7 +178,8 @@ class ClosedLoop(Layout):
 
 def bounded(state: Any) -> Any:
     """Whether q and qd, given row by row as casadi's or numpy's, are finite and have not diverged."""
-    return sum(value * value for value in state) < FAR**2
+    with np.errstate(over="ignore"):  # of one that has
+        return sum(value * value for value in state) < FAR**2
 
 
 def _if(condition: ca.SX, value: ca.SX) -> ca.SX:

@@ -71,7 +71,7 @@ def test_an_encoder_on_the_link_moves_with_the_link():
     """Motors that friction stops at once, links that swing on: what is read lies on the motion of the links."""
     arm, jitter = puma560.literature_arm(1.5), Jitter(share=0.3, seed=2)
     elasticity = Elasticity.from_resonance(arm, 20, 0.005, drive=RIG.drive)
-    drive = dataclasses.replace(RIG.drive, coulomb=(5.0, 5.0), elasticity=elasticity)
+    drive = dataclasses.replace(RIG.drive, coulomb=(5.0, 5.0), current_limit=(100, 100), elasticity=elasticity)
     late = lateness(jitter, drive=drive, side="link", arm=arm, duration=0.05)
     np.testing.assert_allclose(late[1:12], drawn(jitter, 12)[1:], atol=1e-9)
 
