@@ -73,7 +73,7 @@ def write_report(
                 "Pass what evaluate and certify returned."
             )
         kinds[type(each)] = each
-    for each in kinds.values():
+    for each in (kinds[kind] for kind in (Certificate, Evaluation) if kind in kinds):
         law = each.law if isinstance(each, Certificate) else each.record.law
         arm = getattr(law, "arm", None)
         if arm is not None and not np.array_equal(arm.f, found.arm.f):

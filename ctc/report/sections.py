@@ -186,7 +186,7 @@ def _origin(found: Any, certificate: Any) -> str:
     settings = f"method={found.method!r}, seed={found.seed}"
     code = (
         "from identification import Identification, identify\n\n"
-        'found = Identification.load("found.json")            # the file that this page was made from\n'
+        'found = Identification.load("found.json")            # where it was saved\n'
         f"again = identify(found.arm.dynamics, list(found.records), held_out=list(found.held_out),\n"
         f"                 {settings}, unknown={list(found.unknown)!r})\n"
         "assert (again.values == found.values).all()           # the same versions, the same bits"

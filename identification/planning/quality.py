@@ -56,9 +56,14 @@ def require_informative(record: Record, labels: Sequence[str]) -> None:
             f"{column_of(record, 'torque', motor)} is at it for {share[motor]:.0%} "
             f"of the samples{why}. Slow the reference down or lower the gains."
         )
-    seconds = len(record) * record.rig.period
-    if seconds < _PERIODS / mode_in(record):
+    seconds, mode = len(record) * record.rig.period, mode_in(record)
+    if not mode > 0:
+        raise ValueError(
+            f"a log must show how its loop swings; sampled every {record.rig.period:g} s it does not. State rig.period "
+            "in seconds, or log faster."
+        )
+    if seconds < _PERIODS / mode:
         raise ValueError(
             f"a log must last {_PERIODS} periods of its oscillation; {seconds:.3g} s hold "
-            f"{seconds * mode_in(record):.1f} periods of {mode_in(record):.1f} Hz. Log longer."
+            f"{seconds * mode:.1f} periods of {mode:.1f} Hz. Log longer."
         )

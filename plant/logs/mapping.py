@@ -76,6 +76,8 @@ def record_fields(
         lengths = ", ".join(f"{field} {len(value)}" for field, value in values.items())
         raise ValueError(f"columns must have one length; got {lengths}. Map columns of one sampling.")
     values, t = _in_time(values, stated, rig)
+    asked = next((each for each in _ASKED if each in values), None)
+    known = None if asked is None else ~np.isnan(values[asked]).any(axis=1)
     values, valid = _held(values, rig.joint_labels)
     measured = next(field for field in _MEASURED if field in values)
     if wrap is not None:
@@ -83,6 +85,11 @@ def record_fields(
     fields = {"t": t, "valid": valid}
     for field in values.keys() - {"valid"}:
         fields |= converted(field, values[field], stated[field], rig)
+    if reference is None and asked is not None and known is not None and not rig.encoder.smooth:
+        angles, commanded = converted_angle(asked, values[asked], stated[asked], rig), fields["reference_pulses"]
+        fields["reference"] = path = path_through(t[known], angles[known], commanded[known], rig)
+        if path is not None and not known.all():
+            commanded[~known] = rig.counts(path(t[~known] - t[known][0]).q)
     counts, commanded = fields.pop("counts", None), fields.get("reference_pulses")
     if commanded is None and reference is not None:
         commanded = fields["reference_pulses"] = rig.counts(reference(t).q)
@@ -90,9 +97,6 @@ def record_fields(
         fields["error_pulses"] = -counts if commanded is None else commanded - counts
     elif commanded is None:
         raise ValueError("error_pulses need what was commanded; got none. Map reference_pulses, or pass reference=.")
-    if reference is None and not rig.encoder.smooth and (fields["valid"] == 1).all():
-        asked = [converted_angle(each, values[each], stated[each], rig) for each in _ASKED if each in values]
-        fields["reference"] = path_through(t, asked[0], fields["reference_pulses"], rig) if asked else None
     return fields
 
 

@@ -455,11 +455,12 @@ def test_positions_without_rounding_are_the_path_where_they_are_smooth(kind):
         columns={"t": "t", "counts": "c", "reference_position": "q"},
         units={"t": "s", "counts": "pulses", "reference_position": "rad"},
     )  # fmt: skip
-    if kind != "smooth":
+    if kind in ("a step", "whole pulses"):
         assert record.reference is None
         return
     np.testing.assert_array_equal(record.reference_pulses, counts)
+    loose = 1e3 if kind == "one is missing" else 1.0
     between = t[3:-3] + RIG.period / 3
     truth = puma560.reference()(between)
     for got, expected, limit in zip(record.reference(between), truth, (1e-12, 1e-9, 1e-5), strict=True):
-        np.testing.assert_allclose(got, expected, rtol=0, atol=limit)
+        np.testing.assert_allclose(got, expected, rtol=0, atol=loose * limit)
