@@ -103,11 +103,11 @@ def _require_room(
     """Refuse logs that memory does not hold.
 
     What a sample takes at the peak was measured for two and for six joints: tables and replays, and, of methods that
-    follow the counts, some four copies of all sensitivities.
+    follow the counts, some three copies of all sensitivities.
     """
     numbers = len(unknown) if isinstance(unknown, Sequence) else dynamics.p
     follows = method not in ("paper", "genetic", "cma", "equation_error", "didim")
-    each = 8.0 * (770 + 4 * dynamics.n * (numbers + 2 * dynamics.n) if follows else 500)
+    each = 8.0 * (250 + (3.5 * dynamics.n * (numbers + 2 * dynamics.n) if follows else 0))
     samples = sum(len(record) for record in records)
     what = f"{samples:,} samples of {dynamics.n} joints with {numbers} unknowns"
     fewer = "Give {most} samples or fewer (record.cut), or fewer unknowns."
