@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -144,11 +143,12 @@ class _Search:
             searched=self._searched, effects=self.effects, efforts=self._efforts, apart=apart,
         )  # fmt: skip
 
-    def _significant(self, sign: Sign, again: float) -> Iterator[_Refit]:
+    def _significant(self, sign: Sign, again: float) -> list[_Refit]:
         """The model with an alternative, fitted, if that explains enough."""
         refit = self._refitted(sign)
-        if refit is not None and refit.sign.chi_square > again * refit.sign.threshold:
-            yield from [refit] * (refit.sign.explained > self.least)
+        if refit is None or refit.sign.explained <= self.least:
+            return []
+        return [refit] if refit.sign.chi_square > again * refit.sign.threshold else []
 
     def _refitted(self, sign: Sign) -> _Refit | None:
         """The model with an alternative, fitted from its first estimate; None where it does not follow the log."""

@@ -8,6 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from plant.machine.unlikely import SLOWEST
 from plant.parts.arguments import choice
 
 __all__ = [
@@ -68,10 +69,6 @@ def require_units(columns: Collection[str], units: Mapping[str, Unit]) -> None:
             )
 
 
-_SLOWEST = 0.1
-"""Sampling period [s] that no controller of an arm has."""
-
-
 def require_period(t: NDArray[np.float64], unit: str, period: float) -> None:
     """Refuse times [s] whose step is far from the rig's period.
 
@@ -82,7 +79,7 @@ def require_period(t: NDArray[np.float64], unit: str, period: float) -> None:
     step = float(np.median(np.diff(t))) if len(t) > 1 else period
     if step <= 0 or period / _FACTOR <= step <= period * _FACTOR:
         return
-    if period > _SLOWEST:
+    if period > SLOWEST:
         raise ValueError(
             f"rig.period must be in seconds, such as 0.001; it is {period:g} s, and t steps by {step:g} s."
         )

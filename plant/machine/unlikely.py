@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from plant.machine.rig import Rig
 
-__all__ = ["unlikely_statements"]
+__all__ = ["SLOWEST", "unlikely_statements"]
 
-_SLOWEST = 0.1
+SLOWEST = 0.1
 """Sampling period [s] that no controller of an arm has."""
 
 _TURNS = 3.0
@@ -26,7 +26,7 @@ def unlikely_statements(
 ) -> Iterator[str]:
     """Lines on what cannot be meant, along positions and velocities (N, n) of the joints [rad, rad/s]."""
     drive, labels = rig.drive, rig.joint_labels
-    if rig.period > _SLOWEST:
+    if rig.period > SLOWEST:
         yield f"a period of {rig.period:g} s is no arm's: state the time from sample to sample [s], such as 0.001."
     turns = np.ptp(q, axis=0) / (2 * np.pi)
     limit, friction = drive.motor_gain * drive.current_limit, drive.viscous * np.abs(drive.gear * qd).max(axis=0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
@@ -15,7 +14,7 @@ from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import Logged, Path
 from plant.simulation.loop_source import logged_source, loop_source
-from plant.simulation.time_tables import in_blocks, time_tables
+from plant.simulation.time_tables import in_blocks, samples_of_law, time_tables
 
 __all__ = ["LANES", "LOGGED", "LoggedKernel", "LoopKernel", "Structure", "logged_kernel", "loop_kernel"]
 
@@ -158,9 +157,9 @@ class LoggedKernel:
     def parts(self, tables: tuple[Any, ...], samples: int) -> Iterator[tuple[slice, tuple[Any, ...]]]:
         """The tables of so many samples in parts that are run one after another: their samples, and their tables."""
         steps, every = self.loop.steps_per_sample, self.loop.steps_per_law
-        whole = every // math.gcd(every, steps) if every else 1
-        for begin in range(0, samples, _AT_ONCE * whole):
-            end = min(begin + _AT_ONCE * whole, samples)
+        size = _AT_ONCE * samples_of_law(self.loop)
+        for begin in range(0, samples, size):
+            end = min(begin + size, samples)
             of_law = slice(begin * steps // every, -(-end * steps // every)) if every else slice(0)
             rows = of_law, slice(begin, end), slice(begin * steps, end * steps), slice(begin, end)
             yield rows[1], (*(table[some] for table, some in zip(tables, rows, strict=False)), tables[-1])

@@ -17,7 +17,7 @@ from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import Logged, Path
 
-__all__ = ["in_blocks", "time_tables"]
+__all__ = ["in_blocks", "samples_of_law", "time_tables"]
 
 _ROWS = 1 << 17
 """That are made at once: what a path needs meanwhile is several times a table."""
@@ -59,6 +59,11 @@ def time_tables(
     return tuple(tables)
 
 
+def samples_of_law(loop: ClosedLoop) -> int:
+    """Samples after which a step of the law begins together with one."""
+    return loop.steps_per_law // math.gcd(loop.steps_per_law, loop.steps_per_sample) if loop.steps_per_law else 1
+
+
 def in_blocks(
     loop: ClosedLoop, path: Path | Logged, clock: Clock, logged: NDArray[np.float64] | None = None,
     injected: NDArray[np.float64] | None = None, columns: Sequence[Sequence[int]] | None = None, *, samples: int,
@@ -89,7 +94,7 @@ def in_blocks(
         rows = np.column_stack([*motion, pulses, *replayed, *added, *passing, lengths])
         return rows if columns is None else rows[:, [*columns[i], -1]]
 
-    whole = every // math.gcd(every, steps) if every else 1
+    whole = samples_of_law(loop)
     samples = max(1, samples // whole) * whole
     for begin in range(0, len(clock), samples):
         some = np.arange(begin, min(begin + samples, len(clock)))

@@ -189,8 +189,15 @@ def test_writes_take_a_bounded_share_of_the_time(path, monkeypatch):
 
 def test_inputs_of_records_do_not_hang_on_the_file_s_name(path):
     record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.01)
-    Checkpoint(path, "work").bind(lambda: {"log": record})
-    Checkpoint(path, "work").bind(lambda: {"log": dataclasses.replace(record, name="moved.csv")})
+    with Checkpoint(path, "work") as kept:
+        kept.bind(lambda: {"log": record})
+        kept.stage("one", Counted(1))
+    again, made = Checkpoint(path, "work"), Counted(2)
+    again.bind(lambda: {"log": dataclasses.replace(record, name="moved.csv")})
+    assert again.stage("one", made) == 1  # the file's own, not made again
+    assert made.made == 0
+    with pytest.raises(ValueError, match="inputs"):
+        Checkpoint(path, "work").bind(lambda: {"log": dataclasses.replace(record, error_pulses=-record.error_pulses)})
 
 
 def test_the_log_says_which_stages_ended(caplog):
