@@ -178,7 +178,8 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
         told = "".join(f" Of the rig: {line}" for line in itertools.islice(lines, 1))
         raise ValueError(
             f"some candidate must repeat the experiment; all {outcome.evaluations} diverged or had no sound inertia. "
-            f"Widen or correct the ranges, and check gains, gears and signs of rig and law.{told}"
+            "Widen or correct the ranges, and check gains, gears and signs of rig and law, and axes, lengths and "
+            f"gravity of the chain.{told}"
         )
     arm, rig, law = problem.parts(fit.values)
     diagnostics = problem.checkpoint.stage(

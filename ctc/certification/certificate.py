@@ -19,24 +19,22 @@ from ctc.certification.figure import plot_certificate
 from ctc.certification.plants import Plants
 from ctc.certification.reserves import Reserves, reserves
 from ctc.certification.sensitivity import Influence, influences
-from ctc.certification.statement import percent, verdict
+from ctc.certification.statement import percent, shown, verdict
 from ctc.certification.worst import Worst
+from ctc.verdict.conditions import FromRest, from_rest
 from ctc.verdict.lowest_resonance import SETTLED, LowestResonance, lowest_resonance
+from identification.results.seen import Seen
 from plant import Law, Reference
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import known_options
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.saved import Saved, versions
-from plant.parts.shown import Aside, Piece, Shown, Verdict
-from plant.parts.tables import Table, by_joint
+from plant.parts.shown import Piece, Shown
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Runs
 
 __all__ = ["Certificate"]
-
-_SHOWN = 5
-"""Sensitivities in the table."""
 
 
 @kept
@@ -60,6 +58,8 @@ class Certificate(Shown, Saved, Frozen):
     threads : int
     seconds : float
         That the runs took.
+    seen : Seen or None
+        What the logs show of gears, and where the path leaves them; None of an arm that was not identified.
     versions : dict
         Of the library, numpy, casadi and Python that made it.
 
@@ -88,6 +88,7 @@ class Certificate(Shown, Saved, Frozen):
     within: float
     confidence: float
     settings: dict[str, Any]
+    seen: Seen | None = None
     threads: int = dataclasses.field(compare=False)
     seconds: float = dataclasses.field(compare=False)
     versions: dict[str, str] = dataclasses.field(compare=False, default_factory=versions)
@@ -141,6 +142,15 @@ class Certificate(Shown, Saved, Frozen):
             self.plants.arm, self.plants.rig, self.law, self.reference, within=self.within,
             damping_ratio=DAMPING_RATIO if ratio is None else ratio, after=max(SETTLED, settings["after"]),
             duration=settings["duration"], steps_per_sample=settings["steps_per_sample"], threads=self.threads,
+        )  # fmt: skip
+
+    @functools.cached_property
+    def from_rest(self) -> FromRest | None:
+        """What the nominal arm does from rest, where the path begins in motion and leaves it behind."""
+        settings = self.settings
+        return from_rest(
+            self.plants.arm, self.plants.rig, self.law, self.reference, within=self.within,
+            duration=settings["duration"], steps_per_sample=settings["steps_per_sample"],
         )  # fmt: skip
 
     @property
@@ -220,34 +230,4 @@ class Certificate(Shown, Saved, Frozen):
         return f"{type(self.law).__name__}: {share}, {bound} of all"
 
     def _shown(self) -> Iterator[Piece]:
-        worst, runs, (low, high) = self.worst, self.runs, self.interval
-        rows = [
-            (f"probability, {100 * self.confidence:g} % interval", f"{percent(low)} to {percent(high, up=True)}"),
-            ("samples outside, share of all", percent(self.share_outside)),
-        ]
-        if self.failures:
-            rows.append(("first left, median [s]", f"{np.nanmedian(runs.first):.3f}"))
-        peak = f"peak {worst.peak:.0f} pulses" if np.isfinite(worst.peak) else "diverges"
-        rows.append(("worst plant", f"number {worst.index}, {peak}"))
-        high_quantile = np.quantile(runs.unrounded, 0.99, axis=0, method="higher")
-        quantities = [
-            ("counted error, worst peak [pulses]", *(f"{peak:.0f}" for peak in runs.peak.max(axis=0))),
-            ("error before rounding, median peak [pulses]", *(f"{x:.2f}" for x in np.median(runs.unrounded, axis=0))),
-            ("error before rounding, 99 % peak [pulses]", *(f"{x:.2f}" for x in high_quantile)),
-            ("torque chatter per sample, median [N m]", *(f"{x:.1f}" for x in np.median(runs.chatter, axis=0))),
-            ("motor current, median peak / limit", *(f"{share:.0%}" for share in self.current_share)),
-            ("loops that reach the limit", *map(percent, self.saturation)),
-        ]
-        shown, dynamics = self.sensitivities[:_SHOWN], self.plants.arm.dynamics
-        short = dict(zip(dynamics.names, dynamics.short_names, strict=True))
-        explained = [(short.get(x.name, x.name), f"{x.share:.0%}", x.sense) for x in shown]
-        yield Verdict(f"{type(self.law).__name__}: {self.verdict}", self.failures == 0)
-        yield Table((), rows)
-        yield by_joint(dynamics.chain.joint_labels, quantities)
-        yield Table(("sensitivity to", "explains", "direction"), explained, words=(2,))
-        long = [f"{short[x.name]} = {x.name}" for x in shown if short.get(x.name, x.name) != x.name]
-        yield Aside("What the parameters mean", long)
-        if self.plants.redrawn:
-            yield f"{self.plants.redrawn} draws were no arm, and were drawn again"
-        for what, names in zip(("drawn", "not drawn"), self.plants.said, strict=True):
-            yield f"{what}: {', '.join(names)}"
+        return shown(self)

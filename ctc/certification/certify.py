@@ -20,6 +20,7 @@ from ctc.certification.uncertainty import Uncertainty
 from ctc.verdict.lowest_resonance import SETTLED
 from identification import Identification
 from identification.results.doubts import warn_of_doubts
+from identification.results.seen import seen
 from plant import Arm, Law, Reference, Rig
 from plant.parts.arguments import instance, known_options, real
 from plant.parts.checkpoint import Checkpoint
@@ -169,6 +170,7 @@ def certify(
     return Certificate(
         law=law, reference=reference, plants=drawn, runs=runs, within=within, confidence=confidence,
         settings=settings | {"law_steps": population.law_steps}, threads=threads,
+        seen=seen(found, reference, duration) if isinstance(found, Identification) else None,
         seconds=time.perf_counter() - started,
     )  # fmt: skip
 

@@ -17,12 +17,16 @@ from ctc.certification.imperfections import IMPERFECTIONS, Drawn, between, drawn
 from ctc.verdict.on_gears import require_followed, require_swinging
 from plant import Arm, Elasticity, Rig
 from plant.machine.elasticity import DAMPING_RATIO, gears
+from plant.machine.motor_inertia import shaft_inertias
 from plant.parts.arguments import array
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.sums import product
 
 __all__ = ["Gears"]
+
+_SLOWEST = 1.0
+"""Resonance [Hz] below which no gear of an arm has its own."""
 
 _USUAL = (DAMPING_RATIO, 0.03)
 """Damping ratio unless stated."""
@@ -82,6 +86,10 @@ class Gears(Frozen):
             raise ValueError(
                 f"resonance must be (lowest, highest), above 0 Hz; got ({low:g}, {high:g}). Swap or correct."
             )
+        if pairs[:, 0].min() < _SLOWEST:
+            raise ValueError(
+                f"resonance must be {_SLOWEST:g} Hz or more; got {pairs.min():g}. No gear is so soft: is it in kHz?"
+            )
         object.__setattr__(self, "resonance", tuple(map(tuple, pairs.tolist())))
 
     @property
@@ -140,7 +148,7 @@ class Gears(Frozen):
         low, high = np.log(self.resonance).T
         hz = np.exp(low + places[:, :-1] * (high - low))
         ratio = self.damping_ratio[0] + places[:, -1:] * np.ptp(self.damping_ratio)
-        links = product(f, _inertias(arm, rig, pose)) - rig.drive.reflected_inertia()
+        links = product(f, shaft_inertias(arm.dynamics, rig, pose)) - rig.drive.reflected_inertia()
         found = gears(np.broadcast_to(hz, (count, n)), ratio, links)
         names = ["resonance"] if len(low) == 1 else [f"resonance[{i}]" for i in range(n)]
         own = [f"drive.elasticity.{name}[{i}]" for name in ("stiffness", "damping") for i in range(n)]
@@ -155,9 +163,3 @@ def _damping(ratio: Any) -> tuple[float, float]:
     ends = between("damping_ratio", ratio, "a ratio")
     require_swinging(ends[1])
     return ends
-
-
-def _inertias(arm: Arm, rig: Rig, pose: ArrayLike) -> NDArray[np.float64]:
-    """Diagonal (p, n) of D on the motors' shafts at a pose, of each parameter alone: D is linear in f."""
-    own = [rig.drive.coupling.shaft_inertia(arm.dynamics.D(pose, unit)) for unit in np.eye(arm.dynamics.p)]
-    return np.array([np.diag(matrix.full()) for matrix in own])

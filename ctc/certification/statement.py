@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
+
+import numpy as np
 
 from ctc.certification.identified import Identified
 from ctc.certification.imperfections import IMPERFECTIONS
+from ctc.verdict.lowest_resonance import LOWEST
+from identification.results.seen import Seen
 from plant import Rig
+from plant.parts.shown import Aside, Piece, Verdict
+from plant.parts.tables import Table, by_joint
 
-__all__ = ["percent", "statement", "verdict"]
+__all__ = ["percent", "shown", "statement", "verdict"]
+
+_DECIDES = 0.5
+"""Share of what is explained above which f alone decides."""
+
+_SHOWN = 5
+"""Sensitivities in the table."""
 
 _MOST = 0.5
 """Share of plants that leave beyond which nothing is said of the nominal one."""
@@ -41,7 +54,8 @@ def statement(uncertainty: Any, rig: Rig, known: Identified) -> tuple[tuple[str,
         (u.dropped > 0, f"lost counts {100 * u.dropped:g} %", "lost counts"),
     ):
         if name == "friction" and len(identified) == 2 * rig.n:
-            continue  # drawn with all that was identified
+            drawn.append("friction as identified (friction= is of what was not)")
+            continue
         if there:
             drawn.append(said)
         else:
@@ -75,6 +89,9 @@ def verdict(certificate: Any) -> str:
         sentence = f"None of {count} leaves {limit}{_worst(cell)}."
     else:
         sentence = f"None of {count} leaves {limit}; {sure}, fewer than {bound} {of}."
+    if certificate.from_rest is not None:
+        said = str(certificate.from_rest)
+        sentence = f"{sentence} {said[:1].upper()}{said[1:]}."
     if gears is None:
         return sentence
     if certificate.probability > _MOST:
@@ -84,7 +101,67 @@ def verdict(certificate: Any) -> str:
     rows = [(IMPERFECTIONS[name], value) for name, value in worst.items() if value]
     there = [f"{row.words} {value:g} {row.unit}" for row, value in rows]
     beside = f", with {', '.join(there)}," if there else ""
-    return f"{sentence} Rigid gears assumed; the nominal arm{beside} {gears}."
+    return f"{sentence} Rigid gears assumed; the nominal arm{beside} {gears}.{_unseen(certificate, gears.hz)}"
+
+
+def _unseen(certificate: Any, hz: float) -> str:
+    """What the log says of gears on which the loop leaves its limit, below a resonance [Hz]."""
+    shown = None if certificate.seen is None else certificate.seen.resonance
+    if shown is None or not hz > LOWEST:
+        return ""
+    if hz <= shown:
+        return f" Gears that resonate below {shown:.3g} Hz would have shown in the log."
+    upto, stated = f"above {shown:.3g} Hz", "resonance= as it was measured"
+    if np.isfinite(hz):
+        upto, stated = f"from {shown:.3g} to {hz:.3g} Hz", f"resonance=({shown:.3g}, {hz:.3g})"
+    return f" The log shows gears that resonate below {shown:.3g} Hz, not those {upto}: certify with {stated}."
+
+
+def shown(certificate: Any) -> Iterator[Piece]:
+    """A `Certificate` as it is printed, the verdict first."""
+    worst, runs, (low, high) = certificate.worst, certificate.runs, certificate.interval
+    rows = [
+        (f"probability, {100 * certificate.confidence:g} % interval", f"{percent(low)} to {percent(high, up=True)}"),
+        ("samples outside, share of all", percent(certificate.share_outside)),
+    ]
+    if certificate.failures:
+        rows.append(("first left, median [s]", f"{np.nanmedian(runs.first):.3f}"))
+    peak = f"peak {worst.peak:.0f} pulses" if np.isfinite(worst.peak) else "diverges"
+    rows.append(("worst plant", f"number {worst.index}, {peak}"))
+    high_quantile = np.quantile(runs.unrounded, 0.99, axis=0, method="higher")
+    quantities = [
+        ("counted error, worst peak [pulses]", *(f"{peak:.0f}" for peak in runs.peak.max(axis=0))),
+        ("error before rounding, median peak [pulses]", *(f"{x:.2f}" for x in np.median(runs.unrounded, axis=0))),
+        ("error before rounding, 99 % below [pulses]", *(f"{x:.2f}" for x in high_quantile)),
+        ("torque chatter per sample, median [N m]", *(f"{x:.1f}" for x in np.median(runs.chatter, axis=0))),
+        ("motor current, median peak / limit", *(f"{share:.0%}" for share in certificate.current_share)),
+        ("loops that reach the limit", *map(percent, certificate.saturation)),
+    ]
+    influences, dynamics = certificate.sensitivities, certificate.plants.arm.dynamics
+    shown, of_f = influences[:_SHOWN], sum(x.share for x in influences if x.name in dynamics.names)
+    short = dict(zip(dynamics.names, dynamics.short_names, strict=True))
+    explained = [(short.get(x.name, x.name), f"{x.share:.0%}", x.sense) for x in shown]
+    good = certificate.failures == 0 and certificate.from_rest is None
+    yield Verdict(f"{type(certificate.law).__name__}: {certificate.verdict}", good)
+    yield Table((), rows)
+    yield by_joint(dynamics.chain.joint_labels, quantities)
+    yield Table(("sensitivity to", "explains", "direction"), explained, words=(2,))
+    long = [f"{short[x.name]} = {x.name}" for x in shown if short.get(x.name, x.name) != x.name]
+    yield Aside("What the parameters mean", long)
+    if certificate.failures and of_f > _DECIDES * sum(x.share for x in influences):
+        yield "how well f is known decides: identify from more records, or from a motion of design_motion"
+    if certificate.plants.redrawn:
+        yield f"{certificate.plants.redrawn} draws were no arm, and were drawn again"
+    for what, names in zip(("drawn", "not drawn"), certificate.plants.said, strict=True):
+        yield f"{what}: {', '.join(names)}"
+    if certificate.seen is not None and certificate.seen.beyond:
+        yield _beyond(certificate.seen)
+
+
+def _beyond(seen: Seen) -> str:
+    """Where the path of a certificate leaves what was logged."""
+    places = "; ".join(seen.beyond)
+    return f"the path leaves the log: {places}. What only shows there (friction, cables, stops) is not drawn"
 
 
 def _worst(cell: Any) -> str:

@@ -77,8 +77,8 @@ class Uncertainty:
     def __post_init__(self) -> None:
         for name, unit in (("load", "kg"), ("delay", "s")):
             object.__setattr__(self, name, between(name, getattr(self, name), unit))
-        if not real("friction", self.friction, "Give a share, such as 0.1.") >= 0:
-            raise ValueError(f"friction must not be negative; got {self.friction}. Give a share, such as 0.1.")
+        if not 0 <= real("friction", self.friction, "Give a share, such as 0.1.") <= 1:
+            raise ValueError(f"friction must be a share from 0 to 1; got {self.friction}. 0.1 is 10 %.")
         if not 0 <= real("dropped", self.dropped, "Give a probability, such as 0.01.") < 1:
             raise ValueError(f"dropped must be from 0 to below 1; got {self.dropped}. Give a probability.")
         instance("phase", self.phase, bool, "Say True or False.")

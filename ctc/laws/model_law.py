@@ -134,4 +134,11 @@ class ModelLaw(Law):
                 f"the rig must be sampled as the law's own, every {self.rig.period:.6g} s; got {rig.period:.6g} s. "
                 "Make the law for this rig."
             )
+        turned = np.flatnonzero(np.sign(rig.drive.gear) != np.sign(self.rig.drive.gear))
+        if len(turned):
+            i = int(turned[0])
+            raise ValueError(
+                f"gears of rig and law must turn the same way; that of {rig.joint_labels[i]} is {rig.drive.gear[i]:g}, "
+                f"the law's {self.rig.drive.gear[i]:g}. Correct the sign, or make the law for this rig."
+            )
         return super().block(rig)

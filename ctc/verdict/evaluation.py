@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures.errors import plot_evaluation
+from ctc.verdict.conditions import FromRest, from_rest, refused
 from ctc.verdict.lowest_resonance import SETTLED, LowestResonance, lowest_resonance
 from plant import Arm, Law, Record, Reference, Rig
 from plant.machine.elasticity import DAMPING_RATIO
@@ -116,6 +117,30 @@ class Evaluation(Shown):
             duration=len(record) * record.rig.period, steps_per_sample=len(self.true_error_pulses) // len(record),
         )  # fmt: skip
 
+    @functools.cached_property
+    def from_rest(self) -> FromRest | None:
+        """What an arm that stands does on this path, where the path begins in motion and leaves it behind."""
+        record: Any = self.record
+        if record.injected is not None or (record.initial is not None and not record.initial[1].any()):
+            return None
+        return from_rest(
+            self.arm, record.rig, record.law, record.reference, within=1, duration=len(record) * record.rig.period,
+            steps_per_sample=len(self.true_error_pulses) // len(record),
+        )  # fmt: skip
+
+    @property
+    def refused(self) -> str | None:
+        """Why `start` would refuse this law at the first sample; None where it would not."""
+        record: Any = self.record
+        return refused(record.law, record.rig, record.counts[0])
+
+    @property
+    def conditions(self) -> list[str]:
+        """What the verdict assumes, and what a machine would do otherwise, one line each."""
+        gears = None if self.on_gears is None else f"rigid gears assumed; {self.on_gears}"
+        stands = None if self.from_rest is None else str(self.from_rest)
+        return [line for line in (gears, stands, self.refused) if line is not None]
+
     @property
     def lowest_resonance(self) -> float | None:
         """Locked-rotor resonance [Hz] above which this run stays within ±1 pulse on elastic gears; see `on_gears`."""
@@ -186,10 +211,9 @@ class Evaluation(Shown):
                 ("share at the amplifier's limit", self.saturation, ".2%"),
             )
         ]
-        yield Verdict(self._short(), self.within(1))
+        yield Verdict(self._short(), self.within(1) and self.from_rest is None and self.refused is None)
         yield by_joint(self.joint_labels, quantities)
-        if self.on_gears is not None:
-            yield f"rigid gears assumed; {self.on_gears}"
+        yield from self.conditions
 
 
 @known_options

@@ -29,7 +29,7 @@ _GEARED = ("drive.gear", "drive.coupling", "encoder.resolution")
 def as_records(
     dynamics: Dynamics, records: Record | Iterable[Record], unknown: Iterable[str] | None
 ) -> tuple[tuple[Record, ...], tuple[str, ...]]:
-    """Records and unknown names as tuples, or a refusal; by default all of f is unknown."""
+    """Records and unknown names as tuples, or a refusal; by default all of f is unknown; f1, ... are short."""
     records = tuple(records) if isinstance(records, Iterable) else (records,)
     if not records or not all(isinstance(record, Record) for record in records):
         given = type(next(r for r in records if not isinstance(r, Record))).__name__ if records else "none"
@@ -37,7 +37,8 @@ def as_records(
     instance("dynamics", dynamics, Dynamics, "Pass the equations with f open, such as puma560.dynamics().")
     if isinstance(unknown, str) or not (unknown is None or np.iterable(unknown)):
         raise ValueError(f"unknown must be a sequence of names; got {unknown!r}. Write ({unknown!r},).")
-    unknown = tuple(dynamics.names if unknown is None else unknown)
+    long = dict(zip(dynamics.short_names, dynamics.names, strict=True))
+    unknown = tuple(dynamics.names if unknown is None else (long.get(name, name) for name in unknown))
     twice = [name for i, name in enumerate(unknown) if name in unknown[:i]]
     if twice:
         raise ValueError(f"unknown must name each number once; {twice[0]} comes twice. Leave one out.")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from identification.replay.timing import is_late
+from identification.results.rotors import lighter_than_rotors
 from plant import Chain, Record, Rig
 from plant.checkup.oscillation import own_oscillation
 from plant.machine.unlikely import unlikely_statements
@@ -53,6 +54,7 @@ def warnings_of(found: Any, always: bool = True) -> list[str]:
         *([] if reason is None else [f"{reason}."]),
         *of_statements(found.rig, found.records, found.arm.dynamics.chain),
         *_ends(found),
+        *lighter_than_rotors(found),
         *(_of_torques(found) if replayed else []),
         *_of_law(found),
         *_of_fit(found, replayed),
@@ -175,8 +177,9 @@ def _of_repeats(found: Any, replayed: bool) -> Iterator[str]:
     elif difference > far and not replayed:
         yield (
             f"simulated and measured errors differ by {difference:.2f} pulses (rms); two roundings alone give "
-            "0.58. Check the law and its gains, signs (error = reference minus counted), friction, gears, springs, the "
-            f"order of joints, and counts per turn: as the rig counts, the joints move over {_ranges(found)}."
+            "0.58. Ask record.check(), and look at the law and its gains, signs (error = reference minus counted), "
+            "friction, gears, springs, the direction of gravity, axes and lengths of the chain, the order of joints, "
+            f"and counts per turn: as the rig counts, the joints move over {_ranges(found)}."
         )
     if held_out is not None and held_out > _WORSE * max(difference, _ROUNDINGS):
         yield (

@@ -29,6 +29,9 @@ _LIGHT, _USUAL, _HEAVY, _ABSURD = 0.5, 3.0, 300.0, 3000.0
 """Torque per acceleration [rotor inertias]: the least possible; that of a usual arm; and above which it is to be looked
 at, and wrong: no arm is geared so badly."""
 
+_ALIKE = 0.1
+"""Relative difference of two factors that are one."""
+
 _RUBS = 2.0
 """Standard deviations by which Coulomb friction must differ by that factor, too."""
 
@@ -102,6 +105,10 @@ def _rubs(shown: Any, stated: float) -> float | None:
 
 def _guess(signals: Any, ratio: float, i: int) -> str:
     """The likeliest reasons for a wrong factor of joint i."""
+    gain = np.log(signals.rig.drive.motor_gain[i])
+    factor = np.log(ratio) if signals.torque is not None else -np.log(ratio)  # a torque by the law is the larger one
+    if abs(gain) > _ALIKE and abs(factor - gain) < _ALIKE and signals.commanded is not None:
+        return "the gains of the law may be in A per pulse: multiply them by motor_gain"
     gear, of_current = abs(signals.rig.drive.gear[i]), signals.record.torque is None
     larger, smaller = ("it may be in mN m", "it may be in kN m")
     if of_current:

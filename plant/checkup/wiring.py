@@ -133,7 +133,8 @@ def _turned(signals: Signals, i: int, shown: Any) -> str:
     """
     torque, error = signals.column("torque", i), f"{signals.column('error', i)} (reference minus counted)"
     if shown is not None and shown.coulomb < -_LIKELY * shown.coulomb_std:
-        return f", and drives against friction's sign: change the sign of {torque}"
+        gear = ", or of the gear" if signals.record.torque is None else ""  # which side a current is of, the gear says
+        return f", and drives against friction's sign: change the sign of {torque}{gear}"
     if shown is not None and shown.coulomb > _LIKELY * shown.coulomb_std:
         return f", but friction's sign is right: change the sign of {error}"
     return f": change the sign of {torque}, or of {error}"

@@ -20,7 +20,7 @@ from plant.mechanics.coupling import Coupling
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.symmetric_inverse import pivots
 
-__all__ = ["LEAST_MOTOR_INERTIA", "least_inertia_margin", "require_inertia"]
+__all__ = ["LEAST_MOTOR_INERTIA", "least_inertia_margin", "require_inertia", "shaft_inertias"]
 
 LEAST_MOTOR_INERTIA = 0.5
 """Jm_min over the drive's motor inertia. Source: paper 3.6, 1e-4 of 2e-4 kg m^2."""
@@ -58,6 +58,12 @@ def least_inertia_margin(dynamics: Dynamics, rig: Rig, f: ArrayLike) -> NDArray[
         batch = slice(start, start + size)
         margins[batch] = kernel(poses, candidates[:, batch])[0].min(axis=1)
     return margins
+
+
+def shaft_inertias(dynamics: Dynamics, rig: Rig, q: ArrayLike) -> NDArray[np.float64]:
+    """Diagonal (p, n) of D on the motors' shafts at a pose (n,), of each parameter alone: D is linear in f."""
+    own = [rig.drive.coupling.shaft_inertia(dynamics.D(q, unit)) for unit in np.eye(dynamics.p)]
+    return np.array([np.diag(matrix.full()) for matrix in own])
 
 
 def require_inertia(arm: Arm, rig: Rig) -> None:

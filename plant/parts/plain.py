@@ -7,6 +7,7 @@ constructor makes arrays, results do: ``{"array": [...], "dtype": ..., "shape": 
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -111,10 +112,16 @@ def _made(cls: type, values: dict[str, Any]) -> Any:
     names = field_names(cls) or []
     for name in values:
         choice(f"a field of {cls.__name__}", name, names)
-    missing = [name for name in names if name not in values]
+    missing = [name for name in names if name not in values and not _has_default(cls, name)]
     if missing:
         raise ValueError(f"{cls.__name__} must have the field {missing[0]!r}; it is not there. Save it again.")
     return cls(**values)
+
+
+def _has_default(cls: type, name: str) -> bool:
+    """Whether a result has a plain value for a field that a file of before it came does not have."""
+    fields = dataclasses.fields(cls) if dataclasses.is_dataclass(cls) else ()
+    return any(field.name == name and field.default is not dataclasses.MISSING for field in fields)
 
 
 def _array(rows: Any, dtype: Any, shape: Any) -> Any:

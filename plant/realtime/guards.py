@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from plant.machine.rig import Rig
 from plant.mechanics.limits import Limits
 from plant.parts.arguments import array, choice, instance, known_options, real
+from plant.parts.user_warning import warn
 from plant.realtime.torque_monitor import WINDOW
 
 __all__ = ["Guards"]
@@ -20,6 +21,9 @@ other, and a tenth more than the rig states."""
 
 _FLOOR = 0.1
 """Share of the limit by which the torque of a joint at rest may change, whatever its friction."""
+
+_ARM = 5.0
+"""Turns, from end to end or per second, that no joint of an arm makes."""
 
 _TURNS = 5.0
 """Speed [turns of the motor per second] that is no rise in a hold."""
@@ -158,6 +162,15 @@ class Guards:
             low, high = array("position", self.position, (2, None), finite=False, advice="Give lowest and highest.")
             if not (low < high).all():
                 raise ValueError(f"position must be (lowest, highest); got {low} and {high}. Exchange them.")
+
+    def warn_of_units(self, rig: Rig) -> None:
+        """Warn of limits that stop no arm: angles in degrees."""
+        (low, high, speed, _), limit = self.motion_limits(rig), 2 * np.pi * _ARM
+        for i, label in enumerate(rig.joint_labels):
+            if np.isfinite(high[i] - low[i]) and high[i] - low[i] > limit:
+                warn(f"position of Guards lets {label} turn from {low[i]:g} to {high[i]:g} rad: is it in degrees?")
+            if limit < speed[i] < np.inf:
+                warn(f"speed of Guards lets {label} turn at {speed[i]:g} rad/s: is it in degrees per second?")
 
     def limits(self, rig: Rig) -> NDArray[np.float64]:
         """Limits of jump, stuck and error on this rig [pulses], and the band of static friction [N m]: (4, n)."""

@@ -85,7 +85,7 @@ class Running:
     ) -> None:
         instance("rig", rig, Rig, "Pass found.rig.")
         if guards is not None:
-            instance("guards", guards, Guards, "Give Guards(...), or None for none.")
+            instance("guards", guards, Guards, "Give Guards(...), or None for none.").warn_of_units(rig)
         if torque_limit is not None:
             advice = "Give one torque above 0 per joint [N m]."
             limit = array("torque_limit", torque_limit, (rig.n,), advice=advice, finite=False)

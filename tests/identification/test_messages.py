@@ -6,9 +6,9 @@ import pickle
 import numpy as np
 import pytest
 
-from identification import identify
+from identification import Objective, identify
 from identification.equation_error.naming import RecordError, each_named
-from plant import LoggedTorque, Record, puma560, simulate
+from plant import Chain, Dynamics, Link, LoggedTorque, Record, puma560, simulate
 
 RIG, DYNAMICS = puma560.rig(), puma560.dynamics()
 COLUMNS = {"t": "time", "counts": ("c_shoulder", "c_elbow"), "torque": ("u_shoulder", "u_elbow")}
@@ -87,3 +87,14 @@ def test_names_and_columns_of_a_record_do_not_count_where_records_are_compared(r
     ):
         with pytest.raises(ValueError, match=message):
             Record(t=[0, 1], error_pulses=np.zeros((2, 2)), rig=RIG, **wrong)
+
+
+def test_short_names_of_f_are_names(record):
+    """f1, f2, ... as results print them, where the model's own names are sums of inertias."""
+    chain = Chain(links=(Link(name="shoulder", alpha=np.pi / 2), Link(name="elbow", a=0.4)))
+    dynamics = Dynamics.from_chain(chain)
+    assert dynamics.short_names != dynamics.names
+    unknown = (*dynamics.short_names[::-1], "drive.viscous[1]")
+    assert Objective(dynamics, record, unknown).unknown == (*dynamics.names[::-1], "drive.viscous[1]")
+    with pytest.raises(ValueError, match=r"each number once; .* comes twice"):
+        Objective(dynamics, record, (dynamics.short_names[0], *dynamics.names))

@@ -164,7 +164,7 @@ def test_what_may_leave_is_bounded_with_confidence(monkeypatch):
 def test_where_nothing_holds_it_says_so(monkeypatch):
     monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((1, np.inf),))
     monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
-    found = tune(ARM, RIG, PATH, **STATED | {"friction": 2.0}, **SHORT, within=0.1)
+    found = tune(ARM, RIG, PATH, **STATED | {"friction": 1.0}, **SHORT, within=0.1)
     assert not found.holds
     assert "No law keeps the limit on all plants" in str(found)
     assert found.certificate.failures > 0

@@ -1,0 +1,113 @@
+"""What a verdict by simulation does not say of a machine: an arm that stands on a moving path, a law that cannot start.
+
+A path gives the simulator its first speed, too; a real arm stands until the first sample of its controller.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ctc.laws.model_law import ModelLaw
+from plant import Arm, Law, Reference, Rig
+from plant.simulation.divergence import DivergenceError
+from plant.simulation.simulator import run
+
+__all__ = ["FromRest", "from_rest", "refused"]
+
+_LOOKED = 1.0
+"""Seconds within which an arm that stood should be back."""
+
+_STILL = 1e-9
+"""Share of the largest speed of a path that is none."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FromRest:
+    """A run from rest on a path that begins in motion.
+
+    Attributes
+    ----------
+    begins : str
+        Speed at which the path begins, and the joint.
+    peak : float
+        Largest counted error [pulses]; infinite where the run diverges.
+    back : float
+        Time from which on the arm is within the limit [s]; NaN where that is later than was simulated.
+    within : float
+        The limit [pulses].
+    """
+
+    begins: str
+    peak: float
+    back: float
+    within: float
+
+    def __str__(self) -> str:
+        until = f"not within ±{self.within:g} pulse after {_LOOKED:g} s"
+        if np.isfinite(self.back):
+            until = f"within ±{self.within:g} pulse from {self.back:.2g} s on"
+        stands = f"is up to {self.peak:.0f} pulses off, {until}" if np.isfinite(self.peak) else "diverges"
+        return (
+            f"the path begins in motion ({self.begins}), and so did what was simulated; an arm that stands "
+            f"there {stands}"
+        )
+
+
+def from_rest(
+    arm: Arm, rig: Rig, law: Law, reference: Reference, *, within: float, duration: float, steps_per_sample: int,
+    backend: str = "casadi",
+) -> FromRest | None:  # fmt: skip
+    """The same loop from rest at the path's first position; None where the path begins at rest, or nothing is lost.
+
+    Parameters
+    ----------
+    arm, rig, law, reference
+        As of `ctc.evaluate`.
+    within : float
+        Limit of the counted error [pulses].
+    duration : float
+        Of the run [s]; its first second is simulated.
+    steps_per_sample : int
+    backend : {"casadi", "numba"}
+    """
+    speed = _first_speed(reference, duration)
+    if not speed.any():
+        return None
+    i = int(np.abs(speed / rig.to_angle(np.ones(rig.n))).argmax())
+    chain = arm.dynamics.chain
+    begins = f"{chain.joint_labels[i]} at {speed[i]:.2g} {'m' if chain.links[i].prismatic else 'rad'}/s"
+    start = np.array([reference(np.zeros(1)).q[0], np.zeros(rig.n)])
+    settings: dict[str, Any] = {"steps_per_sample": steps_per_sample, "initial": start, "backend": backend}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what it says of rig and path was said of the run itself
+        try:
+            record = run(arm, rig, law, reference, min(duration, _LOOKED), **settings).record
+        except DivergenceError:
+            return FromRest(begins=begins, peak=np.inf, back=np.nan, within=within)
+    error = np.abs(record.error_pulses).max(axis=1)
+    if error.max() <= within:
+        return None
+    outside = np.flatnonzero(error > within)
+    back = np.nan if outside[-1] == len(error) - 1 else float(record.t[outside[-1] + 1])
+    return FromRest(begins=begins, peak=float(error.max()), back=back, within=within)
+
+
+def refused(law: Law, rig: Rig, counts: ArrayLike) -> str | None:
+    """Why `Law.start` would refuse at these counts (n,); None where it would not."""
+    if isinstance(law, ModelLaw):
+        try:
+            law.require_stable(rig, counts)
+        except ValueError as error:
+            return f"`start` refuses this law: {error}"
+    return None
+
+
+def _first_speed(reference: Reference, duration: float) -> NDArray[np.float64]:
+    """Speed (n,) of a path at t = 0, zero where it is none beside its largest."""
+    qd = reference(np.linspace(0, duration, 101)).qd
+    return np.where(np.abs(qd[0]) > _STILL * np.abs(qd).max(), qd[0], 0.0)

@@ -1,0 +1,180 @@
+"""What a verdict does not say of a machine, and says so: starts in motion, unlogged motion, gears no log shows."""
+
+import dataclasses
+import json
+import warnings
+
+import numpy as np
+import pytest
+
+from ctc import Certificate, ComputedTorque, certify, evaluate
+from identification import identify
+from identification.results.seen import seen
+from plant import Guards, Harmonics, Later, P, puma560, simulate
+
+ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
+LAW = ComputedTorque(ARM, RIG, bandwidth=150)
+UNDER_WAY = Later(reference=PATH, time=0.5)
+BEGINS = "joint 3 (q[1]) at 2.7 rad/s"
+
+
+@pytest.fixture(scope="module")
+def found():
+    return identify(ARM.dynamics, simulate(ARM, RIG, puma560.p_law(), PATH), progress=False)
+
+
+@pytest.fixture(scope="module")
+def certified(found):
+    def certified(path, **options):
+        law = ComputedTorque(found)
+        return certify(found, found.rig, law, path, samples=8, duration=1.2, progress=False, **options)
+
+    return certified
+
+
+# -- a path that begins in motion -----------------------------------------------------------------------------------
+def test_an_arm_that_stands_on_a_moving_path_is_simulated():
+    moving = evaluate(ARM, RIG, LAW, UNDER_WAY, duration=0.8)
+    start = np.array([UNDER_WAY(np.zeros(1)).q[0], np.zeros(2)])
+    stood = simulate(ARM, RIG, LAW, UNDER_WAY, duration=0.8, steps_per_sample=16, initial=start)
+    error = np.abs(stood.error_pulses).max(axis=1)
+    assert moving.within(1)
+    assert moving.from_rest.peak == error.max() > 100
+    (after,) = np.flatnonzero(stood.t == moving.from_rest.back)
+    assert (error[after:] <= 1).all()
+    assert error[after - 1] > 1
+    assert BEGINS in moving.from_rest.begins
+    assert "the path begins in motion" in " ".join(str(moving).split())
+    assert 'class="verdict bad"' in moving._repr_html_()
+    short = evaluate(ARM, RIG, LAW, UNDER_WAY, duration=0.02)
+    assert np.isnan(short.from_rest.back)
+    assert "not within ±1 pulse" in str(short.from_rest)
+
+
+@pytest.mark.parametrize("options", [{}, {"reference": UNDER_WAY, "initial": "rest"}])
+def test_a_run_from_rest_has_nothing_to_say(options):
+    reference = options.get("reference", PATH)
+    initial = np.array([reference(np.zeros(1)).q[0], np.zeros(2)]) if "initial" in options else None
+    evaluation = evaluate(ARM, RIG, LAW, reference, duration=0.1, initial=initial)
+    assert evaluation.from_rest is None
+    assert "in motion" not in str(evaluation)
+
+
+def test_a_slow_start_within_a_pulse_is_none():
+    creeping = Harmonics(period=50.0, offset=(0.0, 0.0), cosine=((0.0,), (0.0,)), sine=((1e-3,), (0.0,)))
+    assert evaluate(ARM, RIG, LAW, creeping, duration=0.3).from_rest is None
+
+
+def test_a_certificate_says_it_in_its_verdict(certified):
+    certificate = certified(UNDER_WAY)
+    assert BEGINS in certificate.verdict
+    assert 'class="verdict bad"' in certificate._repr_html_()
+    assert "in motion" not in certified(PATH).verdict
+
+
+# -- a law that cannot start ----------------------------------------------------------------------------------------
+@pytest.mark.parametrize("bandwidth", [250, 1500])
+def test_what_start_refuses_is_said(bandwidth):
+    law = ComputedTorque(ARM, RIG, bandwidth=bandwidth)
+    evaluation = evaluate(ARM, RIG, law, PATH, duration=0.05)
+    said = None
+    try:
+        law.start(RIG, evaluation.record.counts[0])
+    except ValueError as error:
+        said = f"`start` refuses this law: {error}"
+    assert (said is None) == (bandwidth == 250)
+    assert evaluation.refused == said
+    assert evaluate(ARM, RIG, P(gain=(0.11, 0.17)), PATH, duration=0.05).refused is None
+
+
+# -- what the log shows ---------------------------------------------------------------------------------------------
+def test_a_path_that_leaves_the_log_is_named(found, certified):
+    wide = Harmonics(period=1.2, offset=(0.3, 0.8), cosine=((-0.3,), (0.0,)), sine=((0.0,), (0.0,)))
+    certificate = certified(wide)
+    (line,) = certificate.seen.beyond
+    assert line == "joint 2 (q[0]) 0.00 to 0.60 rad (log: -1.57 to 0.00) and 1.6 rad/s (log: 1.4)"
+    assert f"the path leaves the log: {line}" in " ".join(str(certificate).split())
+    assert certified(PATH).seen.beyond == ()
+    assert "leaves the log" not in str(certified(PATH))
+
+
+def test_the_log_is_held_against_the_gears_of_the_verdict(found, certified):
+    certificate = certified(PATH)
+    shown, lowest = certificate.seen.resonance, certificate.lowest_resonance
+    assert 30 < shown < lowest < 500
+    wanted = f"not those from {shown:.3g} to {lowest:.3g} Hz: certify with resonance=({shown:.3g}, {lowest:.3g})."
+    assert wanted in certificate.verdict
+    compliance = next(sign for sign in found.diagnostics.detection.signs if sign.name == "compliance")
+    assert shown == pytest.approx(min(value**-0.5 for value in compliance.visible.values()))
+    stiff = dataclasses.replace(certificate, seen=dataclasses.replace(certificate.seen, resonance=600.0))
+    assert "below 600 Hz would have shown in the log." in stiff.verdict
+    none = dataclasses.replace(certificate, seen=dataclasses.replace(certificate.seen, resonance=None))
+    assert "log" not in none.verdict
+
+
+def test_an_arm_alone_has_no_log():
+    covariance = np.diag((0.01 * ARM.f) ** 2)
+    certificate = certify(ARM, RIG, LAW, PATH, covariance=covariance, samples=8, duration=0.1, progress=False)
+    assert certificate.seen is None
+    assert "log" not in certificate.verdict
+
+
+def test_samples_show_nothing_above_half_their_rate(found):
+    rig = dataclasses.replace(found.rig, period=0.01)
+    assert seen(dataclasses.replace(found, rig=rig), PATH, 1.0).resonance == 50.0
+
+
+def test_a_file_from_before_is_read(certified, tmp_path):
+    certificate, path = certified(PATH), tmp_path / "certificate.json"
+    certificate.save(path)
+    assert Certificate.load(path) == certificate
+    written = json.loads(path.read_text())
+    del written["content"]["seen"]
+    path.write_text(json.dumps(written))
+    assert Certificate.load(path).seen is None
+    del written["content"]["within"]
+    path.write_text(json.dumps(written))
+    with pytest.raises(ValueError, match="must have the field 'within'"):
+        Certificate.load(path)
+
+
+# -- what was stated in another unit --------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"resonance": (0.04, 0.12)}, r"resonance must be 1 Hz or more; got 0\.04\. .* is it in kHz\?"),
+        ({"friction": 10}, r"friction must be a share from 0 to 1; got 10\. 0\.1 is 10 %\."),
+    ],
+)
+def test_other_units_are_refused(certified, options, said):
+    with pytest.raises(ValueError, match=said):
+        certified(PATH, **options)
+
+
+def test_guards_in_degrees_are_doubted():
+    fine = Guards(position=((-np.pi, -np.pi), (np.pi, np.inf)), speed=(3.0, np.inf))
+    LAW.start(RIG, (0, 0), guards=fine)
+    degrees = Guards(position=((-90, -2), (90, 2)), speed=180)
+    with warnings.catch_warnings(record=True) as given:
+        warnings.simplefilter("always")
+        LAW.start(RIG, (0, 0), guards=degrees)
+    assert [str(each.message) for each in given] == [
+        "position of Guards lets joint q[0] turn from -90 to 90 rad: is it in degrees?",
+        "speed of Guards lets joint q[0] turn at 180 rad/s: is it in degrees per second?",
+        "speed of Guards lets joint q[1] turn at 180 rad/s: is it in degrees per second?",
+    ]
+
+
+def test_a_rig_whose_gear_turns_the_other_way_is_refused():
+    drive = dataclasses.replace(RIG.drive, gear=RIG.drive.gear * (1, -1))
+    with pytest.raises(ValueError, match=r"must turn the same way; that of joint q\[1\] is"):
+        evaluate(ARM, dataclasses.replace(RIG, drive=drive), LAW, PATH, duration=0.05)
+
+
+def test_how_well_f_is_known_decides(certified, found):
+    """Told where plants leave and f explains most of it, and not where friction does."""
+    vague = certify(found, found.rig, ComputedTorque(found), PATH, samples=64, duration=1.2, friction=0.0, phase=False,
+                    covariance=np.diag((0.3 * found.f) ** 2), progress=False)  # fmt: skip
+    assert vague.failures
+    assert "how well f is known decides" in str(vague)
+    assert "decides" not in str(certified(PATH))
