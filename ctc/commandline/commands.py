@@ -125,18 +125,22 @@ def run_certify(given: Namespace) -> Answer:
         "verdict": certificate.verdict, "failures": certificate.failures, "samples": len(certificate.plants),
         "probability": certificate.probability, "interval": [low, high], "upper": certificate.upper,
         "within": certificate.within, "bandwidth": law.bandwidth,
+        "from_rest": None if certificate.from_rest is None else str(certificate.from_rest),
+        "lowest_resonance": plain_number(certificate.lowest_resonance),
+        "log_shows_below": None if certificate.seen is None else plain_number(certificate.seen.resonance),
+        "beyond_log": [] if certificate.seen is None else list(certificate.seen.beyond),
     }  # fmt: skip
     said = [str(certificate), f"computed torque with a bandwidth of {law.bandwidth:g} rad/s"]
     first = certificate.sensitivities[0].name if certificate.failures and certificate.sensitivities else ""
     if first.startswith(("drive.viscous", "drive.coulomb")) and first not in found.unknown:
         said.append(f"{first} decides, and was not identified: onepulse identify ... --unknown friction")
     said += [] if place is None else [f"\nwrote {place}"]
-    return Answer("\n".join(said), data, certificate.failures == 0)
+    return Answer("\n".join(said), data, certificate.failures == 0 and certificate.from_rest is None)
 
 
 def _law(found: Identification, given: Namespace) -> ComputedTorque:
     stated = {} if given.bandwidth is None else {"bandwidth": given.bandwidth}
-    return ComputedTorque(found.arm, found.rig, **stated)
+    return ComputedTorque(found, **stated)
 
 
 def run_report(given: Namespace) -> Answer:

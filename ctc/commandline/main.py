@@ -18,7 +18,8 @@ from plant.version import __version__
 __all__ = ["main"]
 
 _CODES = """exit codes: 0 fine; 1 the verdict says no: a finding of the checkup, an identification in doubt, a plant
-that leaves the limit; 2 bad input, said in one line; 3 a defect of the library; 130 interrupted"""
+that leaves the limit, a path that begins in motion; 2 bad input, said in one line; 3 a defect of the library;
+130 interrupted"""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -61,7 +62,6 @@ def main(arguments: list[str] | None = None) -> int:
         _print(text)
     except BrokenPipeError:  # whoever read it has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 2
     except OSError as error:
         return _failed(f"the answer must be printed; {error.strerror}. Make room, or print it elsewhere.", 2)
     return 0 if answer.good else 1

@@ -2,6 +2,7 @@
 
     python tests/benchmarks/detection.py [--quick] [--seed 0] [--most 200] [--row "compliance, 60"]
     python tests/benchmarks/detection.py --cost                    # what the tests cost within one identification
+    python tests/benchmarks/detection.py --shown 20                # gears at the resonance that a rigid log would show
 
 Robots: f drawn around two arms, the encoders' phase and the path's offset drawn anew, 16 steps per sample; the model
 is rigid, at 4. A robot whose loop does not stay bounded is drawn again. Rows say what it has, columns what is named
@@ -17,6 +18,7 @@ import numpy as np
 
 from identification import Detection, identify
 from identification.results import diagnostics
+from identification.results.seen import seen
 from plant import PD, Elasticity, LoggedTorque, puma560, simulate
 from plant.machine.encoder import Phase
 from plant.machine.motor_inertia import least_inertia_margin
@@ -120,6 +122,23 @@ def cost(rounds=7):
         yield f"| {name} | {wall:.2f} | {wall_tested:.2f} | {wall_tested / wall:.2f} | {cpu:.2f} | {cpu_tested:.2f} |"
 
 
+SHARES = (1.2, 1.0, 0.7, 0.4)
+"""Of the resonance below which a log of rigid gears says that it would show them."""
+
+
+def shown(robots):
+    """The same robots on gears of shares of the resonance that their log on rigid ones says it would show."""
+    named, limits = collections.Counter(), []
+    for seed in range(robots):
+        records, found = logs(seed, None, one(seed))
+        limits.append(seen(found, records[0].reference, records[0].reference.duration).resonance)
+        for share in SHARES:
+            _, soft = logs(seed, compliance(share * limits[-1]), one(seed))
+            named[share] += "compliance" in soft.diagnostics.detection.names
+    yield f"shown below {min(limits):.0f} to {max(limits):.0f} Hz; gears of a share of that, named in:"
+    yield from (f"{share:g}: {named[share]} of {robots}" for share in SHARES)
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--quick", action="store_true")
@@ -127,9 +146,10 @@ def main():
     parser.add_argument("--most", type=int, default=200, help="robots in a row")
     parser.add_argument("--row", help="only rows that begin so")
     parser.add_argument("--cost", action="store_true")
+    parser.add_argument("--shown", type=int, metavar="ROBOTS")
     given = parser.parse_args()
-    if given.cost:
-        for line in cost():
+    if given.cost or given.shown:
+        for line in cost() if given.cost else shown(given.shown):
             print(line, flush=True)
         return
     print(f"| robot | {' | '.join(COLUMNS)} | and others | chi-square over its threshold, median | seconds |")

@@ -97,6 +97,22 @@ def test_friction_is_named_by_a_word_beside_f_and_the_page_is_of_one_controller(
     assert not (folder / "mixed.html").exists()
 
 
+def test_a_path_that_begins_in_motion_is_no(folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "moved.json", "--quiet")
+    path = np.loadtxt("path.csv", delimiter=",", skiprows=1)
+    cut = path[np.flatnonzero(path[:, 0] >= 0.4)]
+    np.savetxt("moving.csv", cut - [cut[0, 0], 0, 0], delimiter=",", header="t,q_1,q_2", comments="")
+    options = ("--samples", "8", "--within", "5", "--json", "--quiet")
+    code, out, _ = run(capsys, "certify", "moved.json", "--path", "moving.csv", *options)
+    told = json.loads(out)
+    assert (code, told["failures"]) == (1, 0)
+    assert told["from_rest"].startswith("the path begins in motion (")
+    assert told["from_rest"] in told["verdict"].replace("The path", "the path")
+    assert told["log_shows_below"] > 10
+    assert told["beyond_log"][0].startswith("joint 2 (q[0]) 0.00 to 0.30 rad (log: -1.45 to 0.00)")
+
+
 def test_an_output_that_is_full_closed_or_narrow(folder):
     command = [sys.executable, "-c", "import sys; from ctc.commandline.main import main; sys.exit(main())", "robots"]
     given = {"cwd": folder, "capture_output": True, "text": True, "check": False}
@@ -107,6 +123,8 @@ def test_an_output_that_is_full_closed_or_narrow(folder):
     assert full.stderr.count("\n") == 1
     closed = subprocess.run(["/bin/sh", "-c", '"$@" | true', "sh", *command], **given, env=there)  # noqa: S603
     assert "Traceback" not in closed.stderr
+    enough = subprocess.run(["/bin/sh", "-c", '{ "$@"; echo $? >&2; } | true', "sh", *command], **given, env=there)  # noqa: S603
+    assert enough.stderr == "0\n"  # whoever read it has seen enough; what was to be done is done
     narrow = {**there, "PYTHONIOENCODING": "ascii"}
     said = subprocess.run([*command[:-1], "check", "own.csv"], **given, env=narrow)  # noqa: S603
     assert (said.returncode, said.stderr) == (0, "")
