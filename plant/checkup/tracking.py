@@ -75,13 +75,18 @@ def _turned(signals: Signals, i: int) -> str:
 
 
 def _swapped(signals, i):
-    """Relative RMS error of the counts' speed against the reference; the joint whose reference fits better, if any."""
-    made, commanded = signals.motion[1][signals.clear, i], signals.smooth_reference[1][signals.clear]
+    """Relative RMS error of the counts' speed against the reference; the joint whose reference fits better, if any.
+
+    Columns may be swapped as counts, or as angles that were turned into counts by each other's gears.
+    """
+    made, commanded = signals.motion[1][signals.clear], signals.smooth_reference[1][signals.clear]
     size = np.sqrt(np.mean(commanded**2, axis=0))
     if not size[i]:
         return Finding.unknown("swapped joints", i, "the reference does not move")
-    error = np.sqrt(np.mean((commanded - made[:, None]) ** 2, axis=0)) / np.where(size > 0, size, np.inf)
-    error[size == 0] = np.inf
+    error, angle = np.full(signals.n, np.inf), signals.rig.to_angle
+    for own_speed, asked in ((made[:, i], commanded), (angle(made)[:, i], angle(commanded))):
+        off = np.sqrt(np.mean((asked - own_speed[:, None]) ** 2, axis=0))
+        error = np.fmin(error, off / np.where(size > 0, np.sqrt(np.mean(asked**2, axis=0)), np.nan))
     own, nearest = error[i], int(np.argmin(error))
     swapped = nearest != i and error[nearest] < _CLOSER * min(own, 1.0)
     name, value, unit = "swapped joints", float(100 * own), "% off its reference"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from plant.checkup.finding import Finding
+from plant.checkup.quantisation import comb
 from plant.checkup.signals import Signals
 from plant.checkup.tracking import correlation, law_slope
 
@@ -107,6 +108,9 @@ def _guess(signals: Any, ratio: float, i: int) -> str:
     """The likeliest reasons for a wrong factor of joint i."""
     gain = np.log(signals.rig.drive.motor_gain[i])
     factor = np.log(ratio) if signals.torque is not None else -np.log(ratio)  # a torque by the law is the larger one
+    step, clear = comb(signals.counts[:, i])
+    if clear and step > 1 + _ALIKE and abs(factor + np.log(step)) < _ALIKE and not signals.rig.encoder.smooth:
+        return f"the counts come in steps of {step:.4g}, so correct the resolution"
     if abs(gain) > _ALIKE and abs(factor - gain) < _ALIKE and signals.commanded is not None:
         return "the gains of the law may be in A per pulse: multiply them by motor_gain"
     gear, of_current = abs(signals.rig.drive.gear[i]), signals.record.torque is None

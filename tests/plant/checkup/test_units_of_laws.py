@@ -52,3 +52,30 @@ def test_a_turned_current_may_be_a_turned_gear(record):
     turned = dataclasses.replace(record, torque=None, current=record.current * (1, -1))
     (line,) = said(turned, "drive sign")
     assert line.endswith("change the sign of the current, or of the gear.")
+
+
+def test_a_torque_that_is_off_as_the_resolution_is(record):
+    """Four times the resolution: the law commands from errors in quarters of a pulse."""
+    finer = dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, resolution=RIG.encoder.resolution * 4))
+    counts = {name: getattr(record, name) * 4 for name in ("reference_pulses", "error_pulses")}
+    lines = said(dataclasses.replace(record, rig=finer, reference=None, **counts), "units of torque")
+    assert len(lines) == 2
+    assert all(line.endswith("the counts come in steps of 4, so correct the resolution.") for line in lines)
+
+
+@pytest.mark.parametrize("turned", [1, -1])
+def test_swapped_angles_are_named_through_gears_that_differ(record, turned):
+    """Positions of the joints in each other's columns, turned into counts by each other's gears."""
+    drive = dataclasses.replace(RIG.drive, gear=RIG.drive.gear * (1, turned))
+    rig = dataclasses.replace(RIG, drive=drive)
+    asked = rig.counts(record.reference(record.t).q)
+    counts = rig.counts(record.rig.to_angle(record.counts)[:, ::-1])
+    swapped = dataclasses.replace(
+        record, rig=rig, reference=None, reference_pulses=asked, error_pulses=asked - counts, torque=None, current=None
+    )
+    for joint, other in ((0, 1), (1, 0)):
+        found = next(f for f in swapped.check().findings if f.check == "swapped joints" and f.joint == joint)
+        assert found.verdict == "wrong"
+        assert f"follow the reference of joint q[{other}]" in found.advice
+    right = dataclasses.replace(swapped, error_pulses=asked - rig.counts(record.rig.to_angle(record.counts)))
+    assert not said(right, "swapped joints")
