@@ -86,14 +86,17 @@ class Comparison(Shown):
         return said if len(said) <= _SHORT else f"{len(shares)} laws, {len(self.diverged)} diverged"
 
     def _shown(self) -> Iterator[Piece]:
-        inside = [name for name, evaluation in self.evaluations.items() if evaluation.within(1)]
+        inside = {name: evaluation for name, evaluation in self.evaluations.items() if evaluation.within(1)}
+        moving = {name: evaluation.from_rest for name, evaluation in inside.items() if evaluation.from_rest is not None}
         count = len(self.evaluations) + len(self.diverged)
         which = f": {', '.join(inside)}" if inside else ""
-        yield Verdict(f"{len(inside)} of {count} laws within ±1 pulse at every sample{which}", bool(inside))
+        yield Verdict(
+            f"{len(inside)} of {count} laws within ±1 pulse at every sample{which}", len(inside) > len(moving)
+        )
         rows = [[name, *(cell(evaluation) for _, cell in _COLUMNS)] for name, evaluation in self.evaluations.items()]
         if rows:
             yield Table(["law", *(title for title, _ in _COLUMNS)], rows)
-        yield from (f"{name}: {why}" for name, why in self.diverged.items())
+        yield from (f"{name}: {why}" for name, why in {**self.diverged, **moving}.items())
         joints = next((evaluation.joints for evaluation in self.evaluations.values()), ())
         if len(joints) > 1:
             cell = "a / b" if len(joints) <= _EACH else "largest of the joints, and which"

@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 
-from ctc import Certificate, ComputedTorque, certify, evaluate
+from ctc import Certificate, ComputedTorque, certify, compare, evaluate
 from identification import identify
 from identification.results.seen import seen
 from plant import Guards, Harmonics, Later, P, puma560, simulate
@@ -63,6 +63,15 @@ def test_a_run_from_rest_has_nothing_to_say(options):
 def test_a_slow_start_within_a_pulse_is_none():
     creeping = Harmonics(period=50.0, offset=(0.0, 0.0), cosine=((0.0,), (0.0,)), sine=((1e-3,), (0.0,)))
     assert evaluate(ARM, RIG, LAW, creeping, duration=0.3).from_rest is None
+
+
+def test_a_comparison_says_it_of_each_law_that_holds():
+    laws = {"P": puma560.p_law(), "computed torque": LAW}
+    text = " ".join(str(compare(ARM, RIG, laws, UNDER_WAY, duration=0.3)).split())
+    assert "computed torque: the path begins in motion (joint 3 (q[1]) at 2.7 rad/s)" in text
+    assert "P: the path" not in text
+    assert 'class="verdict bad"' in compare(ARM, RIG, laws, UNDER_WAY, duration=0.3)._repr_html_()
+    assert "in motion" not in str(compare(ARM, RIG, laws, PATH, duration=0.1))
 
 
 def test_a_certificate_says_it_in_its_verdict(certified):
