@@ -64,7 +64,9 @@ class Tolerances(Frozen):
         said += [f"offsets of the torque {100 * self.offset:g} % {torque}"] * bool(self.offset)
         said += [f"friction that is not unknown {100 * self.friction:g} % {torque}"] * bool(self.friction)
         said += [f"lag {1e3 * self.lag:g} ms"] * bool(self.lag) + [f"delay {self.delay:g} samples"] * bool(self.delay)
-        return f"a rig that is right within {', '.join(said)}" if said else "take the rig for exact"
+        if not said:
+            return "take the rig for exact, and the lengths of links"
+        return f"a rig that is right within {', '.join(said)}, and links of exactly the stated lengths"
 
     @classmethod
     def none(cls) -> Tolerances:
