@@ -20,7 +20,7 @@ from identification.results.doubts import warn_of_doubts
 from identification.results.identification import Identification
 from identification.results.trust import of_statements
 from identification.search.genetic import GeneticSettings
-from identification.search.memory import resumed_at
+from identification.search.memory import repeating
 from identification.search.methods import METHODS
 from identification.search.outcome import Outcome
 from identification.search.problem import Problem
@@ -169,9 +169,8 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
     if fit.zeros is not None:
         moved = with_zeros(objective.records, fit.zeros)
         objective = Objective(problem.dynamics, moved, fit.unknown, **problem.options)
-    if fit.resumptions:
-        resumed = resumed_at(objective.records, fit.resumptions)
-        objective = Objective(problem.dynamics, resumed, fit.unknown, **problem.options)
+    records = objective.records
+    objective = repeating(problem, objective, fit.resumptions)
     cost = float(objective(fit.values[None])[0])
     if genetic is not None and not np.isfinite(cost):
         lines = of_statements(problem.records[0].rig, problem.records, problem.dynamics.chain)
@@ -195,7 +194,7 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
         arm=arm,
         rig=rig,
         law=law,
-        records=problem.objective.records if fit.resumptions else objective.records,
+        records=records,
         held_out=() if problem.held_out is None else problem.held_out.records,
         versions=versions(),
         fit=fit,

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from ctc.figures.errors import draw_band
 from identification.replay.prediction import Prediction
 from identification.results.plots import draw_intervals
-from plant import simulate
+from identification.results.repeated import repeated
 from plant.parts.figures import BAND, LOGS, colour_of, dressed, legend_above, literal
-from plant.simulation.injection import injected_beside
 
 __all__ = ["draw_certainty", "draw_errors", "draw_fit", "draw_innovations"]
 
@@ -26,13 +25,7 @@ _STRETCH = 0.08
 @literal
 def draw_fit(found: Any) -> Any:
     """Tracking errors of the first record, measured and simulated: all of it, and a stretch."""
-    record = found.records[0]
-    model = None
-    if record.reference is not None:
-        duration = len(record) * record.rig.period
-        model = simulate(
-            found.arm, found.rig, found.law, record.reference, duration=duration, injected=injected_beside(record)
-        )
+    record, model = found.records[0], repeated(found)
     joints = found.arm.dynamics.chain.joint_labels
     axes = _rows(len(joints), 2, (2.2, 1.0))
     begin = int(0.3 * len(record))

@@ -8,14 +8,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.law_memory import FADED, at_work, state_directions
+from identification.equation_error.law_memory import FADED, at_work, reading, state_directions
 from identification.equation_error.motor_torque import driven, logged_torque
 from plant import Record, Resumed
 from plant.laws.commanded import commanded_torque
 from plant.simulation.clock import Clock
+from plant.simulation.followed_path import path_of, start_of
 from plant.simulation.law_run import run_law
 
-__all__ = ["torque_apart"]
+__all__ = ["begun", "torque_apart"]
+
+_BEGAN, _EQUAL = 1.1, 1e-3
+"""Distance from the logged torque with a law that began with the log, relative to that of the best state, and in the
+largest torque, up to which it did."""
 
 _ROUNDS = 2
 """Fits of the state; a law that saturates is not linear in it."""
@@ -46,27 +51,56 @@ def torque_apart(record: Record) -> NDArray[np.float64] | None:
     return np.asarray(off / np.maximum(size, 1e-9 * max(size.max(), 1e-300)))
 
 
+def begun(record: Record) -> Record:
+    """The record with its law and arm going on from where its logged torque says that they were.
+
+    As it is where the torque does not tell: nothing logged, no memory, or a law that began with the log.
+    """
+    law = record.law
+    if law is None or law.replays or not law.has_memory(record.n) or law.period is None or isinstance(law, Resumed):
+        return record
+    if torque_apart(record) is None:
+        return record
+    logged, rows = logged_torque(record), np.flatnonzero(record.valid > 0)
+    anew, found = reading(record, Resumed(law=law, state=law.initial_state(record.n))), _nearest(record, logged)
+    off = [np.sqrt(np.mean((_torque(each) - logged)[rows[rows >= FADED]] ** 2)) for each in (anew, found)]
+    if off[0] <= _BEGAN * off[1] + _EQUAL * np.abs(logged).max():
+        return record
+    state: Any = found.law.state  # type: ignore[union-attr]  # AlongLog
+    start = np.array(start_of(record, path_of(record)))
+    return dataclasses.replace(record, law=Resumed(law=law, state=state), initial=start)
+
+
 def _along(record: Record, logged: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """Torque (N, n) of a law with a memory, from the state with which it is nearest to the logged one."""
     law = record.law
-    resumed = law if isinstance(law, Resumed) else Resumed(law=law, state=law.initial_state(record.n))  # type: ignore[union-attr, arg-type]  # a law
+    if isinstance(law, Resumed):  # in a stated state
+        return _torque(dataclasses.replace(record, law=law.along(record.rig)))
     try:
-        followed, usual = at_work(record, resumed)
+        return _torque(_nearest(record, logged))
     except ValueError:  # its reference does not tell its torque
         return None
-    if isinstance(law, Resumed):  # in a stated state
-        followed = dataclasses.replace(record, law=law.along(record.rig))
-    clock = Clock.of(followed)
-    t, period, rows = clock.t[clock.rows], record.rig.period, slice(FADED, None)
-    for _ in range(0 if isinstance(law, Resumed) else _ROUNDS):
+
+
+def _nearest(record: Record, logged: NDArray[np.float64]) -> Record:
+    """The record with its law reading the log, from the state with which it is nearest to the logged torque (N, n)."""
+    law: Any = record.law
+    followed, usual = at_work(record, Resumed(law=law, state=law.initial_state(record.n)))
+    clock, period, rows = Clock.of(followed), record.rig.period, slice(FADED, None)
+    for _ in range(_ROUNDS):
         run = run_law(followed)
         memory, columns = state_directions(followed, run, usual)
         if not len(columns):
             break
-        missing = (logged - driven(followed, run.around(t, period)))[rows].ravel()
+        missing = (logged - driven(followed, run.around(clock.t[clock.rows], period)))[rows].ravel()
         own: Any = followed.law
         change = np.linalg.lstsq(columns[:, rows].reshape(len(columns), -1).T, missing, rcond=None)[0]
-        followed = dataclasses.replace(
-            followed, law=dataclasses.replace(own, state=memory.at(np.asarray(change, float)))
-        )
-    return driven(followed, run_law(followed).around(t, period))
+        state = memory.at(np.asarray(change, float))
+        followed = dataclasses.replace(followed, law=dataclasses.replace(own, state=state))
+    return followed
+
+
+def _torque(followed: Record) -> NDArray[np.float64]:
+    """Torque (N, n) of a law that reads its log, at the motors."""
+    clock = Clock.of(followed)
+    return driven(followed, run_law(followed).around(clock.t[clock.rows], followed.rig.period))

@@ -14,6 +14,7 @@ from identification.replay.objective import Objective
 from identification.replay.timing import delay_of, is_late
 from identification.results.detection import Detection
 from identification.results.stepwise import detect
+from identification.search.memory import repeating
 from identification.search.outcome import Fit
 from identification.search.problem import Problem
 from plant.parts.frozen import Frozen
@@ -86,7 +87,8 @@ class Diagnostics(Shown, Frozen):
         cls, problem: Problem, fit: Fit, objective: Objective, cost: float, rounding: NDArray[np.float64] | None
     ) -> Diagnostics:  # fmt: skip
         """Of a fit to a problem; its objective is that of the records with their zeros in place, its value the cost."""
-        delay, delay_std, kept = np.nan, np.inf, problem.held_out
+        delay, delay_std = np.nan, np.inf
+        kept = None if problem.held_out is None else repeating(problem, problem.held_out)
         if fit.covariance is not None and not any(problem.replays):  # values that may be far off say nothing of timing
             delay, delay_std = delay_of(problem.dynamics, objective.records, fit.unknown, fit.values, **problem.options)
         return cls(

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.replay.prediction import Prediction
-from plant import simulate
+from identification.results.repeated import repeated
 from plant.parts.figures import BAND, LOGS, axes_of, colour_of, dressed, legend_above, literal
-from plant.simulation.injection import injected_beside
 
 __all__ = ["draw_intervals", "plot_identification", "plot_oscillation"]
 
@@ -48,10 +47,7 @@ def plot_identification(found: Any, ax: Any = None) -> NDArray[Any]:
     axes = axes_of(ax, (3 * n + 2,), lambda: _new_axes(n, dynamics.legend.splitlines()), _ADVICE)
     prediction = Prediction(dynamics, record, found.unknown)
     left = prediction.innovations(np.append(found.values, prediction.nuisances)).reshape(-1, n)
-    model = None
-    if record.reference is not None:
-        duration, added = len(record) * record.rig.period, injected_beside(record)
-        model = simulate(found.arm, found.rig, found.law, record.reference, duration=duration, injected=added)
+    model = repeated(found)
     for joint, label in enumerate(dynamics.chain.joint_labels):
         whole, stretch, rest = axes[3 * joint : 3 * joint + 3]
         for axis, start, end in ((whole, 0.0, 1.0), (stretch, 0.30, 0.36)):

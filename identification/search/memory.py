@@ -14,11 +14,13 @@ import numpy as np
 
 from identification.equation_error.law_memory import Memory, Resumption, with_state
 from identification.equation_error.naming import each_named
+from identification.equation_error.stated_law import begun
+from identification.replay.objective import Objective
 from identification.search.outcome import Outcome
 from identification.search.problem import Problem
 from plant import AlongLog, Record, Resumed
 
-__all__ = ["resumed_at", "with_memory"]
+__all__ = ["as_repeated", "repeating", "resumed_at", "with_memory"]
 
 _BY_CHANCE = 5.0
 """Standard deviations by which a sum of squares may fall by chance, where more is unknown."""
@@ -56,6 +58,19 @@ def _or_none(fitted: Callable[[Problem], Outcome], problem: Problem) -> Outcome 
         return fitted(problem)
     except ValueError:  # from this start no arm follows the log
         return None
+
+
+def as_repeated(records: Sequence[Record], places: Sequence[Resumption | None]) -> tuple[Record, ...]:
+    """Records to be simulated once more: their laws go on where they were, as was found, or as logged torques say."""
+    return resumed_at(records, places) if places else tuple(map(begun, records))
+
+
+def repeating(problem: Problem, objective: Objective, places: Sequence[Resumption | None] = ()) -> Objective:
+    """The objective of the same records `as_repeated`."""
+    records = as_repeated(objective.records, places)
+    if all(one is other for one, other in zip(records, objective.records, strict=True)):
+        return objective
+    return Objective(problem.dynamics, records, objective.unknown, **problem.options)
 
 
 def resumed_at(
