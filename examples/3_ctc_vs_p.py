@@ -9,7 +9,7 @@ from plant import puma560, simulate
 robot, rig, path, p = puma560.arm(), puma560.rig(), puma560.reference(), puma560.p_law()
 measured = simulate(robot, rig, p, path, steps_per_sample=16)
 found = identify(puma560.dynamics(), measured, seed=1, progress=False)
-law = ComputedTorque(found.arm, found.rig)
+law = ComputedTorque(found)
 
 for duration in (3.65, 2.5, 2.0):
     print(f"\ntrajectory (6) in {duration} s")

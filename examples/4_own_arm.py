@@ -47,6 +47,6 @@ found = identify(dynamics, measured, ranges=ranges, seed=1, progress=False)
 for name, true, value in zip(dynamics.names, truth.f, found.f, strict=True):
     print(f"{name}: {value:.3f} found, {true:.3f} true")
 
-report = evaluate(truth, rig, ComputedTorque(found.arm, found.rig), path)
+report = evaluate(truth, rig, ComputedTorque(found), path)
 print(report)
 assert report.within(1)

@@ -29,7 +29,7 @@ def study(pulses):
         found = identify(puma560.dynamics(), measured, method=method, seed=1, progress=False)
         off = 100 * np.abs(found.f - puma560.PUBLISHED) / WIDTH
         errors[method] = off.max(), np.median(off)
-    law = ComputedTorque(found.arm, found.rig, bandwidth=100.0 if pulses < 800 else 250.0)
+    law = ComputedTorque(found, bandwidth=100.0 if pulses < 800 else 250.0)
     report = evaluate(puma560.arm(), rig, law, puma560.reference(), backend="numba")
     return errors, report
 

@@ -137,7 +137,7 @@ def study(folder, design):
 
 def controlled(found, other):
     """The verdict on computed torque from one identification, on the arm that another one found."""
-    law = ComputedTorque(found.arm, found.rig, bandwidth=120)
+    law = ComputedTorque(found, bandwidth=120)
     return evaluate(other.arm, other.rig, law, PATH)
 
 
