@@ -37,6 +37,7 @@ copybutton_exclude = ".linenos, .gp, .go"  # an example of the reference is copi
 templates_path = ["templates"]
 html_theme = "furo"
 html_title = "onepulse"
+html_baseurl = os.environ.get("READTHEDOCS_CANONICAL_URL", "")  # what downloaded notebooks link to
 html_static_path = ["static"]
 html_css_files = ["formula.css"]
 exclude_patterns = ["_build", "jupyter_execute", "templates"]
@@ -88,5 +89,7 @@ def setup(app):
             lines[sections[0] - 1 : sections[0] - 1] = [*source, ""]
 
     app.connect("autodoc-process-docstring", source_first, priority=100)
-    app.add_role("script-download", importlib.import_module("script").ScriptDownload())
+    script = importlib.import_module("script")
+    app.add_role("script-download", script.ScriptDownload())
+    app.connect("env-updated", script.notebooks_for_download)
     app.add_html_math_renderer("mathml", (inline, None), (display, None))

@@ -113,3 +113,25 @@ def test_the_script_of_a_tutorial_holds_its_cells_and_its_prose(monkeypatch):
         assert "file_format" not in given
     plain = "---\nfile_format: mystnb\n---\n\n# A\n\nText.\n\n```{code-cell}\n:tags: [x]\na = 1\n```\n\n---\n\nfoot\n"
     assert script(plain) == "# %% [markdown]\n# # A\n#\n# Text.\n\n# %%\na = 1\n"
+
+
+def test_a_downloaded_notebook_stands_alone(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    standing_alone = importlib.import_module("script").standing_alone
+    source = "See [the\nchecks](../guides/check.md#a-1), [](own_log.md), [numba](https://numba.org/a.md).\n"
+    foot = "\n---\n\nThis page as a notebook, {nb-download}`a.ipynb`, and more."
+    streams = [{"name": "stdout", "text": ["a\n", "b\n"]}, {"name": "stdout", "text": "b\n"}]
+    streams += [{"name": "stderr", "text": "w"}, {"data": {}}, {"name": "stdout", "text": "b\n"}]
+    for address, text in (
+        ("", "See the\nchecks, Logs, [numba](https://numba.org/a.md).\n"),
+        (
+            "https://x.org/en/",
+            "See [the\nchecks](https://x.org/en/guides/check.html#a-1), "
+            "[Logs](https://x.org/en/tutorials/own_log.html), [numba](https://numba.org/a.md).\n",
+        ),
+    ):
+        cells = [{"cell_type": "markdown", "source": (source + foot).splitlines(keepends=True)}]
+        cells += [{"cell_type": "code", "source": "", "outputs": list(streams)}]
+        first, second = standing_alone({"cells": cells}, "tutorials", {"tutorials/own_log": "Logs"}, address)["cells"]
+        assert "".join(first["source"]) == text
+        assert second["outputs"] == [streams[0], streams[3], streams[4]]
