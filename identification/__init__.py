@@ -28,6 +28,7 @@ from identification import deprecated as _deprecated  # noqa: F401 - old names, 
 from identification.equation_error.band_choice import FitTrial
 from identification.equation_error.filtering import derivatives, low_pass
 from identification.equation_error.logged_torques import fit_torque
+from identification.equation_error.naming import RecordError
 from identification.equation_error.torque_fit import TorqueFit
 from identification.payload.load import Load
 from identification.payload.logged_load import find_load
@@ -62,8 +63,8 @@ known_options(GeneticSettings)
 __all__ = [
     "Assumed", "Budget", "Detection", "Diagnostics", "Fit", "FitTrial", "GearResonance", "GeneticResult",
     "GeneticSettings", "GeneticState", "Identification", "IdentificationWarning", "Interval", "LinkSize", "Load",
-    "MotorFit", "Objective", "Oscillation", "PayloadEstimate", "Physical", "Search", "Sign", "Spread", "Tolerances",
-    "TorqueFit", "WrittenModel", "derivatives", "design_motion", "find_load", "fit_torque",
+    "MotorFit", "Objective", "Oscillation", "PayloadEstimate", "Physical", "RecordError", "Search", "Sign",
+    "Spread", "Tolerances", "TorqueFit", "WrittenModel", "derivatives", "design_motion", "find_load", "fit_torque",
     "friction_from_motor_test", "gain_from_current", "identify", "low_pass", "minimize_genetic", "nearest_physical",
     "oscillation", "pulse_budget", "puma560_ranges", "ranges", "spread", "without_delay", "write_mjcf",
     "write_urdf",

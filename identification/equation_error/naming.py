@@ -12,15 +12,37 @@ __all__ = ["RecordError", "column_of", "each_named", "first_problem", "held_out"
 
 
 class RecordError(ValueError):
-    """A refusal that says which record it is about.
+    """A refusal of one of several records: which, what was expected, what came, and what to do.
+
+    Sent to another process it is a `ValueError` of the same words.
 
     Parameters
     ----------
     said : str
         The refusal without the record.
     record : Record
+        The one that it is about.
     label : str
-        What messages call the record.
+        What messages call the record, such as ``records[1] (run_02.csv)``; "" for the only one.
+
+    See Also
+    --------
+    plant.LoadError, plant.Checkup, identification.identify
+
+    Examples
+    --------
+    >>> import dataclasses
+    >>> from identification import RecordError, identify
+    >>> from plant import puma560, simulate
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.1)
+    >>> lawless = dataclasses.replace(record, law=None, name="run_02.csv")
+    >>> try:
+    ...     identify(puma560.dynamics(), [record, lawless, record], progress=False)
+    ... except RecordError as error:
+    ...     print(str(error).split(";")[0])
+    ...     print(error.record.name)
+    records[1] (run_02.csv): the record must name the law that made it
+    run_02.csv
     """
 
     def __init__(self, said: str, record: Record, label: str) -> None:

@@ -6,8 +6,8 @@ import pickle
 import numpy as np
 import pytest
 
-from identification import Objective, identify
-from identification.equation_error.naming import RecordError, each_named
+from identification import Objective, RecordError, identify
+from identification.equation_error.naming import each_named
 from plant import Chain, Dynamics, Link, LoggedTorque, Record, puma560, simulate
 
 RIG, DYNAMICS = puma560.rig(), puma560.dynamics()
