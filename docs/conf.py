@@ -30,6 +30,7 @@ nb_execution_timeout = 300
 nb_merge_streams = True
 nb_output_stderr = "remove"  # warnings are printed where a page is about them
 napoleon_google_docstring = False
+napoleon_use_param = False  # parameters that share a line share its words
 napoleon_use_ivar = True  # attributes are read, not linked to: many classes have an f and an n
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"

@@ -60,7 +60,7 @@ def identify(
     Steps 1-6 of 3.2: the robot has followed a trajectory under P control (1) and its errors are in the record (2); a
     population is drawn from the ranges (3), evaluated by objective (4), and evolved (5); the best ever seen is the
     result (6). That is ``method="paper"``. By default the ranges are drawn around a fit of the torque equation to the
-    counts, and the best is the start of a prediction-error fit (`identification.search.methods`).
+    counts, and the best is the start of a prediction-error fit.
 
     Parameters
     ----------
@@ -73,7 +73,14 @@ def identify(
     seed : int
         Same seed, same result, to the bit, on any number of threads.
     method : {"seeded", "paper", "genetic", "cma", "equation_error", "didim", "output_error", "prediction_error"}
-        See `identification.search.methods`. "paper" is 3.7 as printed; "cma" needs the extra ``onepulse[cma]``.
+        - "seeded": "equation_error", the genetic algorithm in a box around it, then "prediction_error"
+        - "paper": the genetic algorithm of 3.7 as printed, on objective (4), in given ranges
+        - "genetic": the same with ranges and `settings` of one's own
+        - "cma": CMA-ES in its place; needs the extra ``onepulse[cma]``
+        - "equation_error": least squares on the torque equation in a pass band
+        - "didim": the same with the motion of a simulated arm in place of the measured one, again and again
+        - "output_error": simulated against counted positions, by Gauss-Newton
+        - "prediction_error": predicted against counted positions, by Gauss-Newton
     progress : bool
         Show a progress bar, where standard error is a terminal.
     ranges : (k, 2) array_like, optional
@@ -83,8 +90,10 @@ def identify(
         Names of what to find: all of f by default; numbers of rig or law may be added (``drive.viscous[0]``).
     settings : GeneticSettings, optional
         By default `GeneticSettings.paper()`.
-    steps_per_sample, sweeps : int
-        Sub-steps of the model, and sweeps of its friction law.
+    steps_per_sample : int
+        Sub-steps of the model between two samples.
+    sweeps : int
+        Of its friction law in each.
     threads : int, optional
         By default one per core.
     held_out : Record or sequence of Record, optional

@@ -216,12 +216,19 @@ class Certificate(Shown, Saved, Frozen):
     def reserves(self, *, samples: int = 400, allowed: float = 0.0) -> Reserves:
         """Lowest bandwidth and longest period at which at most a share `allowed` of the first `samples` plants leaves.
 
-        See `ctc.certification.reserves.reserves`, which this calls.
+        Parameters
+        ----------
+        samples : int
+        allowed : float
+
+        Returns
+        -------
+        Reserves
         """
         return reserves(self, samples, allowed)
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
-        """Draw peak errors, worst loop and sensitivities; see `ctc.certification.figure.plot_certificate`."""
+        """Draw peak errors, worst loop and sensitivities; as `ctc.plot_certificate`."""
         return plot_certificate(self, ax)
 
     def _short(self) -> str:

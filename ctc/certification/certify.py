@@ -55,22 +55,55 @@ def certify(
     law : Law
         As designed, the same for all plants.
     reference : Reference
+        The path to be driven; the plants begin with it, at its position and speed.
     samples : int
         Number of plants, each a closed loop. Without a failure the bound is about 3 / samples at 95 %, and to see one
         that has a probability p takes some 3 / p. Of stated ranges the bound is that of the worst cell: 3 over the
         plants in it, of which 10,000 leave some 170 in each of the 60 cells of 15 to 100 Hz.
     seed : int
+        Same seed, same result, to the bit, on any number of threads.
     within : float
         Limit of the counted error [pulses].
     confidence : float
         Of the bounds.
-    covariance, plants, friction, load, load_position, phase, delay, dropped
-        What is drawn: see `ctc.certification.uncertainty.Uncertainty`.
-    resonance, damping_ratio, backlash, lag, jitter, friction_drift, presliding, load_friction, ripple, quadrature
-        What is drawn of gears, drives, encoders and sampling: see `ctc.certification.gears.Gears`.
-        ``resonance=(40, 120)`` [Hz] says that it lies in that range, and the bound holds for the worst part of it.
-        Without a resonance the gears are the rig's, and the lowest resonance that is stated is that at the damping
-        ratio's lower end, with delay, lag and the rest at the end of their ranges that is farther from zero.
+    covariance : (k, k) array_like, optional
+        Of ``found.values``, normal; by default ``found.covariance``. With an `Arm`, of its f.
+    plants : (M, p) array_like, optional
+        In its place: f of given arms, taken in turn.
+    friction : float
+        Relative standard deviation of every viscous and Coulomb number that was not identified.
+    load : float or (2,) array_like
+        Point mass in the hand [kg]. This and all below: one value, or uniform between two.
+    load_position : (3,) array_like, optional
+        Of the load, in the frame of the last link's body [m].
+    phase : bool
+        Draw the encoders' zeros, uniform in ±1/2 pulse.
+    delay : float or (2,) array_like
+        From a sample to its torque [s], constant in a run, at most one period of the law.
+    dropped : float
+        Probability that the counts of a sample do not arrive; the law then reads those of the sample before.
+    resonance : (2,) or (n, 2) array_like, optional
+        Lowest and highest locked-rotor resonance [Hz], of all joints alike or of each, where the reference begins. The
+        bound holds for the worst part of the range. None: the gears are the rig's, and the verdict on rigid ones states
+        the lowest resonance on which it holds (all that is stated here at its end farther from zero).
+    damping_ratio : float or (2,) array_like, optional
+        Of that resonance, 0.01 to 0.03 by default; the lowest resonance is that at its lower end.
+    backlash : float or (2,) array_like
+        Of each gear, joint side [rad].
+    lag : float or (2,) array_like
+        Time constant with which all motor currents follow their commands [s].
+    jitter : float or (2,) array_like
+        Largest displacement of a sampling instant, as a share of the period.
+    friction_drift : float or (2,) array_like
+        Relative change of all friction, with a time constant of 1 s; may be negative.
+    presliding : float or (2,) array_like
+        Distance over which friction gives before it slides, motor side [rad].
+    load_friction : float or (2,) array_like
+        Rise of Coulomb friction, as a share of the torque that the gear transmits.
+    ripple : float or (2,) array_like
+        Amplitude of the torque ripple, motor side [N m], six cycles per turn of the motor.
+    quadrature : float or (2,) array_like
+        Amplitude of the encoder's error within four counts [pulses].
     after : float, optional
         Samples before this time do not count [s]. On rigid gears all count by default, also the first, at which the arm
         is up to half a pulse off its reference; on elastic ones those after 20 ms do.

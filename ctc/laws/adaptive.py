@@ -39,7 +39,7 @@ class Adaptive(ModelLaw):
     adaptation : (p,) array_like
         Gamma, one number per parameter [f / (N m rad)]; zero keeps a parameter as it is.
     filter : float
-        Pole of the low-pass in front of the difference [rad/s] (`plant.laws.filtered_difference`).
+        Pole of the first-order low-pass in front of the backward difference [rad/s].
     ranges : (p, 2) array_like, optional
         Where f-hat is kept; the arm's f must lie there.
 

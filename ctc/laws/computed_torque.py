@@ -41,7 +41,7 @@ class ComputedTorque(ModelLaw):
     """tau = D-hat(q_r) (qdd_r + v) + h-hat(q_r, qd_r) + friction(qd_r), with v from an observer of the tracking error.
 
     Once per sample: the encoder counts, read as the middle of their cell, give the measured error; an extended-state
-    observer per joint (`ctc.laws.observer`) estimates the error e, its rate and a disturbance acceleration x3, driven
+    observer per joint estimates the error e, its rate and a disturbance acceleration x3, driven
     by the torque that was really applied after the amplifier's limit; v = bandwidth^2 e + 2 bandwidth edot + x3.
 
     Parameters
@@ -51,17 +51,19 @@ class ComputedTorque(ModelLaw):
     rig : Rig, optional
         The identified rig, ``found.rig``: its friction is fed forward.
     bandwidth : float, optional
-        Double pole of the error [rad/s]. By default 250 with an arm of unknown origin: it hides inertias that are wrong
-        by half, at the price of chatter. With an identification 200, or 150 where friction was identified too
-        (tests/benchmarks/controller_defaults.py), and on its elastic gears one of less that is stable with 40 % to
-        spare; `tune` finds quieter laws.
+        Double pole of the error [rad/s]. By default with an arm, which does not say how well it is known, 250: that
+        hides inertias that are wrong by half, at the price of chatter. With an identification 200, or 150 where
+        friction was identified too (tests/benchmarks/controller_defaults.py), at most 0.3 over the period, and on its
+        elastic gears one of less that is stable with 40 % to spare. So ``ComputedTorque(found)`` is quieter than
+        ``ComputedTorque(found.arm, found.rig)``, and warns where `found` is in doubt; `tune` finds quieter laws.
     observer_ratio : float
         Triple pole of the observer, as a multiple of the bandwidth.
     friction : bool
         Feed forward the friction of the rig, from the reference velocity.
     start_boost, start_time : float
         The observer starts `start_boost` times faster than it ends, and settles with the time constant `start_time`
-        [s]: at the first samples it knows nothing yet of the disturbance.
+        [s]: at the first samples it knows nothing yet of the disturbance. Along a path from rest 1 is better, where it
+        would take the static friction that holds the arm for one.
     measured : bool
         Evaluate D-hat and h-hat at the observed q and qd instead of the reference. Both are the computed torque of the
         textbooks; with the reference no measurement noise enters the model, and the tracking error is so small that

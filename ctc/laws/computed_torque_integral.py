@@ -33,7 +33,7 @@ class ComputedTorqueIntegral(ModelLaw):
     bandwidth : float
         w, the triple pole of the error [rad/s].
     filter : float
-        Pole of the low-pass in front of the difference [rad/s] (`plant.laws.filtered_difference`).
+        Pole of the first-order low-pass in front of the backward difference [rad/s].
 
     Raises
     ------

@@ -36,7 +36,7 @@ class SlidingMode(ModelLaw):
     layer : float
         Half the width of the boundary layer, in s [rad/s].
     filter : float
-        Pole of the low-pass in front of the difference [rad/s] (`plant.laws.filtered_difference`).
+        Pole of the first-order low-pass in front of the backward difference [rad/s].
 
     Raises
     ------

@@ -125,7 +125,7 @@ def motor_gain(rig: Rig, inertia: ArrayLike, gain: ArrayLike) -> NDArray[np.floa
 
 
 def observer_gains(poles: ArrayLike, period: float) -> NDArray[np.float64]:
-    """Gains of the observer of error, rate and disturbance (`ctc.laws.observer`), from its three poles.
+    """Gains of an observer of error, rate and disturbance, from its three poles.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def kalman_gains(rig: Rig, disturbance: ArrayLike, period: float | None = None) 
 
 
 def _model() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """One sample of error, rate and disturbance, as `ctc.laws.observer.predict` steps them, and what is measured.
+    """One sample of error, rate and disturbance, as the laws' observers step them, and what is measured.
 
     Time is counted in samples, so that all three are of one size; the gains are then converted to seconds.
     """

@@ -146,7 +146,7 @@ def margins(
     Raises
     ------
     ValueError
-        As `ctc.stability.error_loop.error_loop`.
+        As `error_loop`.
 
     See Also
     --------

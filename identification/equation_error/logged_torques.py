@@ -40,7 +40,7 @@ def fit_torque(
     """Fit f, and linear numbers of the drive, to logged positions and torques.
 
     ``fit_torque(dynamics, records)`` is all that is needed; what is stated is taken as stated, the rest is chosen by
-    the rule of `identification.equation_error.band_choice` and reported.
+    how well it predicts stretches of the logs that the fit has not seen, and reported.
 
     Parameters
     ----------

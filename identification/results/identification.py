@@ -224,7 +224,7 @@ class Identification(Shown, Saved, Frozen):
 
     @property
     def warnings(self) -> list[str]:
-        """What a user should know before trusting the values, one line each; see `identification.results.trust`."""
+        """What a user should know before trusting the values, one line each."""
         return warnings_of(self)
 
     def summary(self) -> str:
@@ -232,7 +232,7 @@ class Identification(Shown, Saved, Frozen):
         return str(self)
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
-        """Draw errors, innovations, spectrum and intervals; see `identification.results.plots.plot_identification`."""
+        """Draw errors, innovations, spectrum and intervals; as `ctc.plot_identification`."""
         return plot_identification(self, ax)
 
     def _shown(self) -> Iterable[Piece]:

@@ -33,7 +33,7 @@ class Cascade(Law):
     integral : (n,) array_like
         Motor torque per pulse [N m]: gain of the integral of the speed error.
     filter : float, optional
-        Pole of the low-pass in front of the difference [rad/s] (`plant.laws.filtered_difference`).
+        Pole of the first-order low-pass in front of the backward difference [rad/s].
     difference : int, optional
         Samples over which the difference is taken, in place of the filter; such a cascade has a period.
     period : float, optional

@@ -65,7 +65,7 @@ class PD(Law):
     derivative : (n,) array_like
         Motor torque per pulse per second [N m s].
     filter : float
-        Pole of the low-pass in front of the difference [rad/s] (`plant.laws.filtered_difference`).
+        Pole of the first-order low-pass in front of the backward difference [rad/s].
     period : float, optional
         Sampling period [s], the torque held in between. None: fast hardware, evaluated at every sub-step.
 
@@ -111,7 +111,7 @@ class PD(Law):
 
 @part
 class PID(PD):
-    """PID control: `PD` plus the integral of the error, with anti-windup (`plant.laws.anti_windup`).
+    """PID control: `PD` plus the integral of the error, with anti-windup by back-calculation.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class PID(PD):
     derivative : (n,) array_like
         Motor torque per pulse per second [N m s].
     filter : float
-        Pole of the low-pass in front of the difference [rad/s] (`plant.laws.filtered_difference`).
+        Pole of the first-order low-pass in front of the backward difference [rad/s].
     period : float, optional
         Sampling period [s], the torque held in between. None: fast hardware, evaluated at every sub-step.
 

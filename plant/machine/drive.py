@@ -52,17 +52,18 @@ class Drive(Part):
     coupling : Coupling, optional
         Where one motor moves several joints; the same as the chain's.
     elasticity : Elasticity, optional
-        Stiffness, damping and backlash of the gears (also `Elasticity.from_resonance`); none by default: rigid gears.
+        Stiffness [N m/rad], damping [N m s/rad] and backlash [rad] of the gears, joint side (also
+        `Elasticity.from_resonance`); none by default: rigid gears.
     current_lag : float or CurrentLag, optional
         Time constant with which the motor currents follow the commanded ones [s]; none by default, and with 0.
     presliding : Presliding, optional
-        How far friction gives before it slides, and its micro-damping; none by default.
+        How far friction gives before it slides [rad], and its micro-damping [N m s/rad]; none by default.
     load_friction : (n,) array_like or LoadFriction, optional
-        Rise of the Coulomb level over the torque that the gear transmits, joint side; none by default.
+        Rise of the Coulomb level over the torque that the gear transmits, a share, joint side; none by default.
     friction_drift : FrictionDrift, optional
-        Slow drift of all friction from the start of a run; none by default.
+        Slow drift of all friction, relative, from the start of a run [s]; none by default.
     ripple : TorqueRipple, optional
-        Cogging of the motors; none by default.
+        Cogging of the motors [N m] over their angle [rad]; none by default.
     joints : tuple of str, optional
         Names of the joints, for messages, tables and figures of the logs and the laws of this drive.
 

@@ -28,9 +28,9 @@ class Rig(Part):
     period : float
         Sampling period of the log [s].
     transport : Transport, optional
-        Delay of the torque, lost counts.
+        Delay of the torque [s], lost counts.
     jitter : Jitter, optional
-        Of the instants at which a law reads the encoders.
+        Of the instants at which a law reads the encoders, a share of its period.
     springs : KnownTorque or tuple of KnownTorque, optional
         `JointSpring`, `Counterbalance`, `CosineTorque` or a part of one's own, on the links; none by default.
 

@@ -20,9 +20,10 @@ class TorqueRipple(Part):
     Parameters
     ----------
     amplitude : (n,) array_like
-        [N m]; a share of the largest torque is that share of ``motor_gain * current_limit``.
+        Of the torque [N m], motor side; a share of the largest torque is that share of
+        ``motor_gain * current_limit``.
     cycles : (n,) array_like
-        Per turn of the motor.
+        Of the torque per turn of the motor, such as the number of its slots.
     phase : (n,) array_like, optional
         At motor angle 0 [rad].
 

@@ -102,7 +102,7 @@ def load_visibility(
     Returns
     -------
     Visibility
-        Of the load's standard parameters `plant.mechanics.load.LOAD`.
+        Of the load's standard parameters, as `load_parameters` has them.
 
     Raises
     ------
