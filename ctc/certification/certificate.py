@@ -154,6 +154,11 @@ class Certificate(Shown, Saved, Frozen):
         )  # fmt: skip
 
     @property
+    def holds(self) -> bool:
+        """Whether no plant leaves the limit, nor the nominal arm from rest."""
+        return self.failures == 0 and self.from_rest is None
+
+    @property
     def lowest_resonance(self) -> float | None:
         """Locked-rotor resonance [Hz] above which the nominal arm stays within the limit on gears; see `on_gears`."""
         return None if self.on_gears is None else self.on_gears.hz

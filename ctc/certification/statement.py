@@ -141,8 +141,7 @@ def shown(certificate: Any) -> Iterator[Piece]:
     shown, of_f = influences[:_SHOWN], sum(x.share for x in influences if x.name in dynamics.names)
     short = dict(zip(dynamics.names, dynamics.short_names, strict=True))
     explained = [(short.get(x.name, x.name), f"{x.share:.0%}", x.sense) for x in shown]
-    good = certificate.failures == 0 and certificate.from_rest is None
-    yield Verdict(f"{type(certificate.law).__name__}: {certificate.verdict}", good)
+    yield Verdict(f"{type(certificate.law).__name__}: {certificate.verdict}", certificate.holds)
     yield Table((), rows)
     yield by_joint(dynamics.chain.joint_labels, quantities)
     yield Table(("sensitivity to", "explains", "direction"), explained, words=(2,))

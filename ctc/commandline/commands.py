@@ -135,7 +135,7 @@ def run_certify(given: Namespace) -> Answer:
     if first.startswith(("drive.viscous", "drive.coulomb")) and first not in found.unknown:
         said.append(f"{first} decides, and was not identified: onepulse identify ... --unknown friction")
     said += [] if place is None else [f"\nwrote {place}"]
-    return Answer("\n".join(said), data, certificate.failures == 0 and certificate.from_rest is None)
+    return Answer("\n".join(said), data, certificate.holds)
 
 
 def _law(found: Identification, given: Namespace) -> ComputedTorque:

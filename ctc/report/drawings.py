@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from ctc.figures.errors import draw_band
 from identification.replay.prediction import Prediction
-from identification.results.plots import draw_intervals
+from identification.results.plots import draw_intervals, interval_height
 from identification.results.repeated import repeated
 from plant.parts.figures import BAND, LOGS, colour_of, dressed, legend_above, literal
 
-__all__ = ["draw_certainty", "draw_errors", "draw_fit", "draw_innovations"]
+__all__ = ["draw_certainty", "draw_errors", "draw_fit", "draw_innovations", "draw_path"]
 
 _BINS = 900
 """Places along the time axis; of each the least and the largest sample are drawn."""
@@ -64,7 +64,7 @@ def draw_innovations(found: Any) -> Any:
 def draw_certainty(found: Any) -> Any:
     """Half-widths of the 95 % intervals; see `identification.results.plots.draw_intervals`."""
     axes = _rows(1, 1, (1.0,))
-    axes[0, 0].figure.set_size_inches(9, 2.8)
+    axes[0, 0].figure.set_size_inches(9, max(1.8, interval_height(len(found.values))))
     draw_intervals(axes[0, 0], found)
     return axes
 
@@ -79,6 +79,18 @@ def draw_errors(evaluation: Any) -> Any:
         axis.plot(*_thinned(record.t, record.error_pulses[:, joint]), color=colour_of(joint), lw=0.7)
         axis.set_ylabel(f"{label}\nerror [pulses]")
         draw_band(axis)
+    return axes
+
+
+@literal
+def draw_path(evaluation: Any) -> Any:
+    """The path that a controller was to follow, joint by joint."""
+    record, links = evaluation.record, evaluation.arm.dynamics.chain.links
+    axes, q = _rows(len(links), 1, (1.0,)), record.reference(record.t).q
+    for joint, (label, link) in enumerate(zip(evaluation.joint_labels, links, strict=True)):
+        axis = axes[joint, 0]
+        axis.plot(*_thinned(record.t, q[:, joint]), color=colour_of(joint), lw=1.0)
+        axis.set_ylabel(f"{label}\nq [{'m' if link.prismatic else 'rad'}]")
     return axes
 
 

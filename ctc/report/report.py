@@ -73,14 +73,15 @@ def write_report(
                 "Pass what evaluate and certify returned."
             )
         kinds[type(each)] = each
-    for each in (kinds[kind] for kind in (Certificate, Evaluation) if kind in kinds):
-        law = each.law if isinstance(each, Certificate) else each.record.law
-        arm = getattr(law, "arm", None)
-        if arm is not None and not np.array_equal(arm.f, found.arm.f):
-            raise ValueError(
-                f"results must be of laws with this identification's f; the {type(each).__name__.lower()} has another. "
-                "Make it again, with found."
-            )
+    laws = [(each, each.law if isinstance(each, Certificate) else each.record.law) for each in kinds.values()]
+    arms = [(type(each).__name__.lower(), getattr(law, "arm", None)) for each, law in laws]
+    others = [name for name, arm in arms if arm is not None and not np.array_equal(arm.f, found.arm.f)]
+    if others:
+        both = f"{' and '.join(others)} {'have' if len(others) > 1 else 'has'} another"
+        raise ValueError(
+            f"results must be of laws with this identification's f; {both}. Make it again from found, or give the "
+            "identification that they are of."
+        )
     place = require_new(path, overwrite)
     today = datetime.date.today().isoformat()
     subtitle = f"{', '.join(found.arm.dynamics.chain.joint_labels)}; {found.method}; written on {today}"

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from ctc.report.drawings import draw_certainty, draw_errors, draw_fit, draw_innovations
+from ctc.report.drawings import draw_certainty, draw_errors, draw_fit, draw_innovations, draw_path
 from ctc.report.page import figure, section
 from identification.equation_error.labels import units as units_of
 from identification.results.doubts import doubts
+from identification.results.seen import seen
 from plant.parts.markup import details, items, preformatted, table, text
 from plant.parts.shown import body
 
@@ -26,7 +28,7 @@ def sections(found: Any, evaluation: Any, certificate: Any) -> Iterator[str]:
     yield _logs(found)
     yield _assumptions(found)
     if evaluation is not None:
-        yield _controller(evaluation)
+        yield _controller(found, evaluation)
     if certificate is not None:
         yield _certificate(certificate)
     yield _origin(found, certificate)
@@ -43,15 +45,14 @@ def _verdict(found: Any, evaluation: Any, certificate: Any) -> str:
                       "been seen, stands under Assumptions."))  # fmt: skip
     if evaluation is not None:
         law, share = type(evaluation.record.law).__name__, evaluation.share_within(1)
-        gears = "" if evaluation.on_gears is None else f" Rigid gears assumed; {evaluation.on_gears}."
-        said = (
-            f"{share} of {len(evaluation.record)} samples within ±1 pulse, simulated on the arm that was found.{gears}"
-        )
+        said = f"{share} of {len(evaluation.record)} samples within ±1 pulse, simulated on the arm that was found."
+        if certificate is None:  # else its verdict says them
+            said += "".join(f" {line[:1].upper()}{line[1:]}." for line in evaluation.conditions)
         nominal = "the nominal arm, which is in doubt" if doubtful else "the nominal arm"
-        lines.append((evaluation.within(1) and not doubtful, f"{law} on {nominal}", said))
+        lines.append((evaluation.holds and not doubtful, f"{law} on {nominal}", said))
     if certificate is not None:
         title = f"{type(certificate.law).__name__} on {len(certificate.plants)} possible arms"
-        lines.append((certificate.failures == 0 and not doubtful, title, certificate.verdict))
+        lines.append((certificate.holds and not doubtful, title, certificate.verdict))
     rows = "\n".join(
         f'<li class="{"good" if good else "bad"}"><b>{"✓" if good else "✗"} {text(title)}</b>{text(said)}</li>'
         for good, title, said in lines
@@ -81,7 +82,7 @@ def _values(found: Any) -> str:
             rows.append((name, f"{value:.5g}", "as stated", "", "", unit, ""))
     head = ("", "value", "standard deviation", "95 % from", "to", "unit", "half-width")
     counted = (
-        f"Half-widths of the 95 % intervals; above the dashed line the sign is not known. They count noise and "
+        f"Half-widths of the 95 % intervals; right of the dashed line the sign is not known. They count noise and "
         f"{found.search.tolerances}."
     )
     drawn = figure(draw_certainty(found), "intervals", counted)
@@ -96,10 +97,10 @@ def _legend(found: Any) -> str:
 def _fit(found: Any) -> str:
     apart, aside = found.diagnostics.difference, found.diagnostics.held_out_difference
     known = f"{apart:.2f} pulses (rms)" if np.isfinite(apart) else "an amount that is not known"
-    kept = (
-        "No record was kept aside." if aside is None else
-        f"In the {len(found.held_out)} record(s) kept aside, which no search saw, they differ by {aside:.2f} pulses."
-    )  # fmt: skip
+    names = ", ".join(name for name, _ in _named(found, found.held_out))
+    kept = "No record was kept aside."
+    if aside is not None:
+        kept = f"In what was kept aside and no search saw, {names}, they differ by {aside:.2f} pulses."
     said = (
         f"Errors measured and simulated with these values differ by {known}; two roundings alone give 0.58. {kept} "
         f"{found.message}"
@@ -115,8 +116,7 @@ def _fit(found: Any) -> str:
 def _logs(found: Any) -> str:
     rows, parts = [], []
     for use, records in (("searched", found.records), ("kept aside", found.held_out)):
-        for i, record in enumerate(records):
-            name = record.name or f"record {i + 1}"
+        for name, record in _named(found, records):
             law = type(record.law).__name__ if record.law is not None else "none"
             seconds = f"{record.t[-1] - record.t[0]:.3g}"
             rows.append((name, use, law, f"{len(record)}", seconds, f"{1e3 * record.rig.period:g}"))
@@ -135,14 +135,16 @@ def _assumptions(found: Any) -> str:
     if found.covariance is not None and found.diagnostics.detection.assumed:
         assumed = found.assumed()
         strong = np.abs(assumed.moves) > 0.05 * np.where(assumed.std > 0, assumed.std, np.inf)
-        shown = np.flatnonzero(strong.any(axis=0))
-        head = ("1 % more of", *(assumed.unknown[i] for i in shown))
         rows = [
-            (name, *(f"{row[i]:+.2g}" if mark[i] else "" for i in shown))
+            (name, ", ".join(f"{assumed.unknown[i]} {row[i]:+.2g}" for i in np.flatnonzero(mark)))
             for name, row, mark in zip(assumed.names, assumed.moves, strong, strict=True)
         ]
-        told = "What no log of this kind reveals: how each value moves if a stated number is 1 % larger."
-        parts += ["<h3>Taken as stated</h3>", f"<p>{text(told)}</p>", table(head, rows)]
+        told = (
+            "What no log of this kind reveals: how values move if a stated number is 1 % larger, from 0.05 standard "
+            "deviations on."
+        )
+        head = ("1 % more of", "moves")
+        parts += ["<h3>Taken as stated</h3>", f"<p>{text(told)}</p>", table(head, rows, words=range(2))]
     stated = [*zip(found.rig.number_names(), found.rig.number_values(), strict=True)]
     stated += [*zip(found.law.number_names("law."), found.law.number_values(), strict=True)]
     shown_numbers = [(name, f"{value:.6g}") for name, value in stated if name not in found.unknown]
@@ -152,13 +154,43 @@ def _assumptions(found: Any) -> str:
     return section("Assumptions", *parts)
 
 
-def _controller(evaluation: Any) -> str:
+def _controller(found: Any, evaluation: Any) -> str:
     law = type(evaluation.record.law).__name__
     caption = f"Counted error of {law} along the path, simulated on the arm that was found; shaded: ±1 pulse."
     parts = [figure(draw_errors(evaluation), "counted errors of the controller", caption)]
+    path, t = evaluation.record.reference, evaluation.record.t
+    fastest = np.abs(path(t).qd).max(axis=0)
+    speeds = ", ".join(
+        f"{label} {speed:.2g} {'m' if link.prismatic else 'rad'}/s"
+        for label, speed, link in zip(
+            evaluation.joint_labels, fastest, evaluation.arm.dynamics.chain.links, strict=True
+        )
+    )
+    caption = f"The path of this verdict ({type(path).__name__}), {t[-1]:.3g} s; greatest speeds: {speeds}."
+    parts.append(figure(draw_path(evaluation), "the path", caption))
     bandwidth = getattr(evaluation.record.law, "bandwidth", None)
     said = "" if bandwidth is None else f"<p>{text(f'{law} with a bandwidth of {bandwidth:g} rad/s.')}</p>"
-    return section("Controller", said, *parts, body(evaluation))
+    left = _beyond(found, evaluation)
+    return section("Controller", said, *parts, body(evaluation), left)
+
+
+def _beyond(found: Any, evaluation: Any) -> str:
+    """Where the path of an evaluation leaves the logs."""
+    record = evaluation.record
+    places = seen(found, record.reference, len(record) * record.rig.period).beyond
+    only = "What only shows there (friction, cables, stops) is not in the model."
+    said = f"The path leaves the log: {'; '.join(places)}. {only}"
+    return f"<p>{text(said)}</p>" if places else ""
+
+
+def _named(found: Any, records: Any) -> Iterator[tuple[str, Any]]:
+    """Records with what to call them: their file, or their place among those given."""
+    everything = [*found.records, *found.held_out]
+    names = [each.name for each in everything]
+    for record in records:
+        place = next(i for i, each in enumerate(everything) if each is record)
+        name, numbered = record.name, f"record {place + 1}"
+        yield (name if names.count(name) == 1 else f"{name}, {numbered}") if name else numbered, record
 
 
 def _certificate(certificate: Any) -> str:
@@ -168,7 +200,6 @@ def _certificate(certificate: Any) -> str:
     caption = "Peak errors of all arms, the worst of them, and what they follow from."
     return section(
         "Certificate",
-        f"<p>{text(certificate.verdict)}</p>",
         figure(drawing, "certificate", caption),
         f"<p><b>Drawn</b>: {text(', '.join(drawn))}.</p>",
         f"<p><b>Not drawn, and so not promised</b>: {text(', '.join(missing))}.</p>",
@@ -180,23 +211,22 @@ def _origin(found: Any, certificate: Any) -> str:
     provenance = found.provenance()
     rows = [(name, str(value)) for name, value in provenance["versions"].items()]
     rows += [("method", found.method), ("seed", str(found.seed)), ("evaluations", f"{found.evaluations}")]
-    rows += [(f"SHA-256 of {name}", digest) for name, digest in _digests(provenance)]
+    for key, records in (("records", found.records), ("held_out", found.held_out)):
+        named = zip(_named(found, records), provenance[key], strict=True)
+        rows += [(f"SHA-256 of {name}, as it was read", digest) for (name, _), digest in named]
     if certificate is not None:
         rows.append(("seed of the certificate", str(certificate.provenance()["seed"])))
     settings = f"method={found.method!r}, seed={found.seed}"
+    names = ", ".join(repr(name) for name in found.short_names)
+    indent = " " * 20
+    listed = textwrap.fill(names, 100, initial_indent=indent, subsequent_indent=indent)
     code = (
         "from identification import Identification, identify\n\n"
         'found = Identification.load("found.json")            # where it was saved\n'
         f"again = identify(found.arm.dynamics, list(found.records), held_out=list(found.held_out),\n"
-        f"                 {settings}, unknown={list(found.unknown)!r})\n"
+        f"                 {settings}, unknown=[\n{listed}\n                 ])\n"
         "assert (again.values == found.values).all()           # the same versions, the same bits"
     )
     return section(
         "Where it comes from", table(("", ""), rows, words=range(2)), "<h3>Once more</h3>", preformatted(code)
     )
-
-
-def _digests(provenance: Any) -> Iterator[tuple[str, str]]:
-    for key, value in provenance.items():
-        if isinstance(value, (list, tuple)) and key != "warnings":
-            yield from ((f"{key.rstrip('s')} {i + 1}", str(each)) for i, each in enumerate(value))

@@ -135,6 +135,11 @@ class Evaluation(Shown):
         return refused(record.law, record.rig, record.counts[0])
 
     @property
+    def holds(self) -> bool:
+        """Whether the run stays within ±1 pulse, and nothing says that a machine would not begin as it did."""
+        return self.within(1) and self.from_rest is None and self.refused is None
+
+    @property
     def conditions(self) -> list[str]:
         """What the verdict assumes, and what a machine would do otherwise, one line each."""
         gears = None if self.on_gears is None else f"rigid gears assumed; {self.on_gears}"
@@ -211,7 +216,7 @@ class Evaluation(Shown):
                 ("share at the amplifier's limit", self.saturation, ".2%"),
             )
         ]
-        yield Verdict(self._short(), self.within(1) and self.from_rest is None and self.refused is None)
+        yield Verdict(self._short(), self.holds)
         yield by_joint(self.joint_labels, quantities)
         yield from self.conditions
 

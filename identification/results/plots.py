@@ -12,7 +12,7 @@ from identification.replay.prediction import Prediction
 from identification.results.repeated import repeated
 from plant.parts.figures import BAND, LOGS, axes_of, colour_of, dressed, legend_above, literal
 
-__all__ = ["draw_intervals", "plot_identification", "plot_oscillation"]
+__all__ = ["draw_intervals", "interval_height", "plot_identification", "plot_oscillation"]
 
 _MEANING = 68
 """Letters of a parameter's meaning that a figure shows; `Dynamics.legend` has them all."""
@@ -44,7 +44,7 @@ def plot_identification(found: Any, ax: Any = None) -> NDArray[Any]:
         Another number of Axes.
     """
     dynamics, record, n = found.arm.dynamics, found.records[0], found.arm.n
-    axes = axes_of(ax, (3 * n + 2,), lambda: _new_axes(n, dynamics.legend.splitlines()), _ADVICE)
+    axes = axes_of(ax, (3 * n + 2,), lambda: _new_axes(n, len(found.values), dynamics.legend.splitlines()), _ADVICE)
     prediction = Prediction(dynamics, record, found.unknown)
     left = prediction.innovations(np.append(found.values, prediction.nuisances)).reshape(-1, n)
     model = repeated(found)
@@ -73,13 +73,13 @@ def plot_identification(found: Any, ax: Any = None) -> NDArray[Any]:
     return axes
 
 
-def _new_axes(n: int, meaning: list[str]) -> list[Any]:
+def _new_axes(n: int, values: int, meaning: list[str]) -> list[Any]:
     """Axes of a figure that says below what the parameters mean, in two columns."""
     import matplotlib.pyplot as plt
 
     short = [line if len(line) <= _MEANING else f"{line[:_MEANING]} ..." for line in meaning]
     half = (len(short) + 1) // 2
-    heights = [*[1.8 if n < 4 else 1.5] * n, 2.6]
+    heights = [*[1.8 if n < 4 else 1.5] * n, max(2.6, interval_height(values))]
     figure = plt.figure(figsize=(12, sum(heights) + 0.14 * half), layout="constrained")
     grid = figure.add_gridspec(n + 1, 3, height_ratios=heights)
     columns = itertools.zip_longest(short[:half], short[half:], fillvalue="")
@@ -90,15 +90,20 @@ def _new_axes(n: int, meaning: list[str]) -> list[Any]:
     return [figure.add_subplot(place) for place in (*places, grid[n, 0], grid[n, 1:])]
 
 
+def interval_height(values: int) -> float:
+    """Height of a panel of so many intervals, a line each [inch]."""
+    return 0.9 + 0.17 * values
+
+
 def draw_intervals(axis: Any, found: Any) -> None:
     """Half-widths of the 95 % intervals, all counted and of noise alone, as shares of the values; beyond 100 % the sign
     is not known.
     """
     names = found.short_names
-    axis.set_xticks(np.arange(len(names)), names, rotation=0 if len(names) < 12 else 90, fontsize=8)
-    axis.set_xlim(-0.5, len(names) - 0.5)
-    axis.set_xlabel("parameter")
-    axis.set_ylabel("half-width [% of the value]")
+    axis.set_yticks(np.arange(len(names)), names, fontsize=8)
+    axis.set_ylim(len(names) - 0.5, -0.5)
+    axis.set_ylabel("parameter")
+    axis.set_xlabel("half-width [% of the value]")
     if found.covariance is None:
         return
     dot, ring = {"color": colour_of(0), "s": 16}, {"edgecolor": colour_of(1), "facecolor": "none", "s": 60}
@@ -108,10 +113,10 @@ def draw_intervals(axis: Any, found: Any) -> None:
     for covariance, label, style in kinds:
         share = 196 * np.sqrt(np.diag(covariance)) / np.maximum(np.abs(found.values), np.finfo(float).tiny)
         there = np.flatnonzero((share > 0) & (share < 1e6))  # not what is known, or a value of zero
-        axis.scatter(there, share[there], zorder=3, label=label, **style)
-    axis.set_yscale("log")
-    axis.yaxis.set_major_formatter("{x:g}")
-    axis.axhline(100, color="0.5", linewidth=0.8, linestyle="--")
+        axis.scatter(share[there], there, zorder=3, label=label, **style)
+    axis.set_xscale("log")
+    axis.xaxis.set_major_formatter("{x:g}")
+    axis.axvline(100, color="0.5", linewidth=0.8, linestyle="--")
     legend_above(axis)
 
 

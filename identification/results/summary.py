@@ -21,6 +21,9 @@ def said_of(found: Any) -> Iterator[Piece]:
     clear = "Nothing in the log contradicts what was stated."
     yield Verdict(f"In doubt: {count}, below." if doubtful else clear, not doubtful)
     yield f"{found.method}, {len(found.records)} record(s): {found.message}"
+    if found.held_out:
+        named = ", ".join(record.name or f"a record of {len(record)} samples" for record in found.held_out)
+        yield f"kept aside, and only repeated: {named}"
     yield _values(found)
     yield from inside(found.diagnostics)
     if found.fit.noise_covariance is not None:

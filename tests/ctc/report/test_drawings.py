@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ctc import evaluate
-from ctc.report.drawings import draw_certainty, draw_errors, draw_fit, draw_innovations
+from ctc.report.drawings import draw_certainty, draw_errors, draw_fit, draw_innovations, draw_path
 from identification import identify
 from plant import puma560, simulate
 
@@ -23,6 +23,10 @@ def found():
     return identify(ARM.dynamics, record, method="equation_error", progress=False)
 
 
+def path():
+    return draw_path(evaluate(ARM, RIG, puma560.p_law(), PATH, backend="numba", duration=0.3))
+
+
 def errors():
     return draw_errors(evaluate(ARM, RIG, puma560.p_law(), PATH, backend="numba", duration=0.3))
 
@@ -32,10 +36,11 @@ def errors():
     [
         (lambda: draw_fit(found()), ("error [pulses]",), ("time [s]", "time [s]")),
         (lambda: draw_innovations(found()), ("innovation [pulses]", "share"), ("time [s]", "innovation [pulses]")),
-        (lambda: draw_certainty(found()), ("half-width [% of the value]",), ("parameter",)),
+        (lambda: draw_certainty(found()), ("parameter",), ("half-width [% of the value]",)),
         (errors, ("error [pulses]",), ("time [s]",)),
+        (path, ("q [rad]",), ("time [s]",)),
     ],
-    ids=["fit", "innovations", "certainty", "errors"],
+    ids=["fit", "innovations", "certainty", "errors", "path"],
 )
 def test_every_axis_has_a_name_and_a_unit(draw, y, x):
     axes = draw()

@@ -15,7 +15,7 @@ from ctc import ComputedTorque, certify, evaluate, write_report
 from ctc.report.page import page as page_of
 from ctc.report.page import section
 from identification import identify
-from plant import puma560, simulate
+from plant import Later, puma560, simulate
 from plant.parts.markup import items, preformatted, table
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -172,9 +172,51 @@ def test_a_browser_shows_it_on_a_phone_and_prints_it(browser, page, tmp_path):
     wide, there, figures = map(int, re.search(r'id="told">(\d+) (\d+) (\d+)<', done.stdout).groups())
     assert wide <= there
     assert 300 < there < 391
-    assert figures == 5
+    assert figures == 6
     assert "CONSOLE" not in done.stderr
     browser("--no-pdf-header-footer", f"--print-to-pdf={tmp_path}/page.pdf", f"file://{page}", home=tmp_path / "b")
     sheet = (tmp_path / "page.pdf").read_bytes()
     assert sheet[:5] == b"%PDF-"
     assert 2 <= len(re.findall(rb"/Type\s*/Page\b", sheet)) <= 12
+
+
+def words(place):
+    """The text of a page, without its marks."""
+    return " ".join(html.unescape(re.sub("<[^>]+>", " ", place.read_text(encoding="utf-8"))).split())
+
+
+def test_path_logs_and_conditions_are_named(found, tmp_path):
+    """Of a path that begins in motion and leaves the log, and of records that came with files' names."""
+    log, away = simulate(ARM, RIG, puma560.p_law(), PATH, duration=1.5), Later(reference=puma560.reference(2.5), time=0.6)
+    named = dataclasses.replace(
+        found, records=(dataclasses.replace(found.records[0], name="one.csv"),),
+        held_out=(dataclasses.replace(log, name="two.csv"), dataclasses.replace(log.cut(0, 1.0), name="two.csv")),
+        diagnostics=dataclasses.replace(found.diagnostics, held_out_difference=0.6),
+    )  # fmt: skip
+    law = ComputedTorque(named)
+    evaluation = evaluate(named.arm, named.rig, law, away, duration=0.5)
+    write_report(named, evaluation, tmp_path / "moving.html")
+    said = words(tmp_path / "moving.html")
+    assert "✗ ComputedTorque on the nominal arm" in said
+    assert f"The {str(evaluation.from_rest)[4:]}." in said
+    fastest = np.abs(away(evaluation.record.t).qd).max(axis=0)
+    assert f"The path of this verdict (Later), 0.5 s; greatest speeds: joint 2 (q[0]) {fastest[0]:.2g} rad/s" in said
+    assert "The path leaves the log: joint" in said
+    assert "which no search saw" not in said
+    assert "no search saw, two.csv, record 2, two.csv, record 3, they differ by 0.60 pulses" in said
+    assert "SHA-256 of one.csv, as it was read" in said
+    assert "kept aside, and only repeated: two.csv, two.csv" in " ".join(str(named).split())
+    write_report(named, evaluate(named.arm, named.rig, law, PATH, duration=0.5), tmp_path / "within.html")
+    assert "leaves the log" not in words(tmp_path / "within.html")
+
+
+@pytest.mark.parametrize(("off", "named"), [((0, 1), "certificate has"), ((1, 0), "evaluation has"),
+                                            ((1, 1), "evaluation and certificate have")])  # fmt: skip
+def test_which_result_is_of_another_identification_is_said(found, tmp_path, off, named):
+    other = dataclasses.replace(found, arm=ARM.dynamics.arm(found.f * 1.01))
+    laws = [ComputedTorque((found, other)[each].arm, found.rig) for each in off]
+    evaluation = evaluate(found.arm, found.rig, laws[0], PATH, duration=0.05)
+    certificate = certify(found, found.rig, laws[1], PATH, samples=2, duration=0.05, progress=False)
+    with pytest.raises(ValueError, match=rf"with this identification's f; {named} another\."):
+        write_report(found, evaluation, certificate, tmp_path / "mixed.html")
+    assert not (tmp_path / "mixed.html").exists()
