@@ -73,7 +73,7 @@ def certify(
     friction : float
         Relative standard deviation of every viscous and Coulomb number that was not identified.
     load : float or (2,) array_like
-        Point mass in the hand [kg]. This and all below: one value, or uniform between two.
+        Point mass in the hand [kg]. Here and below two values are a range, drawn uniformly.
     load_position : (3,) array_like, optional
         Of the load, in the frame of the last link's body [m].
     phase : bool

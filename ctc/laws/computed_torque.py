@@ -62,8 +62,8 @@ class ComputedTorque(ModelLaw):
         Feed forward the friction of the rig, from the reference velocity.
     start_boost, start_time : float
         The observer starts `start_boost` times faster than it ends, and settles with the time constant `start_time`
-        [s]: at the first samples it knows nothing yet of the disturbance. Along a path from rest 1 is better, where it
-        would take the static friction that holds the arm for one.
+        [s]: at the first samples it knows nothing yet of the disturbance. Along a path from rest give 1: it
+        would take the static friction that holds the arm for a disturbance.
     measured : bool
         Evaluate D-hat and h-hat at the observed q and qd instead of the reference. Both are the computed torque of the
         textbooks; with the reference no measurement noise enters the model, and the tracking error is so small that
