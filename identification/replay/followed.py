@@ -72,8 +72,8 @@ class Followed(Experiment):
             return settled
         measured = np.flatnonzero(record.valid)
         begins = measured[1:][np.diff(record.t[measured]) > _LOST * record.rig.period].tolist()
-        if record.reference is None and record.initial is None and self.begin[1].any():
-            begins.append(0)
+        if record.initial is None and self.begin[1].any():  # not as the reference, and by an unknown speed
+            settled[: min(2 * _SETTLING, len(record) // 4)] = 0
         for row in begins:
             settled[row : row + _SETTLING] = 0
         return settled

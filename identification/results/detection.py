@@ -29,6 +29,9 @@ _LIMITS = {
 }  # fmt: skip
 """What turns the numbers of `Extended` into those of a text, and their units."""
 
+_LEAST = 1e-3
+"""Of these units, below which nobody asks."""
+
 
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -143,7 +146,9 @@ class Detection(Shown, Frozen):
             return f"{kind} (none would be seen)"
         scale, unit = _LIMITS[kind]
         kind = {"gear": "another gear", "offset": "an offset of the torque"}.get(kind, kind)
-        return f"{kind} (seen from {_span([scale * value for _, value in limits])} {unit})"
+        values = [scale * value for _, value in limits]
+        seen = _span(values) if max(values) > _LEAST else f"less than {_LEAST:g}"
+        return f"{kind} (seen from {seen} {unit})"
 
     def _joint(self, name: str) -> str:
         return self.joints[int(name.partition("[")[2][:-1])]

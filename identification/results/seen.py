@@ -48,12 +48,12 @@ def seen(found: Any, reference: Reference, duration: float) -> Seen:
 
 
 def _resonance(found: Any) -> float | None:
-    """Lowest of the joints' resonances below which compliance would have been seen, no higher than samples can show."""
+    """Lowest of the joints' resonances below which compliance would have been seen."""
     detection = found.diagnostics.detection
     visible = [sign.visible for sign in detection.signs if sign.name == "compliance" and not sign.significant]
     if detection.reason is not None or not visible or not visible[0]:
         return None
-    return float(min(*(value**-0.5 for value in visible[0].values()), 0.5 / found.rig.period))
+    return float(min(value**-0.5 for value in visible[0].values()))
 
 
 def _beyond(found: Any, reference: Reference, duration: float) -> list[str]:

@@ -8,15 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.law_memory import along_log
 from identification.equation_error.motor_torque import torque_of
-from identification.replay.experiment import with_zeros
 from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, fitted
 from identification.results.alternatives import Sign, delay_sign, effects_of, signs
 from identification.results.detection import Detection
 from identification.results.model_error import Doubt
-from identification.search.memory import resumed_at
+from identification.search.memory import as_tested
 from identification.search.outcome import Fit
 from identification.search.polish import start_of_fit, torque_fit
 from identification.search.problem import Problem
@@ -29,6 +27,9 @@ _NAMED = 3
 
 _EXPLAINED = 0.03
 """Share of what rounding does not explain that a named alternative must."""
+
+_FAINT, _FINER = 0.02, 16
+"""Share of the sum of squares below which what is named is tested once more; and the steps per sample then."""
 
 _ROUNDING = 1 / 12
 """Variance of the rounding of counts [pulses^2]."""
@@ -70,11 +71,28 @@ def detect(
     """
     try:
         tested = _Search(problem, fit)
-        detection, doubt = tested.detection(delay), tested.doubt()
+        detection = tested.detection(delay)
+        steps = problem.options.get("steps_per_sample", 4)
+        if tested.is_faint(detection) and not delay and steps < _FINER:  # may be the model's own steps
+            finer = _Search(dataclasses.replace(problem, options=problem.options | {"steps_per_sample": _FINER}), fit)
+            tested, detection = finer, finer.detection(delay)
+        doubt = tested.doubt()
         added = doubt.added(problem.tolerances, rounding)
-        return dataclasses.replace(detection, doubt=added, grouped=doubt.grouped(), assumed=doubt.assumed())
+        period = max(record.rig.period for record in problem.records)
+        shown = tuple(_sampled(sign, period) for sign in detection.signs)
+        return dataclasses.replace(
+            detection, signs=shown, doubt=added, grouped=doubt.grouped(), assumed=doubt.assumed()
+        )
     except (ValueError, np.linalg.LinAlgError) as error:
         return Detection(reason=str(error))
+
+
+def _sampled(sign: Sign, period: float) -> Sign:
+    """A sign whose resonances are none that samples every `period` [s] could show."""
+    if sign.name != "compliance":
+        return sign
+    least = (2 * period) ** 2
+    return dataclasses.replace(sign, visible={name: max(value, least) for name, value in sign.visible.items()})
 
 
 class _Refit(NamedTuple):
@@ -89,7 +107,7 @@ class _Search:
     """The model where it follows the log best, and what has been named so far."""
 
     def __init__(self, problem: Problem, fit: Fit) -> None:
-        records, keep = _records(problem, fit)
+        records, keep = as_tested(problem, fit)
         self._unknown, self._keep = len(problem.unknown), keep
         if fit.covariance is not None:
             values, step = fit.values, fit.std
@@ -134,6 +152,10 @@ class _Search:
             found = signs(self.at, self.effects)
         values = tuple(self._with_values(sign) for sign in named)
         return Detection(signs=tuple(first), named=values, stated=stated, joints=self.joints)
+
+    def is_faint(self, detection: Detection) -> bool:
+        """Whether all that is named explains so little that the error of the integration might."""
+        return bool(detection.named) and all(sign.explained < _FAINT * self.at.squares for sign in detection.named)
 
     def doubt(self) -> Doubt:
         """What is to be doubted of the values."""
@@ -212,26 +234,6 @@ def _may_follow(sign: Sign, named: list[Sign]) -> bool:
     if "backlash" in names:
         return sign.name == "backlash"
     return sign.name not in names and not (sign.name in ("lag", "delay") and names & {"lag", "delay"})
-
-
-def _records(problem: Problem, fit: Fit) -> tuple[list[Record], list[int]]:
-    """The records that are followed, and which of the unknowns act on them.
-
-    Raises
-    ------
-    ValueError
-        A record that cannot be followed.
-    """
-    if fit.zeros is not None:
-        given = with_zeros(problem.records, fit.zeros)
-    else:
-        searched = problem.records
-        if fit.resumptions:
-            searched = resumed_at(searched, fit.resumptions, reading=True)
-        given = [*searched, *(() if problem.held_out is None else problem.held_out.records)]
-    records = [along_log(record) for record in given]
-    replaced = any(record is not before for record, before in zip(records, given, strict=True))
-    return records, [i for i, name in enumerate(problem.unknown) if not (replaced and name.startswith("law."))]
 
 
 def _efforts(record: Record) -> NDArray[np.float64]:

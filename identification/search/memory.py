@@ -12,15 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from identification.equation_error.law_memory import Memory, Resumption, with_state
+from identification.equation_error.law_memory import Memory, Resumption, along_log, with_state
 from identification.equation_error.naming import each_named
 from identification.equation_error.stated_law import begun
+from identification.replay.experiment import with_zeros
 from identification.replay.objective import Objective
-from identification.search.outcome import Outcome
+from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem
 from plant import AlongLog, Record, Resumed
 
-__all__ = ["as_repeated", "repeating", "resumed_at", "with_memory"]
+__all__ = ["as_repeated", "as_tested", "repeating", "resumed_at", "with_memory"]
 
 _BY_CHANCE = 5.0
 """Standard deviations by which a sum of squares may fall by chance, where more is unknown."""
@@ -71,6 +72,26 @@ def repeating(problem: Problem, objective: Objective, places: Sequence[Resumptio
     if all(one is other for one, other in zip(records, objective.records, strict=True)):
         return objective
     return Objective(problem.dynamics, records, objective.unknown, **problem.options)
+
+
+def as_tested(problem: Problem, fit: Fit) -> tuple[list[Record], list[int]]:
+    """The records that are followed, and which of the unknowns act on them.
+
+    Raises
+    ------
+    ValueError
+        A record that cannot be followed.
+    """
+    if fit.zeros is not None:
+        given = with_zeros(problem.records, fit.zeros)
+    else:
+        searched = problem.records
+        if fit.resumptions:
+            searched = resumed_at(searched, fit.resumptions, reading=True)
+        given = [*searched, *(() if problem.held_out is None else problem.held_out.records)]
+    records = [along_log(record) for record in given]
+    replaced = any(record is not before for record, before in zip(records, given, strict=True))
+    return records, [i for i, name in enumerate(problem.unknown) if not (replaced and name.startswith("law."))]
 
 
 def resumed_at(

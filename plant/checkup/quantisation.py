@@ -94,6 +94,8 @@ def comb(counts: NDArray[np.float64]) -> tuple[float, bool]:
     """
     counts = np.round(counts)
     steps = np.abs(np.diff(counts))
+    if not steps.any():
+        return 1.0, False
     smallest = np.quantile(steps[steps > 0], 0.02)
     levels = np.unique(counts)
     levels = levels[: 1 << 16] - levels[0]

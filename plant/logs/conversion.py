@@ -45,12 +45,15 @@ def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str
         return {"link_counts": rig.position_in_pulses(value * factors(unit))}
     name = "reference_pulses" if field in REFERENCE else "error_pulses" if field == "error_pulses" else "counts"
     if unit == "pulses":
-        return {name: _whole(field, value, rig)}
+        asked = field == "reference_position"  # between two pulses, too
+        return {name: rig.encoder.quantised(value.astype(float)) if asked else _whole(field, value, rig)}
     return {name: _counted(field, value, unit, rig)}
 
 
 def converted_angle(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> NDArray[np.float64]:
     """Joint position [rad] that was asked for, without rounding."""
+    if unit == "pulses":
+        return rig.to_angle(value.astype(float))
     angle = value * factors(unit)
     return rig.drive.joint_angle(angle) if "motor" in field else angle
 
@@ -80,7 +83,10 @@ def _whole(field: str, value: NDArray[Any], rig: Rig) -> NDArray[np.float64]:
     broken = np.argwhere((value != np.trunc(value)) | (np.abs(value) > _EXACT))
     if len(broken):
         got = f"got {value[tuple(broken[0])]:g} in row {broken[0][0]}, {rig.joint_labels[broken[0][1]]}"
-        raise ValueError(f"{field!r} must be whole pulses; {got}. Map angles as 'position', with their unit.")
+        advice = "Map angles as 'position', with their unit."
+        if field == "reference_pulses":
+            advice = "Map it as 'reference_position', with its unit, 'pulses' or that of an angle."
+        raise ValueError(f"{field!r} must be whole pulses; {got}. {advice}")
     return value
 
 

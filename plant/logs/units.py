@@ -25,7 +25,7 @@ CURRENT = {"A": 1.0, "mA": 1e3}
 TORQUE = ("N m", "N", "motor N m")
 UNITS = {
     "t": tuple(TIME), "position": (*ANGLE, *LENGTH, "pulses"), "motor_position": (*ANGLE, "pulses"),
-    "reference_position": (*ANGLE, *LENGTH), "reference_motor_position": tuple(ANGLE),
+    "reference_position": (*ANGLE, *LENGTH, "pulses"), "reference_motor_position": tuple(ANGLE),
     "link_position": (*ANGLE, *LENGTH), "torque": TORQUE, "injected": TORQUE, "current": tuple(CURRENT),
     "counts": ("pulses",), "error_pulses": ("pulses",), "reference_pulses": ("pulses",),
 }  # fmt: skip

@@ -187,7 +187,10 @@ def words(place):
 
 def test_path_logs_and_conditions_are_named(found, tmp_path):
     """Of a path that begins in motion and leaves the log, and of records that came with files' names."""
-    log, away = simulate(ARM, RIG, puma560.p_law(), PATH, duration=1.5), Later(reference=puma560.reference(2.5), time=0.6)
+    log, away = (
+        simulate(ARM, RIG, puma560.p_law(), PATH, duration=1.5),
+        Later(reference=puma560.reference(2.5), time=0.6),
+    )
     named = dataclasses.replace(
         found, records=(dataclasses.replace(found.records[0], name="one.csv"),),
         held_out=(dataclasses.replace(log, name="two.csv"), dataclasses.replace(log.cut(0, 1.0), name="two.csv")),

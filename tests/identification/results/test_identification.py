@@ -75,8 +75,8 @@ def test_figure_of_long_names_is_short_at_its_ticks_and_apart_in_its_texts():
     figure.draw_without_rendering()
     titles = {axis.get_title(loc="left"): axis for axis in figure.axes}
     assert set(renamed().chain.joint_labels) <= set(titles)
-    assert [tick.get_text() for tick in titles["95 % intervals"].get_xticklabels()] == list(found().short_names)
-    texts = [*(axis._left_title for axis in titles.values()), *titles["95 % intervals"].get_xticklabels()]
+    assert [tick.get_text() for tick in titles["95 % intervals"].get_yticklabels()] == list(found().short_names)
+    texts = [*(axis._left_title for axis in titles.values()), *titles["95 % intervals"].get_yticklabels()]
     legends = [axis.get_legend() for axis in figure.axes if axis.get_legend() is not None]
     boxes = [
         each.get_window_extent() for each in (*texts, *legends) if not hasattr(each, "get_text") or each.get_text()

@@ -70,3 +70,13 @@ def test_a_run_that_diverges_is_none():
     wild = dataclasses.replace(LAW, gain=(50, 50))
     drive = dataclasses.replace(RIG.drive, current_limit=(np.inf, np.inf))
     assert repeated(dataclasses.replace(found, rig=dataclasses.replace(RIG, drive=drive), law=wild)) is None
+
+
+@pytest.mark.parametrize(("arm", "begin"), [(puma560.arm(), 0.5), (ARM, 0.7)], ids=["published", "literature"])
+def test_torques_that_begin_in_motion_accuse_nothing(arm, begin):
+    """Where the arm was and how fast is not what the reference says, to a pulse; that is no lag of the currents."""
+    record = simulate(arm, RIG, LAW, PATH, steps_per_sample=16).cut(begin, begin + 2)
+    found = identify(arm.dynamics, dataclasses.replace(record, true_q=None, true_qd=None), progress=False)
+    assert found.diagnostics.detection.names == ()
+    assert not found.warnings
+    assert (np.abs(found.f - arm.f) < 4 * found.std).all()

@@ -464,3 +464,19 @@ def test_positions_without_rounding_are_the_path_where_they_are_smooth(kind):
     truth = puma560.reference()(between)
     for got, expected, limit in zip(record.reference(between), truth, (1e-12, 1e-9, 1e-5), strict=True):
         np.testing.assert_allclose(got, expected, rtol=0, atol=loose * limit)
+
+
+def test_a_commanded_position_in_pulses_with_fractions(tmp_path):
+    """The path that a controller was given, in its own units; as counts it is refused, with what to map it to."""
+    t = RIG.period * np.arange(400)
+    asked = 300 * np.sin(20 * t)[:, None] * (1.0, -0.7) + 0.25
+    rows = np.column_stack([t, np.trunc(asked), asked])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,c1,c2,r1,r2", comments="", fmt="%.17g")
+    columns = {"t": "t", "counts": ["c1", "c2"], "reference_position": ["r1", "r2"]}
+    units = {"t": "s", "reference_position": "pulses"}
+    record = Record.from_csv(tmp_path / "log.csv", rig=RIG, law=puma560.p_law(), columns=columns, units=units)
+    np.testing.assert_array_equal(record.reference_pulses, np.trunc(asked))
+    np.testing.assert_allclose(RIG.position_in_pulses(record.reference(t).q), asked, atol=1e-9)
+    counted = {"t": "t", "counts": ["c1", "c2"], "reference_pulses": ["r1", "r2"]}
+    with pytest.raises(ValueError, match=r"must be whole pulses; .* Map it as 'reference_position', with its unit, 'p"):
+        Record.from_csv(tmp_path / "log.csv", rig=RIG, law=puma560.p_law(), columns=counted, units={"t": "s"})
