@@ -70,8 +70,11 @@ def least_squares(
     lengths = np.sqrt(np.einsum("mi,mi->i", rows, rows))
     if not lengths.all():
         idle = names[int(np.argmin(lengths))]
-        said = f"every unknown must act on the log; {idle} does not in this motion. Leave it out."
-        raise NotIdentifiableError(said, idle)
+        raise NotIdentifiableError(
+            f"every unknown must act on the log; {idle} does not in this motion. Leave it out; "
+            "where its joint did move, look with record.check() for what of rig or law is not the machine's.",
+            idle,
+        )
     solved = _by_products if dependent >= _EXACT_ENOUGH else _by_rows
     triangle, along = solved(rows, lengths, target, _Told(names, dependent))
     inverse = np.zeros((k, k))
