@@ -40,7 +40,7 @@ html_theme = "furo"
 html_title = "onepulse"
 html_baseurl = os.environ.get("READTHEDOCS_CANONICAL_URL", "")  # what downloaded notebooks link to
 html_static_path = ["static"]
-html_css_files = ["formula.css"]
+html_css_files = ["pages.css"]
 exclude_patterns = ["_build", "jupyter_execute", "templates"]
 html_math_renderer = "mathml"
 
