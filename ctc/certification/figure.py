@@ -112,7 +112,7 @@ def _new_axes(certificate: Any, labels: list[str], found: list[Any]) -> list[Any
     long = [f"{short[x.name]} = {x.name}" for x in reversed(found) if short.get(x.name, x.name) != x.name]
     lines = [line for each in long for line in textwrap.wrap(each, _LINE, subsequent_indent="    ")]
     figure, axes = plt.subplot_mosaic(
-        rows, figsize=(13, sum(heights) + 0.13 * len(lines)), width_ratios=(1, 1.5, 1), height_ratios=heights,
+        rows, figsize=(11, sum(heights) + 0.13 * len(lines)), width_ratios=(1.3, 1.4, 1), height_ratios=heights,
         layout="constrained",
     )  # fmt: skip
     if lines:

@@ -58,7 +58,7 @@ def plot_identification(found: Any, ax: Any = None) -> NDArray[Any]:
             axis.set_ylabel("error [pulses]")
         rest.plot(record.t, left[:, joint], color=colour_of(0), linewidth=0.5)
         rest.set_ylabel("innovation [pulses]")
-        titles = (label, *(("a stretch of it", "innovation: counted minus predicted") if joint == 0 else ("", "")))
+        titles = (label, *(("a stretch", "innovation: counted minus predicted") if joint == 0 else ("", "")))
         for axis, title in zip((whole, stretch, rest), titles, strict=True):
             dressed(axis, title)
             axis.set_xlabel("time [s]" if joint == n - 1 else "")
@@ -80,14 +80,14 @@ def _new_axes(n: int, values: int, meaning: list[str]) -> list[Any]:
     short = [line if len(line) <= _MEANING else f"{line[:_MEANING]} ..." for line in meaning]
     half = (len(short) + 1) // 2
     heights = [*[1.8 if n < 4 else 1.5] * n, max(2.6, interval_height(values))]
-    figure = plt.figure(figsize=(12, sum(heights) + 0.14 * half), layout="constrained")
+    figure = plt.figure(figsize=(10.5, sum(heights) + 0.14 * half), layout="constrained")
     grid = figure.add_gridspec(n + 1, 3, height_ratios=heights)
     columns = itertools.zip_longest(short[:half], short[half:], fillvalue="")
     lines = [f"{first:<{_MEANING + 8}}{second}" for first, second in columns]
     if lines:
         figure.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=7, family="monospace")
     places = [grid[joint, column] for joint in range(n) for column in range(3)]
-    return [figure.add_subplot(place) for place in (*places, grid[n, 0], grid[n, 1:])]
+    return [figure.add_subplot(place) for place in (*places, grid[n, 2], grid[n, :2])]
 
 
 def interval_height(values: int) -> float:

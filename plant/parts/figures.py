@@ -102,7 +102,10 @@ def dressed(axis: Any, title: str = "", size: float = 9) -> Any:
 def legend_above(axis: Any, *, left: bool = False, columns: int = 2) -> None:
     """A legend above the axis, where no curve is: to the right of its title, or to the left of an axis without one."""
     side, x = ("lower left", 0) if left else ("lower right", 1)
-    axis.legend(frameon=False, fontsize=8, ncols=columns, loc=side, bbox_to_anchor=(x, 1), borderaxespad=0.1)
+    axis.legend(
+        loc=side, bbox_to_anchor=(x, 1), borderaxespad=0.1, frameon=False,
+        fontsize=8, ncols=columns, handlelength=1.2, columnspacing=1.2,
+    )  # fmt: skip
 
 
 def literal(plot: F) -> F:

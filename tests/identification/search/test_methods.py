@@ -213,7 +213,7 @@ def test_plot_draws_errors_innovations_spectrum_and_intervals():
     matplotlib.use("Agg")
     axes = found().plot()
     assert [axis.get_title(loc="left") for axis in axes if axis.get_title(loc="left")] == [
-        "joint 2 (q[0])", "a stretch of it", "innovation: counted minus predicted", "joint 3 (q[1])", "spectrum",
+        "joint 2 (q[0])", "a stretch", "innovation: counted minus predicted", "joint 3 (q[1])", "spectrum",
         "95 % intervals",
     ]  # fmt: skip
     matplotlib.pyplot.close(axes[0].figure)
