@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from argparse import Namespace
+from pathlib import Path
 from typing import Any, cast
 
 from ctc.certification.certificate import Certificate
@@ -13,6 +14,7 @@ from ctc.commandline.demo import demo
 from ctc.commandline.inputs import new_place, path_of, records_of, result_of, robot_of, unknowns_of
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.report.report import write_report
+from ctc.tuning.tune import tune
 from ctc.verdict.evaluation import evaluate
 from identification import Identification, identify
 from identification.results.doubts import doubts
@@ -113,29 +115,46 @@ def run_certify(given: Namespace) -> Answer:
     found = result_of(given.found)
     place = None if given.output is None else new_place(given.output, given.force)
     law, path = _law(found, given), path_of(found.records[0], given.path)
-    certificate = certify(
-        found, found.rig, law, path, samples=given.samples, seed=given.seed, within=given.within,
-        resonance=given.resonance, friction=given.friction, load=given.load, load_position=given.load_position,
-        checkpoint=given.checkpoint, progress=not given.quiet,
-    )  # fmt: skip
+    certificate = certify(found, found.rig, law, path, **_stated(given))
+    said = [str(certificate), f"computed torque with a bandwidth of {law.bandwidth:g} rad/s"]
+    first = certificate.sensitivities[0].name if certificate.failures and certificate.sensitivities else ""
+    if first.startswith(("drive.viscous", "drive.coulomb")) and first not in found.unknown:
+        said.append(f"{first} decides, and was not identified: onepulse identify ... --unknown friction")
+    return _certified(certificate, said, {"bandwidth": law.bandwidth}, place)
+
+
+def run_tune(given: Namespace) -> Answer:
+    """The quietest law that stays within the limit on what was found."""
+    found = result_of(given.found)
+    place = None if given.output is None else new_place(given.output, given.force)
+    tuning = tune(found, found.rig, path_of(found.records[0], given.path), **_stated(given))
+    best = min(tuning.trials, key=lambda trial: trial.rank)
+    kind = type(tuning.law).__name__
+    said = [str(tuning), f"the law: {kind} ({best.tuned}); in Python, Certificate.load(FILE).law"]
+    return _certified(tuning.certificate, said, {"law": kind, "numbers": best.numbers}, place)
+
+
+def _stated(given: Namespace) -> dict[str, Any]:
+    """What is uncertain, and how it is tried, as the options of `certify` and `tune`."""
+    names = ("samples", "seed", "within", "resonance", "friction", "load", "load_position", "checkpoint")
+    return {name: getattr(given, name) for name in names} | {"progress": not given.quiet}
+
+
+def _certified(certificate: Certificate, said: list[str], of_law: dict[str, Any], place: Path | None) -> Answer:
+    """The answer that a certificate gives, kept in its file."""
     if place is not None:
         certificate.save(place)
     low, high = certificate.interval
     data = {
         "verdict": certificate.verdict, "failures": certificate.failures, "samples": len(certificate.plants),
         "probability": certificate.probability, "interval": [low, high], "upper": certificate.upper,
-        "within": certificate.within, "bandwidth": law.bandwidth,
+        "within": certificate.within, **of_law,
         "from_rest": None if certificate.from_rest is None else str(certificate.from_rest),
         "lowest_resonance": plain_number(certificate.lowest_resonance),
         "log_shows_below": None if certificate.seen is None else plain_number(certificate.seen.resonance),
         "beyond_log": [] if certificate.seen is None else list(certificate.seen.beyond),
     }  # fmt: skip
-    said = [str(certificate), f"computed torque with a bandwidth of {law.bandwidth:g} rad/s"]
-    first = certificate.sensitivities[0].name if certificate.failures and certificate.sensitivities else ""
-    if first.startswith(("drive.viscous", "drive.coulomb")) and first not in found.unknown:
-        said.append(f"{first} decides, and was not identified: onepulse identify ... --unknown friction")
-    said += [] if place is None else [f"\nwrote {place}"]
-    return Answer("\n".join(said), data, certificate.holds)
+    return Answer("\n".join([*said, *([] if place is None else [f"\nwrote {place}"])]), data, certificate.holds)
 
 
 def _law(found: Identification, given: Namespace) -> ComputedTorque:
@@ -171,6 +190,7 @@ COMMANDS = {
     "check": run_check,
     "identify": run_identify,
     "certify": run_certify,
+    "tune": run_tune,
     "report": run_report,
 }
 """Name of each command -> what it does."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from identification import Identification
 from plant import Record, Reference, Robot, Spline, Table, read_records, read_robot
+from plant.parts.user_warning import warn
 from plant.simulation.clock import Clock
 from plant.simulation.followed_path import Logged
 
@@ -18,6 +19,9 @@ _GROUPS = {"friction": ("drive.viscous", "drive.coulomb"), "gains": ("law.gain",
 
 _KNOTS = 0.02
 """Time between the points of a logged path that a spline goes through [s]."""
+
+_LONGER, _WIDER = 100.0, 10.0
+"""Times the log's duration, and its angles, from which on a path looks like other units."""
 
 _AT_REST = 0.02
 """Speed of a joint [rad/s] below which a path begins at rest."""
@@ -67,7 +71,7 @@ def path_of(record: Record, given: str | None = None) -> Reference:
         raise ValueError(
             f"the path to follow must be a CSV file that is there; {given} is not. Its columns: t, q_1, ..."
         )
-    path = Table.from_csv(given) if given is not None else record.reference
+    path = _table(given, record) if given is not None else record.reference
     if path is None:
         if not np.ptp(record.reference_pulses):
             raise ValueError("the log must hold the path that was followed; it does not. Give --path FILE: t, q_1, ...")
@@ -81,6 +85,18 @@ def path_of(record: Record, given: str | None = None) -> Reference:
     kept = np.unique([*range(0, len(times), step), len(times) - 1])
     ends = np.abs([(points[1] - points[0]) / times[1], (points[-1] - points[-2]) / (times[-1] - times[-2])])
     return Spline(times=times[kept], points=points[kept], at_rest=bool(ends.max() < _AT_REST))
+
+
+def _table(given: str, record: Record) -> Table:
+    """A path from a file, with a warning where its numbers look like other units."""
+    path = Table.from_csv(given)
+    times, points = np.asarray(path.times), np.asarray(path.points)
+    if np.ptp(times) > _LONGER * np.ptp(record.t):
+        warn(f"{given} lasts {np.ptp(times):.4g} s, the log {np.ptp(record.t):.3g} s: is its t in ms?")
+    largest = max(float(np.abs(points).max()), 1e-9)
+    if largest > _WIDER * max(float(np.abs(record.rig.cell_centre(record.counts)).max()), 1.0):
+        warn(f"{given} has angles of up to {largest:.3g} rad, many times those of the log: are they in degrees?")
+    return path
 
 
 def new_place(path: str, force: bool) -> Path:

@@ -117,23 +117,16 @@ def _parser() -> argparse.ArgumentParser:
     _long(identify)
 
     certify = _command(commands, "certify", "the probability that computed torque leaves the pulse limit")
-    certify.add_argument("found", help="file of identify -o")
-    certify.add_argument("--resonance", nargs=2, type=float, metavar=("LOW", "HIGH"), help="of the gears [Hz]")
-    certify.add_argument("--friction", type=float, default=0.1, help="share by which it may differ (default 0.1)")
-    certify.add_argument(
-        "--load", nargs=2, type=float, default=0.0, metavar=("LOW", "HIGH"), help="in the gripper [kg]"
-    )
-    place = "its centre in the last link's frame [m]"
-    certify.add_argument("--load-position", nargs=3, type=float, metavar=("X", "Y", "Z"), help=place)
-    certify.add_argument("--within", type=_positive, default=1.0, help="limit [pulses] (default 1)")
-    certify.add_argument("--samples", type=int, default=10_000, help="plants that are drawn (default 10000)")
+    _uncertain(certify)
     _law(certify)
-    _output(certify, "file for report", required=False)
-    _long(certify)
+
+    tune = _command(commands, "tune", "the quietest law that stays within the pulse limit, and its certificate")
+    _uncertain(tune)
+    _path(tune)
 
     report = _command(commands, "report", "one page of an identification and its controller (HTML)")
     report.add_argument("found", help="file of identify -o")
-    report.add_argument("--certificate", metavar="FILE", help="file of certify -o")
+    report.add_argument("--certificate", metavar="FILE", help="file of certify -o or tune -o")
     _law(report)
     _output(report, "the page, such as page.html")
     return parser
@@ -143,7 +136,7 @@ def _command(commands: Any, name: str, about: str) -> argparse.ArgumentParser:
     command: argparse.ArgumentParser = commands.add_parser(name, help=about, description=about.capitalize() + ".")
     command.add_argument("--json", action="store_true", help="answer in JSON, for programs")
     command.add_argument("--quiet", action="store_true", help="no progress bars (they are drawn on terminals alone)")
-    if name in ("demo", "identify", "certify"):
+    if name in ("demo", "identify", "certify", "tune"):
         command.add_argument("--seed", type=_seed, default=1 if name == "demo" else 0, help="same seed, same result")
     return command
 
@@ -153,8 +146,26 @@ def _logs(command: argparse.ArgumentParser) -> None:
     command.add_argument("--cut", nargs=2, type=float, metavar=("BEGIN", "END"), help="this part alone [s]")
 
 
+def _uncertain(command: argparse.ArgumentParser) -> None:
+    command.add_argument("found", help="file of identify -o")
+    command.add_argument("--resonance", nargs=2, type=float, metavar=("LOW", "HIGH"), help="of the gears [Hz]")
+    command.add_argument("--friction", type=float, default=0.1, help="share by which it may differ (default 0.1)")
+    load: dict[str, Any] = {"nargs": 2, "type": float, "default": 0.0}
+    command.add_argument("--load", **load, metavar=("LOW", "HIGH"), help="in the gripper [kg]")
+    place = "its centre in the last link's frame [m]"
+    command.add_argument("--load-position", nargs=3, type=float, metavar=("X", "Y", "Z"), help=place)
+    command.add_argument("--within", type=_positive, default=1.0, help="limit [pulses] (default 1)")
+    command.add_argument("--samples", type=int, default=10_000, help="plants that are drawn (default 10000)")
+    _output(command, "file for report", required=False)
+    _long(command)
+
+
 def _law(command: argparse.ArgumentParser) -> None:
     command.add_argument("--bandwidth", type=float, help="of computed torque [rad/s] (default: the law's own)")
+    _path(command)
+
+
+def _path(command: argparse.ArgumentParser) -> None:
     command.add_argument("--path", metavar="FILE", help="to follow: t [s], q_1, ... [rad] (default: the log's)")
 
 

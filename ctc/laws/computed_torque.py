@@ -32,6 +32,9 @@ _STIFFER = 1.0, 1.2, 1.5, 2.0, 3.0, 5.0
 """Resonances, in shares of the stated, at which it has to be stable: a fast observer can be stable on soft gears, but
 no longer where they are a little stiffer."""
 
+_AT_ONCE = 8.0
+"""Pulses within `start_time` from which on a reference begins at once (tests/benchmarks/from_rest.py)."""
+
 _SLOWEST = 5.0
 """Bandwidth [rad/s] below which none is tried."""
 
@@ -62,8 +65,9 @@ class ComputedTorque(ModelLaw):
         Feed forward the friction of the rig, from the reference velocity.
     start_boost, start_time : float
         The observer starts `start_boost` times faster than it ends, and settles with the time constant `start_time`
-        [s]: at the first samples it knows nothing yet of the disturbance. Along a path from rest give 1: it
-        would take the static friction that holds the arm for a disturbance.
+        [s]: at the first samples it knows nothing yet of the disturbance. In full where the first sample of the
+        reference asks for a motion of eight pulses within `start_time`, in proportion where it asks for less: along
+        a path that begins gently a fast observer would find nothing but rounding, and the friction that holds the arm.
     measured : bool
         Evaluate D-hat and h-hat at the observed q and qd instead of the reference. Both are the computed torque of the
         textbooks; with the reference no measurement noise enters the model, and the tracking error is so small that
@@ -124,7 +128,7 @@ class ComputedTorque(ModelLaw):
         """One sample: what acted -> predict -> correct -> feed back -> torque. Source: paper Fig. 2."""
         n, model, f = self.arm.n, self.arm.dynamics, self.arm.f
         e, rate, disturbance, v, commanded, *pending = (state[i * n : (i + 1) * n] for i in range(5 + 2 * self.delay))
-        fresh = state[-1]
+        fresh = ca.if_else(state[-1] < 1, state[-1], self._asked(rig, setpoint))
 
         # v and the commanded torque acted since the last sample; what the amplifier cut off is missing from v.
         v = v + inverse(model.D(setpoint.q, f)).solve(torque - commanded)
@@ -142,6 +146,11 @@ class ComputedTorque(ModelLaw):
         acting, coming = (pending[1], pending) if self.delay else (wanted, ())
         following = [e, rate, disturbance, *coming, feedback, wanted, fresh * ca.exp(-dt / self.start_time)]
         return acting, ca.vertcat(*following)
+
+    def _asked(self, rig: Rig, setpoint: Setpoint) -> ca.SX:
+        """How much of the boost a reference asks for that begins so: by the motion within `start_time`, 0 to 1."""
+        motion = setpoint.qd * self.start_time + setpoint.qdd * self.start_time**2 / 2
+        return ca.fmin(1, ca.mmax(ca.fabs(rig.position_in_pulses(motion))) / _AT_ONCE)
 
 
 def _bandwidth(found: Any, rig: Rig | None) -> float:

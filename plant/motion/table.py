@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Self
 
@@ -17,6 +18,12 @@ __all__ = ["Table"]
 
 _MOST = 64 << 20
 """Bytes of a file."""
+
+_NUMBERED = re.compile(r"(\D*)(\d+)\D*")
+"""A name and its number."""
+
+_OTHER = re.compile(r"(?<![a-z])(deg|degree|degrees|°|ms|us)(?![a-z])")
+"""Units that times and angles of a table do not have."""
 
 
 @part
@@ -56,7 +63,13 @@ class Table(Timed):
     @classmethod
     @known_options
     def from_csv(cls, path: str | Path) -> Self:
-        """Read columns t [s], q_1..q_n [rad]; lines that start with # or a letter are headings."""
+        """Read columns t [s], q_1..q_n [rad]; lines that start with # or a letter are headings.
+
+        Raises
+        ------
+        ValueError
+            No table of numbers, or a heading that numbers the joints in another order or has other units.
+        """
         rows: list[list[float]] = []
         try:
             require_bounded(path, _MOST)
@@ -65,6 +78,7 @@ class Table(Timed):
         with open(path, encoding="utf-8") as file:
             for count, line in enumerate(file, 1):
                 if not line.strip() or line.lstrip()[0] == "#" or line.lstrip()[0].isalpha():
+                    _require_ours(path, line)
                     continue
                 try:
                     rows.append([decimal(cell) for cell in line.split(",")])
@@ -91,3 +105,15 @@ class Table(Timed):
         inside = ((t >= times[0]) & (t < times[-1]))[:, None]
         s = np.clip(t, times[0], times[-1])
         return points[row] + slope * (s - times[row])[:, None], inside * slope, np.zeros((len(t), self.n))
+
+
+def _require_ours(path: str | Path, line: str) -> None:
+    """Refuse a heading whose joints are numbered in another order, or whose units are not s and rad."""
+    cells = [cell.strip() for cell in line.strip().lstrip("#").split(",")]
+    joints = [match.groups() for match in map(_NUMBERED.fullmatch, cells[1:]) if match]
+    order, alike = [int(number) for _, number in joints], len({name for name, _ in joints}) == 1
+    if alike and len(order) == len(cells) - 1 and order != sorted(order):
+        raise ValueError(f"{path} must have the joints in order; its columns are {', '.join(cells)}. Reorder them.")
+    other = [cell for cell in cells if _OTHER.search(cell.lower())]
+    if len(cells) > 1 and other:
+        raise ValueError(f"{path} must be in s and rad; its heading has {other[0]!r}. Convert it.")

@@ -6,11 +6,14 @@ import math
 import os
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pytest
 
 import ctc.commandline.commands as commands
+from ctc import Certificate
+from ctc.commandline.inputs import path_of, records_of
 from ctc.commandline.main import main
 from identification import Identification
 from plant import puma560, read_robot, simulate
@@ -111,6 +114,44 @@ def test_a_path_that_begins_in_motion_is_no(folder, capsys, monkeypatch):
     assert told["from_rest"] in told["verdict"].replace("The path", "the path")
     assert told["log_shows_below"] > 10
     assert told["beyond_log"][0].startswith("joint 2 (q[0]) 0.00 to 0.30 rad (log: -1.45 to 0.00)")
+
+
+def test_a_law_is_tuned_and_handed_on(folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "untuned.json", "--quiet")
+    path = np.loadtxt("path.csv", delimiter=",")
+    np.savetxt("brief.csv", path[path[:, 0] <= 0.15], delimiter=",")
+    given = ("untuned.json", "--path", "brief.csv", "--samples", "8", "--friction", "0.02", "-o", "tuned.json")
+    code, out, err = run(capsys, "tune", *given, "--json", "--quiet")
+    told = json.loads(out)
+    assert (code, told["failures"], err) == (0, 0, "")
+    certificate = Certificate.load("tuned.json")
+    assert told["law"] == type(certificate.law).__name__
+    assert certificate.law.arm == Identification.load("untuned.json").arm
+    assert "friction ±2 %" in str(certificate)
+    assert run(capsys, "report", "untuned.json", "--certificate", "tuned.json", "-o", "tuned.html")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("scale", "said"),
+    [
+        ((1, 1), ""),
+        (
+            (1, 180 / math.pi),
+            "has angles of up to 17.2 rad, many times those of the log: are they in degrees?",
+        ),
+        ((1000, 1), "lasts 1000 s, the log 1.5 s: is its t in ms?"),
+    ],
+)
+def test_a_path_in_other_units_is_named(folder, capsys, monkeypatch, scale, said):
+    monkeypatch.chdir(folder)
+    path = np.loadtxt("path.csv", delimiter=",")
+    np.savetxt("units.csv", path * [scale[0], scale[1], scale[1]], delimiter=",")
+    record = records_of(["log.csv"], read_robot("arm.toml"))[0]
+    with warnings.catch_warnings(record=True) as given:
+        warnings.simplefilter("always")
+        path_of(record, "units.csv")
+    assert [str(each.message) for each in given] == ([f"units.csv {said}"] if said else [])
 
 
 def test_an_output_that_is_full_closed_or_narrow(folder):

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ctc import ComputedTorque, evaluate
-from plant import Harmonics, Rig, puma560, simulate
+from plant import Harmonics, PointToPoint, Rig, puma560, simulate
 from plant.mechanics.chain import Chain
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.link import Link
@@ -251,6 +251,38 @@ def test_a_delayed_torque_acts_one_sample_later():
     second, _ = asked(law(delay=1), *arguments, state=state)
     np.testing.assert_array_equal(first, 0)
     np.testing.assert_allclose(second, at_once, rtol=0, atol=1e-10)
+
+
+# -- the start -------------------------------------------------------------------------------------------------------
+def torques(controller, path, samples=20):
+    """Torques (samples, n) of a running law, at counts that are up to two off their reference."""
+    motion = path(controller.rig.period * np.arange(samples))
+    counts = RIG.counts(motion.q) + np.array([1, -2])
+    running = controller.start(controller.rig, counts[0], guards=None)
+    return np.array([running.step(at, *row) for at, *row in zip(counts, *motion, strict=True)])
+
+
+def test_an_observer_begins_faster_only_where_the_reference_begins_at_once():
+    """Without acceleration as without a boost, along trajectory (6) with all of it, in between with a part."""
+    gentle = PointToPoint(start=(0, 0), goal=(0.5, -0.4), duration=1.0)
+    np.testing.assert_array_equal(torques(law(), gentle), torques(law(start_boost=1), gentle))
+    motion = RIG.position_in_pulses(puma560.reference()(np.zeros(1)).qdd[0] * 0.02**2 / 2)
+    assert np.abs(motion).max() > 8
+    kinds = [law(start_boost=1), law(), law(start_boost=3, start_time=1e-3)]
+    plain, boosted, brief = (torques(each, puma560.reference()) for each in kinds)
+    assert np.abs(boosted - plain).max() > 10 * np.abs(brief - plain).max() > 0
+
+
+def test_what_the_observer_begins_with_follows_the_first_reference_alone():
+    """Half of eight pulses within start_time: half of the boost is left after it, over e; whatever comes then."""
+    block, pulse = law().block(RIG), RIG.to_angle(np.ones(2))
+    state = block.initial
+    for k in range(20):
+        qdd = pulse * 4 / (0.02**2 / 2) if k == 0 else np.ones(2)
+        _, state = asked(law(), RIG.counts(np.zeros(2)), np.zeros(2), np.zeros(2), qdd, state=state)
+    assert state[-1] == pytest.approx(0.5 * np.exp(-20 * RIG.period / 0.02), rel=1e-12)
+    _, moving = asked(law(), RIG.counts(np.zeros(2)), np.zeros(2), pulse * (8 / 0.02), np.zeros(2))
+    assert moving[-1] == pytest.approx(np.exp(-RIG.period / 0.02), rel=1e-12)
 
 
 def test_measured_and_reference_agree_on_the_reference():

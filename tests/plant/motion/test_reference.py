@@ -131,7 +131,7 @@ def test_shapes_and_independence_of_the_other_times(times, which):
 # -- files and bad input ---------------------------------------------------------------------------------------------
 def test_table_from_csv(tmp_path):
     path = tmp_path / "path.csv"
-    path.write_text("# a comment\nt [s],q_1,q_2\n\n0,0.0,1e0\n0.5, 1.0 ,0\n0.6,1.1,0.5\n1.0,0.7,0.5\n")
+    path.write_text("# a comment, of items 2, 1\nt [s],q_1,q_2\n\n0,0.0,1e0\n0.5, 1.0 ,0\n0.6,1.1,0.5\n1.0,0.7,0.5\n")
     assert Table.from_csv(path) == TABLE
 
 
@@ -145,6 +145,9 @@ def test_table_from_csv(tmp_path):
         ("0,1\n0,2\n", r"times must increase; got 0.0 after 0.0 at index 1"),
         ("0,1\n1,nan\n", r"points must be finite; got nan at index \(1, 0\)"),
         ("0,1\n", r"times must be two or more; got 1"),
+        ("t,q_2,q_1\n0,1,2\n1,2,3\n", r"must have the joints in order; its columns are t, q_2, q_1"),
+        ("# t_ms,q_1,q_2\n0,1,2\n1,2,3\n", r"must be in s and rad; its heading has 't_ms'\. Convert it"),
+        ("t,q1 [deg]\n0,1\n1,2\n", r"its heading has 'q1 \[deg\]'"),
     ],
 )
 def test_bad_table_file_is_refused_in_one_line(tmp_path, text, message):
