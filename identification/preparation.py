@@ -92,7 +92,7 @@ def _require_different(searched: Sequence[Record], kept: Sequence[Record]) -> No
         for k, before in enumerate(every[:i]):
             if np.array_equal(record.t, before.t) and np.array_equal(record.counts, before.counts):
                 aside = k < len(searched) <= i
-                told = "each log kept aside must not be among those searched" if aside else "each log must come once"
+                told = "a log kept aside must not be among those searched" if aside else "each log must come once"
                 first, second = (naming.record_label(every, place) for place in (k, i))
                 raise ValueError(f"{told}; {second} is {first} again. Leave one out.")
 

@@ -11,7 +11,6 @@ import numpy as np
 from ctc.certification.identified import Identified
 from ctc.certification.imperfections import IMPERFECTIONS
 from ctc.verdict.lowest_resonance import LOWEST
-from identification.results.seen import Seen
 from plant import Rig
 from plant.parts.shown import Aside, Piece, Verdict
 from plant.parts.tables import Table, by_joint
@@ -92,6 +91,8 @@ def verdict(certificate: Any) -> str:
     if certificate.from_rest is not None:
         said = str(certificate.from_rest)
         sentence = f"{sentence} {said[:1].upper()}{said[1:]}."
+    if certificate.seen is not None and certificate.seen.beyond:
+        sentence = f"{sentence} The path leaves what the log shows."
     if gears is None:
         return sentence
     if certificate.probability > _MOST:
@@ -155,14 +156,22 @@ def shown(certificate: Any) -> Iterator[Piece]:
         yield f"{certificate.plants.redrawn} draws were no arm, and were drawn again"
     for what, names in zip(("drawn", "not drawn"), certificate.plants.said, strict=True):
         yield f"{what}: {', '.join(names)}"
-    if certificate.seen is not None and certificate.seen.beyond:
-        yield _beyond(certificate.seen)
+    if certificate.seen is not None:
+        yield from _against_the_log(certificate)
 
 
-def _beyond(seen: Seen) -> str:
-    """Where the path of a certificate leaves what was logged."""
-    places = "; ".join(seen.beyond)
-    return f"the path leaves the log: {places}. What only shows there (friction, cables, stops) is not drawn"
+def _against_the_log(certificate: Any) -> Iterator[str]:
+    """Where the path of a certificate leaves what was logged, and the gears that the log would have shown."""
+    seen, cells = certificate.seen, certificate.cells
+    if seen.beyond:
+        places = "; ".join(seen.beyond)
+        yield f"the path leaves the log: {places}. What only shows there (friction, cables, stops) is not drawn"
+    lowest = min((cell.hz[0] for cell in cells), default=np.inf)
+    if seen.resonance is not None and lowest < seen.resonance:
+        yield (
+            f"gears that resonate below {seen.resonance:.3g} Hz would have shown in the log, and did not: those drawn "
+            f"from {lowest:.3g} Hz on are not this arm's, nor is f as it was fitted on them"
+        )
 
 
 def _worst(cell: Any) -> str:

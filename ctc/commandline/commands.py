@@ -86,7 +86,7 @@ def run_check(given: Namespace) -> Answer:
 
 def run_identify(given: Namespace) -> Answer:
     """The parameters that repeat the logs, with their intervals, in a file for `certify` and `report`."""
-    place, robot = new_place(given.output, given.force), robot_of(given.robot)
+    place, robot = new_place(given.output, given.force, _read(given)), robot_of(given.robot)
     records = records_of(given.logs, robot, given.cut)
     held_out = records_of(given.held_out, robot, given.cut) if given.held_out else None
     found = identify(
@@ -112,26 +112,32 @@ def _identified(found: Identification) -> dict[str, Any]:
 
 def run_certify(given: Namespace) -> Answer:
     """The probability that computed torque on what was found leaves a pulse limit."""
+    place = None if given.output is None else new_place(given.output, given.force, _read(given))
     found = result_of(given.found)
-    place = None if given.output is None else new_place(given.output, given.force)
-    law, path = _law(found, given), path_of(found.records[0], given.path)
+    law, path = _law(found, given), path_of(found, given.path)
     certificate = certify(found, found.rig, law, path, **_stated(given))
     said = [str(certificate), f"computed torque with a bandwidth of {law.bandwidth:g} rad/s"]
     first = certificate.sensitivities[0].name if certificate.failures and certificate.sensitivities else ""
     if first.startswith(("drive.viscous", "drive.coulomb")) and first not in found.unknown:
         said.append(f"{first} decides, and was not identified: onepulse identify ... --unknown friction")
-    return _certified(certificate, said, {"bandwidth": law.bandwidth}, place)
+    return _certified(found, certificate, said, {"bandwidth": law.bandwidth}, place)
 
 
 def run_tune(given: Namespace) -> Answer:
     """The quietest law that stays within the limit on what was found."""
+    place = None if given.output is None else new_place(given.output, given.force, _read(given))
     found = result_of(given.found)
-    place = None if given.output is None else new_place(given.output, given.force)
-    tuning = tune(found, found.rig, path_of(found.records[0], given.path), **_stated(given))
+    tuning = tune(found, found.rig, path_of(found, given.path), **_stated(given))
     best = min(tuning.trials, key=lambda trial: trial.rank)
     kind = type(tuning.law).__name__
     said = [str(tuning), f"the law: {kind} ({best.tuned}); in Python, Certificate.load(FILE).law"]
-    return _certified(tuning.certificate, said, {"law": kind, "numbers": best.numbers}, place)
+    return _certified(found, tuning.certificate, said, {"law": kind, "numbers": best.numbers}, place)
+
+
+def _read(given: Namespace) -> list[str]:
+    """Files that a command reads."""
+    every = [vars(given).get(name) for name in ("logs", "held_out", "robot", "found", "certificate", "path")]
+    return [path for each in every if each for path in (each if isinstance(each, list) else [each])]
 
 
 def _stated(given: Namespace) -> dict[str, Any]:
@@ -140,21 +146,28 @@ def _stated(given: Namespace) -> dict[str, Any]:
     return {name: getattr(given, name) for name in names} | {"progress": not given.quiet}
 
 
-def _certified(certificate: Certificate, said: list[str], of_law: dict[str, Any], place: Path | None) -> Answer:
-    """The answer that a certificate gives, kept in its file."""
+def _certified(
+    found: Identification, certificate: Certificate, said: list[str], of_law: dict[str, Any], place: Path | None
+) -> Answer:
+    """The answer that a certificate gives, kept in its file; no good one where what was found is in doubt."""
+    doubtful = doubts(found)
+    if doubtful:
+        count = "a warning" if len(doubtful) == 1 else f"{len(doubtful)} warnings"
+        said = [f"The identification is in doubt ({count} of identify); what follows takes it for right.", *said]
     if place is not None:
         certificate.save(place)
     low, high = certificate.interval
     data = {
         "verdict": certificate.verdict, "failures": certificate.failures, "samples": len(certificate.plants),
         "probability": certificate.probability, "interval": [low, high], "upper": certificate.upper,
-        "within": certificate.within, **of_law,
+        "within": certificate.within, "doubts": doubtful, **of_law,
         "from_rest": None if certificate.from_rest is None else str(certificate.from_rest),
         "lowest_resonance": plain_number(certificate.lowest_resonance),
         "log_shows_below": None if certificate.seen is None else plain_number(certificate.seen.resonance),
         "beyond_log": [] if certificate.seen is None else list(certificate.seen.beyond),
     }  # fmt: skip
-    return Answer("\n".join([*said, *([] if place is None else [f"\nwrote {place}"])]), data, certificate.holds)
+    text = "\n".join([*said, *([] if place is None else [f"\nwrote {place}"])])
+    return Answer(text, data, certificate.holds and not doubtful)
 
 
 def _law(found: Identification, given: Namespace) -> ComputedTorque:
@@ -166,14 +179,14 @@ def run_report(given: Namespace) -> Answer:
     """One page of an identification, and of computed torque on it where there is a path to follow."""
     if not given.output.endswith((".html", ".htm")):
         raise ValueError(f"the page must be an .html file; got {given.output}. Name it so.")
-    place, found = new_place(given.output, given.force), result_of(given.found)
+    place, found = new_place(given.output, given.force, _read(given)), result_of(given.found)
     certificate = None if given.certificate is None else Certificate.load(given.certificate)
     if certificate is not None and given.bandwidth is not None:
         raise ValueError("the law must be the certificate's; got --bandwidth beside it. Leave it out.")
     law, evaluation = _law(found, given) if certificate is None else certificate.law, None
     try:
         own = certificate is not None and given.path is None
-        path = certificate.reference if own else path_of(found.records[0], given.path)  # type: ignore[union-attr]  # own
+        path = certificate.reference if own else path_of(found, given.path)  # type: ignore[union-attr]  # own
     except ValueError:
         if given.path is not None:
             raise

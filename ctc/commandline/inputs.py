@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -56,8 +58,8 @@ def result_of(path: str) -> Identification:
     return Identification.load(path)
 
 
-def path_of(record: Record, given: str | None = None) -> Reference:
-    """The path that a controller is to follow: the file given, or that of a log.
+def path_of(found: Identification, given: str | None = None) -> Reference:
+    """The path that a controller is to follow: the file given, or that of the first log.
 
     A table of positions becomes a spline through one point every 20 ms. So do the commanded counts of a log that has
     no more, as the smoothest motion that their rounding allows.
@@ -71,7 +73,8 @@ def path_of(record: Record, given: str | None = None) -> Reference:
         raise ValueError(
             f"the path to follow must be a CSV file that is there; {given} is not. Its columns: t, q_1, ..."
         )
-    path = _table(given, record) if given is not None else record.reference
+    record = found.records[0]
+    path = _table(given, found) if given is not None else record.reference
     if path is None:
         if not np.ptp(record.reference_pulses):
             raise ValueError("the log must hold the path that was followed; it does not. Give --path FILE: t, q_1, ...")
@@ -87,29 +90,37 @@ def path_of(record: Record, given: str | None = None) -> Reference:
     return Spline(times=times[kept], points=points[kept], at_rest=bool(ends.max() < _AT_REST))
 
 
-def _table(given: str, record: Record) -> Table:
-    """A path from a file, with a warning where its numbers look like other units."""
-    path = Table.from_csv(given)
+def _table(given: str, found: Identification) -> Table:
+    """A path from a file, with a warning where its numbers look like other units, or leave much to the spline."""
+    record = found.records[0]
+    path = Table.from_csv(given, joints=[link.name or "" for link in found.arm.dynamics.chain.links])
     times, points = np.asarray(path.times), np.asarray(path.points)
+    apart = float(np.median(np.diff(times)))
     if np.ptp(times) > _LONGER * np.ptp(record.t):
         warn(f"{given} lasts {np.ptp(times):.4g} s, the log {np.ptp(record.t):.3g} s: is its t in ms?")
+    elif apart > 2 * _KNOTS:
+        warn(f"{given} has rows {apart:.3g} s apart; a spline goes through them. Give one every {_KNOTS:g} s or less.")
     largest = max(float(np.abs(points).max()), 1e-9)
     if largest > _WIDER * max(float(np.abs(record.rig.cell_centre(record.counts)).max()), 1.0):
         warn(f"{given} has angles of up to {largest:.3g} rad, many times those of the log: are they in degrees?")
     return path
 
 
-def new_place(path: str, force: bool) -> Path:
+def new_place(path: str, force: bool, inputs: Sequence[str] = ()) -> Path:
     """Where a file is to be written, before the work begins.
 
     Raises
     ------
     ValueError
-        A file that is there, without force; a folder that is not there.
+        A file that is there, without force, or that is read; a folder that is not there, or cannot be written in.
     """
     place = Path(path)
+    if any(Path(each).exists() and place.exists() and place.samefile(each) for each in inputs):
+        raise ValueError(f"{path} is what is read. Name another file to write.")
     if place.exists() and not force:
         raise ValueError(f"{path} is there. Name another file, or pass --force.")
     if place.is_dir() or not place.parent.is_dir():
         raise ValueError(f"{path} must be a file in a folder that is there. Make the folder first, or name another.")
+    if not os.access(place.parent, os.W_OK):
+        raise ValueError(f"{path} must be in a folder that can be written in; {place.parent} cannot. Name another.")
     return place

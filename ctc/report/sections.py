@@ -38,8 +38,8 @@ def _verdict(found: Any, evaluation: Any, certificate: Any) -> str:
     """What somebody reads who reads nothing else."""
     lines, doubtful = [], doubts(found)
     if doubtful:
-        count = "One line" if len(doubtful) == 1 else f"{len(doubtful)} lines"
-        lines.append((False, "The identification is in doubt", f"{count} under it say why, below: Warnings."))
+        said = "One line under it says" if len(doubtful) == 1 else f"{len(doubtful)} lines under it say"
+        lines.append((False, "The identification is in doubt", f"{said} why, below: Warnings."))
     else:
         lines.append((True, "Nothing in the log contradicts what was stated", "What was tested, and what would have "
                       "been seen, stands under Assumptions."))  # fmt: skip

@@ -72,7 +72,7 @@ def least_squares(
         idle = names[int(np.argmin(lengths))]
         raise NotIdentifiableError(
             f"every unknown must act on the log; {idle} does not in this motion. Leave it out; "
-            "where its joint did move, look with record.check() for what of rig or law is not the machine's.",
+            "where its joint moves, look with record.check() for what is not the machine's: gear, resolution, units.",
             idle,
         )
     solved = _by_products if dependent >= _EXACT_ENOUGH else _by_rows

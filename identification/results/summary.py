@@ -30,10 +30,21 @@ def said_of(found: Any) -> Iterator[Piece]:
         yield f"intervals count noise and {found.search.tolerances}"
     if found.covariance is not None and found.diagnostics.detection.assumed:
         yield from inside(found.assumed())
+    if any(_torque_of_law(record) for record in found.records):
+        yield (
+            "the torque is the stated law's, none was logged: if all its gains are 1 % larger, f is 1 % larger, and "
+            "friction that is unknown"
+        )
     if found.resonance is not None:
         yield from inside(found.resonance)
     yield Warned(found.warnings)
     yield Aside("What the parameters mean", found.arm.dynamics.legend.splitlines())
+
+
+def _torque_of_law(record: Any) -> bool:
+    """Whether nothing but the law says with which torque an arm was moved, a law whose gains are not told apart."""
+    logged = record.torque is not None or record.current is not None
+    return not logged and record.law is not None and not record.law.replays and record.law.has_memory(record.n)
 
 
 def _values(found: Any) -> Table:

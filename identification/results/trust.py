@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from identification.replay.timing import is_late
-from identification.results.rotors import lighter_than_rotors
+from identification.results.rotors import of_rotors
 from plant import Chain, Record, Rig
 from plant.checkup.oscillation import own_oscillation
 from plant.machine.unlikely import unlikely_statements
@@ -54,7 +54,7 @@ def warnings_of(found: Any, always: bool = True) -> list[str]:
         *([] if reason is None else [f"{reason}."]),
         *of_statements(found.rig, found.records, found.arm.dynamics.chain),
         *_ends(found),
-        *lighter_than_rotors(found),
+        *of_rotors(found),
         *(_of_torques(found) if replayed else []),
         *_of_law(found),
         *_of_fit(found, replayed),

@@ -106,7 +106,9 @@ def require_span(name: str, q: NDArray[np.float64], unit: Unit, labels: Sequence
         other = {"rad": "deg", "m": "mm"}.get(own)
         fits = other is not None and span / per * (ANGLE | LENGTH)[other] <= most
         advice = (
-            f"{other!r} would fit." if fits else "Correct the log; a joint that does turn so far is logged in counts."
+            f"{other!r} would fit."
+            if fits
+            else "Are they counts ('pulses')? A joint that does turn so far is logged in counts."
         )
         got = f"spans {span / per:.3g} {size} of {labels[joint]}; at most {most:g}"
         raise ValueError(f"{name} in {own!r} {got}. {advice}")

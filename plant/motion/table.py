@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Self
 
@@ -62,13 +63,19 @@ class Table(Timed):
 
     @classmethod
     @known_options
-    def from_csv(cls, path: str | Path) -> Self:
+    def from_csv(cls, path: str | Path, *, joints: Sequence[str] = ()) -> Self:
         """Read columns t [s], q_1..q_n [rad]; lines that start with # or a letter are headings.
+
+        Parameters
+        ----------
+        path : str or Path
+        joints : sequence of str
+            Names of the joints, in order; a heading may have them in place of q_1..q_n.
 
         Raises
         ------
         ValueError
-            No table of numbers, or a heading that numbers the joints in another order or has other units.
+            No table of numbers, or a heading that has the joints in another order or other units.
         """
         rows: list[list[float]] = []
         try:
@@ -78,7 +85,7 @@ class Table(Timed):
         with open(path, encoding="utf-8") as file:
             for count, line in enumerate(file, 1):
                 if not line.strip() or line.lstrip()[0] == "#" or line.lstrip()[0].isalpha():
-                    _require_ours(path, line)
+                    _require_ours(path, line, joints)
                     continue
                 try:
                     rows.append([decimal(cell) for cell in line.split(",")])
@@ -107,12 +114,13 @@ class Table(Timed):
         return points[row] + slope * (s - times[row])[:, None], inside * slope, np.zeros((len(t), self.n))
 
 
-def _require_ours(path: str | Path, line: str) -> None:
-    """Refuse a heading whose joints are numbered in another order, or whose units are not s and rad."""
+def _require_ours(path: str | Path, line: str, known: Sequence[str]) -> None:
+    """Refuse a heading whose joints are numbered or named in another order, or whose units are not s and rad."""
     cells = [cell.strip() for cell in line.strip().lstrip("#").split(",")]
     joints = [match.groups() for match in map(_NUMBERED.fullmatch, cells[1:]) if match]
     order, alike = [int(number) for _, number in joints], len({name for name, _ in joints}) == 1
-    if alike and len(order) == len(cells) - 1 and order != sorted(order):
+    numbered = alike and len(order) == len(cells) - 1 and order != sorted(order)
+    if numbered or (cells[1:] != list(known) and sorted(cells[1:]) == sorted(known)):
         raise ValueError(f"{path} must have the joints in order; its columns are {', '.join(cells)}. Reorder them.")
     other = [cell for cell in cells if _OTHER.search(cell.lower())]
     if len(cells) > 1 and other:

@@ -6,6 +6,7 @@ import math
 import os
 import subprocess
 import sys
+import types
 import warnings
 
 import numpy as np
@@ -16,6 +17,7 @@ from ctc import Certificate
 from ctc.commandline.inputs import path_of, records_of
 from ctc.commandline.main import main
 from identification import Identification
+from identification.results.doubts import doubts
 from plant import puma560, read_robot, simulate
 from plant.models.robot_file import FOLDER
 
@@ -132,6 +134,36 @@ def test_a_law_is_tuned_and_handed_on(folder, capsys, monkeypatch):
     assert run(capsys, "report", "untuned.json", "--certificate", "tuned.json", "-o", "tuned.html")[0] == 0
 
 
+def test_what_is_in_doubt_is_certified_with_that_doubt(folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    text = (folder / "arm.toml").read_text().replace("coulomb = [0.124, 0.146]  # N m", "coulomb = [0.0, 0.0]")
+    (folder / "rubbing.toml").write_text(text)
+    told = run(capsys, "identify", "log.csv", "--robot", "rubbing.toml", "-o", "rubbing.json", "--quiet")
+    assert told[0] == 1, told[2]
+    given = ("certify", "rubbing.json", "--path", "path.csv", "--samples", "8", "--within", "50")
+    code, out, _ = run(capsys, *given)
+    assert code == 1
+    assert out.startswith("The identification is in doubt (")
+    told = json.loads(run(capsys, *given, "--json")[1])
+    assert told["failures"] == 0
+    assert told["doubts"] == doubts(Identification.load("rubbing.json"))
+
+
+@pytest.mark.parametrize("command", [("certify", "kept.json"), ("report", "kept.json"), ("tune", "kept.json")])
+def test_what_is_read_is_never_overwritten(folder, capsys, monkeypatch, command):
+    monkeypatch.chdir(folder)
+    (folder / "kept.json").write_text("kept")
+    (folder / "kept.html").unlink(missing_ok=True)
+    (folder / "kept.html").symlink_to("kept.json")
+    code, _, err = run(capsys, *command, "-o", "kept.html" if command[0] == "report" else "kept.json", "--force")
+    assert code == 2
+    assert "is what is read. Name another file to write." in err
+    for place in ("log.csv", "arm.toml"):
+        assert run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", place, "--force")[0] == 2
+    assert (folder / "kept.json").read_text() == "kept"
+    (folder / "kept.html").unlink()
+
+
 @pytest.mark.parametrize(
     ("scale", "said"),
     [
@@ -140,17 +172,20 @@ def test_a_law_is_tuned_and_handed_on(folder, capsys, monkeypatch):
             (1, 180 / math.pi),
             "has angles of up to 17.2 rad, many times those of the log: are they in degrees?",
         ),
+        ((1, 1), "has rows 0.1 s apart; a spline goes through them. Give one every 0.02 s or less."),
         ((1000, 1), "lasts 1000 s, the log 1.5 s: is its t in ms?"),
     ],
 )
-def test_a_path_in_other_units_is_named(folder, capsys, monkeypatch, scale, said):
+def test_a_path_in_other_units_or_coarse_is_named(folder, monkeypatch, scale, said):
     monkeypatch.chdir(folder)
     path = np.loadtxt("path.csv", delimiter=",")
+    path = path[::4] if "rows" in said else path
     np.savetxt("units.csv", path * [scale[0], scale[1], scale[1]], delimiter=",")
-    record = records_of(["log.csv"], read_robot("arm.toml"))[0]
+    robot = read_robot("arm.toml")
+    found = types.SimpleNamespace(records=records_of(["log.csv"], robot), arm=robot.arm)
     with warnings.catch_warnings(record=True) as given:
         warnings.simplefilter("always")
-        path_of(record, "units.csv")
+        path_of(found, "units.csv")
     assert [str(each.message) for each in given] == ([f"units.csv {said}"] if said else [])
 
 

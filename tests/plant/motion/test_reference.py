@@ -135,6 +135,15 @@ def test_table_from_csv(tmp_path):
     assert Table.from_csv(path) == TABLE
 
 
+def test_a_table_whose_heading_has_the_joints_in_another_order_is_refused(tmp_path):
+    path, joints = tmp_path / "path.csv", ("shoulder", "elbow")
+    path.write_text("time,shoulder,elbow\n0,1,2\n1,2,3\n")
+    assert Table.from_csv(path, joints=joints).points[0] == (1, 2)
+    path.write_text("time,elbow,shoulder\n0,1,2\n1,2,3\n")
+    with pytest.raises(ValueError, match=r"joints in order; its columns are time, elbow, shoulder\. Reorder them"):
+        Table.from_csv(path, joints=joints)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
