@@ -118,7 +118,8 @@ class Detection(Shown, Frozen):
         clean = [self._visible(sign) for sign in others if sign.name not in unclear]
         parts = [f"no sign of {'; '.join(clean)}"] if clean else []
         if unclear:
-            parts.append(f"significant, but explaining next to nothing: {', '.join(unclear)}")
+            some = ", ".join(unclear)
+            parts.append(f"significant, but explaining next to nothing: {some} (are lengths and rig right?)")
         if "disagreement" in found:
             sign = found["disagreement"]
             verb = "contradict each other" if sign.significant else "agree"

@@ -32,6 +32,14 @@ def wrong():
     return found
 
 
+def test_what_is_significant_and_not_named_asks_for_what_was_stated():
+    detection = identify(puma560.dynamics(), log(), progress=False).diagnostics.detection
+    assert "next to nothing" not in str(detection)
+    signs = [dataclasses.replace(sign, threshold=-1.0) if sign.name == "gear" else sign for sign in detection.signs]
+    said = str(dataclasses.replace(detection, signs=tuple(signs)))
+    assert "significant, but explaining next to nothing: gear (are lengths and rig right?)" in said
+
+
 def test_a_result_in_doubt_says_so_in_its_repr():
     assert f"{len(wrong().warnings)} warning" in repr(wrong())
     fallen = dataclasses.replace(wrong(), fit=dataclasses.replace(wrong().fit, fallback_reason="the fit is no arm"))
