@@ -125,7 +125,7 @@ def shown(certificate: Any) -> Iterator[Piece]:
         (f"probability, {100 * certificate.confidence:g} % interval", f"{percent(low)} to {percent(high, up=True)}"),
         ("samples outside, share of all", percent(certificate.share_outside)),
     ]
-    if certificate.failures:
+    if np.isfinite(runs.first).any():  # not where all diverge
         rows.append(("first left, median [s]", f"{np.nanmedian(runs.first):.3f}"))
     peak = f"peak {worst.peak:.0f} pulses" if np.isfinite(worst.peak) else "diverges"
     rows.append(("worst plant", f"number {worst.index}, {peak}"))

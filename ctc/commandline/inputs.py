@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -44,9 +45,22 @@ def records_of(paths: list[str], robot: Robot | None, cut: tuple[float, float] |
 
 
 def unknowns_of(named: list[str] | None, robot: Robot) -> list[str] | None:
-    """All of f, which nobody has to name, and the numbers that a word or a name stands for."""
+    """All of f, which nobody has to name, and the numbers that a word or a name stands for.
+
+    Raises
+    ------
+    ValueError
+        A word that is nearly one of those.
+    """
     if named is None or robot.dynamics is None:
         return named
+    for word in named:
+        near = difflib.get_close_matches(word, _GROUPS, n=1)
+        if near and word not in _GROUPS:
+            raise ValueError(
+                f"--unknown takes {', '.join(_GROUPS)} and names such as drive.viscous[0]; got {word!r}. "
+                f"Did you mean {near[0]!r}?"
+            )
     given = [name for word in named for name in _GROUPS.get(word, (word,)) if word != "f"]
     grouped = [name for names in _GROUPS.values() for name in names]
     every = [f"{name}[{i}]" if name in grouped else name for name in given for i in range(robot.rig.n)]

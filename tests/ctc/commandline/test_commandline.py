@@ -230,6 +230,7 @@ WRONG = {
     "no result": (("certify", "log.csv"), "log.csv must be JSON"),
     "an older version": (("certify", "old.json"), "format"),
     "another method": (("identify", "log.csv", "--robot", "arm.toml", "-o", "a.json", "--method", "magic"), "magic"),
+    "a word": (("identify", "log.csv", "--robot", "arm.toml", "-o", "a.json", "--unknown", "frction"), "'friction'?"),
     "a seed": (("demo", "--seed", "-1"), "argument --seed: "),
     "no limit": (("certify", "found.json", "--within", "0"), "a limit is a number above 0; got '0'"),
     "a page that is none": (("report", "found.json", "-o", "log.csv", "--force"), "the page must be an .html file"),
