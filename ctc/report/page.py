@@ -43,6 +43,10 @@ figcaption { color: #59666b; font-size: .9rem; max-width: 46rem; }
 pre { overflow-x: auto; background: #f4f6f6; padding: .8rem; font: 13px/1.45 ui-monospace, Menlo, Consolas, monospace; }
 details { margin: .6rem 0; }
 summary { cursor: pointer; color: #1f6f8b; }
+@media (max-width: 36rem) {
+  table { font-size: .8rem; }
+  th, th.number { white-space: normal; }
+}
 @media print {
   body { max-width: none; padding: 0; font-size: 10.5pt; }
   h2 { break-after: avoid; }

@@ -74,13 +74,13 @@ def _values(found: Any) -> str:
     for name, value, s, unit in zip(names, found.values, found.std, units, strict=True):
         if s > 0:
             digits = max(0, 1 - math.floor(math.log10(s)))  # two of the standard deviation
-            ends = (value, s, value - 1.96 * s, value + 1.96 * s)
+            middle, low, high = (f"{each:.{digits}f}" for each in (value, value - 1.96 * s, value + 1.96 * s))
             share = 196 * s / abs(value) if value else math.inf
-            said = f"{share:.{1 if share < 10 else 0}f} %"
-            rows.append((name, *(f"{each:.{digits}f}" for each in ends), unit, said))
+            said = f"{share:.2g} %" if share < 10 else f"{share:.0f} %"
+            rows.append((name, middle, said, unit, f"{s:.2g}", low, high))
         else:
-            rows.append((name, f"{value:.5g}", "as stated", "", "", unit, ""))
-    head = ("", "value", "standard deviation", "95 % from", "to", "unit", "half-width")
+            rows.append((name, f"{value:.5g}", "as stated", unit, "", "", ""))
+    head = ("", "value", "95 % half-width", "unit", "standard deviation", "95 % from", "to")
     counted = (
         f"Half-widths of the 95 % intervals; right of the dashed line the sign is not known. They count noise and "
         f"{found.search.tolerances}."
