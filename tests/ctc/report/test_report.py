@@ -78,8 +78,8 @@ def test_it_says_what_was_found(page, found):
         "Verdict", "Parameters", "Fit", "Logs", "Assumptions", "Controller", "Certificate", "Where it comes from",
     ]  # fmt: skip
     for name, value, std in zip(found.short_names, found.values, found.std, strict=True):
-        (row,) = re.findall(rf"<tr><td>{name}</td>(.*?)</tr>", text)
-        cells = re.findall(r"<td[^>]*>([^<]*)</td>", row)  # value, half-width, unit, std, from, to
+        row = re.search(rf"<tr><td>{name}</td>(.*?)</tr>", text)
+        cells = re.findall(r"<td[^>]*>([^<]*)</td>", row[1])  # value, half-width, unit, std, from, to
         assert abs(float(cells[0]) - value) <= 0.06 * std  # rounded to two digits of the deviation
         assert float(cells[1].removesuffix(" %")) == pytest.approx(196 * std / abs(value), rel=0.06)
         assert float(cells[3]) == pytest.approx(std, rel=0.06)
