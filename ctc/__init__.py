@@ -29,7 +29,6 @@ for _name in ("plant", "identification"):
             f"{_found.origin if _found else 'nowhere'}. Uninstall the other distribution, or put {_home} first."
         )
 
-from ctc import deprecated as _deprecated  # noqa: F401 - old names, for one release
 from ctc.certification.binomial import clopper_pearson
 from ctc.certification.certificate import Certificate
 from ctc.certification.certify import certify

@@ -1,7 +1,5 @@
 """The paper from end to end, ``python -m ctc``: what ``onepulse demo`` runs."""
 
-from __future__ import annotations
-
 import sys
 
 from ctc.commandline.main import main

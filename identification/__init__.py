@@ -24,7 +24,6 @@ if _found is None or _found.origin is None or Path(_found.origin).resolve().pare
         f"{_found.origin if _found else 'nowhere'}. Uninstall the other distribution, or put {_home} first."
     )
 
-from identification import deprecated as _deprecated  # noqa: F401 - old names, for one release
 from identification.equation_error.band_choice import FitTrial
 from identification.equation_error.filtering import derivatives, low_pass
 from identification.equation_error.logged_torques import fit_torque

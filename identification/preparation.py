@@ -1,7 +1,5 @@
 """What a method is given: records that are searched and kept aside, their unknowns, and no bad input."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -22,8 +20,6 @@ from plant import Dynamics, Record
 from plant.parts.arguments import array, choice, instance
 from plant.parts.room import require_room
 from plant.simulation.followed_path import with_path
-
-__all__ = ["prepare", "with_gears"]
 
 _FIXED = 0.2e9
 """Bytes beside the samples: kernels, and what compiles them."""

@@ -1,7 +1,5 @@
 """From records to an arm: the identification procedure of the paper."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import time
@@ -31,8 +29,6 @@ from plant.parts.arguments import instance, known_options
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.progress import progress_bar
 from plant.parts.saved import versions
-
-__all__ = ["identify", "search"]
 
 
 @known_options

@@ -1,7 +1,5 @@
 """Spread of the result over a series of identifications. Source: paper 4.2 (alteration)."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -18,8 +16,6 @@ from plant.parts.checkpoint import Checkpoint
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Aside, Piece, Shown, Verdict
 from plant.parts.tables import Table
-
-__all__ = ["Spread", "alteration", "spread"]
 
 
 def alteration(f: ArrayLike) -> NDArray[np.float64]:

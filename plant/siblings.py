@@ -1,11 +1,7 @@
 """The three packages must come from one place: other distributions called `plant` and `ctc` exist."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from pathlib import Path
-
-__all__ = ["check_siblings"]
 
 
 def check_siblings() -> None:

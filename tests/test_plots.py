@@ -193,15 +193,6 @@ def test_no_text_and_no_legend_lies_on_a_curve(name):
             assert not any(box.contains(*point) and inside.contains(*point) for curve in curves for point in curve)
 
 
-def test_the_old_name_of_the_option_works_and_says_so():
-    for call in (lambda axes: evaluation().plot(axes=axes), lambda axes: ctc.plot_evaluation(evaluation(), axes=axes)):
-        given = plt.subplots(2, 2)[1]
-        with pytest.warns(DeprecationWarning, match=r"\(axes=\) will go in the next release. Use .*\(ax=\)"):
-            assert call(given)[1, 1] is given[1, 1]
-    with pytest.warns(DeprecationWarning, match=r"plot_arm\(axes=\)"):
-        plot_arm(ARM, (0, 0), tip=(0, -0.4, 0), axes=plt.subplots()[1])
-
-
 def test_the_robot_is_seen_beside_the_model_that_lies_on_it():
     """The same curve twice: the lower one is wider, and pale."""
     for axis in models()[:, 1]:

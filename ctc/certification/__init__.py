@@ -3,5 +3,3 @@
 Read `certify`, then what it does in turn: `uncertainty` draws `plants`, `population` simulates them, `certificate`
 counts with `binomial` bounds; `sensitivity`, `reserves` and `figure` ask why, how robust, and show it.
 """
-
-__all__: list[str] = []

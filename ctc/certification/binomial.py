@@ -1,9 +1,5 @@
 """Exact confidence interval of a probability from counts (Clopper and Pearson)."""
 
-from __future__ import annotations
-
-__all__ = ["clopper_pearson"]
-
 
 def clopper_pearson(failures: int, samples: int, confidence: float = 0.95) -> tuple[float, float]:
     """Exact two-sided interval (low, high) of a probability, from how often something happened.

@@ -1,7 +1,5 @@
 """Stated ranges of resonance and damping in small parts, so that what is said of a range holds for its worst part."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 
@@ -11,8 +9,6 @@ from numpy.typing import NDArray
 from ctc.certification.binomial import clopper_pearson
 from ctc.certification.gears import Gears
 from plant.parts.frozen import Frozen
-
-__all__ = ["Cell", "cells"]
 
 _WIDTH = 1.1
 """Ratio of the resonances at the ends of a cell, at most."""

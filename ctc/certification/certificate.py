@@ -3,8 +3,6 @@
 The bounds are those of Clopper and Pearson, exact whatever the distribution of the errors.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Iterator
@@ -33,8 +31,6 @@ from plant.parts.saved import Saved, versions
 from plant.parts.shown import Piece, Shown
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Runs
-
-__all__ = ["Certificate"]
 
 
 @kept

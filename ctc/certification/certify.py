@@ -5,8 +5,6 @@ A law is designed for one estimate, and the arm differs from it. Plants are draw
 leave the limit are counted (`ctc.certification.certificate`). It holds for the uncertainty that was drawn, no other.
 """
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Any
@@ -24,13 +22,9 @@ from identification.results.seen import seen
 from plant import Arm, Law, Reference, Rig
 from plant.parts.arguments import instance, known_options, real
 from plant.parts.checkpoint import Checkpoint
-from plant.parts.deprecation import old_order
 from plant.simulation.threads import cores
 
-__all__ = ["certify"]
 
-
-@old_order("law", "found", "rig", "reference", first=Law, new="certify(found, rig, law, reference)")
 @known_options
 def certify(
     found: Identification | Arm, rig: Rig, law: Law, reference: Reference, *, samples: int = 10_000, seed: int = 0,

@@ -1,7 +1,5 @@
 """Figure of a certificate: peak errors, worst loop, sensitivities; matplotlib is imported only when it is drawn."""
 
-from __future__ import annotations
-
 import textwrap
 from typing import Any
 
@@ -12,8 +10,6 @@ from ctc.figures.errors import draw_band
 from ctc.verdict.evaluation import evaluate
 from plant import DivergenceError
 from plant.parts.figures import BAND, axes_of, colour_of, dressed, legend_above, literal
-
-__all__ = ["plot_certificate"]
 
 _NAMES = 8
 """Sensitivities in the figure."""

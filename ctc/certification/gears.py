@@ -4,8 +4,6 @@ A resonance is stated as a range in which it lies, not as a distribution: somewh
 The plants are spread over it, and what is said of them holds for the worst part of it (`ctc.certification.cells`).
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from typing import Any
@@ -22,8 +20,6 @@ from plant.parts.arguments import array
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.sums import product
-
-__all__ = ["Gears"]
 
 _SLOWEST = 1.0
 """Resonance [Hz] below which no gear of an arm has its own."""

@@ -1,7 +1,5 @@
 """What was identified of a plant, with its covariance; on gears of a stated range, as it depends on their resonance."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 
@@ -14,8 +12,6 @@ from plant import Arm
 from plant.parts.arguments import array, instance
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.sums import product
-
-__all__ = ["Identified", "identified"]
 
 _KNOWN_TO_LAWS = ("drive.gear", "encoder.resolution")
 """Numbers of the rig by which a law reads its counts: law and plant have the same."""

@@ -1,7 +1,5 @@
 """Imperfections of gears, motors, encoders and sampling that are drawn uniformly from stated ranges, one row each."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -11,8 +9,6 @@ from numpy.typing import NDArray
 
 from plant import FrictionDrift, Jitter, Presliding, QuadratureError, Rig, TorqueRipple
 from plant.parts.arguments import array, real
-
-__all__ = ["IMPERFECTIONS", "Drawn", "Imperfection", "between", "drawn_of", "placed_in"]
 
 _DRIFTS = 1.0
 """Time constant of drifting friction [s]."""

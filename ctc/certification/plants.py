@@ -14,8 +14,6 @@ from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.simulation.population import Population
 
-__all__ = ["Plants"]
-
 
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

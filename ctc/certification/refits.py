@@ -25,8 +25,6 @@ from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.progress import progress_bar
 
-__all__ = ["Refits", "refits"]
-
 _APART, _MOST = 1.15, 7
 """Ratio of the resonances of two fits, at most, and number of fits; a wider range has them farther apart."""
 

@@ -4,8 +4,6 @@ The same plants are run again. The sampling period is that of rig and law togeth
 observer and its limits know of it), it is not the old one called late.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 from typing import Any
@@ -16,8 +14,6 @@ from plant import Law, Rig
 from plant.parts.arguments import real
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
-
-__all__ = ["Reserves", "reserves"]
 
 _BANDWIDTHS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
 _PERIODS = (1.5, 2.0, 3.0, 4.0, 6.0, 8.0)

@@ -7,15 +7,11 @@ correlation gives its direction. Correlated numbers, such as the parameters of o
 explain.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-__all__ = ["Influence", "influences"]
 
 _GROUPS, _LEAST = 10, 20
 """Groups, and how many loops a group must have at least."""

@@ -1,7 +1,5 @@
 """What a certificate says in words: its verdict, what was drawn, and what was not."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -14,8 +12,6 @@ from ctc.verdict.lowest_resonance import LOWEST
 from plant import Rig
 from plant.parts.shown import Aside, Piece, Verdict
 from plant.parts.tables import Table, by_joint
-
-__all__ = ["percent", "shown", "statement", "verdict"]
 
 _DECIDES, _AT_ALL = 0.5, 0.25
 """Shares of what is explained, and of all that varies, above which f decides."""

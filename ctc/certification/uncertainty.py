@@ -5,8 +5,6 @@ in the hand, the encoders' zeros between two pulses, the delay of the torque, an
 certificate covers nothing else.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from typing import Any
@@ -24,8 +22,6 @@ from plant import Arm, Body, Phase, Rig, Transport
 from plant.machine.motor_inertia import least_inertia_margin
 from plant.parts.arguments import array, instance, real
 from plant.parts.checkpoint import Checkpoint
-
-__all__ = ["Uncertainty"]
 
 _PATIENCE = 20
 """Draws per plant at most, until one is an arm."""

@@ -1,15 +1,11 @@
 """The plant under which a law does worst, ready to be run again."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 
 from plant import Arm, Rig
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
-
-__all__ = ["Worst"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -1,3 +1,1 @@
 """The command line: ``onepulse check LOG``, ``onepulse identify LOG --robot arm.toml -o found.json``, ..."""
-
-__all__: list[str] = []

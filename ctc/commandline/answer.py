@@ -1,12 +1,8 @@
 """What a command answers: a text for people, plain data for programs, and whether the verdict is good."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any
-
-__all__ = ["Answer", "plain_number"]
 
 
 @dataclasses.dataclass(frozen=True)

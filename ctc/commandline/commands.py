@@ -1,7 +1,5 @@
 """What each command does with its options; `ctc.commandline.main` reads them and prints the answers."""
 
-from __future__ import annotations
-
 import shutil
 from argparse import Namespace
 from pathlib import Path
@@ -21,8 +19,6 @@ from identification.results.doubts import doubts
 from plant import Dynamics
 from plant.models.robot_file import FOLDER, read_robot
 from plant.parts.files import write_whole
-
-__all__ = ["COMMANDS"]
 
 _COLUMNS = """
 # Which columns of your log are what, and in which units; without these two tables, what Record.to_csv wrote.

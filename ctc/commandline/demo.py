@@ -1,7 +1,5 @@
 """The paper from end to end: measure, identify, control, and say how many pulses it was off."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 
@@ -11,8 +9,6 @@ from ctc.laws.computed_torque import ComputedTorque
 from ctc.verdict.evaluation import Evaluation, evaluate
 from identification import Identification, identify
 from plant import Arm, Record, Reference, Rig, puma560, simulate
-
-__all__ = ["demo"]
 
 
 def demo(seed: int, figures: Path) -> bool:

@@ -1,7 +1,5 @@
 """What commands read: robot files, logs, results; and the places that they may write."""
 
-from __future__ import annotations
-
 import difflib
 import os
 from collections.abc import Sequence
@@ -14,8 +12,6 @@ from plant import Record, Reference, Robot, Spline, Table, read_records, read_ro
 from plant.parts.user_warning import warn
 from plant.simulation.clock import Clock
 from plant.simulation.followed_path import Logged
-
-__all__ = ["new_place", "path_of", "records_of", "result_of", "robot_of", "unknowns_of"]
 
 _GROUPS = {"friction": ("drive.viscous", "drive.coulomb"), "gains": ("law.gain",)}
 """What one word stands for, a number per joint each."""

@@ -1,7 +1,5 @@
 """The command ``onepulse``: options, exit codes, and one line for whatever was wrong."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import os
@@ -14,8 +12,6 @@ from typing import Any, NoReturn
 from ctc.commandline.commands import COMMANDS
 from identification.results.doubts import IdentificationWarning
 from plant.version import __version__
-
-__all__ = ["main"]
 
 _CODES = """exit codes: 0 fine; 1 the verdict says no: a finding of the checkup, an identification in doubt, a plant
 that leaves the limit, a path that begins in motion; 2 bad input, said in one line; 3 a defect of the library;

@@ -2,5 +2,3 @@
 
 Read `errors`, `records` and `loops`; colours, and how a figure is asked for, are in `plant.parts.figures`.
 """
-
-__all__: list[str] = []

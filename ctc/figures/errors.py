@@ -4,17 +4,12 @@ matplotlib is imported only when a figure is drawn. Every function draws on the 
 figure, returns the Axes and leaves saving to the caller: ``axes.flat[0].figure.savefig(...)``.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.parts.deprecation import old_option
 from plant.parts.figures import BAND, axes_of, colour_of, dressed, legend_above, literal, row_by_row
-
-__all__ = ["draw_band", "equal_rows", "plot_comparison", "plot_evaluation", "plot_phase"]
 
 _ABREAST = 4
 """Laws beside each other at most; more stand below each other."""
@@ -62,7 +57,6 @@ def _require_evaluation(name: str, evaluation: Any) -> None:
         raise ValueError(f"{name} must be an Evaluation; got {type(evaluation).__name__}. Pass what evaluate gave.")
 
 
-@old_option("axes", "ax")
 @literal
 def plot_evaluation(evaluation: Any, ax: Any = None) -> NDArray[Any]:
     """Encoder error with the ±1 pulse band (left), torque and the amplifier's limit (right), one row per joint.

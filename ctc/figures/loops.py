@@ -1,15 +1,11 @@
 """Figures over frequency: the loops of a law, and on which gears a law holds."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plant.parts.figures import axes_of, colour_of, dressed, legend_above, literal, row_by_row
-
-__all__ = ["plot_margins", "plot_sweep"]
 
 _DASHES = ("-", "--", ":", "-.")
 _TICKS = (5, 10, 15, 25, 40, 60, 100, 150, 250, 500, 1000)

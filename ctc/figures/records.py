@@ -1,7 +1,5 @@
 """The paper's Figs. 6-9 and 12-15 redrawn: a record, and what models make of it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,8 +9,6 @@ from ctc.figures.errors import equal_rows
 from plant import Record
 from plant.parts.figures import LOGS, colour_of, dressed, literal, row_by_row
 from plant.parts.labels import joint_labels
-
-__all__ = ["plot_identification", "plot_record"]
 
 
 @literal

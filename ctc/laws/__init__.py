@@ -3,5 +3,3 @@
 Read `model_law` (what they share), `observer`, `computed_torque`; then `roll_off` and `computed_torque_pid`;
 `computed_torque_integral`, `feed_forward` and `flexible_joint`, `adaptive`, `sliding_mode` in any order.
 """
-
-__all__: list[str] = []

@@ -1,7 +1,5 @@
 """Adaptive computed torque on the passivity of the arm: f-hat is adapted from the tracking error."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +8,8 @@ from ctc.laws.model_law import ModelLaw
 from plant import Rig, Setpoint
 from plant.laws.filtered_difference import filtered_difference, no_reading
 from plant.parts.arguments import array, signs
-from plant.parts.part import Nested, Vector, number, part, structure
-
-__all__ = ["Adaptive"]
+from plant.parts.fields import Nested, Vector
+from plant.parts.part import number, part, structure
 
 _AT_THE_LIMIT = 1e-9
 """Share of the amplifier's limit above which a cut of the torque counts; rounding errors are far below."""

@@ -1,7 +1,5 @@
 """Computed torque from identified parameters: D-hat and h-hat are the arm's own. Source: paper Fig. 2."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca
@@ -16,8 +14,6 @@ from plant.analysis.sampled_loops import SampledLoops
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
 from plant.parts.part import number, part, structure
-
-__all__ = ["ComputedTorque"]
 
 _UNKNOWN, _KNOWN, _FRICTION_TOO = 250.0, 200.0, 150.0
 """Bandwidth [rad/s] by what is known: nothing but f; f with a covariance; friction as well."""

@@ -1,7 +1,5 @@
 """The computed torque of the textbooks with integral action: measured position, differentiated speed."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +11,6 @@ from plant.laws.filtered_difference import filtered_difference, no_reading
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
 from plant.parts.part import number, part
-
-__all__ = ["ComputedTorqueIntegral"]
 
 
 @part

@@ -1,7 +1,5 @@
 """Computed torque with a PID feedback that rolls off above its bandwidth: for gears that give."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +11,6 @@ from plant.laws.anti_windup import integrated
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
 from plant.parts.part import number, part
-
-__all__ = ["ComputedTorquePID"]
 
 
 @part

@@ -1,7 +1,5 @@
 """A simple feedback with torque from the model added: gravity alone, or all that the reference needs."""
 
-from __future__ import annotations
-
 import abc
 
 import casadi as ca
@@ -11,8 +9,6 @@ from numpy.typing import NDArray
 from ctc.laws.model_law import ModelLaw, base
 from plant import Block, Law, Rig, Setpoint
 from plant.parts.part import part, structure
-
-__all__ = ["Aided", "FeedForward", "PDGravity", "WithFeedback"]
 
 
 @base

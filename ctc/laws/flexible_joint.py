@@ -1,7 +1,5 @@
 """Computed torque of an arm on elastic gears, along the motion of its links."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +8,6 @@ from ctc.laws.feed_forward import WithFeedback
 from plant import Rig, Setpoint
 from plant.machine.gear_torque import gear_torque, require_elastic, wound
 from plant.parts.part import part
-
-__all__ = ["FlexibleJointComputedTorque"]
 
 
 @part

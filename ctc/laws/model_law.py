@@ -1,7 +1,5 @@
 """What all laws that hold an identified arm share: which arms they refuse, which rigs they fit, how often they run."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any, TypeVar, dataclass_transform
 
@@ -16,8 +14,6 @@ from plant.analysis.sampled_loops import SampledLoops
 from plant.machine.motor_inertia import require_inertia
 from plant.parts.arguments import array, instance
 from plant.parts.part import number, structure
-
-__all__ = ["ModelLaw", "base"]
 
 T = TypeVar("T")
 

@@ -5,11 +5,7 @@ disturbance acceleration, all that the model does not know. It is sampled exactl
 by the innovation with gains that put all three poles at z = exp(-omega dt).
 """
 
-from __future__ import annotations
-
 import casadi as ca
-
-__all__ = ["correct", "predict"]
 
 
 def predict(

@@ -4,11 +4,7 @@ The filter is 1 / ((s / f)^2 + 2 z s / f + 1). Its states are the filtered signa
 another length, after a late call, changes nothing but the step.
 """
 
-from __future__ import annotations
-
 import casadi as ca
-
-__all__ = ["rolled_off"]
 
 
 def rolled_off(

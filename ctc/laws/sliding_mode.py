@@ -1,7 +1,5 @@
 """Sliding mode with a boundary layer: model errors below a bound are rejected, not identified."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +9,6 @@ from plant import Rig, Setpoint
 from plant.laws.filtered_difference import filtered_difference, no_reading
 from plant.parts.arguments import signs
 from plant.parts.part import number, part
-
-__all__ = ["SlidingMode"]
 
 
 @part

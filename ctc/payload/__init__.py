@@ -3,5 +3,3 @@
 Read `disturbance` and `payload_law` (the stage in the loop), `events`, `controller` (collect, identify, swap) and
 `estimator` (what a user states).
 """
-
-__all__: list[str] = []

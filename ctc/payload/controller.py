@@ -1,7 +1,5 @@
 """The running controller of a payload estimator: the law at work, and the three stages around it."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import time
@@ -15,8 +13,6 @@ from identification.payload.posterior import PayloadEstimate
 from identification.payload.torque_window import Window
 from identification.payload.worker import Worker, shared_worker
 from plant import Running
-
-__all__ = ["PayloadController"]
 
 _SETTLE = 0.1
 """From the start, in which nothing is collected and no change is looked for: the observers settle [s]."""

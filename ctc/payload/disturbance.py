@@ -5,15 +5,11 @@ feeds nothing back. D-hat times its disturbance acceleration is the torque that 
 it, friction that differs.
 """
 
-from __future__ import annotations
-
 import casadi as ca
 
 from ctc.laws.observer import correct, predict
 from plant import Rig, Setpoint
 from plant.mechanics.symmetric_inverse import inverse
-
-__all__ = ["observed"]
 
 
 def observed(

@@ -1,7 +1,5 @@
 """On-line identification of a load under a law with a model: the paper's three stages collect, identify, swap."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -18,8 +16,6 @@ from identification.payload.shape import LoadShape
 from identification.payload.specification import Specification
 from plant import Law, Rig
 from plant.parts.arguments import choice, instance, known_options, real
-
-__all__ = ["PayloadEstimator"]
 
 _LEAST_WINDOW = 0.1
 """[s]; the paper's shortest."""

@@ -1,13 +1,9 @@
 """What happened to the load of a running controller."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 
 from plant.parts.shown import Piece, Shown
-
-__all__ = ["PayloadEvent"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)

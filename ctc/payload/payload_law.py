@@ -4,8 +4,6 @@ Written once in casadi as every law, so it is simulated by the kernels, runs in 
 load is state: whoever writes ten other numbers into ``wanted`` swaps the model at the next step, bumplessly.
 """
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 from typing import Any
@@ -20,9 +18,8 @@ from plant import Block, Law, Rig, Setpoint, load_matrix
 from plant.mechanics.load import LOAD
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
-from plant.parts.part import Nested, Vector, number, part, structure
-
-__all__ = ["PayloadLaw"]
+from plant.parts.fields import Nested, Vector
+from plant.parts.part import number, part, structure
 
 
 @part

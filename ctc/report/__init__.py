@@ -1,3 +1,1 @@
 """One page of an identification and its controller, for whoever has only a browser: `write_report`."""
-
-__all__: list[str] = []

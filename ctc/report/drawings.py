@@ -1,7 +1,5 @@
 """Figures of a report: the log and its fit, what is left of it, intervals, the controller's error."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -12,8 +10,6 @@ from identification.replay.prediction import Prediction
 from identification.results.plots import draw_intervals, interval_height
 from identification.results.repeated import repeated
 from plant.parts.figures import BAND, LOGS, colour_of, dressed, legend_above, literal
-
-__all__ = ["draw_certainty", "draw_errors", "draw_fit", "draw_innovations", "draw_path"]
 
 _BINS = 900
 """Places along the time axis; of each the least and the largest sample are drawn."""

@@ -1,7 +1,5 @@
 """The page itself: sections, figures as inline SVG, and one style for screens, phones and paper."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Iterable
@@ -10,8 +8,6 @@ from typing import Any
 import numpy as np
 
 from plant.parts.markup import text
-
-__all__ = ["figure", "page", "section"]
 
 _STYLE = """
 :root { color-scheme: light; }

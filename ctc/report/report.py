@@ -1,7 +1,5 @@
 """`write_report`: an identification and its controller as one HTML file."""
 
-from __future__ import annotations
-
 import datetime
 from pathlib import Path
 
@@ -14,8 +12,6 @@ from ctc.verdict.evaluation import Evaluation
 from identification import Identification
 from plant.parts.arguments import instance, known_options
 from plant.parts.files import require_new, write_whole
-
-__all__ = ["write_report"]
 
 
 @known_options

@@ -1,7 +1,5 @@
 """What a report says, section by section."""
 
-from __future__ import annotations
-
 import math
 import textwrap
 from collections.abc import Iterator
@@ -16,8 +14,6 @@ from identification.results.doubts import doubts
 from identification.results.seen import seen
 from plant.parts.markup import details, items, preformatted, table, text
 from plant.parts.shown import body
-
-__all__ = ["sections"]
 
 
 def sections(found: Any, evaluation: Any, certificate: Any) -> Iterator[str]:

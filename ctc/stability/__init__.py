@@ -2,5 +2,3 @@
 
 Read `error_loop` (the loop transfer function), then `margins`; `design` (gains and observers) stands alone.
 """
-
-__all__: list[str] = []

@@ -5,8 +5,6 @@ acceleration; gains are feedback accelerations per error [rad], not torques. `mo
 per pulse, the gains of `P` and its like, with the inertia that the joint feels.
 """
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,8 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from ctc.laws.observer import predict
 from plant import Rig
 from plant.parts.arguments import array, instance, real
-
-__all__ = ["kalman_gains", "lqr_gains", "motor_gain", "observer_gains", "pid_gains"]
 
 
 def pid_gains(bandwidth: float, damping: float = 1.0, integral: float = 0.0) -> tuple[float, float, float]:

@@ -16,17 +16,14 @@ from identification import Identification
 from plant import Arm, Law, Rig
 from plant.analysis.sampled_loops import SampledLoops
 from plant.parts.arguments import instance, known_options
-from plant.parts.deprecation import old_order
 
 if TYPE_CHECKING:
     from control import StateSpace
 
-__all__ = ["error_loop", "open_loops"]
 
 Matrix = NDArray[np.float64]
 
 
-@old_order("law", "rig", first=Law, new="error_loop(arm, rig, law)", arm=None)
 @known_options
 def error_loop(
     arm: Arm | Identification | None, rig: Rig, law: Law, *, joint: int = 0, pose: ArrayLike | None = None

@@ -1,7 +1,5 @@
 """Gain, phase and delay margin of the loop of each joint, and its sensitivity peak."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 from typing import Any
@@ -18,11 +16,8 @@ from plant import Arm, Elasticity, Law, Rig
 from plant.analysis.sampled_loops import SampledLoops
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import instance, known_options
-from plant.parts.deprecation import old_order
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
-
-__all__ = ["Margins", "margins"]
 
 _POINTS = 4000
 
@@ -115,7 +110,6 @@ class Margins(Shown):
         return plot_margins(self, ax)
 
 
-@old_order("law", "rig", first=Law, new="margins(arm, rig, law)", arm=None)
 @known_options
 def margins(
     arm: Arm | Identification | None,

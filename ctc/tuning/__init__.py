@@ -2,5 +2,3 @@
 
 Read `families` (which laws, and between which numbers), then `search` (populations of tunings), then `tune`.
 """
-
-__all__: list[str] = []

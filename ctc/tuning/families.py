@@ -4,8 +4,6 @@ A tuning is a row of numbers, one per variable; `Family.numbers` gives those of 
 by side in one kernel.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping
 
@@ -18,8 +16,6 @@ from ctc.laws.feed_forward import FeedForward
 from ctc.laws.flexible_joint import FlexibleJointComputedTorque
 from ctc.stability.design import motor_gain
 from plant import PD, Arm, Law, Reference, Rig
-
-__all__ = ["Family", "families"]
 
 Numbers = Mapping[str, NDArray[np.float64]]
 

@@ -4,8 +4,6 @@ Few plants are simulated in the search, many in the check of its best. Those tha
 none leaves: what a tuning fails on is not left to chance.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Callable
@@ -22,8 +20,6 @@ from identification import GeneticSettings, minimize_genetic
 from plant import Reference
 from plant.parts.checkpoint import Checkpoint
 from plant.simulation.population import Population, Runs
-
-__all__ = ["ROUNDS", "Tunings"]
 
 ROUNDS = (24, np.inf), (12, np.inf), (12, 1.1), (12, 1.0), (12, 0.95), (12, 0.85)
 """Generations of one search after another, and the share of the limit within which errors before rounding are to stay;

@@ -1,7 +1,5 @@
 """The quietest law that keeps its limit over what is stated to be uncertain."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 from typing import Any
@@ -23,8 +21,6 @@ from plant.parts.arguments import instance, known_options, real
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.progress import progress_bar
 from plant.simulation.threads import cores
-
-__all__ = ["tune"]
 
 _PLANTS, _MORE, _FRESH = 16, 80, 2000
 """Plants with which a search begins; with how many if some may leave; and others on which its best are checked."""

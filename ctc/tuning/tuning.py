@@ -1,7 +1,5 @@
 """Result of a tuning: the law, what the best of each family does, and the certificate of the one chosen."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 
@@ -14,8 +12,6 @@ from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
-
-__all__ = ["Trial", "Tuning"]
 
 _EACH = 3
 """Joints up to which a row has the chatter of each; with more it has the largest."""

@@ -2,5 +2,3 @@
 
 Read `evaluation` (one law), `comparison` (several); `animation` shows them.
 """
-
-__all__: list[str] = []

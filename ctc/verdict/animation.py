@@ -3,8 +3,6 @@
 matplotlib is imported only when something is drawn.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +14,12 @@ from ctc.verdict.evaluation import Evaluation
 from plant import Arm
 from plant.mechanics.kinematics import joint_positions
 from plant.parts.arguments import array, instance, known_options, real
-from plant.parts.deprecation import old_option
 from plant.parts.figures import axes_of, colour_of, dressed
-
-__all__ = ["animate", "plot_arm"]
 
 _POSES = 200
 """From which the plane of a planar arm, and the space that a motion takes, are found."""
 
 
-@old_option("axes", "ax")
 @known_options
 def plot_arm(arm: Arm, q: ArrayLike, *, tip: ArrayLike | None = None, ax: Any = None) -> Any:
     """Draw an arm in one pose: base, joints and tip joined by lines; in its plane if it has one, else in space.

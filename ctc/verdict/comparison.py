@@ -1,7 +1,5 @@
 """Several laws on one arm and one reference: one table, one figure."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 from typing import Any
@@ -13,12 +11,9 @@ from ctc.figures.errors import plot_comparison
 from ctc.verdict.evaluation import Evaluation, evaluate
 from plant import Arm, DivergenceError, Law, Reference, Rig
 from plant.parts.arguments import instance, known_options
-from plant.parts.deprecation import old_order
 from plant.parts.labels import joint_labels
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
-
-__all__ = ["Comparison", "compare"]
 
 _COLUMNS = (
     ("within ±1", lambda e: e.share_within(1)),
@@ -105,7 +100,6 @@ class Comparison(Shown):
             yield "rigid gears assumed; .evaluations[name].lowest_resonance [Hz] says from where on it holds"
 
 
-@old_order("laws", "arm", "rig", "reference", first=dict, new="compare(arm, rig, laws, reference)")
 @known_options
 def compare(
     arm: Arm, rig: Rig, laws: dict[str, Law], reference: Reference, *, backend: str = "numba",

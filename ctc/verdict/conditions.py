@@ -3,8 +3,6 @@
 A path gives the simulator its first speed, too; a real arm stands until the first sample of its controller.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import warnings
 from typing import Any
@@ -16,8 +14,6 @@ from ctc.laws.model_law import ModelLaw
 from plant import Arm, Law, Reference, Rig
 from plant.simulation.divergence import DivergenceError
 from plant.simulation.simulator import run
-
-__all__ = ["FromRest", "from_rest", "refused"]
 
 _LOOKED = 1.0
 """Seconds within which an arm that stood should be back."""

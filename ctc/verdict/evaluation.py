@@ -1,7 +1,5 @@
 """Tracking error in encoder pulses, torque and chatter of an arm under a law, by simulation."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math
@@ -18,14 +16,11 @@ from ctc.verdict.lowest_resonance import SETTLED, LowestResonance, lowest_resona
 from plant import Arm, Law, Record, Reference, Rig
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import choice, known_options
-from plant.parts.deprecation import old_option
 from plant.parts.labels import joint_labels
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import by_joint
 from plant.simulation.injection import Injected
 from plant.simulation.simulator import run
-
-__all__ = ["Evaluation", "evaluate"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -186,7 +181,6 @@ class Evaluation(Shown):
         """Whether every joint's encoder error is within +-k pulses at every sample."""
         return self.fraction_within(k) == 1.0
 
-    @old_option("axes", "ax")
     def plot(self, ax: Any = None) -> NDArray[Any]:
         """Draw error and torque of every joint on (n, 2) Axes; see `ctc.plot_evaluation`."""
         return plot_evaluation(self, ax)

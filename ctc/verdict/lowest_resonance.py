@@ -23,8 +23,6 @@ from plant.parts.shown import Piece, Shown, Verdict
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.threads import cores
 
-__all__ = ["LowestResonance", "lowest_resonance"]
-
 LOWEST, HIGHEST = 10.0, 500.0
 """Between which resonances are tried [Hz]."""
 

@@ -1,7 +1,5 @@
 """One arm under one law on elastic gears of many resonances, simulated side by side."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 
@@ -13,8 +11,6 @@ from plant import Arm, Elasticity, Law, Reference, Rig
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import array, real
 from plant.simulation.population import Population, Runs
-
-__all__ = ["RIGID", "HeavyMotorsError", "OnGears", "arm_of", "damping_of", "require_followed", "require_swinging"]
 
 RIGID = 1e5
 """Resonance [Hz] of a gear that moves like a rigid one."""

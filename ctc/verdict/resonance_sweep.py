@@ -1,7 +1,5 @@
 """Share of samples within a pulse limit over the resonance of the gears, law by law: on which gears each law holds."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 from typing import Any
@@ -20,8 +18,6 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 from plant.simulation.threads import cores
-
-__all__ = ["ResonanceSweep", "sweep_resonance"]
 
 _POINTS = 79
 """Resonances of a sweep unless given."""

@@ -2,5 +2,3 @@
 
 Read `filtering`, `regressor` (and measured torque), `least_squares`, `torque_fit`, then `pulse_fit` (counts alone).
 """
-
-__all__: list[str] = []

@@ -25,8 +25,6 @@ from identification.equation_error.regressor import Places, System
 from plant.parts.shown import Piece, Shown
 from plant.parts.sums import least, product
 
-__all__ = ["SHARES", "STRETCHES", "FitTrial", "choose_band", "choose_speed"]
-
 STRETCHES = 10
 """Stretches of all logs together, at least; and of each log, at most."""
 

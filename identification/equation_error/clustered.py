@@ -10,14 +10,10 @@ D. F. McCaffrey, Bias reduction in standard errors for linear regression with mu
 28, 2002; J. G. MacKinnon, M. O. Nielsen, M. D. Webb, Cluster-robust inference, Journal of Econometrics 232, 2023.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
 from plant.parts.sums import products
-
-__all__ = ["RUNS", "STRETCHES", "at_least", "group_std", "run_std"]
 
 RUNS, STRETCHES = 3, 10
 """From how many runs on, and of how many stretches of all runs at least, values are compared."""

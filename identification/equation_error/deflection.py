@@ -5,8 +5,6 @@ torque on each link. The deflection is proportional to that torque, and by the d
 the two sensors have zeros of their own.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 
@@ -21,8 +19,6 @@ from identification.equation_error.regressor import System, compared, linear, re
 from identification.equation_error.torque_fit import TorqueFit
 from plant import Dynamics, Record
 from plant.parts.sums import dot, product
-
-__all__ = ["Deflection", "fit_deflection"]
 
 _BAND = 1.4
 """Pass band, in frequencies of the strongest oscillation."""

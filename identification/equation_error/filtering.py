@@ -1,14 +1,10 @@
 """Zero-phase low-pass, and velocity and acceleration from positions alone."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant import Motion
 from plant.parts.arguments import real
-
-__all__ = ["derivatives", "low_pass"]
 
 _ORDER = 4
 """Of the Butterworth low-pass; run forwards and backwards it has no phase, and the attenuation of twice the order."""

@@ -9,8 +9,6 @@ Source: M. W. Spong, Modeling and control of elastic joint robots, ASME Journal 
 Control 109 (1987) (equations of motion).
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 
@@ -23,8 +21,6 @@ from identification.equation_error.pulse_fit import CUTOFF, fit_systems, mode_in
 from identification.equation_error.regressor import System, compared, linear, regressor_along
 from identification.equation_error.torque_fit import TorqueFit
 from plant import Dynamics, Motion, Record
-
-__all__ = ["GearFit", "fit_gears"]
 
 _BANDS = (0.5, 0.7, 1.0, 1.4)
 """Pass bands that are tried, in frequencies of the strongest oscillation."""

@@ -1,15 +1,11 @@
 """What to call parameters in tables and figures, and their units."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np
 
 from plant import Dynamics
 from plant.mechanics.lumping import STANDARD
-
-__all__ = ["short_names", "units"]
 
 _OF_RIG = {
     "drive.motor_inertia": "kg m²", "drive.viscous": "N m s/rad", "drive.coulomb": "N m", "drive.motor_gain": "N m/A",

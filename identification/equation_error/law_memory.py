@@ -5,8 +5,6 @@ this begins in the middle of a motion; but it acts on the torque, an integral fo
 fitted together with f, by the torque equation, in those directions in which it shows in the torque.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -22,8 +20,6 @@ from plant import Dynamics, LoggedCurrent, LoggedTorque, Record, Resumed
 from plant.parts.sums import least, norm, product, triangle
 from plant.simulation.clock import Clock
 from plant.simulation.law_run import LawRun, run_law
-
-__all__ = ["FADED", "Memory", "Resumption", "along_log", "at_work", "state_directions", "with_state"]
 
 _FIRST = 10
 """Samples whose speed the arm had before."""

@@ -4,8 +4,6 @@ Products of the columns are made six times faster than an orthonormal basis, and
 enough where columns that are nearly dependent are refused anyway.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -13,9 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.parts.sums import least, norm, product, products
-
-__all__ = ["NotIdentifiableError", "dependent_columns", "least_squares"]
-
 
 _EXACT_ENOUGH = 1e-5
 """Share of its own from which on a column is told from others by their products."""

@@ -1,7 +1,5 @@
 """`fit_torque`: f and linear numbers of the drive from logged positions and torques."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
@@ -16,8 +14,6 @@ from identification.equation_error.torque_equations import Columns, TorqueEquati
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from plant import Dynamics, Record, Rig
 from plant.parts.arguments import array, known_options, real
-
-__all__ = ["fit_torque"]
 
 
 @known_options

@@ -1,7 +1,5 @@
 """The torque of the motors along a record: commanded by its law, injected, or logged."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -12,8 +10,6 @@ from plant.laws.commanded import commanded_torque
 from plant.simulation.clock import Clock
 from plant.simulation.injection import injected_beside
 from plant.simulation.law_run import run_law
-
-__all__ = ["driven", "logged_torque", "torque_of"]
 
 
 def torque_of(record: Record) -> NDArray[np.float64]:

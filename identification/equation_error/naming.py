@@ -1,14 +1,10 @@
 """Which record a refusal is about: its place in the list, and its file."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 from plant import Record
-
-__all__ = ["RecordError", "column_of", "each_named", "first_problem", "held_out", "record_label"]
 
 
 class RecordError(ValueError):

@@ -6,8 +6,6 @@ the pass band is twice the frequency of that mode: found first in the spectrum o
 f is there, from the linearised loop.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -22,12 +20,6 @@ from plant import Arm, Dynamics, Record, Rig
 from plant.analysis.linearise import modes
 from plant.simulation.clock import Clock
 from plant.simulation.jacobians import jacobians
-
-__all__ = [
-    "BANDS", "BAND_MOST", "CUTOFF", "ENOUGH", "equation_error",
-    "fit_systems", "mode_in", "over_bands", "pass_band", "speed_noise",
-    "system_of", "without_known",
-]  # fmt: skip
 
 _BAND = 2.0
 """Pass band, in frequencies of the slow mode."""

@@ -24,10 +24,6 @@ from identification.equation_error.filtering import derivatives, low_pass
 from plant import Dynamics, Motion, Rig
 from plant.parts.arguments import array
 
-__all__ = [
-    "LINEAR", "SPRINGS", "Places", "System", "balance", "compared", "linear", "regressor_along", "regressor_and_torque"
-]  # fmt: skip
-
 LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
 SPRINGS = "springs"
 """What the names of friction in which the torque is linear begin with; and of springs, in some of which it is."""

@@ -1,7 +1,5 @@
 """Whether a stated law can have made a log: its run along the log, from the best state, against the logged torque."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 
@@ -15,8 +13,6 @@ from plant.laws.commanded import commanded_torque
 from plant.simulation.clock import Clock
 from plant.simulation.followed_path import path_of, start_of
 from plant.simulation.law_run import run_law
-
-__all__ = ["begun", "torque_apart"]
 
 _BEGAN, _EQUAL = 1.1, 1e-3
 """Distance from the logged torque with a law that began with the log, relative to that of the best state, and in the

@@ -1,7 +1,5 @@
 """The torque equations of several logs in any band and above any speeds, of the joints whose torque is known."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
@@ -15,8 +13,6 @@ from identification.equation_error.regressor import LINEAR, System, regressor_an
 from identification.equation_error.torque_logs import TorqueLog, dead_columns, thinned, torque_logs
 from plant import Dynamics, Rig
 from plant.parts.arguments import choice, instance, real
-
-__all__ = ["Columns", "TorqueEquations", "cutoff_of", "equations_of", "every_of"]
 
 Columns = Mapping[str, Callable[..., ArrayLike]]
 """Further columns by name: (q, qd, qdd) -> torque (N, n) per unit."""

@@ -7,8 +7,6 @@ tau = Y(q, qd, qdd) f + friction(qd) is linear in f and in the linear numbers of
 Source: M. Gautier, Dynamic identification of robots with power model, ICRA 1997 (parallel filtering and decimation).
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
@@ -27,8 +25,6 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Aside, Piece, Shown, Verdict, Warned
 from plant.parts.sums import norm, product
 from plant.parts.tables import Table
-
-__all__ = ["TorqueFit", "weighted"]
 
 _POOR = 0.3
 """Relative torque error above which something is wrong with the log rather than with the arm."""

@@ -1,7 +1,5 @@
 """Positions and torques of logs, whichever way they come, and which torques are dead columns."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from typing import Any, cast
@@ -14,8 +12,6 @@ from identification.equation_error.motor_torque import logged_torque, torque_of
 from identification.equation_error.naming import each_named, record_label
 from plant import Dynamics, Record, Rig
 from plant.parts.arguments import array, instance
-
-__all__ = ["TorqueLog", "dead_columns", "thinned", "torque_logs"]
 
 _UNEVEN = 1e-3
 """Deviation of a sample's time from the even ones, in periods, from which on a record is resampled."""

@@ -9,5 +9,3 @@ load), `smoothing` and `torque_window` (both sides of the torque equation, alike
 interval within what is possible), `kernel_estimate` (these in one call), then `genetic_estimate` (3.7 on the load
 parameters) and `worker` (that one in a process of its own).
 """
-
-__all__: list[str] = []

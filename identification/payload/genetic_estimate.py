@@ -9,8 +9,6 @@ errors of the closed loop itself say less: its law keeps them within a pulse for
 Source: paper, conclusion (stages 1 and 2), and 3.7.
 """
 
-from __future__ import annotations
-
 import functools
 
 import casadi as ca
@@ -27,8 +25,6 @@ from plant.machine.rig import smooth_rig
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.correction import Correction
 from plant.simulation.loop_kernel import LANES, loop_kernel
-
-__all__ = ["GeneticEstimator"]
 
 _STEPS = 1
 """Sub-steps per sample: a window is short, and corrected."""

@@ -1,7 +1,5 @@
 """The window estimator: a load from 100 to 200 ms of counts and torque, by smooth kernels on the torque equation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,8 +12,6 @@ from identification.payload.torque_window import TorqueWindow, Window
 from identification.results.identification import Identification
 from plant import Arm, Rig, load_matrix
 from plant.parts.arguments import array, instance, real
-
-__all__ = ["KERNEL", "KernelEstimator", "friction_names", "uncertainty"]
 
 KERNEL = 0.04
 """Length of the smooth kernel [s]."""

@@ -1,7 +1,5 @@
 """What `find_load` found."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 
@@ -12,8 +10,6 @@ from plant import Arm, Rig
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict, Warned
 from plant.parts.tables import Table
-
-__all__ = ["Load"]
 
 _QUANTILE = 1.96
 """Of the normal distribution, for 95 %."""

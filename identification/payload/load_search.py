@@ -5,8 +5,6 @@ whose memory may be unknown; the start from the torque equation; Gauss-Newton on
 known arm and a function of a few numbers of the load.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 
@@ -22,8 +20,6 @@ from identification.payload.loaded_prediction import AnyLoad, WithLoad, spoken
 from identification.replay.prediction import Prediction
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem
-
-__all__ = ["FreeArm", "LoadSearch"]
 
 _STEPS = (0.01, 0.002)
 """Of the central differences: of the mass [kg], and of its place [m]."""

@@ -1,7 +1,5 @@
 """What should be known before the mass of a load is trusted."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -10,8 +8,6 @@ from numpy.typing import NDArray
 from identification.payload.load_search import LoadSearch
 from identification.search.outcome import Fit
 from identification.search.problem import Problem
-
-__all__ = ["birge", "warnings_of"]
 
 _EXPLAINED = 0.347
 """RMS innovation [pulses] above which more than rounding is left: 1.2 times 0.289."""

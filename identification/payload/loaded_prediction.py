@@ -1,7 +1,5 @@
 """A prediction in the numbers of a load and of friction, in place of f and friction."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable
 from typing import Any
@@ -12,8 +10,6 @@ from numpy.typing import NDArray
 from identification.replay.gauss_newton import Solution, gauss_newton, variance_inflation
 from identification.replay.prediction import Prediction
 from identification.search.polish import by_stages
-
-__all__ = ["AnyLoad", "WithLoad", "spoken"]
 
 _ROUNDING, _WEIGHINGS, _CHANGED = 0.289, 2, 0.05
 """RMS of rounding [pulses]; how often records and joints are weighted anew; and relative change of what an innovation

@@ -12,8 +12,6 @@ arm alone counts as exact, and then deviations of hundredths of a gram, under sa
 Source: R. T. Birge, The calculation of errors by the method of least squares, Physical Review 40 (1932).
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -37,8 +35,6 @@ from identification.search.outcome import Outcome
 from identification.search.problem import Problem
 from plant import Arm, FrictionCurve, Record, Rig
 from plant.parts.arguments import array, instance, known_options, real
-
-__all__ = ["find_load"]
 
 _HEAVIEST, _LIGHTEST = 1e3, 1e-3
 """[kg]; the lightest where the centre is unknown, of which nothing has none."""

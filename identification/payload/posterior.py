@@ -1,7 +1,5 @@
 """Mass of a load within what is possible: its distribution given a window, on a line of places."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 
@@ -12,8 +10,6 @@ from identification.payload.shape import LoadShape
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
-
-__all__ = ["PayloadEstimate", "information", "posterior"]
 
 _TOO_LITTLE = 0.15
 """Standard deviation of the mass, as a share of its range, above which a window says too little: evenly over the range

@@ -13,8 +13,6 @@ from plant.mechanics.load import LOAD
 from plant.mechanics.lumping import STANDARD
 from plant.parts.arguments import array, real
 
-__all__ = ["LoadShape"]
-
 _PLACES = 61
 """Along the line where the centre may be."""
 

@@ -6,15 +6,11 @@ pass one filter, and none rings at the ends of a window. (A zero-phase low-pass 
 ten times larger.)
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 
 import numpy as np
 from numpy.typing import NDArray
-
-__all__ = ["Smoothing"]
 
 
 @dataclasses.dataclass(frozen=True)

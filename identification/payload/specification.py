@@ -1,7 +1,5 @@
 """What an estimator is made of: numbers that can be sent to the process where it works."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -12,8 +10,6 @@ from identification.payload.kernel_estimate import KernelEstimator
 from identification.payload.shape import LoadShape
 from identification.payload.torque_window import Window
 from plant import Arm, Rig
-
-__all__ = ["Specification"]
 
 FORGETTING = 0.02
 """Over which a replay of the genetic algorithm forgets [s]; with 0.04 its errors were three times as large."""

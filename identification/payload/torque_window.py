@@ -1,7 +1,5 @@
 """The torque equation over a short window: regressor of load, f and friction, and measured torque, alike smooth."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Sequence
@@ -13,8 +11,6 @@ from identification.equation_error.regressor import balance
 from identification.payload.smoothing import Smoothing
 from plant import Arm, Rig, load_matrix
 from plant.compiler.map_kernel import MapKernel
-
-__all__ = ["TorqueWindow", "Window"]
 
 _SLOW = 0.05
 """Speed [rad/s] that a joint must have throughout a kernel: below, its friction is not known to slide one way."""

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from plant import Body, Dynamics, load_matrix, load_parameters
 from plant.mechanics.independent_columns import independent_columns
 
-__all__ = ["UnknownLoad"]
-
 _SAME = 1e-7
 """Share of its own below which what a direction does to f is a combination of what others do."""
 

@@ -4,8 +4,6 @@ One process serves all controllers of this one; it starts with the first and end
 windows of counts and torque (some ten kilobytes), what comes back are estimates.
 """
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import os
@@ -19,8 +17,6 @@ from typing import Any
 from identification.payload.posterior import PayloadEstimate
 from identification.payload.specification import Specification
 from identification.payload.torque_window import Window
-
-__all__ = ["Worker", "serve", "shared_worker"]
 
 _STARTING = 120.0
 """Seconds that a process may take to start, or an estimator to compile."""

@@ -2,5 +2,3 @@
 
 Each file stands alone: `ranges` (3.6), `motor`, `budget` (Cramer-Rao bound), `excitation`, `quality`.
 """
-
-__all__: list[str] = []

@@ -5,8 +5,6 @@ pulses the tracking error changes is all that a log can hold of it. With reading
 within a quantisation cell, it gives the Cramer-Rao bound on the standard deviation by any method.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Iterator
 
@@ -22,8 +20,6 @@ from plant.parts.arguments import known_options
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Aside, Piece, Shown
 from plant.parts.tables import Table
-
-__all__ = ["Budget", "pulse_budget"]
 
 _STEP = 1e-4
 """Of the central differences, as a share of a number (or of the largest f, for one that is zero)."""

@@ -9,8 +9,6 @@ Source: J. Swevers et al., Optimal robot excitation and identification, IEEE Tra
 (1997), for sums of harmonics.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca
@@ -20,8 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 from plant import Arm, Harmonics, Law, Rig
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import array, instance, known_options, real
-
-__all__ = ["design_motion"]
 
 _SAMPLES = 120
 """Of a period, at which the equation is set up and the limits hold."""

@@ -4,8 +4,6 @@ Source: paper 4.2 (P from the current that belongs to a tracking error), referen
 current of a motor that turns at constant speed).
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator, Sequence
 
@@ -19,8 +17,6 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown
 from plant.parts.sums import dot
 from plant.parts.tables import Table
-
-__all__ = ["MotorFit", "friction_from_motor_test", "gain_from_current"]
 
 _BELOW_LIMIT = 0.98
 """Share of the amplifier's limit up to which a current follows the error."""

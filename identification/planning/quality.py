@@ -1,7 +1,5 @@
 """Whether a log is informative: motion, length, and torque below the amplifier's limit."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,8 +9,6 @@ from identification.equation_error.naming import column_of
 from identification.equation_error.pulse_fit import mode_in
 from plant import Record
 from plant.checkup.oscillation import own_oscillation
-
-__all__ = ["require_informative"]
 
 _LEAST_PULSES = 20
 """Counts that every motor has to move, at least."""

@@ -14,8 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from plant import Drive, puma560
 from plant.parts.arguments import array, known_options
 
-__all__ = ["Interval", "LinkSize", "centre_range", "greatest_inertia", "puma560_ranges", "ranges"]
-
 
 @dataclasses.dataclass(frozen=True)
 class Interval:

@@ -3,5 +3,3 @@
 Read `experiment`, `objective`; then `prediction` (innovations), `gauss_newton`; `timing` is a use of them. `extended`
 is a prediction with what its rig leaves out, `optimum` where it follows the log best.
 """
-
-__all__: list[str] = []

@@ -1,7 +1,5 @@
 """One record, ready to be repeated by a closed loop with other numbers; objective and prediction share it."""
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 from collections.abc import Iterable, Sequence
@@ -19,8 +17,6 @@ from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import path_of, start_of
 from plant.simulation.injection import injected_beside
 from plant.simulation.loop_kernel import loop_kernel
-
-__all__ = ["Experiment", "as_records", "with_zeros"]
 
 _GEARED = ("drive.gear", "drive.coupling", "encoder.resolution")
 """Numbers that turn counts into angles."""

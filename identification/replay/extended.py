@@ -23,8 +23,6 @@ from plant import Dynamics, Elasticity, FrictionCurve, Law, Record, Rig
 from plant.parts.arguments import instance
 from plant.simulation.threads import cores
 
-__all__ = ["Extended"]
-
 _RIGID = 1e5
 """Locked-rotor resonance of a gear that does not give [Hz]."""
 

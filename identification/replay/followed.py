@@ -1,7 +1,5 @@
 """One record, ready to be followed by a model that is corrected at every sample."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 from collections.abc import Sequence
@@ -16,8 +14,6 @@ from identification.replay.rounding import Rounding
 from plant import Dynamics, Record
 from plant.simulation.closed_loop import bounded
 from plant.simulation.loop_kernel import LOGGED, logged_kernel
-
-__all__ = ["Followed", "joined"]
 
 _LOST, _SETTLING = 4.5, 80
 """Periods that may be missing, and samples after a longer gap that are not compared."""

@@ -3,8 +3,6 @@
 Slopes are central differences of whole runs: friction and a quantiser have no derivative.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from typing import Any
@@ -15,8 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from identification.equation_error.least_squares import least_squares
 from plant.parts.sums import dot, norm
 from plant.simulation.threads import cores
-
-__all__ = ["DEPENDENT", "Solution", "gauss_newton", "noise", "slopes", "variance_inflation"]
 
 DEPENDENT = 1e-4
 """An unknown whose slope is independent of the others' by less than this share is not separately identifiable."""

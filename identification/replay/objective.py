@@ -1,7 +1,5 @@
 """Objective (4): how far a candidate arm's tracking errors are from the measured ones, a whole population at once."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterable
 from typing import Any
@@ -18,9 +16,6 @@ from plant.parts.arguments import array, known_options
 from plant.simulation.closed_loop import bounded
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.threads import cores, shared_out
-
-__all__ = ["Objective", "squared_error"]
-
 
 _FEW = 2
 """Joints up to which the inertia of candidates is checked at too few poses to be worth another thread."""

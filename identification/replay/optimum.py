@@ -1,7 +1,5 @@
 """Where a model with what its rig leaves out follows a log best, and what its unknowns cannot do there."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cached_property
 
@@ -11,8 +9,6 @@ from numpy.typing import NDArray
 from identification.replay.extended import Extended
 from identification.replay.gauss_newton import slopes, variance_inflation
 from plant.parts.sums import dot, product, products
-
-__all__ = ["Optimum", "along", "directions", "fitted"]
 
 _ROUNDS, _SETTLED = 6, 1e-4
 """Of Gauss-Newton, at most, and the relative decrease below which it ends."""

@@ -12,8 +12,6 @@ it sees new cells: at most one.
 Source: L. Ljung, System Identification, Prentice Hall 1999, ch. 7 (prediction-error methods).
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterable, Iterator, Sequence
 
@@ -28,8 +26,6 @@ from plant import Dynamics, Record
 from plant.simulation.correction import Correction
 from plant.simulation.loop_kernel import LOGGED
 from plant.simulation.threads import cores, shared_out
-
-__all__ = ["Prediction"]
 
 _MEMORY = 10
 """Samples over which the observer forgets, to begin with."""

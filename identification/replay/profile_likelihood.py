@@ -8,8 +8,6 @@ Source: C. G. Broyden, A class of methods for solving nonlinear simultaneous equ
 (1965) (slopes from evaluations alone).
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 
@@ -19,8 +17,6 @@ from numpy.typing import NDArray
 from identification.equation_error.least_squares import least_squares
 from identification.replay.gauss_newton import DEPENDENT, slopes
 from plant.parts.sums import dot, product
-
-__all__ = ["Profile"]
 
 _ROUNDS, _CLOSE = 8, 0.02
 """Steps with which the others are fitted anew, and the decrease, as a share of the level, that ends it."""

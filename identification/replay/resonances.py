@@ -6,8 +6,6 @@ the logarithm of the damping ratio of that resonance. A log says little of dampi
 (95 %), which weighs like one more measurement.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -21,8 +19,6 @@ from identification.replay.prediction import Prediction
 from plant import Dynamics, Elasticity, Record, Rig
 from plant.parts.sums import dot
 from plant.simulation.threads import shared_out
-
-__all__ = ["DAMPING", "INFLATION", "STIFFNESS", "Resonances", "Start", "link_inertia", "on_gears"]
 
 STIFFNESS, DAMPING = "drive.elasticity.stiffness", "drive.elasticity.damping"
 

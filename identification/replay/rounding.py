@@ -16,8 +16,6 @@ from plant.simulation.closed_loop import ClosedLoop, bounded
 from plant.simulation.followed_path import Logged
 from plant.simulation.threads import shared_out
 
-__all__ = ["Rounding"]
-
 _STEPS = 16
 """Sub-steps per sample: fast hardware feels each count when it comes."""
 

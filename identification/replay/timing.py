@@ -5,8 +5,6 @@ difference between measured and simulated errors is then proportional to the spe
 friction or a gain that is unknown absorbs it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable
 from typing import Any
@@ -19,8 +17,6 @@ from identification.replay.prediction import Prediction
 from plant import Dynamics, Record
 from plant.parts.arguments import instance, known_options, real
 from plant.parts.sums import dot
-
-__all__ = ["delay_of", "is_late", "without_delay"]
 
 _LATE, _SURE = 0.02, 3.0
 """Delay [samples] that matters, and from how many of its standard deviations on."""

@@ -4,5 +4,3 @@ Read `identification`, `diagnostics`, `trust` (warnings), `plots`; for what cont
 `trials` (tests), `stepwise` (one after another), `detection` (the result); `physical` and `oscillation` stand
 alone. `model_files` writes inertials back (`to_write`, `realised`: bodies that have f; `nearest_bodies`: the search).
 """
-
-__all__: list[str] = []

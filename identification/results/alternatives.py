@@ -9,8 +9,6 @@ Source: R. F. Engle, Wald, likelihood ratio, and Lagrange multiplier tests in ec
 1984, ch. 13.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator, Sequence
 
@@ -24,8 +22,6 @@ from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.simulation.followed_path import is_rounded
-
-__all__ = ["Sign", "delay_sign", "signs"]
 
 _BY_CHANCE = 1e-5
 """Probability with which a right model reaches a threshold."""

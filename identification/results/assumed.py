@@ -4,8 +4,6 @@ Gears, motor gains and gains of a law without memory change the innovations; the
 first order are what they move. Lengths of the links change the torque along the motion; least squares takes that over.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -17,8 +15,6 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown
 from plant.parts.sums import products
 from plant.parts.tables import Table
-
-__all__ = ["Assumed", "moved"]
 
 _LITTLE = 0.05
 """Move of a value by 1 % of an assumed number, in its standard deviations, that is not mentioned."""

@@ -5,8 +5,6 @@ kept aside too, where the model follows them best. What explains most is fitted,
 until nothing is left that is significant.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 
@@ -17,8 +15,6 @@ from identification.results.alternatives import Sign
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict, Warned
-
-__all__ = ["Detection"]
 
 _STIFF = 300.0
 """Resonance above which a gear is not mentioned [Hz]."""

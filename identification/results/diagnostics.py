@@ -21,8 +21,6 @@ from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown
 
-__all__ = ["Diagnostics"]
-
 
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -1,13 +1,9 @@
 """What is doubtful in an identification, said as a Python warning: when it is found, and where it is used."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from identification.results.trust import warnings_of
 from plant.parts.user_warning import warn
-
-__all__ = ["IdentificationWarning", "doubts", "warn_of_doubts"]
 
 
 class IdentificationWarning(UserWarning):

@@ -1,7 +1,5 @@
 """The result of an identification: arm, rig and law with what was found, and how well it is known."""
 
-from __future__ import annotations
-
 import dataclasses
 import warnings
 from collections.abc import Iterable, Mapping
@@ -28,8 +26,6 @@ from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.saved import Saved, fingerprint
 from plant.parts.shown import Piece, Shown
-
-__all__ = ["Identification"]
 
 
 @kept

@@ -1,7 +1,5 @@
 """What f would be if lengths of the links were others: least squares of the torque along a log's motion."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 
@@ -14,8 +12,6 @@ from identification.equation_error.pulse_fit import BAND_MOST, CUTOFF, path_in
 from identification.equation_error.regressor import linear, regressor_along
 from plant import Arm, Chain, Record
 from plant.mechanics.dynamics import lumped_torque
-
-__all__ = ["moved_by_lengths"]
 
 _ROWS = 400
 """Samples of the motion, at most."""

@@ -8,8 +8,6 @@ Source: S. F. Schmidt, Application of state-space methods to navigation problems
 (consider covariance); G. J. Bierman, Factorization methods for discrete sequential estimation, 1977, ch. 8.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 
@@ -21,8 +19,6 @@ from identification.replay.optimum import Optimum
 from identification.results.assumed import moved
 from identification.search.tolerances import Tolerances
 from plant.parts.sums import products
-
-__all__ = ["Doubt", "consider", "priors"]
 
 _ASSUMED = ("gear", "motor_gain", "law.")
 """Numbers whose changes by 1 % are told."""

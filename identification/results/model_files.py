@@ -1,7 +1,5 @@
 """Identified inertials written back into the model file that an arm came from: `write_urdf`, `write_mjcf`."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -27,8 +25,6 @@ from plant.parts.files import require_new, write_whole
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
-
-__all__ = ["WrittenModel", "write_mjcf", "write_urdf"]
 
 _SAME = 1e-13
 """Relative change of a body below which its bytes stay."""

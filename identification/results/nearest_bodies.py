@@ -17,14 +17,10 @@ A prior that is wrong by more than some hundred times in a direction (a blade fo
 short of bodies that exist; give a better one then.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
 from numpy.typing import NDArray
-
-__all__ = ["Block", "nearest_realisation"]
 
 _STEPS = 100
 _CONVERGED, _ROUNDING = 1e-12, 1e-9

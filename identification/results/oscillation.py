@@ -7,8 +7,6 @@ linearised loop does not have (a flexible base, a loose sensor) is a disturbance
 Source: paper Figs. 10-11, 4.2.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 from typing import Any
@@ -25,8 +23,6 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 from plant.simulation.jacobians import jacobians
-
-__all__ = ["Oscillation", "oscillation"]
 
 _WIDTH = 1.5
 """The band-stop reaches from the frequency divided by this to the frequency times this."""

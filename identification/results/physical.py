@@ -10,8 +10,6 @@ P. M. Wensing, S. Kim, J.-J. E. Slotine, Linear matrix inequalities for physical
 identification, IEEE Robotics and Automation Letters 3 (2018) (physical consistency).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Iterator
@@ -27,8 +25,6 @@ from plant.parts.arguments import array, instance, known_options
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
-
-__all__ = ["Physical", "nearest_physical"]
 
 _RIDGE = 1e-9
 """Share of the largest variance that is added to all: a number kept fixed has no variance."""

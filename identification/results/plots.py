@@ -1,7 +1,5 @@
 """Figures of results: errors, innovations, spectrum, intervals; the oscillation. matplotlib is imported when drawn."""
 
-from __future__ import annotations
-
 import itertools
 from typing import Any
 
@@ -11,8 +9,6 @@ from numpy.typing import NDArray
 from identification.replay.prediction import Prediction
 from identification.results.repeated import repeated
 from plant.parts.figures import BAND, LOGS, axes_of, colour_of, dressed, legend_above, literal
-
-__all__ = ["draw_intervals", "interval_height", "plot_identification", "plot_oscillation"]
 
 _MEANING = 68
 """Letters of a parameter's meaning that a figure shows; `Dynamics.legend` has them all."""

@@ -1,7 +1,5 @@
 """The bodies of a model file that have an arm's f: variables, equations, and what they come to."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 
@@ -18,8 +16,6 @@ from plant.mechanics.model_tree import ModelFile, ModelJoint, fixed_to, links_of
 from plant.mechanics.placement import Placement
 from plant.mechanics.pseudo_inertia import from_pseudo_inertia, pseudo_inertia
 from plant.parts.arguments import choice, instance
-
-__all__ = ["Realised", "realised"]
 
 _THIN = 0.03
 """Extent [m], root mean square, that a prior gets where it has none: a point mass, a rod."""

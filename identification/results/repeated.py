@@ -1,15 +1,11 @@
 """The first record of an identification once more, as the model repeats it."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 
 from identification.search.memory import as_repeated
 from plant import Record, Resumed, replay
 from plant.simulation.divergence import DivergenceError
-
-__all__ = ["repeated"]
 
 
 def repeated(found: Any) -> Record | None:

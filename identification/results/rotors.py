@@ -1,7 +1,5 @@
 """Inertias that were found, against those of the stated rotors."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 
@@ -9,8 +7,6 @@ import numpy as np
 
 from plant.machine.motor_inertia import shaft_inertias
 from plant.mechanics.lumping import STANDARD
-
-__all__ = ["of_rotors"]
 
 _SURE, _ROOM = 4.0, 0.05
 """By how many standard deviations, and by what share of itself, an inertia has to fall below that of its rotor."""

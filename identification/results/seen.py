@@ -1,7 +1,5 @@
 """What the logs of an identification show, and where a path leaves it."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 
@@ -11,8 +9,6 @@ from numpy.typing import NDArray
 from plant import Record, Reference
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
-
-__all__ = ["Seen", "seen"]
 
 _BEYOND = 0.1
 """Share of a log's range, or of its largest speed, by which a path may leave it."""

@@ -1,7 +1,5 @@
 """What contradicts a model, one thing after another: what explains most is fitted, the rest tested again beside it."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import NamedTuple
 
@@ -19,8 +17,6 @@ from identification.search.outcome import Fit
 from identification.search.polish import start_of_fit, torque_fit
 from identification.search.problem import Problem
 from plant import Record
-
-__all__ = ["detect"]
 
 _NAMED = 3
 """Alternatives that are named, at most."""

@@ -1,7 +1,5 @@
 """What an identification shows: values, intervals, what contradicts the model, what was assumed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,8 +8,6 @@ import numpy as np
 from identification.results.doubts import doubts
 from plant.parts.shown import Aside, Piece, Verdict, Warned, inside
 from plant.parts.tables import Table
-
-__all__ = ["said_of"]
 
 
 def said_of(found: Any) -> Iterator[Piece]:

@@ -1,7 +1,5 @@
 """What is to be written into a model file: the arm, its bodies and rotors, the drive whose friction is known."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -14,8 +12,6 @@ from identification.results.realised import Realised, realised
 from plant import Arm, Body, Drive
 from plant.mechanics.model_tree import ModelFile
 from plant.parts.user_warning import warn
-
-__all__ = ["bodies_of", "given", "prior_bodies"]
 
 _RIDGE = 1e-9
 """Share of the largest variance that is added to all: a number kept fixed has no variance."""

@@ -1,15 +1,11 @@
 """Compliance and backlash as they are, not linearised: some of each are tried, and what they leave is compared."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
 from numpy.typing import NDArray
 
 from identification.replay.optimum import Optimum
-
-__all__ = ["CONTACT", "Trial", "backlash", "compliance"]
 
 _LOWEST, _HIGHEST = 15.0, 250.0
 """Resonances between which compliance is tried [Hz]."""

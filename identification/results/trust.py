@@ -1,7 +1,5 @@
 """Warnings: what a user should know before trusting what an identification found, one line each."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -13,8 +11,6 @@ from plant import Chain, Record, Rig
 from plant.checkup.oscillation import own_oscillation
 from plant.machine.unlikely import unlikely_statements
 from plant.simulation.followed_path import is_rounded
-
-__all__ = ["of_statements", "warnings_of"]
 
 _AT_END = 0.002
 """Share of a range within which a value lies at its end."""

@@ -3,5 +3,3 @@
 Read `problem` (what a method is given), `outcome` (what it gives back), `methods`, `polish`; `genetic` stands alone;
 `search` is what a result keeps of it.
 """
-
-__all__: list[str] = []

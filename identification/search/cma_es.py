@@ -4,8 +4,6 @@ N. Hansen, A. Ostermeier, Completely derandomized self-adaptation in evolution s
 2001. Its generations are smaller, and more, than those of the genetic algorithm.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -13,8 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from identification.search.genetic import GeneticResult, GeneticSettings
-
-__all__ = ["minimize_cma"]
 
 _POPULATION = 20
 """Individuals of a generation."""

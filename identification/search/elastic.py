@@ -6,8 +6,6 @@ of resonances (`identification.replay.resonances`). Intervals: the profile likel
 decides whether the log tells a gear from a rigid one.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 
@@ -26,8 +24,6 @@ from identification.search.problem import Problem
 from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA, least_inertia_margin
 from plant.parts.sums import dot
 from plant.simulation.followed_path import path_of, start_of
-
-__all__ = ["elastic", "gear_fits", "pose_of"]
 
 _GRID = np.geomspace(8.0, 400.0, 15)
 """Resonances of the first search [Hz]."""

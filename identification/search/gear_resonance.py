@@ -13,8 +13,6 @@ from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict, Warned
 from plant.parts.tables import Table
 
-__all__ = ["GearResonance"]
-
 
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

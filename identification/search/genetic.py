@@ -16,8 +16,6 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["GeneticResult", "GeneticSettings", "GeneticState", "crossover", "decode", "encode", "migrate"]
-__all__ += ["minimize_genetic", "mutate", "rank_linear", "rank_nonlinear", "reinsert", "select"]
 INF = float("inf")
 Floats: TypeAlias = NDArray[np.float64]
 Bits: TypeAlias = NDArray[np.uint8]

@@ -1,7 +1,5 @@
 """Intervals of resonances by their profile likelihood, and whether a log tells a gear from a rigid one."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,8 +9,6 @@ from identification.replay.gauss_newton import Solution, slopes
 from identification.replay.profile_likelihood import Profile
 from identification.replay.resonances import INFLATION, Resonances, Start
 from identification.search.gear_resonance import GearResonance
-
-__all__ = ["Intervals"]
 
 _TWO_SIDED, _ONE_SIDED, _RIGID = 3.84, 2.71, 3.84
 """Twice the rise of the log-likelihood at the ends of an interval, at a bound, and up to which a gear may be rigid."""

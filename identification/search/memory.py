@@ -4,8 +4,6 @@ Both are fitted. In an unknown state, what of it shows in the torque is unknown 
 the arm began. Where that explains the log no better than by chance, the law began with the log.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -20,8 +18,6 @@ from identification.replay.objective import Objective
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem
 from plant import AlongLog, Record, Resumed
-
-__all__ = ["as_repeated", "as_tested", "repeating", "resumed_at", "with_memory"]
 
 _BY_CHANCE = 5.0
 """Standard deviations by which a sum of squares may fall by chance, where more is unknown."""

@@ -13,8 +13,6 @@ Sources: paper 3.2, 3.7 (paper, genetic); M. Gautier, A. Janot, P.-O. Vandanjon,
 for parameter identification of robot dynamics, IEEE Transactions on Control Systems Technology 21 (2013) (didim).
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 
@@ -33,8 +31,6 @@ from identification.search.memory import with_memory
 from identification.search.outcome import Fit, Outcome
 from identification.search.polish import polished, start_of_fit, torque_fit
 from identification.search.problem import Problem
-
-__all__ = ["METHODS"]
 
 _BOX = 4.0
 """Half width of the box around the equation error, in its standard deviations."""

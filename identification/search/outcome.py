@@ -1,7 +1,5 @@
 """What a method of identification gives back: the fit, and how it came about."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 
@@ -15,8 +13,6 @@ from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown
 from plant.parts.tables import Table
-
-__all__ = ["Fit", "Outcome"]
 
 for _each in (GeneticSettings, GeneticResult, Resumption):  # they know nothing of files
     kept(_each)

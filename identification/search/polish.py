@@ -1,7 +1,5 @@
 """What methods have in common: a start from the torque equation, and the prediction-error fit at the end."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 
@@ -19,8 +17,6 @@ from identification.replay.prediction import Prediction
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem
 from plant.machine.motor_inertia import least_inertia_margin
-
-__all__ = ["by_stages", "polished", "start_of_fit", "torque_fit"]
 
 _SMALL = 0.01
 """Step of the central differences, in standard deviations of the equation error."""

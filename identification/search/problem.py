@@ -1,7 +1,5 @@
 """What a method of identification is given: experiments, unknowns, and where to look."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from collections.abc import Callable
@@ -16,8 +14,6 @@ from identification.search.genetic import GeneticSettings
 from identification.search.tolerances import Tolerances
 from plant import Arm, Dynamics, Law, Record, Resumed, Rig
 from plant.parts.checkpoint import Checkpoint
-
-__all__ = ["Problem"]
 
 _POSITIVE = re.compile(r"drive\.(viscous|coulomb|elasticity)|law\.gain|springs(\[\d+\])?\.stiffness")
 """What the names of numbers that cannot be negative begin with."""

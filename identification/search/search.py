@@ -17,8 +17,6 @@ from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown
 from plant.parts.tables import Table
 
-__all__ = ["Search"]
-
 
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

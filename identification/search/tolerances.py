@@ -8,8 +8,6 @@ from plant.parts.arguments import real
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 
-__all__ = ["Tolerances"]
-
 
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

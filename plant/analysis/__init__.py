@@ -2,5 +2,3 @@
 
 Reading order: `linearise` -> `p_gains`; `control_systems`.
 """
-
-__all__: list[str] = []

@@ -36,7 +36,6 @@ from plant.simulation.closed_loop import ClosedLoop
 if TYPE_CHECKING:
     import control
 
-__all__ = ["to_control", "to_timeresponse"]
 
 _LOGGED = "error_pulses", "torque", "current", "injected", "true_q", "true_qd"
 

@@ -15,8 +15,6 @@ from plant.simulation.jacobians import jacobians
 if TYPE_CHECKING:
     import control
 
-__all__ = ["linearise", "modes"]
-
 
 def linearise(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> control.StateSpace:
     """Linear model of a fast law's closed loop about an arm held at a pose.

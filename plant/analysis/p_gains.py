@@ -1,7 +1,5 @@
 """P gains for any arm: as low as a given tracking error allows, and stable by the linearised loop."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np
@@ -15,8 +13,6 @@ from plant.motion.reference import Reference
 from plant.parts.arguments import array
 from plant.simulation.missing_rotors import warn_of_missing_rotors
 from plant.simulation.simulator import simulate
-
-__all__ = ["p_gains"]
 
 _ROUNDS = 12
 _FASTEST = 0.5

@@ -4,8 +4,6 @@ By the law's own equations and the simulator's own sub-step. The encoder does no
 (viscous friction acts, dry friction does not), and the amplifier is below its limit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import casadi as ca
@@ -18,8 +16,6 @@ from plant.machine.rig import Rig, smooth_rig
 from plant.mechanics.arm import Arm
 from plant.parts.arguments import array, instance
 from plant.simulation.closed_loop import ClosedLoop
-
-__all__ = ["KEPT", "SampledLoops", "held"]
 
 _SUB_STEPS = 16
 

@@ -4,5 +4,3 @@ Reading order: `finding` (a line, and the table) -> `signals`, `torque_regressio
 shows without a model of the arm) -> `stamps`, `counts`, `quantisation`, `tracking`, `wiring`, `units`, `torques` (the
 checks) -> `examine`.
 """
-
-__all__: list[str] = []

@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 
 from plant.checkup.torque_regression import least_squares
 
-__all__ = ["AveragedRegression"]
-
 _AVERAGE = 0.4
 """Window [s] over which the equation is averaged; shorter where the log would not hold enough of them."""
 

@@ -1,15 +1,11 @@
 """Are the counts an encoder's: motion, glitches, jumps, standstill, clipping."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
 
 from plant.checkup.finding import Finding
 from plant.checkup.signals import LEAST_MOTION, Signals
-
-__all__ = ["counts_findings"]
 
 _SPIKE = 4.0
 """Outlier limit of an innovation: so many pulses, and so many times the 98 % quantile."""

@@ -1,7 +1,5 @@
 """The checkup of a record: what its rig and law state against what its columns show, without a model of the arm."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from plant.checkup.counts import counts_findings
@@ -15,8 +13,6 @@ from plant.checkup.torques import torque_findings
 from plant.checkup.tracking import reference_findings
 from plant.checkup.units import unit_findings
 from plant.checkup.wiring import wiring_findings
-
-__all__ = ["examine"]
 
 _LEAST = 50
 """Samples with weight, below which only their times are checked."""

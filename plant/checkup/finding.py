@@ -10,8 +10,6 @@ from plant.parts.labels import joint_label
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
-__all__ = ["Checkup", "Finding"]
-
 _ROUNDING = 1e-9
 """Printed as 0."""
 

@@ -4,16 +4,12 @@ The inertia matrix of an arm on rigid gears exceeds that of its motors alone, so
 error no mode of the loop is faster than a motor without an arm: sqrt(gain / Jm). An oscillation above that is a gear's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
 
 from plant.checkup.finding import Finding
 from plant.checkup.signals import Signals
-
-__all__ = ["gear_findings"]
 
 _AVERAGED = 9
 """Neighbouring frequencies whose power is averaged."""

@@ -4,8 +4,6 @@ A stable loop rings after each reversal of friction, and stays below its trackin
 of its currents or by gears that give, swings ever wider, or until friction or the amplifier limit it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 
@@ -13,8 +11,6 @@ import numpy as np
 
 from plant.checkup.finding import Finding
 from plant.checkup.signals import Signals
-
-__all__ = ["oscillation_findings", "own_oscillation"]
 
 _CONTAINED, _BEYOND, _SLOWEST = 0.999, 5.0, 3.0
 """Share of the reference's power below the highest of its frequencies; and how many times that, and [Hz], is above."""

@@ -1,7 +1,5 @@
 """Quantisation of the counts: whole numbers, the grid of the stated encoder, noise."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -9,8 +7,6 @@ from numpy.typing import NDArray
 
 from plant.checkup.finding import Finding
 from plant.checkup.signals import Signals
-
-__all__ = ["comb", "quantisation_findings"]
 
 _COMB = 0.8
 """Amplitude (0 to 1) of a spectral line of the counts above which they are on a coarser grid."""

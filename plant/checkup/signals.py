@@ -4,8 +4,6 @@ Everything is motor side and needs no model of the arm. Counts, reference and to
 equations between them and their derivatives still hold.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 
@@ -15,8 +13,6 @@ from numpy.typing import NDArray
 from plant.checkup.averaged_regression import AveragedRegression
 from plant.checkup.torque_regression import TorqueRegression
 from plant.laws.commanded import commanded_torque
-
-__all__ = ["LEAST_MOTION", "TRACKING", "Signals"]
 
 _WINDOW = 0.02
 """Length of the smoothing window [s], but never less than so many samples:"""

@@ -1,15 +1,11 @@
 """Sampling of a log: period, jitter, missing and repeated samples, length."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
 
 from plant.checkup.finding import Finding
 from plant.checkup.signals import Signals
-
-__all__ = ["time_findings"]
 
 _GAP, _CROWD = 1.5, 0.5
 """Median intervals above which a sample is missing, and below which one is repeated."""

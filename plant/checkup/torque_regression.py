@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["TorqueRegression", "least_squares"]
-
 _SLOW = 0.05
 """Share of the RMS speed below which a joint may stick, and its friction is unknown."""
 

@@ -1,15 +1,11 @@
 """Torque and current of the motors: saturation, clipping, backlash of the gear."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
 
 from plant.checkup.finding import Finding
 from plant.checkup.signals import Signals
-
-__all__ = ["torque_findings"]
 
 _AT_LIMIT, _BEYOND = 0.999, 1.05
 """Share of the amplifier's limit from which on it is saturated; and above which the limit is wrong."""

@@ -1,7 +1,5 @@
 """Tracking of the reference by the counts: gear sign, swapped joints, delay."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,8 +9,6 @@ from plant.checkup.finding import Finding
 from plant.checkup.signals import TRACKING, Signals
 from plant.checkup.torque_regression import least_squares
 from plant.machine.rig import Rig
-
-__all__ = ["correlation", "law_slope", "reference_findings"]
 
 _CLOSER = 0.5
 """Another joint's reference is the right one if its error is smaller by this factor."""

@@ -1,7 +1,5 @@
 """Unit and side of the torque: against its law, the amplifier's limit, the rotor inertia and the stated friction."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,8 +9,6 @@ from plant.checkup.finding import Finding
 from plant.checkup.quantisation import comb
 from plant.checkup.signals import Signals
 from plant.checkup.tracking import correlation, law_slope
-
-__all__ = ["unit_findings"]
 
 _SURE = 5.0
 """Standard deviations from which on a number is significant."""

@@ -1,7 +1,5 @@
 """Wiring of counts and torques: copied columns, sign of the torque, swapped joints."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -11,8 +9,6 @@ from plant.checkup.averaged_regression import AveragedRegression
 from plant.checkup.finding import Finding
 from plant.checkup.signals import Signals
 from plant.checkup.tracking import correlation, law_slope
-
-__all__ = ["wiring_findings"]
 
 _BACKWARDS = -1 / 3
 """Logged per commanded torque below which the sign is wrong."""

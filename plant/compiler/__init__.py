@@ -5,5 +5,3 @@ The pipeline: `translate` (a function's instructions, sorted by when they run) w
 `kernel_cache` (compiled, in the `background`, and kept on disk in the `cache_folder`) -> `map_kernel` (a function over
 columns). `c_statements` writes the same instructions as C.
 """
-
-__all__: list[str] = []

@@ -4,14 +4,10 @@ Machine code and LLVM do not look for signals. What is interrupted goes on by it
 dropped; a compilation is there for the next call.
 """
 
-from __future__ import annotations
-
 import contextvars
 import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
-
-__all__ = ["in_background"]
 
 T = TypeVar("T")
 

@@ -4,16 +4,12 @@ The instructions are those of the compiled kernels (`plant.compiler.translate`, 
 where casadi rounds.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 
 import casadi as ca
 
 from plant.compiler.instructions import STATE, TIME, UNIFORM, needed, rewritten
 from plant.compiler.translate import single_assignment
-
-__all__ = ["SIGN", "literal", "statements"]
 
 _SUM, _PRODUCT, _SIGNED, _WHOLE = 1, 2, 3, 4
 """How strongly an expression holds together; 0 is a choice."""

@@ -1,7 +1,5 @@
 """The folder of compiled kernels: the user's alone, of a bounded size."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re
@@ -9,8 +7,6 @@ import stat
 import tempfile
 import warnings
 from pathlib import Path
-
-__all__ = ["CACHE_VARIABLE", "cache_folder", "is_own", "private_folder", "prune", "replace"]
 
 CACHE_VARIABLE = "ONEPULSE_CACHE"
 """Environment variable that names another folder for compiled kernels."""

@@ -26,14 +26,10 @@ and, where other roundings than casadi's are allowed (`relaxed`):
 * A product that only a sum needs is fused with it.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections import Counter
 from collections.abc import Iterable
 from typing import Any, NamedTuple
-
-__all__ = ["LANE", "STATE", "TIME", "UNIFORM", "Node", "kind_of", "needed", "rewritten"]
 
 UNIFORM, LANE, TIME, STATE = 1, 2, 4, 8
 

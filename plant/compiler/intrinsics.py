@@ -3,8 +3,6 @@
 The loops are Python for numba. Here is the simplest: a casadi Function mapped over columns.
 """
 
-from __future__ import annotations
-
 import ast
 import functools
 import inspect
@@ -17,8 +15,6 @@ import casadi as ca
 from plant.compiler import llvm
 from plant.compiler.instructions import STATE, UNIFORM
 from plant.compiler.translate import Names, translate
-
-__all__ = ["MODULES", "called", "head", "intrinsic", "joined", "map_source", "switch"]
 
 
 @functools.cache

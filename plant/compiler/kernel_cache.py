@@ -7,8 +7,6 @@ is the one noted when it was made. The folder belongs to the user alone (mode 07
 nor is a file in it of another user (`plant.compiler.cache_folder`).
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import importlib.abc
@@ -31,12 +29,11 @@ import numba
 from llvmlite.binding import get_host_cpu_features
 
 from plant.compiler.background import in_background
-from plant.compiler.cache_folder import CACHE_VARIABLE, cache_folder, is_own, private_folder, prune, replace
+from plant.compiler.cache_folder import cache_folder, is_own, private_folder, prune, replace
 
 if sys.platform != "win32":
     import fcntl
 
-__all__ = ["AVX512_VARIABLE", "CACHE_VARIABLE", "Kernel", "cache_folder"]
 
 AVX512_VARIABLE = "ONEPULSE_NO_AVX512"
 """Environment variable: set to 1 before numba compiles anything, it takes the processor for one without AVX-512.

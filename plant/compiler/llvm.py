@@ -16,8 +16,6 @@ from llvmlite import ir
 from numba.core import cgutils
 from numba.core.types import float64
 
-__all__ = ["COSINE", "OPERATIONS", "SINE", "STEPS", "Emitter"]
-
 # Sine and cosine together: subtract a multiple k of a step in two parts (Cody and Waite; the first has 33 bits, so that
 # its product with k is exact for abs(k) < 2^20), then polynomials in r^2 that interpolate at Chebyshev nodes. Adding
 # 1.5 2^52 rounds to a whole number and leaves its lowest bits in the lowest bits of the sum. No branch and no call.

@@ -1,15 +1,11 @@
 """A casadi Function compiled and mapped over the columns of arrays."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant.compiler.intrinsics import map_source
 from plant.compiler.kernel_cache import Kernel
-
-__all__ = ["MapKernel"]
 
 
 class MapKernel:

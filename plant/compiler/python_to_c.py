@@ -5,8 +5,6 @@ array is cast; arrays are known by their names, wherever these occur. The caller
 two numbers, which are Python's min and max.
 """
 
-from __future__ import annotations
-
 import ast
 import dataclasses
 import re
@@ -15,8 +13,6 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from plant.compiler.c_statements import literal
-
-__all__ = ["CFunction", "CNames"]
 
 _OPERATORS: Mapping[type, str] = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=",

@@ -4,13 +4,9 @@ A processor looks a few hundred instructions ahead. In one long loop these all b
 them) and wait for each other; in short loops they belong to several individuals, and do not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from itertools import accumulate, pairwise
 from typing import NamedTuple
-
-__all__ = ["Line", "cut"]
 
 
 class Line(NamedTuple):

@@ -1,7 +1,5 @@
 """casadi Function -> calls of `llvm.Emitter`, sorted by when each has to run (`instructions`)."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable
@@ -12,8 +10,6 @@ import casadi as ca
 from plant.compiler.instructions import LANE, STATE, TIME, UNIFORM, Node, kind_of, needed, rewritten
 from plant.compiler.llvm import OPERATIONS
 from plant.compiler.splitting import Line
-
-__all__ = ["LANE", "STATE", "TIME", "UNIFORM", "Names", "Program", "single_assignment", "translate"]
 
 _BY_CODE = {getattr(ca, f"OP_{name}"): name for name in OPERATIONS if hasattr(ca, f"OP_{name}")}
 _CALL = ["", "{}({{0}})", "{}({{0}}, {{1}})", "{}({{0}}, {{1}}, {{2}})"]

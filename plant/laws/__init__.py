@@ -3,5 +3,3 @@
 Reading order: `law` -> `commanded` (its torque along a log) -> `pid`, `replayed` -> `filtered_difference`,
 `anti_windup` -> `cascade`.
 """
-
-__all__: list[str] = []

@@ -1,10 +1,6 @@
 """Integral action with anti-windup by back-calculation."""
 
-from __future__ import annotations
-
 import casadi as ca
-
-__all__ = ["integrated"]
 
 
 def integrated(integral: ca.SX, slope: ca.SX, missing: ca.SX, tracking: ca.SX, dt: ca.SX) -> ca.SX:

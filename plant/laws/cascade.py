@@ -1,7 +1,5 @@
 """The cascade of industrial drives: a position loop commands a speed loop, and that one the torque."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +9,8 @@ from plant.laws.filtered_difference import difference, filtered_difference, no_r
 from plant.laws.law import Law, Setpoint
 from plant.machine.rig import Rig
 from plant.parts.arguments import optional_period, signs
-from plant.parts.part import Vector, number, part, structure
-
-__all__ = ["Cascade"]
+from plant.parts.fields import Vector
+from plant.parts.part import number, part, structure
 
 
 @part

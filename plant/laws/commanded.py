@@ -1,13 +1,9 @@
 """Torque that a law without memory commanded in the course of a log."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-__all__ = ["commanded_torque"]
 
 _AT_ONCE = 1 << 14
 """Samples that are worked out at once."""

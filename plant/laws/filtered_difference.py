@@ -5,13 +5,9 @@ long against the filter's time constant the rate is the plain backward differenc
 derivative, pole s / (s + pole).
 """
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-
-__all__ = ["difference", "filtered_difference", "no_reading"]
 
 
 def no_reading(n: int, samples: int = 1) -> NDArray[np.float64]:

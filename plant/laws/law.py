@@ -4,8 +4,6 @@ A law gives its `period` (None: fast hardware, evaluated at every sub-step; othe
 sub-step), its state, and its `equations`: of them are made its kernel, the casadi referee, running controller, and C.
 """
 
-from __future__ import annotations
-
 import abc
 import dataclasses
 import inspect
@@ -22,8 +20,6 @@ from plant.parts.part import Part, declared
 from plant.realtime.c_export import write_c
 from plant.realtime.guards import Guards
 from plant.realtime.running import Running
-
-__all__ = ["Block", "Law", "Setpoint", "StatelessLaw"]
 
 
 class Setpoint(NamedTuple):

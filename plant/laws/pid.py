@@ -1,7 +1,5 @@
 """P, PD and PID control on the tracking error in pulses."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +9,8 @@ from plant.laws.filtered_difference import filtered_difference, no_reading
 from plant.laws.law import Law, Setpoint, StatelessLaw
 from plant.machine.rig import Rig
 from plant.parts.arguments import optional_period, signs
-from plant.parts.part import Vector, number, part, structure
-
-__all__ = ["PD", "PID", "P"]
+from plant.parts.fields import Vector
+from plant.parts.part import number, part, structure
 
 
 @part

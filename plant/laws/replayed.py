@@ -1,14 +1,10 @@
 """Laws that repeat the torque or the current of a log: for experiments in open loop, or under an unknown controller."""
 
-from __future__ import annotations
-
 import casadi as ca
 
 from plant.laws.law import Setpoint, StatelessLaw
 from plant.machine.rig import Rig
 from plant.parts.part import part
-
-__all__ = ["LoggedCurrent", "LoggedTorque"]
 
 
 @part

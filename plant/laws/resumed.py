@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from plant.laws.law import Block, Law, Setpoint
 from plant.machine.rig import Rig
-from plant.parts.part import Part, Vector, number, part, structure
-
-__all__ = ["AlongLog", "Resumed"]
+from plant.parts.fields import Vector
+from plant.parts.part import Part, number, part, structure
 
 
 @part

@@ -4,5 +4,3 @@ Reading order: `record`; `csv_rows`, `npz`, `isolation` (with `child`, a process
 format as a table) -> `mapping`, `units` (columns as fields of a record); `record_csv` (the library's own format),
 `record_files` (the others), `resampling`.
 """
-
-__all__: list[str] = []

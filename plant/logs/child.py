@@ -6,8 +6,6 @@ status 3). What it may use is limited before
 it imports what reads the file.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import importlib.util
@@ -17,8 +15,6 @@ import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
-
-__all__ = ["REFUSED", "main"]
 
 REFUSED = 3
 

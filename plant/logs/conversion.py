@@ -1,7 +1,5 @@
 """One mapped field in the units of a record, on its side of the gear: counts of angles, torques of the joints."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -11,8 +9,6 @@ from plant.logs.units import ANGLE, CURRENT, LENGTH, Unit, factors, on_grid, req
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference, Spline
 from plant.parts.user_warning import warn
-
-__all__ = ["REFERENCE", "converted", "converted_angle", "path_through"]
 
 REFERENCE = ("reference_pulses", "reference_position", "reference_motor_position")
 _EXACT = 2.0**53

@@ -1,7 +1,5 @@
 """The rows of a CSV file, read line by line: text in, numbers out, and the line where it went wrong."""
 
-from __future__ import annotations
-
 import array as packed
 import csv
 import time
@@ -14,8 +12,6 @@ from numpy.typing import NDArray
 
 from plant.parts.arguments import decimal
 from plant.parts.files import require_bounded
-
-__all__ = ["read_rows"]
 
 _LONGEST = 1 << 20  # characters of a line
 _MOST = 1 << 25  # numbers of a file, 256 MiB; its text has no more bytes

@@ -1,7 +1,5 @@
 """Reading a file in a child process, so that a corrupt one can take neither this process nor its memory with it."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -16,8 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.logs import child
-
-__all__ = ["read_isolated"]
 
 _SECONDS = 4.5  # with what comes before and after, a failure takes less than 5
 _MESSAGES = 60  # of files that hold messages, which are decoded one by one

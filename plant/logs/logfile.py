@@ -1,7 +1,5 @@
 """A log file as a table of named columns, whatever its format; every failure to read it is one `LoadError`."""
 
-from __future__ import annotations
-
 import contextlib
 import difflib
 import os
@@ -17,8 +15,6 @@ from plant.logs.isolation import read_isolated
 from plant.logs.npz import read_npz
 from plant.parts.arguments import known_options
 from plant.parts.files import require_bounded
-
-__all__ = ["LoadError", "kind_of", "load_errors", "options_of", "read_file", "read_table", "require_columns"]
 
 _SUFFIXES = {
     ".csv": "csv", ".txt": "csv", ".tsv": "csv", ".npz": "npz", ".mat": "mat", ".h5": "hdf5", ".hdf5": "hdf5",

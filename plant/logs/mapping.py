@@ -1,7 +1,5 @@
 """A table of named columns as the fields of a `Record`: units, encoder wrap, missing cells, angles into counts."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,8 +13,6 @@ from plant.machine.rig import Rig
 from plant.motion.reference import Reference
 from plant.parts.arguments import choice, instance, real
 from plant.parts.user_warning import warn
-
-__all__ = ["mapped_names", "record_fields"]
 
 _MEASURED = ("position", "motor_position", "counts", "error_pulses")
 _ASKED = ("reference_position", "reference_motor_position")

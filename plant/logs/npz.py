@@ -1,7 +1,5 @@
 """Columns of an NPZ archive: sizes are checked before anything is expanded, and no pickle is ever opened."""
 
-from __future__ import annotations
-
 import math
 import os
 import struct
@@ -11,8 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-__all__ = ["read_npz"]
 
 _DIRECTORY = 4 << 20  # bytes
 _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}

@@ -22,11 +22,9 @@ from plant.machine.rig import Rig
 from plant.motion.later import Later
 from plant.motion.reference import Reference
 from plant.parts.arguments import array, instance, known_options, real
+from plant.parts.fields import Vector
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
-from plant.parts.part import Vector
-
-__all__ = ["Record"]
 
 _COLUMNS = ("reference_pulses", "error_pulses", "torque", "current", "injected", "link_counts", "true_q", "true_qd")
 _LEFT_OUT: Any = None

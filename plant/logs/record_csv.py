@@ -1,7 +1,5 @@
 """A record as a CSV file, which gives back every bit; and plain files of time, reference and error in pulses."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,9 +12,7 @@ from plant.laws.law import Law
 from plant.logs.csv_rows import read_rows
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
-from plant.parts.part import restore
-
-__all__ = ["read", "write"]
+from plant.parts.plain import from_plain
 
 _COLUMNS = (
     ("reference_pulses", "reference", "pulses"),
@@ -128,6 +124,6 @@ def _header(count: int, line: str) -> dict[str, Any]:
 
 def _part(header: Mapping[str, Any], name: str) -> Any:
     try:
-        return restore(header.get(name))
+        return from_plain(header.get(name))
     except RecursionError:
         raise ValueError(f"must describe its {name} as to_csv does; it is nested too deep. Correct it.") from None

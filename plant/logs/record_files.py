@@ -1,7 +1,5 @@
 """Class methods of `Record` that read files: the library's own, and mapped columns of every other format."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Self, TypeAlias, TypeVar
@@ -15,8 +13,6 @@ from plant.logs.mapping import mapped_names, record_fields
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
 from plant.parts.arguments import instance, known_options
-
-__all__ = ["SOURCES", "FromFiles", "Reader", "read_mapped", "reader"]
 
 T = TypeVar("T")
 Reader: TypeAlias = Callable[..., T]

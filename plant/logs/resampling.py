@@ -1,14 +1,10 @@
 """A record resampled at uniform times: interpolated counts, mean torques, no weight where nothing was logged."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-__all__ = ["resampled_fields"]
 
 _GAP = 1.5  # nominal intervals
 _FACTOR = 20  # between the new period and the nominal interval

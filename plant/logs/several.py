@@ -1,7 +1,5 @@
 """Several files, or all episodes of a data set, as a list of records."""
 
-from __future__ import annotations
-
 import glob
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -17,8 +15,6 @@ from plant.logs.record_files import read_mapped
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
 from plant.parts.arguments import known_options
-
-__all__ = ["read_records"]
 
 
 @known_options

@@ -1,7 +1,5 @@
 """Units of logged columns, as the user states them, checked against the rig; of a wrong one, which would fit."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from typing import TypeAlias
 
@@ -10,10 +8,6 @@ from numpy.typing import NDArray
 
 from plant.machine.unlikely import SLOWEST
 from plant.parts.arguments import choice
-
-__all__ = [
-    "Unit", "factors", "on_grid", "require_grid", "require_limit", "require_period", "require_span", "require_units",
-]  # fmt: skip
 
 Unit: TypeAlias = str | tuple[str, ...]
 """Of a field: one unit, or one per joint where some joints turn and others slide."""

@@ -5,5 +5,3 @@ Read `drive` (and its `friction`, `presliding`, `friction_changes`, joined by `f
 `counterbalance`), together the `rig`; `gear_torque` is what winds the gears; `motor_inertia` is the bound that the rig
 puts on an arm's inertia matrix.
 """
-
-__all__: list[str] = []

@@ -1,16 +1,13 @@
 """Counterbalances: coil springs that pull between two links, and the plain cosine by which many are described."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca
 
 from plant.machine.known_torque import KnownTorque
 from plant.parts.arguments import signs
-from plant.parts.part import Vector, number, part
-
-__all__ = ["CosineTorque", "Counterbalance"]
+from plant.parts.fields import Vector
+from plant.parts.part import number, part
 
 _SHORTEST = 1e-18
 """Square of a length [m^2] below which a spring has no direction: of joints that have none, all is 0."""

@@ -1,12 +1,8 @@
 """The lag of motor currents behind the commanded ones."""
 
-from __future__ import annotations
-
 import casadi as ca
 
 from plant.parts.part import Part, number, part
-
-__all__ = ["CurrentLag", "lagging"]
 
 _LONGEST = 0.02
 """Of a time constant [s]: a current loop of 8 Hz, which is none. Milliseconds given as seconds are above."""

@@ -23,10 +23,9 @@ from plant.machine.presliding import Presliding
 from plant.machine.torque_ripple import TorqueRipple
 from plant.mechanics.coupling import Coupling
 from plant.parts.arguments import instance, real
+from plant.parts.fields import ArrayOrSymbols, Vector
 from plant.parts.labels import joint_label
-from plant.parts.part import ArrayOrSymbols, Part, Vector, number, part, structure
-
-__all__ = ["Drive"]
+from plant.parts.part import Part, number, part, structure
 
 
 @part

@@ -10,11 +10,10 @@ from numpy.typing import ArrayLike
 
 from plant.mechanics.arm import Arm
 from plant.parts.arguments import array, instance
+from plant.parts.fields import Vector
 from plant.parts.labels import joint_label
-from plant.parts.part import Part, Vector, number, part
+from plant.parts.part import Part, number, part
 from plant.parts.user_warning import warn
-
-__all__ = ["DAMPING_RATIO", "Elasticity", "Resonance", "gears"]
 
 DAMPING_RATIO = 0.01
 """Of gears of which none is stated, against their locked motors; measured ones have 0.01 to 0.03."""

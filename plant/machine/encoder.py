@@ -1,7 +1,5 @@
 """The incremental encoder on the motor shaft: the only file that crosses to pulses. Source: paper Fig. 4."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca
@@ -9,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.parts.arguments import choice, instance
-from plant.parts.part import ArrayOrSymbols, Part, Vector, number, part, structure
-
-__all__ = ["Encoder", "Phase", "QuadratureError", "fix"]
+from plant.parts.fields import ArrayOrSymbols, Vector
+from plant.parts.part import Part, number, part, structure
 
 
 def fix(x: ArrayOrSymbols) -> ArrayOrSymbols:

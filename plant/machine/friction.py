@@ -7,15 +7,12 @@ friction that held it. Source: paper Fig. 4 (static friction); the law is Coulom
 and sliding level.
 """
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 
 from plant.mechanics.symmetric_inverse import Inverse
-from plant.parts.part import ArrayOrSymbols, Part, Vector, number, part
-
-__all__ = ["REGULARISATION", "FrictionCurve", "friction_impulse", "smooth_impulse"]
+from plant.parts.fields import ArrayOrSymbols, Vector
+from plant.parts.part import Part, number, part
 
 REGULARISATION = 1e-3
 """Joint speed [rad/s] at which the smooth law, used for derivatives only, reaches tanh(1) of the Coulomb level."""

@@ -1,14 +1,11 @@
 """What changes the level of friction: the load on the gear, and time."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 
 from plant.parts.arguments import signs
-from plant.parts.part import ArrayOrSymbols, Part, Vector, number, part
-
-__all__ = ["FrictionDrift", "LoadFriction"]
+from plant.parts.fields import ArrayOrSymbols, Vector
+from plant.parts.part import Part, number, part
 
 
 @part

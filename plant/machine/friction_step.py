@@ -3,8 +3,6 @@
 Joins what a drive may have: Coulomb's law or presliding, the load on the gear, the drift. All of it is on the shafts.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 
@@ -14,8 +12,6 @@ from plant.machine.drive import Drive
 from plant.machine.friction import friction_impulse, smooth_impulse
 from plant.machine.presliding import Bristles, bristle_impulse, smooth_bristle_impulse
 from plant.mechanics.symmetric_inverse import Inverse
-
-__all__ = ["DRY_FRICTION", "FrictionStep"]
 
 DRY_FRICTION = "drive.coulomb", "drive.curve.breakaway", "drive.load_friction", "drive.presliding.damping"
 """What the names of a rig's numbers begin with that are zero for joints without dry friction, as in linear analysis."""

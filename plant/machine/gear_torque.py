@@ -1,14 +1,10 @@
 """Torque that passes through the gears of a moving arm, and how far it winds them."""
 
-from __future__ import annotations
-
 import casadi as ca
 
 from plant.machine.drive import Drive
 from plant.machine.rig import Rig
 from plant.mechanics.dynamics import Dynamics
-
-__all__ = ["gear_torque", "require_elastic", "wound"]
 
 
 def gear_torque(dynamics: Dynamics, rig: Rig, q: ca.SX, qd: ca.SX, qdd: ca.SX, f: ca.SX) -> ca.SX:

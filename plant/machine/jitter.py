@@ -4,15 +4,11 @@ The instants are drawn beforehand. Loops that are simulated side by side on one 
 from the same draws: the fractional parts of a large number, another for each stream, times the draws.
 """
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from plant.parts.part import Part, number, part, structure
-
-__all__ = ["Jitter"]
 
 _LARGE = 2**20
 """Above all streams by far, so that those of two streams are as good as independent."""

@@ -1,16 +1,13 @@
 """Springs between neighbouring links, about the axis of their joint."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca
 
 from plant.machine.known_torque import KnownTorque
 from plant.parts.arguments import signs
-from plant.parts.part import Vector, number, part
-
-__all__ = ["JointSpring"]
+from plant.parts.fields import Vector
+from plant.parts.part import number, part
 
 
 @part

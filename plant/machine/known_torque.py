@@ -1,7 +1,5 @@
 """Torque of springs and counterbalances on the joints: a known function of where the arm is."""
 
-from __future__ import annotations
-
 import abc
 import dataclasses
 import functools
@@ -12,9 +10,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from plant.parts.part import ArrayOrSymbols, Part
-
-__all__ = ["KnownTorque", "require_torques", "total_torque"]
+from plant.parts.fields import ArrayOrSymbols
+from plant.parts.part import Part
 
 _REFUSED = (TypeError, ValueError, RuntimeError, IndexError, AttributeError, NotImplementedError)
 """What casadi and numpy raise where a torque cannot be worked out."""

@@ -5,8 +5,6 @@ is stable. So D(q) - diag(Jm_min k^2) has to be positive semidefinite for all q,
 of such a motor (of coupled motors: D seen from their shafts).
 """
 
-from __future__ import annotations
-
 import functools
 
 import casadi as ca
@@ -19,8 +17,6 @@ from plant.mechanics.arm import Arm
 from plant.mechanics.coupling import Coupling
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.symmetric_inverse import pivots
-
-__all__ = ["LEAST_MOTOR_INERTIA", "least_inertia_margin", "require_inertia", "shaft_inertias"]
 
 LEAST_MOTOR_INERTIA = 0.5
 """Jm_min over the drive's motor inertia. Source: paper 3.6, 1e-4 of 2e-4 kg m^2."""

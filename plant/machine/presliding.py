@@ -19,9 +19,8 @@ import casadi as ca
 
 from plant.mechanics.symmetric_inverse import Inverse
 from plant.parts.arguments import signs
-from plant.parts.part import Part, Vector, number, part
-
-__all__ = ["Bristles", "Presliding", "bristle_impulse", "smooth_bristle_impulse"]
+from plant.parts.fields import Vector
+from plant.parts.part import Part, number, part
 
 _TINY = 1e-300
 """Keeps zero over zero zero."""

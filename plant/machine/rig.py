@@ -1,7 +1,5 @@
 """The rig: drives, encoders, sampling period and delay, springs: all that stands between a controller and the arm."""
 
-from __future__ import annotations
-
 import dataclasses
 
 from plant.machine.drive import Drive
@@ -11,10 +9,9 @@ from plant.machine.known_torque import KnownTorque, require_torques, total_torqu
 from plant.machine.transport import Transport
 from plant.mechanics.chain import Chain
 from plant.parts.arguments import instance, real
+from plant.parts.fields import ArrayOrSymbols
 from plant.parts.labels import joint_labels
-from plant.parts.part import ArrayOrSymbols, Part, part, structure
-
-__all__ = ["Rig", "punctual_rig", "smooth_rig"]
+from plant.parts.part import Part, part, structure
 
 
 @part

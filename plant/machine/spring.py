@@ -7,13 +7,9 @@ changes the inertia, not the energy: none is added or lost. The damper is raised
 damping ratio right to fourth order too.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import casadi as ca
-
-__all__ = ["FOLLOWED", "Spring", "reduced", "spring"]
 
 FOLLOWED = 2
 """(omega h)^2 of the free vibration up to which its frequency is right to 1 %; beyond, a step has it too slow."""

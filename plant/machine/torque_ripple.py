@@ -1,16 +1,13 @@
 """Torque ripple of a motor (cogging): a torque that repeats with the angle of the motor, whatever the current."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from plant.parts.arguments import signs
-from plant.parts.part import ArrayOrSymbols, Part, Vector, number, part
-
-__all__ = ["TorqueRipple"]
+from plant.parts.fields import ArrayOrSymbols, Vector
+from plant.parts.part import Part, number, part
 
 
 @part

@@ -8,15 +8,11 @@ Whether sample k is lost is one bit of a whole number, so that loops that are si
 have losses of their own, drawn beforehand.
 """
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from plant.parts.part import Part, number, part, structure
-
-__all__ = ["Transport"]
 
 
 @part

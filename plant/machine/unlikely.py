@@ -1,15 +1,11 @@
 """What a rig states that no arm has, beside a motion: speeds in other units, friction of another side, slow periods."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plant.machine.rig import Rig
-
-__all__ = ["SLOWEST", "unlikely_statements"]
 
 SLOWEST = 0.1
 """Sampling period [s] that no controller of an arm has."""

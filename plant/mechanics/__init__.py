@@ -5,5 +5,3 @@ Read `placement`, `link`, `body`, `chain` (`coupling`, `limits`: the geometry), 
 `xml_file` (elements and their bytes), `urdf_file`, `mjcf_file`, and `model_tree` (the chain in them). `kinematics`,
 `pseudo_inertia`, `symmetric_inverse`, `collect` and `independent_columns` are tools.
 """
-
-__all__: list[str] = []

@@ -1,16 +1,13 @@
 """An arm: equations of motion with a value of their inertial parameters f."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant.parts.arguments import array
-from plant.parts.part import Part, Vector, number, part, structure
-
-__all__ = ["Arm"]
+from plant.parts.fields import Vector
+from plant.parts.part import Part, number, part, structure
 
 
 @part

@@ -26,7 +26,6 @@ from plant.mechanics.newton_euler import torque
 if TYPE_CHECKING:
     from plant.mechanics.chain import Chain
 
-__all__ = ["base_lumping"]
 
 _PREFERENCE = ("J", "Izz", "mx", "my", "Ixx", "Ixy", "Ixz", "Iyz", "Iyy", "mz", "m")
 _STATES = 40

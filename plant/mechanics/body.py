@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.parts.part import Part, Vector, number, part
+from plant.parts.fields import Vector
+from plant.parts.part import Part, number, part
 
 if TYPE_CHECKING:
     from plant.mechanics.placement import Placement
-
-__all__ = ["Body", "parallel_axis"]
 
 
 @part

@@ -19,10 +19,9 @@ from plant.mechanics.model_tree import links_of_chain
 from plant.mechanics.placement import Placement
 from plant.mechanics.urdf_file import read_urdf
 from plant.parts.arguments import choice, instance, real
+from plant.parts.fields import Nested
 from plant.parts.labels import joint_labels
-from plant.parts.part import Nested, Part, part, structure
-
-__all__ = ["Chain"]
+from plant.parts.part import Part, part, structure
 
 _KEYS = ("alpha", "a", "d", "theta", "prismatic", "name")
 

@@ -1,14 +1,10 @@
 """Expressions as sums over f and over products of speeds, in which terms have cancelled and multiples are shared."""
 
-from __future__ import annotations
-
 import itertools
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-
-__all__ = ["by_speeds", "collected"]
 
 
 def collected(expression: ca.SX, q: ca.SX, f: ca.SX) -> ca.SX:

@@ -4,8 +4,6 @@ The output of a motor's gear is its *shaft*. Without coupling the shaft is the j
 joint torques C^T times shaft torques. Rotor inertia and friction act on the shafts, the links on the joints.
 """
 
-from __future__ import annotations
-
 import functools
 
 import casadi as ca
@@ -13,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.mechanics.placement import exact
-from plant.parts.part import ArrayOrSymbols, Nested, Part, part, structure
-
-__all__ = ["Coupling"]
+from plant.parts.fields import ArrayOrSymbols, Nested
+from plant.parts.part import Part, part, structure
 
 _NEARLY_SINGULAR = 1e6
 

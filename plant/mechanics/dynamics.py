@@ -21,9 +21,8 @@ from plant.mechanics.lumping import STANDARD, Lumping, standard_parameters
 from plant.mechanics.newton_euler import torque
 from plant.parts.arguments import array, instance
 from plant.parts.checked_function import CheckedFunction
-from plant.parts.part import ArrayOrSymbols, Nested, Part, part, structure
-
-__all__ = ["Dynamics"]
+from plant.parts.fields import ArrayOrSymbols, Nested
+from plant.parts.part import Part, part, structure
 
 _FEW = 3
 """Joints up to which sums over f and over products of speeds are shorter than what the recursion gives."""

@@ -1,13 +1,9 @@
 """Linearly independent columns of a regressor, chosen in an order of preference."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
-
-__all__ = ["independent_columns"]
 
 
 def independent_columns(

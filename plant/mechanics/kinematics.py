@@ -1,15 +1,11 @@
 """Forward kinematics of a chain, over the frames of its dynamics."""
 
-from __future__ import annotations
-
 import casadi as ca
 from numpy.typing import ArrayLike
 
 from plant.mechanics.chain import Chain
 from plant.parts.arguments import array
 from plant.parts.checked_function import CheckedFunction
-
-__all__ = ["joint_positions"]
 
 
 def joint_positions(chain: Chain, tip: ArrayLike = (0.0, 0.0, 0.0)) -> CheckedFunction:

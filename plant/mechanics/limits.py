@@ -1,12 +1,9 @@
 """Limits of joints: positions, speeds and efforts that a model file states."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from plant.parts.part import Part, Vector, number, part
-
-__all__ = ["Limits"]
+from plant.parts.fields import Vector
+from plant.parts.part import Part, number, part
 
 
 @part

@@ -1,15 +1,10 @@
 """A link: one joint and its frame, by a row of the Denavit-Hartenberg table."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 
 from plant.mechanics.placement import Placement, exact
 from plant.parts.part import Part, part, structure
-
-__all__ = ["Link"]
-
 
 _LONGEST = 50.0
 """Length [m] of no link of an arm."""

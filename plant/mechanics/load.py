@@ -4,8 +4,6 @@ A load is a body fixed to a link. Its ten standard parameters enter f linearly: 
 chain and any lumping. B is read off `Dynamics.f`, with point masses as probes; no equation is written a second time.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools
@@ -17,8 +15,6 @@ from plant.mechanics.body import Body, parallel_axis
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.lumping import STANDARD, standard_parameters
 from plant.parts.arguments import array, instance
-
-__all__ = ["LOAD", "load_body", "load_matrix", "load_parameters"]
 
 LOAD = STANDARD[:-1]
 """Names of phi, a load's standard parameters: mass [kg], first moments [kg m], and inertia about the *origin* of the

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.mechanics.body import Body, parallel_axis
-from plant.parts.part import Nested, Part, part, structure
+from plant.parts.fields import Nested
+from plant.parts.part import Part, part, structure
 
 if TYPE_CHECKING:
     from plant.mechanics.chain import Chain
     from plant.mechanics.link import Link
 
-__all__ = ["STANDARD", "Lumping", "standard_parameters"]
 
 STANDARD = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "J")
 """Names of one link's standard parameters: mass [kg], first moments [kg m], inertia about the frame's *origin*

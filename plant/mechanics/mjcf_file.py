@@ -1,7 +1,5 @@
 """What an MJCF file says of its bodies and joints: a stated subset, everything else refused by its element's name."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math
@@ -15,8 +13,6 @@ from plant.mechanics.model_tree import ModelFile, ModelJoint
 from plant.mechanics.placement import Placement
 from plant.mechanics.xml_file import Element, numbers_of, parsed
 from plant.parts.arguments import choice
-
-__all__ = ["FULL", "read_mjcf"]
 
 FULL = (0, 3, 5, 1, 2, 4)
 """Places in `Body.inertia` of the entries of ``fullinertia``: Ixx Iyy Izz Ixy Ixz Iyz."""

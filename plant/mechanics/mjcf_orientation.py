@@ -1,14 +1,10 @@
 """Orientations of MJCF: quat, axisangle, euler, xyaxes or zaxis, in the units that the compiler element sets."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
 from plant.mechanics.placement import turn
 from plant.mechanics.xml_file import Element, numbers_of
-
-__all__ = ["ORIENTATIONS", "rotation_of"]
 
 ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 

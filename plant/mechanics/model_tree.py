@@ -1,7 +1,5 @@
 """A model file as a tree of links and joints, and the chain that lies in it; fixed joints lumped."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections import Counter
 from collections.abc import Collection, Sequence
@@ -18,8 +16,6 @@ from plant.mechanics.placement import Placement
 from plant.mechanics.xml_file import Element
 from plant.parts.arguments import choice
 from plant.parts.labels import joint_labels
-
-__all__ = ["HERE", "MOVING", "ModelFile", "ModelJoint", "fixed_to", "links_of_chain"]
 
 HERE = Placement()
 """Of all that state no origin."""

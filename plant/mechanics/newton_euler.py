@@ -15,8 +15,6 @@ from plant.mechanics.lumping import STANDARD
 if TYPE_CHECKING:
     from plant.mechanics.chain import Chain
 
-__all__ = ["torque"]
-
 
 def torque(chain: Chain, q: ca.SX, qd: ca.SX, qdd: ca.SX, pi: ca.SX, gravity: Iterable[float]) -> ca.SX:
     """Joint torques of a chain with given standard parameters.

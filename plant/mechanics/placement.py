@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant.parts.arguments import array
-from plant.parts.part import Nested, Part, part, structure
-
-__all__ = ["Placement", "turn"]
+from plant.parts.fields import Nested
+from plant.parts.part import Part, part, structure
 
 
 def turn(axis: ArrayLike, angle: float) -> NDArray[np.float64]:

@@ -7,12 +7,8 @@ Source: P. M. Wensing, S. Kim, J.-J. E. Slotine, Linear matrix inequalities for 
 identification, IEEE Robotics and Automation Letters 3 (2018).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-__all__ = ["from_pseudo_inertia", "pseudo_inertia"]
 
 _UPPER = np.triu_indices(3)
 

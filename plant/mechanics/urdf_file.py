@@ -1,7 +1,5 @@
 """What a URDF file says of its links and joints: every number and body checked, nothing executed or fetched."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -13,8 +11,6 @@ from plant.mechanics.placement import Placement
 from plant.mechanics.xacro import expanded, is_xacro
 from plant.mechanics.xml_file import Element, numbers_of, parsed
 from plant.parts.arguments import choice
-
-__all__ = ["INERTIA", "origin_of", "read_urdf"]
 
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 """Attributes of <inertia>, in the order of `Body.inertia`."""

@@ -1,12 +1,8 @@
 """Xacro: macros that make a URDF; expanded by `xacrodoc` where that is installed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from plant.mechanics.xml_file import Element
-
-__all__ = ["expanded", "is_xacro"]
 
 
 def is_xacro(element: Element) -> bool:

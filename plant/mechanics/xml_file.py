@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from plant.parts.files import read_bounded
 
-__all__ = ["Edit", "Element", "numbers_of", "parsed", "spliced"]
-
 Edit = tuple[int, int, bytes]
 """From this byte to that one, and what stands there instead."""
 

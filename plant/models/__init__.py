@@ -4,5 +4,3 @@ Read `edits` (new inertials in a URDF or MJCF file, all other bytes as they were
 `hypotheses` (mistakes undone), `evidence` (shapes, other sides) and `agreement` (what speaks for which); `robot_file`
 (`read_robot`, `write_robot`), with `tables` (parts as tables), `arm_table`, `lumping_table`, `meaning`, `toml_text`.
 """
-
-__all__: list[str] = []

@@ -1,7 +1,5 @@
 """How well an inertial agrees with all else that a model file says, and what is impossible or exact in it."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 
@@ -10,8 +8,6 @@ from numpy.typing import NDArray
 
 from plant.models.evidence import Shape
 from plant.models.hypotheses import Stated
-
-__all__ = ["HEAVIEST", "CheckedLink", "agrees", "apart", "coincides", "cost_of", "impossible", "mirrored", "uniform"]
 
 _DENSITY, _TIMES = 1500.0, 1.2
 """Usual density [kg/m^3] of a link over the volume of its primitives, and the deviation of its logarithm."""

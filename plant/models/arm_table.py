@@ -1,7 +1,5 @@
 """The table [arm] of a robot file: a chain from rows or from a model file beside it, what f is, and f."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,8 +14,6 @@ from plant.mechanics.dynamics import Dynamics
 from plant.models.lumping_table import lumping_of, lumping_table
 from plant.models.tables import part_of, table_of
 from plant.parts.arguments import choice
-
-__all__ = ["arm_table", "dynamics_of", "model_beside"]
 
 _ARM = (
     "table", "links", "urdf", "mjcf", "joints", "gravity", "bodies", "coupling", "limits", "rotors", "parameters",

@@ -8,8 +8,6 @@ without the mistake is exactly the link on the other side, or exactly the shape 
 by chance.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
@@ -37,8 +35,6 @@ from plant.models.repairs import body_of, guess, only
 from plant.parts.arguments import known_options
 from plant.parts.files import require_new, write_whole
 from plant.parts.shown import Piece, Shown, Verdict
-
-__all__ = ["ModelCheck", "ModelFinding", "check_model"]
 
 _MARGIN = 6.0
 _COUNTS = 0.006

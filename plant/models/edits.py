@@ -1,7 +1,5 @@
 """New inertials, friction and rotors for a URDF or MJCF file: edits of those bytes."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from plant.mechanics.body import Body
@@ -10,8 +8,6 @@ from plant.mechanics.mjcf_orientation import ORIENTATIONS
 from plant.mechanics.placement import Placement
 from plant.mechanics.urdf_file import INERTIA, origin_of
 from plant.mechanics.xml_file import Edit, Element
-
-__all__ = ["mjcf_inertial", "mjcf_joint", "urdf_friction", "urdf_inertial"]
 
 
 def urdf_inertial(data: bytes, link: Element, body: Body) -> list[Edit]:

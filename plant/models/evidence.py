@@ -1,7 +1,5 @@
 """What a URDF file says of a link beside its inertial: shapes, the joints on it, the link on the other side."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 
@@ -10,8 +8,6 @@ from numpy.typing import NDArray
 
 from plant.mechanics.urdf_file import origin_of
 from plant.mechanics.xml_file import Element, numbers_of
-
-__all__ = ["Shape", "joint_places", "mirrors", "partner_of", "shape_of"]
 
 _SIDES = (("left", "right"), ("l", "r"), ("fl", "fr"), ("hl", "hr"), ("rl", "rr"), ("lf", "rf"), ("lh", "rh"))
 _PLANES = tuple(np.diag(signs) for signs in ((1, -1, 1), (-1, 1, 1), (1, 1, -1), (1, 1, 1)))

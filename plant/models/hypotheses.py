@@ -1,15 +1,11 @@
 """Mistakes that model files have, each undone: what an inertial would have been without it."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-
-__all__ = ["SLIP", "Stated", "without_mistakes"]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """f as sums of standard parameters, by their names, in a robot file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,8 +8,6 @@ import numpy as np
 from plant.mechanics.chain import Chain
 from plant.mechanics.lumping import STANDARD, Lumping, parameter_name
 from plant.parts.arguments import choice, instance, real
-
-__all__ = ["lumping_of", "lumping_table"]
 
 _TORQUES = {"both": (True, True), "inertial": (True, False), "gravity": (False, True), "none": (False, False)}
 

@@ -1,11 +1,7 @@
 """What the fields of a part mean, and in which unit they are: from its own docstring."""
 
-from __future__ import annotations
-
 import functools
 import re
-
-__all__ = ["meaning_of", "unit_of"]
 
 _HEAD = re.compile(r"^    (\w+(?:, \w+)*) : .*$")
 _UNIT = re.compile(r"\[([^\]]*)\]")

@@ -1,14 +1,10 @@
 """Repairs of an inertial that nothing can have: the one likely repair, the other side, or the shape filled."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from plant.mechanics.body import Body
 from plant.models.agreement import CheckedLink, mirrored, uniform
 from plant.models.hypotheses import Stated
-
-__all__ = ["body_of", "guess", "only"]
 
 _LIKELY = 3.0
 """Of two repairs of what no body can have, the likelier by e^3 is taken."""

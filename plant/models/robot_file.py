@@ -1,7 +1,5 @@
 """Robot files: one TOML file describes arm, drive, encoder, law and log columns; `read_robot`, `write_robot`."""
 
-from __future__ import annotations
-
 import dataclasses
 import tomllib
 from collections.abc import Iterator
@@ -20,8 +18,6 @@ from plant.models.toml_text import toml_lines
 from plant.parts.arguments import choice, instance, known_options
 from plant.parts.files import require_new, write_whole
 from plant.parts.frozen import Frozen
-
-__all__ = ["Robot", "read_robot", "write_robot"]
 
 _LARGEST = 5_000_000
 """Bytes of a robot file."""

@@ -1,16 +1,13 @@
 """Parts as tables of a robot file, and back: kinds that go without saying, keys checked against the fields."""
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 from collections.abc import Mapping
 from typing import Any
 
 from plant.models.meaning import meaning_of
-from plant.parts.part import Part, restore
-
-__all__ = ["check_keys", "class_of", "part_of", "table_of"]
+from plant.parts.part import Part
+from plant.parts.plain import from_plain
 
 _KINDS = {
     "Rig": {
@@ -110,7 +107,7 @@ def part_of(table: Any, kind: str, where: str, known: Mapping[str, Part] | None 
             return tuple(value_of(key, each) for each in value)
         if isinstance(value, str) and known and value in known:
             return known[value]
-        return restore(value)
+        return from_plain(value)
 
     values = {key: value_of(key, value) for key, value in table.items() if key != "kind"}
     try:

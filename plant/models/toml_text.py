@@ -1,14 +1,10 @@
 """TOML text of nested tables; `tomllib` reads it back to the same bits."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
-
-__all__ = ["toml_lines"]
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _WIDE = 110

@@ -4,5 +4,3 @@ Read `reference`, then `table` and `scaled` (other references), `link_reference`
 behind elastic gears), `demand` (torques along a path), `fastest` (the time-optimal motion) and `visibility`
 (identifiability, also of a load).
 """
-
-__all__: list[str] = []

@@ -5,8 +5,6 @@ torque is affine in a and v^2 but for friction. Its coefficients are D, coriolis
 path's own motion. All torques are those on the shafts (`Drive.torque_limit`), which without coupling are the joints.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import casadi as ca
@@ -17,9 +15,7 @@ from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.motion.reference import Motion, Reference
 from plant.parts.arguments import instance, known_options, real
-from plant.parts.part import ArrayOrSymbols
-
-__all__ = ["Demand", "demand", "shortest_duration", "torque_share"]
+from plant.parts.fields import ArrayOrSymbols
 
 _POINTS = 4000
 """At which a motion is evaluated, at least; otherwise once per sampling period."""

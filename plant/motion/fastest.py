@@ -14,8 +14,6 @@ Source: D. Verscheure et al., Time-optimal path tracking for robots: a convex op
 on Automatic Control 54 (2009).
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 
@@ -31,8 +29,6 @@ from plant.motion.reference import Motion, Reference
 from plant.motion.scaled import Scaled, slowed
 from plant.motion.table import Table
 from plant.parts.arguments import array, instance, known_options
-
-__all__ = ["fastest"]
 
 _INSIDE, _AT_ENDS = 4, 24
 """Points per interval of the spline at which the torque is limited and the time integrated; and in the first and the

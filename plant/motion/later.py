@@ -1,14 +1,10 @@
 """A reference from a later instant on, as in a log that begins in the middle of a motion."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
 from plant.motion.reference import Reference
 from plant.parts.part import number, part, structure
-
-__all__ = ["Later"]
 
 
 @part

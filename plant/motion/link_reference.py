@@ -1,7 +1,5 @@
 """Motion of the motors with which the links behind elastic gears follow a reference."""
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 
@@ -15,8 +13,6 @@ from plant.mechanics.arm import Arm
 from plant.motion.reference import Reference
 from plant.parts.arguments import instance
 from plant.parts.part import part, structure
-
-__all__ = ["LinkReference"]
 
 
 @part

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant.parts.arguments import array, real
-from plant.parts.part import Nested, Part, declared, part, structure
-
-__all__ = ["Harmonics", "Motion", "PointToPoint", "Reference", "Spline", "Timed", "require_increasing"]
+from plant.parts.fields import Nested
+from plant.parts.part import Part, declared, part, structure
 
 _FREE = 6
 """Points of a quintic spline whose ends are free."""

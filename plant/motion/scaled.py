@@ -1,7 +1,5 @@
 """Time scaling: the path of a reference under another time law."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 
@@ -10,9 +8,8 @@ from numpy.typing import NDArray
 
 from plant.motion.reference import Reference, Timed
 from plant.parts.arguments import instance, known_options, real
-from plant.parts.part import Nested, part, structure
-
-__all__ = ["Scaled", "slowed"]
+from plant.parts.fields import Nested
+from plant.parts.part import part, structure
 
 
 @part

@@ -1,7 +1,5 @@
 """Table of positions, from a file or another program, as a reference."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,10 +10,9 @@ from numpy.typing import NDArray
 
 from plant.motion.reference import Timed
 from plant.parts.arguments import decimal, known_options
+from plant.parts.fields import Nested
 from plant.parts.files import require_bounded
-from plant.parts.part import Nested, part, structure
-
-__all__ = ["Table"]
+from plant.parts.part import part, structure
 
 _MOST = 64 << 20
 """Bytes of a file."""

@@ -1,7 +1,5 @@
 """Identifiability of an arm's parameters, and of a load's, from the excitation of a motion."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator, Sequence
 
@@ -14,8 +12,6 @@ from plant.mechanics.load import LOAD, load_matrix
 from plant.motion.reference import Reference
 from plant.parts.arguments import instance, real
 from plant.parts.shown import Piece, Shown, Verdict
-
-__all__ = ["Visibility", "load_visibility", "visibility"]
 
 
 @dataclasses.dataclass(frozen=True, repr=False)

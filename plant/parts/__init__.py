@@ -3,9 +3,6 @@
 Read `part` (named numbers, copies, descriptions; `fields` are their types) and `arguments` (the checks); then `saved`
 (files of parts and results: `kinds` finds their classes, `plain` makes plain data of them, `json_text` makes text of
 it, `files` writes it whole) and `checkpoint` (finished stages of long work); `checked_function` (casadi with checked
-shapes), `labels` (names of joints), `sums` (in a fixed order), `frozen` (results that compare) and `deprecation` (old
-names). What a user sees: `tables` (text of 80 columns), `markup` (HTML), `shown` (results in both) and `figures` (axes,
-colours, legends).
+shapes), `labels` (names of joints), `sums` (in a fixed order) and `frozen` (results that compare). What a user sees:
+`tables` (text of 80 columns), `markup` (HTML), `shown` (results in both) and `figures` (axes, colours, legends).
 """
-
-__all__: list[str] = []

@@ -1,7 +1,5 @@
 """Checks of what a user hands in: every message says what was expected, what came, and what to do."""
 
-from __future__ import annotations
-
 import difflib
 import functools
 import inspect
@@ -12,8 +10,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-__all__ = ["array", "choice", "decimal", "instance", "known_options", "optional_period", "real", "signs"]
 
 T = TypeVar("T")
 C = TypeVar("C", bound=Callable[..., Any])

@@ -1,14 +1,10 @@
 """A casadi Function that checks the shapes of its arguments, where casadi broadcasts and transposes silently."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca
 
 from plant.parts.arguments import array
-
-__all__ = ["CheckedFunction"]
 
 
 class CheckedFunction:

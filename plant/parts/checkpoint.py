@@ -26,8 +26,6 @@ from plant.parts.plain import from_plain, to_plain
 from plant.parts.saved import FORMAT, MOST, fingerprint, versions
 from plant.parts.user_warning import warn
 
-__all__ = ["Checkpoint"]
-
 T = TypeVar("T")
 
 _SHARE = 20

@@ -1,13 +1,9 @@
 """Types of the fields of parts, for editors and type checkers; at run time they are a plain array and a plain tuple."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeAlias, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-__all__ = ["ArrayOrSymbols", "Nested", "Vector"]
 
 ArrayOrSymbols: TypeAlias = Any
 """A numpy array, or a casadi expression of that shape; what comes out is of the kind that went in."""

@@ -6,8 +6,6 @@ where it draws several. Without ``ax`` it makes a figure of its own. matplotlib 
 Source of the colours: M. Okabe, K. Ito, Color universal design, 2008: they differ with any colour vision.
 """
 
-from __future__ import annotations
-
 import functools
 import inspect
 from collections.abc import Callable, Sequence
@@ -15,8 +13,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-
-__all__ = ["BAND", "COLOURS", "LOGS", "axes_of", "colour_of", "dressed", "legend_above", "literal", "row_by_row"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 

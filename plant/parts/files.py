@@ -1,7 +1,5 @@
 """Files that are written whole or not at all, and read only if they are files of a sound size."""
 
-from __future__ import annotations
-
 import contextlib
 import glob
 import os
@@ -10,8 +8,6 @@ import stat
 import time
 from collections.abc import Iterable
 from pathlib import Path
-
-__all__ = ["read_bounded", "remove_remains", "require_bounded", "require_new", "write_whole"]
 
 _OLD = 60.0
 """Age [s] beyond which a file beside its place is what a killed process left."""

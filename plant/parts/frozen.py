@@ -1,13 +1,9 @@
 """Results and records: frozen dataclasses of arrays that can be compared, copied and sent to another process."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any, ClassVar
 
 import numpy as np
-
-__all__ = ["Frozen"]
 
 
 class Frozen:

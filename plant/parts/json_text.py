@@ -3,14 +3,10 @@
 JSON has no infinity and no NaN; they are written ``{"float": "inf"}``.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator
 from typing import Any
-
-__all__ = ["parsed", "written"]
 
 _SPECIAL = ("inf", "-inf", "nan", "-nan")
 

@@ -4,14 +4,10 @@ A description names a kind, ``plant.Rig``. It is looked up here among the classe
 file decides what is imported or called.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 import inspect
 from typing import Any, TypeVar
-
-__all__ = ["PACKAGES", "PARTS", "class_of", "field_names", "kept", "kind_of", "require_public", "source_of"]
 
 C = TypeVar("C", bound=type)
 

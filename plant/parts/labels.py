@@ -1,10 +1,6 @@
 """The one name of a joint in messages, tables and figures: the robot's own, with its place in q beside it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-
-__all__ = ["joint_label", "joint_labels"]
 
 
 def joint_label(names: Sequence[str], joint: int) -> str:

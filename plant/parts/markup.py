@@ -1,11 +1,7 @@
 """HTML: escaped text, tables, lists, what folds. For pages of a report, and for results in notebooks."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Iterable, Sequence
-
-__all__ = ["details", "items", "preformatted", "table", "text"]
 
 _NUMBER = ' class="number"'
 

@@ -18,14 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.parts.arguments import array, instance, known_options, real
-from plant.parts.fields import ArrayOrSymbols, Nested, Vector
+from plant.parts.fields import ArrayOrSymbols
 from plant.parts.kinds import PARTS, kind_of
-from plant.parts.plain import from_plain as restore
 from plant.parts.saved import Saved
-
-__all__ = [
-    "ArrayOrSymbols", "Declared", "Nested", "Part", "Vector", "declared", "number", "part", "restore", "structure",
-]  # fmt: skip
 
 T = TypeVar("T", bound="Part")
 

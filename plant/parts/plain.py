@@ -5,8 +5,6 @@ constructor makes arrays, results do: ``{"array": [...], "dtype": ..., "shape": 
 ...}``, ``{"list": [...]}`` and ``{"dict": [[key, value], ...]}``. No bit of a number is lost.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any
@@ -15,8 +13,6 @@ import numpy as np
 
 from plant.parts.arguments import choice
 from plant.parts.kinds import PACKAGES, PARTS, class_of, field_names, kind_of, require_public, source_of
-
-__all__ = ["from_plain", "to_plain"]
 
 _TYPES = ("bool", "uint8", "int32", "int64", "float32", "float64")
 _TAGS = ("array", "scalar", "list", "dict")

@@ -1,12 +1,8 @@
 """Progress bars: on a terminal, and nowhere else, so that no log file fills with them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from tqdm import tqdm
-
-__all__ = ["progress_bar"]
 
 
 def progress_bar(total: int, label: str, unit: str, shown: bool) -> Any:

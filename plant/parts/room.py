@@ -1,11 +1,7 @@
 """Whether what is asked for fits into the memory that is free: said before the work, not by the kernel's end of it."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
-
-__all__ = ["free_memory", "require_room"]
 
 _SHARE = 0.9
 """Of the free memory that one piece of work may want."""

@@ -4,8 +4,6 @@
 executed, and it names no module to import.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import platform
@@ -22,8 +20,6 @@ from plant.parts.json_text import parsed, written
 from plant.parts.kinds import class_of, kind_of
 from plant.parts.plain import from_plain, to_plain
 from plant.version import __version__
-
-__all__ = ["FORMAT", "Saved", "fingerprint", "versions"]
 
 FORMAT = 1
 """Of the files that this version writes, and the only one that it reads."""

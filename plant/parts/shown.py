@@ -3,16 +3,12 @@
 A result says once what it shows, the verdict first (`Shown._shown`), and how it is called in a line (`Shown._short`).
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
 
 from plant.parts.markup import details, items, preformatted, text
 from plant.parts.markup import table as html_table
 from plant.parts.tables import Table, wrapped
-
-__all__ = ["Aside", "Piece", "Shown", "Verdict", "Warned", "body", "inside"]
 
 _INDENT = "    "
 

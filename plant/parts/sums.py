@@ -4,12 +4,8 @@ That library (BLAS) shares long products out over its threads, and the order of 
 long as a log is summed here; small matrices go to `numpy.linalg`, which does them on one thread.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
-
-__all__ = ["dot", "least", "norm", "product", "products", "triangle"]
 
 Floats = NDArray[np.float64]
 

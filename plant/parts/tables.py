@@ -3,14 +3,10 @@
 Cells come as text, numbers already rounded. Numbers stand to the right, words to the left, two blanks between columns.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import textwrap
 from collections.abc import Iterable, Sequence
-
-__all__ = ["WIDTH", "Table", "by_joint", "wrapped"]
 
 WIDTH = 80
 """Letters of a line at most."""

@@ -1,11 +1,7 @@
 """Warnings that point at the user's own line."""
 
-from __future__ import annotations
-
 import sys
 import warnings
-
-__all__ = ["warn"]
 
 _OURS = ("plant", "identification", "ctc")
 

@@ -3,5 +3,3 @@
 Reading order: `guards` (settings) -> `safety` (checks and stop, sample by sample) -> `compiled_step` -> `running`; for
 C, `c_numbers`, `c_templates` -> `c_export`, and `c_logic` -> `c_running`.
 """
-
-__all__: list[str] = []

@@ -1,12 +1,8 @@
 """Measured speed, and how an arm is brought to rest, in casadi: for the running controller and for the exported C."""
 
-from __future__ import annotations
-
 import casadi as ca
 
 from plant.machine.rig import Rig
-
-__all__ = ["ramp", "slowing", "smoothed"]
 
 SMOOTHING = 0.25
 """Smoothing factor of the measured speed: quantisation is much of a change of counts."""

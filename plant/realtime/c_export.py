@@ -4,8 +4,6 @@ The equations are those of `Law.block`, of the rig's encoder and of its amplifie
 The C needs the standard library alone, allocates nothing and has no global state.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import re
@@ -28,8 +26,6 @@ from plant.realtime.c_numbers import braced, comment, constant, constants, decla
 from plant.realtime.c_templates import HEADER, MAIN, MAKEFILE, SOURCE
 from plant.realtime.guards import Guards
 from plant.version import __version__
-
-__all__ = ["free_folder", "require_name", "write_c"]
 
 _SECTIONS = {
     UNIFORM: "from the numbers alone: evaluated by the compiler",

@@ -19,8 +19,6 @@ from plant.realtime.compiled_step import compensates_gravity
 from plant.realtime.guards import Guards
 from plant.realtime.torque_monitor import SLOT, SLOTS, at_limit, cause, swing, throughout
 
-__all__ = ["CHATTERS", "IS_SATURATED", "TorqueGuards"]
-
 IS_SATURATED, CHATTERS = 2, 3
 """What a step in C gives from such a stop on; 1 is a law without a finite torque."""
 

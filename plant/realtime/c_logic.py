@@ -1,7 +1,5 @@
 """The guards and the stop of a running controller as C: translated from the Python that numba compiles."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import textwrap
@@ -11,8 +9,6 @@ from plant.compiler.python_to_c import CFunction, CNames
 from plant.realtime import memory as layout
 from plant.realtime import safety, stopping, watching
 from plant.realtime.c_numbers import comment
-
-__all__ = ["HELPERS", "PREFIX", "constants_of_logic", "translated"]
 
 PREFIX = "running_"
 """Of every function's name: C's library has a read, and a finite."""
@@ -36,7 +32,7 @@ _OURS = {name for each in _MODULES for name, value in vars(each).items() if insp
 NAMES = CNames(
     arrays=("own", "joints", "memory", "pulses", "q_r", "qd_r", "qdd_r", "torque"),
     read=("pulses", "q_r", "qd_r", "qdd_r"),
-    functions=_OURS | set(layout.__all__),  # and the pieces, which the memory names
+    functions=_OURS | set(vars(layout)),  # and the pieces, which the memory names
     prefix=PREFIX,
     sizes={"memory": "SIZE"},
     each="N",

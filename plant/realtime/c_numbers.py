@@ -1,7 +1,5 @@
 """The numbers of a law and its rig as constants in C, each under its description from the class's docstring."""
 
-from __future__ import annotations
-
 import inspect
 import re
 import textwrap
@@ -13,8 +11,6 @@ from numpy.typing import NDArray
 
 from plant.compiler.c_statements import literal
 from plant.machine.rig import Rig
-
-__all__ = ["braced", "comment", "constant", "constants", "declared", "each", "identifier"]
 
 
 def declared(name: str, kind: str, values: Collection[str]) -> str:

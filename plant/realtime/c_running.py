@@ -5,8 +5,6 @@ of `plant.realtime.pieces`; the memory begins as that of the controller it is ma
 allocated, and there is no state outside the struct.
 """
 
-from __future__ import annotations
-
 import textwrap
 from pathlib import Path
 from string import Template
@@ -22,8 +20,6 @@ from plant.realtime.c_numbers import braced, comment
 from plant.realtime.pieces import pieces_of
 from plant.realtime.status import wording
 from plant.version import __version__
-
-__all__ = ["write_running"]
 
 _CAUSES = ("RUNNING", "WAS_LATE", "HAD_GAPS", "HAS_JUMPED", "IS_STUCK", "IS_OFF", "NO_TORQUE", "IS_SATURATED",
            "CHATTERS", "NO_COUNTS", "IS_DEAD", "BAD_TIME", "OFF_BEAT", "OUTSIDE", "TOO_FAST", "TOO_STEEP")  # fmt: skip

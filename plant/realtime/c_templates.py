@@ -1,10 +1,6 @@
 """The C files that `Law.to_c` writes, but for what the equations say; ``$name`` and the like are filled in."""
 
-from __future__ import annotations
-
 from string import Template
-
-__all__ = ["HEADER", "MAIN", "MAKEFILE", "SOURCE"]
 
 HEADER = Template("""\
 /* $made

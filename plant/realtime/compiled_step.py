@@ -5,8 +5,6 @@ so that laws and rigs of one structure share a kernel. `safety` itself, with the
 once, in a kernel of its own: it takes five times as long as the pieces.
 """
 
-from __future__ import annotations
-
 import functools
 import inspect
 import re
@@ -26,8 +24,6 @@ from plant.realtime import safety, stopping, watching
 from plant.realtime.guards import Guards
 from plant.realtime.pieces import knows_arm, pieces_of
 from plant.realtime.torque_monitor import HELD, SLOT
-
-__all__ = ["Core", "compensates_gravity", "compiled"]
 
 
 class Core(NamedTuple):
@@ -126,7 +122,7 @@ _PIECES = ("ahead", "moving", "measured", "counted", "standing", "slowing", "law
 def _common():
     """`plant.realtime.safety` compiled, for every law and rig: what is theirs it calls at the address in its memory."""
     text = "\n".join(inspect.getsource(module) for module in (layout, stopping, watching, safety))
-    text = re.sub(r"^from plant\.[^(\n]*(\([^)]*\))?.*$|^__all__ = \[[^\]]*\].*$", "", text, flags=re.MULTILINE)
+    text = re.sub(r"^from plant\.[^(\n]*(\([^)]*\))?.*$", "", text, flags=re.MULTILINE)
     functions = re.findall(r"^def (\w+)", text, re.MULTILINE)
     text = re.sub(rf"\b({'|'.join(functions)})(?=\()", r"\1_{h}", text)
     made = [f"{name}_{{h}} = {_how(name, text)}({name}_{{h}})" for name in functions]

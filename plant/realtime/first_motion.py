@@ -1,7 +1,5 @@
 """The first motion of an arm: a small torque on one motor after another shows wires that are turned or swapped."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -11,8 +9,6 @@ from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.parts.arguments import array, instance, known_options, real
 from plant.realtime.guards import Guards
-
-__all__ = ["FirstMotion"]
 
 _SHOWS = 4
 """Counts that are a motion, and no flicker at the edge of a cell."""

@@ -1,7 +1,5 @@
 """Guards of a running controller: what they monitor, and when and how they stop the arm."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -12,8 +10,6 @@ from plant.mechanics.limits import Limits
 from plant.parts.arguments import array, choice, instance, known_options, real
 from plant.parts.user_warning import warn
 from plant.realtime.torque_monitor import WINDOW
-
-__all__ = ["Guards"]
 
 _BAND = 2.2
 """Change of the torque, relative to static friction, that leaves a joint at rest: from one edge of its band to the

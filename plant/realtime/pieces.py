@@ -3,8 +3,6 @@
 Each piece is a function from places of the one vector `memory` (`plant.realtime.memory`) to other places of it.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca
@@ -13,8 +11,6 @@ from plant.machine.rig import Rig
 from plant.realtime import memory as layout
 from plant.realtime.braking import ramp, slowing, smoothed
 from plant.realtime.torque_monitor import SLOTS, at_limit, at_the_limit, cause, swing, throughout
-
-__all__ = ["knows_arm", "pieces_of", "row"]
 
 
 def row(index: int, n: int) -> range:

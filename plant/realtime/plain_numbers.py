@@ -1,15 +1,11 @@
 """Arguments of a running controller's step: plain numbers, finite or not, and the time of a clock."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant.parts.arguments import array
-
-__all__ = ["clock", "numbers"]
 
 
 def numbers(name: str, value: ArrayLike, n: int, advice: str) -> NDArray[np.float64]:

@@ -1,7 +1,5 @@
 """A running controller for a control script: the same equations as in the simulator, one sample at a time."""
 
-from __future__ import annotations
-
 import dataclasses
 import threading
 from collections.abc import Mapping
@@ -21,8 +19,6 @@ from plant.realtime.pieces import row
 from plant.realtime.plain_numbers import clock, numbers
 from plant.realtime.status import Status
 from plant.realtime.watching import FAR
-
-__all__ = ["Running"]
 
 _FLOAT, _COUNTS = np.dtype(float), (np.dtype(np.int64), np.dtype(float))
 _ARGUMENTS = ("pulses", "q_r", "qd_r", "qdd_r")

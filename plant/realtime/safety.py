@@ -23,8 +23,6 @@ from plant.realtime.memory import (
 from plant.realtime.stopping import begin_stop, bridge, copy, limit_time, opposed, release, rising, stop, take_state
 from plant.realtime.watching import bounded, follow, in_time, read, refused, watch
 
-__all__ = ["step"]
-
 
 def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
     """One sample: torque (n,) [N m] from counts (n,) and reference (n,) each; `now` [s] is NaN without a clock."""

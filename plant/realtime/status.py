@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from plant.realtime import memory as layout
 from plant.realtime.braking import RAMP
 
-__all__ = ["Status", "wording"]
-
 
 class Status(str):
     """State of a running controller in words.

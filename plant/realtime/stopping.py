@@ -13,19 +13,6 @@ from plant.realtime.memory import (
     WEIGHT, counted, limited, planned, standing,
 )  # fmt: skip
 
-__all__ = [
-    "begin_stop",
-    "bridge",
-    "copy",
-    "latch",
-    "limit_time",
-    "note",
-    "opposed",
-    "release",
-    "rising",
-    "stop",
-    "take_state",
-]
 
 GROWTH = 1.25
 """Factor on the speed of the arm where a stop begins, or on that of its reference, that is no rise."""

@@ -12,27 +12,11 @@ oscillation of an unstable loop grows until it is the limit itself, at whatever 
 (`tests/benchmarks/guards.py`). A fast path moves the mean instead.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import casadi as ca
 
 from plant.machine.drive import Drive
-
-__all__ = [
-    "AVERAGED",
-    "HELD",
-    "MEMORY",
-    "SLOT",
-    "SLOTS",
-    "WINDOW",
-    "at_limit",
-    "at_the_limit",
-    "cause",
-    "swing",
-    "throughout",
-]
 
 WINDOW = 0.1
 """Length of the window in which time at the limit is counted [s]."""

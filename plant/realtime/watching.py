@@ -15,7 +15,6 @@ from plant.realtime.memory import (
 )  # fmt: skip
 from plant.realtime.stopping import bridge, release, stop
 
-__all__ = ["bounded", "follow", "in_time", "read", "refused", "watch"]
 
 FAR = 1e5
 """Angle [rad] up to which the kernels' sines are exact to rounding."""

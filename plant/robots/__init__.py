@@ -1,3 +1,1 @@
 """Robots to start from: the paper's two links (`puma560`), and others (`catalogue`)."""
-
-__all__: list[str] = []

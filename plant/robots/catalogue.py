@@ -1,7 +1,5 @@
 """Arms to start from: the whole PUMA 560, a planar chain of any length, and geometry and gears of the Staubli TX40."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from plant.machine.drive import Drive
@@ -12,8 +10,6 @@ from plant.mechanics.body import Body
 from plant.mechanics.chain import Chain
 from plant.mechanics.coupling import Coupling
 from plant.mechanics.link import Link
-
-__all__ = ["planar", "puma560", "puma560_rig", "tx40", "tx40_rig"]
 
 _QUARTER_TURN = np.pi / 2
 

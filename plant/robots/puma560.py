@@ -4,8 +4,6 @@ Frames: axis 2 is horizontal, and positive q2 lowers the arm. All numbers come f
 appendix, corrected where the print is wrong) or, where said, from the literature on this robot.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -22,20 +20,6 @@ from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.link import Link
 from plant.mechanics.lumping import Lumping
 from plant.motion.reference import Harmonics
-
-__all__ = [
-    "LINK_LENGTH",
-    "PRINTED_RANGES",
-    "PUBLISHED",
-    "PUBLISHED_ALTERATION",
-    "arm",
-    "dynamics",
-    "equation_3",
-    "literature_arm",
-    "p_law",
-    "reference",
-    "rig",
-]
 
 LINK_LENGTH = 0.4318
 """Distance of axes 2 and 3 [m]; the paper's a3, called a2 in the tables of modified DH parameters."""

@@ -4,5 +4,3 @@ Reading order: `correction`, `layout` (state and numbers), `sub_step`, `closed_l
 `loop_kernel` (compiled), `casadi_loop` (the referee) -> `clock`, `followed_path`, `time_tables` (what drives it) ->
 `simulator`, `stepped_arm` (for scripts), `controller_log`; `threads`.
 """
-
-__all__: list[str] = []

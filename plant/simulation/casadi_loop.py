@@ -1,7 +1,5 @@
 """The referee: the closed loop evaluated by casadi itself, slow and independent of the generated kernels."""
 
-from __future__ import annotations
-
 import functools
 import math
 
@@ -12,8 +10,6 @@ from numpy.typing import NDArray
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.loop_kernel import Structure
-
-__all__ = ["by_casadi"]
 
 
 def by_casadi(

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Clock"]
-
 _EVEN = 0.01
 """Jitter [periods] up to which time stamps count as even."""
 

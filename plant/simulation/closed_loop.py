@@ -9,8 +9,6 @@ matters: the P loop has a mode with a damping ratio near 0.005. The Coriolis tor
 by one predictor pass, so that energy is conserved to order h^2.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
@@ -23,8 +21,6 @@ from plant.machine.current_lag import lagging
 from plant.machine.friction_step import FrictionStep
 from plant.simulation.layout import Layout
 from plant.simulation.sub_step import elastic, rigid
-
-__all__ = ["ClosedLoop", "bounded"]
 
 FAR = 1e6
 """Norm of all positions [rad] and velocities [rad/s] above which the loop has diverged."""

@@ -1,15 +1,11 @@
 """The inputs of a controller in an experiment, as a file that its exported C replays."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 
 from plant.logs.record import Record
 from plant.simulation.followed_path import path_of
-
-__all__ = ["write_replay"]
 
 
 def write_replay(record: Record, path: str | Path) -> None:

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from plant.parts.part import Part, Vector, number, part
-
-__all__ = ["Correction"]
+from plant.parts.fields import Vector
+from plant.parts.part import Part, number, part
 
 
 @part

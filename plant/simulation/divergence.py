@@ -1,7 +1,5 @@
 """Simulations that do not stay bounded, and what is said of them."""
 
-from __future__ import annotations
-
 from typing import NoReturn
 
 import numpy as np
@@ -9,8 +7,6 @@ from numpy.typing import NDArray
 
 from plant.mechanics.arm import Arm
 from plant.simulation.closed_loop import ClosedLoop
-
-__all__ = ["DivergenceError", "refuse_divergence"]
 
 
 class DivergenceError(ValueError):

@@ -5,8 +5,6 @@ a reference is replayed from its logged counts: straight lines between two sampl
 fractions of counts. Where the law needs the motion itself, with its acceleration, it is that of smoothing splines.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 
@@ -19,9 +17,6 @@ from plant.machine.rig import Rig, smooth_rig
 from plant.motion.reference import Motion, Reference, Spline
 from plant.parts.user_warning import warn
 from plant.simulation.clock import Clock
-
-__all__ = ["Logged", "Path", "is_rounded", "path_of", "start_of", "warn_of_motors", "with_path"]
-
 
 _QUINTIC = 5
 """Degree of the splines through commanded counts: accelerations are smooth."""

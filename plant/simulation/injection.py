@@ -1,7 +1,5 @@
 """Torque that was injected beside the law's: what a simulation is given, and what of a record a loop has to add."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
@@ -9,8 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant.parts.arguments import array
-
-__all__ = ["Injected", "injected_at", "injected_beside"]
 
 Injected: TypeAlias = Callable[[NDArray[Any]], ArrayLike] | ArrayLike
 """(N, n) [N m], joint side, one row per sample; or a function that gives them at the times (N,) of the samples."""

@@ -1,7 +1,5 @@
 """Jacobians of a fast law's closed loop about an arm held at a pose: derivatives of the simulator's own sub-step."""
 
-from __future__ import annotations
-
 import functools
 
 import casadi as ca
@@ -15,8 +13,6 @@ from plant.mechanics.arm import Arm
 from plant.mechanics.dynamics import Dynamics
 from plant.parts.arguments import array
 from plant.simulation.closed_loop import ClosedLoop
-
-__all__ = ["jacobians"]
 
 _STEP = 1e-7
 """Of the derivative [s]: d(following)/d(joint) = 1 + A step + O(step^2)."""

@@ -3,8 +3,6 @@
 A law steps at its own period; one without a period is stepped four times per sample.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 
@@ -17,8 +15,6 @@ from plant.logs.record import Record
 from plant.parts.frozen import Frozen
 from plant.simulation.clock import Clock
 from plant.simulation.followed_path import Logged, path_of
-
-__all__ = ["LawRun", "run_law"]
 
 _FAST = 4
 """Steps per sample of a law without a period."""

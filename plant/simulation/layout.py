@@ -1,7 +1,5 @@
 """What the vectors of a closed loop hold: its state, what is known beforehand, its numbers; and where a loop starts."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cached_property
 from typing import Any
@@ -14,8 +12,6 @@ from plant.laws.law import Block, Law
 from plant.machine.rig import Rig, punctual_rig
 from plant.mechanics.dynamics import Dynamics
 from plant.simulation.correction import Correction
-
-__all__ = ["Layout"]
 
 _SETTLED = 20
 """Rounds in which a link finds where it hangs in its spring; each gains a factor of stiffness over weight."""

@@ -1,7 +1,5 @@
 """One run of a closed loop with its log, by the compiled kernel or by casadi, which is the referee."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -13,8 +11,6 @@ from plant.simulation.closed_loop import ClosedLoop, bounded
 from plant.simulation.divergence import refuse_divergence
 from plant.simulation.loop_kernel import loop_kernel
 from plant.simulation.time_tables import time_tables
-
-__all__ = ["logged_run"]
 
 
 def logged_run(

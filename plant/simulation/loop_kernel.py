@@ -1,7 +1,5 @@
 """The compiled closed loop, for one individual or for many."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
@@ -15,9 +13,6 @@ from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import Logged, Path
 from plant.simulation.loop_source import logged_source, loop_source
 from plant.simulation.time_tables import in_blocks, samples_of_law, time_tables
-
-__all__ = ["LANES", "LOGGED", "LoggedKernel", "LoopKernel", "Structure", "logged_kernel", "loop_kernel"]
-
 
 LANES = 40
 """Individuals side by side in the loop of a population, chosen by tests/benchmarks/speed.py."""

@@ -5,8 +5,6 @@ individuals are the innermost, and the body has no branch, so that LLVM vectoris
 what they repeat are intrinsics (`plant.compiler.intrinsics`).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import re
@@ -18,9 +16,6 @@ from plant.compiler.intrinsics import head, intrinsic
 from plant.compiler.splitting import cut
 from plant.compiler.translate import Names, translate
 from plant.simulation.closed_loop import ClosedLoop
-
-__all__ = ["logged_source", "loop_source"]
-
 
 VECTOR = 8
 """Individuals in one vector: the longest register that there is, or two or four shorter ones."""

@@ -1,7 +1,5 @@
 """A warning where an arm lacks the rotors of the drive that moves it."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,8 +7,6 @@ from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.parts.labels import joint_label
 from plant.parts.user_warning import warn
-
-__all__ = ["warn_of_missing_rotors"]
 
 _COUNTS = 0.1
 """Share of a joint's inertia above which its rotor matters."""

@@ -3,8 +3,6 @@
 Of a run a few numbers are kept, worked out in the kernel at every sample.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math
@@ -28,8 +26,6 @@ from plant.simulation.followed_path import Path
 from plant.simulation.loop_kernel import LANES, loop_kernel
 from plant.simulation.threads import shared_out
 from plant.simulation.time_tables import time_tables
-
-__all__ = ["Population", "Runs"]
 
 
 @functools.lru_cache(maxsize=32)

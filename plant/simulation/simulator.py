@@ -1,7 +1,5 @@
 """The simulator: an arm with a rig under a law, following a reference, gives a record."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any, cast
@@ -20,15 +18,12 @@ from plant.parts.room import require_room
 from plant.parts.user_warning import warn
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.divergence import DivergenceError
 from plant.simulation.followed_path import Path, path_of, start_of, warn_of_motors
 from plant.simulation.injection import Injected, injected_at, injected_beside
 from plant.simulation.logged_run import logged_run
 from plant.simulation.missing_rotors import warn_of_missing_rotors
 from plant.simulation.stiff_gears import warn_of_stiff_gears
 from plant.simulation.unstable_lag import warn_of_unstable_lag
-
-__all__ = ["DivergenceError", "Trace", "replay", "run", "simulate"]
 
 
 @known_options

@@ -1,7 +1,5 @@
 """A simulated arm for a control script: counts out, torque in, one sample at a time; what it carries may change."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -16,8 +14,6 @@ from plant.parts.arguments import array, instance, known_options
 from plant.simulation.closed_loop import ClosedLoop, bounded
 from plant.simulation.divergence import DivergenceError
 from plant.simulation.loop_kernel import loop_kernel
-
-__all__ = ["SteppedArm"]
 
 
 @known_options

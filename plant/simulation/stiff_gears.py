@@ -1,7 +1,5 @@
 """Gears that are too stiff for a sub-step to follow their vibration."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -11,8 +9,6 @@ from plant.machine.rig import Rig
 from plant.machine.spring import FOLLOWED, reduced
 from plant.mechanics.arm import Arm
 from plant.parts.user_warning import warn
-
-__all__ = ["warn_of_stiff_gears"]
 
 _MANY = 100
 """Steps per sample above which none are advised."""

@@ -3,8 +3,6 @@
 Everything is on the motors' shafts, where friction acts; without coupling they are the joints.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import NamedTuple
 
@@ -16,8 +14,6 @@ from plant.machine.rig import Rig
 from plant.machine.spring import spring
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.symmetric_inverse import inverse, row_by_row
-
-__all__ = ["Following", "elastic", "rigid"]
 
 
 class Following(NamedTuple):

@@ -1,14 +1,10 @@
 """Parallel map over threads, with the same result for any number of them."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 from plant.compiler.background import in_background
-
-__all__ = ["cores", "shared_out"]
 
 T = TypeVar("T")
 

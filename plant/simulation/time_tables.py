@@ -5,8 +5,6 @@ a current, is held from its sample to the next, and interpolated linearly across
 lines.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 
@@ -16,8 +14,6 @@ from numpy.typing import NDArray
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import Logged, Path
-
-__all__ = ["in_blocks", "samples_of_law", "time_tables"]
 
 _ROWS = 1 << 17
 """That are made at once: what a path needs meanwhile is several times a table."""

@@ -1,7 +1,5 @@
 """Loops that the lag of their currents makes unstable."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -13,8 +11,6 @@ from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.parts.user_warning import warn
 from plant.simulation.jacobians import jacobians
-
-__all__ = ["warn_of_unstable_lag"]
 
 _ZERO = 1e-6
 """Growth of a pole, relative to its size, that may be rounding."""

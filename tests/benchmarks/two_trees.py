@@ -9,7 +9,7 @@ has its own kernel cache. Exit status 1 if a number differs.
 
 `structure`: an ``__init__.py`` is a face, no file; what is imported through one is followed to the file that holds it,
 late imports included. A line of code is a non-empty line of the syntax tree written out again, without what does not
-run: imports, ``__all__``, docstrings, annotations; ``deprecated.py`` is left out.
+run: imports, ``__all__``, docstrings, annotations.
 """
 
 import argparse
@@ -299,7 +299,7 @@ def anatomy(tree):
     late = [module for a in found for module, *_, is_late in found[a] if is_late]
     late = Counter(x.split(".")[0] if x.startswith(PACKAGES) else x for x in late)
     length, longest = max((len(text.splitlines()), path.as_posix()) for path, text in texts.items())
-    code = [ast.unparse(Running().visit(x)) for name, x in parsed.items() if not name.endswith(".deprecated")]
+    code = [ast.unparse(Running().visit(x)) for name, x in parsed.items()]
     counts = {
         "files": len(files),
         "folders that hold files": len(folders),

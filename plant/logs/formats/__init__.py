@@ -3,5 +3,3 @@
 Each has ``read(path, names, prefix, most, ...)``, which returns the names of all columns and a dictionary of those that
 are wanted. What reads the file is imported late, once the child has limited its memory and time.
 """
-
-__all__: list[str] = []

@@ -1,12 +1,8 @@
 """Blocks of columns, and elements of them: ``block``, ``block[2]``, ``block.elbow``."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
-
-__all__ = ["Block", "home_of", "picked"]
 
 
 class Block(NamedTuple):

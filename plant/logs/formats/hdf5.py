@@ -1,14 +1,10 @@
 """HDF5 files, by h5py; data sets are named ``group/name``."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterator
 from typing import Any
 
 from .refusal import RefusalError, choice_of, require_size
-
-__all__ = ["read"]
 
 
 def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tuple[list[str], dict[str, Any]]:

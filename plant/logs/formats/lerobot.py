@@ -1,7 +1,5 @@
 """LeRobot data sets: a folder with ``meta/info.json`` and the episodes as Parquet, of version 2 or 3."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Collection
 from pathlib import Path
@@ -10,8 +8,6 @@ from typing import Any
 from .columns import Block, picked
 from .parquet import read_blocks
 from .refusal import RefusalError
-
-__all__ = ["episodes_of", "read"]
 
 _INFO = 1 << 24  # bytes of meta/info.json
 _EPISODE = "episode_index"

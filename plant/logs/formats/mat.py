@@ -1,7 +1,5 @@
 """MAT files of version 5, by scipy; fields of structures are named ``structure.field``."""
 
-from __future__ import annotations
-
 import os
 import struct
 import zlib
@@ -9,8 +7,6 @@ from collections.abc import Collection, Iterator
 from typing import Any
 
 from .refusal import RefusalError, choice_of, require_size
-
-__all__ = ["read"]
 
 
 def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tuple[list[str], dict[str, Any]]:

@@ -1,15 +1,11 @@
 """MCAP files: messages of ROS 2 (CDR with their definition in the file) and JSON."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Collection, Iterator
 from typing import Any
 
 from .messages import columns_of
 from .refusal import RefusalError
-
-__all__ = ["read"]
 
 
 def read(

@@ -4,16 +4,12 @@ Each topic has columns ``stamp``, from the header of its messages, and ``log_tim
 whole nanoseconds. Arrays beside a list of names (``name`` of a JointState, ``joint_names``) are told apart by these.
 """
 
-from __future__ import annotations
-
 import array
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any
 
 from .columns import Block, home_of, picked
 from .refusal import RefusalError, require_size
-
-__all__ = ["Topics", "columns_of", "topics_of"]
 
 _NAMES = ("name", "names", "joint_names")
 _WIDEST = 256  # elements of an array that may be joints; more are pictures or clouds of points

@@ -1,15 +1,11 @@
 """Parquet files, by pyarrow: flat columns, and lists of one length, which are blocks."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Collection
 from typing import Any
 
 from .columns import Block, home_of, picked
 from .refusal import RefusalError, choice_of, require_size
-
-__all__ = ["read", "read_blocks"]
 
 
 def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tuple[list[str], dict[str, Any]]:

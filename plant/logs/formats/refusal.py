@@ -1,10 +1,6 @@
 """What every reader refuses in the same words."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection
-
-__all__ = ["RefusalError", "choice_of", "require_size"]
 
 
 class RefusalError(ValueError):

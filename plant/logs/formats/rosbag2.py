@@ -1,15 +1,11 @@
 """Bags of ROS 2: the folder with ``metadata.yaml``, or one of its files; SQLite (``.db3``) or MCAP inside."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
 from .messages import columns_of
 from .refusal import RefusalError
-
-__all__ = ["read"]
 
 _STORE = "ROS2_HUMBLE"
 """Definitions of the standard messages, for bags that do not hold those of their own."""

@@ -19,7 +19,7 @@ from plant.mechanics.chain import Chain
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.link import Link
 from plant.mechanics.lumping import Lumping
-from plant.parts.part import restore
+from plant.parts.plain import from_plain
 from plant.simulation.closed_loop import ClosedLoop
 
 RIG = puma560.rig()
@@ -183,7 +183,7 @@ def test_the_running_controller_gives_the_torque_of_the_simulation(options):
     backend = "casadi" if options else "numba"  # the delayed loop is not compiled for this test alone
     record = evaluate(arm(), RIG, controller, puma560.reference(), duration=1.0, backend=backend).record
     assert np.abs(np.diff(record.torque, axis=0)).max() > 10
-    for each in (controller, restore(controller.describe())):
+    for each in (controller, from_plain(controller.describe())):
         torque, running = replay(each, record)
         np.testing.assert_allclose(torque, record.torque, rtol=0, atol=1e-12 * np.abs(record.torque).max())
         np.testing.assert_array_equal(running.torque, torque[-1])

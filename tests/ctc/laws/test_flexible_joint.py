@@ -23,7 +23,7 @@ from plant import (
     puma560,
     simulate,
 )
-from plant.parts.part import restore
+from plant.parts.plain import from_plain
 from plant.simulation.simulator import run
 
 RIG, ARM, PATH = puma560.rig(), puma560.literature_arm(1.5), puma560.reference()
@@ -207,7 +207,7 @@ def test_the_law_is_given_the_links_and_the_log_the_motors():
     np.testing.assert_array_equal(slow.record.error_pulses, record.error_pulses)
     np.testing.assert_array_equal(record.reference_pulses, rig.counts(motors(record.t).q))
     assert np.abs(trace.true_error_pulses).max() < 2  # of the motors, too
-    again = restore(law.describe())
+    again = from_plain(law.describe())
     assert again == law
     running = again.start(rig, record.counts[0])
     torque = [running.step(*row) for row in zip(record.counts, *PATH(record.t), strict=True)]

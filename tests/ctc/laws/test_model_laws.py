@@ -21,7 +21,8 @@ from ctc import (
 )
 from identification import identify
 from plant import PD, PID, Cascade, P, PointToPoint, puma560, simulate
-from plant.parts.part import part, restore
+from plant.parts.part import part
+from plant.parts.plain import from_plain
 from plant.simulation.simulator import run
 
 RIG = puma560.rig()
@@ -214,7 +215,7 @@ def test_both_backends_and_the_running_law_agree(law):
         run(arm(), RIG, law, puma560.reference(), 0.1, 4, None, backend).record for backend in ("numba", "casadi")
     )
     np.testing.assert_array_equal(slow.error_pulses, record.error_pulses)
-    again, counts = restore(law.describe()), record.reference_pulses - record.error_pulses
+    again, counts = from_plain(law.describe()), record.reference_pulses - record.error_pulses
     assert again == law
     running = again.start(RIG, counts[0])
     torque = [running.step(*row) for row in zip(counts, *record.reference(record.t), strict=True)]
@@ -273,7 +274,7 @@ def test_an_identification_is_its_arm_and_its_rig(law):
     assert hash(own) == hash(plain)
     other = dataclasses.replace(RIG, period=2 * RIG.period)
     assert law(other, found()) == law(other, found().arm)  # a rig that is given comes first
-    assert dataclasses.replace(own) == restore(plain.describe()) == own
+    assert dataclasses.replace(own) == from_plain(plain.describe()) == own
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 
 import plant.compiler.kernel_cache
-from plant.compiler.kernel_cache import CACHE_VARIABLE, Kernel, cache_folder
+from plant.compiler.cache_folder import CACHE_VARIABLE, cache_folder
+from plant.compiler.kernel_cache import Kernel
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="forks processes and sets file modes")
 
@@ -42,7 +43,8 @@ for depth, name in enumerate(("plant", "plant.compiler")):  # without what their
     sys.modules[name] = package = types.ModuleType(name)
     package.__path__ = [sys.argv[1 + depth]]
 import numba
-from plant.compiler.kernel_cache import CACHE_VARIABLE, Kernel
+from plant.compiler.cache_folder import CACHE_VARIABLE
+from plant.compiler.kernel_cache import Kernel
 numba.njit(lambda x: x * 2.0)(1.0)
 
 def work(folder, templates):

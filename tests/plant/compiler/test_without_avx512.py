@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from plant.compiler.kernel_cache import AVX512_VARIABLE, CACHE_VARIABLE
+from plant.compiler.cache_folder import CACHE_VARIABLE
+from plant.compiler.kernel_cache import AVX512_VARIABLE
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -27,7 +28,7 @@ record = simulate(arm, puma560.rig(), puma560.p_law(), puma560.reference(), dura
 candidates = arm.f * (1 + 0.1 * random.normal(size=(80, arm.dynamics.p)))
 costs = Objective(arm.dynamics, record)(candidates)
 wide = "+avx512f" in cpu_target.target_context.codegen().magic_tuple()[2].split(",")
-np.savez(sys.argv[1], counts=record.counts, true=record.rig.position(record.true_q), costs=costs, wide=wide)
+np.savez(sys.argv[1], counts=record.counts, true=record.rig.position_in_pulses(record.true_q), costs=costs, wide=wide)
 """
 
 

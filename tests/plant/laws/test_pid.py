@@ -13,7 +13,7 @@ from closed_loops import direct_rig, joint
 from scipy.linalg import expm
 
 from plant import PD, PID, Cascade, PointToPoint, Record, puma560, simulate
-from plant.parts.part import restore
+from plant.parts.plain import from_plain
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.simulator import run
 
@@ -179,7 +179,7 @@ def test_both_backends_the_running_law_and_a_replay_from_a_file_agree(kind, peri
     record.to_csv(tmp_path / "log.csv")
     read = Record.from_csv(tmp_path / "log.csv")
     assert read.law == law
-    assert read.law == restore(law.describe())
+    assert read.law == from_plain(law.describe())
     again = simulate(puma560.arm(), read.rig, read.law, read.reference, duration=0.1)
     np.testing.assert_array_equal(again.error_pulses, record.error_pulses)
     if period is not None:

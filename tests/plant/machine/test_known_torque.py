@@ -28,7 +28,7 @@ from plant import (
     torque_share,
 )
 from plant.analysis.sampled_loops import SampledLoops, held
-from plant.parts.part import restore
+from plant.parts.plain import from_plain
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.loop_kernel import Structure
 
@@ -251,7 +251,7 @@ def test_their_numbers_have_names_and_they_are_restored_copied_and_filled():
     assert names[-21:-19] == ["springs[0].stiffness[0]", "springs[0].stiffness[1]"]
     assert names[-3:] == ["springs[3].stiffness", "springs[3].at[0]", "springs[3].at[1]"]
     assert with_springs(SPRING).number_names()[-4:-2] == ["springs.stiffness[0]", "springs.stiffness[1]"]
-    assert restore(rig.describe()) == rig == pickle.loads(pickle.dumps(rig)) != RIG  # noqa: S301 - our own bytes
+    assert from_plain(rig.describe()) == rig == pickle.loads(pickle.dumps(rig)) != RIG  # noqa: S301 - our own bytes
     other = rig.filled({"springs[3].at[1]": 0.9, "springs[0].angle[0]": 0.0})
     assert (other.springs[3].at[1], other.springs[0].angle[0]) == (0.9, 0.0)
     assert other.springs[1:3] == rig.springs[1:3]

@@ -8,7 +8,8 @@ import pytest
 
 from ctc import ComputedTorque
 from plant import PD, Encoder, Law, P, Phase, Record, Rig, StatelessLaw, Transport, puma560, simulate, to_control
-from plant.parts.part import number, part, restore, structure
+from plant.parts.part import number, part, structure
+from plant.parts.plain import from_plain
 
 RIG, PERIOD = puma560.rig(), puma560.rig().period
 SMOOTH = dataclasses.replace(RIG.drive, viscous=(0, 0), coulomb=(0, 0))
@@ -135,7 +136,7 @@ def test_a_record_keeps_them(tmp_path):
     law = ComputedTorque(puma560.arm(), RIG)
     record = simulate(puma560.arm(), rig, law, PATH, duration=0.02)
     record.to_csv(tmp_path / "log.csv")
-    assert Record.from_csv(tmp_path / "log.csv").rig == restore(rig.describe()) == rig
+    assert Record.from_csv(tmp_path / "log.csv").rig == from_plain(rig.describe()) == rig
     assert {"encoder.phase.shift[1]", "transport.delay"} < set(rig.number_names())
     assert to_control(rig).name == "rig"
     assert to_control(puma560.arm(), rig, sampled=True).name == "arm"  # torque comes from outside: no way to be late

@@ -30,7 +30,7 @@ from plant import (
     simulate,
 )
 from plant.machine.motor_inertia import least_inertia_margin
-from plant.parts.part import restore
+from plant.parts.plain import from_plain
 from plant.robots.catalogue import planar
 from plant.simulation import followed_path
 
@@ -272,8 +272,8 @@ def test_identity_is_no_coupling():
 
 
 def test_coupling_survives_its_description():
-    assert restore(rig_of().describe()) == rig_of()
-    assert restore(planar(3).coupled(WRIST).describe()).coupling == WRIST
+    assert from_plain(rig_of().describe()) == rig_of()
+    assert from_plain(planar(3).coupled(WRIST).describe()).coupling == WRIST
 
 
 @pytest.mark.parametrize(

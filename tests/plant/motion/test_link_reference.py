@@ -30,7 +30,7 @@ from plant import (
     simulate,
     slowed,
 )
-from plant.parts.part import restore
+from plant.parts.plain import from_plain
 from plant.robots.catalogue import planar
 from plant.simulation.closed_loop import ClosedLoop
 
@@ -146,7 +146,7 @@ def test_it_takes_an_identification_for_arm_and_rig():
 
 def test_it_survives_its_description_and_its_record(tmp_path):
     motors = LinkReference(ARM, on_gears(), PATH)
-    assert restore(motors.describe()) == motors
+    assert from_plain(motors.describe()) == motors
     assert motors.links is PATH
     assert PATH.links is PATH
     record = simulate(ARM, on_gears(), puma560.p_law(), motors, duration=0.02)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from plant import Harmonics, PointToPoint, Record, Scaled, Spline, puma560, simulate, slowed
-from plant.parts.part import restore
+from plant.parts.plain import from_plain
 
 MOVE = PointToPoint(start=(0.1, -1.0), goal=(1.3, 0.5), duration=0.8)
 SPLINE = Spline(times=(0, 0.4, 0.5, 1.1), points=((0.0, 1.0), (0.5, 0.2), (0.6, -0.3), (0.1, 0.4)))
@@ -113,7 +113,7 @@ def test_after_its_end_nothing_accelerates():
 
 def test_it_goes_through_a_file(tmp_path):
     reference = warped(PointToPoint(start=(0.0, 0.0), goal=(-0.3, 0.2), duration=0.8))
-    assert restore(json.loads(json.dumps(reference.describe()))) == reference
+    assert from_plain(json.loads(json.dumps(reference.describe()))) == reference
     record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), reference, duration=0.07)
     record.to_csv(tmp_path / "log.csv")
     again = Record.from_csv(tmp_path / "log.csv")

@@ -48,10 +48,11 @@ from plant import (
     simulate,
     slowed,
 )
-from plant.machine.drive import CurrentLag
+from plant.machine.current_lag import CurrentLag
 from plant.machine.friction_changes import FrictionDrift, LoadFriction
 from plant.parts.kinds import PARTS
-from plant.parts.part import Part, number, part, restore, structure
+from plant.parts.part import Part, number, part, structure
+from plant.parts.plain import from_plain
 from plant.simulation.correction import Correction
 
 LINKS = (Link(name="1", alpha=0.1, a=0.2, d=0.3, theta=0.4), Link(name="2", alpha=-np.pi / 2, a=1 / 3, d=0.0))
@@ -177,7 +178,7 @@ def test_symbols_take_the_place_of_numbers_one_by_one():
 @EVERY
 def test_description_survives_json_and_restores_an_equal_part(example):
     text = json.dumps(example.describe())
-    again = restore(json.loads(text))
+    again = from_plain(json.loads(text))
     assert type(again) is type(example)
     assert again == example
     assert hash(again) == hash(example)
@@ -189,7 +190,7 @@ def test_description_survives_json_and_restores_an_equal_part(example):
 @given(st.lists(st.floats(min_value=1e-300, max_value=1e300), min_size=1, max_size=4))
 def test_no_bit_is_lost_on_the_way(gain):
     law = P(gain=gain)
-    assert restore(json.loads(json.dumps(law.describe()))).gain.tobytes() == law.gain.tobytes()
+    assert from_plain(json.loads(json.dumps(law.describe()))).gain.tobytes() == law.gain.tobytes()
 
 
 def test_parts_with_other_numbers_or_structure_differ():
@@ -219,18 +220,18 @@ def test_unknown_kind_says_which_package_to_import(package, hint):
     with pytest.raises(
         ValueError, match=rf"kind must be a known one, such as .*; got '{package}\.Magic'\. Please {hint}\."
     ) as error:
-        restore({"kind": f"{package}.Magic"})
+        from_plain({"kind": f"{package}.Magic"})
     assert "\n" not in str(error.value)
 
 
 def test_description_with_missing_or_unknown_fields_is_refused():
     with pytest.raises(ValueError, match=r"missing a required (keyword-only )?argument: 'gain'"):
-        restore({"kind": "plant.P"})
+        from_plain({"kind": "plant.P"})
     with pytest.raises(ValueError, match="Did you mean 'gain'"):
-        restore({"kind": "plant.P", "gains": [1.0]})
+        from_plain({"kind": "plant.P", "gains": [1.0]})
     for kind in (None, 7, ["plant.P"]):
         with pytest.raises(ValueError, match=r"kind must be a known one, such as .*; got .*\. Please check the file\."):
-            restore({"kind": kind, "gain": [1.0]})
+            from_plain({"kind": kind, "gain": [1.0]})
 
 
 MISSPELT = {
@@ -293,4 +294,4 @@ def test_the_numbers_of_several_parts_in_one_field_count_by_their_place():
     assert rig.number_names()[-1] == "springs[1].phase[1]"
     symbols = ca.SX.sym("numbers", len(rig.number_names()))
     assert str(rig.with_numbers(symbols).springs[1].phase[1]) == f"numbers_{len(rig.number_names()) - 1}"
-    assert rig.with_numbers(rig.number_values()) == rig == restore(rig.describe())
+    assert rig.with_numbers(rig.number_values()) == rig == from_plain(rig.describe())

@@ -30,7 +30,7 @@ from plant import (
     simulate,
     to_control,
 )
-from plant.parts.part import restore
+from plant.parts.plain import from_plain
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import Path
@@ -204,7 +204,7 @@ def test_records_keep_them(tmp_path):
     rig = with_effects(*EFFECTS, elasticity=SPRING)
     record = simulate(ARM, rig, LAW, PATH, duration=0.02)
     record.to_csv(tmp_path / "log.csv")
-    assert Record.from_csv(tmp_path / "log.csv").rig == restore(rig.describe()) == rig
+    assert Record.from_csv(tmp_path / "log.csv").rig == from_plain(rig.describe()) == rig
     assert rig.filled({"drive.ripple.amplitude[1]": 0.5}).drive.ripple.amplitude.tolist() == [0.03, 0.5]
     assert rig.with_numbers(rig.number_values()) == rig
 
