@@ -29,12 +29,9 @@ for _name in ("plant", "identification"):
             f"{_found.origin if _found else 'nowhere'}. Uninstall the other distribution, or put {_home} first."
         )
 
-from ctc.certification.binomial import clopper_pearson
 from ctc.certification.certificate import Certificate
 from ctc.certification.certify import certify
 from ctc.certification.figure import plot_certificate
-from ctc.certification.reserves import Reserves
-from ctc.certification.sensitivity import Influence
 from ctc.figures.errors import plot_comparison, plot_evaluation, plot_phase
 from ctc.figures.loops import plot_margins, plot_sweep
 from ctc.figures.records import plot_identification, plot_record
@@ -45,29 +42,23 @@ from ctc.laws.computed_torque_pid import ComputedTorquePID
 from ctc.laws.feed_forward import FeedForward, PDGravity
 from ctc.laws.flexible_joint import FlexibleJointComputedTorque
 from ctc.laws.sliding_mode import SlidingMode
-from ctc.payload.controller import PayloadController
 from ctc.payload.estimator import PayloadEstimator
-from ctc.payload.events import PayloadEvent
-from ctc.payload.payload_law import PayloadLaw
 from ctc.report.report import write_report
 from ctc.stability.design import kalman_gains, lqr_gains, motor_gain, observer_gains, pid_gains
 from ctc.stability.error_loop import error_loop
-from ctc.stability.margins import Margins, margins
+from ctc.stability.margins import margins
 from ctc.tuning.tune import tune
-from ctc.tuning.tuning import Trial, Tuning
 from ctc.verdict.animation import animate, plot_arm
-from ctc.verdict.comparison import Comparison, compare
+from ctc.verdict.comparison import compare
 from ctc.verdict.evaluation import Evaluation, evaluate
-from ctc.verdict.lowest_resonance import LowestResonance, lowest_resonance
-from ctc.verdict.resonance_sweep import ResonanceSweep, sweep_resonance
+from ctc.verdict.lowest_resonance import lowest_resonance
+from ctc.verdict.resonance_sweep import sweep_resonance
 
 __all__ = [
-    "Adaptive", "Certificate", "Comparison", "ComputedTorque", "ComputedTorqueIntegral", "ComputedTorquePID",
-    "Evaluation", "FeedForward", "FlexibleJointComputedTorque", "Influence", "LowestResonance", "Margins",
-    "PDGravity", "PayloadController", "PayloadEstimator", "PayloadEvent", "PayloadLaw",
-    "Reserves", "ResonanceSweep", "SlidingMode", "Trial", "Tuning", "animate", "certify",
-    "clopper_pearson", "compare", "error_loop", "evaluate", "kalman_gains", "lowest_resonance", "lqr_gains",
-    "margins", "motor_gain", "observer_gains", "pid_gains", "plot_arm", "plot_certificate", "plot_comparison",
+    "Adaptive", "Certificate", "ComputedTorque", "ComputedTorqueIntegral", "ComputedTorquePID", "Evaluation",
+    "FeedForward", "FlexibleJointComputedTorque", "PDGravity", "PayloadEstimator", "SlidingMode", "animate",
+    "certify", "compare", "error_loop", "evaluate", "kalman_gains", "lowest_resonance", "lqr_gains", "margins",
+    "motor_gain", "observer_gains", "pid_gains", "plot_arm", "plot_certificate", "plot_comparison",
     "plot_evaluation", "plot_identification", "plot_margins", "plot_phase", "plot_record", "plot_sweep",
     "sweep_resonance", "tune", "write_report",
 ]  # fmt: skip

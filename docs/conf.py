@@ -3,6 +3,7 @@
 import importlib
 import inspect
 import os
+import re
 import sys
 from pathlib import Path
 
@@ -60,6 +61,9 @@ def parts(thing):
 
 PACKAGES = [importlib.import_module(package) for package in ("plant", "identification", "ctc")]
 PUBLIC = {f"{package.__name__}.{name}": getattr(package, name) for package in PACKAGES for name in package.__all__}
+PAGE = Path(__file__).with_name("reference") / "api.md"
+for place in re.findall(r"^   ~([\w.]+)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE):  # what functions return
+    PUBLIC[place] = getattr(importlib.import_module(place.rpartition(".")[0]), place.rpartition(".")[2])
 autosummary_context = {"parts": {name: parts(thing) for name, thing in PUBLIC.items() if inspect.isclass(thing)}}
 autosummary_filename_map = {  # names that differ in capitals alone would be one file on some machines
     f"{package.__name__}.{name}": f"{package.__name__}.{name}-function"

@@ -24,35 +24,23 @@ if _found is None or _found.origin is None or Path(_found.origin).resolve().pare
         f"{_found.origin if _found else 'nowhere'}. Uninstall the other distribution, or put {_home} first."
     )
 
-from identification.equation_error.band_choice import FitTrial
-from identification.equation_error.filtering import derivatives, low_pass
 from identification.equation_error.logged_torques import fit_torque
 from identification.equation_error.naming import RecordError
-from identification.equation_error.torque_fit import TorqueFit
-from identification.payload.load import Load
 from identification.payload.logged_load import find_load
-from identification.payload.posterior import PayloadEstimate
-from identification.planning.budget import Budget, pulse_budget
+from identification.planning.budget import pulse_budget
 from identification.planning.excitation import design_motion
-from identification.planning.motor import MotorFit, friction_from_motor_test, gain_from_current
-from identification.planning.ranges import Interval, LinkSize, puma560_ranges, ranges
+from identification.planning.motor import friction_from_motor_test, gain_from_current
+from identification.planning.ranges import LinkSize, puma560_ranges, ranges
 from identification.procedure import identify
-from identification.repeatability import Spread, spread
+from identification.repeatability import spread
 from identification.replay.objective import Objective
 from identification.replay.timing import without_delay
-from identification.results.alternatives import Sign
-from identification.results.assumed import Assumed
-from identification.results.detection import Detection
-from identification.results.diagnostics import Diagnostics
 from identification.results.doubts import IdentificationWarning
 from identification.results.identification import Identification
-from identification.results.model_files import WrittenModel, write_mjcf, write_urdf
-from identification.results.oscillation import Oscillation, oscillation
-from identification.results.physical import Physical, nearest_physical
-from identification.search.gear_resonance import GearResonance
-from identification.search.genetic import GeneticResult, GeneticSettings, GeneticState, minimize_genetic
-from identification.search.outcome import Fit
-from identification.search.search import Search
+from identification.results.model_files import write_mjcf, write_urdf
+from identification.results.oscillation import oscillation
+from identification.results.physical import nearest_physical
+from identification.search.genetic import GeneticSettings, minimize_genetic
 from identification.search.tolerances import Tolerances
 from plant.parts.arguments import known_options
 
@@ -60,11 +48,8 @@ from plant.parts.arguments import known_options
 known_options(GeneticSettings)
 
 __all__ = [
-    "Assumed", "Budget", "Detection", "Diagnostics", "Fit", "FitTrial", "GearResonance", "GeneticResult",
-    "GeneticSettings", "GeneticState", "Identification", "IdentificationWarning", "Interval", "LinkSize", "Load",
-    "MotorFit", "Objective", "Oscillation", "PayloadEstimate", "Physical", "RecordError", "Search", "Sign",
-    "Spread", "Tolerances", "TorqueFit", "WrittenModel", "derivatives", "design_motion", "find_load", "fit_torque",
-    "friction_from_motor_test", "gain_from_current", "identify", "low_pass", "minimize_genetic", "nearest_physical",
-    "oscillation", "pulse_budget", "puma560_ranges", "ranges", "spread", "without_delay", "write_mjcf",
-    "write_urdf",
+    "GeneticSettings", "Identification", "IdentificationWarning", "LinkSize", "Objective", "RecordError",
+    "Tolerances", "design_motion", "find_load", "fit_torque", "friction_from_motor_test", "gain_from_current",
+    "identify", "minimize_genetic", "nearest_physical", "oscillation", "pulse_budget", "puma560_ranges",
+    "ranges", "spread", "without_delay", "write_mjcf", "write_urdf",
 ]  # fmt: skip

@@ -37,19 +37,6 @@ class Spread(Shown, Frozen):
         As a fraction.
     published : (p,) numpy.ndarray or None
         Alterations to print beside it.
-
-    See Also
-    --------
-    identification.spread
-
-    Examples
-    --------
-    >>> from plant import puma560, simulate
-    >>> from identification import spread
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
-    >>> series = spread(puma560.dynamics(), record, seeds=range(2), progress=False)
-    >>> series.f.shape
-    (2, 9)
     """
 
     names: tuple[str, ...]
@@ -113,7 +100,7 @@ def spread(
 
     See Also
     --------
-    identification.Spread, identification.identify
+    identification.identify
 
     Examples
     --------

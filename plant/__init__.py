@@ -24,12 +24,11 @@ All that is public is exported here; `docs/architecture.md` shows the house in o
 from plant.analysis.control_systems import to_control, to_timeresponse
 from plant.analysis.linearise import linearise, modes
 from plant.analysis.p_gains import p_gains
-from plant.checkup.finding import Checkup, Finding
 from plant.laws.cascade import Cascade
-from plant.laws.law import Block, Law, Setpoint, StatelessLaw
+from plant.laws.law import Law, Setpoint, StatelessLaw
 from plant.laws.pid import PD, PID, P
 from plant.laws.replayed import LoggedCurrent, LoggedTorque
-from plant.laws.resumed import AlongLog, Resumed
+from plant.laws.resumed import Resumed
 from plant.logs.logfile import LoadError, read_table
 from plant.logs.record import Record
 from plant.logs.several import read_records
@@ -56,21 +55,19 @@ from plant.mechanics.link import Link
 from plant.mechanics.load import load_body, load_matrix, load_parameters
 from plant.mechanics.lumping import Lumping
 from plant.mechanics.placement import Placement
-from plant.models.check import ModelCheck, ModelFinding, check_model
+from plant.models.check import check_model
 from plant.models.robot_file import Robot, read_robot, write_robot
 from plant.motion.demand import shortest_duration, torque_share
 from plant.motion.fastest import fastest
 from plant.motion.later import Later
 from plant.motion.link_reference import LinkReference
-from plant.motion.reference import Harmonics, Motion, PointToPoint, Reference, Spline
-from plant.motion.scaled import Scaled, slowed
+from plant.motion.reference import Harmonics, PointToPoint, Reference, Spline
+from plant.motion.scaled import slowed
 from plant.motion.table import Table
 from plant.motion.visibility import load_visibility, visibility
-from plant.parts.labels import joint_label, joint_labels
 from plant.parts.part import Part, number, part, structure
 from plant.realtime.first_motion import FirstMotion
 from plant.realtime.guards import Guards
-from plant.realtime.running import Running
 from plant.robots import catalogue, puma560
 from plant.siblings import check_siblings
 from plant.simulation.controller_log import write_replay
@@ -82,15 +79,14 @@ from plant.version import __version__ as __version__
 check_siblings()
 
 __all__ = [
-    "PD", "PID", "AlongLog", "Arm", "Block", "Body", "Cascade", "Chain", "Checkup", "CosineTorque",
-    "Counterbalance", "Coupling", "DivergenceError", "Drive", "Dynamics", "Elasticity", "Encoder", "Finding",
-    "FirstMotion", "FrictionCurve", "FrictionDrift", "Guards", "Harmonics", "Jitter", "JointSpring",
-    "KnownTorque", "Later", "Law", "Limits", "Link", "LinkReference", "LoadError", "LoggedCurrent",
-    "LoggedTorque", "Lumping", "ModelCheck", "ModelFinding", "Motion", "P", "Part", "Phase", "Placement",
-    "PointToPoint", "Presliding", "QuadratureError", "Record", "Reference", "Resumed", "Rig", "Robot",
-    "Running", "Scaled", "Setpoint", "Spline", "StatelessLaw", "SteppedArm", "Table", "TorqueRipple",
-    "Transport", "catalogue", "check_model", "fastest", "joint_label", "joint_labels", "linearise", "load_body",
-    "load_matrix", "load_parameters", "load_visibility", "modes", "number", "p_gains", "part", "puma560",
-    "read_records", "read_robot", "read_table", "replay", "shortest_duration", "simulate", "slowed",
-    "structure", "to_control", "to_timeresponse", "torque_share", "visibility", "write_replay", "write_robot",
+    "PD", "PID", "Arm", "Body", "Cascade", "Chain", "CosineTorque", "Counterbalance", "Coupling",
+    "DivergenceError", "Drive", "Dynamics", "Elasticity", "Encoder", "FirstMotion", "FrictionCurve",
+    "FrictionDrift", "Guards", "Harmonics", "Jitter", "JointSpring", "KnownTorque", "Later", "Law", "Limits",
+    "Link", "LinkReference", "LoadError", "LoggedCurrent", "LoggedTorque", "Lumping", "P", "Part", "Phase",
+    "Placement", "PointToPoint", "Presliding", "QuadratureError", "Record", "Reference", "Resumed", "Rig",
+    "Robot", "Setpoint", "Spline", "StatelessLaw", "SteppedArm", "Table", "TorqueRipple", "Transport",
+    "catalogue", "check_model", "fastest", "linearise", "load_body", "load_matrix", "load_parameters",
+    "load_visibility", "modes", "number", "p_gains", "part", "puma560", "read_records", "read_robot",
+    "read_table", "replay", "shortest_duration", "simulate", "slowed", "structure", "to_control",
+    "to_timeresponse", "torque_share", "visibility", "write_replay", "write_robot",
 ]  # fmt: skip

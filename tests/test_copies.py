@@ -9,7 +9,8 @@ import pytest
 
 from ctc import ComputedTorque, FeedForward
 from identification import identify
-from plant import PD, Scaled, catalogue, puma560, simulate, slowed
+from plant import PD, catalogue, puma560, simulate, slowed
+from plant.motion.scaled import Scaled
 
 RIG, PATH, ARM = puma560.rig(), puma560.reference(), puma560.arm()
 RECORD = simulate(ARM, RIG, puma560.p_law(), PATH, duration=0.4)

@@ -75,7 +75,7 @@ def test_mypy_passes_and_is_strict_where_public_things_are_defined():
         for name in package.__all__:
             thing = getattr(package, name)
             defined.add(thing.__name__ if inspect.ismodule(thing) else thing.__module__)
-    assert {name for name in defined if name.split(".")[0] in ("plant", "identification", "ctc")} == set(FACES)
+    assert {name for name in defined if name.split(".")[0] in ("plant", "identification", "ctc")} <= set(FACES)
 
 
 def test_a_user_s_script_has_types(tmp_path):

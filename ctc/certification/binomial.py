@@ -5,19 +5,6 @@ def clopper_pearson(failures: int, samples: int, confidence: float = 0.95) -> tu
     """Exact two-sided interval (low, high) of a probability, from how often something happened.
 
     ``clopper_pearson(k, n, 2 * c - 1)[1]`` is the one-sided upper bound at confidence c.
-
-    See Also
-    --------
-    ctc.Certificate
-
-    Examples
-    --------
-    >>> from ctc import clopper_pearson
-    >>> low, high = clopper_pearson(0, 10_000)
-    >>> print(f"{low:.4f} {high:.5f}")
-    0.0000 0.00037
-
-    Source: C. Clopper and E. Pearson, Biometrika 26 (1934), 404-413.
     """
     from scipy.special import betaincinv
 

@@ -61,7 +61,7 @@ class Certificate(Shown, Saved, Frozen):
 
     See Also
     --------
-    ctc.certify, ctc.Influence, ctc.Reserves
+    ctc.certify
 
     Examples
     --------

@@ -37,24 +37,6 @@ class Reserves(Shown):
         Longest sampling period at which it still holds [s], of those tried from below; None for a law without.
     tried : list of (str, float, int)
         Everything that was run: ``bandwidth`` or ``period``, its value, and how many left.
-
-    See Also
-    --------
-    ctc.Certificate, ctc.certify
-
-    Examples
-    --------
-    >>> from plant import puma560, simulate
-    >>> from identification import identify
-    >>> from ctc import ComputedTorque, certify
-    >>> path = puma560.reference()
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), path)
-    >>> found = identify(puma560.dynamics(), record, progress=False)
-    >>> law = ComputedTorque(found, bandwidth=150)
-    >>> certificate = certify(found, found.rig, law, path, samples=64, friction=0.02, progress=False)
-    >>> reserves = certificate.reserves(samples=64)
-    >>> reserves.holds
-    True
     """
 
     samples: int

@@ -21,18 +21,7 @@ _LITTLE, _CLEAR = 0.005, 0.1
 
 
 class Influence(NamedTuple):
-    """Sensitivity to one number: `share` of the variance explained (0 to 1), and rank correlation `direction`.
-
-    See Also
-    --------
-    ctc.Certificate
-
-    Examples
-    --------
-    >>> from ctc import Influence
-    >>> Influence(name="drive.coulomb[1]", share=0.6, direction=-0.8).sense
-    'decreasing'
-    """
+    """Sensitivity to one number: `share` of the variance explained (0 to 1), and rank correlation `direction`."""
 
     name: str
     share: float

@@ -186,7 +186,7 @@ def plot_comparison(evaluations: dict[str, Any], ax: Any = None) -> NDArray[Any]
 
     See Also
     --------
-    ctc.Comparison, ctc.plot_evaluation
+    ctc.plot_evaluation
 
     Examples
     --------

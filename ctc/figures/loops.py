@@ -31,10 +31,6 @@ def plot_margins(margins: Any, ax: Any = None) -> NDArray[Any]:
     ValueError
         Another number of Axes.
 
-    See Also
-    --------
-    ctc.Margins
-
     Examples
     --------
     >>> from plant import puma560
@@ -87,10 +83,6 @@ def plot_sweep(sweep: Any, ax: Any = None) -> NDArray[Any]:
     ------
     ValueError
         Another number of Axes.
-
-    See Also
-    --------
-    ctc.ResonanceSweep
 
     Examples
     --------

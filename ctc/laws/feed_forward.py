@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw, base
-from plant import Block, Law, Rig, Setpoint
+from plant import Law, Rig, Setpoint
+from plant.laws.law import Block
 from plant.parts.part import part, structure
 
 

@@ -9,11 +9,13 @@ from numpy.typing import ArrayLike
 
 from identification import Identification
 from identification.results.doubts import warn_of_doubts
-from plant import Arm, Block, Law, Rig, Running
+from plant import Arm, Law, Rig
 from plant.analysis.sampled_loops import SampledLoops
+from plant.laws.law import Block
 from plant.machine.motor_inertia import require_inertia
 from plant.parts.arguments import array, instance
 from plant.parts.part import number, structure
+from plant.realtime.running import Running
 
 T = TypeVar("T")
 

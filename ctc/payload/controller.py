@@ -12,7 +12,7 @@ from ctc.payload.events import PayloadEvent
 from identification.payload.posterior import PayloadEstimate
 from identification.payload.torque_window import Window
 from identification.payload.worker import Worker, shared_worker
-from plant import Running
+from plant.realtime.running import Running
 
 _SETTLE = 0.1
 """From the start, in which nothing is collected and no change is looked for: the observers settle [s]."""
@@ -56,20 +56,6 @@ class PayloadController:
         The law at work: ``.torque``, ``.status``, ``.stopped`` and the rest.
     change : float
         The statistic on which changes are detected; `PayloadEstimator.alarm` is its limit.
-
-    See Also
-    --------
-    ctc.PayloadEstimator, ctc.PayloadEvent
-
-    Examples
-    --------
-    >>> from plant import puma560
-    >>> from ctc import ComputedTorque, PayloadEstimator
-    >>> rig = puma560.rig()
-    >>> law = ComputedTorque(puma560.literature_arm(0.0), rig, bandwidth=150)
-    >>> controller = PayloadEstimator(law, mass=(0, 5), position=(0.0, -0.43, 0.0)).start(rig, rig.counts((0, 0)))
-    >>> controller.step(rig.counts((0, 0)), (0, 0), (0, 0), (0, 0)).shape
-    (2,)
     """
 
     def __init__(self, estimator: Any, running: Running) -> None:

@@ -75,7 +75,7 @@ class PayloadEstimator:
 
     See Also
     --------
-    ctc.PayloadController, identification.PayloadEstimate, identification.find_load
+    identification.find_load
 
     Examples
     --------

@@ -26,16 +26,6 @@ class PayloadEvent(Shown):
         That were looked at; of those before the last the message said why they were not used.
     message : str
         Of the last window.
-
-    See Also
-    --------
-    ctc.PayloadController
-
-    Examples
-    --------
-    >>> from ctc import PayloadEvent
-    >>> PayloadEvent(time=1.2, kind="attached", before=0.0, after=1.5).after
-    1.5
     """
 
     time: float

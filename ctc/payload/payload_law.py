@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
 from ctc.payload.disturbance import observed
-from plant import Block, Law, Rig, Setpoint, load_matrix
+from plant import Law, Rig, Setpoint, load_matrix
+from plant.laws.law import Block
 from plant.mechanics.load import LOAD
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
@@ -57,19 +58,6 @@ class PayloadLaw(Law):
         Triple pole of the observer [rad/s].
     memory : float
         Time constant of the slow part [s].
-
-    See Also
-    --------
-    ctc.PayloadEstimator
-
-    Examples
-    --------
-    >>> from plant import Body, load_parameters, puma560
-    >>> from ctc import ComputedTorque, PayloadLaw
-    >>> law = ComputedTorque(puma560.literature_arm(0.0), puma560.rig(), bandwidth=150)
-    >>> per_kg = load_parameters(Body(mass=1, com=(0, -0.43, 0)))
-    >>> PayloadLaw(law=law, per_kg=per_kg, noise=(1, 1)).observer
-    60.0
     """
 
     law: Law = structure(Law)

@@ -58,19 +58,6 @@ class Margins(Shown):
         None for a rig whose gears are elastic.
     damping_ratio : float
         Of those gears.
-
-    See Also
-    --------
-    ctc.margins, ctc.error_loop, ctc.plot_margins
-
-    Examples
-    --------
-    >>> from plant import puma560
-    >>> from ctc import ComputedTorque, margins
-    >>> arm, rig = puma560.arm(), puma560.rig()
-    >>> result = margins(arm, rig, ComputedTorque(arm, rig, bandwidth=60))
-    >>> result.stable, result.gain_up.shape
-    (True, (2,))
     """
 
     stable: bool
@@ -144,7 +131,7 @@ def margins(
 
     See Also
     --------
-    ctc.Margins, ctc.error_loop, plant.linearise
+    ctc.error_loop, plant.linearise
 
     Examples
     --------

@@ -96,7 +96,7 @@ quadrature, load, load_position, delay, covariance, plants
 
     See Also
     --------
-    ctc.Tuning, ctc.certify, ctc.ComputedTorque
+    ctc.certify, ctc.ComputedTorque
 
     Examples
     --------

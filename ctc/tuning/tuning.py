@@ -36,21 +36,6 @@ class Trial(Shown, Frozen):
         Mean change of the torque from sample to sample, mean of the plants [N m]; infinite where one diverged.
     noise : float
         The same in shares of each joint's torque along the reference, mean of the joints.
-
-    See Also
-    --------
-    ctc.tune, ctc.Tuning
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from ctc import Trial
-    >>> from plant import puma560
-    >>> trial = Trial(
-    ...     family="P", law=puma560.p_law(), numbers={}, left=3, allowed=0, chatter=np.array([8.0, 4.0]), noise=0.5
-    ... )
-    >>> trial.left > trial.allowed
-    True
     """
 
     family: str
@@ -100,22 +85,6 @@ class Tuning(Shown, Frozen):
         Of the law, on plants of its own.
     fresh : int
         Plants of each trial.
-
-    See Also
-    --------
-    ctc.tune, ctc.Trial, ctc.Certificate
-
-    Examples
-    --------
-    >>> from plant import puma560, simulate
-    >>> from identification import identify
-    >>> from ctc import tune
-    >>> path = puma560.reference()
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), path)
-    >>> found = identify(puma560.dynamics(), record, progress=False)
-    >>> tuning = tune(found, found.rig, path, friction=0.02, samples=8, duration=0.1, progress=False)
-    >>> tuning.law.bandwidth > 0
-    True
     """
 
     law: Law

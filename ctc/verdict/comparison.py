@@ -52,20 +52,6 @@ class Comparison(Shown):
         By the name of the law, in the order given, without those that diverged.
     diverged : dict of str -> str
         By name, when and where the loop under a law diverged.
-
-    See Also
-    --------
-    ctc.compare, ctc.Evaluation
-
-    Examples
-    --------
-    >>> from plant import puma560
-    >>> from ctc import ComputedTorque, compare
-    >>> arm, rig = puma560.arm(), puma560.rig()
-    >>> laws = {"P": puma560.p_law(), "computed torque": ComputedTorque(arm, rig)}
-    >>> comparison = compare(arm, rig, laws, puma560.reference(), duration=0.5)
-    >>> [(name, each.within(1)) for name, each in comparison.evaluations.items()]
-    [('P', False), ('computed torque', True)]
     """
 
     evaluations: dict[str, Evaluation]
@@ -136,7 +122,7 @@ def compare(
 
     See Also
     --------
-    ctc.Comparison, ctc.evaluate
+    ctc.evaluate
 
     Examples
     --------

@@ -57,7 +57,7 @@ class Evaluation(Shown):
 
     See Also
     --------
-    ctc.evaluate, ctc.Comparison
+    ctc.evaluate
 
     Examples
     --------

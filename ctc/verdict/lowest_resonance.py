@@ -45,20 +45,6 @@ class LowestResonance(Shown, Frozen):
         Limit [pulses]; None where only stability is meant.
     reason : str
         Why it cannot be told, or that the loop leaves when rigid; empty otherwise.
-
-    See Also
-    --------
-    ctc.lowest_resonance, ctc.sweep_resonance
-
-    Examples
-    --------
-    >>> from plant import puma560
-    >>> from ctc import ComputedTorque, lowest_resonance
-    >>> arm, rig = puma560.arm(), puma560.rig()
-    >>> law = ComputedTorque(arm, rig, bandwidth=60)
-    >>> lowest = lowest_resonance(arm, rig, law, puma560.reference(), duration=0.5)
-    >>> print(float(lowest) > 10)                          # [Hz]
-    True
     """
 
     hz: float
@@ -145,7 +131,7 @@ def lowest_resonance(
 
     See Also
     --------
-    ctc.LowestResonance, ctc.sweep_resonance, ctc.margins
+    ctc.sweep_resonance, ctc.margins
 
     Examples
     --------

@@ -41,20 +41,6 @@ class ResonanceSweep(Shown, Frozen):
         By law, share of the samples at which every joint's counted error is within the limit; 0 where it diverged.
     rigid : dict of str -> float
         The same on rigid gears.
-
-    See Also
-    --------
-    ctc.sweep_resonance, ctc.lowest_resonance
-
-    Examples
-    --------
-    >>> from plant import puma560
-    >>> from ctc import ComputedTorque, sweep_resonance
-    >>> arm, rig = puma560.arm(), puma560.rig()
-    >>> laws = {"60 rad/s": ComputedTorque(arm, rig, bandwidth=60)}
-    >>> sweep = sweep_resonance(arm, rig, laws, puma560.reference(), hz=(30, 100), duration=0.3)
-    >>> sweep.hz, list(sweep.shares)
-    (array([ 30., 100.]), ['60 rad/s'])
     """
 
     hz: NDArray[np.float64]
@@ -124,7 +110,7 @@ def sweep_resonance(
 
     See Also
     --------
-    ctc.ResonanceSweep, ctc.lowest_resonance
+    ctc.lowest_resonance
 
     Examples
     --------

@@ -64,19 +64,6 @@ class FitTrial(Shown):
     passed : bool
         Whether it may be chosen: the most inclusive that may is.
     chosen : bool
-
-    See Also
-    --------
-    identification.fit_torque, identification.TorqueFit
-
-    Examples
-    --------
-    >>> from plant import puma560, simulate
-    >>> from identification import fit_torque
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
-    >>> fit = fit_torque(puma560.dynamics(), record)
-    >>> print([trial.at for trial in fit.bands if trial.chosen], fit.bands[0].unit)
-    [64.0] Hz
     """
 
     at: float

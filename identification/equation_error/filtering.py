@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plant import Motion
+from plant.motion.reference import Motion
 from plant.parts.arguments import real
 
 _ORDER = 4
@@ -17,17 +17,6 @@ def low_pass(x: ArrayLike, period: float, cutoff: float) -> NDArray[np.float64]:
     ------
     ValueError
         A cutoff that is not below half of the sample rate, or fewer samples than the filter needs.
-
-    See Also
-    --------
-    identification.derivatives
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from identification import low_pass
-    >>> print(low_pass(np.ones((1000, 1)), 0.001, 20.0)[500].round(6))
-    [1.]
     """
     from scipy.signal import butter, sosfiltfilt  # a third of a second that the genetic algorithm does not need
 
@@ -48,19 +37,6 @@ def derivatives(q: ArrayLike, period: float, cutoff: float) -> Motion:
     -------
     Motion
         q, qd, qdd, each (N, n).
-
-    See Also
-    --------
-    identification.low_pass, identification.fit_torque
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from identification import derivatives
-    >>> t = np.arange(2000) * 0.001
-    >>> motion = derivatives(np.sin(2 * t)[:, None], 0.001, cutoff=20)
-    >>> print(abs(motion.qd[500:-500, 0] - 2 * np.cos(2 * t)[500:-500]).max() < 1e-3)
-    True
     """
     q = low_pass(q, period, cutoff)
     qd = np.gradient(q, period, axis=0)

@@ -20,7 +20,8 @@ from identification.equation_error.motor_torque import torque_of
 from identification.equation_error.pulse_fit import CUTOFF, fit_systems, mode_in, speed_noise
 from identification.equation_error.regressor import System, compared, linear, regressor_along
 from identification.equation_error.torque_fit import TorqueFit
-from plant import Dynamics, Motion, Record
+from plant import Dynamics, Record
+from plant.motion.reference import Motion
 
 _BANDS = (0.5, 0.7, 1.0, 1.4)
 """Pass bands that are tried, in frequencies of the strongest oscillation."""

@@ -87,7 +87,7 @@ def fit_torque(
 
     See Also
     --------
-    identification.TorqueFit, identification.identify, identification.derivatives
+    identification.identify
 
     Examples
     --------

@@ -23,7 +23,7 @@ class RecordError(ValueError):
 
     See Also
     --------
-    plant.LoadError, plant.Checkup, identification.identify
+    plant.LoadError, identification.identify
 
     Examples
     --------

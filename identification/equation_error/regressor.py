@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.filtering import derivatives, low_pass
-from plant import Dynamics, Motion, Rig
+from plant import Dynamics, Rig
+from plant.motion.reference import Motion
 from plant.parts.arguments import array
 
 LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")

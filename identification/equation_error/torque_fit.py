@@ -75,19 +75,6 @@ class TorqueFit(Shown, Frozen):
         What the choice of the band rests on, narrowest first; empty where the band was stated.
     least_speeds : tuple of FitTrial
         The same of the least speed, most cautious first.
-
-    See Also
-    --------
-    identification.fit_torque, identification.FitTrial
-
-    Examples
-    --------
-    >>> from plant import puma560, simulate
-    >>> from identification import fit_torque
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
-    >>> fit = fit_torque(puma560.dynamics(), record)
-    >>> fit.f.shape, fit.std.shape
-    ((9,), (9,))
     """
 
     dynamics: Dynamics

@@ -43,20 +43,6 @@ class Load(Shown, Frozen):
         and 0 where the logs do not tell all of f, so that nothing was tested.
     warnings : tuple of str
         What should be known before the mass is trusted, one line each.
-
-    See Also
-    --------
-    identification.find_load
-
-    Examples
-    --------
-    >>> from plant import puma560, simulate
-    >>> from identification import find_load
-    >>> rig, law, path = puma560.rig(), puma560.p_law(), puma560.reference()
-    >>> record = simulate(puma560.literature_arm(1.5), rig, law, path)
-    >>> load = find_load(puma560.literature_arm(0.0), record, (0.0, -0.43, 0.0))
-    >>> print(load.names[:3])
-    ('mass', 'drive.viscous[0]', 'drive.viscous[1]')
     """
 
     mass: float

@@ -44,16 +44,6 @@ class PayloadEstimate(Shown, Frozen):
     misfit : float
         Root mean square of what remains of the torque equation, in standard deviations of the rounded counts.
     message : str
-
-    See Also
-    --------
-    ctc.PayloadEstimator
-
-    Examples
-    --------
-    >>> from identification import PayloadEstimate
-    >>> PayloadEstimate.__dataclass_fields__.keys() >= {"mass", "interval", "sufficient"}
-    True
     """
 
     mass: float

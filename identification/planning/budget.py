@@ -41,18 +41,6 @@ class Budget(Shown, Frozen):
         Smallest standard deviation of each with all of them unknown, from rounding alone.
     bound_alone : (k,) numpy.ndarray
         The same with all others known.
-
-    See Also
-    --------
-    identification.pulse_budget
-
-    Examples
-    --------
-    >>> from plant import puma560
-    >>> from identification import pulse_budget
-    >>> budget = pulse_budget(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=1.0)
-    >>> budget.names, budget.peak.shape
-    (('f1', 'f2', 'f3', 'f4', 'f5', 'f6', 'f7', 'f8', 'f9'), (9,))
     """
 
     dynamics: Dynamics
@@ -115,7 +103,7 @@ def pulse_budget(
 
     See Also
     --------
-    identification.Budget, identification.design_motion
+    identification.design_motion
 
     Examples
     --------

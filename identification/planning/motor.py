@@ -30,17 +30,6 @@ class MotorFit(Shown, Frozen):
     ----------
     names : tuple of str
     values, std : (k,) numpy.ndarray
-
-    See Also
-    --------
-    identification.friction_from_motor_test, identification.gain_from_current
-
-    Examples
-    --------
-    >>> from identification import friction_from_motor_test
-    >>> fit = friction_from_motor_test((-100, -50, 50, 100), (-1.4, -1.2, 1.2, 1.4), motor_gain=0.2)
-    >>> dict(zip(fit.names, fit.values.round(4).tolist()))
-    {'viscous': 0.0008, 'coulomb': 0.2, 'offset': -0.0}
     """
 
     names: tuple[str, ...]
@@ -82,7 +71,7 @@ def gain_from_current(record: Record) -> MotorFit:
 
     See Also
     --------
-    identification.MotorFit, identification.friction_from_motor_test
+    identification.friction_from_motor_test
 
     Examples
     --------
@@ -139,7 +128,7 @@ def friction_from_motor_test(speed: ArrayLike, current: ArrayLike, motor_gain: f
 
     See Also
     --------
-    identification.MotorFit, plant.FrictionCurve, identification.gain_from_current
+    plant.FrictionCurve, identification.gain_from_current
 
     Examples
     --------

@@ -21,17 +21,6 @@ class Interval:
 
     The result is the exact range where every quantity occurs once, or always with the same sign of its influence, as
     in equation (3).
-
-    See Also
-    --------
-    identification.LinkSize, identification.ranges
-
-    Examples
-    --------
-    >>> from identification import Interval
-    >>> mass, length = Interval(1, 2), Interval(-0.1, 0.3)
-    >>> mass * length, length**2
-    (Interval(low=-0.2, high=0.6), Interval(low=0.0, high=0.09))
     """
 
     low: float
@@ -163,7 +152,7 @@ def ranges(
 
     See Also
     --------
-    identification.LinkSize, identification.Interval, identification.puma560_ranges
+    identification.LinkSize, identification.puma560_ranges
 
     Examples
     --------

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.replay.experiment import Experiment
-from plant import Law, Motion, Phase, Record
+from plant import Law, Phase, Record
+from plant.motion.reference import Motion
 from plant.simulation.closed_loop import ClosedLoop, bounded
 from plant.simulation.followed_path import Logged
 from plant.simulation.threads import shared_out

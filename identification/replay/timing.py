@@ -74,7 +74,7 @@ def without_delay(record: Record, samples: float) -> Record:
 
     See Also
     --------
-    identification.Diagnostics, plant.Record
+    plant.Record
 
     Examples
     --------

@@ -62,19 +62,6 @@ class Sign(Shown, Frozen):
         Estimates, in the units of `Extended`.
     visible : dict
         The least of each that this log would show, in the same units.
-
-    See Also
-    --------
-    identification.Detection
-
-    Examples
-    --------
-    >>> from plant import puma560, simulate
-    >>> from identification import identify
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
-    >>> signs = identify(puma560.dynamics(), record, progress=False).diagnostics.detection.signs
-    >>> print(any(sign.significant for sign in signs))
-    False
     """
 
     name: str

@@ -34,20 +34,6 @@ class Assumed(Shown, Frozen):
         Change of each value if the assumed number is 1 % larger, and all is found anew.
     std : (k,) numpy.ndarray
         Standard deviations of the values.
-
-    See Also
-    --------
-    identification.Identification, identification.Tolerances
-
-    Examples
-    --------
-    >>> from plant import puma560, simulate
-    >>> from identification import identify
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
-    >>> found = identify(puma560.dynamics(), record, progress=False)
-    >>> assumed = found.assumed()
-    >>> assumed.unknown[:2], assumed.names[:2]
-    (('f1', 'f2'), ('drive.gear[0]', 'drive.gear[1]'))
     """
 
     names: tuple[str, ...]

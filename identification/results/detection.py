@@ -52,19 +52,6 @@ class Detection(Shown, Frozen):
         Their least standard deviations, from how they differ between stretches or runs; see `clustered`.
     assumed : dict
         Their change (k,) if a gear, a motor's gain, or a gain of the law is 1 % larger, by its name.
-
-    See Also
-    --------
-    identification.Identification, identification.Sign
-
-    Examples
-    --------
-    >>> from plant import puma560, simulate
-    >>> from identification import identify
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
-    >>> found = identify(puma560.dynamics(), record, progress=False)
-    >>> print(found.diagnostics.detection.names)           # of what the log contradicts: nothing
-    ()
     """
 
     signs: tuple[Sign, ...] = ()

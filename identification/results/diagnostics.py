@@ -45,19 +45,6 @@ class Diagnostics(Shown, Frozen):
     law_apart : tuple
         Of each record that was searched: how far the logged torque of each joint (n,) is from what the stated law gives
         along the log, from the best state, as a share of it (rms); None where that cannot be told.
-
-    See Also
-    --------
-    identification.Identification, identification.Detection
-
-    Examples
-    --------
-    >>> from plant import puma560, simulate
-    >>> from identification import identify
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
-    >>> found = identify(puma560.dynamics(), record, progress=False)
-    >>> print(abs(found.diagnostics.delay) < 0.1)          # samples
-    True
     """
 
     objective: float

@@ -52,7 +52,7 @@ class Identification(Shown, Saved, Frozen):
 
     See Also
     --------
-    identification.identify, identification.Fit, identification.Diagnostics, ctc.write_report
+    identification.identify, ctc.write_report
 
     Examples
     --------

@@ -45,20 +45,6 @@ class WrittenModel(Shown, Frozen):
         The arm with the f that bodies and rotors have.
     difference : (p,) numpy.ndarray
         That f minus the one that was asked for; zero unless ``nearest=True`` was needed.
-
-    See Also
-    --------
-    identification.write_urdf, identification.write_mjcf
-
-    Examples
-    --------
-    >>> from plant import Chain, Dynamics, read_robot
-    >>> from identification import write_urdf
-    >>> source = read_robot("ur5e").model
-    >>> dynamics = Dynamics.from_chain(Chain.from_urdf(source, joints=["shoulder_lift", "elbow"]))
-    >>> arm = dynamics.arm(dynamics.f())
-    >>> print(abs(write_urdf(arm, source, "new.urdf").difference).max() < 1e-9)
-    True
     """
 
     path: Path

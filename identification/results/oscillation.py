@@ -53,18 +53,6 @@ class Oscillation(Shown, Frozen):
     record : Record
     joints : tuple of str
         What to call each joint.
-
-    See Also
-    --------
-    identification.oscillation
-
-    Examples
-    --------
-    >>> from plant import puma560, simulate
-    >>> from identification import oscillation
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
-    >>> print(oscillation(record).frequency > 0)
-    True
     """
 
     frequency: float
@@ -128,7 +116,7 @@ def oscillation(record: Record, arm: Arm | None = None) -> Oscillation:
 
     See Also
     --------
-    identification.Oscillation, identification.Objective
+    identification.Objective
 
     Examples
     --------

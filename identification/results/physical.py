@@ -42,20 +42,6 @@ class Physical(Shown, Frozen):
     distance : float
         From what was found, in standard deviations (root of chi squared); with p numbers, up to about sqrt(p) + 2 is
         noise, and far more says that the rig or the boxes are wrong.
-
-    See Also
-    --------
-    identification.nearest_physical, identification.write_urdf
-
-    Examples
-    --------
-    >>> from plant import puma560, simulate
-    >>> from identification import identify, nearest_physical
-    >>> record = simulate(puma560.literature_arm(1.5), puma560.rig(), puma560.p_law(), puma560.reference())
-    >>> found = identify(puma560.dynamics(), record, progress=False)
-    >>> near = nearest_physical(found, [((-0.6, 0.6), (-0.6, 0.6), (-0.3, 0.3))] * 2, points=3)
-    >>> near.arm.f.shape
-    (9,)
     """
 
     arm: Arm
@@ -99,7 +85,7 @@ def nearest_physical(found: Identification, boxes: ArrayLike, *, points: int = 5
 
     See Also
     --------
-    identification.Physical, identification.write_urdf
+    identification.write_urdf
 
     Examples
     --------

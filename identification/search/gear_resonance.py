@@ -36,18 +36,6 @@ class GearResonance(Shown, Frozen):
     played : tuple of str
         Joints whose gear has backlash that the rig does not state. A search takes it for compliance, in all gears that
         it looks for, so that low is a bound there: the gear is stiffer.
-
-    See Also
-    --------
-    identification.Identification, ctc.lowest_resonance
-
-    Examples
-    --------
-    >>> from plant import puma560, simulate
-    >>> from identification import identify
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
-    >>> print(identify(puma560.dynamics(), record, progress=False).resonance)   # of rigid gears: none
-    None
     """
 
     joints: tuple[str, ...]

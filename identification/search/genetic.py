@@ -96,21 +96,7 @@ class GeneticSettings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GeneticState:
-    """The running state; each generation makes a new one, so a callback may keep it. Source: paper section 3.1.
-
-    See Also
-    --------
-    identification.minimize_genetic
-
-    Examples
-    --------
-    >>> from identification import minimize_genetic
-    >>> result = minimize_genetic(
-    ...     lambda x: (x**2).sum(axis=1), [(-1, 1)], callback=lambda state: state.best_cost < 1e-3
-    ... )
-    >>> print(result.cost < 1e-3)
-    True
-    """
+    """The running state; each generation makes a new one, so a callback may keep it. Source: paper section 3.1."""
 
     chromosomes: Bits  # (P, L) of 0 and 1
     costs: Floats  # (P,)
@@ -125,19 +111,7 @@ class GeneticState:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GeneticResult:
-    """What `minimize_genetic` found. Source: paper section 3.1.
-
-    See Also
-    --------
-    identification.minimize_genetic, identification.GeneticState
-
-    Examples
-    --------
-    >>> from identification import minimize_genetic
-    >>> result = minimize_genetic(lambda x: ((x - 0.3) ** 2).sum(axis=1), [(0, 1), (0, 1)])
-    >>> result.evaluations, len(result.history)
-    (3120, 41)
-    """
+    """What `minimize_genetic` found. Source: paper section 3.1."""
 
     x: Floats  # (p,) best individual evaluated in the whole run
     cost: float  # its cost, as evaluated
@@ -194,7 +168,7 @@ def minimize_genetic(
 
     See Also
     --------
-    identification.GeneticSettings, identification.GeneticResult
+    identification.GeneticSettings
 
     Examples
     --------

@@ -17,7 +17,8 @@ from identification.replay.experiment import with_zeros
 from identification.replay.objective import Objective
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem
-from plant import AlongLog, Record, Resumed
+from plant import Record, Resumed
+from plant.laws.resumed import AlongLog
 
 _BY_CHANCE = 5.0
 """Standard deviations by which a sum of squares may fall by chance, where more is unknown."""

@@ -49,19 +49,6 @@ class Fit(Shown, Frozen):
         Observer gains of the innovations, of position and of speed, where these were fitted.
     resonance : GearResonance or None
         Of elastic gears. Where it only gives a bound, stiffness and damping have no variance.
-
-    See Also
-    --------
-    identification.Identification
-
-    Examples
-    --------
-    >>> from plant import puma560, simulate
-    >>> from identification import identify
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
-    >>> fit = identify(puma560.dynamics(), record, progress=False).fit
-    >>> fit.values.shape, fit.std.shape
-    ((9,), (9,))
     """
 
     unknown: tuple[str, ...]

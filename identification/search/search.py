@@ -48,19 +48,6 @@ class Search(Shown, Frozen):
         Of the whole identification.
     message : str
         Why the search ended.
-
-    See Also
-    --------
-    identification.Identification, identification.GeneticSettings
-
-    Examples
-    --------
-    >>> from plant import puma560, simulate
-    >>> from identification import identify
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
-    >>> search = identify(puma560.dynamics(), record, progress=False).search
-    >>> search.method, search.seed
-    ('seeded', 0)
     """
 
     method: str

@@ -34,7 +34,7 @@ class Tolerances(Frozen):
 
     See Also
     --------
-    identification.identify, identification.Assumed
+    identification.identify
 
     Examples
     --------

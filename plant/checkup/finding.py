@@ -31,16 +31,6 @@ class Finding(Shown):
         "fine", "look", "wrong", or "cannot tell: " and why.
     advice : str
         What to do, one sentence; empty where there is nothing to do.
-
-    See Also
-    --------
-    plant.Checkup
-
-    Examples
-    --------
-    >>> from plant import Finding
-    >>> Finding.graded("peak error", 0, 3.0, "pulses", look=2.0, wrong=10.0, advice="Lower the gain.").verdict
-    'look'
     """
 
     check: str
@@ -99,18 +89,6 @@ class Checkup(Shown):
     findings : tuple of Finding
     joint_labels : tuple of str
         What the table calls each joint.
-
-    See Also
-    --------
-    plant.Finding, plant.Record, identification.Identification
-
-    Examples
-    --------
-    >>> from plant import puma560, simulate
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5)
-    >>> checkup = record.check()
-    >>> checkup.ok, len(checkup.problems)
-    (True, 0)
     """
 
     findings: tuple[Finding, ...]

@@ -29,7 +29,7 @@ class Setpoint(NamedTuple):
 
     See Also
     --------
-    plant.Law, plant.Motion
+    plant.Law
 
     Examples
     --------
@@ -62,17 +62,6 @@ class Block:
     values : (k,) numpy.ndarray
     period : float or None
         [s]
-
-    See Also
-    --------
-    plant.Law
-
-    Examples
-    --------
-    >>> from plant import P, puma560
-    >>> block = P(gain=(0.2, 0.1)).block(puma560.rig())
-    >>> block.names[:2], block.period
-    (['law.gain[0]', 'law.gain[1]'], None)
     """
 
     step: ca.Function
@@ -89,7 +78,7 @@ class Law(Part, abc.ABC):
 
     See Also
     --------
-    plant.StatelessLaw, plant.Block, plant.Running
+    plant.StatelessLaw
 
     Examples
     --------

@@ -31,7 +31,7 @@ class Resumed(Law):
 
     See Also
     --------
-    plant.AlongLog, plant.Law
+    plant.Law
 
     Examples
     --------
@@ -103,17 +103,6 @@ class AlongLog(Resumed):
     whole : bool
         Whether counts are whole numbers that the law reads as they are. Fast hardware, without a period, is given
         straight lines between the middles of their cells.
-
-    See Also
-    --------
-    plant.Resumed, plant.LoggedTorque, plant.replay
-
-    Examples
-    --------
-    >>> from plant import AlongLog, PD, puma560
-    >>> law = AlongLog(law=PD(gain=(0.2, 0.1), derivative=(0.004, 0.002), filter=600.0), state=(0, 0))
-    >>> law.period is None, law.law.gain
-    (True, array([0.2, 0.1]))
     """
 
     whole: bool = structure(bool, default=True)

@@ -78,7 +78,7 @@ class Record(FromFiles, Frozen):
 
     See Also
     --------
-    plant.simulate, plant.read_records, plant.Checkup, identification.identify
+    plant.simulate, plant.read_records, identification.identify
 
     Examples
     --------

@@ -57,16 +57,6 @@ class ModelFinding(Shown):
         stated.
     repair : Body or None
         In the link's frame; None where the file does not tell.
-
-    See Also
-    --------
-    plant.check_model, plant.ModelCheck
-
-    Examples
-    --------
-    >>> from plant import ModelFinding
-    >>> ModelFinding(link="arm", mistake="mass below zero", evidence=1.0, repair=None).link
-    'arm'
     """
 
     link: str
@@ -90,20 +80,6 @@ class ModelCheck(Shown):
     ----------
     path : Path
     findings : tuple of ModelFinding
-
-    See Also
-    --------
-    plant.check_model, plant.ModelFinding, identification.write_urdf
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from plant import check_model
-    >>> link = '<link name="arm"><inertial><mass value="-2"/></inertial></link>'
-    >>> text = f'<robot name="r"><link name="base"/>{link}</robot>'
-    >>> _ = Path("arm.urdf").write_text(text)
-    >>> check_model("arm.urdf").ok
-    False
     """
 
     path: Path
@@ -164,7 +140,7 @@ def check_model(path: str | Path) -> ModelCheck:
 
     See Also
     --------
-    plant.ModelCheck, identification.write_urdf
+    identification.write_urdf
 
     Examples
     --------

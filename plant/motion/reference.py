@@ -21,19 +21,7 @@ _FREE = 6
 
 
 class Motion(NamedTuple):
-    """Position [rad], velocity [rad/s] and acceleration [rad/s^2], each (N, n), joint side.
-
-    See Also
-    --------
-    plant.Reference, identification.derivatives
-
-    Examples
-    --------
-    >>> from plant import puma560
-    >>> motion = puma560.reference()([0.0, 0.1])
-    >>> motion.q.shape, motion._fields
-    ((2, 2), ('q', 'qd', 'qdd'))
-    """
+    """Position [rad], velocity [rad/s] and acceleration [rad/s^2], each (N, n), joint side."""
 
     q: NDArray[np.float64]
     qd: NDArray[np.float64]

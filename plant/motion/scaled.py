@@ -31,17 +31,6 @@ class Scaled(Timed):
     stays : bool
         Outside its times the motion rests at its first or last point. With False it goes on along the path, at the
         first or last speed; a periodic path repeats.
-
-    See Also
-    --------
-    plant.slowed, plant.fastest
-
-    Examples
-    --------
-    >>> from plant import puma560, slowed
-    >>> path = slowed(puma560.reference(), 2.0)
-    >>> type(path).__name__, path.duration
-    ('Scaled', 7.3)
     """
 
     path: Reference = structure(Reference)
@@ -115,7 +104,7 @@ def slowed(reference: Reference, factor: float) -> Scaled:
 
     See Also
     --------
-    plant.Scaled, plant.shortest_duration
+    plant.shortest_duration
 
     Examples
     --------

@@ -64,7 +64,7 @@ class FirstMotion:
 
     See Also
     --------
-    plant.Guards, plant.Running
+    plant.Guards
 
     Examples
     --------

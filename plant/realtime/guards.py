@@ -95,7 +95,7 @@ class Guards:
 
     See Also
     --------
-    plant.Running, plant.FirstMotion, plant.Law
+    plant.FirstMotion, plant.Law
 
     Examples
     --------

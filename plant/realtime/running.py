@@ -57,18 +57,6 @@ class Running:
         Number of calls with a bridged sample.
     status : Status
         A str: "running", with what was bridged last, or "safe stop" and why; ``status.brake`` asks for the brakes.
-
-    See Also
-    --------
-    plant.Law, plant.Guards, plant.SteppedArm
-
-    Examples
-    --------
-    >>> from plant import puma560
-    >>> controller = puma560.p_law().start(puma560.rig(), (0, 0))
-    >>> torque = controller.step((0, 0), (0.001, 0), (0, 0), (0, 0))
-    >>> controller.stopped, str(controller.status)
-    (False, 'running')
     """
 
     def __init__(

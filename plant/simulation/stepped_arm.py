@@ -41,7 +41,7 @@ class SteppedArm:
 
     See Also
     --------
-    plant.Running, plant.simulate
+    plant.simulate
 
     Examples
     --------

@@ -14,7 +14,8 @@ import time
 
 import numpy as np
 
-from ctc import ComputedTorque, certify, clopper_pearson
+from ctc import ComputedTorque, certify
+from ctc.certification.binomial import clopper_pearson
 from identification import identify
 from plant import Phase, puma560, simulate
 

@@ -16,8 +16,9 @@ import time
 
 import numpy as np
 
-from identification import Detection, identify
+from identification import identify
 from identification.results import diagnostics
+from identification.results.detection import Detection
 from identification.results.seen import seen
 from plant import PD, Elasticity, LoggedTorque, puma560, simulate
 from plant.machine.encoder import Phase

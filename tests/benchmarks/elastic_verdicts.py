@@ -17,7 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ctc import ComputedTorque, ComputedTorquePID, FeedForward, certify, clopper_pearson
+from ctc import ComputedTorque, ComputedTorquePID, FeedForward, certify
+from ctc.certification.binomial import clopper_pearson
 from identification import identify
 from plant import PD, Elasticity, P, puma560, simulate
 

@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from scipy.stats import beta, binom, rankdata
 
 import ctc.certification.reserves
-from ctc import ComputedTorque, certify, clopper_pearson, evaluate
+from ctc import ComputedTorque, certify, evaluate
+from ctc.certification.binomial import clopper_pearson
 from ctc.certification.sensitivity import influences, ranked
 from ctc.certification.uncertainty import Uncertainty
 from identification import identify

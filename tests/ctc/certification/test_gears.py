@@ -6,7 +6,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from ctc import ComputedTorque, certify, clopper_pearson, evaluate, margins, sweep_resonance
+from ctc import ComputedTorque, certify, evaluate, margins, sweep_resonance
+from ctc.certification.binomial import clopper_pearson
 from ctc.certification.cells import cells
 from ctc.certification.gears import Gears
 from ctc.stability.error_loop import open_loops

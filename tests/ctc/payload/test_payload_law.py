@@ -8,7 +8,8 @@ import subprocess
 import numpy as np
 import pytest
 
-from ctc import ComputedTorque, ComputedTorqueIntegral, ComputedTorquePID, PayloadLaw
+from ctc import ComputedTorque, ComputedTorqueIntegral, ComputedTorquePID
+from ctc.payload.payload_law import PayloadLaw
 from plant import PD, Body, JointSpring, SteppedArm, load_matrix, load_parameters, puma560, simulate
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()

@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from ctc import ComputedTorque, FlexibleJointComputedTorque, certify, clopper_pearson, tune
+from ctc import ComputedTorque, FlexibleJointComputedTorque, certify, tune
+from ctc.certification.binomial import clopper_pearson
 from ctc.certification.gears import Gears
 from ctc.certification.uncertainty import Uncertainty
 from ctc.tuning.families import families

@@ -6,7 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ctc import Comparison, ComputedTorque, compare, evaluate
+from ctc import ComputedTorque, compare, evaluate
+from ctc.verdict.comparison import Comparison
 from plant import DivergenceError, puma560
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()

@@ -7,7 +7,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ctc import Comparison, ComputedTorque, LowestResonance, certify, evaluate, margins
+from ctc import ComputedTorque, certify, evaluate, margins
+from ctc.verdict.comparison import Comparison
+from ctc.verdict.lowest_resonance import LowestResonance
 from plant import Dynamics, Harmonics, catalogue, p_gains
 
 NAMES = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")

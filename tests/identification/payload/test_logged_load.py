@@ -6,8 +6,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from identification import Load, find_load, identify
+from identification import find_load, identify
 from identification.equation_error.least_squares import NotIdentifiableError
+from identification.payload.load import Load
 from identification.payload.load_search import LoadSearch
 from plant import PID, Body, Harmonics, load_matrix, load_parameters, puma560, simulate
 

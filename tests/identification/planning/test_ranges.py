@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from identification import Interval, LinkSize, puma560_ranges, ranges
-from identification.planning.ranges import centre_range, greatest_inertia
+from identification import LinkSize, puma560_ranges, ranges
+from identification.planning.ranges import Interval, centre_range, greatest_inertia
 from plant import Body, Drive, puma560
 
 ROUNDING = 1e-12

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from ctc import certify
-from identification import Assumed, Tolerances, identify
+from identification import Tolerances, identify
+from identification.results.assumed import Assumed
 from plant import Dynamics, puma560, simulate
 
 EXACT = {"progress": False, "tolerances": Tolerances.none()}

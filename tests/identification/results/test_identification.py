@@ -6,7 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from identification import Diagnostics, Fit, Search, fit_torque, identify, pulse_budget
+from identification import fit_torque, identify, pulse_budget
+from identification.results.diagnostics import Diagnostics
+from identification.search.outcome import Fit
+from identification.search.search import Search
 from plant import Dynamics, puma560, simulate
 
 RIG, LAW, PATH = puma560.rig(), puma560.p_law(), puma560.reference()

@@ -21,7 +21,6 @@ from plant import (
     Record,
     Reference,
     Rig,
-    Scaled,
     Spline,
     Table,
     fastest,
@@ -30,6 +29,7 @@ from plant import (
     simulate,
     slowed,
 )
+from plant.motion.scaled import Scaled
 from plant.parts.plain import from_plain
 from plant.robots.catalogue import planar
 from plant.simulation.closed_loop import ClosedLoop

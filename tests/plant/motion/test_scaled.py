@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from plant import Harmonics, PointToPoint, Record, Scaled, Spline, puma560, simulate, slowed
+from plant import Harmonics, PointToPoint, Record, Spline, puma560, simulate, slowed
+from plant.motion.scaled import Scaled
 from plant.parts.plain import from_plain
 
 MOVE = PointToPoint(start=(0.1, -1.0), goal=(1.3, 0.5), duration=0.8)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from plant import joint_label, joint_labels
+from plant.parts.labels import joint_label, joint_labels
 
 
 @pytest.mark.parametrize(

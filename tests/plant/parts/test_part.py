@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from plant import (
     PD,
     PID,
-    AlongLog,
     Body,
     Cascade,
     Chain,
@@ -48,6 +47,7 @@ from plant import (
     simulate,
     slowed,
 )
+from plant.laws.resumed import AlongLog
 from plant.machine.current_lag import CurrentLag
 from plant.machine.friction_changes import FrictionDrift, LoadFriction
 from plant.parts.kinds import PARTS
