@@ -9,9 +9,13 @@ from pathlib import Path
 
 from docutils import nodes
 from latex2mathml.converter import convert
+from sphinx.addnodes import download_reference
+from sphinx.util.docutils import ReferenceRole
 
 sys.path[:0] = [str(Path(__file__).resolve().parent.parent), str(Path(__file__).resolve().parent)]
 os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"  # figures appear below their cell
+
+script = importlib.import_module("script")  # docs/script.py, which the line above lets Python find
 
 project = "onepulse"
 author = "The onepulse authors"
@@ -73,6 +77,20 @@ autosummary_filename_map = {  # names that differ in capitals alone would be one
 }
 
 
+class ScriptDownload(ReferenceRole):
+    """{script-download}`name.py`: write the page as a script beside its executed notebook, and link to it."""
+
+    def run(self):
+        target = Path(self.env.mystnb_config.output_folder, *self.env.docname.split("/")[:-1], self.target)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        page = Path(self.env.doc2path(self.env.docname)).read_text(encoding="utf-8")
+        target.write_text(script.script(page), encoding="utf-8")
+        node = download_reference(self.rawtext, reftarget="/" + os.path.relpath(target, self.env.srcdir))
+        self.set_source_info(node)
+        node += nodes.literal(self.rawtext, self.target, classes=["xref", "download"])
+        return [node], []
+
+
 def setup(app):
     """Formulas as MathML, which browsers draw by themselves: the pages need no network."""
 
@@ -94,7 +112,6 @@ def setup(app):
             lines[sections[0] - 1 : sections[0] - 1] = [*source, ""]
 
     app.connect("autodoc-process-docstring", source_first, priority=100)
-    script = importlib.import_module("script")
-    app.add_role("script-download", script.ScriptDownload())
+    app.add_role("script-download", ScriptDownload())
     app.connect("env-updated", script.notebooks_for_download)
     app.add_html_math_renderer("mathml", (inline, None), (display, None))

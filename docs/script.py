@@ -1,17 +1,12 @@
-"""A page of cells as a file for download: a Python script, {script-download}`name.py`, and the executed notebook.
+"""A page of cells as a file for download: a Python script, and the executed notebook.
 
 A notebook that was downloaded stands alone: what it links to is the site's, by its address.
 """
 
 import json
-import os
 import posixpath
 import re
 from pathlib import Path
-
-from docutils import nodes
-from sphinx.addnodes import download_reference
-from sphinx.util.docutils import ReferenceRole
 
 PARTS = re.compile(r"^```{code-cell}\n(?::[^\n]*\n)*(.*?)^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\[([^\]]*)\]\(([^):#\s]+)\.md(#[\w-]*)?\)")
@@ -77,17 +72,3 @@ def notebooks_for_download(app, env):
             notebook = json.loads(path.read_text(encoding="utf-8"))
             alone = standing_alone(notebook, posixpath.dirname(page), titles, app.config.html_baseurl)
             path.write_text(json.dumps(alone, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-
-
-class ScriptDownload(ReferenceRole):
-    """Write the page that holds the role as a script beside its executed notebook, and link to it."""
-
-    def run(self):
-        target = Path(self.env.mystnb_config.output_folder, *self.env.docname.split("/")[:-1], self.target)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        page = Path(self.env.doc2path(self.env.docname)).read_text(encoding="utf-8")
-        target.write_text(script(page), encoding="utf-8")
-        node = download_reference(self.rawtext, reftarget="/" + os.path.relpath(target, self.env.srcdir))
-        self.set_source_info(node)
-        node += nodes.literal(self.rawtext, self.target, classes=["xref", "download"])
-        return [node], []
