@@ -31,9 +31,7 @@ for _name in ("plant", "identification"):
 
 from ctc.certification.certificate import Certificate
 from ctc.certification.certify import certify
-from ctc.certification.figure import plot_certificate
-from ctc.figures.errors import plot_comparison, plot_evaluation, plot_phase
-from ctc.figures.loops import plot_margins, plot_sweep
+from ctc.certification.uncertainty import Uncertainty
 from ctc.figures.records import plot_identification, plot_record
 from ctc.laws.adaptive import Adaptive
 from ctc.laws.computed_torque import ComputedTorque
@@ -44,21 +42,18 @@ from ctc.laws.flexible_joint import FlexibleJointComputedTorque
 from ctc.laws.sliding_mode import SlidingMode
 from ctc.payload.estimator import PayloadEstimator
 from ctc.report.report import write_report
-from ctc.stability.design import kalman_gains, lqr_gains, motor_gain, observer_gains, pid_gains
+from ctc.stability.design import motor_gain, observer_gains, pid_gains
 from ctc.stability.error_loop import error_loop
 from ctc.stability.margins import margins
 from ctc.tuning.tune import tune
 from ctc.verdict.animation import animate, plot_arm
 from ctc.verdict.comparison import compare
 from ctc.verdict.evaluation import Evaluation, evaluate
-from ctc.verdict.lowest_resonance import lowest_resonance
 from ctc.verdict.resonance_sweep import sweep_resonance
 
 __all__ = [
     "Adaptive", "Certificate", "ComputedTorque", "ComputedTorqueIntegral", "ComputedTorquePID", "Evaluation",
-    "FeedForward", "FlexibleJointComputedTorque", "PDGravity", "PayloadEstimator", "SlidingMode", "animate",
-    "certify", "compare", "error_loop", "evaluate", "kalman_gains", "lowest_resonance", "lqr_gains", "margins",
-    "motor_gain", "observer_gains", "pid_gains", "plot_arm", "plot_certificate", "plot_comparison",
-    "plot_evaluation", "plot_identification", "plot_margins", "plot_phase", "plot_record", "plot_sweep",
-    "sweep_resonance", "tune", "write_report",
+    "FeedForward", "FlexibleJointComputedTorque", "PDGravity", "PayloadEstimator", "SlidingMode", "Uncertainty",
+    "animate", "certify", "compare", "error_loop", "evaluate", "margins", "motor_gain", "observer_gains",
+    "pid_gains", "plot_arm", "plot_identification", "plot_record", "sweep_resonance", "tune", "write_report",
 ]  # fmt: skip

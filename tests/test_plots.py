@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from uncertain import with_uncertainty
 
 import ctc
 import identification
@@ -18,7 +19,6 @@ from ctc import (
     margins,
     plot_arm,
     plot_identification,
-    plot_phase,
     plot_record,
     sweep_resonance,
 )
@@ -59,7 +59,7 @@ def found():
 @functools.cache
 def certificate(**options):
     drawn = {"covariance": np.diag((0.02 * ARM.f) ** 2), "samples": 40, "progress": False}
-    return certify(ARM, RIG, LAW, PATH, **drawn, **SHORT | {"steps_per_sample": 8}, **options)
+    return certify(ARM, RIG, LAW, PATH, **with_uncertainty(**drawn, **SHORT | {"steps_per_sample": 8}, **options))
 
 
 def models(ax=None):
@@ -84,15 +84,7 @@ PLOTS = {
     "Certificate.plot, resonances": (lambda ax=None: certificate(resonance=(200, 300)).plot(ax=ax), (4,)),
     "Identification.plot": (lambda ax=None: found().plot(ax=ax), (8,)),
     "Oscillation.plot": (lambda ax=None: oscillation(record(), ARM).plot(ax=ax), (3,)),
-    "plot_evaluation": (lambda ax=None: ctc.plot_evaluation(evaluation(), ax=ax), (2, 2)),
-    "plot_comparison": (lambda ax=None: ctc.plot_comparison(compared(2).evaluations, ax=ax), (2, 2)),
-    "plot_margins": (lambda ax=None: ctc.plot_margins(margins(ARM, RIG, LAW), ax=ax), (3,)),
-    "plot_sweep": (
-        lambda ax=None: ctc.plot_sweep(sweep_resonance(ARM, RIG, {"P": P_LAW}, PATH, **FAR), ax=ax),
-        (2,),
-    ),
-    "plot_certificate": (lambda ax=None: ctc.plot_certificate(certificate(), ax=ax), (3,)),
-    "plot_phase": (lambda ax=None: plot_phase(evaluation(), ax=ax), (2,)),
+    "Evaluation.plot, phase": (lambda ax=None: evaluation().plot(ax=ax, phase=True), (2,)),
     "plot_record": (lambda ax=None: plot_record(record(), ax=ax), (2, 2)),
     "plot_identification": (models, (2, 2)),
     "plot_arm": (lambda ax=None: plot_arm(ARM, (0.3, -0.6), tip=(0, -0.4, 0), ax=ax), ()),

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctc.certification.binomial import clopper_pearson
-from ctc.certification.gears import Gears
+from ctc.certification.uncertainty import Uncertainty
 from plant.parts.frozen import Frozen
 
 _WIDTH = 1.1
@@ -50,12 +50,14 @@ class Cell(Frozen):
         return f"{low:.3g} to {high:.3g} Hz, damping ratio {damping}"
 
 
-def cells(ranges: Gears, names: tuple[str, ...], values: NDArray[np.float64], outside: NDArray[np.bool_]) -> list[Cell]:
+def cells(
+    ranges: Uncertainty, names: tuple[str, ...], values: NDArray[np.float64], outside: NDArray[np.bool_]
+) -> list[Cell]:
     """The ranges of resonance and damping in cells of at most 10 %; of several joints, each joint's own.
 
     Parameters
     ----------
-    ranges : Gears
+    ranges : Uncertainty
     names, values
         Of the plants: names (K), values (P, K). What does not vary is not among them.
     outside : (P,) numpy.ndarray of bool

@@ -67,12 +67,12 @@ class Certificate(Shown, Saved, Frozen):
     --------
     >>> from plant import puma560, simulate
     >>> from identification import identify
-    >>> from ctc import ComputedTorque, certify
+    >>> from ctc import ComputedTorque, Uncertainty, certify
     >>> path = puma560.reference()
     >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), path)
     >>> found = identify(puma560.dynamics(), record, progress=False)
     >>> law = ComputedTorque(found, bandwidth=150)
-    >>> certificate = certify(found, found.rig, law, path, samples=64, friction=0.02, progress=False)
+    >>> certificate = certify(found, found.rig, law, path, Uncertainty(friction=0.02), samples=64, progress=False)
     >>> certificate.failures, certificate.upper < 0.1
     (0, True)
     """
@@ -118,7 +118,7 @@ class Certificate(Shown, Saved, Frozen):
     @functools.cached_property
     def cells(self) -> list[Cell]:
         """The stated ranges of resonance and damping in small parts, with what became of the plants in each."""
-        return cells(self.plants.ranges, self.plants.names, self.plants.values, self.runs.outside > 0)
+        return cells(self.plants.uncertainty, self.plants.names, self.plants.values, self.runs.outside > 0)
 
     @property
     def worst_cell(self) -> Cell | None:
@@ -133,7 +133,7 @@ class Certificate(Shown, Saved, Frozen):
         """
         if self.plants.rig.drive.elasticity is not None:
             return None
-        ratio, settings = self.plants.ranges.lowest_damping, self.settings
+        ratio, settings = self.plants.uncertainty.lowest_damping, self.settings
         return lowest_resonance(
             self.plants.arm, self.plants.rig, self.law, self.reference, within=self.within,
             damping_ratio=DAMPING_RATIO if ratio is None else ratio, after=max(SETTLED, settings["after"]),
@@ -229,7 +229,7 @@ class Certificate(Shown, Saved, Frozen):
         return reserves(self, samples, allowed)
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
-        """Draw peak errors, worst loop and sensitivities; as `ctc.plot_certificate`."""
+        """Draw peak errors, worst loop and sensitivities on (3,) Axes, (4,) where resonances were stated."""
         return plot_certificate(self, ax)
 
     def _short(self) -> str:

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ctc.certification.certificate import Certificate
-from ctc.certification.gears import Gears
+from ctc.certification.samples import draw
 from ctc.certification.uncertainty import Uncertainty
 from ctc.verdict.lowest_resonance import SETTLED
 from identification import Identification
@@ -27,29 +26,28 @@ from plant.simulation.threads import cores
 
 @known_options
 def certify(
-    found: Identification | Arm, rig: Rig, law: Law, reference: Reference, *, samples: int = 10_000, seed: int = 0,
-    within: float = 1, confidence: float = 0.95, covariance: ArrayLike | None = None, plants: ArrayLike | None = None,
-    friction: float = 0.1, load: ArrayLike = 0.0, load_position: ArrayLike | None = None, phase: bool = True,
-    delay: ArrayLike = 0.0, dropped: float = 0.0, resonance: ArrayLike | None = None,
-    damping_ratio: ArrayLike | None = None, backlash: ArrayLike = 0.0, lag: ArrayLike = 0.0,
-    jitter: ArrayLike = 0.0, friction_drift: ArrayLike = 0.0, presliding: ArrayLike = 0.0,
-    load_friction: ArrayLike = 0.0, ripple: ArrayLike = 0.0, quadrature: ArrayLike = 0.0,
-    after: float | None = None, steps_per_sample: int = 16, duration: float | None = None, threads: int | None = None,
-    progress: bool = True, checkpoint: str | Path | Checkpoint | None = None,
+    found: Identification | Arm, rig: Rig, law: Law, reference: Reference, uncertainty: Uncertainty | None = None, *,
+    samples: int = 10_000, seed: int = 0, within: float = 1, confidence: float = 0.95, after: float | None = None,
+    steps_per_sample: int = 16, duration: float | None = None, threads: int | None = None, progress: bool = True,
+    checkpoint: str | Path | Checkpoint | None = None,
 ) -> Certificate:  # fmt: skip
     """Monte Carlo probability of leaving a pulse limit under parameter uncertainty.
 
     Parameters
     ----------
     found : Identification or Arm
-        Where the plants are drawn: ``found.values`` with ``found.covariance``. An arm needs one of `covariance` and
-        `plants`.
+        Where the samples are drawn: ``found.values`` with ``found.covariance``. An arm needs an uncertainty with
+        `covariance` or `plants`.
     rig : Rig
         Of the plants, such as ``found.rig``; what was identified of it is taken from `found` in any case.
     law : Law
         As designed, the same for all plants.
     reference : Reference
         The path to be driven; the plants begin with it, at its position and speed.
+    uncertainty : Uncertainty, optional
+        What is not known beside the covariance; by default friction that was not identified, by 10 %, and the
+        encoders' zeros. With no `resonance` the gears are the rig's, and the verdict on rigid ones states the lowest
+        resonance on which it holds (all that is stated at its end farther from zero).
     samples : int
         Number of plants, each a closed loop. Without a failure the bound is about 3 / samples at 95 %, and to see one
         that has a probability p takes some 3 / p. Of stated ranges the bound is that of the worst cell: 3 over the
@@ -60,44 +58,6 @@ def certify(
         Limit of the counted error [pulses].
     confidence : float
         Of the bounds.
-    covariance : (k, k) array_like, optional
-        Of ``found.values``, normal; by default ``found.covariance``. With an `Arm`, of its f.
-    plants : (M, p) array_like, optional
-        In its place: f of given arms, taken in turn.
-    friction : float
-        Relative standard deviation of every viscous and Coulomb number that was not identified.
-    load : float or (2,) array_like
-        Point mass in the hand [kg]. Here and below two values are a range, drawn uniformly.
-    load_position : (3,) array_like, optional
-        Of the load, in the frame of the last link's body [m].
-    phase : bool
-        Draw the encoders' zeros, uniform in ±1/2 pulse.
-    delay : float or (2,) array_like
-        From a sample to its torque [s], constant in a run, at most one period of the law.
-    dropped : float
-        Probability that the counts of a sample do not arrive; the law then reads those of the sample before.
-    resonance : (2,) or (n, 2) array_like, optional
-        Lowest and highest locked-rotor resonance [Hz], of all joints alike or of each, where the reference begins. The
-        bound holds for the worst part of the range. None: the gears are the rig's, and the verdict on rigid ones states
-        the lowest resonance on which it holds (all that is stated here at its end farther from zero).
-    damping_ratio : float or (2,) array_like, optional
-        Of that resonance, 0.01 to 0.03 by default; the lowest resonance is that at its lower end.
-    backlash : float or (2,) array_like
-        Of each gear, joint side [rad].
-    lag : float or (2,) array_like
-        Time constant with which all motor currents follow their commands [s].
-    jitter : float or (2,) array_like
-        Largest displacement of a sampling instant, as a share of the period.
-    friction_drift : float or (2,) array_like
-        Relative change of all friction, with a time constant of 1 s; may be negative.
-    presliding : float or (2,) array_like
-        Distance over which friction gives before it slides, motor side [rad].
-    load_friction : float or (2,) array_like
-        Rise of Coulomb friction, as a share of the torque that the gear transmits.
-    ripple : float or (2,) array_like
-        Amplitude of the torque ripple, motor side [N m], six cycles per turn of the motor.
-    quadrature : float or (2,) array_like
-        Amplitude of the encoder's error within four counts [pulses].
     after : float, optional
         Samples before this time do not count [s]. On rigid gears all count by default, also the first, at which the arm
         is up to half a pulse off its reference; on elastic ones those after 20 ms do.
@@ -131,23 +91,24 @@ def certify(
 
     See Also
     --------
-    ctc.Certificate, ctc.tune, identification.identify
+    ctc.Certificate, ctc.Uncertainty, ctc.tune
 
     Examples
     --------
     >>> from plant import puma560, simulate
     >>> from identification import identify
-    >>> from ctc import ComputedTorque, certify
+    >>> from ctc import ComputedTorque, Uncertainty, certify
     >>> path = puma560.reference()
     >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), path)
     >>> found = identify(puma560.dynamics(), record, progress=False)
     >>> law = ComputedTorque(found, bandwidth=150)
-    >>> certificate = certify(found, found.rig, law, path, samples=64, friction=0.02, progress=False)
+    >>> stated = Uncertainty(friction=0.02)
+    >>> certificate = certify(found, found.rig, law, path, stated, samples=64, progress=False)
     >>> certificate.failures
     0
     """
     started = time.perf_counter()
-    order = "The order is found, rig, law, reference."
+    order = "The order is found, rig, law, reference, uncertainty."
     for name, value, kind in (("rig", rig, Rig), ("law", law, Law), ("reference", reference, Reference)):
         instance(name, value, kind, order)
     _whole("samples", samples, 1)
@@ -166,28 +127,24 @@ def certify(
         raise ValueError(f"after must be from 0 to below the duration {duration:g} s; got {after:g}. Give seconds.")
     if law.replays:
         raise ValueError(f"the law must be a controller; {type(law).__name__} repeats a log. Use another.")
-    uncertainty = Uncertainty(
-        covariance=covariance, plants=plants, friction=friction, load=load, load_position=load_position, phase=phase,
-        delay=delay, dropped=dropped,
-        gears=Gears(resonance=resonance, damping_ratio=damping_ratio, imperfections={
-            "backlash": backlash, "lag": lag, "jitter": jitter, "friction_drift": friction_drift,
-            "presliding": presliding, "load_friction": load_friction, "ripple": ripple, "quadrature": quadrature,
-        }),
-    )  # fmt: skip
-    uncertainty.gears.require_followed(rig.period / steps_per_sample)
+    stated = Uncertainty() if uncertainty is None else uncertainty
+    instance("uncertainty", stated, Uncertainty, "Give Uncertainty(friction=0.1, ...).")
+    stated.require_followed(rig.period / steps_per_sample)
+    of_log = None
     if isinstance(found, Identification):
         warn_of_doubts(found, "certify")
+        of_log = seen(found, reference, duration)
     pose, kept = reference(np.zeros(1)).q[0], Checkpoint(checkpoint, "certify")
 
     def inputs() -> dict[str, Any]:
         return {
             "identification": found, "rig": rig, "law": law, "reference": reference, "seed": int(seed),
-            "number of samples": int(samples), "uncertainty": uncertainty.stated(),
+            "number of samples": int(samples), "uncertainty": stated,
             "settings": (within, steps_per_sample, duration, after),
         }  # fmt: skip
 
     with kept.bind(inputs):
-        drawn = uncertainty.draw(found, rig, int(samples), int(seed), pose, progress, kept)
+        drawn = draw(stated, found, rig, int(samples), int(seed), pose, progress, kept)
         if after is None:
             after = 0.0 if drawn.rig.drive.elasticity is None else min(SETTLED, duration / 2)
         settings: dict[str, Any] = {"steps_per_sample": steps_per_sample, "duration": duration, "after": float(after)}
@@ -197,8 +154,7 @@ def certify(
     return Certificate(
         law=law, reference=reference, plants=drawn, runs=runs, within=within, confidence=confidence,
         settings=settings | {"law_steps": population.law_steps}, threads=threads,
-        seen=seen(found, reference, duration) if isinstance(found, Identification) else None,
-        seconds=time.perf_counter() - started,
+        seen=of_log, seconds=time.perf_counter() - started,
     )  # fmt: skip
 
 

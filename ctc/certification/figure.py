@@ -47,42 +47,7 @@ _WORDS = {
 
 @literal
 def plot_certificate(certificate: Any, ax: Any = None) -> NDArray[Any]:
-    """Draw the peak errors of all loops, the error of the worst one, and the sensitivities.
-
-    Where a range of resonances was stated, the share that leaves is drawn over it, too. The title of a figure of its
-    own is the verdict; below it says what short names of parameters mean.
-
-    Parameters
-    ----------
-    certificate : Certificate
-    ax : (3,) array of matplotlib Axes, optional
-        Where to draw, (4,) if resonances were stated; a new figure by default.
-
-    Returns
-    -------
-    (3,) or (4,) numpy.ndarray of matplotlib Axes
-
-    Raises
-    ------
-    ValueError
-        Another number of Axes.
-
-    See Also
-    --------
-    ctc.Certificate
-
-    Examples
-    --------
-    >>> from plant import puma560, simulate
-    >>> from identification import identify
-    >>> from ctc import ComputedTorque, certify, plot_certificate
-    >>> path = puma560.reference()
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), path)
-    >>> found = identify(puma560.dynamics(), record, progress=False)
-    >>> law = ComputedTorque(found, bandwidth=150)
-    >>> certificate = certify(found, found.rig, law, path, samples=64, friction=0.02, progress=False)
-    >>> drawn = plot_certificate(certificate)
-    """
+    """Draw the peak errors of all loops, the error of the worst one, and the sensitivities."""
     labels = certificate.plants.arm.dynamics.chain.joint_labels
     found = [influence for influence in certificate.sensitivities if influence.sense][:_NAMES][::-1]
     axes = axes_of(ax, (3 + bool(certificate.cells),), lambda: _new_axes(certificate, labels, found))

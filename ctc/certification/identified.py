@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ctc.certification.refits import Refits, refits
+from ctc.certification.uncertainty import Uncertainty
 from identification import Identification
 from plant import Arm
 from plant.parts.arguments import array, instance
@@ -56,7 +57,7 @@ class Identified:
 
 
 def identified(
-    uncertainty: Any, found: Identification | Arm, pose: ArrayLike, progress: bool = False,
+    uncertainty: Uncertainty, found: Identification | Arm, pose: ArrayLike, progress: bool = False,
     checkpoint: Checkpoint | None = None,
 ) -> Identified:  # fmt: skip
     """What an `Uncertainty` draws of what was identified.
@@ -71,21 +72,21 @@ def identified(
     if isinstance(found, Identification):
         arm, names, values, covariance = found.arm, found.unknown, found.values, found.covariance
     else:
-        arm = instance("found", found, Arm, "Pass what identify gave, or an Arm with covariance= or plants=.")
+        arm = instance("found", found, Arm, "Give what identify gave, or an Arm and Uncertainty(covariance=...).")
         names, values, covariance = arm.dynamics.names, arm.f, None
     if uncertainty.plants is not None:
         return Identified(arm=arm, names=(), values=np.empty(0), roots=np.empty((1, 0, 0)))
-    again, gears = None, uncertainty.gears
+    again = None
     if uncertainty.covariance is not None:
-        covariance = uncertainty.covariance
-    elif isinstance(found, Identification) and gears.resonance is not None and found.rig.drive.elasticity is None:
-        again = refits(found, gears.resonance, gears.damping_ratio, pose, progress, checkpoint)
+        covariance = np.asarray(uncertainty.covariance)
+    elif isinstance(found, Identification) and uncertainty.resonance is not None and found.rig.drive.elasticity is None:
+        again = refits(found, uncertainty.resonance, uncertainty.damping_ratio, pose, progress, checkpoint)
     if covariance is None and again is None:
         reason = found.fit.fallback_reason if isinstance(found, Identification) else None
         why = reason or "it comes without a covariance"
         raise ValueError(
-            f"found must have a covariance: {why}. Pass covariance=, such as found.assumed().covariance(1.0) of "
-            "an identification that follows its log, or plants= such as found.candidates."
+            f"found must have a covariance: {why}. Pass Uncertainty(covariance=...), such as "
+            "found.assumed().covariance(1.0) of an identification that follows its log, or plants=found.candidates."
         )
     k, plant = len(names), [i for i, name in enumerate(names) if not name.startswith("law.")]
     if again is None:

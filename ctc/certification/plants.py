@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ctc.certification.gears import Gears
+from ctc.certification.uncertainty import Uncertainty
 from plant import Arm, Law, Reference, Rig
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
@@ -18,7 +18,7 @@ from plant.simulation.population import Population
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Plants(Frozen):
-    """Plants drawn by `ctc.certification.uncertainty.Uncertainty`.
+    """Plants drawn from an `Uncertainty`.
 
     Attributes
     ----------
@@ -37,8 +37,8 @@ class Plants(Frozen):
     seed : int
     own : Rig
         The nominal rig without what is drawn of gears and drives.
-    ranges : Gears
-        What is drawn of them.
+    uncertainty : Uncertainty
+        What was stated.
     derived_names : tuple of str
     derived : (P, L) numpy.ndarray
         Numbers of the loop that follow from those drawn.
@@ -57,7 +57,7 @@ class Plants(Frozen):
     redrawn: int
     seed: int
     own: Rig
-    ranges: Gears
+    uncertainty: Uncertainty
     derived_names: tuple[str, ...]
     derived: NDArray[np.float64]
     said: tuple[tuple[str, ...], tuple[str, ...]]

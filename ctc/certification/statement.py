@@ -8,6 +8,7 @@ import numpy as np
 
 from ctc.certification.identified import Identified
 from ctc.certification.imperfections import IMPERFECTIONS
+from ctc.certification.uncertainty import Uncertainty, spread
 from ctc.verdict.lowest_resonance import LOWEST
 from plant import Rig
 from plant.parts.shown import Aside, Piece, Verdict
@@ -23,9 +24,9 @@ _MOST = 0.5
 """Share of plants that leave beyond which nothing is said of the nominal one."""
 
 
-def statement(uncertainty: Any, rig: Rig, known: Identified) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def statement(uncertainty: Uncertainty, rig: Rig, known: Identified) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """What is drawn of an `Uncertainty` with these identified numbers, and what is not."""
-    u, gears, drive = uncertainty, uncertainty.gears, rig.drive
+    u, drive = uncertainty, rig.drive
     drawn, left = [], []
     identified = [name for name in known.names if name.startswith(("drive.viscous", "drive.coulomb"))]
     friction = "friction that was not identified" if identified else "friction"
@@ -35,17 +36,17 @@ def statement(uncertainty: Any, rig: Rig, known: Identified) -> tuple[tuple[str,
         drawn.append(f"what the log says on gears of {len(known.refits.places)} resonances of the range")
     elif known.names:
         drawn.append("what was identified")
-    if gears.resonance is not None:
-        alike = "all joints alike" if len(gears.resonance) == 1 else "of each joint"
-        hz = ", ".join(f"{low:g} to {high:g}" for low, high in gears.resonance)
-        drawn.append(f"resonance {hz} Hz ({alike}), damping ratio {_range(gears.damping_ratio)}")
+    if u.resonance is not None:
+        alike = "all joints alike" if len(u.resonance) == 1 else "of each joint"
+        hz = ", ".join(f"{low:g} to {high:g}" for low, high in u.resonance)
+        drawn.append(f"resonance {hz} Hz ({alike}), damping ratio {spread(u.damping_ratio)}")
     else:
         left.append("elasticity" if drive.elasticity is None else "resonance (as the rig has it)")
     for there, said, name in (
         (u.friction > 0, f"{friction} ±{100 * u.friction:g} % (standard deviation)", "friction"),
-        (u.load[1] > 0, f"load {_range(u.load)} kg", "load"),
+        (u.load[1] > 0, f"load {spread(u.load)} kg", "load"),
         (u.phase, "encoder zeros", "encoder zeros"),
-        (u.delay[1] > 0, f"delay {_range(u.delay)} s", "delay"),
+        (u.delay[1] > 0, f"delay {spread(u.delay)} s", "delay"),
         (u.dropped > 0, f"lost counts {100 * u.dropped:g} %", "lost counts"),
     ):
         if name == "friction" and len(identified) == 2 * rig.n:
@@ -56,16 +57,12 @@ def statement(uncertainty: Any, rig: Rig, known: Identified) -> tuple[tuple[str,
         else:
             left.append(name)
     for name, row in IMPERFECTIONS.items():
-        ends = gears.imperfections.get(name, (0.0, 0.0))
+        ends = getattr(u, name)
         if any(ends):
-            drawn.append(f"{row.words} {_range(ends)} {row.unit}")
+            drawn.append(f"{row.words} {spread(ends)} {row.unit}")
         else:
             left.append(row.words if row.own(rig) is None else f"{row.words} (as the rig has it)")
     return tuple(drawn), tuple(left)
-
-
-def _range(ends: Any) -> str:
-    return f"{ends[0]:g}" if ends[0] == ends[1] else f"{ends[0]:g} to {ends[1]:g}"
 
 
 def verdict(certificate: Any) -> str:
@@ -93,7 +90,7 @@ def verdict(certificate: Any) -> str:
         return sentence
     if certificate.probability > _MOST:
         return f"{sentence} Rigid gears assumed."
-    stated = certificate.plants.ranges.imperfections
+    stated = certificate.plants.uncertainty.imperfections
     worst = {name: max(stated.get(name, (0.0,)), key=abs) for name in IMPERFECTIONS}
     rows = [(IMPERFECTIONS[name], value) for name, value in worst.items() if value]
     there = [f"{row.words} {value:g} {row.unit}" for row, value in rows]

@@ -1,37 +1,35 @@
-"""Uncertainty of a plant, and plants drawn from it.
+"""What is not known of an arm and its rig, beside the covariance of what was identified: one part, `Uncertainty`."""
 
-Drawn are the identified numbers (from their covariance, or from given arms), friction that was not identified, a load
-in the hand, the encoders' zeros between two pulses, the delay of the torque, and samples whose counts are lost. A
-certificate covers nothing else.
-"""
-
-import dataclasses
-import re
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ctc.certification.gears import Gears
-from ctc.certification.identified import identified
-from ctc.certification.imperfections import between
-from ctc.certification.plants import Plants
-from ctc.certification.statement import statement
-from identification import Identification
-from plant import Arm, Body, Phase, Rig, Transport
-from plant.machine.motor_inertia import least_inertia_margin
-from plant.parts.arguments import array, instance, real
-from plant.parts.checkpoint import Checkpoint
+from ctc.certification.imperfections import IMPERFECTIONS, between
+from ctc.verdict.on_gears import require_followed, require_swinging
+from plant import Part, part, structure
+from plant.machine.elasticity import DAMPING_RATIO
+from plant.parts.arguments import array
+from plant.parts.shown import Piece, Shown
+from plant.parts.tables import Table
 
-_PATIENCE = 20
-"""Draws per plant at most, until one is an arm."""
+_SLOWEST = 1.0
+"""Resonance [Hz] below which no gear of an arm has its own."""
 
-_NOT_NEGATIVE = re.compile(r"drive\.(viscous|coulomb|curve\.breakaway|elasticity)|springs(\[\d+\])?\.stiffness")
+_USUAL = (DAMPING_RATIO, 0.03)
+"""Damping ratio unless stated."""
+
+Range = Any
+"""One number, or the two ends of a range."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Uncertainty:
-    """Distribution of the plants.
+@part
+class Uncertainty(Shown, Part):
+    """What is not known of an arm and its rig: `certify` and `tune` draw their Monte Carlo samples from it.
+
+    Where two numbers may be given, they are the ends of a range, of which each sample has a place of its own
+    (uniform); of joints, each joint its own. Print it for a table.
 
     Parameters
     ----------
@@ -43,182 +41,181 @@ class Uncertainty:
         Relative standard deviation of every viscous coefficient and Coulomb level, normal, each on its own; for those
         that were identified, their covariance is used instead.
     load : float or (2,) array_like
-        Point mass in the hand [kg]: one value, or uniform between two.
+        Point mass in the gripper [kg].
     load_position : (3,) array_like, optional
         Of the load, in the frame of the last link's body [m].
     phase : bool
         Whether the encoders' zeros are drawn, uniform in ±1/2 pulse, each on its own.
     delay : float or (2,) array_like
-        Of the torque [s], constant during a run: one value, or uniform between two; at most one period of the law.
+        Of the torque [s], constant during a run; at most one period of the law.
     dropped : float
         Probability that the counts of a sample do not arrive; the law then reads those of the sample before.
-    gears : Gears
-        What gears and drives do.
+    resonance : (2,) or (n, 2) array_like, optional
+        Lowest and highest locked-rotor resonance at the reference's first pose [Hz]: one pair for all joints alike, or
+        one for each. None for the rig's own gears. It is a range, not a distribution: bounds hold for its worst cell
+        of 10 %.
+    damping_ratio : float or (2,) array_like, optional
+        Of that resonance; 0.01 to 0.03 by default.
+    backlash : float or (2,) array_like
+        Of each gear, joint side [rad]; of gears that have a `resonance`, here or in the rig.
+    lag : float or (2,) array_like
+        Time constant of the motor currents [s], of all.
+    jitter : float or (2,) array_like
+        Largest displacement of a sampling instant, as a share of the period.
+    friction_drift : float or (2,) array_like
+        Relative change of all friction, with a time constant of 1 s; may be negative.
+    presliding : float or (2,) array_like
+        Distance of `plant.Presliding` [rad of the motor].
+    load_friction : float or (2,) array_like
+        Friction as a share of the transmitted torque.
+    ripple : float or (2,) array_like
+        Amplitude of the torque ripple, six cycles per turn of the motor [N m], motor side.
+    quadrature : float or (2,) array_like
+        Amplitude of the encoder's error within four counts [pulses].
 
     Raises
     ------
     ValueError
+        Ranges whose ends are not in order; a load without its place.
+
+    See Also
+    --------
+    ctc.certify, ctc.tune
+
+    Examples
+    --------
+    >>> from ctc import Uncertainty
+    >>> print(Uncertainty(friction=0.02, resonance=(40, 80)))
+    uncertain          from, to  unit
+    friction               0.02  of each level (standard deviation)
+    phase           -0.5 to 0.5  pulses
+    resonance          40 to 80  Hz
+    damping_ratio  0.01 to 0.03
     """
 
-    covariance: ArrayLike | None = None
-    plants: ArrayLike | None = None
-    friction: float = 0.1
-    load: Any = (0.0, 0.0)
-    load_position: ArrayLike | None = None
-    phase: bool = True
-    delay: Any = (0.0, 0.0)
-    dropped: float = 0.0
-    gears: Gears = Gears()  # noqa: RUF009 - frozen
+    covariance: ArrayLike | None = structure(default=None)
+    plants: ArrayLike | None = structure(default=None)
+    friction: float = structure(float, default=0.1)
+    load: Range = structure(default=(0.0, 0.0))
+    load_position: ArrayLike | None = structure(default=None)
+    phase: bool = structure(bool, default=True)
+    delay: Range = structure(default=(0.0, 0.0))
+    dropped: float = structure(float, default=0.0)
+    resonance: Any = structure(default=None)
+    damping_ratio: Range = structure(default=None)
+    backlash: Range = structure(default=(0.0, 0.0))
+    lag: Range = structure(default=(0.0, 0.0))
+    jitter: Range = structure(default=(0.0, 0.0))
+    friction_drift: Range = structure(default=(0.0, 0.0))
+    presliding: Range = structure(default=(0.0, 0.0))
+    load_friction: Range = structure(default=(0.0, 0.0))
+    ripple: Range = structure(default=(0.0, 0.0))
+    quadrature: Range = structure(default=(0.0, 0.0))
+
+    __repr__ = Shown.__repr__
 
     def __post_init__(self) -> None:
-        for name, unit in (("load", "kg"), ("delay", "s")):
-            object.__setattr__(self, name, between(name, getattr(self, name), unit))
-        if not 0 <= real("friction", self.friction, "Give a share, such as 0.1.") <= 1:
+        made: dict[str, Any] = {name: between(name, getattr(self, name), unit) for name, unit in _OWN.items()}
+        for name, row in IMPERFECTIONS.items():
+            made[name] = between(name, getattr(self, name), row.unit, row.signed)
+        if not 0 <= self.friction <= 1:
             raise ValueError(f"friction must be a share from 0 to 1; got {self.friction}. 0.1 is 10 %.")
-        if not 0 <= real("dropped", self.dropped, "Give a probability, such as 0.01.") < 1:
+        if not 0 <= self.dropped < 1:
             raise ValueError(f"dropped must be from 0 to below 1; got {self.dropped}. Give a probability.")
-        instance("phase", self.phase, bool, "Say True or False.")
-        if self.load[1] > 0 and self.load_position is None:
+        if made["load"][1] > 0 and self.load_position is None:
             raise ValueError(
                 "load_position must be given with a load; got None. Give x, y and z in the last frame [m]."
             )
         if self.covariance is not None and self.plants is not None:
             raise ValueError("one of covariance and plants must be given; got both. Leave one out.")
+        for name, shape, advice in _ARRAYS:
+            if getattr(self, name) is not None:
+                made[name] = array(name, getattr(self, name), shape, advice=advice)
+        made["resonance"] = None if self.resonance is None else _pairs(self.resonance)
+        stated = _USUAL if self.damping_ratio is None and self.resonance is not None else self.damping_ratio
+        made["damping_ratio"] = None if stated is None else _damping(stated)
+        for name, value in made.items():
+            object.__setattr__(self, name, value)
 
-    def stated(self) -> dict[str, Any]:
-        """What was stated, by name, arrays as such."""
-        named = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        shapes: dict[str, tuple[int | str | None, ...]]
-        shapes = {"covariance": ("k", "k"), "plants": ("M", "p"), "load_position": (3,)}
-        advice = "Give numbers, as for certify."
-        return named | {
-            name: array(name, named[name], shape, advice=advice)
-            for name, shape in shapes.items()
-            if named[name] is not None
-        }
+    @property
+    def imperfections(self) -> dict[str, tuple[float, float]]:
+        """Name -> (low, high) of what gears, drives and encoders do, all of them."""
+        return {name: getattr(self, name) for name in IMPERFECTIONS}
 
-    def draw(
-        self, found: Identification | Arm, rig: Rig, samples: int, seed: int, pose: Any = None, progress: bool = False,
-        checkpoint: Checkpoint | None = None,
-    ) -> Plants:  # fmt: skip
-        """Draw plants.
+    @property
+    def lowest_damping(self) -> float | None:
+        """Lowest damping ratio that is stated."""
+        return None if self.damping_ratio is None or not self.damping_ratio[0] > 0 else float(self.damping_ratio[0])
 
-        Parameters
-        ----------
-        found : Identification or Arm
-        rig : Rig
-        samples, seed : int
-        pose : (n,) array_like, optional
-            At which resonances are those of the gears [rad]; zeros by default.
-        progress : bool
-            Show a progress bar where the records of an identification are fitted again.
-        checkpoint : Checkpoint, optional
-            Of which these fits are stages.
-
-        Returns
-        -------
-        Plants
+    def require_followed(self, step: float) -> None:
+        """Refuse resonances that steps of this length [s] cannot follow.
 
         Raises
         ------
         ValueError
-            No covariance to draw from, or one so large that hardly a draw is an arm.
         """
-        instance("rig", rig, Rig, "The order is found, rig, law, reference.")
-        pose = np.zeros(rig.n) if pose is None else pose
-        self.gears.require_possible(rig)
-        known = identified(self, found, pose, progress, checkpoint)
-        arm, unknown, dynamics, random = known.arm, known.names, known.arm.dynamics, np.random.default_rng(seed)
-        places = self.gears.places(np.random.default_rng((seed, 2)), samples)
-        rig = _with_found(rig, {n: v for n, v in zip(unknown, known.values, strict=True) if n not in dynamics.names})
-        given = None if self.plants is None else _possible(dynamics, rig, self.plants)
-        direction, friction = self._load_direction(dynamics), self._friction(rig, unknown)
+        if self.resonance is not None:
+            require_followed("resonance", self.resonance, step)
 
-        def some(rows):
-            """Draws (count, K), their f with the load (count, p), whether each is an arm, and the names."""
-            count = len(rows)
-            values = dict(zip(unknown, known.draw(random, places[rows, :-1]).T, strict=True))
-            if given is not None:
-                values = dict(zip(dynamics.names, given[rows % len(given)].T, strict=True))
-            for name, level in friction.items():
-                values[name] = level * (1 + self.friction * random.standard_normal(count))
-            values["load"] = random.uniform(self.load[0], self.load[1], count)
-            f = np.tile(arm.f, (count, 1))
-            for i, name in enumerate(dynamics.names):
-                f[:, i] = values.get(name, f[:, i])
-            f = f + values["load"][:, None] * direction
-            sound = least_inertia_margin(dynamics, rig, f) >= 0
-            for name in values:
-                sound &= not _NOT_NEGATIVE.match(name) or values[name] >= 0
-            return np.column_stack([*values.values()]), f, sound, tuple(values)
+    def _short(self) -> str:
+        return ", ".join(name for name, _, _ in self._rows()) or "nothing beside the covariance"
 
-        values, f, sound, names = some(np.arange(samples))
-        redrawn = 0
-        while not sound.all():
-            again = np.flatnonzero(~sound)
-            redrawn += len(again)
-            if redrawn > _PATIENCE * samples:
-                raise ValueError(
-                    f"draws must be arms; {redrawn} were not (D(q) indefinite, or negative friction), and "
-                    f"{samples - len(again)} were. Give a smaller covariance, or identify with a better experiment."
-                )
-            values[again], f[again], sound[again], _ = some(again)
+    def _rows(self) -> Iterator[tuple[str, str, str]]:
+        """Name, value and unit of each number that is uncertain."""
+        for name, _, _ in _ARRAYS[:2]:
+            if getattr(self, name) is not None:
+                yield name, " x ".join(map(str, getattr(self, name).shape)), "given"
+        if self.friction:
+            yield "friction", f"{self.friction:g}", "of each level (standard deviation)"
         if self.phase:
-            names += tuple(f"encoder.phase.shift[{i}]" for i in range(rig.n))
-            values = np.hstack([values, random.uniform(-0.5, 0.5, (samples, rig.n))])
-            encoder = dataclasses.replace(rig.encoder, phase=Phase(shift=(0.0,) * rig.n))
-            rig = dataclasses.replace(rig, encoder=encoder)
-        if self.delay[1] or self.dropped:
-            names += ("transport.delay",)
-            values = np.column_stack([values, random.uniform(self.delay[0], self.delay[1], samples)])
-            rig = dataclasses.replace(rig, transport=Transport(delay=self.delay[1]))
-        own, said = rig, statement(self, rig, known)
-        rig = self.gears.prepared(arm, rig, pose)
-        gears = self.gears.draw(random, arm, rig, f, pose, places)
-        names, values = names + gears.names, np.hstack([values, gears.values])
-        varying = np.flatnonzero(np.ptp(values, axis=0) > 0)
-        expected = np.zeros_like(values)
-        if known.refits is not None:
-            expected[:, [names.index(name) for name in unknown]] = known.centres(places[:, :-1])
-        return Plants(
-            arm=arm, rig=rig, f=f, names=tuple(names[i] for i in varying), values=values[:, varying],
-            dropped=float(self.dropped), redrawn=redrawn, seed=seed, own=own, ranges=self.gears,
-            derived_names=gears.derived_names, derived=gears.derived, said=said, expected=expected[:, varying],
-        )  # fmt: skip
+            yield "phase", "-0.5 to 0.5", "pulses"
+        if self.dropped:
+            yield "dropped", f"{self.dropped:g}", "of the samples"
+        for i, pair in enumerate(self.resonance or ()):
+            yield "resonance" if len(self.resonance) == 1 else f"resonance[{i}]", spread(pair), "Hz"
+        if self.resonance is not None:
+            yield "damping_ratio", spread(self.damping_ratio), ""
+        for name, unit in _OWN.items() | {name: row.unit for name, row in IMPERFECTIONS.items()}.items():
+            if any(getattr(self, name)):
+                yield name, spread(getattr(self, name)), unit
 
-    def _friction(self, rig, unknown):
-        """Name -> value of the friction that was not identified."""
-        known = dict(zip(rig.number_names(), rig.number_values(), strict=True)) if self.friction > 0 else {}
-        names = [name for name in known if name.startswith(("drive.viscous", "drive.coulomb"))]
-        return {name: known[name] for name in names if name not in unknown and known[name] > 0}
-
-    def _load_direction(self, dynamics):
-        """Change (p,) of f per kg in the hand."""
-        if self.load[1] == 0:
-            return np.zeros(dynamics.p)
-        position = array("load_position", self.load_position, (3,), advice="Give x, y and z in the last frame [m].")
-        nothing = [Body(mass=0.0, com=(0, 0, 0)) for _ in range(dynamics.n - 1)]
-        return dynamics.f([*nothing, Body(mass=1.0, com=position)])
+    def _shown(self) -> Iterator[Piece]:
+        yield Table(("uncertain", "from, to", "unit"), list(self._rows()), words=(2,))
 
 
-def _with_found(rig, values):
-    """The rig with the values that were identified of its numbers."""
-    missing = [name for name in values if name not in rig.number_names()]
-    if missing:
-        raise ValueError(f"rig must have {missing[0]}, which was identified; it has no such number. Pass found.rig.")
-    return rig.filled(values)
+_OWN = {"load": "kg", "delay": "s"}
+"""Name -> unit of ranges that are no imperfection."""
+
+_ARRAYS: tuple[tuple[str, tuple[int | str | None, ...], str], ...] = (
+    ("covariance", ("k", "k"), "Give one row per name of found.unknown."),
+    ("plants", ("M", "p"), "Give f of one arm per row."),
+    ("load_position", (3,), "Give x, y and z in the last frame [m]."),
+)
 
 
-def _possible(dynamics, rig, plants):
-    """Given arms (M, p), all validated."""
-    plants = array(
-        "plants", plants, ("M", dynamics.p), advice=f"Give f of one arm per row: {', '.join(dynamics.names)}."
-    )
-    if not len(plants):
-        raise ValueError("plants must hold at least one arm; got none. Give f of one arm per row.")
-    wrong = np.flatnonzero(least_inertia_margin(dynamics, rig, plants) < 0)
-    if len(wrong):
+def spread(ends: tuple[float, float]) -> str:
+    """A range in words."""
+    return f"{ends[0]:g}" if ends[0] == ends[1] else f"{ends[0]:g} to {ends[1]:g}"
+
+
+def _pairs(resonance: Any) -> tuple[tuple[float, float], ...]:
+    """Ends of each range of resonances."""
+    if np.ndim(resonance) == 0:
+        raise ValueError(f"resonance must be (lowest, highest) [Hz]; got {resonance!r:.60}. Give a range.")
+    pairs = np.atleast_2d(np.asarray(resonance, float))
+    pairs = array("resonance", pairs, ("m", 2), advice="Give the lowest and the highest [Hz].")
+    if not (good := (pairs[:, 0] > 0) & (pairs[:, 0] <= pairs[:, 1])).all():
+        low, high = pairs[np.flatnonzero(~good)[0]]
+        raise ValueError(f"resonance must be (lowest, highest), above 0 Hz; got ({low:g}, {high:g}). Swap or correct.")
+    if pairs[:, 0].min() < _SLOWEST:
         raise ValueError(
-            f"plants must all be arms; row {wrong[0]} has D(q) below the motors' own inertia. Leave it out."
+            f"resonance must be {_SLOWEST:g} Hz or more; got {pairs.min():g}. No gear is so soft: is it in kHz?"
         )
-    return plants
+    return tuple(map(tuple, pairs.tolist()))
+
+
+def _damping(ratio: Any) -> tuple[float, float]:
+    """Lowest and highest damping ratio of one or two."""
+    ends = between("damping_ratio", ratio, "a ratio")
+    require_swinging(ends[1])
+    return ends

@@ -1,5 +1,6 @@
 """What each command does with its options; `ctc.commandline.main` reads them and prints the answers."""
 
+import dataclasses
 import shutil
 from argparse import Namespace
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import Any, cast
 
 from ctc.certification.certificate import Certificate
 from ctc.certification.certify import certify
+from ctc.certification.uncertainty import Uncertainty
 from ctc.commandline.answer import Answer, plain_number
 from ctc.commandline.demo import demo
 from ctc.commandline.inputs import new_place, path_of, records_of, result_of, robot_of, unknowns_of
@@ -111,7 +113,7 @@ def run_certify(given: Namespace) -> Answer:
     place = None if given.output is None else new_place(given.output, given.force, _read(given))
     found = result_of(given.found)
     law, path = _law(found, given), path_of(found, given.path)
-    certificate = certify(found, found.rig, law, path, **_stated(given))
+    certificate = certify(found, found.rig, law, path, _uncertainty(given), **_run(given))
     said = [str(certificate), f"computed torque with a bandwidth of {law.bandwidth:g} rad/s"]
     first = certificate.sensitivities[0].name if certificate.failures and certificate.sensitivities else ""
     if first.startswith(("drive.viscous", "drive.coulomb")) and first not in found.unknown:
@@ -123,7 +125,7 @@ def run_tune(given: Namespace) -> Answer:
     """The quietest law that stays within the limit on what was found."""
     place = None if given.output is None else new_place(given.output, given.force, _read(given))
     found = result_of(given.found)
-    tuning = tune(found, found.rig, path_of(found, given.path), **_stated(given))
+    tuning = tune(found, found.rig, path_of(found, given.path), _uncertainty(given), **_run(given))
     best = min(tuning.trials, key=lambda trial: trial.rank)
     kind = type(tuning.law).__name__
     said = [str(tuning), f"the law: {kind} ({best.tuned}); in Python, Certificate.load(FILE).law"]
@@ -136,9 +138,20 @@ def _read(given: Namespace) -> list[str]:
     return [path for each in every if each for path in (each if isinstance(each, list) else [each])]
 
 
-def _stated(given: Namespace) -> dict[str, Any]:
-    """What is uncertain, and how it is tried, as the options of `certify` and `tune`."""
-    names = ("samples", "seed", "within", "resonance", "friction", "load", "load_position", "checkpoint")
+def _uncertainty(given: Namespace) -> Uncertainty:
+    """What the robot file states, with what the options state in its place."""
+    stated = None if given.robot is None else robot_of(given.robot).uncertainty
+    if given.robot is not None and stated is None:
+        raise ValueError(f"{given.robot} must have a table [uncertainty]; it has none. Add it, or leave out --robot.")
+    names = [field.name for field in dataclasses.fields(Uncertainty) if getattr(given, field.name, None) is not None]
+    return dataclasses.replace(
+        cast(Uncertainty, stated or Uncertainty()), **{name: getattr(given, name) for name in names}
+    )
+
+
+def _run(given: Namespace) -> dict[str, Any]:
+    """How it is tried, as the options of `certify` and `tune`."""
+    names = ("samples", "seed", "within", "checkpoint", *(["after"] if given.after is not None else []))
     return {name: getattr(given, name) for name in names} | {"progress": not given.quiet}
 
 

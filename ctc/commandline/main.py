@@ -9,6 +9,7 @@ import warnings
 from pathlib import Path
 from typing import Any, NoReturn
 
+from ctc.certification.imperfections import IMPERFECTIONS
 from ctc.commandline.commands import COMMANDS
 from identification.results.doubts import IdentificationWarning
 from plant.version import __version__
@@ -144,16 +145,32 @@ def _logs(command: argparse.ArgumentParser) -> None:
 
 def _uncertain(command: argparse.ArgumentParser) -> None:
     command.add_argument("found", help="file of identify -o")
+    command.add_argument("--robot", metavar="TOML", help="robot file with a table [uncertainty]; options go before it")
+    command.add_argument("--friction", type=float, metavar="SHARE", help="by which it may differ (default 0.1)")
     command.add_argument("--resonance", nargs=2, type=float, metavar=("LOW", "HIGH"), help="of the gears [Hz]")
-    command.add_argument("--friction", type=float, default=0.1, help="share by which it may differ (default 0.1)")
-    load: dict[str, Any] = {"nargs": 2, "type": float, "default": 0.0}
-    command.add_argument("--load", **load, metavar=("LOW", "HIGH"), help="in the gripper [kg]")
+    ends: dict[str, Any] = {"nargs": "+", "type": float, "action": _Ends, "metavar": "X"}
+    command.add_argument("--damping-ratio", **ends, help="of that resonance, as all below one number or two ends")
+    command.add_argument("--load", **ends, help="in the gripper [kg]")
     place = "its centre in the last link's frame [m]"
     command.add_argument("--load-position", nargs=3, type=float, metavar=("X", "Y", "Z"), help=place)
+    command.add_argument("--delay", **ends, help="of the torque [s]")
+    for name, row in IMPERFECTIONS.items():
+        command.add_argument(f"--{name.replace('_', '-')}", **ends, help=f"{row.words} [{row.unit}]")
+    command.add_argument("--dropped", type=float, metavar="SHARE", help="of the samples whose counts are lost")
     command.add_argument("--within", type=_positive, default=1.0, help="limit [pulses] (default 1)")
-    command.add_argument("--samples", type=int, default=10_000, help="plants that are drawn (default 10000)")
+    command.add_argument("--after", type=float, metavar="SECONDS", help="samples before it do not count")
+    command.add_argument("--samples", type=int, default=10_000, help="Monte Carlo samples (default 10000)")
     _output(command, "file for report", required=False)
     _long(command)
+
+
+class _Ends(argparse.Action):
+    """One number, or the two ends of a range."""
+
+    def __call__(self, parser: Any, given: Any, values: Any, option: Any = None) -> None:
+        if len(values) > 2:
+            parser.error(f"argument {option}: expected one number, or the two ends of a range; got {len(values)}")
+        setattr(given, self.dest, values[0] if len(values) == 1 else tuple(values))
 
 
 def _law(command: argparse.ArgumentParser) -> None:

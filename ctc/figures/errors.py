@@ -59,34 +59,7 @@ def _require_evaluation(name: str, evaluation: Any) -> None:
 
 @literal
 def plot_evaluation(evaluation: Any, ax: Any = None) -> NDArray[Any]:
-    """Encoder error with the ±1 pulse band (left), torque and the amplifier's limit (right), one row per joint.
-
-    Parameters
-    ----------
-    evaluation : Evaluation
-    ax : (n, 2) array of matplotlib Axes, optional
-        Where to draw; a new figure by default.
-
-    Returns
-    -------
-    (n, 2) numpy.ndarray of matplotlib Axes
-
-    Raises
-    ------
-    ValueError
-        No evaluation, another number of Axes.
-
-    See Also
-    --------
-    ctc.Evaluation, ctc.plot_phase
-
-    Examples
-    --------
-    >>> from plant import puma560
-    >>> from ctc import ComputedTorque, evaluate, plot_evaluation
-    >>> arm, rig = puma560.arm(), puma560.rig()
-    >>> drawn = plot_evaluation(evaluate(arm, rig, ComputedTorque(arm, rig), puma560.reference(), duration=0.3))
-    """
+    """Encoder error with the ±1 pulse band (left), torque and the amplifier's limit (right), one row per joint."""
     _require_evaluation("evaluation", evaluation)
     record, limited = evaluation.record, False
     axes = row_by_row(ax, record.n, 2, width=11)
@@ -104,34 +77,7 @@ def plot_evaluation(evaluation: Any, ax: Any = None) -> NDArray[Any]:
 
 @literal
 def plot_phase(evaluation: Any, ax: Any = None) -> NDArray[Any]:
-    """Phase plot: rate of the true error over the true error, one panel per joint; a limit cycle shows as a ring.
-
-    Parameters
-    ----------
-    evaluation : Evaluation
-    ax : (n,) array of matplotlib Axes, optional
-        Where to draw; a new figure by default.
-
-    Returns
-    -------
-    (n,) numpy.ndarray of matplotlib Axes
-
-    Raises
-    ------
-    ValueError
-        No evaluation, another number of Axes.
-
-    See Also
-    --------
-    ctc.plot_evaluation
-
-    Examples
-    --------
-    >>> from plant import puma560
-    >>> from ctc import ComputedTorque, evaluate, plot_phase
-    >>> arm, rig = puma560.arm(), puma560.rig()
-    >>> drawn = plot_phase(evaluate(arm, rig, ComputedTorque(arm, rig), puma560.reference(), duration=0.3))
-    """
+    """Phase plot: rate of the true error over the true error, one panel per joint; a limit cycle shows as a ring."""
     _require_evaluation("evaluation", evaluation)
     record, error = evaluation.record, evaluation.true_error_pulses
     rate = np.gradient(error, record.rig.period * len(record) / len(error), axis=0)
@@ -163,39 +109,7 @@ def plot_phase(evaluation: Any, ax: Any = None) -> NDArray[Any]:
 
 @literal
 def plot_comparison(evaluations: dict[str, Any], ax: Any = None) -> NDArray[Any]:
-    """Tracking errors of several laws on the same arm.
-
-    Up to four laws stand side by side at equal scales; more stand one below the other, each at its own scale, with the
-    ±1 pulse band to compare by.
-
-    Parameters
-    ----------
-    evaluations : dict of str -> Evaluation
-    ax : array of matplotlib Axes, optional
-        Where to draw, one per joint and law: (n, laws) of up to four laws, (laws, n) of more; a new figure by default.
-
-    Returns
-    -------
-    numpy.ndarray of matplotlib Axes
-        Of the same shape.
-
-    Raises
-    ------
-    ValueError
-        No evaluations, another number of Axes.
-
-    See Also
-    --------
-    ctc.plot_evaluation
-
-    Examples
-    --------
-    >>> from plant import puma560
-    >>> from ctc import ComputedTorque, compare, plot_comparison
-    >>> arm, rig = puma560.arm(), puma560.rig()
-    >>> laws = {"P": puma560.p_law(), "computed torque": ComputedTorque(arm, rig)}
-    >>> drawn = plot_comparison(compare(arm, rig, laws, puma560.reference(), duration=0.3).evaluations)
-    """
+    """Tracking errors of several laws on the same arm."""
     if not isinstance(evaluations, dict) or not evaluations:
         given = f"{evaluations!r:.40}" if evaluations else "none"
         raise ValueError(f"evaluations must be a dict, one per law; got {given}. Pass {{name: evaluate(...)}}.")

@@ -14,30 +14,7 @@ _TICKS = (5, 10, 15, 25, 40, 60, 100, 150, 250, 500, 1000)
 
 @literal
 def plot_margins(margins: Any, ax: Any = None) -> NDArray[Any]:
-    """Bode diagram of the loop of each joint, and its sensitivity; all over frequency, up to half the sampling rate.
-
-    Parameters
-    ----------
-    margins : Margins
-    ax : (3,) array of matplotlib Axes, optional
-        Where to draw; a new figure by default.
-
-    Returns
-    -------
-    (3,) numpy.ndarray of matplotlib Axes
-
-    Raises
-    ------
-    ValueError
-        Another number of Axes.
-
-    Examples
-    --------
-    >>> from plant import puma560
-    >>> from ctc import ComputedTorque, margins, plot_margins
-    >>> arm, rig = puma560.arm(), puma560.rig()
-    >>> drawn = plot_margins(margins(arm, rig, ComputedTorque(arm, rig, bandwidth=60)))
-    """
+    """Bode diagram of the loop of each joint, and its sensitivity; all over frequency, up to half the sampling rate."""
     axes = row_by_row(ax, 3, 1, width=7.0)[:, 0]
     f = margins.frequency
     for joint, loop in enumerate(margins.response):
@@ -67,31 +44,7 @@ def plot_margins(margins: Any, ax: Any = None) -> NDArray[Any]:
 
 @literal
 def plot_sweep(sweep: Any, ax: Any = None) -> NDArray[Any]:
-    """Share of samples within the limit over the resonance of the gears, and bars where every sample is, law by law.
-
-    Parameters
-    ----------
-    sweep : ResonanceSweep
-    ax : (2,) array of matplotlib Axes, optional
-        Where to draw; a new figure by default.
-
-    Returns
-    -------
-    (2,) numpy.ndarray of matplotlib Axes
-
-    Raises
-    ------
-    ValueError
-        Another number of Axes.
-
-    Examples
-    --------
-    >>> from plant import puma560
-    >>> from ctc import ComputedTorque, plot_sweep, sweep_resonance
-    >>> arm, rig = puma560.arm(), puma560.rig()
-    >>> laws = {"60 rad/s": ComputedTorque(arm, rig, bandwidth=60)}
-    >>> drawn = plot_sweep(sweep_resonance(arm, rig, laws, puma560.reference(), hz=(30, 100), duration=0.3))
-    """
+    """Share of samples within the limit over the resonance of the gears, and bars where every sample is, law by law."""
     names, hz = list(sweep.shares), sweep.hz
     edges = np.sqrt(hz[1:] * hz[:-1])
     edges = np.concatenate([[hz[0] ** 2 / edges[0]], edges, [hz[-1] ** 2 / edges[-1]]])

@@ -35,7 +35,7 @@ def plot_record(record: Record, joints: Sequence[str] = (), *, ax: Any = None) -
 
     See Also
     --------
-    plant.Record, ctc.plot_evaluation
+    plant.Record
 
     Examples
     --------

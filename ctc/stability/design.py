@@ -1,4 +1,4 @@
-"""Feedback and observer gains of one joint from bandwidth and damping, poles, or weights (LQR, Kalman filter).
+"""Feedback and observer gains of one joint from bandwidth and damping, poles, or noise (Kalman filter).
 
 With the arm's dynamics cancelled by its model, the error of a joint is a double integrator of minus the feedback
 acceleration; gains are feedback accelerations per error [rad], not torques. `motor_gain` converts one to motor torque
@@ -22,6 +22,8 @@ def pid_gains(bandwidth: float, damping: float = 1.0, integral: float = 0.0) -> 
     bandwidth : float
         [rad/s]; `ComputedTorque` has a double pole there (damping 1).
     damping : float
+        1/sqrt(2), with a bandwidth of sqrt(a / e), is the linear-quadratic regulator that weighs an error e [rad] as
+        much as a feedback acceleration a [rad/s^2].
     integral : float
         Pole of the integral part [rad/s]; 0 for none.
 
@@ -51,39 +53,6 @@ def pid_gains(bandwidth: float, damping: float = 1.0, integral: float = 0.0) -> 
     if p < 0:
         raise ValueError(f"integral must not be negative; got {p}. Give rad/s, or 0 for no integral part.")
     return w**2 + 2 * zeta * w * p, w**2 * p, 2 * zeta * w + p
-
-
-def lqr_gains(error: float, acceleration: float) -> tuple[float, float]:
-    """Gains of the linear-quadratic regulator that weighs this error as much as this feedback acceleration.
-
-    Parameters
-    ----------
-    error : float
-        [rad]
-    acceleration : float
-        [rad/s^2]
-
-    Returns
-    -------
-    proportional, derivative : float
-        [1/s^2], [1/s]; the bandwidth is the root of the first, the damping 0.707.
-
-    See Also
-    --------
-    ctc.kalman_gains, ctc.pid_gains
-
-    Examples
-    --------
-    >>> from ctc import lqr_gains
-    >>> print(*(round(gain, 3) for gain in lqr_gains(1e-3, 10.0)))
-    10000.0 141.421
-    """
-    import control
-
-    weights = [real(name, value, "Give its size.", positive=True) ** -2
-               for name, value in (("error", error), ("acceleration", acceleration))]  # fmt: skip
-    gains, *_ = control.lqr([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]], np.diag([weights[0], 0.0]), [[weights[1]]])
-    return float(gains[0, 0]), float(gains[0, 1])
 
 
 def motor_gain(rig: Rig, inertia: ArrayLike, gain: ArrayLike) -> NDArray[np.float64]:
@@ -120,85 +89,66 @@ def motor_gain(rig: Rig, inertia: ArrayLike, gain: ArrayLike) -> NDArray[np.floa
     return rig.drive.motor_torque(felt * np.asarray(gain) * pulse)
 
 
-def observer_gains(poles: ArrayLike, period: float) -> NDArray[np.float64]:
-    """Gains of an observer of error, rate and disturbance, from its three poles.
+def observer_gains(
+    rig: Rig, *, poles: ArrayLike | None = None, disturbance: ArrayLike | None = None
+) -> NDArray[np.float64]:
+    """Gains of each joint's observer of error, rate and disturbance: from its poles, or those of the Kalman filter.
 
-    Parameters
-    ----------
-    poles : (3,) array_like
-        Continuous-time [rad/s], negative real parts; complex ones in pairs.
-    period : float
-        [s]
-
-    Returns
-    -------
-    (3,) numpy.ndarray
-        By which the innovation corrects error, rate [1/s] and disturbance [1/s^2].
-
-    See Also
-    --------
-    ctc.kalman_gains, ctc.ComputedTorque
-
-    Examples
-    --------
-    >>> from ctc import observer_gains
-    >>> observer_gains((-100, -100, -100), 0.0007).round(1).tolist()
-    [0.2, 18.9, 630.6]
-    """
-    import control
-
-    s = np.asarray(poles, complex)
-    if s.shape != (3,) or not (s.real < 0).all() or abs(np.poly(s).imag).max() > 1e-9 * abs(s).max() ** 3:
-        raise ValueError(f"poles must be three, stable, complex ones in pairs; got {s}. Give rad/s, below zero.")
-    real("period", period, "Give seconds.", positive=True)
-    step, seen = _model()
-    gains = control.acker(step.T, (seen @ step).T, np.exp(s * period))
-    return np.asarray(gains).ravel() / period ** np.arange(3)
-
-
-def kalman_gains(rig: Rig, disturbance: ArrayLike, period: float | None = None) -> NDArray[np.float64]:
-    """Gains of the stationary Kalman filter (LQE) in place of `observer_gains`, one row for each joint.
-
-    Its measurement noise is that of the counts, a uniform error of one pulse.
+    The stationary Kalman filter's measurement noise is that of the counts, a uniform error of one pulse.
 
     Parameters
     ----------
     rig : Rig
-    disturbance : float or (n,) array_like
-        Standard deviation of the change of the disturbance acceleration, a random walk, in one second [rad/s^2].
-    period : float, optional
-        [s]; by default the rig's.
+    poles : (3,) array_like, optional
+        Continuous-time [rad/s], negative real parts; complex ones in pairs.
+    disturbance : float or (n,) array_like, optional
+        In their place: standard deviation of the change of the disturbance acceleration, a random walk, in one second
+        [rad/s^2].
 
     Returns
     -------
     (n, 3) numpy.ndarray
-        As `observer_gains`.
+        By which the innovation corrects error, rate [1/s] and disturbance [1/s^2].
+
+    Raises
+    ------
+    ValueError
+        Poles that are not stable; both of them, or neither.
 
     See Also
     --------
-    ctc.observer_gains, ctc.lqr_gains
+    ctc.pid_gains, ctc.ComputedTorque
 
     Examples
     --------
     >>> from plant import puma560
-    >>> from ctc import kalman_gains
-    >>> kalman_gains(puma560.rig(), disturbance=(100, 100)).shape
-    (2, 3)
+    >>> from ctc import observer_gains
+    >>> observer_gains(puma560.rig(), poles=(-100, -100, -100))[0].round(1).tolist()
+    [0.2, 18.9, 630.6]
     """
     import control
 
     instance("rig", rig, Rig, "Pass the rig of the arm.")
-    period = rig.period if period is None else real("period", period, "Give seconds.", positive=True)
+    if (poles is None) == (disturbance is None):
+        raise ValueError(
+            f"one of poles and disturbance must be given; got {'both' if poles is not None else 'none'}. Leave one out."
+        )
     step, seen = _model()
-    walk = np.broadcast_to(np.asarray(disturbance, float), (rig.n,)) * np.sqrt(period)
+    if poles is not None:
+        s = np.asarray(poles, complex)
+        if s.shape != (3,) or not (s.real < 0).all() or abs(np.poly(s).imag).max() > 1e-9 * abs(s).max() ** 3:
+            raise ValueError(f"poles must be three, stable, complex ones in pairs; got {s}. Give rad/s, below zero.")
+        gains = np.tile(np.asarray(control.acker(step.T, (seen @ step).T, np.exp(s * rig.period))).ravel(), (rig.n, 1))
+        return gains / rig.period ** np.arange(3)
+    walk = np.broadcast_to(np.asarray(disturbance, float), (rig.n,)) * np.sqrt(rig.period)
     if not (np.isfinite(walk) & (walk > 0)).all():
         raise ValueError(f"disturbance must be positive; got {np.asarray(disturbance)}. Give rad/s^2 in one second.")
     rows = []
     for size, pulse in zip(walk, rig.to_angle(np.ones(rig.n)), strict=True):
-        ratio = (size * period**2) ** 2 / (pulse**2 / 12)
+        ratio = (size * rig.period**2) ** 2 / (pulse**2 / 12)
         _, spread, _ = control.dlqe(step, [[0.0], [0.0], [1.0]], seen, [[ratio]], [[1.0]])
         rows.append((spread @ seen.T / (seen @ spread @ seen.T + 1)).ravel())
-    return np.array(rows) / period ** np.arange(3)
+    return np.array(rows) / rig.period ** np.arange(3)
 
 
 def _model() -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -93,7 +93,7 @@ class Margins(Shown):
             yield f"rigid gears assumed; {found}, at this pose"
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
-        """Bode diagram of the loops and their sensitivity, one line per joint; see `ctc.plot_margins`."""
+        """Bode diagram of the loops and their sensitivity, one line per joint, on (3,) Axes."""
         return plot_margins(self, ax)
 
 

@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ctc.certification.certify import certify
-from ctc.certification.gears import Gears
+from ctc.certification.samples import draw
 from ctc.certification.uncertainty import Uncertainty
 from ctc.tuning.families import families
 from ctc.tuning.search import ROUNDS, Tunings
@@ -30,14 +30,10 @@ _GENERATIONS = sum(generations for generations, _ in ROUNDS)
 
 @known_options
 def tune(
-    found: Identification | Arm, rig: Rig, reference: Reference, *, resonance: ArrayLike | None = None,
-    damping_ratio: ArrayLike | None = None, friction: float = 0.1, within: float = 1, allowed: float = 0.0,
-    backlash: ArrayLike = 0.0, lag: ArrayLike = 0.0, jitter: ArrayLike = 0.0, friction_drift: ArrayLike = 0.0,
-    presliding: ArrayLike = 0.0, load_friction: ArrayLike = 0.0, ripple: ArrayLike = 0.0, quadrature: ArrayLike = 0.0,
-    load: ArrayLike = 0.0, load_position: ArrayLike | None = None, delay: ArrayLike = 0.0,
-    covariance: ArrayLike | None = None, plants: ArrayLike | None = None, after: float = SETTLED,
-    samples: int = 10_000, seed: int = 0, duration: float | None = None, threads: int | None = None,
-    progress: bool = True, checkpoint: str | Path | None = None,
+    found: Identification | Arm, rig: Rig, reference: Reference, uncertainty: Uncertainty | None = None, *,
+    within: float = 1, allowed: float = 0.0, after: float = SETTLED, samples: int = 10_000, seed: int = 0,
+    duration: float | None = None, threads: int | None = None, progress: bool = True,
+    checkpoint: str | Path | None = None,
 ) -> Tuning:  # fmt: skip
     """Find the quietest law that keeps its limit over the stated uncertainty.
 
@@ -49,14 +45,13 @@ def tune(
     Parameters
     ----------
     found : Identification or Arm
-        The model of the laws, and where the plants are drawn; an arm needs one of `covariance` and `plants`. With a
+        The model of the laws, and where the plants are drawn; an arm needs its `covariance` or `plants`. With a
         `resonance`, an identification on rigid gears is fitted again on such gears: the laws have the f of the middle.
     rig : Rig
         Of the plants, such as ``found.rig``.
     reference : Reference
-    resonance, damping_ratio, friction, backlash, lag, jitter, friction_drift, presliding, load_friction, ripple, \
-quadrature, load, load_position, delay, covariance, plants
-        What is uncertain, as for `certify`: ``resonance=(40, 80)`` [Hz].
+    uncertainty : Uncertainty, optional
+        What is not known, as for `certify`.
     within : float
         Limit of the counted error [pulses].
     allowed : float
@@ -102,32 +97,25 @@ quadrature, load, load_position, delay, covariance, plants
     --------
     >>> from plant import puma560, simulate
     >>> from identification import identify
-    >>> from ctc import tune
+    >>> from ctc import Uncertainty, tune
     >>> path = puma560.reference()
     >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), path)
     >>> found = identify(puma560.dynamics(), record, progress=False)
-    >>> tuning = tune(found, found.rig, path, friction=0.02, samples=8, duration=0.1, progress=False)
+    >>> stated = Uncertainty(friction=0.02)
+    >>> tuning = tune(found, found.rig, path, stated, samples=8, duration=0.1, progress=False)
     >>> print(tuning.law.bandwidth > 0, tuning.certificate.failures)
     True 0
     """
-    instance("rig", rig, Rig, "The order is found, rig, reference.")
-    instance("reference", reference, Reference, "The order is found, rig, reference.")
+    instance("rig", rig, Rig, "The order is found, rig, reference, uncertainty.")
+    instance("reference", reference, Reference, "The order is found, rig, reference, uncertainty.")
     if not real("within", within, "Give pulses, such as 1.") > 0:
         raise ValueError(f"within must be positive; got {within:g}. The promise is 1 pulse.")
     if not 0 <= real("allowed", allowed, "Give a share, such as 0.05.") < 1:
         raise ValueError(f"allowed must be from 0 to below 1; got {allowed:g}. Give a share, such as 0.05.")
     duration = reference.duration if duration is None else duration
-    stated: dict[str, Any] = {
-        "covariance": covariance, "plants": plants, "friction": friction, "load": load, "load_position": load_position,
-        "delay": delay,
-    }  # fmt: skip
-    gears: dict[str, Any] = {"resonance": resonance, "damping_ratio": damping_ratio}
-    others: dict[str, Any] = {
-        "backlash": backlash, "lag": lag, "jitter": jitter, "friction_drift": friction_drift, "presliding": presliding,
-        "load_friction": load_friction, "ripple": ripple, "quadrature": quadrature,
-    }  # fmt: skip
-    uncertainty = Uncertainty(**stated, gears=Gears(**gears, imperfections=others))
-    uncertainty.gears.require_followed(rig.period / 4)
+    stated = Uncertainty() if uncertainty is None else uncertainty
+    instance("uncertainty", stated, Uncertainty, "Give Uncertainty(friction=0.1, ...).")
+    stated.require_followed(rig.period / 4)
     if isinstance(found, Identification):
         warn_of_doubts(found, "tune")
     pose = reference(np.zeros(1)).q[0]
@@ -135,12 +123,12 @@ quadrature, load, load_position, delay, covariance, plants
     def inputs() -> dict[str, Any]:
         return {
             "identification": found, "rig": rig, "reference": reference, "seed": seed,
-            "uncertainty": uncertainty.stated(), "settings": (within, float(allowed), after, duration),
+            "uncertainty": stated, "settings": (within, float(allowed), after, duration),
         }  # fmt: skip
 
     kept = Checkpoint(checkpoint, "tune").bind(inputs)
     searching, fresh = (
-        uncertainty.draw(found, rig, count, seed + i, pose, progress, kept)
+        draw(stated, found, rig, count, seed + i, pose, progress, kept)
         for i, count in enumerate((_MORE if allowed else _PLANTS, _FRESH))
     )
     arm, scale = fresh.arm, _scale(fresh.arm, fresh.rig, reference, float(duration))
@@ -164,9 +152,8 @@ quadrature, load, load_position, delay, covariance, plants
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IdentificationWarning)  # said by tune
         certificate = certify(
-            found, rig, best.law, reference, samples=samples, seed=seed + 2, within=within, after=after,
+            found, rig, best.law, reference, stated, samples=samples, seed=seed + 2, within=within, after=after,
             threads=threads, duration=duration, progress=progress, checkpoint=kept.part("certificate"),
-            **stated, **gears, **others,
         )  # fmt: skip
     return Tuning(law=best.law, trials=tuple(trials), certificate=certificate, fresh=_FRESH)
 

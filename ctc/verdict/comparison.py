@@ -58,7 +58,7 @@ class Comparison(Shown):
     diverged: dict[str, str]
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
-        """Draw the errors of all laws that stayed bounded; see `ctc.plot_comparison`."""
+        """Draw the errors of all laws that stayed bounded: (n, laws) Axes of up to four laws, (laws, n) of more."""
         return plot_comparison(self.evaluations, ax)
 
     def _short(self) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctc.figures.errors import plot_evaluation
+from ctc.figures.errors import plot_evaluation, plot_phase
 from ctc.verdict.conditions import FromRest, from_rest, refused
 from ctc.verdict.lowest_resonance import SETTLED, LowestResonance, lowest_resonance
 from plant import Arm, Law, Record, Reference, Rig
@@ -181,9 +181,9 @@ class Evaluation(Shown):
         """Whether every joint's encoder error is within +-k pulses at every sample."""
         return self.fraction_within(k) == 1.0
 
-    def plot(self, ax: Any = None) -> NDArray[Any]:
-        """Draw error and torque of every joint on (n, 2) Axes; see `ctc.plot_evaluation`."""
-        return plot_evaluation(self, ax)
+    def plot(self, ax: Any = None, *, phase: bool = False) -> NDArray[Any]:
+        """Draw error and torque of every joint on (n, 2) Axes; the `phase` plot of the true error on (n,)."""
+        return plot_phase(self, ax) if phase else plot_evaluation(self, ax)
 
     def _short(self) -> str:
         return f"{type(self.record.law).__name__}: {self._verdict}"

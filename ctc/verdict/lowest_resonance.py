@@ -128,19 +128,6 @@ def lowest_resonance(
     ------
     ValueError
         A rig whose gears are elastic, a damping ratio that is not from above 0 to 1.
-
-    See Also
-    --------
-    ctc.sweep_resonance, ctc.margins
-
-    Examples
-    --------
-    >>> from plant import puma560
-    >>> from ctc import ComputedTorque, lowest_resonance
-    >>> arm, rig = puma560.arm(), puma560.rig()
-    >>> law = ComputedTorque(arm, rig, bandwidth=60)
-    >>> print(lowest_resonance(arm, rig, law, puma560.reference(), duration=0.5).within)
-    1
     """
     options = {
         "within": within, "steps_per_sample": steps_per_sample, "after": after, "initial": initial,

@@ -50,7 +50,7 @@ class ResonanceSweep(Shown, Frozen):
     rigid: dict[str, float]
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
-        """Draw the shares over the resonance, and where every sample is within; see `ctc.plot_sweep`."""
+        """Draw the shares over the resonance, and where every sample is within, on (2,) Axes."""
         return plot_sweep(self, ax)
 
     def _short(self) -> str:
@@ -110,7 +110,7 @@ def sweep_resonance(
 
     See Also
     --------
-    ctc.lowest_resonance
+    ctc.Evaluation
 
     Examples
     --------

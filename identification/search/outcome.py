@@ -30,7 +30,7 @@ class Fit(Shown, Frozen):
     values : (k,) numpy.ndarray
     candidates : (C, k) numpy.ndarray
         Vectors that repeat the records as well as the values do, but for the noise of objective (4), best first; the
-        values alone where a method tries no others. ``certify(..., plants=...)`` takes them for want of a covariance.
+        values alone where a method tries no others. ``Uncertainty(plants=...)`` takes them for want of a covariance.
     covariance : (k, k) numpy.ndarray or None
         Of the values; None where the method provides none. It counts noise, scaled by the innovations and their
         autocorrelation, and what the rig may state wrongly: see `Tolerances`.

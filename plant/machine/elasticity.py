@@ -41,7 +41,7 @@ class Elasticity(Part):
 
     See Also
     --------
-    plant.Drive, ctc.lowest_resonance
+    plant.Drive
 
     Examples
     --------

@@ -18,11 +18,15 @@ from plant.models.toml_text import toml_lines
 from plant.parts.arguments import choice, instance, known_options
 from plant.parts.files import require_new, write_whole
 from plant.parts.frozen import Frozen
+from plant.parts.part import Part
 
 _LARGEST = 5_000_000
 """Bytes of a robot file."""
 
-_KEYS = ("name", "arm", "rig", "drive", "encoder", "law", "columns", "units")
+_KEYS = ("name", "arm", "rig", "drive", "encoder", "law", "uncertainty", "columns", "units")
+_UNCERTAINTY = "ctc.Uncertainty"
+"""What [uncertainty] holds; a package above this one defines it."""
+
 FOLDER = Path(__file__).parent / "robots"
 """Robot files of the package."""
 
@@ -41,6 +45,8 @@ class Robot(Frozen):
     dynamics : Dynamics, optional
         Of the arm, by default; else what is to be identified.
     law : Law, optional
+    uncertainty : Part, optional
+        What is not known of arm and rig, a `ctc.Uncertainty`.
     columns, units : dict, optional
         Which columns of a log are what, as for `Record.from_csv`.
     name : str
@@ -64,6 +70,7 @@ class Robot(Frozen):
     arm: Arm | None = None
     dynamics: Dynamics | None = None
     law: Law | None = None
+    uncertainty: Part | None = None
     columns: dict[str, Any] | None = None
     units: dict[str, Any] | None = None
     name: str = ""
@@ -71,7 +78,7 @@ class Robot(Frozen):
 
     def __post_init__(self) -> None:
         instance("rig", self.rig, Rig, "Give Rig(drive=..., encoder=..., period=...).")
-        for key, kind in (("arm", Arm), ("dynamics", Dynamics), ("law", Law)):
+        for key, kind in (("arm", Arm), ("dynamics", Dynamics), ("law", Law), ("uncertainty", Part)):
             if getattr(self, key) is not None:
                 instance(key, getattr(self, key), kind, f"Give one {kind.__name__}, or leave it out.")
         if self.dynamics is None:
@@ -154,10 +161,12 @@ def _robot(data: dict[str, Any], folder: Path) -> Robot:
     arm = None if f is None else dynamics.arm(f)
     known = {"[rig]": rig} | ({} if arm is None else {"[arm]": arm})
     law = part_of(data["law"], "", "law", known) if "law" in data else None
+    uncertainty = part_of(data["uncertainty"], _UNCERTAINTY, "uncertainty") if "uncertainty" in data else None
     name = data.get("name", "")
     return Robot(
         name=instance("name", name, str, "Write it in quotes."), rig=rig, arm=arm, dynamics=dynamics, law=law,
-        columns=data.get("columns"), units=data.get("units"), model=model_beside(data["arm"], folder),
+        uncertainty=uncertainty, columns=data.get("columns"), units=data.get("units"),
+        model=model_beside(data["arm"], folder),
     )  # fmt: skip
 
 
@@ -202,6 +211,8 @@ def _lines(robot: Robot) -> Iterator[str]:
         known = {"[rig]": robot.rig} | ({} if robot.arm is None else {"[arm]": robot.arm})
         tables["law"] = table_of(robot.law, "", known)
         class_of(tables["law"]["kind"], "law")  # a law of the user's own has no name in a file
+    if robot.uncertainty is not None:
+        tables["uncertainty"] = table_of(robot.uncertainty, _UNCERTAINTY)
     tables |= {key: value for key in ("columns", "units") if (value := getattr(robot, key)) is not None}
     classes: dict[str, type] = {"rig": Rig, "drive": type(robot.rig.drive), "encoder": type(robot.rig.encoder)}
 

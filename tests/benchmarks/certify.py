@@ -14,7 +14,7 @@ import time
 
 import numpy as np
 
-from ctc import ComputedTorque, certify
+from ctc import ComputedTorque, Uncertainty, certify
 from ctc.certification.binomial import clopper_pearson
 from identification import identify
 from plant import Phase, puma560, simulate
@@ -31,14 +31,14 @@ def main():
     found = identify(puma560.dynamics(), measured, seed=1, progress=False)
     law = ComputedTorque(found.arm, found.rig)
 
-    everything = {"load": (0, 0.5), "load_position": (0, -0.55, 0), "delay": (0, 1e-4), "dropped": 1e-3}
+    everything = Uncertainty(load=(0, 0.5), load_position=(0, -0.55, 0), delay=(0, 1e-4), dropped=1e-3)
     print("| drawn | sub-steps | loops | first [s] | warm, median of 3 [s] | ms and core per loop |")
     print("|---|---|---|---|---|---|")
-    for name, drawn in (("f, friction, phase", {}), ("and load, delay, lost counts", everything)):
+    for name, drawn in (("f, friction, phase", None), ("and load, delay, lost counts", everything)):
         for steps in (4, 16):
             seconds = []
             for _ in range(4):
-                certificate = certify(found, rig, law, path, samples=options.samples, steps_per_sample=steps, **drawn)
+                certificate = certify(found, rig, law, path, drawn, samples=options.samples, steps_per_sample=steps)
                 seconds.append(certificate.seconds)
             warm = statistics.median(seconds[1:])
             per_loop = 1e3 * warm * certificate.threads / options.samples

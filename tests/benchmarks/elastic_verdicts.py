@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ctc import ComputedTorque, ComputedTorquePID, FeedForward, certify
+from ctc import ComputedTorque, ComputedTorquePID, FeedForward, Uncertainty, certify
 from ctc.certification.binomial import clopper_pearson
 from identification import identify
 from plant import PD, Elasticity, P, puma560, simulate
@@ -43,7 +43,9 @@ def on_gears(hz, ratio):
 
 def real(law, hz, ratio, seed):
     """Loops of the robot itself that leave: share, and its lower 99 % bound."""
-    own = certify(ARM, on_gears(hz, ratio), law, PATH, plants=ARM.f[None], friction=FRICTION, samples=REAL, seed=seed)
+    own = certify(
+        ARM, on_gears(hz, ratio), law, PATH, Uncertainty(plants=ARM.f[None], friction=FRICTION), samples=REAL, seed=seed
+    )
     return own.probability, clopper_pearson(own.failures, REAL, 0.98)[0]
 
 
@@ -86,7 +88,7 @@ def main(quick, engine):
     print(f"{'gains':>12} {'Hz':>4} {'damping':>7}  {'law':<20} {'robot leaves':>12} {'lower 99 %':>10} {'upper':>7}")
     for gain, hz, ratio in cells_of(quick, engine):
         here = f"{gain!s:>12} {hz:4} {ratio:7} "
-        stated = {"resonance": ((1 - SHARE) * hz, (1 + SHARE) * hz), "friction": FRICTION}
+        stated = Uncertainty(resonance=((1 - SHARE) * hz, (1 + SHARE) * hz), friction=FRICTION)
         try:
             found = identify(ARM.dynamics, log_of(hz, ratio, gain, engine), seed=1, progress=False)
         except ValueError as error:
@@ -96,9 +98,9 @@ def main(quick, engine):
             started = time.perf_counter()
             try:
                 law = build(found)
-                certificate = certify(found, RIG, law, PATH, **stated, samples=FEW)
+                certificate = certify(found, RIG, law, PATH, stated, samples=FEW)
                 if most > FEW and not certificate.failures:
-                    certificate = certify(found, RIG, law, PATH, **stated, samples=most)
+                    certificate = certify(found, RIG, law, PATH, stated, samples=most)
                 upper = certificate.upper
             except ValueError as error:
                 print(f"{here} {name:<20} refused: {error}")

@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 
-from ctc import ComputedTorque, certify, tune
+from ctc import ComputedTorque, Uncertainty, certify, tune
 from plant import puma560
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
@@ -28,12 +28,12 @@ def main(quick):
     print(f"{'Hz':>10} {'friction':>8} {'leave, of 120':>14} {'asked':>6} {'chatter [N m]':>14} {'asked':>6} "
           f"{'observer 150 leaves':>20}  time, law")  # fmt: skip
     for resonance, friction, share, chatter in ASKED[::3] if quick else ASKED:
-        stated = {"resonance": resonance, "friction": friction, "covariance": COVARIANCE}
+        stated = Uncertainty(resonance=resonance, friction=friction, covariance=COVARIANCE)
         started = time.perf_counter()
-        found = tune(ARM, RIG, PATH, **stated, allowed=share, progress=False)
+        found = tune(ARM, RIG, PATH, stated, allowed=share, progress=False)
         seconds = time.perf_counter() - started
-        fresh = certify(ARM, RIG, found.law, PATH, **stated, samples=FRESH, seed=1234)
-        observer = certify(ARM, RIG, ComputedTorque(ARM, RIG, bandwidth=150), PATH, **stated, samples=FRESH, seed=1234)
+        fresh = certify(ARM, RIG, found.law, PATH, stated, samples=FRESH, seed=1234)
+        observer = certify(ARM, RIG, ComputedTorque(ARM, RIG, bandwidth=150), PATH, stated, samples=FRESH, seed=1234)
         best = min(found.trials, key=lambda trial: trial.rank)
         numbers = ", ".join(f"{name} {value:.4g}" for name, value in best.numbers.items())
         print(

@@ -46,7 +46,7 @@ def experiment(n):
 
 def one(n):
     """Seconds of a first and of a second identification, error, seconds of a certificate of 10,000 loops."""
-    from ctc import ComputedTorque, certify
+    from ctc import ComputedTorque, Uncertainty, certify
     from identification import identify
 
     arm, rig, path, log = experiment(n)
@@ -57,7 +57,7 @@ def one(n):
         seconds.append(time.perf_counter() - started)
     error = np.sqrt(np.mean(((found.f - arm.f) / found.fit.std) ** 2))
     law, doubt = ComputedTorque(arm, rig), np.diag((0.002 * np.abs(arm.f) + 1e-6) ** 2)
-    given = {"covariance": doubt, "samples": PLANTS, "progress": False}
+    given = {"uncertainty": Uncertainty(covariance=doubt), "samples": PLANTS, "progress": False}
     certify(arm, rig, law, path, **given)
     started = time.perf_counter()
     certify(arm, rig, law, path, **given)

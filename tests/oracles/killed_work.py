@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 
-from ctc import ComputedTorque, certify
+from ctc import ComputedTorque, Uncertainty, certify
 from identification import GeneticSettings, identify, spread
 from plant import puma560, simulate
 from plant.parts.saved import fingerprint
@@ -39,10 +39,10 @@ class Works:
         else:
             covariance = np.diag((0.02 * puma560.PUBLISHED) ** 2)
             law = ComputedTorque(self.arm, self.rig)
+            stated = Uncertainty(covariance=covariance)
             result = certify(
-                self.arm, self.rig, law, self.path, covariance=covariance, samples=self.loops, duration=self.duration,
-                **same,
-            )  # fmt: skip
+                self.arm, self.rig, law, self.path, stated, samples=self.loops, duration=self.duration, **same
+            )
         return fingerprint(result)
 
 

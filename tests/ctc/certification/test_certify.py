@@ -14,10 +14,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import beta, binom, rankdata
+from uncertain import with_uncertainty
 
 import ctc.certification.reserves
 from ctc import ComputedTorque, certify, evaluate
 from ctc.certification.binomial import clopper_pearson
+from ctc.certification.samples import draw
 from ctc.certification.sensitivity import influences, ranked
 from ctc.certification.uncertainty import Uncertainty
 from identification import identify
@@ -35,10 +37,9 @@ EVERYTHING = {
 
 
 def certified(**options):
-    return certify(
-        ARM, options.pop("rig", RIG), options.pop("law", LAW), options.pop("path", PATH),
-        **{"covariance": COVARIANCE, "duration": 0.05, "samples": 200, "steps_per_sample": 4} | options,
-    )  # fmt: skip
+    arguments = ARM, options.pop("rig", RIG), options.pop("law", LAW), options.pop("path", PATH)
+    usual = {"covariance": COVARIANCE, "duration": 0.05, "samples": 200, "steps_per_sample": 4}
+    return certify(*arguments, **with_uncertainty(**usual | options))
 
 
 @pytest.fixture(scope="module")
@@ -108,8 +109,8 @@ def test_a_probability_known_beforehand():
     still = DYNAMICS.arm([1.6, 1.4, 0, 0, 0, 0, 6.6, 0, 0])
     rest = Harmonics(period=1.0, offset=RIG.to_angle(np.array([0.7, 0.7])), cosine=((0,), (0,)), sine=((0,), (0,)))
     certificate = certify(
-        still, RIG, P(gain=(0, 0)), rest, covariance=np.zeros((9, 9)), duration=0.01, samples=4000, within=0,
-        steps_per_sample=4,
+        still, RIG, P(gain=(0, 0)), rest, Uncertainty(covariance=np.zeros((9, 9))), duration=0.01, samples=4000,
+        within=0, steps_per_sample=4,
     )  # fmt: skip
     known = 1 - 0.8**2  # of two joints
     low, high = clopper_pearson(certificate.failures, 4000, 0.9999)
@@ -138,7 +139,7 @@ def test_brute_force_agrees_on_a_case_that_fails_one_time_in_ten():
 
 
 def test_lost_counts_of_loops_side_by_side_are_independent():
-    plants = Uncertainty(covariance=COVARIANCE, dropped=0.1).draw(ARM, RIG, 80, 0)
+    plants = draw(Uncertainty(covariance=COVARIANCE, dropped=0.1), ARM, RIG, 80, 0)
     lost = np.hstack([plants.lost(block, LANES, 2000) for block in range(2)])
     assert not lost[0].any()
     np.testing.assert_allclose(lost.mean(axis=0), 0.1, atol=5 * np.sqrt(0.09 / 2000))
@@ -177,7 +178,7 @@ def test_a_bar_counts_the_loops_where_it_is_wanted(monkeypatch, wanted):
 def test_draws_have_the_covariance_that_was_given():
     mixed = np.random.default_rng(0).normal(size=(9, 9)) * 0.01
     mixed[:, 8] = 0  # one direction in which nothing is uncertain
-    plants = Uncertainty(covariance=mixed @ mixed.T, phase=False, friction=0.0).draw(ARM, RIG, 20_000, 0)
+    plants = draw(Uncertainty(covariance=mixed @ mixed.T, phase=False, friction=0.0), ARM, RIG, 20_000, 0)
     assert plants.names == DYNAMICS.names
     assert plants.redrawn == 0
     np.testing.assert_allclose(plants.f.mean(axis=0), ARM.f, atol=6 * 0.03 / np.sqrt(20_000))
@@ -187,7 +188,7 @@ def test_draws_have_the_covariance_that_was_given():
 
 
 def test_what_was_identified_is_drawn_from_its_own_covariance(found):
-    plants = Uncertainty().draw(found, RIG, 3000, 0)
+    plants = draw(Uncertainty(), found, RIG, 3000, 0)
     own = plants.values[:, [plants.names.index(name) for name in found.unknown]]
     np.testing.assert_allclose(own.std(axis=0) / found.std, 1, atol=6 / np.sqrt(2 * 3000))
     friction = plants.values[:, plants.names.index("drive.coulomb[1]")] / RIG.drive.coulomb[1]
@@ -197,7 +198,7 @@ def test_what_was_identified_is_drawn_from_its_own_covariance(found):
         values=np.append(found.values, (0.2, 9.0)),
         covariance=np.pad(found.covariance, (0, 2)) + np.diag([0.0] * 9 + [0.01**2, 1.0]),
     )  # fmt: skip
-    plants = Uncertainty().draw(dataclasses.replace(found, fit=more), RIG, 3000, 0)
+    plants = draw(Uncertainty(), dataclasses.replace(found, fit=more), RIG, 3000, 0)
     level = plants.values[:, plants.names.index("drive.coulomb[1]")]
     assert abs(level.mean() - 0.2) < 6 * 0.01 / np.sqrt(3000)
     assert abs(level.std() - 0.01) < 6 * 0.01 / np.sqrt(2 * 3000)
@@ -215,7 +216,7 @@ def test_gears_that_were_identified_are_drawn_and_none_has_negative_damping(foun
         found.fit, unknown=(*found.unknown, *names), values=np.append(found.values, values),
         covariance=np.pad(found.covariance, (0, 4)) + np.diag([0.0] * 9 + [*spread**2]),
     )  # fmt: skip
-    plants = Uncertainty().draw(dataclasses.replace(found, fit=more), rig, 500, 0)
+    plants = draw(Uncertainty(), dataclasses.replace(found, fit=more), rig, 500, 0)
     drawn = plants.values[:, [plants.names.index(name) for name in names]]
     assert (drawn >= 0).all()
     assert plants.redrawn > 10
@@ -224,7 +225,7 @@ def test_gears_that_were_identified_are_drawn_and_none_has_negative_damping(foun
 
 def test_draws_that_can_be_no_arm_are_drawn_again():
     wide = np.diag((0.5 * puma560.PUBLISHED) ** 2)
-    plants = Uncertainty(covariance=wide, friction=0.6).draw(ARM, RIG, 500, 0)
+    plants = draw(Uncertainty(covariance=wide, friction=0.6), ARM, RIG, 500, 0)
     assert plants.redrawn > 100
     assert (least_inertia_margin(DYNAMICS, RIG, plants.f) >= 0).all()
     friction = [name.startswith("drive.") for name in plants.names]
@@ -234,14 +235,14 @@ def test_draws_that_can_be_no_arm_are_drawn_again():
 
 def test_a_load_is_a_body_in_the_hand():
     position = (0.1, -0.5, 0.0)
-    plants = Uncertainty(covariance=COVARIANCE, load=(0.2, 0.4), load_position=position).draw(ARM, RIG, 50, 0)
+    plants = draw(Uncertainty(covariance=COVARIANCE, load=(0.2, 0.4), load_position=position), ARM, RIG, 50, 0)
     nothing = Body(mass=0.0, com=(0, 0, 0))
     for f, values in zip(plants.f, plants.values, strict=True):
         mass = values[plants.names.index("load")]
         assert 0.2 <= mass <= 0.4
         added = DYNAMICS.f([nothing, Body(mass=mass, com=position)])
         np.testing.assert_allclose(f, values[:9] + added, atol=1e-12)
-    fixed = Uncertainty(covariance=COVARIANCE, load=0.3, load_position=position).draw(ARM, RIG, 50, 0)
+    fixed = draw(Uncertainty(covariance=COVARIANCE, load=0.3, load_position=position), ARM, RIG, 50, 0)
     assert "load" not in fixed.names
     np.testing.assert_allclose(fixed.f - fixed.values[:, :9], np.tile(added / mass * 0.3, (50, 1)), atol=1e-12)
 
@@ -254,7 +255,7 @@ def test_given_arms_are_taken_in_turn():
 
 def test_other_imperfections_are_left_as_the_rig_has_them():
     rig = dataclasses.replace(RIG, transport=Transport(delay=1e-4))
-    plants = Uncertainty(covariance=COVARIANCE, phase=False).draw(ARM, rig, 5, 0)
+    plants = draw(Uncertainty(covariance=COVARIANCE, phase=False), ARM, rig, 5, 0)
     assert plants.rig == rig
     assert plants.plant(3, LANES, 10)[1].transport == rig.transport
 
@@ -370,15 +371,15 @@ def test_figure():
 SWAPPED = np.diag([1.0] * 8 + [-1.0])
 WRONG = {
     "swapped law and arm": (lambda: certify(ARM, LAW, RIG, PATH), "rig must be of type Rig"),
-    "no uncertainty": (lambda: certify(ARM, RIG, LAW, PATH), "Pass covariance=, such as"),
+    "no uncertainty": (lambda: certify(ARM, RIG, LAW, PATH), r"Pass Uncertainty\(covariance="),
     "neither": (lambda: certify(DYNAMICS, RIG, LAW, PATH), "found must be of type Arm"),
     "both": (lambda: certified(plants=[puma560.PUBLISHED]), "got both"),
-    "misspelt": (lambda: certified(frictoin=0.1), "Did you mean 'friction'"),
+    "misspelt": (lambda: Uncertainty(frictoin=0.1), "Did you mean 'friction'"),
     "a covariance too small": (lambda: certified(covariance=np.eye(3)), r"must have shape \(9, 9\)"),
     "a factor of one": (lambda: certified(covariance=np.tril(np.ones((9, 9)))), "must be symmetric"),
     "no covariance": (lambda: certified(covariance=SWAPPED), "positive semidefinite"),
     "hardly an arm": (
-        lambda: certify(DYNAMICS.arm(-puma560.PUBLISHED), RIG, LAW, PATH, covariance=COVARIANCE),
+        lambda: certify(DYNAMICS.arm(-puma560.PUBLISHED), RIG, LAW, PATH, Uncertainty(covariance=COVARIANCE)),
         "Give a smaller covariance",
     ),
     "no arm": (lambda: certified(covariance=None, plants=-puma560.PUBLISHED[None]), "row 0 has D"),
@@ -392,7 +393,7 @@ WRONG = {
     "all lost": (lambda: certified(dropped=1.0), "from 0 to below 1"),
     "fast and lost": (lambda: certified(law=puma560.p_law(), dropped=0.1), "Use a sampled law"),
     "nothing left": (lambda: certified(after=0.05), "below the duration"),
-    "text for a flag": (lambda: certified(phase="yes"), "phase must be of type bool"),
+    "text for a flag": (lambda: certified(phase="yes"), "phase of Uncertainty must be of type bool"),
     "more reserves than plants": (lambda: certified(samples=20).reserves(), "from 1 to 20"),
     "no such plant": (lambda: certified(samples=20).plant(20), "from 0 to 19"),
 }

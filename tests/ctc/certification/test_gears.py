@@ -5,11 +5,11 @@ import dataclasses
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from uncertain import with_uncertainty
 
-from ctc import ComputedTorque, certify, evaluate, margins, sweep_resonance
+from ctc import ComputedTorque, Uncertainty, certify, evaluate, margins, sweep_resonance
 from ctc.certification.binomial import clopper_pearson
 from ctc.certification.cells import cells
-from ctc.certification.gears import Gears
 from ctc.stability.error_loop import open_loops
 from ctc.verdict.lowest_resonance import lowest_resonance
 from plant import Elasticity, puma560, simulate
@@ -32,7 +32,7 @@ def on_gears(hz, damping_ratio):
      "load_friction": 0.1, "ripple": (0, 0.02), "quadrature": (0, 0.3)},
 ], ids=["alike", "each", "the rest"])  # fmt: skip
 def test_each_lane_is_a_simulation_of_gears_with_their_resonance(options):
-    found = certify(ARM, RIG, LAW, PATH, **SHORT, **options)
+    found = certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT, **options))
     for i in (0, 17, 59):
         plant, runs = found.plant(i), found.runs
         drive, values = plant.rig.drive, plant.values
@@ -62,7 +62,9 @@ def test_each_lane_is_a_simulation_of_gears_with_their_resonance(options):
 
 def test_the_bound_is_that_of_the_worst_part_of_the_range():
     """From 60 Hz, where the law is unstable, to 400 Hz, where it holds: 'most of them hold' would be no verdict."""
-    found = certify(ARM, RIG, LAW, PATH, **SHORT | {"samples": 400, "duration": 0.4}, resonance=(60, 400))
+    found = certify(
+        ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT | {"samples": 400, "duration": 0.4}, resonance=(60, 400))
+    )
     left, hz = found.runs.outside > 0, found.plants.values[:, found.plants.names.index("resonance")]
     assert left[hz < 100].all()
     assert not left[hz > 300].any()
@@ -84,19 +86,19 @@ def test_the_bound_is_that_of_the_worst_part_of_the_range():
 
 
 def test_no_bound_is_not_called_one():
-    left = certify(ARM, RIG, LAW, PATH, **SHORT, resonance=(60, 62))
+    left = certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT, resonance=(60, 62)))
     assert left.upper == 1
     cell = left.worst_cell
     assert cell.failures == cell.count > 0
     assert f"at some sample; at the worst resonance ({cell}) {cell.count} of {cell.count} do." in left.verdict
     assert "at most" not in left.verdict
-    few = certify(ARM, RIG, LAW, PATH, **SHORT | {"samples": 2}, resonance=(300, 400))
+    few = certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT | {"samples": 2}, resonance=(300, 400)))
     assert few.verdict.startswith("None of 2 possible plants leaves ±1 pulse; at the worst resonance (")
     assert few.verdict.endswith("none was drawn, so nothing is said of it.")
 
 
 def test_cells_are_narrow_and_hold_what_is_in_them():
-    ranges = Gears(resonance=(50, 100), damping_ratio=(0.01, 0.04))
+    ranges = Uncertainty(resonance=(50, 100), damping_ratio=(0.01, 0.04))
     values = np.array([[50.0, 0.01], [99.9, 0.039], [100.0, 0.04], [70.0, 0.02]])
     found = cells(ranges, ("resonance", "damping_ratio"), values, np.array([True, False, True, False]))
     assert all(cell.hz[1] / cell.hz[0] <= 1.1 + 1e-9 for cell in found)
@@ -109,22 +111,22 @@ def test_cells_are_narrow_and_hold_what_is_in_them():
 
 
 def test_no_verdict_on_rigid_gears_stands_without_the_gears_on_which_it_holds():
-    found = certify(ARM, RIG, LAW, PATH, **SHORT)
+    found = certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT))
     assert f"above {found.lowest_resonance:.3g} Hz (damping ratio 0.01)" in found.verdict
     assert "the nominal arm stays" in found.verdict
-    late = certify(ARM, RIG, LAW, PATH, **SHORT, lag=1e-4)
+    late = certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT, lag=1e-4))
     assert "the nominal arm, with current lag 0.0001 s, stays" in late.verdict
     lagging = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, current_lag=1e-4))
     options = {"duration": SHORT["duration"], "steps_per_sample": SHORT.get("steps_per_sample", 16)}
     assert late.lowest_resonance == lowest_resonance(ARM, lagging, LAW, PATH, **options).hz > found.lowest_resonance
-    slow = certify(ARM, RIG, LAW, PATH, **SHORT, lag=(0, 5e-3))
+    slow = certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT, lag=(0, 5e-3)))
     assert slow.probability > 0.5
     assert slow.verdict.endswith("Rigid gears assumed.")
-    stated = certify(ARM, RIG, LAW, PATH, **SHORT, damping_ratio=0.03)
+    stated = certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT, damping_ratio=0.03))
     assert stated.lowest_resonance < found.lowest_resonance
     assert "not drawn: elasticity, " in str(found)
     assert "backlash" in str(found).split("not drawn:")[1]
-    assert "resonance 60 to 90 Hz" in str(certify(ARM, RIG, LAW, PATH, **SHORT, resonance=(60, 90)))
+    assert "resonance 60 to 90 Hz" in str(certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT, resonance=(60, 90))))
 
 
 @pytest.mark.parametrize("ratio", [0.01, 0.02])
@@ -196,11 +198,10 @@ def test_margins_of_elastic_gears_are_those_of_the_stiff_limit():
     ({"lag": -1e-4}, "lag must be from 0 upwards"),
     ({"friction_drift": (0.2, -0.2)}, "friction_drift must be two numbers, the lower end first"),
     ({"jitter": 0.7}, "share must be from 0 to 0.5 of the period; got 0.7"),
-    ({"resonnance": (60, 90)}, "Did you mean 'resonance'"),
 ])  # fmt: skip
 def test_wrong_calls_are_refused_in_one_line(options, message):
     with pytest.raises(ValueError, match=message) as refusal:
-        certify(ARM, RIG, LAW, PATH, **SHORT, **options)
+        certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT, **options))
     assert "\n" not in str(refusal.value)
 
 

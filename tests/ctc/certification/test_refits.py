@@ -5,12 +5,14 @@ import sys
 
 import numpy as np
 import pytest
+from uncertain import with_uncertainty
 
-from ctc import ComputedTorque, certify, lowest_resonance, sweep_resonance
+from ctc import ComputedTorque, certify, sweep_resonance
 from ctc.certification import refits as fits_on_gears
-from ctc.certification.gears import Gears
 from ctc.certification.refits import refits
+from ctc.certification.samples import draw
 from ctc.certification.uncertainty import Uncertainty
+from ctc.verdict.lowest_resonance import lowest_resonance
 from identification import identify
 from plant import Elasticity, puma560, simulate
 
@@ -44,8 +46,8 @@ def test_the_fit_at_the_resonance_of_the_robot_is_nearest_to_it(found, again):
 
 
 def test_plants_have_the_f_of_their_resonance_and_laws_that_of_the_middle(found, again):
-    stated = Uncertainty(gears=Gears(resonance=(0.9 * HZ, 1.1 * HZ), damping_ratio=RATIO))
-    plants = stated.draw(found, RIG, 400, 0, START)
+    stated = Uncertainty(resonance=(0.9 * HZ, 1.1 * HZ), damping_ratio=RATIO)
+    plants = draw(stated, found, RIG, 400, 0, START)
     np.testing.assert_allclose(plants.arm.f, again.centres(np.array([0.5]))[0], rtol=1e-9)
 
     hz = plants.values[:, plants.names.index("resonance")]
@@ -58,7 +60,9 @@ def test_plants_have_the_f_of_their_resonance_and_laws_that_of_the_middle(found,
 
 def test_what_follows_from_the_resonance_is_no_sensitivity_to_f(found, again):
     stated = {"resonance": (0.9 * HZ, 1.1 * HZ), "damping_ratio": RATIO, "samples": 400, "duration": 0.3}
-    certificate = certify(found, RIG, ComputedTorque(found, bandwidth=90), PATH, **stated, friction=0.0)
+    certificate = certify(
+        found, RIG, ComputedTorque(found, bandwidth=90), PATH, **with_uncertainty(**stated, friction=0.0)
+    )
     plants, shares = certificate.plants, {each.name: each.share for each in certificate.sensitivities}
     hz = plants.values[:, plants.names.index("resonance")]
     own = [plants.names.index(name) for name in ARM.dynamics.names]
@@ -97,15 +101,15 @@ def test_fits_are_made_once_for_a_range_and_change_no_bit(found, monkeypatch, ca
     stated = {"resonance": (HZ, HZ), "damping_ratio": RATIO, "samples": 24, "duration": 0.1}
     slow, fast = (ComputedTorque(found, bandwidth=bandwidth) for bandwidth in (40, 60))
 
-    certify(found, RIG, slow, PATH, **stated)
+    certify(found, RIG, slow, PATH, **with_uncertainty(**stated))
     assert len(made) == 2
     assert "fits on gears" in capsys.readouterr().err
-    kept = certify(found, RIG, fast, PATH, **stated)
+    kept = certify(found, RIG, fast, PATH, **with_uncertainty(**stated))
     assert len(made) == 2
     assert "fits on gears" not in capsys.readouterr().err
 
     monkeypatch.setattr(fits_on_gears, "_KEPT", {})
-    assert results(certify(found, RIG, fast, PATH, **stated, progress=False)) == results(kept)
+    assert results(certify(found, RIG, fast, PATH, **with_uncertainty(**stated, progress=False))) == results(kept)
     assert len(made) == 4
     assert capsys.readouterr().err == ""
 
@@ -155,5 +159,11 @@ def test_what_no_rig_has_is_refused_before_anything_is_fitted(found, monkeypatch
     fitted = []
     monkeypatch.setattr(fits_on_gears, "_on_gears", lambda *given: fitted.append(given))
     with pytest.raises(ValueError, match=message):
-        certify(found, RIG, ComputedTorque(found, bandwidth=60), PATH, samples=10, duration=0.1, **stated)
+        certify(
+            found,
+            RIG,
+            ComputedTorque(found, bandwidth=60),
+            PATH,
+            **with_uncertainty(samples=10, duration=0.1, **stated),
+        )
     assert fitted == []

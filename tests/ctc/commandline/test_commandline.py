@@ -123,7 +123,19 @@ def test_a_law_is_tuned_and_handed_on(folder, capsys, monkeypatch):
     run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "untuned.json", "--quiet")
     path = np.loadtxt("path.csv", delimiter=",")
     np.savetxt("brief.csv", path[path[:, 0] <= 0.15], delimiter=",")
-    given = ("untuned.json", "--path", "brief.csv", "--samples", "8", "--friction", "0.02", "-o", "tuned.json")
+    given = (
+        "untuned.json",
+        "--path",
+        "brief.csv",
+        "--samples",
+        "8",
+        "--friction",
+        "0.02",
+        "--after",
+        "0.03",
+        "-o",
+        "tuned.json",
+    )
     code, out, err = run(capsys, "tune", *given, "--json", "--quiet")
     told = json.loads(out)
     assert (code, told["failures"], err) == (0, 0, "")

@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from closed_loops import without_friction
+from uncertain import with_uncertainty
 
 from ctc import (
     Adaptive,
@@ -119,13 +120,13 @@ def test_a_certificate_has_the_springs_and_draws_those_that_were_identified():
     assert peaks[1] > peaks[0] + 1
     options = {"samples": 40, "friction": 0.0, "phase": False, "duration": 0.5, "within": peaks[0], "progress": False}
     tight = 1e-12 * np.diag(ARM.f**2)
-    assert certify(ARM, SPRUNG, law, PATH, covariance=tight, **options).failures == 0
-    assert certify(ARM, stiffer, law, PATH, covariance=tight, **options).failures == 40
+    assert certify(ARM, SPRUNG, law, PATH, **with_uncertainty(covariance=tight, **options)).failures == 0
+    assert certify(ARM, stiffer, law, PATH, **with_uncertainty(covariance=tight, **options)).failures == 40
 
     record = simulate(ARM, SPRUNG, puma560.p_law(), PATH)
     unknown = (*ARM.dynamics.names, "springs.stiffness[0]")
     found = identify(ARM.dynamics, record, unknown=unknown, method="prediction_error", progress=False)
-    certificate = certify(found, found.rig, law, PATH, **options)
+    certificate = certify(found, found.rig, law, PATH, **with_uncertainty(**options))
     drawn = certificate.plants.values[:, certificate.plants.names.index("springs.stiffness[0]")]
     np.testing.assert_allclose(drawn.mean(), found.rig.springs.stiffness[0], rtol=0.02)
     assert 0.5 < drawn.std() / np.sqrt(found.covariance[-1, -1]) < 2  # of 40

@@ -1,13 +1,14 @@
 """Gains against the poles that they should give, closed forms, and the observer of the law."""
 
 import casadi as ca
+import control
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ctc.laws.observer import correct, predict
-from ctc.stability.design import kalman_gains, lqr_gains, motor_gain, observer_gains, pid_gains
+from ctc.stability.design import motor_gain, observer_gains, pid_gains
 from plant import P, catalogue, linearise, puma560
 from plant.analysis.linearise import modes
 
@@ -23,10 +24,12 @@ def test_pid_gains_give_the_poles_that_were_asked_for(bandwidth, damping, integr
     np.testing.assert_allclose([1, kd, kp, ki], expected, rtol=1e-12)
 
 
-def test_lqr_gains_are_the_closed_form():
-    """Of a double integrator: kp = a / e, kd = sqrt(2 kp), a damping of 1 / sqrt(2). Riccati's solver: 1e-6."""
-    kp, kd = lqr_gains(error=2e-4, acceleration=8.0)
-    np.testing.assert_allclose([kp, kd], [4e4, np.sqrt(8e4)], rtol=1e-6)
+def test_a_damping_of_one_by_root_two_is_the_linear_quadratic_regulator():
+    """Of a double integrator with weights 1 / e^2 and 1 / a^2, by Riccati's equation, at a bandwidth of sqrt(a / e)."""
+    error, acceleration = 2e-4, 8.0
+    best, *_ = control.lqr([[0, 1], [0, 0]], [[0], [1]], np.diag([error**-2, 0]), [[acceleration**-2]])
+    kp, _, kd = pid_gains(np.sqrt(acceleration / error), damping=np.sqrt(0.5))
+    np.testing.assert_allclose([[kp, kd]], best, rtol=1e-6)
 
 
 def test_a_motor_gain_puts_the_mode_of_a_p_loop_where_it_was_asked_for():
@@ -49,7 +52,7 @@ def test_a_triple_pole_gives_the_gains_of_the_laws_observer(omega):
     """Against the closed form in ctc.laws.observer; Ackermann's formula loses some digits near z = 1."""
     dt, zero = RIG.period, ca.SX(0)
     law = np.array([float(ca.evalf(x)) for x in correct(zero, zero, zero, ca.SX(1), ca.SX(omega), ca.SX(dt))])
-    np.testing.assert_allclose(observer_gains([-omega] * 3, dt), law, rtol=1e-6)
+    np.testing.assert_allclose(observer_gains(RIG, poles=[-omega] * 3), [law, law], rtol=1e-6)
 
 
 def poles_of(gains, dt):
@@ -62,7 +65,7 @@ def poles_of(gains, dt):
 
 def test_observer_poles_are_where_they_were_asked_for():
     asked = np.array([-100, -200 + 150j, -200 - 150j])
-    got = poles_of(observer_gains(asked, RIG.period), RIG.period)
+    got = poles_of(observer_gains(RIG, poles=asked)[1], RIG.period)
     np.testing.assert_allclose(np.sort_complex(got), np.sort_complex(asked), rtol=1e-6)
 
 
@@ -72,7 +75,7 @@ def test_kalman_gains_beat_all_other_gains_on_the_noise_that_they_were_made_for(
 
     dt, walk = RIG.period, 2000.0
     step = np.array([[1, 1, 1 / 2], [0, 1, 1], [0, 0, 1]])
-    for joint, best in enumerate(kalman_gains(RIG, walk)):
+    for joint, best in enumerate(observer_gains(RIG, disturbance=walk)):
         assert (poles_of(best, dt).real < 0).all()
         best = best * (1, dt, dt**2)
         ratio = walk**2 * dt**5 / (RIG.to_angle(np.ones(2))[joint] ** 2 / 12)
@@ -95,15 +98,14 @@ def test_kalman_gains_beat_all_other_gains_on_the_noise_that_they_were_made_for(
         (lambda: pid_gains(-1), "bandwidth must be a positive number"),
         (lambda: pid_gains(100, 0), "damping must be a positive number"),
         (lambda: pid_gains(100, 1, -5), "integral must not be negative"),
-        (lambda: lqr_gains(0, 1), "error must be a positive number"),
         (lambda: motor_gain(ARM, (1, 1), 1), "rig must be of type Rig"),
         (lambda: motor_gain(RIG, (1,), 1), "inertia must have shape"),
         (lambda: motor_gain(catalogue.tx40_rig(), np.ones(6), 1), "motors that turn one joint each"),
-        (lambda: observer_gains([-1, -2], 1e-3), "poles must be three"),
-        (lambda: observer_gains([-1, -2, 3], 1e-3), "poles must be three, stable"),
-        (lambda: observer_gains([-1, -2, -3 + 1j], 1e-3), "in pairs"),
-        (lambda: observer_gains([-1, -2, -3], 0), "period must be a positive number"),
-        (lambda: kalman_gains(RIG, -1), "disturbance must be positive"),
+        (lambda: observer_gains(RIG, poles=[-1, -2]), "poles must be three"),
+        (lambda: observer_gains(RIG, poles=[-1, -2, 3]), "poles must be three, stable"),
+        (lambda: observer_gains(RIG, poles=[-1, -2, -3 + 1j]), "in pairs"),
+        (lambda: observer_gains(RIG), "one of poles and disturbance must be given; got none"),
+        (lambda: observer_gains(RIG, disturbance=-1), "disturbance must be positive"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(call, said):

@@ -4,10 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from uncertain import with_uncertainty
 
 from ctc import ComputedTorque, FlexibleJointComputedTorque, certify, tune
 from ctc.certification.binomial import clopper_pearson
-from ctc.certification.gears import Gears
+from ctc.certification.samples import draw
 from ctc.certification.uncertainty import Uncertainty
 from ctc.tuning.families import families
 from ctc.tuning.search import Tunings
@@ -24,12 +25,12 @@ def tuning():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("ctc.tuning.search.ROUNDS", ((6, np.inf), (4, 1.0)))
         patch.setattr("ctc.tuning.tune._FRESH", 200)
-        return tune(ARM, RIG, PATH, **STATED, **SHORT, seed=1)
+        return tune(ARM, RIG, PATH, **with_uncertainty(**STATED, **SHORT, seed=1))
 
 
 def test_the_law_holds_on_plants_of_its_own(tuning):
     assert tuning.holds
-    fresh = certify(ARM, RIG, tuning.law, PATH, **STATED, samples=200, seed=77, duration=0.4)
+    fresh = certify(ARM, RIG, tuning.law, PATH, **with_uncertainty(**STATED, samples=200, seed=77, duration=0.4))
     assert fresh.failures <= 2
     assert tuning.certificate.law is tuning.law
     assert tuning.certificate.settings["after"] == 0.02
@@ -54,7 +55,7 @@ def test_same_seed_same_law_whatever_the_threads(monkeypatch):
     monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((2, np.inf),))
     monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
     monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[1:2])
-    one, two = (tune(ARM, RIG, PATH, **STATED, **SHORT, threads=threads) for threads in (1, 2))
+    one, two = (tune(ARM, RIG, PATH, **with_uncertainty(**STATED, **SHORT, threads=threads)) for threads in (1, 2))
     assert one.trials[0].numbers == two.trials[0].numbers
     np.testing.assert_array_equal(one.trials[0].chatter, two.trials[0].chatter)
 
@@ -62,8 +63,8 @@ def test_same_seed_same_law_whatever_the_threads(monkeypatch):
 @pytest.mark.parametrize("which", [0, 1, 2])
 def test_a_tuning_side_by_side_is_its_law_simulated(which):
     family = families(ARM, RIG, PATH)[which]
-    uncertainty = Uncertainty(friction=0.02, covariance=STATED["covariance"], gears=Gears(resonance=(40, 60)))
-    plants = uncertainty.draw(ARM, RIG, 3, 5, START)
+    uncertainty = Uncertainty(friction=0.02, covariance=STATED["covariance"], resonance=(40, 60))
+    plants = draw(uncertainty, ARM, RIG, 3, 5, START)
     values = np.array([list(each.values()) for each in family.known])[:2] * 0.9
     tunings = Tunings(
         family=family, plants=plants, reference=PATH, options={"within": 1, "duration": 0.2, "after": 0.02},
@@ -90,7 +91,7 @@ def test_identified_gears_and_the_motion_of_links_bring_flexible_joint_computed_
     assert len(found) == 1 + len(families(ARM, rig, PATH)) == 4
     monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[3:])
     plan = LinkReference(ARM, rig, PATH)
-    tuning = tune(ARM, rig, plan, **STATED | {"resonance": (49, 51)}, **SHORT)
+    tuning = tune(ARM, rig, plan, **with_uncertainty(**STATED | {"resonance": (49, 51)}, **SHORT))
     assert isinstance(tuning.law, FlexibleJointComputedTorque)
     assert tuning.holds
     log = simulate(ARM, rig, tuning.law, plan, duration=0.4)
@@ -108,8 +109,8 @@ def test_plants_that_leave_join_the_search(monkeypatch):
         lambda self, values, plants, aim: seen.append(len(plants)) or original(self, values, plants, aim),
     )
     family = families(ARM, RIG, PATH)[2]
-    uncertainty = Uncertainty(friction=0.2, covariance=STATED["covariance"], gears=Gears(resonance=(15, 80)))
-    plants = uncertainty.draw(ARM, RIG, 40, 5, START)
+    uncertainty = Uncertainty(friction=0.2, covariance=STATED["covariance"], resonance=(15, 80))
+    plants = draw(uncertainty, ARM, RIG, 40, 5, START)
     tunings = Tunings(
         family=family, plants=plants, reference=PATH, options={"within": 1, "duration": 0.2, "after": 0.02},
         scale=np.ones(2), threads=2,
@@ -128,8 +129,8 @@ def test_it_goes_on_from_the_first_that_holds_and_gives_up_what_is_beaten(monkey
     family = families(ARM, RIG, PATH)[1]
     noisy = {"bandwidth": 200.0, "ratio": 1.5, "integral": 20.0, "roll_off": 3000.0, "roll_off_damping": 0.8}
     family = dataclasses.replace(family, known=[noisy])
-    uncertainty = Uncertainty(friction=0.03, covariance=STATED["covariance"], gears=Gears(resonance=(40, 60)))
-    plants = uncertainty.draw(ARM, RIG, 30, 5, START)
+    uncertainty = Uncertainty(friction=0.03, covariance=STATED["covariance"], resonance=(40, 60))
+    plants = draw(uncertainty, ARM, RIG, 30, 5, START)
     tunings = Tunings(
         family=family, plants=plants, reference=PATH, options={"within": 1, "duration": 0.4, "after": 0.02},
         scale=np.ones(2), threads=2,
@@ -153,7 +154,7 @@ def test_what_may_leave_is_bounded_with_confidence(monkeypatch):
     monkeypatch.setattr("ctc.tuning.tune._FRESH", 100)
     monkeypatch.setattr("ctc.tuning.tune._MORE", 10)
     monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[1:2])
-    found = tune(ARM, RIG, PATH, **STATED | {"friction": 0.2}, **SHORT, allowed=0.2)
+    found = tune(ARM, RIG, PATH, **with_uncertainty(**STATED | {"friction": 0.2}, **SHORT, allowed=0.2))
     (trial,) = found.trials
     assert clopper_pearson(trial.allowed, 100, 0.9)[1] <= 0.2 < clopper_pearson(trial.allowed + 1, 100, 0.9)[1]
     assert found.holds == (trial.left <= trial.allowed)
@@ -165,7 +166,7 @@ def test_what_may_leave_is_bounded_with_confidence(monkeypatch):
 def test_where_nothing_holds_it_says_so(monkeypatch):
     monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((1, np.inf),))
     monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
-    found = tune(ARM, RIG, PATH, **STATED | {"friction": 1.0}, **SHORT, within=0.1)
+    found = tune(ARM, RIG, PATH, **with_uncertainty(**STATED | {"friction": 1.0}, **SHORT, within=0.1))
     assert not found.holds
     assert "No law keeps the limit on all plants" in str(found)
     assert found.certificate.failures > 0
@@ -176,14 +177,14 @@ def test_where_nothing_holds_it_says_so(monkeypatch):
     ({"allowed": 1.5}, "allowed must be from 0 to below 1; got 1.5"),
     ({"resonance": (60, 40)}, "resonance must be"),
     ({"resonance": (60, 600)}, "which sub-steps of 0.175 ms can follow"),
-    ({"frictoin": 0.1}, "Did you mean 'friction'"),
+    ({"alowed": 0.1}, "Did you mean 'allowed'"),
 ])  # fmt: skip
 def test_wrong_calls_are_refused_in_one_line(options, message):
     with pytest.raises(ValueError, match=message) as refusal:
-        tune(ARM, RIG, PATH, **STATED | SHORT | options)
+        tune(ARM, RIG, PATH, **with_uncertainty(**STATED | SHORT | options))
     assert "\n" not in str(refusal.value)
 
 
 def test_arguments_in_another_order_are_refused():
     with pytest.raises(ValueError, match="The order is found, rig, reference"):
-        tune(ARM, PATH, RIG, **STATED)
+        tune(ARM, PATH, RIG, **with_uncertainty(**STATED))

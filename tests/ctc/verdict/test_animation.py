@@ -13,7 +13,6 @@ from plant.robots.catalogue import puma560 as whole_puma560
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
 
-from ctc.figures.errors import plot_phase  # noqa: E402
 from ctc.verdict.animation import animate, plot_arm  # noqa: E402
 
 TIP = (0.0, -0.43, 0.0)
@@ -99,7 +98,7 @@ def test_every_picture_shows_the_arm_and_its_error_at_that_time(tmp_path, monkey
 
 
 def test_the_phase_plot_has_the_rate_of_the_error():
-    axes = plot_phase(run())
+    axes = run().plot(phase=True)
     h = 0.7e-3 / 4
     for joint, axis in enumerate(axes):
         error, rate = axis.get_lines()[0].get_data()

@@ -6,8 +6,9 @@ import warnings
 
 import numpy as np
 import pytest
+from uncertain import with_uncertainty
 
-from ctc import Certificate, ComputedTorque, certify, compare, evaluate
+from ctc import Certificate, ComputedTorque, Uncertainty, certify, compare, evaluate
 from identification import identify
 from identification.results.seen import seen
 from plant import PD, Guards, Harmonics, Later, P, puma560, simulate
@@ -27,7 +28,9 @@ def found():
 def certified(found):
     def certified(path, **options):
         law = ComputedTorque(found)
-        return certify(found, found.rig, law, path, samples=8, duration=1.2, progress=False, **options)
+        return certify(
+            found, found.rig, law, path, **with_uncertainty(samples=8, duration=1.2, progress=False, **options)
+        )
 
     return certified
 
@@ -135,7 +138,9 @@ def test_the_log_is_held_against_the_gears_of_the_verdict(found, certified):
 
 def test_an_arm_alone_has_no_log():
     covariance = np.diag((0.01 * ARM.f) ** 2)
-    certificate = certify(ARM, RIG, LAW, PATH, covariance=covariance, samples=8, duration=0.1, progress=False)
+    certificate = certify(
+        ARM, RIG, LAW, PATH, Uncertainty(covariance=covariance), samples=8, duration=0.1, progress=False
+    )
     assert certificate.seen is None
     assert "log" not in certificate.verdict
 
@@ -170,7 +175,7 @@ def test_a_file_from_before_is_read(certified, tmp_path):
     ("options", "said"),
     [
         ({"resonance": (0.04, 0.12)}, r"resonance must be 1 Hz or more; got 0\.04\. .* is it in kHz\?"),
-        ({"friction": 10}, r"friction must be a share from 0 to 1; got 10\. 0\.1 is 10 %\."),
+        ({"friction": 10}, r"friction must be a share from 0 to 1; got 10\.0\. 0\.1 is 10 %\."),
     ],
 )
 def test_other_units_are_refused(certified, options, said):
@@ -200,8 +205,8 @@ def test_a_rig_whose_gear_turns_the_other_way_is_refused():
 
 def test_how_well_f_is_known_decides(certified, found):
     """Told where plants leave and f explains most of it, and not where friction does; else another law may hold."""
-    vague = certify(found, found.rig, ComputedTorque(found), PATH, samples=64, duration=1.2, friction=0.0, phase=False,
-                    covariance=np.diag((0.3 * found.f) ** 2), progress=False)  # fmt: skip
+    stated = Uncertainty(friction=0.0, phase=False, covariance=np.diag((0.3 * found.f) ** 2))
+    vague = certify(found, found.rig, ComputedTorque(found), PATH, stated, samples=64, duration=1.2, progress=False)
     assert vague.failures
     assert "how well f is known decides" in str(vague)
     assert "decides" not in str(certified(PATH))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque, Evaluation, evaluate
-from ctc.figures.errors import plot_comparison, plot_phase
+from ctc.figures.errors import plot_comparison
 from identification import identify
 from plant import puma560, simulate
 
@@ -220,7 +220,6 @@ def test_a_robot_that_is_not_the_model_identified_from_its_own_log():
     [
         (lambda: verdict().fraction_within(-1), "k must be a number of pulses, 0 or more; got -1"),
         (lambda: verdict().within(-0.5), "k must be"),
-        (lambda: plot_phase(verdict().record), "evaluation must be an Evaluation; got Record"),
         (lambda: plot_comparison(verdict()), "evaluations must be a dict, one per law"),
         (lambda: plot_comparison({"P": 3}), "evaluation 'P' must be an Evaluation; got int"),
         (lambda: verdict().within(np.nan), "k must be"),

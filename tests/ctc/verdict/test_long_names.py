@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from uncertain import with_uncertainty
 
 from ctc import ComputedTorque, certify, evaluate, margins
 from ctc.verdict.comparison import Comparison
@@ -51,7 +52,7 @@ def test_six_long_names_have_a_row_each(table, monkeypatch):
     text = str({
         "evaluation": evaluation,
         "margins": lambda: margins(arm, rig, ComputedTorque(arm, rig, bandwidth=60)),
-        "certificate": lambda: certify(arm, rig, p_law(), path, **drawn),
+        "certificate": lambda: certify(arm, rig, p_law(), path, **with_uncertainty(**drawn)),
     }[table]())  # fmt: skip
     rows = [line for line in text.splitlines() if line.startswith(NAMES)]
     assert [cells(row)[0] for row in rows] == 2 * LABELS  # half of the columns below the other half

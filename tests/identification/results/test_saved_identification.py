@@ -4,6 +4,7 @@ import json
 import re
 
 import pytest
+from uncertain import with_uncertainty
 
 from ctc import Certificate, ComputedTorque, certify
 from identification import Identification, identify
@@ -37,8 +38,8 @@ def test_it_comes_back_equal_and_is_saved_again_in_the_same_bytes(found, path, t
 def test_a_certificate_of_what_was_loaded_has_the_same_bits_and_is_kept_likewise(found, path, tmp_path):
     found.save(path)
     again, options = Identification.load(path), {"samples": 80, "duration": 0.05, "steps_per_sample": 4}
-    certificate = certify(found, found.rig, ComputedTorque(found), PATH, **options)
-    assert certify(again, again.rig, ComputedTorque(again), PATH, **options) == certificate
+    certificate = certify(found, found.rig, ComputedTorque(found), PATH, **with_uncertainty(**options))
+    assert certify(again, again.rig, ComputedTorque(again), PATH, **with_uncertainty(**options)) == certificate
     certificate.save(tmp_path / "certificate.json")
     kept = Certificate.load(tmp_path / "certificate.json")
     assert kept == certificate

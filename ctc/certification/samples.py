@@ -1,0 +1,139 @@
+"""Monte Carlo samples of arm and rig, drawn from what an `Uncertainty` states. A certificate covers nothing else."""
+
+import dataclasses
+import re
+from typing import Any
+
+import numpy as np
+
+from ctc.certification.gears import draw_gears, places_of, prepared, require_possible
+from ctc.certification.identified import identified
+from ctc.certification.plants import Plants
+from ctc.certification.statement import statement
+from ctc.certification.uncertainty import Uncertainty
+from identification import Identification
+from plant import Arm, Body, Phase, Rig, Transport
+from plant.machine.motor_inertia import least_inertia_margin
+from plant.parts.arguments import array, instance
+from plant.parts.checkpoint import Checkpoint
+
+_PATIENCE = 20
+"""Draws per plant at most, until one is an arm."""
+
+_NOT_NEGATIVE = re.compile(r"drive\.(viscous|coulomb|curve\.breakaway|elasticity)|springs(\[\d+\])?\.stiffness")
+
+
+def draw(
+    uncertainty: Uncertainty, found: Identification | Arm, rig: Rig, samples: int, seed: int, pose: Any = None,
+    progress: bool = False, checkpoint: Checkpoint | None = None,
+) -> Plants:  # fmt: skip
+    """Monte Carlo samples of the arm `found` and its rig, as an `Uncertainty` states them.
+
+    Drawn are the identified numbers (from their covariance, or from given arms), friction that was not identified, and
+    what else is stated; resonances are those of the gears at `pose` (n,) [rad], zeros by default. A progress bar and
+    the stages of a checkpoint are those of the records that are fitted again on elastic gears.
+
+    Raises
+    ------
+    ValueError
+        No covariance to draw from, or one so large that hardly a draw is an arm.
+    """
+    instance("rig", rig, Rig, "The order is found, rig, law, reference.")
+    pose = np.zeros(rig.n) if pose is None else pose
+    require_possible(uncertainty, rig)
+    known = identified(uncertainty, found, pose, progress, checkpoint)
+    arm, unknown, dynamics, random = known.arm, known.names, known.arm.dynamics, np.random.default_rng(seed)
+    places = places_of(uncertainty, np.random.default_rng((seed, 2)), samples)
+    rig = _with_found(rig, {n: v for n, v in zip(unknown, known.values, strict=True) if n not in dynamics.names})
+    given = None if uncertainty.plants is None else _possible(dynamics, rig, uncertainty.plants)
+    direction, friction = _load_direction(uncertainty, dynamics), _friction(uncertainty, rig, unknown)
+
+    def some(rows):
+        """Draws (count, K), their f with the load (count, p), whether each is an arm, and the names."""
+        count = len(rows)
+        values = dict(zip(unknown, known.draw(random, places[rows, :-1]).T, strict=True))
+        if given is not None:
+            values = dict(zip(dynamics.names, given[rows % len(given)].T, strict=True))
+        for name, level in friction.items():
+            values[name] = level * (1 + uncertainty.friction * random.standard_normal(count))
+        values["load"] = random.uniform(uncertainty.load[0], uncertainty.load[1], count)
+        f = np.tile(arm.f, (count, 1))
+        for i, name in enumerate(dynamics.names):
+            f[:, i] = values.get(name, f[:, i])
+        f = f + values["load"][:, None] * direction
+        sound = least_inertia_margin(dynamics, rig, f) >= 0
+        for name in values:
+            sound &= not _NOT_NEGATIVE.match(name) or values[name] >= 0
+        return np.column_stack([*values.values()]), f, sound, tuple(values)
+
+    values, f, sound, names = some(np.arange(samples))
+    redrawn = 0
+    while not sound.all():
+        again = np.flatnonzero(~sound)
+        redrawn += len(again)
+        if redrawn > _PATIENCE * samples:
+            raise ValueError(
+                f"draws must be arms; {redrawn} were not (D(q) indefinite, or negative friction), and "
+                f"{samples - len(again)} were. Give a smaller covariance, or identify with a better experiment."
+            )
+        values[again], f[again], sound[again], _ = some(again)
+    if uncertainty.phase:
+        names += tuple(f"encoder.phase.shift[{i}]" for i in range(rig.n))
+        values = np.hstack([values, random.uniform(-0.5, 0.5, (samples, rig.n))])
+        encoder = dataclasses.replace(rig.encoder, phase=Phase(shift=(0.0,) * rig.n))
+        rig = dataclasses.replace(rig, encoder=encoder)
+    if uncertainty.delay[1] or uncertainty.dropped:
+        names += ("transport.delay",)
+        values = np.column_stack([values, random.uniform(uncertainty.delay[0], uncertainty.delay[1], samples)])
+        rig = dataclasses.replace(rig, transport=Transport(delay=uncertainty.delay[1]))
+    own, said = rig, statement(uncertainty, rig, known)
+    rig = prepared(uncertainty, arm, rig, pose)
+    gears = draw_gears(uncertainty, random, arm, rig, f, pose, places)
+    names, values = names + gears.names, np.hstack([values, gears.values])
+    varying = np.flatnonzero(np.ptp(values, axis=0) > 0)
+    expected = np.zeros_like(values)
+    if known.refits is not None:
+        expected[:, [names.index(name) for name in unknown]] = known.centres(places[:, :-1])
+    return Plants(
+        arm=arm, rig=rig, f=f, names=tuple(names[i] for i in varying), values=values[:, varying],
+        dropped=float(uncertainty.dropped), redrawn=redrawn, seed=seed, own=own, uncertainty=uncertainty,
+        derived_names=gears.derived_names, derived=gears.derived, said=said, expected=expected[:, varying],
+    )  # fmt: skip
+
+
+def _friction(uncertainty, rig, unknown):
+    """Name -> value of the friction that was not identified."""
+    known = dict(zip(rig.number_names(), rig.number_values(), strict=True)) if uncertainty.friction > 0 else {}
+    names = [name for name in known if name.startswith(("drive.viscous", "drive.coulomb"))]
+    return {name: known[name] for name in names if name not in unknown and known[name] > 0}
+
+
+def _load_direction(uncertainty, dynamics):
+    """Change (p,) of f per kg in the gripper."""
+    if uncertainty.load[1] == 0:
+        return np.zeros(dynamics.p)
+    nothing = [Body(mass=0.0, com=(0, 0, 0)) for _ in range(dynamics.n - 1)]
+    return dynamics.f([*nothing, Body(mass=1.0, com=uncertainty.load_position)])
+
+
+def _with_found(rig, values):
+    """The rig with the values that were identified of its numbers."""
+    missing = [name for name in values if name not in rig.number_names()]
+    if missing:
+        raise ValueError(f"rig must have {missing[0]}, which was identified; it has no such number. Pass found.rig.")
+    return rig.filled(values)
+
+
+def _possible(dynamics, rig, plants):
+    """Given arms (M, p), all validated."""
+    plants = array(
+        "plants", plants, ("M", dynamics.p), advice=f"Give f of one arm per row: {', '.join(dynamics.names)}."
+    )
+    if not len(plants):
+        raise ValueError("plants must hold at least one arm; got none. Give f of one arm per row.")
+    wrong = np.flatnonzero(least_inertia_margin(dynamics, rig, plants) < 0)
+    if len(wrong):
+        raise ValueError(
+            f"plants must all be arms; row {wrong[0]} has D(q) below the motors' own inertia. Leave it out."
+        )
+    return plants
