@@ -1,4 +1,4 @@
-"""One part states what is not known: in a file, in a robot file, on the command line, to the same Monte Carlo samples."""
+"""One part states what is not known: in a file of its own, in a robot file, on the command line."""
 
 import dataclasses
 
