@@ -143,6 +143,7 @@ def test_a_law_is_tuned_and_handed_on(folder, capsys, monkeypatch):
     assert told["law"] == type(certificate.law).__name__
     assert certificate.law.arm == Identification.load("untuned.json").arm
     assert "friction ±2 %" in str(certificate)
+    assert certificate.settings["after"] == 0.03
     assert run(capsys, "report", "untuned.json", "--certificate", "tuned.json", "-o", "tuned.html")[0] == 0
 
 
