@@ -9,7 +9,7 @@ GIF of the first goes to figures/.
 from pathlib import Path
 
 from ctc import ComputedTorque, animate, evaluate
-from plant import PointToPoint, Spline, fastest, puma560, shortest_duration, slowed, torque_share
+from plant import PointToPoint, Spline, fastest, puma560, slowed, torque_share
 
 SHARE, RATE = 0.9, (5e3, 5e3)  # of the limit; N m/s
 
@@ -32,7 +32,7 @@ def main():
     print(f"{'':<30}{'time [s]':>9} {'peak share':>11} {'within 1':>8} {'peak':>8} {'at limit':>10}")
     for name, path in PATHS.items():
         fast = fastest(arm, rig, path, share=SHARE, torque_rate=RATE)
-        shortest = shortest_duration(arm, rig, path, share=SHARE)
+        shortest = fastest(arm, rig, path, share=SHARE, uniform=True).duration
         print(name)
         motions = {
             "uniform, shortest": slowed(path, shortest / path.duration),

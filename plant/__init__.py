@@ -21,7 +21,7 @@ An experiment: Arm + Rig + Law + Reference -> Record. The rooms, each above all 
 All that is public is exported here; `docs/architecture.md` shows the house in one picture.
 """
 
-from plant.analysis.control_systems import to_control, to_timeresponse
+from plant.analysis.control_systems import to_control
 from plant.analysis.linearise import linearise, modes
 from plant.analysis.p_gains import p_gains
 from plant.laws.cascade import Cascade
@@ -52,19 +52,19 @@ from plant.mechanics.coupling import Coupling
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.limits import Limits
 from plant.mechanics.link import Link
-from plant.mechanics.load import load_body, load_matrix, load_parameters
+from plant.mechanics.load import load_matrix, load_parameters
 from plant.mechanics.lumping import Lumping
 from plant.mechanics.placement import Placement
 from plant.models.check import check_model
 from plant.models.robot_file import Robot, read_robot, write_robot
-from plant.motion.demand import shortest_duration, torque_share
+from plant.motion.demand import torque_share
 from plant.motion.fastest import fastest
 from plant.motion.later import Later
 from plant.motion.link_reference import LinkReference
 from plant.motion.reference import Harmonics, PointToPoint, Reference, Spline
 from plant.motion.scaled import slowed
 from plant.motion.table import Table
-from plant.motion.visibility import load_visibility, visibility
+from plant.motion.visibility import visibility
 from plant.parts.part import Part, number, part, structure
 from plant.realtime.first_motion import FirstMotion
 from plant.realtime.guards import Guards
@@ -85,8 +85,7 @@ __all__ = [
     "Link", "LinkReference", "LoadError", "LoggedCurrent", "LoggedTorque", "Lumping", "P", "Part", "Phase",
     "Placement", "PointToPoint", "Presliding", "QuadratureError", "Record", "Reference", "Resumed", "Rig",
     "Robot", "Setpoint", "Spline", "StatelessLaw", "SteppedArm", "Table", "TorqueRipple", "Transport",
-    "catalogue", "check_model", "fastest", "linearise", "load_body", "load_matrix", "load_parameters",
-    "load_visibility", "modes", "number", "p_gains", "part", "puma560", "read_records", "read_robot",
-    "read_table", "replay", "shortest_duration", "simulate", "slowed", "structure", "to_control",
-    "to_timeresponse", "torque_share", "visibility", "write_replay", "write_robot",
+    "catalogue", "check_model", "fastest", "linearise", "load_matrix", "load_parameters", "modes", "number",
+    "p_gains", "part", "puma560", "read_records", "read_robot", "read_table", "replay", "simulate", "slowed",
+    "structure", "to_control", "torque_share", "visibility", "write_replay", "write_robot",
 ]  # fmt: skip

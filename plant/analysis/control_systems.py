@@ -54,13 +54,13 @@ class _Held(StatelessLaw):
 
 @known_options
 def to_control(
-    system: Arm | Law | Rig, rig: Rig | None = None, *, sampled: bool = False, steps_per_sample: int = 4
-) -> control.NonlinearIOSystem:
+    system: Arm | Law | Rig | Record, rig: Rig | None = None, *, sampled: bool = False, steps_per_sample: int = 4
+) -> control.NonlinearIOSystem | control.TimeResponseData:
     """An arm, a law or a rig as a python-control system; `control.interconnect` joins them by their signals' names.
 
     Parameters
     ----------
-    system : Arm, Law or Rig
+    system : Arm, Law, Rig or Record
     rig : Rig, optional
         Needed by a law. Of an arm: its drives limit the torque, and their friction acts on the joints; without it,
         neither does.
@@ -72,7 +72,7 @@ def to_control(
 
     Returns
     -------
-    control.NonlinearIOSystem
+    control.NonlinearIOSystem, or control.TimeResponseData
         Arm: outputs ``q[i]``, ``qd[i]``, which are its states too. Without a rig, inputs ``tau[i]`` [N m]; with it,
         inputs ``asked[i]`` and outputs ``tau[i]``, after the amplifier's limit. A sampled arm has also the states
         ``impulse[i]`` of its friction (0 at the start).
@@ -81,6 +81,8 @@ def to_control(
         last, ``torque[i]``. Without one it is continuous, or of any time if it has no state.
         Rig: inputs ``q[i]`` [rad], outputs ``pulses[i]``. A solver of differential equations wants an encoder with
         ``smooth=True``.
+        Record, for python-control's plots: inputs ``reference_pulses[i]``, outputs ``error_pulses[i]`` and what else
+        was logged.
 
     Raises
     ------
@@ -90,7 +92,7 @@ def to_control(
 
     See Also
     --------
-    plant.linearise, plant.to_timeresponse
+    plant.linearise
 
     Examples
     --------
@@ -105,7 +107,9 @@ def to_control(
         raise ValueError(f"sampled is for arms; got a {type(system).__name__}, whose time is its own. Leave it out.")
     if isinstance(system, Law):
         return _law_system(system, rig)
-    return _rig_system(instance("system", system, Rig, "Pass an Arm, a Law or a Rig."))
+    if isinstance(system, Record):
+        return _time_response(system)
+    return _rig_system(instance("system", system, Rig, "Pass an Arm, a Law, a Rig or a Record."))
 
 
 def _arm_system(arm: Arm, rig: Rig | None, sampled: bool, steps_per_sample: int) -> control.NonlinearIOSystem:
@@ -186,30 +190,8 @@ def _law_system(law: Law, rig: Rig | None) -> control.NonlinearIOSystem:
     return _system("law", own, inputs, rate, {"asked": asked}, 0 if names else None, names)
 
 
-def to_timeresponse(record: Record) -> control.TimeResponseData:
-    """A record as control.TimeResponseData, for python-control's plots.
-
-    Parameters
-    ----------
-    record : Record
-
-    Returns
-    -------
-    control.TimeResponseData
-        Inputs ``reference_pulses[i]``; outputs ``error_pulses[i]``, and what else was logged.
-
-    See Also
-    --------
-    plant.to_control, plant.Record
-
-    Examples
-    --------
-    >>> from plant import puma560, simulate, to_timeresponse
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.2)
-    >>> to_timeresponse(record).time.shape == record.t.shape
-    True
-    """
-    instance("record", record, Record, "Pass what simulate or a reader gave.")
+def _time_response(record: Record) -> control.TimeResponseData:
+    """A record as control.TimeResponseData."""
     import control
 
     columns = [(name, getattr(record, name)) for name in _LOGGED]

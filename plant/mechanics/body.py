@@ -37,7 +37,7 @@ class Body(Part):
 
     See Also
     --------
-    plant.Link, plant.Chain, plant.load_body
+    plant.Link, plant.Chain
 
     Examples
     --------

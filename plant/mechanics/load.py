@@ -36,7 +36,7 @@ def load_parameters(body: Body) -> NDArray[np.float64]:
 
     See Also
     --------
-    plant.load_body, plant.load_matrix
+    plant.load_matrix
 
     Examples
     --------
@@ -49,23 +49,7 @@ def load_parameters(body: Body) -> NDArray[np.float64]:
 
 
 def load_body(parameters: ArrayLike) -> Body:
-    """The load with these standard parameters phi (10,): the way back from `load_parameters`.
-
-    Raises
-    ------
-    ValueError
-        A negative mass; first moments or inertia without mass.
-
-    See Also
-    --------
-    plant.load_parameters, plant.load_matrix
-
-    Examples
-    --------
-    >>> from plant import Body, load_body, load_parameters
-    >>> load_body(load_parameters(Body(mass=2, com=(0.1, 0, 0)))).mass
-    2.0
-    """
+    """The load with these standard parameters phi (10,): the way back from `load_parameters`."""
     phi = array("parameters", parameters, (len(LOAD),), advice="Give m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz.")
     mass = float(phi[0])
     if not mass > 0 and phi.any():

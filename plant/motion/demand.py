@@ -120,7 +120,7 @@ def torque_share(arm: Arm, rig: Rig, reference: Reference) -> NDArray[np.float64
 
     See Also
     --------
-    plant.shortest_duration, plant.fastest
+    plant.fastest
 
     Examples
     --------
@@ -131,38 +131,8 @@ def torque_share(arm: Arm, rig: Rig, reference: Reference) -> NDArray[np.float64
     return _sampled(arm, rig, reference)[-1].share(1.0)
 
 
-@known_options
-def shortest_duration(arm: Arm, rig: Rig, reference: Reference, *, share: float = 0.9) -> float:
-    """Shortest duration to which a motion may be uniformly scaled under the torque limits.
-
-    Parameters
-    ----------
-    arm : Arm
-    rig : Rig
-    reference : Reference
-    share : float
-        Share of the amplifiers' limits that the motion may take; the rest is for feedback.
-
-    Returns
-    -------
-    float
-        [s]; the motion is ``slowed(reference, duration / reference.duration)``.
-
-    Raises
-    ------
-    ValueError
-        A path along which the drives cannot hold the arm, or one that meets no limit.
-
-    See Also
-    --------
-    plant.fastest, plant.torque_share, plant.slowed
-
-    Examples
-    --------
-    >>> from plant import puma560, shortest_duration
-    >>> shortest_duration(puma560.arm(), puma560.rig(), puma560.reference()) < 3.65
-    True
-    """
+def shortest_duration(arm: Arm, rig: Rig, reference: Reference, share: float = 0.9) -> float:
+    """Shortest duration [s] to which a motion may be uniformly scaled under this share of the torque limits."""
     share = real("share", share, "Give the part of the limit to use, like 0.9.", positive=True)
     t, motion, needed = _sampled(arm, rig, reference)
     torque = np.abs(needed.holding + needed.dry_friction())

@@ -58,6 +58,7 @@ def fastest(
     torque_rate: ArrayLike | None = None,
     limits: Limits | None = None,
     intervals: int = 120,
+    uniform: bool = False,
 ) -> Scaled:
     """Time-optimal motion along the path of a reference under the amplifiers' limits.
 
@@ -80,6 +81,8 @@ def fastest(
         Of positions, joint speeds and efforts, as ``chain.limits`` of a model file has them; `share` of the efforts.
     intervals : int
         Of the spline; more come closer to the optimum, and switch the torque faster.
+    uniform : bool
+        Keep the time law of the reference, `slowed` by one factor: the shortest under the torque limits alone.
 
     Returns
     -------
@@ -95,7 +98,7 @@ def fastest(
 
     See Also
     --------
-    plant.shortest_duration, plant.slowed, plant.torque_share
+    plant.slowed, plant.torque_share
 
     Examples
     --------
@@ -105,6 +108,10 @@ def fastest(
     >>> quick.duration < path.duration
     True
     """
+    if uniform:
+        if (motor_speed, torque_rate, limits) != (None, None, None):
+            raise ValueError("uniform scaling is under torque limits alone; got other limits as well. Leave them out.")
+        return slowed(reference, shortest_duration(arm, rig, reference, share) / reference.duration)
     if isinstance(reference, Table):
         raise ValueError("reference must be smooth; a Table has corners. Use Spline(times=..., points=...).")
     if not isinstance(intervals, (int, np.integer)) or intervals < 4:
@@ -115,7 +122,7 @@ def fastest(
             raise ValueError(f"limits must have {rig.n} joints like the rig; got {limits.n}. Use those of its chain.")
         rig = dataclasses.replace(rig, drive=rig.drive.limited_to(limits.effort))
     speed_limit = np.full(rig.n, np.inf) if limits is None else limits.velocity
-    uniform = shortest_duration(arm, rig, reference, share=share)
+    shortest = shortest_duration(arm, rig, reference, share)
     fastest_motor, steepest = _bound("motor_speed", motor_speed, rig.n), _bound("torque_rate", torque_rate, rig.n)
 
     spline = _Spline(reference.duration, intervals)
@@ -123,14 +130,14 @@ def fastest(
     if limits is not None:
         _require_inside(motion, limits, arm.dynamics.chain.joint_labels)
     needed = demand(arm, rig, motion)
-    unit = (reference.duration / uniform) ** 2
+    unit = (reference.duration / shortest) ** 2
     x = ca.SX.sym("x", spline.count)
     b, a = unit * (spline.matrix(0) @ x), unit / 2 * (spline.matrix(1) @ x)
     v = ca.sqrt(b + _LEAST * unit * 1e-3)  # whose slope is finite where the motion starts from rest
     limited = _limited(
         needed, spline.places, a, v, share * rig.drive.torque_limit(), steepest, fastest_motor, speed_limit
     )
-    problem = {"x": x, "f": ca.dot(spline.weights, 1 / v) / uniform, "g": limited}
+    problem = {"x": x, "f": ca.dot(spline.weights, 1 / v) / shortest, "g": limited}
     ipopt: dict[str, Any] = {"print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-7}
     solver = ca.nlpsol("fastest", "ipopt", problem, {"print_time": False, "ipopt": ipopt})
     least, most = np.full(spline.count, _LEAST), np.full(spline.count, _MOST)

@@ -199,7 +199,7 @@ class PointToPoint(_Smooth):
 
     See Also
     --------
-    plant.Spline, plant.Harmonics, plant.shortest_duration
+    plant.Spline, plant.Harmonics
 
     Examples
     --------

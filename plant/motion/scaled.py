@@ -104,7 +104,7 @@ def slowed(reference: Reference, factor: float) -> Scaled:
 
     See Also
     --------
-    plant.shortest_duration
+    plant.fastest
 
     Examples
     --------

@@ -42,24 +42,37 @@ class Visibility(Shown):
         yield from (f"not identifiable from this motion: {name}" for name in self.invisible)
 
 
-def visibility(dynamics: Dynamics, reference: Reference, *, tolerance: float = 1e-6) -> Visibility:
-    """Identifiability of an arm's parameters from the torque of a reference's motion.
+def visibility(
+    dynamics: Dynamics, reference: Reference, *, load: int | str | None = None, start: float = 0.0,
+    duration: float | None = None, tolerance: float | None = None,
+) -> Visibility:  # fmt: skip
+    """Identifiability of an arm's parameters, or of a load's, from the torque of a reference's motion.
 
     Parameters
     ----------
     dynamics : Dynamics
+        Of the arm, empty or not.
     reference : Reference
-    tolerance : float
+    load : int or str, optional
+        Link that carries a load, such as -1, the last: its standard parameters (m, mx, ..., Izz), with all else known.
+    start, duration : float
+        A segment of the reference [s]; by default all of it.
+    tolerance : float, optional
         Component of a regressor's column outside the span of the others, relative to its length, above which its
-        parameter counts as identifiable by itself.
+        parameter counts as identifiable by itself: 1e-6 by default, 1e-3 of a load, whose rest noise hides.
 
     Returns
     -------
     Visibility
 
+    Raises
+    ------
+    ValueError
+        A segment that is not in the reference, a link that the chain does not have.
+
     See Also
     --------
-    plant.load_visibility, identification.pulse_budget, identification.design_motion
+    identification.pulse_budget, identification.design_motion, ctc.PayloadEstimator
 
     Examples
     --------
@@ -67,68 +80,24 @@ def visibility(dynamics: Dynamics, reference: Reference, *, tolerance: float = 1
     >>> seen = visibility(puma560.dynamics(), puma560.reference())
     >>> seen.combinations[:2], seen.invisible
     (('f1', 'f2'), ())
-    """
-    regressor = _along(dynamics, reference, 0.0, None)
-    return _identifiable(regressor, dynamics.names, tolerance)
-
-
-def load_visibility(
-    dynamics: Dynamics,
-    reference: Reference,
-    *,
-    start: float = 0.0,
-    duration: float | None = None,
-    link: int | str = -1,
-    tolerance: float = 1e-3,
-) -> Visibility:
-    """Which parameters of a load the next stretch of a path makes identifiable, with all else known.
-
-    Parameters
-    ----------
-    dynamics : Dynamics
-        Of the arm, empty or not.
-    reference : Reference
-    start, duration : float
-        The stretch [s]; by default all of the reference.
-    link : int or str
-        That carries the load; by default the last.
-    tolerance : float
-        As for `visibility`. What noise hides counts as invisible with a larger one, such as this default.
-
-    Returns
-    -------
-    Visibility
-        Of the load's standard parameters, as `load_parameters` has them.
-
-    Raises
-    ------
-    ValueError
-        A stretch that is not in the reference, a link that the chain does not have.
-
-    See Also
-    --------
-    plant.visibility, ctc.PayloadEstimator
-
-    Examples
-    --------
-    >>> from plant import load_visibility, puma560
-    >>> seen = load_visibility(puma560.dynamics(), puma560.reference(), duration=1.0)
-    >>> seen.invisible
+    >>> visibility(puma560.dynamics(), puma560.reference(), load=-1, duration=1.0).invisible
     ('mz', 'Ixx', 'Ixy', 'Ixz', 'Iyy', 'Iyz')
     """
-    regressor = _along(dynamics, reference, start, duration) @ load_matrix(dynamics, link)
-    return _identifiable(regressor, LOAD, tolerance)
+    regressor = _along(dynamics, reference, start, duration)
+    if load is None:
+        return _identifiable(regressor, dynamics.names, 1e-6 if tolerance is None else tolerance)
+    return _identifiable(regressor @ load_matrix(dynamics, load), LOAD, 1e-3 if tolerance is None else tolerance)
 
 
 def _along(dynamics: Dynamics, reference: Reference, start: float, duration: float | None) -> NDArray[np.float64]:
-    """Regressor along a stretch of a reference, stacked: (states n, p)."""
+    """Regressor along a segment of a reference, stacked: (states n, p)."""
     instance("dynamics", dynamics, Dynamics, "The order is dynamics, reference; Dynamics.from_chain(chain) makes one.")
     instance("reference", reference, Reference, "The order is dynamics, reference.")
     whole, start = reference.duration, real("start", start, "Give seconds.")
     duration = whole - start if duration is None else real("duration", duration, "Give seconds.", positive=True)
     if not (0 <= start < whole and start + duration <= whole * (1 + 1e-9)):
         raise ValueError(
-            f"the stretch must be in the reference, 0 to {whole:g} s; got {start:g} to {start + duration:g} s. "
+            f"the segment must be in the reference, 0 to {whole:g} s; got {start:g} to {start + duration:g} s. "
             "Change start or duration."
         )
     motion = reference(np.linspace(start, start + duration, 500))

@@ -8,7 +8,7 @@ import pytest
 from closed_loops import NoTorque, SampledP, without_friction
 
 from ctc import ComputedTorque
-from plant import Law, StatelessLaw, puma560, simulate, to_control, to_timeresponse
+from plant import Law, StatelessLaw, puma560, simulate, to_control
 from plant.parts.part import number, part
 
 control = pytest.importorskip("control")
@@ -130,13 +130,13 @@ def test_the_rig_counts_and_the_drives_limit():
 
 def test_a_record_becomes_a_time_response(tmp_path):
     record = simulate(ARM, RIG, LAW, PATH, duration=0.07)
-    response = to_timeresponse(record)
+    response = to_control(record)
     np.testing.assert_array_equal(response.time, record.t)
     for name in ("error_pulses", "torque", "current", "true_q", "true_qd"):
         for i in range(N):
             np.testing.assert_array_equal(response.outputs[f"{name}[{i}]"], getattr(record, name)[:, i])
     np.testing.assert_array_equal(response.inputs["reference_pulses[1]"], record.reference_pulses[:, 1])
-    bare = to_timeresponse(dataclasses.replace(record, torque=None, current=None, true_q=None, true_qd=None))
+    bare = to_control(dataclasses.replace(record, torque=None, current=None, true_q=None, true_qd=None))
     assert bare.output_labels == labels("error_pulses")
 
 

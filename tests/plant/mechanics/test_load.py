@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from random_arms import random_body, random_chain
 
-from plant import Body, Dynamics, load_body, load_matrix, load_parameters, puma560
-from plant.mechanics.load import LOAD
+from plant import Body, Dynamics, load_matrix, load_parameters, puma560
+from plant.mechanics.load import LOAD, load_body
 from plant.robots.catalogue import puma560 as whole_puma560
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from demands import joint_torque, one_joint
 
-from plant import Dynamics, Harmonics, PointToPoint, puma560, shortest_duration, slowed, torque_share
+from plant import Dynamics, Harmonics, PointToPoint, fastest, puma560, slowed, torque_share
 from plant.mechanics.coupling import Coupling
 from plant.robots.catalogue import planar
 
@@ -36,14 +36,14 @@ def test_shortest_duration_of_one_joint_by_hand():
     arm, inertia, rig = one_joint(limit=10.0)
     path = PointToPoint(start=(0.2,), goal=(1.7,), duration=1.0)
     expected = np.sqrt(10 / np.sqrt(3) * 1.5 * inertia / (0.9 * 10.0))
-    assert shortest_duration(arm, rig, path) == pytest.approx(expected, rel=1e-6)
+    assert fastest(arm, rig, path, uniform=True).duration == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("share", [0.5, 0.9])
 def test_shortest_duration_takes_just_that_share(share):
     """Both look once per sample, at other points of the path: near its peak torque bends by 1e-6 of it."""
     path = puma560.reference()
-    shortest = slowed(path, shortest_duration(ARM, RIG, path, share=share) / path.duration)
+    shortest = fastest(ARM, RIG, path, share=share, uniform=True)
     assert torque_share(ARM, RIG, shortest).max() == pytest.approx(share, rel=1e-6)
     assert torque_share(ARM, RIG, slowed(shortest, 0.99)).max() > share
 
@@ -55,10 +55,12 @@ def weak(current):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: shortest_duration(ARM, weak((3.0, 12.0)), puma560.reference()),
+        (lambda: fastest(ARM, weak((3.0, 12.0)), puma560.reference(), uniform=True),
          r"can hold the arm and creep; joint 2 \(q\[0\]\) needs 120\.4 of 66\.36 N m at t = .* s, q = \["),
-        (lambda: shortest_duration(ARM, weak((np.inf, np.inf)), puma560.reference()), "must meet a limit somewhere"),
-        (lambda: shortest_duration(ARM, RIG, puma560.reference(), share=-1), "share must be a positive number"),
+        (lambda: fastest(ARM, weak((np.inf, np.inf)), puma560.reference(), uniform=True),
+         "must meet a limit somewhere"),
+        (lambda: fastest(ARM, RIG, puma560.reference(), share=-1, uniform=True), "share must be a positive number"),
+        (lambda: fastest(ARM, RIG, puma560.reference(), motor_speed=(1, 1), uniform=True), "torque limits alone"),
         (lambda: torque_share(RIG, ARM, puma560.reference()), "arm must be of type Arm"),
         (lambda: torque_share(ARM, RIG, RIG), "reference must be of type Reference"),
         (lambda: torque_share(ARM, RIG, Harmonics(period=1, offset=(0,), cosine=((1,),), sine=((0,),))),

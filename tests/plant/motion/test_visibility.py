@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from plant import Harmonics, load_matrix, load_visibility, puma560
+from plant import Harmonics, load_matrix, puma560, visibility
 
 
 def test_at_rest_gravity_shows_two_first_moments_at_most():
     """A vertical plane at rest: the torque is linear in m (through link 2), mx and my; with one pose only two rows."""
     still = Harmonics(period=1.0, offset=(-0.5, 0.8), cosine=np.zeros((2, 1)), sine=np.zeros((2, 1)))
-    seen = load_visibility(puma560.dynamics(), still)
+    seen = visibility(puma560.dynamics(), still, load=-1)
     assert len(seen.combinations) == 2
     assert set(seen.invisible) == {"mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz"}
 
 
 def test_motion_shows_the_moment_about_the_axes_too():
-    seen = load_visibility(puma560.dynamics(), puma560.reference(), start=1.0, duration=0.2)
+    seen = visibility(puma560.dynamics(), puma560.reference(), load=-1, start=1.0, duration=0.2)
     assert seen.combinations == ("m", "mx", "my", "Izz")
     assert "Ixx" in seen.invisible
 
@@ -31,5 +31,5 @@ def test_what_is_invisible_does_not_change_the_torque():
 
 @pytest.mark.parametrize("stretch", [{"start": -0.1}, {"start": 3.7}, {"start": 3.0, "duration": 1.0}, {"duration": 0}])
 def test_a_stretch_outside_is_refused(stretch):
-    with pytest.raises(ValueError, match=r"stretch|positive"):
-        load_visibility(puma560.dynamics(), puma560.reference(), **stretch)
+    with pytest.raises(ValueError, match=r"segment|positive"):
+        visibility(puma560.dynamics(), puma560.reference(), load=-1, **stretch)

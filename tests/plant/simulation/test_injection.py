@@ -18,7 +18,7 @@ from plant import (
     puma560,
     replay,
     simulate,
-    to_timeresponse,
+    to_control,
 )
 from plant.checkup.signals import Signals
 from plant.machine.current_lag import CurrentLag
@@ -156,7 +156,7 @@ def test_files_cuts_and_resampled_records_keep_it(record, tmp_path):
     np.testing.assert_allclose(
         coarse.injected[:-1], (record.injected[:-1:2] + record.injected[1::2])[: len(coarse) - 1] / 2
     )
-    assert "injected[1]" in to_timeresponse(record).output_labels
+    assert "injected[1]" in to_control(record).output_labels
 
 
 @pytest.mark.parametrize(("unit", "side"), [("N m", None), ("motor N m", "motor"), (("N m", "N"), None)])
