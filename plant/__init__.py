@@ -34,17 +34,14 @@ from plant.logs.record import Record
 from plant.logs.several import read_records
 from plant.machine.counterbalance import CosineTorque, Counterbalance
 from plant.machine.drive import Drive
+from plant.machine.drive_effects import FrictionDrift, TorqueRipple
 from plant.machine.elasticity import Elasticity
 from plant.machine.encoder import Encoder, Phase, QuadratureError
 from plant.machine.friction import FrictionCurve
-from plant.machine.friction_changes import FrictionDrift
-from plant.machine.jitter import Jitter
 from plant.machine.joint_spring import JointSpring
 from plant.machine.known_torque import KnownTorque
 from plant.machine.presliding import Presliding
-from plant.machine.rig import Rig
-from plant.machine.torque_ripple import TorqueRipple
-from plant.machine.transport import Transport
+from plant.machine.rig import Jitter, Rig, Transport
 from plant.mechanics.arm import Arm
 from plant.mechanics.body import Body
 from plant.mechanics.chain import Chain

@@ -15,7 +15,7 @@ import identification
 import plant
 from ctc import ComputedTorque, Uncertainty, certify, compare, margins, sweep_resonance
 from ctc.certification.reserves import Reserves
-from ctc.payload.events import PayloadEvent
+from ctc.payload.controller import PayloadEvent
 from ctc.tuning.tuning import Trial, Tuning
 from ctc.verdict.comparison import Comparison
 from ctc.verdict.lowest_resonance import LowestResonance

@@ -6,9 +6,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ctc.certification.binomial import clopper_pearson
 from ctc.certification.uncertainty import Uncertainty
 from plant.parts.frozen import Frozen
+
+
+def clopper_pearson(failures: int, samples: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Exact two-sided interval (low, high) of a probability, from how often something happened.
+
+    ``clopper_pearson(k, n, 2 * c - 1)[1]`` is the one-sided upper bound at confidence c.
+    """
+    from scipy.special import betaincinv
+
+    tail = (1 - confidence) / 2
+    low = betaincinv(failures, samples - failures + 1, tail) if failures else 0.0
+    high = betaincinv(failures + 1, samples - failures, 1 - tail) if failures < samples else 1.0
+    return float(low), float(high)
+
 
 _WIDTH = 1.1
 """Ratio of the resonances at the ends of a cell, at most."""

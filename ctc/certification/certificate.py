@@ -11,14 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ctc.certification.binomial import clopper_pearson
-from ctc.certification.cells import Cell, cells
+from ctc.certification.cells import Cell, cells, clopper_pearson
 from ctc.certification.figure import plot_certificate
-from ctc.certification.plants import Plants
+from ctc.certification.plants import Plants, Worst
 from ctc.certification.reserves import Reserves, reserves
 from ctc.certification.sensitivity import Influence, influences
 from ctc.certification.statement import percent, shown, verdict
-from ctc.certification.worst import Worst
 from ctc.verdict.conditions import FromRest, from_rest
 from ctc.verdict.lowest_resonance import SETTLED, LowestResonance, lowest_resonance
 from identification.results.seen import Seen

@@ -8,7 +8,7 @@ import dataclasses
 from collections.abc import Iterator
 from typing import Any
 
-from ctc.certification.binomial import clopper_pearson
+from ctc.certification.cells import clopper_pearson
 from ctc.certification.plants import Plants
 from plant import Law, Rig
 from plant.parts.arguments import real

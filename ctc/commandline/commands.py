@@ -9,9 +9,17 @@ from typing import Any, cast
 from ctc.certification.certificate import Certificate
 from ctc.certification.certify import certify
 from ctc.certification.uncertainty import Uncertainty
-from ctc.commandline.answer import Answer, plain_number
 from ctc.commandline.demo import demo
-from ctc.commandline.inputs import new_place, path_of, records_of, result_of, robot_of, unknowns_of
+from ctc.commandline.inputs import (
+    Answer,
+    new_place,
+    path_of,
+    plain_number,
+    records_of,
+    result_of,
+    robot_of,
+    unknowns_of,
+)
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.report.report import write_report
 from ctc.tuning.tune import tune

@@ -1,9 +1,12 @@
 """What commands read: robot files, logs, results; and the places that they may write."""
 
+import dataclasses
 import difflib
+import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +15,21 @@ from plant import Record, Reference, Robot, Spline, Table, read_records, read_ro
 from plant.parts.user_warning import warn
 from plant.simulation.clock import Clock
 from plant.simulation.followed_path import Logged
+
+
+@dataclasses.dataclass(frozen=True)
+class Answer:
+    """An answer of a command: printed as text, or as JSON; exit code 0 if `good`, else 1."""
+
+    text: str
+    data: dict[str, Any]
+    good: bool = True
+
+
+def plain_number(value: Any) -> float | None:
+    """A number for JSON, which has no infinity and no NaN: then none."""
+    return float(value) if value is not None and math.isfinite(value) else None
+
 
 _GROUPS = {"friction": ("drive.viscous", "drive.coulomb"), "gains": ("law.gain",)}
 """What one word stands for, a number per joint each."""

@@ -5,12 +5,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
-from ctc.laws.roll_off import rolled_off
 from plant import Rig, Setpoint
 from plant.laws.anti_windup import integrated
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
 from plant.parts.part import number, part
+
+
+def rolled_off(
+    signal: ca.SX, before: ca.SX, value: ca.SX, rate: ca.SX, corner: ca.SX, damping: ca.SX, dt: ca.SX
+) -> tuple[ca.SX, ca.SX]:
+    """Filtered signal and its rate, one step later.
+
+    Parameters
+    ----------
+    signal, before : casadi SX (n, 1)
+        Read now, and in the step before.
+    value, rate : casadi SX (n, 1)
+        Filtered signal, and its rate, in the step before.
+    corner : casadi SX
+        f [rad/s]
+    damping : casadi SX
+        z
+    dt : casadi SX
+        Time since the step before [s].
+
+    Returns
+    -------
+    value, rate : casadi SX (n, 1)
+
+    Source: Tustin's method, which is the trapezoidal rule: s = 2 / dt (z - 1) / (z + 1).
+    """
+    half = corner * dt / 2
+    pull = corner**2 * ((signal + before) / 2 - value - dt / 2 * rate) - 2 * damping * corner * rate
+    following = rate + dt * pull / (1 + 2 * damping * half + half**2)
+    return value + dt / 2 * (rate + following), following
 
 
 @part

@@ -1,5 +1,4 @@
 """A load in the gripper: detected, identified and swapped into the model of a law at work.
 
-Read `disturbance` and `payload_law` (the stage in the loop), `events`, `controller` (collect, identify, swap) and
-`estimator` (what a user states).
+Read `payload_law` (the stage in the loop), `controller` (collect, identify, swap) and `estimator` (what a user states).
 """

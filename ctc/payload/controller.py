@@ -3,16 +3,56 @@
 import dataclasses
 import math
 import time
+from collections.abc import Iterator
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctc.payload.events import PayloadEvent
 from identification.payload.posterior import PayloadEstimate
 from identification.payload.torque_window import Window
 from identification.payload.worker import Worker, shared_worker
+from plant.parts.shown import Piece, Shown
 from plant.realtime.running import Running
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
+class PayloadEvent(Shown):
+    """A change of the load, as it was detected and as it was identified.
+
+    Attributes
+    ----------
+    time : float
+        When it was detected [s], counted in periods from the start; 0 for the load at the start.
+    kind : str
+        "start", "taken", "dropped" or "changed".
+    before : float
+        Mass in the model before [kg].
+    after : float
+        Mass that was identified [kg]; NaN until then.
+    swapped : float
+        When the model was swapped to it [s]; NaN until then.
+    windows : int
+        That were looked at; of those before the last the message said why they were not used.
+    message : str
+        Of the last window.
+    """
+
+    time: float
+    kind: str
+    before: float
+    after: float = float("nan")
+    swapped: float = float("nan")
+    windows: int = 0
+    message: str = "collecting"
+
+    def _short(self) -> str:
+        return f"{self.time:.3f} s, {self.kind}, {self.before:.3g} -> {self.after:.3g} kg"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield self._short()
+        yield f"{self.windows} windows; the last: {self.message}"
+
 
 _SETTLE = 0.1
 """From the start, in which nothing is collected and no change is looked for: the observers settle [s]."""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ctc.certification.binomial import clopper_pearson
+from ctc.certification.cells import clopper_pearson
 from ctc.certification.plants import Plants
 from ctc.tuning.families import Family
 from ctc.tuning.tuning import Trial

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant import Body, Dynamics, load_matrix, load_parameters
-from plant.mechanics.independent_columns import independent_columns
+from plant.mechanics.base_parameters import independent_columns
 
 _SAME = 1e-7
 """Share of its own below which what a direction does to f is a combination of what others do."""

@@ -11,7 +11,7 @@ from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.motion.reference import Reference
 from plant.parts.arguments import array
-from plant.simulation.missing_rotors import warn_of_missing_rotors
+from plant.simulation.cautions import warn_of_missing_rotors
 from plant.simulation.simulator import simulate
 
 _ROUNDS = 12

@@ -1,18 +1,177 @@
 """The checkup of a record: what its rig and law state against what its columns show, without a model of the arm."""
 
+from collections.abc import Iterator
 from typing import Any
+
+import numpy as np
 
 from plant.checkup.counts import counts_findings
 from plant.checkup.finding import Checkup, Finding
-from plant.checkup.gears import gear_findings
 from plant.checkup.oscillation import oscillation_findings
 from plant.checkup.quantisation import quantisation_findings
 from plant.checkup.signals import Signals
 from plant.checkup.stamps import time_findings
-from plant.checkup.torques import torque_findings
 from plant.checkup.tracking import reference_findings
 from plant.checkup.units import unit_findings
 from plant.checkup.wiring import wiring_findings
+
+_AT_LIMIT, _BEYOND = 0.999, 1.05
+"""Share of the amplifier's limit from which on it is saturated; and above which the limit is wrong."""
+
+_SATURATED, _LOST = 1.0, 50.0
+"""Share of saturated samples [%] to look at, and above which the log shows the limit alone."""
+
+_ALIKE = 0.01
+"""Share of its range by which a torque that is not clipped may differ from the commanded one."""
+
+_PILED, _LEAST_PILE = 4.0, 0.5
+"""An extreme value is clipped if it is so many times as frequent as the next ones, in so many % of the samples."""
+
+_SURE = 5.0
+"""Standard deviations from which on a sign is significant."""
+
+_REVERSALS, _PLAY, _PLAY_SURE = 6, 0.5, 3.5
+"""Reversals of the load that a log must hold; backlash [pulses], and in standard deviations, that is significant."""
+
+
+def torque_findings(signals: Signals) -> Iterator[Finding]:
+    """Yield the findings about torque and current, check by check."""
+    if signals.motor_torque is None:
+        for name in ("saturation", "clipped torque", "backlash"):
+            yield Finding.unknown(name, None, "neither torque nor current, and no law that tells it")
+        return
+    for check in (_saturated, _clipped, _backlash):
+        for i in range(signals.n):
+            yield check(signals, i)
+
+
+def _current(signals, i):
+    return signals.motor_torque[:, i] / signals.rig.drive.motor_gain[i]
+
+
+def _saturated(signals, i):
+    limit = signals.rig.drive.current_limit[i]
+    if not np.isfinite(limit):
+        return Finding.unknown("saturation", i, "no current limit stated")
+    share = 100 * np.mean(np.abs(_current(signals, i)) >= _AT_LIMIT * limit)
+    return Finding.graded(
+        "saturation", i, share, "%", look=_SATURATED, wrong=_LOST,
+        advice=f"The amplifier is at its limit of {limit:g} A: slow the motion down, or lower the gains.",
+    )  # fmt: skip
+
+
+def _clipped(signals, i):
+    """Share of samples that pile up at an extreme which is not the amplifier's limit [%]."""
+    torque, limit = signals.motor_torque[:, i], signals.rig.drive.current_limit[i]
+    levels, often = np.unique(torque, return_counts=True)
+    piled = 0
+    for k, inner in ((0, slice(1, 4)), (-1, slice(-4, -1))):
+        if len(levels) < 10 or np.abs(levels[k]) / signals.rig.drive.motor_gain[i] >= _AT_LIMIT * limit:
+            continue
+        if signals.torque is not None and signals.commanded is not None:
+            cut, commanded = torque == levels[k], signals.commanded[:, i]
+            alike = np.quantile(np.abs(commanded - torque)[~cut], 0.9) < _ALIKE * np.ptp(torque)
+            piled += alike * np.sum(cut & (np.abs(commanded) > _BEYOND * np.abs(levels[k])))
+        elif often[k] > _PILED * often[inner].mean():
+            piled += often[k]
+    # Against the commanded torque a cut one is plain to see.
+    least = _LEAST_PILE if signals.commanded is None else _LEAST_PILE / 5
+    return Finding.graded(
+        "clipped torque", i, 100 * piled / len(torque), "%", look=least, wrong=_LOST,
+        advice=f"The torque is cut off at {np.abs(torque).max():.4g} N m (motor), not by the amplifier: "
+        "the log's range is too small; leave these rows out.",
+    )  # fmt: skip
+
+
+def _backlash(signals, i):
+    """Motion of the motor alone where the load torque changes sign [pulses]: a lower bound of the backlash."""
+    name, unit = "backlash", "pulses"
+    regression = None if signals.regressions is None else signals.regressions[i]
+    if regression is None or regression.inertia[i] < _SURE * regression.inertia_std[i]:
+        return Finding.unknown(name, i, "no acceleration that torque explains")
+    if regression.reversals < _REVERSALS:
+        return Finding.unknown(name, i, f"the load changes sign {regression.reversals} times")
+    play, std = regression.backlash, regression.backlash_std
+    if play > max(_PLAY * signals.least_count[i], _PLAY_SURE * std):
+        return Finding(
+            check=name, joint=i, value=float(play), unit=unit, verdict="look",
+            advice="The motor runs ahead where the load changes sign: the gear has at least this backlash; expect no "
+            "better than that from the model there.",
+        )  # fmt: skip
+    if std > _PLAY * signals.least_count[i] or (abs(play) > _PLAY_SURE * std and play < 0):
+        return Finding.unknown(name, i, f"known to +-{std:.2g} pulses only", value=play, unit=unit)
+    if signals.reference is not None:
+        return Finding.unknown(name, i, "none seen, but a position loop hides it", value=play, unit=unit)
+    return Finding(check=name, joint=i, value=float(play), unit=unit, verdict="fine")
+
+
+_AVERAGED = 9
+"""Neighbouring frequencies whose power is averaged."""
+
+_ABOVE, _PEAK = 8.0, 4.0
+"""Power of an oscillation, in that of the rounding; and in that of the valley on either side."""
+
+_VALLEY = 40
+"""Frequencies on either side, in which that valley is."""
+
+_MARGIN = 1.25
+"""By how much an oscillation must be faster than any of rigid gears."""
+
+_UNTOLD = "identify() tests it, with a model"
+
+
+def gear_findings(signals: Signals) -> Iterator[Finding]:
+    """Yield the findings about compliance and lag, joint by joint."""
+    fastest = _fastest(signals)
+    if fastest is None:
+        yield Finding.unknown("compliance", None, f"no fast proportional law and motor inertia; {_UNTOLD}")
+    else:
+        for i in range(signals.n):
+            yield _compliance(signals, i, fastest)
+    yield Finding.unknown("lag", None, _UNTOLD)
+
+
+def _fastest(signals):
+    """Frequency [Hz] that no mode of a loop with rigid gears exceeds; None where law or rig do not tell."""
+    inertia = signals.rig.drive.motor_inertia
+    if signals.commanded is None or not signals.long_enough or not (inertia > 0).all():
+        return None
+    error = signals.reference - signals.counts
+    per_pulse = (error * signals.commanded).sum(axis=0) / np.maximum((error**2).sum(axis=0), 1e-300)
+    stiffness = per_pulse * signals.rig.encoder.position_in_pulses(np.ones(signals.n))
+    return float(np.sqrt(max(0.0, (stiffness / inertia).max())) / (2 * np.pi))
+
+
+def _compliance(signals, i, fastest):
+    name, unit = "compliance", "Hz"
+    frequency, power = _spectrum(signals, i)
+    above = np.flatnonzero(frequency > _MARGIN * fastest)
+    above = above[above > _VALLEY]
+    if len(above) < 4 * _VALLEY:
+        return Finding.unknown(name, i, f"sampled too slowly; {_UNTOLD}")
+    floor = np.median(power[above[len(above) // 2] :])
+    for k in above[np.argsort(-power[above])]:
+        if power[k] < _ABOVE * floor:
+            break
+        highest = power[k - _AVERAGED : k + _AVERAGED + 1].max()
+        valley = max(power[k - _VALLEY : k].min(), power[k : k + _VALLEY].min())
+        if power[k] == highest and power[k] > _PEAK * valley:
+            return Finding(
+                check=name, joint=i, value=float(frequency[k]), unit=unit, verdict="look",
+                advice=f"On rigid gears nothing in this loop oscillates faster than {fastest:.0f} Hz: the gear gives, "
+                "or the motor's inertia is below the stated one. identify() tests it.",
+            )  # fmt: skip
+    return Finding.unknown(name, i, f"no oscillation above the {fastest:.0f} Hz of rigid gears; {_UNTOLD}")
+
+
+def _spectrum(signals, i):
+    """Frequencies [Hz], and power of the error there, averaged over neighbours."""
+    grid = np.arange(signals.t[0], signals.t[-1], signals.interval)
+    error = np.interp(grid, signals.t, (signals.reference - signals.counts)[:, i])
+    power = np.abs(np.fft.rfft((error - error.mean()) * np.hanning(len(error)))) ** 2
+    averaged = np.convolve(power, np.ones(_AVERAGED) / _AVERAGED, mode="same")
+    return np.fft.rfftfreq(len(error), signals.interval), averaged
+
 
 _LEAST = 50
 """Samples with weight, below which only their times are checked."""

@@ -34,7 +34,7 @@ def main(order: dict[str, Any]) -> int:
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever a library prints must not get into the answer
     _limit(order["seconds"], order["memory"])
-    refusal: Any = _part("refusal").RefusalError
+    refusal: Any = _part("columns").RefusalError
     try:
         known, columns = _part(order["kind"]).read(
             order["path"], order["names"], order["prefix"], order["bytes"], **order["options"]

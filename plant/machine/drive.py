@@ -15,12 +15,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plant.machine.current_lag import CurrentLag
+from plant.machine.drive_effects import CurrentLag, FrictionDrift, LoadFriction, TorqueRipple
 from plant.machine.elasticity import Elasticity, Resonance
 from plant.machine.friction import FrictionCurve
-from plant.machine.friction_changes import FrictionDrift, LoadFriction
 from plant.machine.presliding import Presliding
-from plant.machine.torque_ripple import TorqueRipple
 from plant.mechanics.coupling import Coupling
 from plant.parts.arguments import instance, real
 from plant.parts.fields import ArrayOrSymbols, Vector

@@ -2,16 +2,133 @@
 
 import dataclasses
 
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
 from plant.machine.drive import Drive
 from plant.machine.encoder import Encoder
-from plant.machine.jitter import Jitter
 from plant.machine.known_torque import KnownTorque, require_torques, total_torque
-from plant.machine.transport import Transport
 from plant.mechanics.chain import Chain
 from plant.parts.arguments import instance, real
 from plant.parts.fields import ArrayOrSymbols
 from plant.parts.labels import joint_labels
-from plant.parts.part import Part, part, structure
+from plant.parts.part import Part, number, part, structure
+
+_LARGE = 2**20
+"""Above all streams by far, so that those of two streams are as good as independent."""
+
+
+@part
+class Jitter(Part):
+    """Random displacement of the instants at which a law with a period reads the encoders; uniform, each on its own.
+
+    The log is taken at its own even instants, the torque begins where it would without; linear analysis leaves
+    jitter out.
+
+    Parameters
+    ----------
+    share : float
+        Largest displacement to either side, as a share of the law's period.
+    seed : int
+        Of the draws.
+    stream : float
+        A whole number, 0 or more: loops with other ones have other instants.
+
+    See Also
+    --------
+    plant.Rig, plant.Transport
+
+    Examples
+    --------
+    >>> from plant import Jitter
+    >>> Jitter(share=0.1, seed=3)
+    Jitter(share=0.1, seed=3, stream=0.0)
+    """
+
+    share: float = number(())
+    seed: int = structure(default=0)
+    stream: float = number((), default=0.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 <= self.share <= 0.5:
+            raise ValueError(
+                f"share must be from 0 to 0.5 of the period; got {self.share:g}. Instants keep apart then."
+            )
+        if isinstance(self.seed, bool) or not isinstance(self.seed, (int, np.integer)) or self.seed < 0:
+            raise ValueError(f"seed must be a whole number, 0 or more; got {self.seed!r:.60}. Give one, such as 0.")
+        if self.stream < 0 or self.stream % 1:
+            raise ValueError(
+                f"stream must be a whole number, 0 or more; got {self.stream:g}. Leave it out for one loop."
+            )
+        object.__setattr__(self, "seed", int(self.seed))
+
+    def draws(self, steps: int) -> NDArray[np.float64]:
+        """One draw (steps,) from 0 to 1 for each step of the law."""
+        return np.random.default_rng(self.seed).random(steps)
+
+    def late(self, draw: ca.SX, period: ca.SX | float) -> ca.SX:
+        """How late a step reads the encoders [s]."""
+        mine = (_LARGE + self.stream) * draw
+        return self.share * period * (2 * (mine - ca.floor(mine)) - 1)
+
+
+@part
+class Transport(Part):
+    """Delayed torque and lost samples of a rig, under a law with a period; linear analysis leaves them out.
+
+    Parameters
+    ----------
+    delay : float
+        From a sample to its torque [s], at most one period of the law.
+    lost : sequence of int
+        Steps of the law, counted from 0, whose counts do not arrive; those of step 0 always do.
+    bit : float
+        1 / 2^j for the loop whose losses are the bits of value 2^j; 1 for a loop on its own.
+
+    See Also
+    --------
+    plant.Rig, plant.Jitter
+
+    Examples
+    --------
+    >>> from plant import Transport
+    >>> Transport(delay=0.0005, lost=(100, 101))
+    Transport(delay=0.0005, lost=(100, 101), bit=1.0)
+    """
+
+    delay: float = number((), default=0.0)
+    lost: tuple[int, ...] = structure(default=())
+    bit: float = number((), default=1.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.delay < 0:
+            raise ValueError(f"delay must not be negative; got {self.delay}. Give seconds after the sample.")
+        lost = self.lost
+        if isinstance(lost, str) or not np.iterable(lost):
+            raise ValueError(f"lost must be a sequence of steps; got {lost!r:.60}. Write ({lost!r:.60},).")
+        if not all(isinstance(k, (int, np.integer)) and k >= 1 for k in lost):
+            raise ValueError(f"lost must be whole numbers of at least 1; got {lost!r:.60}. The first counts arrive.")
+        object.__setattr__(self, "lost", tuple(int(k) for k in lost))
+
+    def words(self, steps: int) -> NDArray[np.float64]:
+        """Words (steps,) of one loop: 1 at the steps of the law whose counts are lost, 0 at the others."""
+        words = np.zeros(steps)
+        words[[k for k in self.lost if k < steps]] = 1.0
+        return words
+
+    def arrived(self, pulses: ca.SX, seen: ca.SX, word: ca.SX) -> ca.SX:
+        """Counts that the law reads: these, or those that it read last."""
+        shifted = ca.floor(word * self.bit)
+        lost = shifted - 2 * ca.floor(shifted / 2)
+        return lost * seen + (1 - lost) * pulses
+
+    def acting(self, torque: ca.SX, before: ca.SX, place: ca.SX, h: ca.SX) -> ca.SX:
+        """Mean torque in sub-step `place` (from 0) after a step of the law; h is its length [s]."""
+        share = ca.fmin(ca.fmax(place + 1 - self.delay / h, 0), 1)
+        return share * torque + (1 - share) * before
 
 
 @part

@@ -3,5 +3,5 @@
 Read `placement`, `link`, `body`, `chain` (`coupling`, `limits`: the geometry), `newton_euler` (the one torque),
 `lumping` and `base_parameters` (what f is), `dynamics` and `arm`, `load` (what an arm carries). Model files:
 `xml_file` (elements and their bytes), `urdf_file`, `mjcf_file`, and `model_tree` (the chain in them). `kinematics`,
-`pseudo_inertia`, `symmetric_inverse`, `collect` and `independent_columns` are tools.
+`pseudo_inertia`, `symmetric_inverse` and `collect` are tools.
 """

@@ -2,5 +2,5 @@
 
 Read `edits` (new inertials in a URDF or MJCF file, all other bytes as they were); `check` (`check_model`), with
 `hypotheses` (mistakes undone), `evidence` (shapes, other sides) and `agreement` (what speaks for which); `robot_file`
-(`read_robot`, `write_robot`), with `tables` (parts as tables), `arm_table`, `lumping_table`, `meaning`, `toml_text`.
+(`read_robot`, `write_robot`), with `tables` (parts as tables), `arm_table`, `toml_text`.
 """

@@ -28,10 +28,9 @@ from plant.models.agreement import (
     impossible,
     mirrored,
 )
-from plant.models.edits import urdf_inertial
+from plant.models.edits import body_of, guess, only, urdf_inertial
 from plant.models.evidence import joint_places, mirrors, partner_of, shape_of
 from plant.models.hypotheses import Stated, without_mistakes
-from plant.models.repairs import body_of, guess, only
 from plant.parts.arguments import known_options
 from plant.parts.files import require_new, write_whole
 from plant.parts.shown import Piece, Shown, Verdict

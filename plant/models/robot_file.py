@@ -12,8 +12,7 @@ from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.mechanics.dynamics import Dynamics
 from plant.models.arm_table import arm_table, dynamics_of, model_beside
-from plant.models.meaning import unit_of
-from plant.models.tables import class_of, part_of, table_of
+from plant.models.tables import class_of, part_of, table_of, unit_of
 from plant.models.toml_text import toml_lines
 from plant.parts.arguments import choice, instance, known_options
 from plant.parts.files import require_new, write_whole

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from plant.mechanics.base_parameters import independent_columns
 from plant.mechanics.dynamics import Dynamics
-from plant.mechanics.independent_columns import independent_columns
 from plant.mechanics.load import LOAD, load_matrix
 from plant.motion.reference import Reference
 from plant.parts.arguments import instance, real

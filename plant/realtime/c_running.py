@@ -1,10 +1,12 @@
 """A running controller as C99, with every guard and every stop: its memory, its pieces, and its logic.
 
-The logic is that of `plant.realtime.safety`, translated (`plant.realtime.c_logic`), what it calls of law and rig that
+The logic is that of `plant.realtime.safety`, translated (`plant.realtime.c_running`), what it calls of law and rig that
 of `plant.realtime.pieces`; the memory begins as that of the controller it is made from. Two files; nothing is
 allocated, and there is no state outside the struct.
 """
 
+import ast
+import inspect
 import textwrap
 from pathlib import Path
 from string import Template
@@ -12,14 +14,69 @@ from typing import Any
 
 from plant.compiler.c_statements import SIGN, literal, statements
 from plant.compiler.instructions import STATE, UNIFORM
+from plant.compiler.python_to_c import CFunction, CNames
 from plant.realtime import memory as layout
+from plant.realtime import safety, stopping, watching
 from plant.realtime.braking import RAMP
 from plant.realtime.c_export import free_folder, require_name
-from plant.realtime.c_logic import HELPERS, PREFIX, constants_of_logic, translated
 from plant.realtime.c_numbers import braced, comment
 from plant.realtime.pieces import pieces_of
 from plant.realtime.status import wording
 from plant.version import __version__
+
+PREFIX = "running_"
+"""Of every function's name: C's library has a read, and a finite."""
+
+HELPERS = """\
+/* As Python's min and max: of two that do not compare, the first. */
+static double least(double a, double b)
+{
+    return b < a ? b : a;
+}
+
+static double greatest(double a, double b)
+{
+    return b > a ? b : a;
+}
+"""
+
+_MODULES = stopping, watching, safety
+_OURS = {name for each in _MODULES for name, value in vars(each).items() if inspect.isfunction(value)}
+
+NAMES = CNames(
+    arrays=("own", "joints", "memory", "pulses", "q_r", "qd_r", "qdd_r", "torque"),
+    read=("pulses", "q_r", "qd_r", "qdd_r"),
+    functions=_OURS | set(vars(layout)),  # and the pieces, which the memory names
+    prefix=PREFIX,
+    sizes={"memory": "SIZE"},
+    each="N",
+)
+
+
+def constants_of_logic() -> str:
+    """Declarations of the constants of all modules: places in the memory, and thresholds."""
+    whole, real = [], []
+    for module in (layout, *_MODULES):
+        for name, value in vars(module).items():
+            if not name.isupper() or (module is not layout and hasattr(layout, name)):
+                continue  # imported from there
+            if isinstance(value, int):
+                whole.append(f"{name} = {value}")
+            elif isinstance(value, float):
+                real.append(f"static const double {name} = {literal(value)};")
+    listed = textwrap.fill(
+        ", ".join(whole), 112, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False
+    )
+    return f"enum {{\n{listed}\n}};\n" + "\n".join(real) + "\n"
+
+
+def translated() -> str:
+    """All functions as C, each with its docstring; arrays have N joints and SIZE places, which the caller defines."""
+    trees = (ast.parse(inspect.getsource(module)) for module in _MODULES)
+    made = [CFunction(node, NAMES) for tree in trees for node in tree.body if isinstance(node, ast.FunctionDef)]
+    heads = "".join(f"{each.head};\n" for each in made)
+    return heads + "\n" + "\n".join(f"{comment(each.said)}\n{each.head}\n{{\n{each.body}\n}}\n" for each in made)
+
 
 _CAUSES = ("RUNNING", "WAS_LATE", "HAD_GAPS", "HAS_JUMPED", "IS_STUCK", "IS_OFF", "NO_TORQUE", "IS_SATURATED",
            "CHATTERS", "NO_COUNTS", "IS_DEAD", "BAD_TIME", "OFF_BEAT", "OUTSIDE", "TOO_FAST", "TOO_STEEP")  # fmt: skip

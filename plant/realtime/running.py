@@ -16,8 +16,7 @@ from plant.realtime.c_running import write_running
 from plant.realtime.compiled_step import compensates_gravity, compiled
 from plant.realtime.guards import Guards
 from plant.realtime.pieces import row
-from plant.realtime.plain_numbers import clock, numbers
-from plant.realtime.status import Status
+from plant.realtime.status import Status, clock, numbers
 from plant.realtime.watching import FAR
 
 _FLOAT, _COUNTS = np.dtype(float), (np.dtype(np.int64), np.dtype(float))

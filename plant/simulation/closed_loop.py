@@ -17,7 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from plant.machine.current_lag import lagging
+from plant.machine.drive_effects import lagging
 from plant.machine.friction_step import FrictionStep
 from plant.simulation.layout import Layout
 from plant.simulation.sub_step import elastic, rigid

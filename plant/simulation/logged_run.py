@@ -1,16 +1,93 @@
 """One run of a closed loop with its log, by the compiled kernel or by casadi, which is the referee."""
 
+import functools
+import math
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from plant.mechanics.arm import Arm
-from plant.simulation.casadi_loop import by_casadi
+from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop, bounded
 from plant.simulation.divergence import refuse_divergence
-from plant.simulation.loop_kernel import loop_kernel
+from plant.simulation.loop_kernel import Structure, loop_kernel
 from plant.simulation.time_tables import time_tables
+
+
+def by_casadi(
+    loop: ClosedLoop,
+    tables: tuple[NDArray[np.float64], ...],
+    clock: Clock,
+    state: NDArray[np.float64],
+    numbers: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], int, NDArray[np.float64], NDArray[np.float64]]:
+    """Final state, steps done, log and true errors: `mapaccum` over whole periods of law and log, then the rest."""
+    law_time, sample_time, step_time = tables
+    per_sample, per_law = loop.steps_per_sample, loop.steps_per_law
+    chunk = math.lcm(per_sample, per_law or per_sample)
+    chunks, n = len(step_time) // chunk, loop.n
+    law_rows, sample_rows = (chunk // per_law if per_law else 0), chunk // per_sample
+    logs: list[NDArray[np.float64]] = []
+    errors: list[NDArray[np.float64]] = []
+    done = 0
+
+    def accumulate(count: int, state: NDArray[np.float64]) -> NDArray[np.float64]:
+        nonlocal done
+        start = done // chunk
+        arguments = [
+            _columns(table, start * rows, count * rows)
+            for table, rows in ((law_time, law_rows), (sample_time, sample_rows), (step_time, chunk))
+        ]
+        repeated = _repeated(Structure(loop), chunk, count)
+        states, log, error = repeated(state, *arguments, np.repeat(numbers[:, None], count, axis=1))
+        logs.append(log.full().T.reshape(-1, loop.n_log))
+        errors.append(error.full().T.reshape(-1, n))
+        done += count * chunk
+        return states.full()[:, -1]
+
+    if chunks:
+        state = accumulate(chunks, state)
+    for i in range(done, len(step_time)):
+        if loop.law_step is not None and i % per_law == 0:
+            state = loop.law_step(state, law_time[i // per_law], numbers).full()[:, 0]
+        if i % per_sample == 0:
+            state, log = (x.full()[:, 0] for x in loop.sample(state, sample_time[i // per_sample], numbers, []))
+            logs.append(log[None])
+        state, error = (x.full()[:, 0] for x in loop.substep(state, step_time[i], numbers))
+        errors.append(error[None])
+    log, error = np.vstack(logs), np.vstack(errors)
+    bad = np.flatnonzero(~np.isfinite(error).all(axis=1))
+    return state, int(bad[0]) if len(bad) else len(step_time), log, error
+
+
+@functools.lru_cache(maxsize=8)
+def _repeated(key, chunk, count):
+    return _chunk(key.loop, chunk).mapaccum("loop", count, {"base": 2})
+
+
+def _columns(table, start, count):
+    return np.ascontiguousarray(table[start : start + count].T)
+
+
+def _chunk(loop, chunk):
+    """(state, law rows, sample rows, step rows, numbers) -> (state, log, true error) over `chunk` sub-steps."""
+    times, per_law = len(loop.time_names), loop.steps_per_law
+    state, numbers = ca.MX.sym("state", len(loop.state_names)), ca.MX.sym("numbers", len(loop.number_names))
+    law_time = ca.MX.sym("law_time", times, chunk // per_law if per_law else 0)
+    sample_time = ca.MX.sym("sample_time", times, chunk // loop.steps_per_sample)
+    step_time = ca.MX.sym("step_time", times, chunk)
+    inputs, logs, errors = [state, law_time, sample_time, step_time, numbers], [], []
+    for i in range(chunk):
+        if loop.law_step is not None and i % per_law == 0:
+            state = loop.law_step(state, law_time[:, i // per_law], numbers)
+        if i % loop.steps_per_sample == 0:
+            state, log = loop.sample(state, sample_time[:, i // loop.steps_per_sample], numbers, ca.MX(0, 1))
+            logs.append(log)
+        state, error = loop.substep(state, step_time[:, i], numbers)
+        errors.append(error)
+    return ca.Function("chunk", inputs, [state, ca.horzcat(*logs), ca.horzcat(*errors)]).expand()
 
 
 def logged_run(

@@ -16,14 +16,12 @@ from plant.motion.reference import Reference
 from plant.parts.arguments import array, choice, instance, known_options, real
 from plant.parts.room import require_room
 from plant.parts.user_warning import warn
+from plant.simulation.cautions import warn_of_missing_rotors, warn_of_stiff_gears, warn_of_unstable_lag
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import Path, path_of, start_of, warn_of_motors
 from plant.simulation.injection import Injected, injected_at, injected_beside
 from plant.simulation.logged_run import logged_run
-from plant.simulation.missing_rotors import warn_of_missing_rotors
-from plant.simulation.stiff_gears import warn_of_stiff_gears
-from plant.simulation.unstable_lag import warn_of_unstable_lag
 
 
 @known_options

@@ -1,8 +1,30 @@
 """Blocks of columns, and elements of them: ``block``, ``block[2]``, ``block.elbow``."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
+
+
+class RefusalError(ValueError):
+    """A message that is complete: what was expected, what came, what to do; without the path."""
+
+
+def choice_of(names: Collection[str] | None, prefix: str) -> Callable[[str], bool]:
+    """Whether a column is wanted: one of these names, or, without names, all that start with the prefix."""
+    return (lambda name: name.startswith(prefix)) if names is None else set(names).__contains__
+
+
+def require_size(size: int, most: int) -> None:
+    """Refuse columns of more than `most` bytes.
+
+    Raises
+    ------
+    RefusalError
+    """
+    if size > most:
+        raise RefusalError(
+            f"must hold at most {most >> 20} MiB; it declares {size >> 20}. Cut the log into several files."
+        )
 
 
 class Block(NamedTuple):

@@ -5,9 +5,8 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-from .columns import Block, picked
+from .columns import Block, RefusalError, picked
 from .parquet import read_blocks
-from .refusal import RefusalError
 
 _INFO = 1 << 24  # bytes of meta/info.json
 _EPISODE = "episode_index"

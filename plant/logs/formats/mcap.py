@@ -4,8 +4,8 @@ import json
 from collections.abc import Collection, Iterator
 from typing import Any
 
+from .columns import RefusalError
 from .messages import columns_of
-from .refusal import RefusalError
 
 
 def read(

@@ -8,8 +8,7 @@ import array
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any
 
-from .columns import Block, home_of, picked
-from .refusal import RefusalError, require_size
+from .columns import Block, RefusalError, home_of, picked, require_size
 
 _NAMES = ("name", "names", "joint_names")
 _WIDEST = 256  # elements of an array that may be joints; more are pictures or clouds of points

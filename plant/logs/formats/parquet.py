@@ -4,8 +4,7 @@ import os
 from collections.abc import Collection
 from typing import Any
 
-from .columns import Block, home_of, picked
-from .refusal import RefusalError, choice_of, require_size
+from .columns import Block, RefusalError, choice_of, home_of, picked, require_size
 
 
 def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tuple[list[str], dict[str, Any]]:

@@ -4,8 +4,8 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
+from .columns import RefusalError
 from .messages import columns_of
-from .refusal import RefusalError
 
 _STORE = "ROS2_HUMBLE"
 """Definitions of the standard messages, for bags that do not hold those of their own."""

@@ -18,7 +18,7 @@ from uncertain import with_uncertainty
 
 import ctc.certification.reserves
 from ctc import ComputedTorque, certify, evaluate
-from ctc.certification.binomial import clopper_pearson
+from ctc.certification.cells import clopper_pearson
 from ctc.certification.samples import draw
 from ctc.certification.sensitivity import influences, ranked
 from ctc.certification.uncertainty import Uncertainty

@@ -8,8 +8,7 @@ import pytest
 from uncertain import with_uncertainty
 
 from ctc import ComputedTorque, Uncertainty, certify, evaluate, margins, sweep_resonance
-from ctc.certification.binomial import clopper_pearson
-from ctc.certification.cells import cells
+from ctc.certification.cells import cells, clopper_pearson
 from ctc.stability.error_loop import open_loops
 from ctc.verdict.lowest_resonance import lowest_resonance
 from plant import Elasticity, puma560, simulate

@@ -7,7 +7,7 @@ import pytest
 from uncertain import with_uncertainty
 
 from ctc import ComputedTorque, FlexibleJointComputedTorque, certify, tune
-from ctc.certification.binomial import clopper_pearson
+from ctc.certification.cells import clopper_pearson
 from ctc.certification.samples import draw
 from ctc.certification.uncertainty import Uncertainty
 from ctc.tuning.families import families

@@ -48,8 +48,7 @@ from plant import (
     slowed,
 )
 from plant.laws.resumed import AlongLog
-from plant.machine.current_lag import CurrentLag
-from plant.machine.friction_changes import FrictionDrift, LoadFriction
+from plant.machine.drive_effects import CurrentLag, FrictionDrift, LoadFriction
 from plant.parts.kinds import PARTS
 from plant.parts.part import Part, number, part, structure
 from plant.parts.plain import from_plain

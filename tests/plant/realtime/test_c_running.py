@@ -14,7 +14,7 @@ from spoilt import BEGIN, BRAKED, DT, LIES, PATH, Spoilt
 from ctc import ComputedTorque
 from plant import Guards, P, SteppedArm, puma560
 from plant.compiler.python_to_c import CFunction
-from plant.realtime.c_logic import NAMES
+from plant.realtime.c_running import NAMES
 
 CC = shutil.which("cc") or shutil.which("gcc")
 pytestmark = pytest.mark.skipif(CC is None, reason="needs a C compiler")

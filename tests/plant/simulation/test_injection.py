@@ -21,7 +21,7 @@ from plant import (
     to_control,
 )
 from plant.checkup.signals import Signals
-from plant.machine.current_lag import CurrentLag
+from plant.machine.drive_effects import CurrentLag
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.loop_kernel import Structure
 

@@ -1,0 +1,151 @@
+"""What drives do beside their torque: current lag, torque ripple, friction that depends on load or drifts."""
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from plant.parts.arguments import signs
+from plant.parts.fields import ArrayOrSymbols, Vector
+from plant.parts.part import Part, number, part
+
+
+@part
+class TorqueRipple(Part):
+    """Torque of the motor's magnets and slots, amplitude sin(cycles q_m + phase). Motor side.
+
+    Parameters
+    ----------
+    amplitude : (n,) array_like
+        Of the torque [N m], motor side; a share of the largest torque is that share of
+        ``motor_gain * current_limit``.
+    cycles : (n,) array_like
+        Of the torque per turn of the motor, such as the number of its slots.
+    phase : (n,) array_like, optional
+        At motor angle 0 [rad].
+
+    Raises
+    ------
+    ValueError
+        Negative amplitude, cycles that are not positive.
+
+    See Also
+    --------
+    plant.Drive
+
+    Examples
+    --------
+    >>> from plant import TorqueRipple
+    >>> ripple = TorqueRipple(amplitude=(0.01, 0.01), cycles=(6, 6))
+    >>> ripple.torque((0.1, 0.0)).round(5)
+    array([0.00565, 0.     ])
+    """
+
+    amplitude: Vector = number(("n",))
+    cycles: Vector = number(("n",))
+    phase: Any = number(("n",), default=None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        signs(self, positive=("cycles",), not_negative=("amplitude",), advice="Shift the phase by pi to turn a sign.")
+
+    def torque(self, q_m: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Motor torque [N m] at motor angles [rad]."""
+        angle = self.cycles * q_m if self.phase is None else self.cycles * q_m + self.phase
+        return self.amplitude * (np.sin(angle) if isinstance(angle, np.ndarray) else ca.sin(angle))
+
+
+_LONGEST = 0.02
+"""Of a time constant [s]: a current loop of 8 Hz, which is none. Milliseconds given as seconds are above."""
+
+
+@part
+class CurrentLag(Part):
+    """How the motor currents follow the commanded ones: a first-order lag.
+
+    Parameters
+    ----------
+    time : float
+        Time constant, at most 0.02 [s].
+    """
+
+    time: float = number(())
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.time > 0:
+            raise ValueError(f"current_lag must be positive; got {self.time:g} s. Leave it out for none.")
+        if self.time > _LONGEST:
+            raise ValueError(f"current_lag must be at most {_LONGEST:g} s; got {self.time:g}. Give it in seconds.")
+
+
+def lagging(commanded: ca.SX, driven: ca.SX, lag: CurrentLag, h: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Mean torque in a step of length h, and the torque at its end, of currents that follow with a time constant."""
+    decay = ca.exp(-h / lag.time)
+    end = commanded + (driven - commanded) * decay
+    return commanded + (driven - commanded) * (lag.time / h) * (1 - decay), end
+
+
+@part
+class LoadFriction(Part):
+    """Coulomb friction in proportion to the torque that the gear transmits to its link.
+
+    Parameters
+    ----------
+    share : (n,) array_like
+        Rise of the Coulomb level over the magnitude of the transmitted torque, both joint side.
+    """
+
+    share: Vector = number(("n",))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not ((self.share >= 0) & (self.share < 1)).all():
+            raise ValueError(f"load_friction must be from 0 to below 1; got {self.share}. Give a share, such as 0.1.")
+
+    def level(self, load: ca.SX) -> ca.SX:
+        """Rise of the Coulomb level [N m] under a transmitted torque [N m], both on the shaft."""
+        return self.share * ca.fabs(load)
+
+
+@part
+class FrictionDrift(Part):
+    """Slow drift of friction from the start of a run, as of a gear that warms up; viscous and dry friction alike.
+
+    Friction is 1 + amount (1 - exp(-t / time)) times its value at the start.
+
+    Parameters
+    ----------
+    amount : (n,) array_like
+        Relative change in the end, above -1: -0.2 is a fall by 20 %.
+    time : (n,) array_like
+        Time constant [s].
+
+    See Also
+    --------
+    plant.Drive, plant.FrictionCurve
+
+    Examples
+    --------
+    >>> from plant import FrictionDrift
+    >>> FrictionDrift(amount=(-0.2, -0.1), time=(60, 60))  # a fifth less after some minutes
+    FrictionDrift(amount=array([-0.2, -0.1]), time=array([60., 60.]))
+    """
+
+    amount: Vector = number(("n",))
+    time: Vector = number(("n",))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        signs(self, positive=("time",), advice="Give the time constant in seconds.")
+        if (self.amount <= -1).any():
+            raise ValueError(f"amount must be above -1; got {self.amount}. Give a relative change, such as -0.2.")
+
+    def factor(self, drifted: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Friction over that at the start, when so much of the way is done (0 to 1)."""
+        return 1 + self.amount * drifted
+
+    def following(self, drifted: ArrayOrSymbols, h: ArrayOrSymbols) -> ArrayOrSymbols:
+        """How much of the way is done a time h [s] later."""
+        passed = -h / self.time
+        return 1 - (1 - drifted) * (np.exp(passed) if isinstance(passed, np.ndarray) else ca.exp(passed))

@@ -1,0 +1,102 @@
+"""Warnings before a simulation: an arm without rotors, currents whose lag is unstable, gears too stiff for a step."""
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.laws.law import Law
+from plant.machine.rig import Rig
+from plant.machine.spring import FOLLOWED, reduced
+from plant.mechanics.arm import Arm
+from plant.parts.labels import joint_label
+from plant.parts.user_warning import warn
+from plant.simulation.jacobians import jacobians
+
+_MANY = 100
+"""Steps per sample above which none are advised."""
+
+
+def warn_of_stiff_gears(arm: Arm, rig: Rig, pose: NDArray[np.float64], steps_per_sample: int) -> None:
+    """Warn of gears whose vibration at a pose, motor against link, is wrong by more than 1 % in its frequency."""
+    drive = rig.drive
+    if drive.elasticity is None:
+        return
+    motors = drive.reflected_inertia()
+    links = np.diag(drive.coupling.shaft_inertia(arm.D(pose))) - motors
+    h = rig.period / steps_per_sample
+    squared = drive.elasticity.stiffness / reduced(motors, np.where(links > 0, links, np.inf))
+    joint = int(np.argmax(squared))
+    if h * h * squared[joint] <= FOLLOWED:
+        return
+    hz, most = (math.sqrt(each) / (2 * math.pi) for each in (squared[joint], FOLLOWED / (h * h)))
+    steps = math.ceil(steps_per_sample * hz / most)
+    more = f"Take steps_per_sample={steps}, or leave" if steps <= _MANY else "Leave"
+    warn(
+        f"the gear of {arm.dynamics.chain.joint_labels[joint]} vibrates at {hz:.4g} Hz, motor against link; sub-steps "
+        f"of {1e3 * h:.3g} ms follow {most:.4g} Hz to 1 %. {more} elasticity out: such a gear is as good as rigid."
+    )
+
+
+_COUNTS = 0.1
+"""Share of a joint's inertia above which its rotor matters."""
+
+
+def warn_of_missing_rotors(arm: Arm, rig: Rig, q: NDArray[np.float64]) -> None:
+    """Warn of an arm whose bodies say that there are no rotors, under a drive that has them.
+
+    The inertia matrix holds the rotors (f1 and f7 of the paper hold Jm k^2); a drive does not add them. Without them an
+    arm is lighter than its motors, and its loop faster than any real one.
+
+    Parameters
+    ----------
+    arm : Arm
+    rig : Rig
+    q : (n,) numpy.ndarray
+        Pose at which the rotors are compared with the joints' inertia [rad].
+    """
+    chain, rotors = arm.dynamics.chain, rig.drive.reflected_inertia()
+    if not chain.bodies or chain.n != rig.n or any(body.rotor for body in chain.bodies):
+        return
+    stated = arm.dynamics.f(chain.bodies)
+    if not np.allclose(arm.f, stated, rtol=1e-9, atol=1e-12 * np.abs(stated).max(initial=0.0)):
+        return  # identified, or with rotors that the bodies do not show
+    share = rotors / np.maximum(np.diag(arm.D(q)), 1e-300)
+    if share.max() > _COUNTS:
+        joint = int(share.argmax())
+        label = joint_label([link.name for link in chain.links], joint)
+        warn(
+            f"the bodies of the arm have no rotors, and the drive has {rotors[joint]:.3g} kg m^2 at {label}, "
+            f"{share[joint]:.2g} of the inertia there. Make the dynamics of chain.with_rotors(drive)."
+        )
+
+
+_ZERO = 1e-6
+"""Growth of a pole, relative to its size, that may be rounding."""
+
+
+def warn_of_unstable_lag(arm: Arm, rig: Rig, law: Law, pose: NDArray[np.float64]) -> None:
+    """Warn of a fast law whose loop, linearised at a pose, is unstable with the currents' lag and stable without it."""
+    if rig.drive.current_lag is None or law.has_memory(rig.n):
+        return
+    growing = _growing(arm, rig, law, pose)
+    prompt = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, current_lag=None))
+    if growing is None or _growing(arm, prompt, law, pose) is not None:
+        return
+    lag, name = rig.drive.current_lag.time, type(law).__name__
+    warn(
+        f"with a current_lag of {lag:g} s the loop of {name} is unstable: linearised "
+        f"at the start it swings up at {abs(growing.imag) / (2 * math.pi):.3g} Hz with the time constant "
+        f"{1 / growing.real:.2g} s; without lag it is stable. Lower the gains, or take a law with damping."
+    )
+
+
+def _growing(arm: Arm, rig: Rig, law: Law, pose: NDArray[np.float64]) -> complex | None:
+    """The pole [1/s] that grows fastest; None where none does, or where the law holds no pose."""
+    try:
+        poles = np.linalg.eigvals(jacobians(arm, rig, law, pose)[0])
+    except np.linalg.LinAlgError:  # a torque that does not depend on the counts
+        return None
+    fastest = complex(poles[np.argmax(poles.real)])
+    return fastest if fastest.real > _ZERO * abs(poles).max() else None
