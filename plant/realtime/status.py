@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from plant.parts.arguments import array
 from plant.realtime import memory as layout
-from plant.realtime.braking import RAMP
+from plant.realtime.pieces import RAMP
 
 
 def numbers(name: str, value: ArrayLike, n: int, advice: str) -> NDArray[np.float64]:
