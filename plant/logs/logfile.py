@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.logs.csv_rows import read_rows
-from plant.logs.isolation import read_isolated
-from plant.logs.npz import read_npz
+from plant.logs.isolation import read_isolated, read_npz
 from plant.parts.arguments import known_options
 from plant.parts.files import require_bounded
 

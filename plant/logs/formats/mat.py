@@ -84,9 +84,7 @@ def _require_bounded(path: str, most: int) -> None:
     with open(path, "rb") as file:
         head = file.read(128)
         if head[:4] == b"\x89HDF" or head[124:128] in (b"\x00\x02IM", b"\x02\x00MI"):
-            raise RefusalError(
-                "must be MAT version 5; got 7.3, which is HDF5. Rename it to end in .h5, or use Record.from_hdf5."
-            )
+            raise RefusalError("must be MAT version 5; got 7.3, which is HDF5. Rename it to end in .h5.")
         if head[124:128] not in (b"\x00\x01IM", b"\x01\x00MI"):
             raise RefusalError("must be MAT version 5; its first 128 bytes are not. Save it with -v7 or -v6.")
         order, total, size = "<" if head[126:] == b"IM" else ">", 0, os.path.getsize(path)
