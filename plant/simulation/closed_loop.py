@@ -121,7 +121,7 @@ class ClosedLoop(Layout):
         log = ca.vertcat(first, at_sample, *joint)
         score = status[0]
         if self.score is not None:
-            kept = carried.shape[0] - self.n_memory
+            kept = carried.shape[0] - len(self._places["memory"])
             added, memory = self.score(log[: self.score.nnz_in(0)], data, carried[kept:, 0])
             score, carried = score + added, ca.vertcat(carried[:kept, 0], memory)
         return self._function("sample", [q, qd, impulse, torque, carried, score, ok], log, data)
