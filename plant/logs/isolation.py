@@ -37,30 +37,11 @@ _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.r
 def read_isolated(
     kind: str, path: str, names: Collection[str] | None, prefix: str, most: int, **options: Any
 ) -> tuple[list[str], dict[str, NDArray[Any]]]:
-    """Read columns of a file by the libraries of others.
+    """Names in a file, and its columns, read by the libraries of others; refusals do not name the path.
 
-    Parameters
-    ----------
-    kind : str
-        mat, hdf5, parquet, lerobot, mcap or rosbag2: a file of `plant.logs.formats`.
-    path : str
-    names : list of str, or None
-        The columns; None reads all that start with `prefix`.
-    most : int
-        Bytes that they may have.
-    options
-        Of that reader: ``episode`` of lerobot, ``clock`` of mcap and rosbag2.
-
-    Returns
-    -------
-    known : list of str
-        Names in the file.
-    columns : dict of numpy.ndarray
-
-    Raises
-    ------
-    ValueError
-        Whatever went wrong, without the path.
+    The `kind` (mat, hdf5, parquet, lerobot, mcap or rosbag2) is a file of `plant.logs.formats`; without `names` all
+    columns that start with `prefix` are read. They may have `most` bytes. Options are those of that reader: ``episode``
+    of lerobot, ``clock`` of mcap and rosbag2.
     """
     for library in _LIBRARIES.get(kind, ()):
         if find_spec(library) is None:
@@ -99,13 +80,7 @@ def read_isolated(
 def read_npz(
     path: str, names: Collection[str] | None, prefix: str, most: int
 ) -> tuple[list[str], dict[str, NDArray[Any]]]:
-    """Read columns of an NPZ archive, as `read_isolated` does for other formats.
-
-    Raises
-    ------
-    ValueError
-        Objects, a size beyond `most` bytes, a header that does not fit its data; without the path.
-    """
+    """Names and columns of an NPZ archive, as `read_isolated` gives them of other formats."""
     _require_small_directory(path)
     with zipfile.ZipFile(path) as archive:
         members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}

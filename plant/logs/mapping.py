@@ -20,12 +20,7 @@ _KNOWN = (*UNITS, "valid")
 
 
 def mapped_names(columns: Mapping[str, Any], units: Mapping[str, Unit] | None) -> list[str]:
-    """Names of the table's columns that a mapping needs, in order; the mapping and its units are validated.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Names of the table's columns that a mapping needs, in order; the mapping and its units are validated."""
     advice = 'Give columns={"t": "time", "position": ["q1", "q2"], ...}.'
     instance("columns", columns, dict, advice)
     for field in columns:
@@ -55,12 +50,7 @@ def record_fields(
     wrap: ArrayLike | None,
     reference: Reference | None,
 ) -> dict[str, Any]:
-    """Fields of a record from a table; see `Record.from_table`.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Fields of a record from a table; see `Record.from_table`."""
     names = mapped_names(columns, units)
     instance("rig", rig, Rig, "Pass rig=.")
     stated = {field: _unit(field, unit, rig.n) for field, unit in (units or {}).items()}

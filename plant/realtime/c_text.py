@@ -24,13 +24,7 @@ _TEMPLATES = Path(__file__).with_name("c")
 
 
 def write_files(folder: str | Path, name: str, kind: str, values: Mapping[str, Any]) -> None:
-    """Write header and source of a `kind` ("law" or "running"), the program that replays a record, and a Makefile.
-
-    Raises
-    ------
-    ValueError
-        No folder; a file in it that is no earlier export of this name.
-    """
+    """Write header and source of a `kind` ("law" or "running"), the program that replays a record, and a Makefile."""
     templates = {f"{name}.h": f"{kind}.h", f"{name}.c": f"{kind}.c", "main.c": "main.c", "Makefile": "Makefile"}
     values = {"name": name, "NAME": name.upper(), **values}
     place = _free_folder(folder, templates, name)

@@ -90,13 +90,7 @@ def _given(rig, guards, rows, scalars):
 
 
 def compensates_gravity(law: Any, guards: Guards | None) -> bool:
-    """Whether a ramp stops with gravity compensation.
-
-    Raises
-    ------
-    ValueError
-        Gravity compensation under a law without an arm.
-    """
+    """Whether a ramp stops with gravity compensation."""
     known = knows_arm(law)
     if guards is not None and guards.stop == "gravity" and not known:
         given = f"stop must be 'hold' or 'zero' for a law without an arm; got 'gravity' for {type(law).__name__}"

@@ -97,15 +97,10 @@ class Running:
                       output=output, counts_per_ampere=counts_per_ampere, largest_count=largest_count)  # fmt: skip
 
     def reset(self, pulses: ArrayLike) -> None:
-        """Start anew, as after `Law.start`: with the law's initial state, and the stop cleared.
+        """Start anew at these counts (n,), as after `Law.start`: with the law's initial state, and the stop cleared.
 
         After a safe stop: find out why (`status`), plan a reference that begins at the arm's position
         (``rig.cell_centre(pulses)``), and reset.
-
-        Parameters
-        ----------
-        pulses : (n,) array_like
-            Encoder counts now.
         """
         self._set(self._counts(pulses))
 

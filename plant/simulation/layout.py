@@ -50,12 +50,7 @@ class Correction(Part):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Layout:
-    """The vectors of a `plant.simulation.closed_loop.ClosedLoop`, which says what its parameters are.
-
-    Attributes
-    ----------
-    state_names, time_names, number_names : list of str
-    """
+    """The vectors of a `plant.simulation.closed_loop.ClosedLoop`, which says what its parameters are."""
 
     dynamics: Dynamics
     rig: Rig
@@ -71,9 +66,8 @@ class Layout:
         for name in ("steps_per_sample", "sweeps"):
             value = getattr(self, name)
             if not isinstance(value, (int, np.integer)) or value < 1:
-                raise ValueError(
-                    f"{name} must be a whole number of at least 1; got {value!r}. The defaults are 4 and 3."
-                )
+                given = f"{name} must be a whole number of at least 1; got {value!r}"
+                raise ValueError(f"{given}. The defaults are 4 and 3.")
         self.rig.require_fit(self.dynamics.chain)
         if self.smooth:
             encoder = dataclasses.replace(self.rig.encoder, smooth=True)
@@ -125,10 +119,7 @@ class Layout:
 
     @cached_property
     def _places(self) -> dict[str, range]:
-        """Where each quantity is in the state.
-
-        Joint state, friction impulse, torque, states of law, transport, drive and score, the score, and ok (1 or 0).
-        """
+        """Where each quantity is in the state: of arm, law, transport, drive and score; ``ok`` is 1 or 0."""
         sizes = dict.fromkeys(("q", "qd", "impulse", "torque"), self.n) | {"law": len(self._block.initial)}
         passing = 0 if self.rig.transport is None else self.n
         sizes |= {"before": passing, "seen": passing, **dict.fromkeys(self.giving, self.n)}
@@ -176,13 +167,8 @@ class Layout:
     def giving(self) -> tuple[str, ...]:
         """Names of the states, n each, that the parts of the drive add."""
         drive = self.rig.drive
-        added = {
-            "link": drive.elasticity,
-            "link_speed": drive.elasticity,
-            "driven": drive.current_lag,
-            "bristle": drive.presliding,
-            "drifted": drive.friction_drift,
-        }
+        added = {"link": drive.elasticity, "link_speed": drive.elasticity, "driven": drive.current_lag}
+        added |= {"bristle": drive.presliding, "drifted": drive.friction_drift}
         return tuple(name for name, given in added.items() if given is not None)
 
     @property
@@ -207,13 +193,10 @@ class Layout:
         rows = {name: np.zeros(len(places)) for name, places in self._places.items()}
         rows |= {"q": q, "qd": qd, "law": self._block.initial, "ok": np.ones(1)}
         if "link" in self.giving:
-            rows |= {"link": q if numbers is None else self._hanging(q, numbers), "link_speed": qd}
+            hanging = q if numbers is None else self._settled(q, numbers).full().reshape((self.n, *many))
+            rows |= {"link": hanging, "link_speed": qd}
         rows = {name: x if x.ndim > len(many) else x[:, None] for name, x in rows.items()}
         return np.concatenate([np.broadcast_to(x, (len(x), *many)) for x in rows.values()])
-
-    def _hanging(self, q: NDArray[np.float64], numbers: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where links (n,), or (n, P), are at rest in the gears of motors held at q (n,), with these numbers."""
-        return self._settled(q, numbers).full().reshape((self.n, *numbers.shape[1:]))
 
     @cached_property
     def _settled(self) -> ca.Function:

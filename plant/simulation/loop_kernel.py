@@ -31,14 +31,8 @@ _AT_ONCE = 1 << 14
 class _Compiled:
     """A closed loop compiled, for `width` individuals side by side.
 
-    Parameters
-    ----------
-    loop : ClosedLoop
-    lanes : sequence of int
-        Which numbers (positions in ``loop.number_names``) differ between individuals.
-    width : int
-    uneven : bool
-        Steps of several lengths.
+    `lanes` are the numbers (positions in ``loop.number_names``) that differ between individuals; `uneven` steps have
+    several lengths.
     """
 
     usual = LANES
@@ -105,18 +99,8 @@ class LoopKernel(_Compiled):
     ) -> tuple[NDArray[np.float64], int]:
         """Final states (s, W), and the number of sub-steps done: fewer than wanted if every individual has diverged.
 
-        Parameters
-        ----------
-        tables : tuple
-            From `prepared`.
-        initial : (s, W) numpy.ndarray
-            State at the start of each individual.
-        lanes : (L, W) numpy.ndarray
-            Their own numbers.
-        uniform : (U,) numpy.ndarray
-            The others.
-        logs : tuple of numpy.ndarray, optional
-            sample_log and step_log to be filled; W must be 1 then, and `width` otherwise.
+        Tables are from `prepared`, initial states (s, W), own numbers `lanes` (L, W), all others `uniform` (U,). With
+        `logs`, sample_log and step_log to be filled, there is one individual, otherwise `width`.
         """
         final = np.empty_like(initial)
         empty = np.empty((0, 0))

@@ -10,15 +10,7 @@ from .columns import RefusalError, choice_of, require_size
 
 
 def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tuple[list[str], dict[str, Any]]:
-    """Names and wanted columns of a MAT file.
-
-    A field of the k-th structure in an array of them is named ``structure[k].field``.
-
-    Raises
-    ------
-    RefusalError
-        No MAT v5, an element that is cut, or more than `most` bytes once expanded.
-    """
+    """Names and wanted columns of a MAT file; a field of the k-th structure of an array is ``structure[k].field``."""
     _require_bounded(path, most)
     from scipy.io import loadmat
 

@@ -28,7 +28,7 @@ from plant import (
 from plant.compiler.c_statements import statements
 from plant.compiler.instructions import STATE
 from plant.parts.part import number, part
-from plant.simulation.controller_log import write_replay
+from plant.simulation.followed_path import write_replay
 
 STRICT = "-std=c99 -O2 -Wall -Wextra -Werror -pedantic"
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
