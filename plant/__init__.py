@@ -67,8 +67,8 @@ from plant.realtime.first_motion import FirstMotion
 from plant.realtime.guards import Guards
 from plant.robots import catalogue, puma560
 from plant.siblings import check_siblings
-from plant.simulation.controller_log import write_replay
-from plant.simulation.divergence import DivergenceError
+from plant.simulation.followed_path import write_replay
+from plant.simulation.logged_run import DivergenceError
 from plant.simulation.simulator import replay, simulate
 from plant.simulation.stepped_arm import SteppedArm
 from plant.version import __version__ as __version__

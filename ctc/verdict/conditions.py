@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ctc.laws.model_law import ModelLaw
 from plant import Arm, Law, Reference, Rig
-from plant.simulation.divergence import DivergenceError
+from plant.simulation.logged_run import DivergenceError
 from plant.simulation.simulator import run
 
 _LOOKED = 1.0

@@ -19,8 +19,7 @@ from plant.parts.arguments import choice, known_options
 from plant.parts.labels import joint_labels
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import by_joint
-from plant.simulation.injection import Injected
-from plant.simulation.simulator import run
+from plant.simulation.simulator import Injected, run
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from plant import Record, Resumed
 from plant.laws.commanded import commanded_torque
 from plant.simulation.clock import Clock
-from plant.simulation.injection import injected_beside
 from plant.simulation.law_run import run_law
+from plant.simulation.simulator import injected_beside
 
 
 def torque_of(record: Record) -> NDArray[np.float64]:

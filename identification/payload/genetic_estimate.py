@@ -23,7 +23,7 @@ from identification.search.genetic import GeneticSettings, minimize_genetic
 from plant import Arm, LoggedTorque, Rig, load_matrix
 from plant.machine.rig import smooth_rig
 from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.correction import Correction
+from plant.simulation.layout import Correction
 from plant.simulation.loop_kernel import LANES, loop_kernel
 
 _STEPS = 1

@@ -15,8 +15,8 @@ from plant.parts.arguments import instance
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import path_of, start_of
-from plant.simulation.injection import injected_beside
 from plant.simulation.loop_kernel import loop_kernel
+from plant.simulation.simulator import injected_beside
 
 _GEARED = ("drive.gear", "drive.coupling", "encoder.resolution")
 """Numbers that turn counts into angles."""

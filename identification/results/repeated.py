@@ -5,7 +5,7 @@ from typing import Any
 
 from identification.search.memory import as_repeated
 from plant import Record, Resumed, replay
-from plant.simulation.divergence import DivergenceError
+from plant.simulation.logged_run import DivergenceError
 
 
 def repeated(found: Any) -> Record | None:

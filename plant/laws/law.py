@@ -205,7 +205,8 @@ class Law(Part, abc.ABC):
         largest_count : int
             Range of the converter: counts within +- this.
         guards : Guards or None
-            Of these C has `saturation` and `chatter`, and their stop, for laws with a period.
+            For laws with a period: the C is then that of ``start(rig, pulses, guards=guards)``, with every guard and
+            stop. None, and laws without a period, for the equations alone, each number under its name.
 
         Raises
         ------
@@ -213,8 +214,8 @@ class Law(Part, abc.ABC):
             No rig; a name that C could not have; a converter that ends below the amplifier's limit; a file in the
             folder that is not an earlier export.
         """
-        write_c(self, folder, rig, name=name, output=output, counts_per_ampere=counts_per_ampere,
-                largest_count=largest_count, guards=guards)  # fmt: skip
+        write_c(self, folder, rig, guards, name,
+                output=output, counts_per_ampere=counts_per_ampere, largest_count=largest_count)  # fmt: skip
 
     def block(self, rig: Rig) -> Block:
         """This law as a symbolic step for a rig."""

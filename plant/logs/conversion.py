@@ -18,13 +18,7 @@ _NEAR = 0.02  # of a pulse: a step that was meant to be one
 
 
 def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str, NDArray[np.float64]]:
-    """One field of the record, in its units and on its side.
-
-    Raises
-    ------
-    ValueError
-        A unit that does not fit the rig.
-    """
+    """One field of the record, in its units and on its side."""
     if field in ("torque", "injected"):
         limit, gear = rig.drive.torque_limit(), rig.drive.gear
         if unit == "motor N m":

@@ -99,25 +99,10 @@ class Runs(Frozen):
 class Population:
     """Plants (or laws) that differ in numbers, on one reference, ready to run.
 
-    Parameters
-    ----------
-    arm, rig, law, reference
-        Their structure, and the numbers that all have in common.
-    names : sequence of str
-        Of the numbers of the closed loop that differ.
-    values : (P, L) numpy.ndarray
-        Their values.
-    within : float
-        Limit [pulses].
-    steps_per_sample : int
-    duration : float
-        [s]
-    after : float
-        Samples before do not count [s].
-    initial : (2, n) numpy.ndarray, optional
-        Position [rad] and velocity [rad/s] at the start; by default those of the reference.
-    lost : callable, optional
-        (block, width, steps) -> (steps, width), whether the counts of each step of the law are lost.
+    Arm, rig, law and reference give the structure and the common numbers, `names` the numbers of the closed loop that
+    differ, with `values` (P, L). Errors are held against `within` [pulses], from `after` [s] on. They start at
+    `initial` (2, n) [rad, rad/s], by default that of the reference. `lost` gives, for (block, width, steps), whether
+    the counts of each step of the law are lost, (steps, width).
     """
 
     def __init__(
@@ -143,12 +128,7 @@ class Population:
         self._numbers, self._start = loop.number_values(arm.f), path.start() if initial is None else initial
 
     def run(self, threads: int, checkpoint: Checkpoint | None = None, *, progress: bool = False) -> Runs:
-        """Run them all; blocks of them are stages of a checkpoint, and what a progress bar counts.
-
-        Returns
-        -------
-        Runs
-        """
+        """Run them all; blocks of them are stages of a checkpoint, and what a progress bar counts."""
         kept = Checkpoint(checkpoint, "")
 
         def block(i: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -12,7 +12,7 @@ from plant.mechanics.body import Body
 from plant.mechanics.load import load_matrix, load_parameters
 from plant.parts.arguments import array, instance, known_options
 from plant.simulation.closed_loop import ClosedLoop, bounded
-from plant.simulation.divergence import DivergenceError
+from plant.simulation.logged_run import DivergenceError
 from plant.simulation.loop_kernel import loop_kernel
 
 

@@ -52,7 +52,7 @@ from plant.machine.drive_effects import CurrentLag, FrictionDrift, LoadFriction
 from plant.parts.kinds import PARTS
 from plant.parts.part import Part, number, part, structure
 from plant.parts.plain import from_plain
-from plant.simulation.correction import Correction
+from plant.simulation.layout import Correction
 
 LINKS = (Link(name="1", alpha=0.1, a=0.2, d=0.3, theta=0.4), Link(name="2", alpha=-np.pi / 2, a=1 / 3, d=0.0))
 CHAIN = Chain(links=LINKS, gravity=(0.1, 0.2, -9.7))

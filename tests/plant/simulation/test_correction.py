@@ -9,8 +9,8 @@ from plant import P, puma560, simulate
 from plant.machine.rig import smooth_rig
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.correction import Correction
 from plant.simulation.followed_path import path_of, start_of
+from plant.simulation.layout import Correction
 from plant.simulation.loop_kernel import Structure, loop_kernel
 from plant.simulation.time_tables import time_tables
 
