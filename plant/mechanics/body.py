@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from plant.parts.arguments import array
 from plant.parts.fields import Vector
 from plant.parts.part import Part, number, part
 
@@ -66,6 +67,25 @@ class Body(Part):
         com = (self.mass * self.com + other.mass * other.com) / mass
         inertia = sum(b.inertia + b.mass * parallel_axis(b.com - com) for b in (self, other))
         return Body(mass=mass, com=com, inertia=inertia, rotor=self.rotor + other.rotor)
+
+    @property
+    def standard_parameters(self) -> NDArray[np.float64]:
+        """Its standard parameters phi (10,): m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz, without the rotor's.
+
+        Mass [kg], first moments [kg m], and inertia about the *origin* of the frame [kg m^2].
+        """
+        about_origin = self.inertia + self.mass * parallel_axis(self.com)
+        return np.array([self.mass, *(self.mass * self.com), *about_origin])
+
+    @classmethod
+    def from_standard_parameters(cls, parameters: ArrayLike) -> Body:
+        """The body with these `standard_parameters` (10,); all zero: none."""
+        phi = array("parameters", parameters, (10,), advice="Give m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz.")
+        mass = float(phi[0])
+        if not mass > 0 and phi.any():
+            raise ValueError(f"a load must have a positive mass; got {mass:g} kg. Only an empty gripper has none.")
+        com = phi[1:4] / mass if mass > 0 else np.zeros(3)
+        return cls(mass=mass, com=com, inertia=phi[4:] - mass * parallel_axis(com))
 
     def seen_from(self, placement: Placement) -> Body:
         """The same body, given in the frame in which its own frame has this pose."""

@@ -9,8 +9,9 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import casadi as ca
+import numpy as np
 
-from plant.mechanics.lumping import STANDARD
+from plant.mechanics.lumping import STANDARD, Lumping
 
 if TYPE_CHECKING:
     from plant.mechanics.chain import Chain
@@ -61,6 +62,16 @@ def torque(chain: Chain, q: ca.SX, qd: ca.SX, qdd: ca.SX, pi: ca.SX, gravity: It
         rotation, origin = frames[i]
         force, moment = rotation @ force, rotation @ moment + ca.cross(origin, rotation @ force)
     return tau + chain.coupling.joint_torque(rotors * chain.coupling.shaft(qdd))
+
+
+def lumped_torque(
+    chain: Chain, lumping: Lumping, q: ca.SX, qd: ca.SX, qdd: ca.SX, f: ca.SX
+) -> tuple[ca.SX, ca.SX]:  # fmt: skip
+    """Inertial torque (n, 1) and gravity torque (n, 1) [N m] of f (p, 1), each by the fewest links' parameters."""
+    rest, strength = ca.SX.zeros(chain.n), float(np.linalg.norm(chain.gravity))
+    moving = torque(chain, q, qd, qdd, ca.SX(lumping.inertial_section()) @ f, (0, 0, 0))
+    down = np.array(chain.gravity) / strength if strength else np.zeros(3)
+    return moving, torque(chain, q, rest, rest, strength * (ca.SX(lumping.gravity_section()) @ f), down)
 
 
 def _standard(pi: ca.SX, i: int) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
