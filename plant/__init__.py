@@ -32,14 +32,12 @@ from plant.laws.resumed import Resumed
 from plant.logs.logfile import LoadError, read_table
 from plant.logs.record import Record
 from plant.logs.several import read_records
-from plant.machine.counterbalance import CosineTorque, Counterbalance
 from plant.machine.drive import Drive
 from plant.machine.drive_effects import FrictionDrift, TorqueRipple
 from plant.machine.elasticity import Elasticity
 from plant.machine.encoder import Encoder, Phase, QuadratureError
 from plant.machine.friction import FrictionCurve
-from plant.machine.joint_spring import JointSpring
-from plant.machine.known_torque import KnownTorque
+from plant.machine.known_torque import CosineTorque, Counterbalance, JointSpring, KnownTorque
 from plant.machine.presliding import Presliding
 from plant.machine.rig import Jitter, Rig, Transport
 from plant.mechanics.arm import Arm

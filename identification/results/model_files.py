@@ -15,8 +15,7 @@ from plant import Arm, Body, Drive
 from plant.mechanics.lumping import STANDARD
 from plant.mechanics.mjcf_file import read_mjcf
 from plant.mechanics.model_tree import ModelFile
-from plant.mechanics.urdf_file import read_urdf
-from plant.mechanics.xacro import is_xacro
+from plant.mechanics.urdf_file import is_xacro, read_urdf
 from plant.mechanics.xml_file import Edit, Element, parsed, spliced
 from plant.models.edits import mjcf_inertial, mjcf_joint, urdf_friction, urdf_inertial
 from plant.parts.arguments import known_options

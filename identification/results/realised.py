@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from identification.results.nearest_bodies import Block, basis, nearest_realisation
 from plant import Arm, Body
+from plant.mechanics.body import from_pseudo_inertia, pseudo_inertia
 from plant.mechanics.link import Link
 from plant.mechanics.lumping import STANDARD
 from plant.mechanics.model_tree import ModelFile, ModelJoint, fixed_to, links_of_chain
 from plant.mechanics.placement import Placement
-from plant.mechanics.pseudo_inertia import from_pseudo_inertia, pseudo_inertia
 from plant.parts.arguments import choice, instance
 
 _THIN = 0.03

@@ -4,9 +4,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.laws.anti_windup import integrated
-from plant.laws.filtered_difference import difference, filtered_difference, no_reading
 from plant.laws.law import Law, Setpoint
+from plant.laws.terms import difference, filtered_difference, integrated, no_reading
 from plant.machine.rig import Rig
 from plant.parts.arguments import optional_period, signs
 from plant.parts.fields import Vector

@@ -1,4 +1,4 @@
-"""Body: mass, centre of mass and inertia of a link and all that is fixed to it."""
+"""Body: mass, centre of mass and inertia of a link and all that is fixed to it; its pseudo-inertia."""
 
 from __future__ import annotations
 
@@ -126,3 +126,32 @@ def parallel_axis(r: NDArray[np.float64]) -> NDArray[np.float64]:
     """Inertia (6,) about a point of a unit mass at r (3,): the parallel-axis theorem."""
     x, y, z = r
     return np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
+
+
+_UPPER = np.triu_indices(3)
+
+
+def pseudo_inertia(parameters: ArrayLike) -> NDArray[np.float64]:
+    """Pseudo-inertia P = [[S, m c], [m c', m]] (4, 4) of a body's standard parameters (10,), S the integral of r r' dm.
+
+    A body of positive density exists exactly where P is positive definite: positive mass, positive inertia about the
+    centre of mass, and the triangle inequality in one. Source: P. M. Wensing, S. Kim, J.-J. E. Slotine, Linear matrix
+    inequalities for physically consistent inertial parameter identification, IEEE Robotics and Automation Letters 3
+    (2018).
+    """
+    m, *rest = np.asarray(parameters, float)
+    inertia, result = np.zeros((3, 3)), np.zeros((4, 4))
+    inertia[_UPPER] = rest[3:]
+    inertia += np.triu(inertia, 1).T
+    result[:3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
+    result[:3, 3] = result[3, :3] = rest[:3]
+    result[3, 3] = m
+    return result
+
+
+def from_pseudo_inertia(P: ArrayLike) -> NDArray[np.float64]:
+    """Standard parameters (10,) of a pseudo-inertia; the way back from `pseudo_inertia`."""
+    P = np.asarray(P, float)
+    moments = P[:3, :3]
+    inertia = np.trace(moments) * np.eye(3) - moments
+    return np.concatenate([[P[3, 3]], P[:3, 3], inertia[_UPPER]])

@@ -18,9 +18,8 @@ from plant.mechanics.arm import Arm
 from plant.mechanics.base_parameters import base_lumping
 from plant.mechanics.body import Body
 from plant.mechanics.chain import Chain
-from plant.mechanics.collect import by_speeds, collected
 from plant.mechanics.lumping import STANDARD, Lumping, standard_parameters
-from plant.mechanics.newton_euler import lumped_torque, torque
+from plant.mechanics.newton_euler import by_speeds, collected, lumped_torque, torque
 from plant.parts.arguments import array, instance
 from plant.parts.checked_function import CheckedFunction
 from plant.parts.fields import ArrayOrSymbols, Nested

@@ -11,7 +11,7 @@ import pytest
 from identification import identify, write_mjcf, write_urdf
 from identification.results.nearest_bodies import Block, basis, nearest_realisation
 from plant import Body, Chain, Coupling, Dynamics, Harmonics, P, puma560, simulate
-from plant.mechanics.pseudo_inertia import from_pseudo_inertia, pseudo_inertia
+from plant.mechanics.body import from_pseudo_inertia, pseudo_inertia
 
 pytest.importorskip("mujoco")
 pytest.importorskip("pinocchio")
