@@ -219,10 +219,7 @@ class Law(Part, abc.ABC):
     def block(self, rig: Rig) -> Block:
         """This law as a symbolic step for a rig."""
         n = rig.n
-        for field in dataclasses.fields(self):
-            if field.metadata.get("number") == ("n",) and len(getattr(self, field.name)) != n:
-                given = f"{field.name} of {type(self).__name__} must have {n} values, one per joint of the rig"
-                raise ValueError(f"{given}; got {len(getattr(self, field.name))}. Give one for each joint.")
+        self.require_joints(n, f"{type(self).__name__}.")
         initial = np.asarray(self.initial_state(n), float)
         own, rigs = self.number_names("law."), rig.number_names()
         numbers = ca.SX.sym("numbers", len(own) + len(rigs))

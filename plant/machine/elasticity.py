@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plant.mechanics.arm import Arm
-from plant.parts.arguments import array, instance
+from plant.parts.arguments import array, instance, signs
 from plant.parts.fields import Vector
 from plant.parts.labels import joint_label
 from plant.parts.part import Part, number, part
@@ -58,15 +58,10 @@ class Elasticity(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, wrong, rule in (
-            ("stiffness", self.stiffness <= 0, "be positive; leave elasticity out of a rigid drive"),
-            ("damping", self.damping < 0, "not be negative"),
-            ("backlash", np.zeros(1) if self.backlash is None else self.backlash < 0, "not be negative"),
-            ("backlash", np.zeros(1) if self.backlash is None else self.backlash > 2 * np.pi, "be within one turn"),
-        ):
-            if np.any(wrong):
-                value = getattr(self, name)[np.flatnonzero(wrong)[0]]
-                raise ValueError(f"{name} must {rule}; got {value:g}. Give it joint side, in N m, rad and s.")
+        advice = "Give it joint side, in N m, rad and s; leave elasticity out of a rigid drive."
+        signs(self, positive=("stiffness",), not_negative=("damping", "backlash"), advice=advice)
+        if self.backlash is not None and (self.backlash > 2 * np.pi).any():
+            raise ValueError(f"backlash must be within one turn; got {self.backlash.max():g}. {advice}")
 
     @classmethod
     def from_resonance(

@@ -1,7 +1,6 @@
 """Torque of springs and counterbalances on the joints: a known function of where the arm is."""
 
 import abc
-import dataclasses
 import functools
 import operator
 from collections.abc import Iterable
@@ -70,13 +69,7 @@ def require_torques(parts: Iterable[Any], n: int) -> None:
             given = type(each).__name__
             raise ValueError(f"springs must be KnownTorque, or several; got {given}. Give JointSpring(stiffness=...).")
         kind = type(each).__name__
-        for field in dataclasses.fields(each):
-            value = getattr(each, field.name)
-            if field.metadata.get("number") == ("n",) and value is not None and len(value) != n:
-                raise ValueError(
-                    f"{field.name} of {kind} must have {n} joints like the drive; got {len(value)}. Give one number "
-                    "per joint, 0 where there is no spring."
-                )
+        each.require_joints(n, f"{kind}.")
         q, numbers = ca.SX.sym("q", n), ca.SX.sym("numbers", len(each.number_names()))
         try:
             torque = each.with_numbers(numbers).torque(q)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plant.parts.arguments import array
+from plant.parts.arguments import array, signs
 from plant.parts.fields import Vector
 from plant.parts.part import Part, number, part
 
@@ -55,9 +55,7 @@ class Body(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("mass", "rotor"):
-            if getattr(self, name) < 0:
-                raise ValueError(f"{name} of a body must not be negative; got {getattr(self, name)}. Check its sign.")
+        signs(self, not_negative=("mass", "rotor"), advice="Check the body's numbers.")
 
     def joined(self, other: Body) -> Body:
         """This body and another one (a tool, a load) fixed to it as one body; all in the same frame."""

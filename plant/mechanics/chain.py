@@ -60,7 +60,7 @@ class Chain(Part):
     gravity: Nested = structure(default=(0.0, 0.0, -9.81))
     bodies: tuple[Body, ...] = structure(default=())
     coupling: Coupling = structure(Coupling, default=Coupling())
-    limits: Limits | None = structure(default=None)
+    limits: Limits | None = structure(Limits, default=None)
 
     def __post_init__(self) -> None:
         links = tuple(self.links) if np.iterable(self.links) else (self.links,)
@@ -76,8 +76,8 @@ class Chain(Part):
         bodies = tuple(self.bodies) if np.iterable(self.bodies) else (self.bodies,)
         if bodies and (len(bodies) != len(links) or not all(isinstance(body, Body) for body in bodies)):
             raise ValueError(f"bodies must be {len(links)}, one Body per link; got {len(bodies)}. Add or leave out.")
-        self.coupling.require_joints(len(links), "chain")
-        if self.limits is not None and instance("limits", self.limits, Limits, "Give Limits(...).").n != len(links):
+        self.coupling.require_size(len(links), "chain")
+        if self.limits is not None and self.limits.n != len(links):
             raise ValueError(f"limits must have {len(links)} joints; got {self.limits.n}. Give one number per joint.")
         object.__setattr__(self, "links", links)
         object.__setattr__(self, "gravity", tuple(gravity.tolist()))

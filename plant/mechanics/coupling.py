@@ -67,7 +67,7 @@ class Coupling(Part):
         plain = (matrix == np.eye(len(matrix))).all()
         object.__setattr__(self, "matrix", () if plain else tuple(tuple(row) for row in matrix.tolist()))
 
-    def require_joints(self, n: int, owner: str) -> None:
+    def require_size(self, n: int, owner: str) -> None:
         """Refuse a coupling that is not of n joints."""
         if self.matrix and len(self.matrix) != n:
             raise ValueError(f"coupling of the {owner} must be ({n}, {n}); got {len(self.matrix)} rows. One per joint.")

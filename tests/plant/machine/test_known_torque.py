@@ -282,7 +282,7 @@ class Wrong(KnownTorque):
     ("make", "message"),
     [
         (lambda: JointSpring(stiffness=(1.0, -2.0), angle=(0, 0)), "stiffness must not be negative"),
-        (lambda: with_springs(JointSpring(stiffness=(1.0,), angle=(0,))), "of JointSpring must have 2 joints like"),
+        (lambda: with_springs(JointSpring(stiffness=(1.0,), angle=(0,))), "JointSpring.stiffness must have 2 joints"),
         (lambda: with_springs(OWN.stiffness), "springs must be KnownTorque"),
         (lambda: with_springs((SPRING, "coil")), "springs must be KnownTorque"),
         (lambda: with_springs(Wrong()), r"of shape \(2, 1\), one torque per joint; got \(2,\)"),
