@@ -280,9 +280,9 @@ def test_coupling_survives_its_description():
     ("matrix", "says"),
     [
         (((1, 0), (1, 0)), "must not be singular"),
-        (((1, 0, 0), (0, 1, 0)), r"finite, \(n, n\)"),
-        (((1, np.nan), (0, 1)), r"finite, \(n, n\)"),
-        ((1, 2), r"finite, \(n, n\)"),
+        (((1, 0, 0), (0, 1, 0)), r"must be \(n, n\)"),
+        (((1, np.nan), (0, 1)), "must be finite; got nan"),
+        ((1, 2), r"must have shape \(n, n\)"),
         ((("a", 2), (1, 1)), "must be numbers"),
         (((1, 2), (1,)), "must be numbers"),
     ],
