@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
 from ctc.laws.observer import correct, predict
-from plant import Law, Rig, Setpoint, load_matrix
+from plant import Law, Rig, Setpoint
 from plant.laws.law import Block
-from plant.mechanics.load import LOAD
+from plant.mechanics.lumping import LOAD
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
 from plant.parts.fields import Nested, Vector
@@ -79,7 +79,7 @@ class PayloadLaw(Law):
     law : Law
         That holds an arm.
     start_with : (10,) nested tuple
-        Standard parameters of the load at the start (`plant.load_parameters`).
+        Standard parameters of the load at the start (`Body.standard_parameters`).
     per_kg : (10,) array_like
         Of 1 kg where loads are expected.
     noise : (n,) array_like
@@ -154,7 +154,7 @@ class PayloadLaw(Law):
         """One sample: swap -> law with the model that carries the load -> disturbance -> change."""
         n, dynamics = rig.n, self.arm.dynamics
         parts = {name: state[where.start : where.stop] for name, where in self.places(n).items()}
-        matrix, drive = ca.DM(load_matrix(dynamics)), self.rig.drive
+        matrix, drive = ca.DM(dynamics.load_matrix()), self.rig.drive
         models = [self.arm.f + matrix @ parts[name] for name in ("load", "wanted")]
         inertias = [dynamics.D(setpoint.q, f) for f in models]
         before, after = (

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ctc.figures.errors import draw_band
 from ctc.verdict.evaluation import Evaluation
 from plant import Arm
-from plant.mechanics.kinematics import joint_positions
+from plant.mechanics.newton_euler import joint_positions
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.figures import axes_of, colour_of, dressed
 

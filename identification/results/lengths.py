@@ -11,7 +11,7 @@ from identification.equation_error.filtering import derivatives
 from identification.equation_error.pulse_fit import BAND_MOST, CUTOFF, path_in
 from identification.equation_error.regressor import linear, regressor_along
 from plant import Arm, Chain, Record
-from plant.mechanics.dynamics import lumped_torque
+from plant.mechanics.newton_euler import lumped_torque
 
 _ROWS = 400
 """Samples of the motion, at most."""

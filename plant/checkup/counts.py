@@ -38,8 +38,7 @@ _PLATEAU = 5
 def counts_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about counts, check by check."""
     events = [_events(signals, i) for i in range(signals.n)]
-    for i in range(signals.n):
-        yield _motion(signals, i)
+    yield from signals.each(_motion)
     for i, (glitches, _, size) in enumerate(events):
         yield Finding.graded(
             "glitches", i, glitches, "", look=0, wrong=0.01 * len(signals.t),
@@ -55,9 +54,7 @@ def counts_findings(signals: Signals) -> Iterator[Finding]:
             advice=f"The counts jump by up to {size[1]:.0f} pulses and stay there, faster than any arm; unwrap the "
             "counter, or cut the log there.",
         )  # fmt: skip
-    for check in (_stuck, _clipped):
-        for i in range(signals.n):
-            yield check(signals, i)
+    yield from signals.each(_stuck, _clipped)
 
 
 def _motion(signals, i):

@@ -10,6 +10,8 @@ from plant.parts.labels import joint_label
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
+NO_TORQUE = "neither torque nor current, and no law that tells it"
+
 _ROUNDING = 1e-9
 """Printed as 0."""
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from plant.checkup.finding import Finding
-from plant.checkup.signals import Signals
+from plant.checkup.signals import Signals, averaged, power
 
 _CONTAINED, _BEYOND, _SLOWEST = 0.999, 5.0, 3.0
 """Share of the reference's power below the highest of its frequencies; and how many times that, and [Hz], is above."""
@@ -36,10 +36,7 @@ def oscillation_findings(signals: Signals) -> Iterator[Finding]:
         why = "no reference" if signals.reference is None else "too short, or counts that do not track"
         yield Finding.unknown(_NAME, None, why)
         return
-    grid = np.arange(signals.t[0], signals.t[-1], signals.interval)
-    error = signals.reference - signals.counts
-    for i in range(signals.n):
-        yield _oscillation(signals, i, *(np.interp(grid, signals.t, x[:, i]) for x in (error, signals.reference)))
+    yield from signals.each(_oscillation)
 
 
 def own_oscillation(record: Any) -> float | None:
@@ -47,22 +44,22 @@ def own_oscillation(record: Any) -> float | None:
     return next((each.value for each in oscillation_findings(Signals(record)) if not each.ok), None)
 
 
-def _oscillation(signals, i, error, reference):
-    frequency, window = np.fft.rfftfreq(len(error), signals.interval), np.hanning(len(error))
-    contained = np.cumsum(_power(window * (reference - reference.mean())))
+def _oscillation(signals, i):
+    error = signals.even((signals.reference - signals.counts)[:, i])
+    frequency = np.fft.rfftfreq(len(error), signals.interval)
+    contained = np.cumsum(power(signals.even(signals.reference[:, i])))
     highest = frequency[np.searchsorted(contained, _CONTAINED * contained[-1])]
     fast = frequency > max(_BEYOND * highest, _SLOWEST)
     if fast.sum() < 10 * _AVERAGED:
         return Finding.unknown(_NAME, i, "the reference is as fast as the samples show")
-    power = _power(window * (error - error.mean()))
-    averaged = np.convolve(power, np.ones(_AVERAGED) / _AVERAGED, mode="same")
-    own = frequency[np.argmax(power * fast)]
-
+    of_error = power(error)
+    around = averaged(of_error, _AVERAGED)
+    own = frequency[np.argmax(of_error * fast)]
     spectrum = np.fft.rfft(error - error.mean())
     swinging, slow = (np.fft.irfft(spectrum * kept, len(error)) for kept in (fast, ~fast))
     parts = np.array([_rms(part) for part in np.array_split(swinging, _PARTS)])
     size, tracking = np.median(parts), _rms(slow)
-    clear = averaged[fast].max() > _PEAK * np.median(averaged[fast])
+    clear = around[fast].max() > _PEAK * np.median(around[fast])
     if not (clear and size > _LEAST * signals.least_count[i] and size > _SWINGS * tracking):
         return Finding(check=_NAME, joint=i, value=float(size), unit="pulses", verdict="fine")
     third = _PARTS // 3
@@ -72,10 +69,6 @@ def _oscillation(signals, i, error, reference):
         advice=f"The loop swings by itself, {size:.3g} pulses rms beside {tracking:.3g} of tracking, and {does}: it is "
         "unstable, or nearly, as by lag of the currents or elastic gears (or driven by ripple). Lower its gains.",
     )  # fmt: skip
-
-
-def _power(values):
-    return np.abs(np.fft.rfft(values)) ** 2
 
 
 def _rms(values):

@@ -32,9 +32,7 @@ _NOISY = 0.6
 
 def quantisation_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about units, quantisation and noise of the counts."""
-    for check in (_units, _step, _noise):
-        for i in range(signals.n):
-            yield check(signals, i)
+    yield from signals.each(_units, _step, _noise)
 
 
 def _units(signals, i):

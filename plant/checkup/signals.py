@@ -5,7 +5,8 @@ equations between them and their derivatives still hold.
 """
 
 import functools
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,8 @@ from numpy.typing import NDArray
 from plant.checkup.averaged_regression import AveragedRegression
 from plant.checkup.torque_regression import TorqueRegression
 from plant.laws.commanded import commanded_torque
+
+T = TypeVar("T")
 
 _WINDOW = 0.02
 """Length of the smoothing window [s], but never less than so many samples:"""
@@ -37,6 +40,16 @@ _MEDIAN = 0.89
 
 _GAP = 1.5
 """Median intervals above which samples are missing."""
+
+
+def power(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Power spectrum of values (G,) about their mean, in a Hann window."""
+    return np.asarray(np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2)
+
+
+def averaged(spectrum: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """A power spectrum, averaged over so many neighbours."""
+    return np.convolve(spectrum, np.ones(count) / count, mode="same")
 
 
 class Signals:
@@ -69,6 +82,15 @@ class Signals:
         self.torque = None if torque is None else torque[keep]
         self._keep = keep
         self.interval = float(np.median(np.diff(record.t))) if len(record) > 1 else record.rig.period
+
+    def each(self, *checks: Callable[[Any, int], T]) -> Iterator[T]:
+        """What these checks find, one after another, joint by joint."""
+        for check in checks:
+            yield from (check(self, i) for i in range(self.n))
+
+    def even(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values (M,) at evenly spaced times."""
+        return np.interp(np.arange(self.t[0], self.t[-1], self.interval), self.t, values)
 
     def column(self, field: str, i: int) -> str:
         """What messages call a column: its name in the file, if one was mapped; "the torque" otherwise."""

@@ -37,14 +37,12 @@ def reference_findings(signals: Signals) -> Iterator[Finding]:
         for name in ("gear sign", "swapped joints", "delay"):
             yield Finding.unknown(name, None, "too short to compare speeds")
         return
-    for check in (_sign, _swapped):
-        if signals.reference is None:
-            yield Finding.unknown({_sign: "gear sign", _swapped: "swapped joints"}[check], None, "no reference")
-            continue
-        for i in range(signals.n):
-            yield check(signals, i)
-    for i in range(signals.n):
-        yield _delay(signals, i)
+    if signals.reference is None:
+        for name in ("gear sign", "swapped joints"):
+            yield Finding.unknown(name, None, "no reference")
+    else:
+        yield from signals.each(_sign, _swapped)
+    yield from signals.each(_delay)
 
 
 def _sign(signals, i):

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from plant.checkup.averaged_regression import AveragedRegression
-from plant.checkup.finding import Finding
+from plant.checkup.finding import NO_TORQUE, Finding
 from plant.checkup.signals import Signals
 from plant.checkup.tracking import correlation, law_slope
 
@@ -38,14 +38,12 @@ _UNEVEN, _EVEN = 4.0, 3.0
 
 def wiring_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about columns, signs and order of counts and torques."""
-    for i in range(signals.n):
-        yield _copied(signals, i)
-    for name, check in (("drive sign", _sign), ("swapped torques", _swapped)):
-        if signals.motor_torque is None:
-            yield Finding.unknown(name, None, "neither torque nor current, and no law that tells it")
-            continue
-        for i in range(signals.n):
-            yield check(signals, i)
+    yield from signals.each(_copied)
+    if signals.motor_torque is None:
+        for name in ("drive sign", "swapped torques"):
+            yield Finding.unknown(name, None, NO_TORQUE)
+    else:
+        yield from signals.each(_sign, _swapped)
 
 
 def _copied(signals, i):

@@ -21,6 +21,8 @@ from plant.realtime.c_export import write_c
 from plant.realtime.guards import Guards
 from plant.realtime.running import Running
 
+Step = tuple[ca.SX, ca.SX]  # torque that a law commands, and the state that follows
+
 
 class Setpoint(NamedTuple):
     """The reference now: q, qd, qdd (n,) joint side [SI], and the same position in pulses (n,).
@@ -100,9 +102,7 @@ class Law(Part, abc.ABC):
         """State (s,) of a law of n joints at the start; its length and its units are the law's own."""
 
     @abc.abstractmethod
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """One step of the law in casadi; the numbers of its own fields and of the rig are symbols.
 
         Parameters
@@ -220,10 +220,7 @@ class Law(Part, abc.ABC):
     def block(self, rig: Rig) -> Block:
         """This law as a symbolic step for a rig."""
         n = rig.n
-        for field in dataclasses.fields(self):
-            if field.metadata.get("number") == ("n",) and len(getattr(self, field.name)) != n:
-                given = f"{field.name} of {type(self).__name__} must have {n} values, one per joint of the rig"
-                raise ValueError(f"{given}; got {len(getattr(self, field.name))}. Give one for each joint.")
+        self.require_joints(n, f"{type(self).__name__}.")
         initial = np.asarray(self.initial_state(n), float)
         own, rigs = self.number_names("law."), rig.number_names()
         numbers = ca.SX.sym("numbers", len(own) + len(rigs))

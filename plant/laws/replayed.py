@@ -2,7 +2,7 @@
 
 import casadi as ca
 
-from plant.laws.law import Setpoint, StatelessLaw
+from plant.laws.law import Setpoint, StatelessLaw, Step
 from plant.machine.rig import Rig
 from plant.parts.part import part
 
@@ -29,9 +29,7 @@ class LoggedTorque(StatelessLaw):
 
     replays = "torque"
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """Tau = the logged one."""
         return setpoint.logged, state
 
@@ -55,8 +53,6 @@ class LoggedCurrent(StatelessLaw):
 
     replays = "current"
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """Tau = k K_i i."""
         return rig.drive.joint_torque(rig.drive.motor_gain, setpoint.logged), state

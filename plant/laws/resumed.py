@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.laws.law import Block, Law, Setpoint
+from plant.laws.law import Block, Law, Setpoint, Step
 from plant.machine.rig import Rig
 from plant.parts.fields import Vector
 from plant.parts.part import Part, number, part, structure
@@ -81,9 +81,7 @@ class Resumed(Law):
             raise ValueError(f"{given}. Give what its initial_state({rig.n}) has, as it was.")
         return super().block(rig)
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """One step of the law."""
         memory, first = state[:-1], state[-1]
         asked, following = self.law.equations(rig, memory + first * self.state, setpoint, pulses, torque, dt)
@@ -127,8 +125,6 @@ class AlongLog(Resumed):
         encoder = dataclasses.replace(rig.encoder, smooth=not self.rounds)
         return super().block(dataclasses.replace(rig, encoder=encoder))
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """One step of the law, at the counts of the log."""
         return super().equations(rig, state, setpoint._replace(logged=None), setpoint.logged, torque, dt)

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from plant.logs.units import ANGLE, CURRENT, LENGTH, Unit, factors, on_grid, require_grid, require_limit, require_span
 from plant.machine.rig import Rig
-from plant.motion.reference import Reference, Spline
+from plant.motion.reference import Reference
+from plant.motion.smooth import Spline
 from plant.parts.user_warning import warn
 
 REFERENCE = ("reference_pulses", "reference_position", "reference_motor_position")

@@ -19,7 +19,6 @@ from plant.laws.law import Law
 from plant.logs.record_files import SOURCES, FromFiles
 from plant.logs.resampling import resampled_fields
 from plant.machine.rig import Rig
-from plant.motion.later import Later
 from plant.motion.reference import Reference
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.fields import Vector
@@ -201,7 +200,7 @@ class Record(FromFiles, Frozen):
         values = {name: getattr(self, name) for name in (*_COLUMNS, "valid")}
         cut: dict[str, Any] = {name: None if value is None else value[some] for name, value in values.items()}
         if reference is not None and gone:
-            reference = Later(reference=reference, time=gone)
+            reference = reference.later(gone)
         return dataclasses.replace(
             self, **cut, t=self.t[some] - self.t[rows[0]], reference=reference, initial=None if gone else self.initial
         )

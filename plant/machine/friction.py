@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from plant.mechanics.symmetric_inverse import Inverse
+from plant.parts.arguments import signs
 from plant.parts.fields import ArrayOrSymbols, Vector
 from plant.parts.part import Part, number, part
 
@@ -52,11 +53,7 @@ class FrictionCurve(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if (self.breakaway < 0).any() or (self.speed <= 0).any():
-            raise ValueError(
-                f"breakaway must not be negative and speed must be positive; got {self.breakaway} and {self.speed}. "
-                "Both are magnitudes."
-            )
+        signs(self, positive=("speed",), not_negative=("breakaway",), advice="Both are magnitudes.")
 
     def level(self, qd_m: ArrayOrSymbols) -> ArrayOrSymbols:
         """Excess over the Coulomb level [N m] at motor speeds [rad/s]."""

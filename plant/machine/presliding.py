@@ -59,8 +59,8 @@ class Presliding(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        given = ("distance",) if self.damping is None else ("distance", "damping")
-        signs(self, not_negative=given, advice="Give the motor's way in rad, and its damping in N m s/rad.")
+        advice = "Give the motor's way in rad, and its damping in N m s/rad."
+        signs(self, not_negative=("distance", "damping"), advice=advice)
 
 
 class Bristles(NamedTuple):

@@ -10,7 +10,7 @@ from plant.machine.drive import Drive
 from plant.machine.encoder import Encoder
 from plant.machine.known_torque import KnownTorque, require_torques, total_torque
 from plant.mechanics.chain import Chain
-from plant.parts.arguments import instance, real
+from plant.parts.arguments import real, signs
 from plant.parts.fields import ArrayOrSymbols
 from plant.parts.labels import joint_labels
 from plant.parts.part import Part, number, part, structure
@@ -104,8 +104,7 @@ class Transport(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.delay < 0:
-            raise ValueError(f"delay must not be negative; got {self.delay}. Give seconds after the sample.")
+        signs(self, not_negative=("delay",), advice="Give seconds after the sample.")
         lost = self.lost
         if isinstance(lost, str) or not np.iterable(lost):
             raise ValueError(f"lost must be a sequence of steps; got {lost!r:.60}. Write ({lost!r:.60},).")
@@ -167,16 +166,12 @@ class Rig(Part):
     drive: Drive = structure(Drive)
     encoder: Encoder = structure(Encoder)
     period: float = structure(float)
-    transport: Transport | None = structure(default=None)
-    jitter: Jitter | None = structure(default=None)
+    transport: Transport | None = structure(Transport, default=None)
+    jitter: Jitter | None = structure(Jitter, default=None)
     springs: KnownTorque | tuple[KnownTorque, ...] | None = structure(default=None, several=True)
 
     def __post_init__(self) -> None:
         real("period", self.period, "Give seconds; the paper logs every 0.7e-3.", positive=True)
-        if self.transport is not None:
-            instance("transport", self.transport, Transport, "Give Transport(delay=..., lost=...).")
-        if self.jitter is not None:
-            instance("jitter", self.jitter, Jitter, "Give Jitter(share=..., seed=...).")
         if len(self.encoder.resolution) != self.drive.n:
             raise ValueError(
                 f"encoder must have {self.drive.n} joints like the drive; got {len(self.encoder.resolution)}. "

@@ -18,7 +18,7 @@ from plant.mechanics.mjcf_file import read_mjcf
 from plant.mechanics.model_tree import links_of_chain
 from plant.mechanics.placement import Placement
 from plant.mechanics.urdf_file import read_urdf
-from plant.parts.arguments import choice, instance, real
+from plant.parts.arguments import array, choice, instance, real
 from plant.parts.fields import Nested
 from plant.parts.labels import joint_labels
 from plant.parts.part import Part, part, structure
@@ -60,7 +60,7 @@ class Chain(Part):
     gravity: Nested = structure(default=(0.0, 0.0, -9.81))
     bodies: tuple[Body, ...] = structure(default=())
     coupling: Coupling = structure(Coupling, default=Coupling())
-    limits: Limits | None = structure(default=None)
+    limits: Limits | None = structure(Limits, default=None)
 
     def __post_init__(self) -> None:
         links = tuple(self.links) if np.iterable(self.links) else (self.links,)
@@ -70,14 +70,12 @@ class Chain(Part):
         twice = [name for i, name in enumerate(names) if name in names[:i]]
         if twice:
             raise ValueError(f"links must have names of their own; {twice[0]!r} comes twice. Rename one.")
-        gravity = np.asarray(self.gravity, float)
-        if gravity.shape != (3,) or not np.isfinite(gravity).all():
-            raise ValueError(f"gravity must be 3 finite numbers [m/s^2]; got {self.gravity!r}. Use (0, 0, -9.81).")
+        gravity = array("gravity", self.gravity, (3,), advice="Give m/s^2, such as (0, 0, -9.81).")
         bodies = tuple(self.bodies) if np.iterable(self.bodies) else (self.bodies,)
         if bodies and (len(bodies) != len(links) or not all(isinstance(body, Body) for body in bodies)):
             raise ValueError(f"bodies must be {len(links)}, one Body per link; got {len(bodies)}. Add or leave out.")
-        self.coupling.require_joints(len(links), "chain")
-        if self.limits is not None and instance("limits", self.limits, Limits, "Give Limits(...).").n != len(links):
+        self.coupling.require_size(len(links), "chain")
+        if self.limits is not None and self.limits.n != len(links):
             raise ValueError(f"limits must have {len(links)} joints; got {self.limits.n}. Give one number per joint.")
         object.__setattr__(self, "links", links)
         object.__setattr__(self, "gravity", tuple(gravity.tolist()))

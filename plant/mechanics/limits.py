@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from plant.parts.arguments import signs
 from plant.parts.fields import Vector
 from plant.parts.part import Part, number, part
 
@@ -40,9 +41,7 @@ class Limits(Part):
         for joint in np.flatnonzero(self.lower > self.upper):
             got = f"got {self.lower[joint]} and {self.upper[joint]} at joint {joint + 1}"
             raise ValueError(f"lower must not be above upper; {got}. Swap them.")
-        for name in ("velocity", "effort"):
-            if (getattr(self, name) < 0).any():
-                raise ValueError(f"{name} must not be negative; got {getattr(self, name)}. Limits are magnitudes.")
+        signs(self, not_negative=("velocity", "effort"), advice="Limits are magnitudes.")
 
     @property
     def n(self) -> int:

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from plant.mechanics.body import Body
-from plant.mechanics.mjcf_orientation import rotation_of
 from plant.mechanics.model_tree import ModelFile, ModelJoint
 from plant.mechanics.placement import Placement
-from plant.mechanics.xml_file import Element, numbers_of, parsed
+from plant.mechanics.xml_file import Element, numbers_of, parsed, rotation_of
 from plant.parts.arguments import choice
 
 FULL = (0, 3, 5, 1, 2, 4)

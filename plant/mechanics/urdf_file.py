@@ -8,7 +8,6 @@ import numpy as np
 from plant.mechanics.body import Body
 from plant.mechanics.model_tree import HERE, MOVING, ModelFile, ModelJoint
 from plant.mechanics.placement import Placement
-from plant.mechanics.xacro import expanded, is_xacro
 from plant.mechanics.xml_file import Element, numbers_of, parsed
 from plant.parts.arguments import choice
 
@@ -112,3 +111,30 @@ def _limits(limit: Element | None, kind: str, where: str) -> tuple[float, float,
     if kind == "continuous" or lower == upper == 0.0:
         lower, upper = -math.inf, math.inf
     return (lower, upper, velocity or math.inf, effort or math.inf)
+
+
+def is_xacro(element: Element) -> bool:
+    """Whether an element, or one within it, is a macro."""
+    return element.tag.startswith("xacro:") or any(is_xacro(child) for child in element.children)
+
+
+def expanded(path: Path) -> bytes:
+    """The URDF that a xacro file makes; its macros may read other files, and evaluate expressions.
+
+    Raises
+    ------
+    ValueError
+        `xacrodoc` is not installed, or cannot expand the file.
+    """
+    try:
+        import xacrodoc
+    except ImportError:
+        raise ValueError(
+            f"{path} must be a URDF file; it is xacro. Expand it (xacro {path.name} > robot.urdf), or pip install "
+            "xacrodoc."
+        ) from None
+    try:
+        text: str = xacrodoc.XacroDoc.from_file(str(path)).to_urdf_string()
+    except Exception as error:
+        raise ValueError(f"{path} must be xacro that can be expanded; {error}. Expand it by hand.") from error
+    return text.encode()

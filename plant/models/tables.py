@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from plant.parts.kinds import PARTS, kind_of
 from plant.parts.part import Part
 from plant.parts.plain import from_plain
 
@@ -42,55 +43,35 @@ def unit_of(cls: type, field: str) -> str:
 
 
 _KINDS = {
-    "Rig": {
-        "drive": "plant.Drive", "encoder": "plant.Encoder", "transport": "plant.Transport", "jitter": "plant.Jitter",
-    },
     "Drive": {
-        "curve": "plant.FrictionCurve", "coupling": "plant.Coupling", "elasticity": "plant.Elasticity",
-        "current_lag": "plant.CurrentLag", "presliding": "plant.Presliding", "load_friction": "plant.LoadFriction",
-        "friction_drift": "plant.FrictionDrift", "ripple": "plant.TorqueRipple",
+        "elasticity": "plant.Elasticity", "current_lag": "plant.CurrentLag", "load_friction": "plant.LoadFriction",
     },
-    "Encoder": {"phase": "plant.Phase", "quadrature": "plant.QuadratureError"},
-    "Chain": {"links": "plant.Link", "bodies": "plant.Body", "coupling": "plant.Coupling", "limits": "plant.Limits"},
-    "Link": {"before": "plant.Placement", "frame": "plant.Placement"},
+    "Chain": {"links": "plant.Link", "bodies": "plant.Body"},
 }  # fmt: skip
-"""Class -> field -> the kind of part that it holds where the file names none."""
+"""Class -> field -> the kind of part that it holds where the file names none, beside those that are declared."""
+
+
+def _kinds(cls: type[Part]) -> dict[str, str]:
+    """Field -> the kind of part that it holds where the file names none."""
+    declared = {field.name: field.metadata.get("kind") for field in dataclasses.fields(cls)}
+    parts = {name: kind_of(kind) for name, kind in declared.items() if isinstance(kind, type)}
+    return {name: kind for name, kind in parts.items() if kind in PARTS} | _KINDS.get(cls.__name__, {})
 
 
 def class_of(kind: Any, where: str) -> type[Part]:
-    """The class of a kind; none is imported for it.
-
-    Raises
-    ------
-    ValueError
-    """
-    known: dict[str, type[Part]] = {}
-    waiting: list[type[Part]] = [Part]
-    while waiting:
-        found = waiting.pop()
-        waiting += found.__subclasses__()
-        known.setdefault(_kind(found), found)
-    if isinstance(kind, str) and kind in known and dataclasses.is_dataclass(known[kind]):
-        return known[kind]
+    """The class of a kind; none is imported for it."""
+    if isinstance(kind, str) and kind in PARTS:
+        return PARTS[kind]
     package = str(kind).split(".")[0]
-    near = difflib.get_close_matches(str(kind), known, n=1, cutoff=0.6)
+    near = difflib.get_close_matches(str(kind), PARTS, n=1, cutoff=0.6)
     hint = f"Did you mean {near[0]!r}?" if near else "Write it like 'plant.P'."
-    if package in ("identification", "ctc") and not any(name.startswith(f"{package}.") for name in known):
+    if package in ("identification", "ctc") and not any(name.startswith(f"{package}.") for name in PARTS):
         hint = f"Import {package} first."
     raise ValueError(f"kind in [{where}] must be that of a part; got {kind!r:.60}. {hint}")
 
 
-def _kind(cls: type) -> str:
-    return f"{cls.__module__.split('.')[0]}.{cls.__name__}"
-
-
 def check_keys(table: Any, cls: type[Part], where: str) -> None:
-    """Refuse a key that is no field, and the lack of one that has no default; with meaning and unit.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse a key that is no field, and the lack of one that has no default; with meaning and unit."""
     if not isinstance(table, Mapping):
         raise ValueError(f"[{where}] must be a table of keys; got {table!r:.60}. Write [{where}] on a line of its own.")
     fields = {field.name: field for field in dataclasses.fields(cls)}
@@ -130,7 +111,7 @@ def part_of(table: Any, kind: str, where: str, known: Mapping[str, Part] | None 
     """
     cls = class_of(table.get("kind", kind) if isinstance(table, Mapping) else kind, where)
     check_keys(table, cls, where)
-    kinds = _KINDS.get(cls.__name__, {})
+    kinds = _kinds(cls)
 
     def value_of(key: str, value: Any) -> Any:
         if isinstance(value, Mapping):
@@ -150,7 +131,7 @@ def part_of(table: Any, kind: str, where: str, known: Mapping[str, Part] | None 
 
 def table_of(part: Part, kind: str, known: Mapping[str, Part] | None = None) -> dict[str, Any]:
     """The table of a part: fields that are not their defaults, kinds that do not go without saying."""
-    kinds = _KINDS.get(type(part).__name__, {})
+    kinds = _kinds(type(part))
 
     def value_of(key: str, value: Any, plain: Any) -> Any:
         if isinstance(value, Part):
@@ -162,7 +143,7 @@ def table_of(part: Part, kind: str, known: Mapping[str, Part] | None = None) -> 
             return [table_of(each, kinds.get(key, ""), known) for each in value]
         return plain
 
-    described, own = part.describe(), _kind(type(part))
+    described, own = part.describe(), kind_of(type(part))
     table: dict[str, Any] = {} if own == kind else {"kind": own}
     for field in dataclasses.fields(part):
         value = getattr(part, field.name)

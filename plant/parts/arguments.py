@@ -5,7 +5,7 @@ import functools
 import inspect
 import math
 import numbers
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -104,21 +104,22 @@ _MAGNITUDES = "Gains and poles are magnitudes; the sign of the gear is in the dr
 
 
 def signs(
-    owner: object, *, positive: Iterable[str] = (), not_negative: Iterable[str] = (), advice: str = _MAGNITUDES
-) -> None:
-    """Refuse a part of which one of these numbers, or one entry of them, has the wrong sign.
+    owner: object, *, positive: Iterable[str] = (), not_negative: Iterable[str] = (), advice: str = _MAGNITUDES,
+    labels: Sequence[str] = (),
+) -> None:  # fmt: skip
+    """Refuse a part of which one of these numbers, or one entry of them, has the wrong sign; None has none.
 
-    Raises
-    ------
-    ValueError
+    With labels of the joints the message says which.
     """
     for names, sound, rule in (
         (positive, np.greater, "be positive"),
         (not_negative, np.greater_equal, "not be negative"),
     ):
         for name in names:
-            if not sound(value := getattr(owner, name), 0).all():
-                raise ValueError(f"{name} must {rule}; got {value}. {advice}")
+            value: Any = getattr(owner, name)
+            if value is not None and not (right := sound(value, 0)).all():
+                got = f"{value[right.argmin()]} at {labels[right.argmin()]}" if labels else value
+                raise ValueError(f"{name} must {rule}; got {got}. {advice}")
 
 
 def decimal(text: str) -> float:

@@ -21,9 +21,8 @@ from llvmlite.binding import get_host_cpu_name
 from numpy.typing import ArrayLike, NDArray
 
 from plant.parts.files import read_bounded, remove_remains, write_whole
-from plant.parts.json_text import parsed, written
 from plant.parts.plain import from_plain, to_plain
-from plant.parts.saved import FORMAT, MOST, fingerprint, versions
+from plant.parts.saved import FORMAT, MOST, fingerprint, parsed, versions, written
 from plant.parts.user_warning import warn
 
 T = TypeVar("T")

@@ -19,7 +19,7 @@ from plant.mechanics.chain import Chain
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.link import Link
 from plant.mechanics.lumping import Lumping
-from plant.motion.reference import Harmonics
+from plant.motion.smooth import Harmonics
 
 LINK_LENGTH = 0.4318
 """Distance of axes 2 and 3 [m]; the paper's a3, called a2 in the tables of modified DH parameters."""

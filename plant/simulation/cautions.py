@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.laws.law import Law
+from plant.machine.elasticity import FOLLOWED, reduced
 from plant.machine.rig import Rig
-from plant.machine.spring import FOLLOWED, reduced
 from plant.mechanics.arm import Arm
 from plant.parts.labels import joint_label
 from plant.parts.user_warning import warn

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from plant.laws.law import Law
 from plant.logs.record import Record
 from plant.machine.rig import Rig, smooth_rig
-from plant.motion.reference import Motion, Reference, Spline
+from plant.motion.reference import Motion, Reference
+from plant.motion.smooth import Spline
 from plant.parts.user_warning import warn
 from plant.simulation.clock import Clock
 

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import casadi as ca
 
 from plant.machine.drive import Drive
+from plant.machine.elasticity import spring
 from plant.machine.friction_step import FrictionStep
 from plant.machine.rig import Rig
-from plant.machine.spring import spring
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.symmetric_inverse import inverse, row_by_row
 
@@ -62,7 +62,7 @@ def elastic(
 ) -> Following:  # fmt: skip
     """The step of motors and of links behind their gears; torque, h and friction as of `rigid`.
 
-    Motors and links are joined by what a spring adds to the inertia of both (`plant.machine.spring`). Motors feel each
+    Motors and links are joined by what a spring adds to the inertia of both (`elasticity.spring`). Motors feel each
     other through the links alone, so they are eliminated, and one matrix (n, n) is left. `motor` and `link` are
     positions at the middle of the step and speeds at its start, (n, 1) each; motors as joints on rigid gears would have
     them.

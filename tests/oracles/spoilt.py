@@ -12,7 +12,7 @@ from guarded_loops import LIMIT, RIG, elastic
 from mujoco_elastic import MujocoArm
 
 from ctc import ComputedTorque
-from plant import PointToPoint, puma560, torque_share
+from plant import PointToPoint, puma560
 from plant.realtime import memory as layout
 
 PATH = puma560.reference()
@@ -227,7 +227,7 @@ def healthy(seed, samples=1500):
     start, goal = draw.uniform(-1, 1, (2, 2))
     goal = np.where(draw.random(2) < 0.25, start, goal)
     path = PointToPoint(start=start, goal=goal, duration=draw.uniform(0.5, 1.0))
-    while torque_share(arm, RIG, path).max() > FEASIBLE:
+    while path.torque_share(arm, RIG).max() > FEASIBLE:
         path = dataclasses.replace(path, duration=1.2 * path.duration)
     motion, robot = path(np.arange(samples) * DT), SimulatedArm(arm, rig, start, np.zeros(2))
     running = law.start(RIG, robot.counts())

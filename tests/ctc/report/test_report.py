@@ -15,7 +15,7 @@ from ctc import ComputedTorque, certify, evaluate, write_report
 from ctc.report.page import page as page_of
 from ctc.report.page import section
 from identification import identify
-from plant import Later, puma560, simulate
+from plant import puma560, simulate
 from plant.parts.markup import items, preformatted, table
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -192,7 +192,7 @@ def test_path_logs_and_conditions_are_named(found, tmp_path):
     """Of a path that begins in motion and leaves the log, and of records that came with files' names."""
     log, away = (
         simulate(ARM, RIG, puma560.p_law(), PATH, duration=1.5),
-        Later(reference=puma560.reference(2.5), time=0.6),
+        puma560.reference(2.5).later(0.6),
     )
     named = dataclasses.replace(
         found, records=(dataclasses.replace(found.records[0], name="one.csv"),),

@@ -24,7 +24,6 @@ from plant import (
     FrictionCurve,
     Jitter,
     JointSpring,
-    Later,
     Limits,
     Link,
     LinkReference,
@@ -45,7 +44,6 @@ from plant import (
     Transport,
     puma560,
     simulate,
-    slowed,
 )
 from plant.laws.resumed import AlongLog
 from plant.machine.drive_effects import CurrentLag, FrictionDrift, LoadFriction
@@ -102,10 +100,10 @@ EXAMPLES = {
     "Resumed": Resumed(law=puma560.p_law(), state=()),
     "AlongLog": AlongLog(law=PD(gain=(0.2,), derivative=(1e-3,), filter=2000.0), state=(1.0, 1 / 3), whole=False),
     "Harmonics": puma560.reference(),
-    "Later": Later(reference=puma560.reference(), time=1 / 3),
+    "Later": puma560.reference().later(1 / 3),
     "PointToPoint": PointToPoint(start=(0.0, 0.1), goal=(1.0, 2.0), duration=0.3),
     "Spline": Spline(times=(0, 1, 2), points=((0, 0), (1, 1 / 3), (2, 0))),
-    "Scaled": slowed(PointToPoint(start=(0.0,), goal=(1.0,), duration=0.3), 2.0),
+    "Scaled": PointToPoint(start=(0.0,), goal=(1.0,), duration=0.3).slowed(2.0),
     "LinkReference": LinkReference(
         puma560.arm(),
         dataclasses.replace(puma560.rig(), drive=dataclasses.replace(puma560.rig().drive, elasticity=GEARS)),

@@ -13,10 +13,9 @@ from hypothesis.extra import numpy as arrays
 
 from plant import Arm, Law, P, Record, Resumed, Rig, StatelessLaw, number, part, puma560, simulate
 from plant.parts import files
-from plant.parts.json_text import parsed, written
 from plant.parts.part import Part
 from plant.parts.plain import from_plain, to_plain
-from plant.parts.saved import fingerprint
+from plant.parts.saved import fingerprint, parsed, written
 
 ARM, RIG, LAW, PATH = puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference()
 
