@@ -102,7 +102,7 @@ def _require_room(
     follow the counts, some three copies of all sensitivities.
     """
     numbers = len(unknown) if isinstance(unknown, Sequence) else dynamics.p
-    follows = method not in ("paper", "genetic", "cma", "equation_error", "didim")
+    follows = method not in ("paper", "cma", "equation_error", "didim")
     each = 8.0 * (250 + (3.5 * dynamics.n * (numbers + 2 * dynamics.n) if follows else 0))
     samples = sum(len(record) for record in records)
     what = f"{samples:,} samples of {dynamics.n} joints with {numbers} unknowns"

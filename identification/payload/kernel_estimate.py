@@ -62,13 +62,13 @@ def uncertainty(
         instance("found", found, Identification, "Pass what identify gave, or leave it out.")
         if found.covariance is None:
             raise ValueError(
-                f"found must have a covariance; {found.method!r} provides none. Leave it out, or search on."
+                f"found must have a covariance; {found.search.method!r} provides none. Leave it out, or search on."
             )
-        linear = [i for i, name in enumerate(found.unknown) if name in (*names, *friction_names(rig))]
+        linear = [i for i, name in enumerate(found.fit.unknown) if name in (*names, *friction_names(rig))]
         if found.arm.dynamics.names != names:
             raise ValueError("found must be of the law's arm; its f has other names. Pass the one that gave the arm.")
         values, vectors = np.linalg.eigh(found.covariance[np.ix_(linear, linear)])
-        names, root = tuple(found.unknown[i] for i in linear), vectors * np.sqrt(np.maximum(values, 0.0))
+        names, root = tuple(found.fit.unknown[i] for i in linear), vectors * np.sqrt(np.maximum(values, 0.0))
     more = [name for name in friction_names(rig) if name not in names] if friction else []
     levels = dict(zip(rig.number_names(), rig.number_values(), strict=True))
     own = np.diag([friction * abs(levels[name]) for name in more])

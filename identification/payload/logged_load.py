@@ -135,7 +135,9 @@ def _covariance(found: Identification | None, arm: Arm) -> NDArray[np.float64]:
             "found.arm to take the arm as exact."
         )
     covariance = np.zeros((p, p))
-    rows = [(i, found.unknown.index(name)) for i, name in enumerate(arm.dynamics.names) if name in found.unknown]
+    rows = [
+        (i, found.fit.unknown.index(name)) for i, name in enumerate(arm.dynamics.names) if name in found.fit.unknown
+    ]
     own, its = np.array(rows, int).reshape(-1, 2).T
     covariance[np.ix_(own, own)] = found.covariance[np.ix_(its, its)]
     return covariance

@@ -40,9 +40,9 @@ def plot_identification(found: Any, ax: Any = None) -> NDArray[Any]:
         Another number of Axes.
     """
     dynamics, record, n = found.arm.dynamics, found.records[0], found.arm.n
-    axes = axes_of(ax, (3 * n + 2,), lambda: _new_axes(n, len(found.values), dynamics.legend.splitlines()), _ADVICE)
-    prediction = Prediction(dynamics, record, found.unknown)
-    left = prediction.innovations(np.append(found.values, prediction.nuisances)).reshape(-1, n)
+    axes = axes_of(ax, (3 * n + 2,), lambda: _new_axes(n, len(found.fit.values), dynamics.legend.splitlines()), _ADVICE)
+    prediction = Prediction(dynamics, record, found.fit.unknown)
+    left = prediction.innovations(np.append(found.fit.values, prediction.nuisances)).reshape(-1, n)
     model = repeated(found)
     for joint, label in enumerate(dynamics.chain.joint_labels):
         whole, stretch, rest = axes[3 * joint : 3 * joint + 3]
@@ -107,7 +107,7 @@ def draw_intervals(axis: Any, found: Any) -> None:
     if found.fit.noise_covariance is not None:
         kinds.append((found.fit.noise_covariance, "noise alone", ring))
     for covariance, label, style in kinds:
-        share = 196 * np.sqrt(np.diag(covariance)) / np.maximum(np.abs(found.values), np.finfo(float).tiny)
+        share = 196 * np.sqrt(np.diag(covariance)) / np.maximum(np.abs(found.fit.values), np.finfo(float).tiny)
         there = np.flatnonzero((share > 0) & (share < 1e6))  # not what is known, or a value of zero
         axis.scatter(share[there], there, zorder=3, label=label, **style)
     axis.set_xscale("log")

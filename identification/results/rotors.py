@@ -26,8 +26,8 @@ def of_rotors(found: Any) -> Iterator[str]:
     inertia, rotors, alone = f @ rows, rig.drive.reflected_inertia(), _alone(dynamics)
     covariance = np.zeros((len(f), len(f)))
     if found.covariance is not None:
-        own = [i for i, name in enumerate(found.unknown) if name in dynamics.names]
-        places = [dynamics.names.index(found.unknown[i]) for i in own]
+        own = [i for i, name in enumerate(found.fit.unknown) if name in dynamics.names]
+        places = [dynamics.names.index(found.fit.unknown[i]) for i in own]
         covariance[np.ix_(places, places)] = found.covariance[np.ix_(own, own)]
     std = np.sqrt(np.einsum("ki,kl,li->i", rows, covariance, rows))
     for i, label in enumerate(dynamics.chain.joint_labels):
@@ -38,7 +38,7 @@ def of_rotors(found: Any) -> Iterator[str]:
                 f"the inertia of {label}, {inertia[i]:.3g} {unit}, is below that of its rotor as stated, {stated}: "
                 "check motor_inertia and gear."
             )
-        elif i in alone and dynamics.names[alone[i]] in found.unknown:
+        elif i in alone and dynamics.names[alone[i]] in found.fit.unknown:
             name, value, own_std = dynamics.names[alone[i]], f[alone[i]], np.sqrt(covariance[alone[i], alone[i]])
             if abs(value - rotors[i]) > _SURE * own_std + _OTHER * rotors[i] > 0:
                 yield (

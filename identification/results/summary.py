@@ -16,7 +16,7 @@ def said_of(found: Any) -> Iterator[Piece]:
     count = f"{doubtful} warning{'s' * (doubtful > 1)}"
     clear = "Nothing in the log contradicts what was stated."
     yield Verdict(f"In doubt: {count}, below." if doubtful else clear, not doubtful)
-    yield f"{found.method}, {len(found.records)} record(s): {found.message}"
+    yield f"{found.search.method}, {len(found.records)} record(s): {found.message}"
     if found.held_out:
         named = ", ".join(record.name or f"a record of {len(record)} samples" for record in found.held_out)
         yield f"kept aside, and only repeated: {named}"
@@ -31,8 +31,8 @@ def said_of(found: Any) -> Iterator[Piece]:
             "the torque is the stated law's, none was logged: if all its gains are 1 % larger, f is 1 % larger, and "
             "friction that is unknown"
         )
-    if found.resonance is not None:
-        yield from inside(found.resonance)
+    if found.fit.resonance is not None:
+        yield from inside(found.fit.resonance)
     yield Warned(found.warnings)
     yield Aside("What the parameters mean", found.arm.dynamics.legend.splitlines())
 
@@ -44,7 +44,7 @@ def _torque_of_law(record: Any) -> bool:
 
 
 def _values(found: Any) -> Table:
-    names, values = found.short_names, [f"{value:.5g}" for value in found.values]
+    names, values = found.short_names, [f"{value:.5g}" for value in found.fit.values]
     if found.covariance is None:
         return Table(("", "value"), list(zip(names, values, strict=True)))
     try:
@@ -52,9 +52,9 @@ def _values(found: Any) -> Table:
     except ValueError:  # no reference, or numbers that are not separately identifiable
         bounds = np.full(len(values), np.nan)
     others, rows = found.fit.correlation - np.eye(len(values)), list[tuple[str, ...]]()
-    for i, (value, std) in enumerate(zip(found.values, found.std, strict=True)):
+    for i, (value, std) in enumerate(zip(found.fit.values, found.fit.std, strict=True)):
         if not std > 0:
-            said = "bounded" if found.resonance is not None and found.resonance.bounds(names[i]) else "known"
+            said = "bounded" if found.fit.resonance is not None and found.fit.resonance.bounds(names[i]) else "known"
             rows.append((names[i], values[i], said, "", "", ""))
             continue
         most = int(np.argmax(np.abs(others[i])))

@@ -77,7 +77,7 @@ def of_statements(rig: Rig, records: Iterable[Record], chain: Chain) -> Iterator
 def _ends(found: Any) -> Iterator[str]:
     if found.search.ranges is None:
         return
-    for name, value, (low, high) in zip(found.short_names, found.values, found.search.ranges, strict=True):
+    for name, value, (low, high) in zip(found.short_names, found.fit.values, found.search.ranges, strict=True):
         if low < high and min(value - low, high - value) < _AT_END * (high - low):
             end = "lower" if value - low < high - value else "upper"
             yield f"{name} ends at the {end} end of its range; widen it."
@@ -138,7 +138,7 @@ def _of_timing(found: Any) -> Iterator[str]:
 
 def _of_unknowns(found: Any) -> Iterator[str]:
     """Unknowns that take over a delay, whatever the log."""
-    absorbing = [name for name in found.unknown if name.startswith(("drive.viscous", "law.gain"))]
+    absorbing = [name for name in found.fit.unknown if name.startswith(("drive.viscous", "law.gain"))]
     if absorbing:
         yield f"a delay of the log is not separately identifiable from {', '.join(absorbing)}; be sure of the timing."
 
@@ -195,7 +195,7 @@ def _ranges(found: Any) -> str:
 def _of_pairs(found: Any) -> Iterator[str]:
     if found.covariance is None:
         return
-    names, vague = found.short_names, found.std > _VAGUE * np.abs(found.values)
+    names, vague = found.short_names, found.fit.std > _VAGUE * np.abs(found.fit.values)
     alike = (np.abs(found.fit.correlation) > _INSEPARABLE) & (vague[:, None] | vague)
     pairs = [(names[i], names[j]) for i, j in np.argwhere(np.triu(alike, 1))]
     if len(pairs) > _MANY:

@@ -53,7 +53,7 @@ def minimize_cma(
     low, width = bounds[:, 0], bounds[:, 1] - bounds[:, 0]
     free = np.flatnonzero(width > 0)
     if len(free) < 2:
-        raise ValueError(f'method "cma" must have two unknowns or more; got {len(free)}. Use "genetic".')
+        raise ValueError(f'method "cma" must have two unknowns or more; got {len(free)}. Use "paper".')
     first = settings.individuals * settings.subpopulations
     each = settings.offspring * settings.subpopulations
     budget = first + settings.generations * each

@@ -194,7 +194,6 @@ def seeded(problem: Problem) -> Outcome:
 METHODS: dict[str, Callable[[Problem], Outcome]] = {
     "seeded": seeded,
     "paper": paper,
-    "genetic": paper,
     "cma": cma,
     "equation_error": equation_error,
     "didim": didim,

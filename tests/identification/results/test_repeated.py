@@ -79,4 +79,4 @@ def test_torques_that_begin_in_motion_accuse_nothing(arm, begin):
     found = identify(arm.dynamics, dataclasses.replace(record, true_q=None, true_qd=None), progress=False)
     assert found.diagnostics.detection.names == ()
     assert not found.warnings
-    assert (np.abs(found.f - arm.f) < 4 * found.std).all()
+    assert (np.abs(found.f - arm.f) < 4 * found.fit.std).all()
