@@ -23,7 +23,7 @@ from plant import Arm, Law, Record, Rig
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.saved import Saved, fingerprint
-from plant.parts.shown import Piece, Shown
+from plant.parts.shown import Piece, Shown, as_text
 
 
 @kept
@@ -183,16 +183,20 @@ class Identification(Shown, Saved, Frozen):
         """What a user should know before trusting the values, one line each."""
         return warnings_of(self)
 
-    def summary(self) -> str:
-        """A table: each value, its standard deviation, the bound, its 95 % interval, its largest correlation."""
-        return str(self)
+    def summary(self, *, full: bool = False) -> str:
+        """What `print` shows: of many unknowns one screen.
+
+        Full: each value with its standard deviation, the bound, its 95 % interval and its largest correlation; by how
+        much each assumed number moves it; what the names of parameters mean.
+        """
+        return as_text(said_of(self, full))
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
         """Draw errors, innovations, spectrum and intervals; as `ctc.plot_identification`."""
         return plot_identification(self, ax)
 
     def _shown(self) -> Iterable[Piece]:
-        return said_of(self)
+        return said_of(self, False)
 
     def _short(self) -> str:
         count, fallback = len(doubts(self)), self.fit.fallback_reason
