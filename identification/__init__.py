@@ -7,7 +7,7 @@ Dynamics + Record(s) -> Arm, the same arm with f found. The rooms, each above al
 `repeatability`  `spread` of the result over seeds (4.2)
 `procedure`      `identify`: prepare, search, assess (3.2)
 `results`        `Identification`, its warnings and figures; what contradicts the model; Figs. 10-11
-`search`         the genetic algorithm (3.7), seven methods behind one interface
+`search`         the genetic algorithm (3.7), six methods behind one interface
 `planning`       before the experiment: ranges (3.6), pulse budget, excitation, motor tests
 `replay`         the experiment repeated with other numbers: objective (4), prediction error, Gauss-Newton
 `equation_error` least squares on the torque equation, from logged torques or from counts alone

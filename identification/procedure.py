@@ -20,9 +20,8 @@ from identification.results.trust import of_statements
 from identification.search.genetic import GeneticSettings
 from identification.search.memory import repeating
 from identification.search.methods import METHODS
-from identification.search.outcome import Outcome
+from identification.search.outcome import Outcome, Search
 from identification.search.problem import Problem
-from identification.search.search import Search
 from identification.search.tolerances import Tolerances
 from plant import Dynamics, Record
 from plant.parts.arguments import instance, known_options
@@ -68,10 +67,9 @@ def identify(
         counts. `LoggedTorque` and `LoggedCurrent` repeat theirs.
     seed : int
         Same seed, same result, to the bit, on any number of threads.
-    method : {"seeded", "paper", "cma", "equation_error", "didim", "output_error", "prediction_error"}
+    method : {"seeded", "paper", "equation_error", "didim", "output_error", "prediction_error"}
         - "seeded": "equation_error", the genetic algorithm in a box around it, then "prediction_error"
         - "paper": the genetic algorithm of 3.7, as printed if no `settings` are given, on objective (4), in ranges
-        - "cma": CMA-ES in its place; needs the extra ``onepulse[cma]``
         - "equation_error": least squares on the torque equation in a pass band
         - "didim": the same with the motion of a simulated arm in place of the measured one, again and again
         - "output_error": simulated against counted positions, by Gauss-Newton
@@ -79,7 +77,7 @@ def identify(
     progress : bool
         Show a progress bar, where standard error is a terminal.
     ranges : (k, 2) array_like, optional
-        Where to search each unknown; "paper" and "cma" take ``dynamics.ranges`` by default, the others need
+        Where to search each unknown; "paper" takes ``dynamics.ranges`` by default, the others need
         none.
     unknown : sequence of str, optional
         Names of what to find: all of f by default; numbers of rig or law may be added (``drive.viscous[0]``).

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from ctc.figures.errors import draw_band
 from identification.replay.prediction import Prediction
-from identification.results.plots import draw_intervals, interval_height
-from identification.results.repeated import repeated
+from identification.results.plots import draw_intervals, interval_height, repeated
 from plant.parts.figures import BAND, LOGS, colour_of, dressed, legend_above, literal
 
 _BINS = 900

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.motor_torque import driven
 from identification.equation_error.pulse_fit import BAND_MOST, BANDS, CUTOFF, ENOUGH, speed_noise
 from identification.equation_error.regressor import linear, regressor_and_torque
 from identification.equation_error.torque_fit import weighted
+from identification.equation_error.torque_logs import driven
 from plant import Dynamics, LoggedCurrent, LoggedTorque, Record, Resumed
 from plant.parts.sums import least, norm, product, triangle
 from plant.simulation.clock import Clock

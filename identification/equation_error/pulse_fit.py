@@ -12,10 +12,10 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.motor_torque import torque_of
 from identification.equation_error.naming import each_named
 from identification.equation_error.regressor import System, linear, regressor_and_torque
 from identification.equation_error.torque_fit import TorqueFit, weighted
+from identification.equation_error.torque_logs import torque_of
 from plant import Arm, Dynamics, Record, Rig
 from plant.analysis.linearise import modes
 from plant.simulation.clock import Clock

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from identification.equation_error.band_choice import FitTrial
 from identification.equation_error.clustered import RUNS, STRETCHES, at_least, group_std, run_std
-from identification.equation_error.labels import short_names
 from identification.equation_error.least_squares import least_squares
+from identification.equation_error.naming import short_names
 from identification.equation_error.regressor import Places, System
 from plant import Dynamics
 from plant.parts.arguments import choice

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from identification.payload.posterior import PayloadEstimate
 from identification.payload.shape import LoadShape
-from identification.payload.smoothing import Smoothing
-from identification.payload.torque_window import Window
+from identification.payload.torque_window import Smoothing, Window
 from identification.search.genetic import GeneticSettings, minimize_genetic
 from plant import Arm, LoggedTorque, Rig, load_matrix
 from plant.machine.rig import smooth_rig

@@ -7,8 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from identification.payload.posterior import PayloadEstimate, information, posterior
 from identification.payload.shape import LoadShape
-from identification.payload.smoothing import Smoothing
-from identification.payload.torque_window import TorqueWindow, Window
+from identification.payload.torque_window import Smoothing, TorqueWindow, Window
 from identification.results.identification import Identification
 from plant import Arm, Rig, load_matrix
 from plant.parts.arguments import array, instance, real

@@ -8,17 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.labels import short_names
+from identification.equation_error.naming import short_names
 from identification.planning.budget import pulse_budget
-from identification.results.assumed import Assumed
+from identification.results.assumed import Assumed, moved_by_lengths
 from identification.results.diagnostics import Diagnostics
 from identification.results.doubts import doubts
-from identification.results.lengths import moved_by_lengths
 from identification.results.plots import plot_identification
 from identification.results.summary import said_of
 from identification.results.trust import warnings_of
-from identification.search.outcome import Fit
-from identification.search.search import Search
+from identification.search.outcome import Fit, Search
 from plant import Arm, Law, Record, Rig
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept

@@ -1,5 +1,6 @@
 """Figures of results: errors, innovations, spectrum, intervals; the oscillation. matplotlib is imported when drawn."""
 
+import dataclasses
 import itertools
 from typing import Any
 
@@ -7,8 +8,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.replay.prediction import Prediction
-from identification.results.repeated import repeated
+from identification.search.memory import as_repeated
+from plant import Record, Resumed, replay
 from plant.parts.figures import BAND, LOGS, axes_of, colour_of, dressed, legend_above, literal
+from plant.simulation.divergence import DivergenceError
+
+
+def repeated(found: Any) -> Record | None:
+    """The first record of an `Identification`, simulated with what was found; None where that diverges.
+
+    It begins as the record does, its law with the memory that was found: the run that `Diagnostics.difference` is of.
+    """
+    record, law = as_repeated(found.records[:1], found.fit.resumptions[:1])[0], found.law
+    if isinstance(record.law, Resumed):
+        law = dataclasses.replace(record.law, law=law)
+    try:
+        return replay(found.arm, record, rig=found.rig, law=law)
+    except DivergenceError:
+        return None
+
 
 _MEANING = 68
 """Letters of a parameter's meaning that a figure shows; `Dynamics.legend` has them all."""

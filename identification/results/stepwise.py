@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.motor_torque import torque_of
+from identification.equation_error.torque_logs import torque_of
 from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, fitted
 from identification.results.alternatives import Sign, delay_sign, effects_of, signs

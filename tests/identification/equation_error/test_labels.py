@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from identification.equation_error.labels import units
+from identification.equation_error.naming import units
 from plant import Body, Chain, Dynamics, Link, puma560
 from plant.robots import catalogue
 

@@ -8,8 +8,7 @@ import pytest
 
 from identification import fit_torque, identify, pulse_budget
 from identification.results.diagnostics import Diagnostics
-from identification.search.outcome import Fit
-from identification.search.search import Search
+from identification.search.outcome import Fit, Search
 from plant import Dynamics, puma560, simulate
 
 RIG, LAW, PATH = puma560.rig(), puma560.p_law(), puma560.reference()

@@ -11,8 +11,8 @@ import pytest
 
 from ctc import ComputedTorque, evaluate
 from identification import GeneticSettings, Objective, identify
-from identification.equation_error.motor_torque import torque_of
 from identification.equation_error.pulse_fit import equation_error, mode_in, pass_band
+from identification.equation_error.torque_logs import torque_of
 from plant import PointToPoint, Record, linearise, puma560, simulate
 from plant.analysis.linearise import modes
 
