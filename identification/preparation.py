@@ -40,10 +40,7 @@ _PERIODS = 4
 def require_informative(record: Record, labels: Sequence[str]) -> None:
     """Refuse a log that is too short for the loop's mode, or in which a motor hardly moves or mostly saturates.
 
-    Raises
-    ------
-    ValueError
-        With the joint, by these labels.
+    Raises a ValueError: with the joint, by these labels.
     """
     moved = np.ptp(record.counts, axis=0)
     if (moved < _LEAST_PULSES).any():

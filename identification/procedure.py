@@ -162,10 +162,7 @@ def search(problem: Problem, progress: bool) -> Outcome:
 def _assess(problem: Problem, outcome: Outcome, started: float) -> Identification:
     """The result: the arm, and how well it repeats the records.
 
-    Raises
-    ------
-    ValueError
-        No candidate that can be simulated.
+    Raises a ValueError: no candidate that can be simulated.
     """
     fit, genetic, objective = outcome.fit, outcome.genetic, problem.objective
     if fit.zeros is not None:

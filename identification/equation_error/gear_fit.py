@@ -39,12 +39,7 @@ _SYSTEMATIC = 2.0
 class Deflection:
     """Gears as two position sensors show them.
 
-    Attributes
-    ----------
-    compliance, std : (n,) numpy.ndarray
-        On the shafts [rad/(N m)].
-    torque : TorqueFit
-        Of f and linear numbers of the drive.
+    `compliance`, `std` (n,): on the shafts [rad/(N m)]. `torque`: of f and linear numbers of the drive.
     """
 
     compliance: NDArray[np.float64]
@@ -133,12 +128,8 @@ _ROUNDS, _NEAR = 6, 2
 class GearFit:
     """The best fit in one pass band.
 
-    Attributes
-    ----------
-    compliance : (n,) numpy.ndarray
-        Of the gears, on the shafts [rad/(N m)].
-    torque : TorqueFit
-        Of f and linear numbers of the drive, with these compliances.
+    `compliance` (n,): of the gears, on the shafts [rad/(N m)]. `torque`: of f and linear numbers of the drive, with
+    these compliances.
     """
 
     compliance: NDArray[np.float64]
@@ -188,13 +179,9 @@ def fit_gears(
 ) -> list[GearFit]:
     """Fits with the best compliances of a grid, one for each pass band in which there is one.
 
-    Parameters
-    ----------
-    dynamics, records, unknown, known
-        As for `equation_error`; rigs may have elasticity or not.
-    grid : (m, n) numpy.ndarray
-        Compliances of each gear that are tried [rad/(N m)]: rows of all gears together first, then each on its own.
-        A column of one value keeps that gear as it is.
+    `dynamics`, `records`, `unknown`, `known`: as for `equation_error`; rigs may have elasticity or not. `grid` (m, n):
+    compliances of each gear that are tried [rad/(N m)]: rows of all gears together first, then each on its own. A
+    column of one value keeps that gear as it is.
     """
     names, fits = linear(dynamics, records[0].rig, unknown), []
     for i in range(len(_BANDS)):

@@ -130,12 +130,7 @@ def _about(record: Record, label: str) -> Iterator[None]:
 def held_out(kept: Sequence[Record], searched: int, among: bool) -> Iterator[None]:
     """A context in which refusals of records that were kept aside call them so.
 
-    Parameters
-    ----------
-    searched : int
-        Number of the others.
-    among : bool
-        Whether they are the last of the same list.
+    `searched`: number of the others. `among`: whether they are the last of the same list.
     """
     try:
         yield

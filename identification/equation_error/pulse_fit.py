@@ -85,19 +85,8 @@ def equation_error(
 ) -> TorqueFit:
     """Fit of the torque equation to records, in their pass bands.
 
-    Parameters
-    ----------
-    dynamics : Dynamics
-    records : sequence of Record
-    unknown : tuple of str
-        All of f, and linear numbers of the drive; others keep their values in the record.
-    known : dict of str to float, optional
-        What some of them are.
-
-    Returns
-    -------
-    TorqueFit
-        Of those that are not known.
+    `unknown`: all of f, and linear numbers of the drive; others keep their values in the record. `known`: what some of
+    them are.
     """
     known, unknown = dict(known or {}), linear(dynamics, records[0].rig, unknown)
     records = [_without_gaps(record) for record in records]

@@ -76,18 +76,9 @@ _SAMPLES = 100
 class TorqueLog:
     """One log: joint positions and torques at even times.
 
-    Attributes
-    ----------
-    label : str
-        What messages call it; "" of a single one.
-    q, torque : (N, n) numpy.ndarray
-        Joint side [rad, N m]; NaN in a column of torque that was not measured.
-    rig : Rig
-        With the log's period.
-    valid : (N,) numpy.ndarray or None
-        Weight of each sample; rows near one without weight do not count.
-    counted : bool
-        Whether the positions are counts of the rig's encoders.
+    `label`: what messages call it; "" of a single one. `q`, `torque` (N, n): joint side [rad, N m]; NaN in a column of
+    torque that was not measured. `rig`: with the log's period. `valid` (N,) or None: weight of each sample; rows near
+    one without weight do not count. `counted`: whether the positions are counts of the rig's encoders.
     """
 
     label: str

@@ -41,18 +41,8 @@ _ROUNDING = np.sqrt(1 / 12)
 class GeneticEstimator:
     """A load from a window by the genetic algorithm, with the settings of 3.7.
 
-    Parameters
-    ----------
-    arm : Arm
-        Without a load, as identified.
-    rig : Rig
-        As identified.
-    shape : LoadShape
-    length : float
-        Over which a replay forgets [s].
-    settings : GeneticSettings, optional
-        By default those of the paper.
-    seed : int
+    `arm`: without a load, as identified. `rig`: as identified. `length`: over which a replay forgets [s]. `settings`:
+    by default those of the paper.
     """
 
     def __init__(

@@ -45,14 +45,8 @@ def uncertainty(
 ) -> tuple[tuple[str, ...], NDArray[np.float64]]:
     """Names of what is uncertain beside the load, and a root (u, v) of its covariance.
 
-    Parameters
-    ----------
-    arm, rig
-        As the law has them.
-    found : Identification or None
-        That gave them, for its covariance.
-    friction : float
-        Standard deviation of the friction levels, as a share of them, where the identification does not have one.
+    `arm`, `rig`: as the law has them. `found`: that gave them, for its covariance. `friction`: standard deviation of
+    the friction levels, as a share of them, where the identification does not have one.
     """
     if real("friction", friction, "Give a share, such as 0.05.") < 0:
         raise ValueError(f"friction must not be negative; got {friction}. Give a share, such as 0.05.")
@@ -78,15 +72,7 @@ def uncertainty(
 class KernelEstimator:
     """Least squares on the smooth torque equation, with what is uncertain of arm and friction estimated along.
 
-    Parameters
-    ----------
-    arm : Arm
-        Without a load.
-    rig : Rig
-    shape : LoadShape
-    unknown : sequence of str
-    root : (u, v) numpy.ndarray
-        Root of the covariance of the unknowns; with no columns all is known.
+    `arm`: without a load. `root` (u, v): root of the covariance of the unknowns; with no columns all is known.
 
     Notes
     -----

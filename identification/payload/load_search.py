@@ -33,16 +33,9 @@ _SAME = 1e-7
 class UnknownLoad:
     """Numbers of a load, and the increments of f that they are.
 
-    Attributes
-    ----------
-    matrix : (p, 10) numpy.ndarray
-        Increments of f by the load's standard parameters.
-    position : (3,) numpy.ndarray
-        Centre of mass where it is known, or 0 where it is unknown or does not show [m].
-    inertia : (6,) numpy.ndarray
-        About the centre of mass [kg m^2].
-    shown : tuple of int
-        Axes of the link's frame along which the place of the centre is unknown.
+    `matrix` (p, 10): increments of f by the load's standard parameters. `position` (3,): centre of mass where it is
+    known, or 0 where it is unknown or does not show [m]. `inertia` (6,): about the centre of mass [kg m^2]. `shown`:
+    axes of the link's frame along which the place of the centre is unknown.
     """
 
     matrix: NDArray[np.float64]
@@ -107,15 +100,10 @@ _REACH = 2.0
 class FreeArm:
     """What logs say of an arm with any f, beside the known arm with a load.
 
-    Attributes
-    ----------
-    square, freedom : float, int
-        Chi-square, and degrees of freedom, by which any other f follows the logs better than every load: chance, or
-        what arm, gears and drives have and the model lacks. NaN and 0 where the logs do not tell all of f.
-    shares : (l,) numpy.ndarray
-        What is to be added to the numbers of the load, as the known arm is uncertain; 0 of an exact one.
-    covariance : (l, l) numpy.ndarray or None
-        Of the load, with that of the known arm.
+    `square`, `freedom`: chi-square, and degrees of freedom, by which any other f follows the logs better than every
+    load: chance, or what arm, gears and drives have and the model lacks. NaN and 0 where the logs do not tell all of f.
+    `shares` (l,): what is to be added to the numbers of the load, as the known arm is uncertain; 0 of an exact one.
+    `covariance` (l, l) or None: of the load, with that of the known arm.
     """
 
     square: float = np.nan
@@ -128,20 +116,10 @@ class FreeArm:
 class LoadSearch:
     """What is known, and what is not.
 
-    Attributes
-    ----------
-    f : (p,) numpy.ndarray
-        Of the arm without the load.
-    load : UnknownLoad
-        Or anything with its ``names`` and ``increments``.
-    mass : (2,) tuple of float
-        Between which it is [kg].
-    friction : (d,) numpy.ndarray
-        As the rig states it, in the order of the problem's unknowns after f.
-    deviation : (d,) numpy.ndarray
-        Standard deviations of that; inf of what is unknown, 0 of what is known.
-    covariance : (p, p) numpy.ndarray
-        Of `f`; 0 of an exact arm.
+    `f` (p,): of the arm without the load. `load`: or anything with its ``names`` and ``increments``. `mass` (2,):
+    between which it is [kg]. `friction` (d,): as the rig states it, in the order of the problem's unknowns after f.
+    `deviation` (d,): standard deviations of that; inf of what is unknown, 0 of what is known. `covariance` (p, p): of
+    `f`; 0 of an exact arm.
     """
 
     f: NDArray[np.float64]

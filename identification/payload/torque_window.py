@@ -21,12 +21,7 @@ from plant.compiler.map_kernel import MapKernel
 class Smoothing:
     """A Hann kernel and its differences.
 
-    Parameters
-    ----------
-    length : float
-        Of the kernel [s].
-    period : float
-        Of the samples [s].
+    `length`: of the kernel [s]. `period`: of the samples [s].
     """
 
     length: float
@@ -80,14 +75,8 @@ _SLOW = 0.05
 class Window:
     """What a controller saw of a stretch of time.
 
-    Attributes
-    ----------
-    counts : (N, n) numpy.ndarray
-        Encoder counts at each sample.
-    torque : (N, n) numpy.ndarray
-        Applied joint torque [N m], each from its sample to the next.
-    before : (n,) numpy.ndarray
-        Applied up to the first sample [N m].
+    `counts` (N, n): encoder counts at each sample. `torque` (N, n): applied joint torque [N m], each from its sample to
+    the next. `before` (n,): applied up to the first sample [N m].
     """
 
     counts: NDArray[np.float64]
@@ -106,21 +95,9 @@ class Window:
 class TorqueWindow:
     """The torque equation of one arm, with a load and with all that is uncertain, along windows.
 
-    Parameters
-    ----------
-    arm : Arm
-        Without a load, as identified.
-    rig : Rig
-        As identified; it drives the friction.
-    smoothing : Smoothing
-    unknown : sequence of str
-        Names of what is uncertain beside the load: all of f, and friction.
-    uncertain : bool
-        Whether they are; otherwise arm and friction are known.
-
-    Attributes
-    ----------
-    unknown : tuple of str
+    `arm`: without a load, as identified. `rig`: as identified; it drives the friction. `unknown`: names of what is
+    uncertain beside the load: all of f, and friction. `uncertain`: whether they are; otherwise arm and friction are
+    known.
     """
 
     def __init__(
@@ -146,19 +123,9 @@ class TorqueWindow:
         Each row is divided by its standard deviation: that of the rounded counts, through the inertia, with a row
         counted as its share of an independent one.
 
-        Parameters
-        ----------
-        window : Window
-        basis : (b, 10) numpy.ndarray
-            Standard parameters of loads.
-        loaded : (10,) numpy.ndarray
-            Of the load with which the inertia is taken.
+        `basis` (b, 10): standard parameters of loads. `loaded` (10,): of the load with which the inertia is taken.
 
-        Returns
-        -------
-        load : (R, b) numpy.ndarray
-        uncertain : (R, u) numpy.ndarray
-        torque : (R,) numpy.ndarray
+        Returns load (R, b); uncertain (R, u); torque (R,).
         """
         n, u, rig = self.arm.n, len(self.unknown), self.rig
         q, qd, qdd = self.smoothing.motion(rig.cell_centre(window.counts))

@@ -33,15 +33,8 @@ FORGETTING = 0.02
 class Specification:
     """An estimator of either kind.
 
-    Parameters
-    ----------
-    method : {"kernel", "genetic"}
-    arm, rig, shape, unknown, root
-        As for `KernelEstimator`.
-    samples : int
-        Of the windows.
-    seed : int
-        Of the genetic algorithm.
+    `arm`, `rig`, `shape`, `unknown`, `root`: as for `KernelEstimator`. `samples`: of the windows. `seed`: of the
+    genetic algorithm.
     """
 
     method: str
@@ -98,10 +91,7 @@ class Worker:
     def prepare(self, specification: Specification) -> int:
         """Number of an estimator that is made, compiled and warm.
 
-        Raises
-        ------
-        ValueError
-            What its making raised.
+        Raises a ValueError: what its making raised.
         """
         number = self._send("make", specification)
         self.wait(number, _STARTING)
@@ -118,10 +108,7 @@ class Worker:
     def wait(self, job: int, seconds: float) -> Any:
         """The answer of a job.
 
-        Raises
-        ------
-        ValueError
-            What the job raised, or no answer in this time.
+        Raises a ValueError: what the job raised, or no answer in this time.
         """
         answer = self._answer(job, seconds)
         if answer is None:

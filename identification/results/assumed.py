@@ -32,13 +32,7 @@ _SHARE = 0.01
 def moved_by_lengths(arm: Arm, record: Record, unknown: Sequence[str]) -> dict[str, NDArray[np.float64]]:
     """Change (k,) of the unknowns if one length of a link is 1 % larger, by its name, ``links[1].a`` or ``links[1].d``.
 
-    Parameters
-    ----------
-    arm : Arm
-        As found.
-    record : Record
-    unknown : sequence of str
-        Names of f, and numbers of rig and law; of these, friction takes part.
+    `arm`: as found. `unknown`: names of f, and numbers of rig and law; of these, friction takes part.
     """
     dynamics, rig = arm.dynamics, record.rig
     names, p = linear(dynamics, rig, unknown), dynamics.p
@@ -145,14 +139,8 @@ def moved(
 ) -> dict[str, NDArray[np.float64]]:
     """Change (v,) of the unknowns, in their steps, with each of these numbers, relative; none of what does not act.
 
-    Parameters
-    ----------
-    rates : (v, M) numpy.ndarray
-        Change of the innovations with a step of each unknown.
-    effects : dict
-        Change of the innovations (at least M,) with each number.
-    names : sequence of str
-        Of those to answer for.
+    `rates` (v, M): change of the innovations with a step of each unknown. `effects`: change of the innovations (at
+    least M,) with each number. `names`: of those to answer for.
     """
     whole, count = products(rates.T), rates.shape[1]
     own = {name: effects[name][:count] for name in names if np.isfinite(effects[name]).all() and effects[name].any()}

@@ -42,20 +42,9 @@ def plot_identification(found: Any, ax: Any = None) -> NDArray[Any]:
     stretch of it, and the innovations. Then the spectrum of tracking errors and innovations, and half-widths of the
     95 % intervals, as shares of the values. A figure of its own says below what short names of parameters mean.
 
-    Parameters
-    ----------
-    found : Identification
-    ax : (3 n + 2,) array of matplotlib Axes, optional
-        Where to draw, joint by joint; a new figure by default.
+    `ax` (3 n + 2,): where to draw, joint by joint; a new figure by default.
 
-    Returns
-    -------
-    (3 n + 2,) numpy.ndarray of matplotlib Axes
-
-    Raises
-    ------
-    ValueError
-        Another number of Axes.
+    Raises a ValueError: another number of Axes.
     """
     dynamics, record, n = found.arm.dynamics, found.records[0], found.arm.n
     axes = axes_of(ax, (3 * n + 2,), lambda: _new_axes(n, len(found.fit.values), dynamics.legend.splitlines()), _ADVICE)
@@ -138,20 +127,9 @@ def draw_intervals(axis: Any, found: Any) -> None:
 def plot_oscillation(found: Any, ax: Any = None) -> NDArray[Any]:
     """Draw an `Oscillation`: errors measured and without it, one row per joint, and their spectrum below.
 
-    Parameters
-    ----------
-    found : Oscillation
-    ax : (n + 1,) array of matplotlib Axes, optional
-        Where to draw; a new figure by default.
+    `ax` (n + 1,): where to draw; a new figure by default.
 
-    Returns
-    -------
-    (n + 1,) numpy.ndarray of matplotlib Axes
-
-    Raises
-    ------
-    ValueError
-        Another number of Axes.
+    Raises a ValueError: another number of Axes.
 
     Source: paper Figs. 10-11.
     """

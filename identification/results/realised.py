@@ -97,21 +97,11 @@ def realised(
 ) -> Realised:
     """The bodies that have f of an arm, nearest to a prior; where none have it, those of the nearest f.
 
-    Parameters
-    ----------
-    arm : Arm
-    model : ModelFile
-    rotors : (n,) numpy.ndarray
-        Prior of the reflected rotor inertias [kg m^2].
-    prior : mapping of str to Body
-        Bodies of links, in their frames, instead of the file's.
-    scale : (p, p) numpy.ndarray, optional
-        Whitening matrix of f, for the nearest one; by default relative to what the prior's bodies give.
+    `rotors` (n,): prior of the reflected rotor inertias [kg m^2]. `prior`: bodies of links, in their frames, instead of
+    the file's. `scale` (p, p): whitening matrix of f, for the nearest one; by default relative to what the prior's
+    bodies give.
 
-    Raises
-    ------
-    ValueError
-        A file that does not describe this arm.
+    Raises a ValueError: a file that does not describe this arm.
     """
     joints = matching_joints(arm, model)
     for name in prior:
@@ -142,12 +132,7 @@ def realised(
 
 
 def matching_joints(arm: Arm, model: ModelFile) -> list[ModelJoint]:
-    """The file's joints of this arm; refused where the geometry is another one.
-
-    Raises
-    ------
-    ValueError
-    """
+    """The file's joints of this arm; refused where the geometry is another one."""
     chain = arm.dynamics.chain
     names = [link.name for link in chain.links]
     for name in names:

@@ -55,15 +55,9 @@ def detect(
 ) -> Detection:  # fmt: skip
     """Test a fit to a problem.
 
-    Parameters
-    ----------
-    problem : Problem
-    fit : Fit
-        Where to begin; the model is fitted anew, to the records kept aside as well.
-    delay : float
-        Of the counts, if it is known already that one of this size [samples] is worth a trial.
-    rounding : (M,) numpy.ndarray, optional
-        Innovations of the records that were searched, as far as rounding makes them; see `Outcome`.
+    `fit`: where to begin; the model is fitted anew, to the records kept aside as well. `delay`: of the counts, if it is
+    known already that one of this size [samples] is worth a trial. `rounding` (M,): innovations of the records that
+    were searched, as far as rounding makes them; see `Outcome`.
     """
     try:
         tested = _Search(problem, fit)

@@ -34,20 +34,10 @@ _NORMAL = 1.96
 class Intervals:
     """What a log says of each resonance.
 
-    Parameters
-    ----------
-    view : Resonances
-    solution : Solution
-        The best fit.
-    start : Start
-        Its steps and bounds.
-    final : bool
-        Give intervals even where a better fit is met.
+    `solution`: the best fit. `start`: its steps and bounds. `final`: give intervals even where a better fit is met.
 
-    Attributes
-    ----------
-    better : (k,) numpy.ndarray or None
-        Coordinates of a better fit, if one was met; unless `final`, there are no intervals then.
+    Attributes: `better` (k,) or None: coordinates of a better fit, if one was met; unless `final`, there are no
+    intervals then.
     """
 
     def __init__(self, view: Resonances, solution: Solution, start: Start, *, final: bool) -> None:
@@ -134,10 +124,7 @@ def gear_fits(problem: Problem) -> list[GearFit]:
 
     Gears that are known stay as they are.
 
-    Raises
-    ------
-    ValueError
-        No band in which there is a fit.
+    Raises a ValueError: no band in which there is a fit.
     """
     dynamics, records, rig = problem.dynamics, problem.records, problem.records[0].rig
     slope, rotors = link_inertia(dynamics, rig, pose_of(problem))
@@ -196,10 +183,7 @@ def _deflection(problem: Problem) -> Deflection | None:
 def _starts(problem: Problem, view: Resonances, fits: Sequence[GearFit | Deflection]) -> list[Start]:
     """Starts of the search that follow the log: the best of the later fits, and the first; of known gears, the best.
 
-    Raises
-    ------
-    ValueError
-        None does.
+    Raises a ValueError where none does.
     """
     nuisances, found = view.prediction.nuisances, []
     steps, bounds = view.prediction.nuisance_steps, np.vstack([problem.bounds, view.prediction.nuisance_bounds])

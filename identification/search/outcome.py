@@ -185,19 +185,10 @@ class Fit(Shown, Frozen):
 class Outcome(Frozen):
     """What a method found.
 
-    Attributes
-    ----------
-    fit : Fit
-    message : str
-        Why the search ended.
-    evaluations : int
-        Simulated experiments.
-    genetic : GeneticResult or None
-    rounding : (M,) numpy.ndarray or None
-        Innovations of the records, weighted, as far as the rounding of counts makes them alike in every log; in the
-        order of `Prediction`. None where it makes none, or was not simulated.
-    stages : dict
-        What each stage before the last found: name -> (k,) values.
+    `message`: why the search ended. `evaluations`: simulated experiments. `rounding` (M,) or None: innovations of the
+    records, weighted, as far as the rounding of counts makes them alike in every log; in the order of `Prediction`.
+    None where it makes none, or was not simulated. `stages`: what each stage before the last found: name -> (k,)
+    values.
     """
 
     fit: Fit
