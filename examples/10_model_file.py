@@ -5,7 +5,7 @@ import tempfile
 import numpy as np
 
 from ctc import ComputedTorque, evaluate
-from identification import identify, write_urdf
+from identification import identify, write_model
 from plant import Body, Chain, Harmonics, read_robot, simulate
 
 robot = read_robot("ur5e")  # published lengths and masses; what is assumed of the drives says so in the file
@@ -26,7 +26,7 @@ assert report.fraction_within(1) > 0.99
 with (
     tempfile.TemporaryDirectory() as folder
 ):  # noise leaves an f that no bodies have exactly, so the nearest is written
-    written = write_urdf(found, robot.model, f"{folder}/ur5e_found.urdf", nearest=True)
+    written = write_model(found, robot.model, f"{folder}/ur5e_found.urdf", nearest=True)
     again = Chain.from_urdf(written.path)
 mass = sum(body.mass for body in drawn.chain.bodies[1:]), sum(body.mass for body in again.bodies[1:])
 print(f"mass behind the shoulder: {mass[0]:.2f} kg in the file, {mass[1]:.2f} kg written, 1.5 kg of them the tool's")

@@ -1,6 +1,6 @@
 """f1..f9 from encoder pulses alone, by the genetic algorithm of the paper, and how much they vary over five runs."""
 
-from identification import Objective, puma560_ranges, spread
+from identification import Objective, ranges, spread
 from plant import puma560, simulate
 
 # The robot: integrated four times finer than the model that is fitted to it.
@@ -12,7 +12,7 @@ floor = Objective(dynamics, measured)(puma560.PUBLISHED[None])[0]
 print(f"objective (4) of the true f: {floor:.0f} pulses^2")
 
 print("\nranges, from size and mass (3.6), and as printed:")
-for name, derived, printed in zip(dynamics.names, puma560_ranges(), dynamics.ranges, strict=True):
+for name, derived, printed in zip(dynamics.names, ranges(), dynamics.ranges, strict=True):
     print(f"  {name}  [{derived[0]:6.2f}, {derived[1]:6.2f}]   [{printed[0]:6.2f}, {printed[1]:6.2f}]")
 
 series = spread(dynamics, measured, seeds=range(5), published=puma560.PUBLISHED_ALTERATION, progress=False)

@@ -7,7 +7,7 @@ Dynamics + Record(s) -> Arm, the same arm with f found. The rooms, each above al
 `repeatability`  `spread` of the result over seeds (4.2)
 `procedure`      `identify`: prepare, search, assess (3.2)
 `results`        `Identification`, its warnings and figures; what contradicts the model; Figs. 10-11
-`search`         the genetic algorithm (3.7), seven methods behind one interface
+`search`         the genetic algorithm (3.7), six methods behind one interface
 `planning`       before the experiment: ranges (3.6), pulse budget, excitation, motor tests
 `replay`         the experiment repeated with other numbers: objective (4), prediction error, Gauss-Newton
 `equation_error` least squares on the torque equation, from logged torques or from counts alone
@@ -29,15 +29,15 @@ from identification.equation_error.naming import RecordError
 from identification.payload.logged_load import find_load
 from identification.planning.budget import pulse_budget
 from identification.planning.excitation import design_motion
-from identification.planning.motor import friction_from_motor_test, gain_from_current
-from identification.planning.ranges import LinkSize, puma560_ranges, ranges
+from identification.planning.motor import motor_test
+from identification.planning.ranges import LinkSize, ranges
 from identification.procedure import identify
 from identification.repeatability import spread
 from identification.replay.objective import Objective
 from identification.replay.timing import without_delay
 from identification.results.doubts import IdentificationWarning
 from identification.results.identification import Identification
-from identification.results.model_files import write_mjcf, write_urdf
+from identification.results.model_files import write_model
 from identification.results.oscillation import oscillation
 from identification.results.physical import nearest_physical
 from identification.search.genetic import GeneticSettings, minimize_genetic
@@ -49,7 +49,6 @@ known_options(GeneticSettings)
 
 __all__ = [
     "GeneticSettings", "Identification", "IdentificationWarning", "LinkSize", "Objective", "RecordError",
-    "Tolerances", "design_motion", "find_load", "fit_torque", "friction_from_motor_test", "gain_from_current",
-    "identify", "minimize_genetic", "nearest_physical", "oscillation", "pulse_budget", "puma560_ranges",
-    "ranges", "spread", "without_delay", "write_mjcf", "write_urdf",
+    "Tolerances", "design_motion", "find_load", "fit_torque", "identify", "minimize_genetic", "motor_test",
+    "nearest_physical", "oscillation", "pulse_budget", "ranges", "spread", "without_delay", "write_model",
 ]  # fmt: skip

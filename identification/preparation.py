@@ -1,4 +1,4 @@
-"""What a method is given: records that are searched and kept aside, their unknowns, and no bad input."""
+"""What a method is given: informative records, searched and kept aside, their unknowns, and no bad input."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -8,7 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error import naming
 from identification.equation_error.law_memory import along_log
-from identification.planning.quality import require_informative
+from identification.equation_error.naming import column_of
+from identification.equation_error.pulse_fit import mode_in
+from identification.equation_error.torque_logs import torque_of
 from identification.replay.experiment import as_records
 from identification.replay.objective import Objective
 from identification.replay.resonances import DAMPING, STIFFNESS, on_gears
@@ -17,9 +19,70 @@ from identification.search.methods import METHODS
 from identification.search.problem import Problem
 from identification.search.tolerances import Tolerances
 from plant import Dynamics, Record
+from plant.checkup.oscillation import own_oscillation
 from plant.parts.arguments import array, choice, instance
 from plant.parts.room import require_room
 from plant.simulation.followed_path import with_path
+
+_LEAST_PULSES = 20
+"""Counts that every motor has to move, at least."""
+
+_LEAST_SAMPLES = 200
+"""Fewer hold no oscillation of a position loop that stands out from its noise."""
+
+_SATURATED = 0.5
+"""Share of the samples at the amplifier's limit above which a log is refused."""
+
+_PERIODS = 4
+"""Of the slow mode that a log has to hold."""
+
+
+def require_informative(record: Record, labels: Sequence[str]) -> None:
+    """Refuse a log that is too short for the loop's mode, or in which a motor hardly moves or mostly saturates.
+
+    Raises a ValueError: with the joint, by these labels.
+    """
+    moved = np.ptp(record.counts, axis=0)
+    if (moved < _LEAST_PULSES).any():
+        motor = int(np.argmin(moved))
+        raise ValueError(
+            f"every motor must move by at least {_LEAST_PULSES} pulses; that of {labels[motor]}"
+            f"{column_of(record, 'counts', motor)} moves by {moved[motor]:.0f}. Log a motion of all joints, or leave "
+            "out that record."
+        )
+    if len(record) < _LEAST_SAMPLES:
+        raise ValueError(f"a log must have at least {_LEAST_SAMPLES} samples; got {len(record)}. Log longer.")
+    drive, replays = record.rig.drive, record.law is not None and record.law.replays
+    share = (np.abs(drive.current(torque_of(record))) >= drive.current_limit * (1 - 1e-9)).mean(axis=0)
+    if (share > _SATURATED).any() and not replays:  # of a replay the torque is known, also at the limit
+        motor = int(np.argmax(share))
+        hz = own_oscillation(record)
+        why, advice = (
+            "" if hz is None else f": its loop swings by itself at {hz:.3g} Hz",
+            "Slow the reference down or lower the gains.",
+        )
+        if record.reference is None and not record.reference_pulses.any():
+            why, advice = (
+                ": no reference came with it, so its law is taken to hold 0",
+                "Map reference_position, or give reference=.",
+            )
+        raise ValueError(
+            f"a log must be below the amplifier's limit; the motor of {labels[motor]}"
+            f"{column_of(record, 'torque', motor)} is at it for {share[motor]:.0%} "
+            f"of the samples{why}. {advice}"
+        )
+    seconds, mode = len(record) * record.rig.period, mode_in(record)
+    if not mode > 0:
+        raise ValueError(
+            f"a log must show how its loop swings; sampled every {record.rig.period:g} s it does not. State rig.period "
+            "in seconds, or log faster."
+        )
+    if seconds < _PERIODS / mode:
+        raise ValueError(
+            f"a log must last {_PERIODS} periods of its oscillation; {seconds:.3g} s hold "
+            f"{seconds * mode:.1f} periods of {mode:.1f} Hz. Log longer."
+        )
+
 
 _FIXED = 0.2e9
 """Bytes beside the samples: kernels, and what compiles them."""
@@ -102,7 +165,7 @@ def _require_room(
     follow the counts, some three copies of all sensitivities.
     """
     numbers = len(unknown) if isinstance(unknown, Sequence) else dynamics.p
-    follows = method not in ("paper", "genetic", "cma", "equation_error", "didim")
+    follows = method not in ("paper", "equation_error", "didim")
     each = 8.0 * (250 + (3.5 * dynamics.n * (numbers + 2 * dynamics.n) if follows else 0))
     samples = sum(len(record) for record in records)
     what = f"{samples:,} samples of {dynamics.n} joints with {numbers} unknowns"

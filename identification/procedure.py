@@ -20,9 +20,8 @@ from identification.results.trust import of_statements
 from identification.search.genetic import GeneticSettings
 from identification.search.memory import repeating
 from identification.search.methods import METHODS
-from identification.search.outcome import Outcome
+from identification.search.outcome import Outcome, Search
 from identification.search.problem import Problem
-from identification.search.search import Search
 from identification.search.tolerances import Tolerances
 from plant import Dynamics, Record
 from plant.parts.arguments import instance, known_options
@@ -68,11 +67,9 @@ def identify(
         counts. `LoggedTorque` and `LoggedCurrent` repeat theirs.
     seed : int
         Same seed, same result, to the bit, on any number of threads.
-    method : {"seeded", "paper", "genetic", "cma", "equation_error", "didim", "output_error", "prediction_error"}
+    method : {"seeded", "paper", "equation_error", "didim", "output_error", "prediction_error"}
         - "seeded": "equation_error", the genetic algorithm in a box around it, then "prediction_error"
-        - "paper": the genetic algorithm of 3.7 as printed, on objective (4), in given ranges
-        - "genetic": the same with ranges and `settings` of one's own
-        - "cma": CMA-ES in its place; needs the extra ``onepulse[cma]``
+        - "paper": the genetic algorithm of 3.7, as printed if no `settings` are given, on objective (4), in ranges
         - "equation_error": least squares on the torque equation in a pass band
         - "didim": the same with the motion of a simulated arm in place of the measured one, again and again
         - "output_error": simulated against counted positions, by Gauss-Newton
@@ -80,7 +77,7 @@ def identify(
     progress : bool
         Show a progress bar, where standard error is a terminal.
     ranges : (k, 2) array_like, optional
-        Where to search each unknown; "paper", "genetic" and "cma" take ``dynamics.ranges`` by default, the others need
+        Where to search each unknown; "paper" takes ``dynamics.ranges`` by default, the others need
         none.
     unknown : sequence of str, optional
         Names of what to find: all of f by default; numbers of rig or law may be added (``drive.viscous[0]``).
@@ -99,7 +96,7 @@ def identify(
         In logs that replay their torque: the counters were set to zero where the arm happened to hang, so where the
         joints are then is found as well, for each record (``found.fit.zeros``). Held-out records are taken as they are.
     elasticity : bool
-        Find stiffness and damping of all gears too, whatever the rigs say of them: ``found.resonance``.
+        Find stiffness and damping of all gears too, whatever the rigs say of them: ``found.fit.resonance``.
     tolerances : Tolerances, optional
         Within which the rigs are right; intervals count them. ``Tolerances.none()`` takes rigs for exact.
     checkpoint : str or Path, optional
@@ -165,10 +162,7 @@ def search(problem: Problem, progress: bool) -> Outcome:
 def _assess(problem: Problem, outcome: Outcome, started: float) -> Identification:
     """The result: the arm, and how well it repeats the records.
 
-    Raises
-    ------
-    ValueError
-        No candidate that can be simulated.
+    Raises a ValueError: no candidate that can be simulated.
     """
     fit, genetic, objective = outcome.fit, outcome.genetic, problem.objective
     if fit.zeros is not None:

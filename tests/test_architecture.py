@@ -80,7 +80,6 @@ def test_import_linter_sees_every_breach(tmp_path):
 
 
 LATE = {  # slow library -> what it costs beside numba and casadi, and who needs it
-    "cma": "an extra: CMA-ES",
     "control": "1.1 s: linear analysis and design",
     "matplotlib": "0.3 s: figures",
     "scipy.interpolate": "0.3 s: splines as references, scaled and fastest paths",

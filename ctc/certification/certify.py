@@ -36,7 +36,7 @@ def certify(
     Parameters
     ----------
     found : Identification or Arm
-        Where the samples are drawn: ``found.values`` with ``found.covariance``. An arm needs an uncertainty with
+        Where the samples are drawn: ``found.fit.values`` with ``found.covariance``. An arm needs an uncertainty with
         `covariance` or `plants`.
     rig : Rig
         Of the plants, such as ``found.rig``; what was identified of it is taken from `found` in any case.

@@ -70,7 +70,7 @@ def identified(
         No covariance, or one that is none; gears or resolutions that were identified.
     """
     if isinstance(found, Identification):
-        arm, names, values, covariance = found.arm, found.unknown, found.values, found.covariance
+        arm, names, values, covariance = found.arm, found.fit.unknown, found.fit.values, found.covariance
     else:
         arm = instance("found", found, Arm, "Give what identify gave, or an Arm and Uncertainty(covariance=...).")
         names, values, covariance = arm.dynamics.names, arm.f, None
@@ -91,7 +91,7 @@ def identified(
     k, plant = len(names), [i for i, name in enumerate(names) if not name.startswith("law.")]
     if again is None:
         given: Any = covariance
-        covariances = array("covariance", given, (k, k), advice="Give one row per name of found.unknown.")[None]
+        covariances = array("covariance", given, (k, k), advice="Give one row per name of found.fit.unknown.")[None]
     else:
         covariances = again.covariances
     for name in (names[i] for i in plant):

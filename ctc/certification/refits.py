@@ -141,7 +141,8 @@ def _on_gears(found: Identification, arm: Arm, hz: Any, ratio: float, pose: Arra
             for record in found.records
         ]
         problem = prepare(
-            found.arm.dynamics, records, found.unknown, (), "prediction_error", found.search.ranges, None, found.seed,
+            found.arm.dynamics, records, found.fit.unknown, (), "prediction_error", found.search.ranges, None,
+            found.search.seed,
             False, {},
         )  # fmt: skip
         fit = search(problem, False).fit

@@ -34,7 +34,7 @@ class Uncertainty(Shown, Part):
     Parameters
     ----------
     covariance : (k, k) array_like, optional
-        Of ``found.values``, normal; by default ``found.covariance``. With an `Arm` in place of ``found``, of its f.
+        Of ``found.fit.values``, normal; by default ``found.covariance``. With an `Arm` in place of ``found``, of its f.
     plants : (M, p) array_like, optional
         Instead: f of given arms, taken in turn.
     friction : float
@@ -187,7 +187,7 @@ _OWN = {"load": "kg", "delay": "s"}
 """Name -> unit of ranges that are no imperfection."""
 
 _ARRAYS: tuple[tuple[str, tuple[int | str | None, ...], str], ...] = (
-    ("covariance", ("k", "k"), "Give one row per name of found.unknown."),
+    ("covariance", ("k", "k"), "Give one row per name of found.fit.unknown."),
     ("plants", ("M", "p"), "Give f of one arm per row."),
     ("load_position", (3,), "Give x, y and z in the last frame [m]."),
 )

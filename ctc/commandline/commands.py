@@ -106,12 +106,13 @@ def run_identify(given: Namespace) -> Answer:
 
 
 def _identified(found: Identification) -> dict[str, Any]:
-    std = [None] * len(found.values) if found.covariance is None else found.std
+    std = [None] * len(found.fit.values) if found.covariance is None else found.fit.std
     return {
-        "method": found.method, "seed": found.seed, "doubts": doubts(found), "warnings": list(found.warnings),
+        "method": found.search.method, "seed": found.search.seed, "doubts": doubts(found),
+        "warnings": list(found.warnings),
         "values": {
             name: {"value": float(value), "std": plain_number(s)}
-            for name, value, s in zip(found.unknown, found.values, std, strict=True)
+            for name, value, s in zip(found.fit.unknown, found.fit.values, std, strict=True)
         },
     }  # fmt: skip
 
@@ -124,7 +125,7 @@ def run_certify(given: Namespace) -> Answer:
     certificate = certify(found, found.rig, law, path, _uncertainty(given), **_run(given))
     said = [str(certificate), f"computed torque with a bandwidth of {law.bandwidth:g} rad/s"]
     first = certificate.sensitivities[0].name if certificate.failures and certificate.sensitivities else ""
-    if first.startswith(("drive.viscous", "drive.coulomb")) and first not in found.unknown:
+    if first.startswith(("drive.viscous", "drive.coulomb")) and first not in found.fit.unknown:
         said.append(f"{first} decides, and was not identified: onepulse identify ... --unknown friction")
     return _certified(found, certificate, said, {"bandwidth": law.bandwidth}, place)
 

@@ -24,14 +24,14 @@ def demo(seed: int, figures: Path) -> bool:
     paper, found = (identify(puma560.dynamics(), measured, seed=seed, method=method) for method in ("paper", "seeded"))
     for run in (paper, found):
         print(
-            f"   {run.method}: objective (4) {run.initial_objective:.0f} -> {run.objective:.0f} pulses^2 in "
+            f"   {run.search.method}: objective (4) {run.initial_objective:.0f} -> {run.objective:.0f} pulses^2 in "
             f"{run.seconds:.1f} s"
         )
     print("   " + "".join(f"{name:>8}" for name in found.arm.dynamics.names))
     print("   " + "".join(f"{value:8.2f}" for value in puma560.PUBLISHED) + "   of the robot")
     print("   " + "".join(f"{value:8.2f}" for value in paper.f) + "   by the paper's method")
     print("   " + "".join(f"{value:8.2f}" for value in found.f) + "   by the default method, and")
-    print("   " + "".join(f"{value:8.3f}" for value in found.std) + "   its standard deviations")
+    print("   " + "".join(f"{value:8.3f}" for value in found.fit.std) + "   its standard deviations")
 
     print("3. control: the same arm under P and under computed torque from the f that were found")
     laws = {"P": p, "computed torque": ComputedTorque(found)}

@@ -154,7 +154,7 @@ def _bandwidth(found: Any, rig: Rig | None) -> float:
     if not isinstance(found, Identification) or not isinstance(rig, (Rig, type(None))):
         return _UNKNOWN  # what does not fit is refused with the other fields
     rig = found.rig if rig is None else rig
-    friction = any(name.startswith(("drive.viscous", "drive.coulomb")) for name in found.unknown)
+    friction = any(name.startswith(("drive.viscous", "drive.coulomb")) for name in found.fit.unknown)
     known = _FRICTION_TOO if friction else _KNOWN
     bandwidth = min(_UNKNOWN if found.covariance is None else known, _SAMPLED / rig.period)
     if rig.drive.elasticity is None:

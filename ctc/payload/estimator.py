@@ -13,7 +13,7 @@ from identification import Identification
 from identification.payload.kernel_estimate import KERNEL, uncertainty
 from identification.payload.posterior import PayloadEstimate
 from identification.payload.shape import LoadShape
-from identification.payload.specification import Specification
+from identification.payload.worker import Specification
 from plant import Law, Rig
 from plant.parts.arguments import choice, instance, known_options, real
 

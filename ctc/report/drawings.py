@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from ctc.figures.errors import draw_band
 from identification.replay.prediction import Prediction
-from identification.results.plots import draw_intervals, interval_height
-from identification.results.repeated import repeated
+from identification.results.plots import draw_intervals, interval_height, repeated
 from plant.parts.figures import BAND, LOGS, colour_of, dressed, legend_above, literal
 
 _BINS = 900
@@ -40,8 +39,8 @@ def draw_fit(found: Any) -> Any:
 def draw_innovations(found: Any) -> Any:
     """What is left of the first record: counts less their one-step predictions."""
     record, n = found.records[0], found.arm.n
-    prediction = Prediction(found.arm.dynamics, record, found.unknown)
-    left = prediction.innovations(np.append(found.values, prediction.nuisances)).reshape(-1, n)
+    prediction = Prediction(found.arm.dynamics, record, found.fit.unknown)
+    left = prediction.innovations(np.append(found.fit.values, prediction.nuisances)).reshape(-1, n)
     axes = _rows(n, 2, (2.2, 1.0))
     for joint, label in enumerate(found.arm.dynamics.chain.joint_labels):
         colour = colour_of(joint)
@@ -60,7 +59,7 @@ def draw_innovations(found: Any) -> Any:
 def draw_certainty(found: Any) -> Any:
     """Half-widths of the 95 % intervals; see `identification.results.plots.draw_intervals`."""
     axes = _rows(1, 1, (1.0,))
-    axes[0, 0].figure.set_size_inches(9, max(1.8, interval_height(len(found.values))))
+    axes[0, 0].figure.set_size_inches(9, max(1.8, interval_height(len(found.fit.values))))
     draw_intervals(axes[0, 0], found)
     return axes
 

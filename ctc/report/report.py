@@ -80,6 +80,6 @@ def write_report(
         )
     place = require_new(path, overwrite)
     today = datetime.date.today().isoformat()
-    subtitle = f"{', '.join(found.arm.dynamics.chain.joint_labels)}; {found.method}; written on {today}"
+    subtitle = f"{', '.join(found.arm.dynamics.chain.joint_labels)}; {found.search.method}; written on {today}"
     parts = sections(found, kinds.get(Evaluation), kinds.get(Certificate))
     write_whole(place, [page(instance("title", title, str, "Give a line."), subtitle, parts)])

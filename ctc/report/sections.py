@@ -9,7 +9,7 @@ import numpy as np
 
 from ctc.report.drawings import draw_certainty, draw_errors, draw_fit, draw_innovations, draw_path
 from ctc.report.page import figure, section
-from identification.equation_error.labels import units as units_of
+from identification.equation_error.naming import units as units_of
 from identification.results.doubts import doubts
 from identification.results.seen import seen
 from plant.parts.markup import details, items, preformatted, table, text
@@ -60,14 +60,16 @@ def _verdict(found: Any, evaluation: Any, certificate: Any) -> str:
 
 
 def _values(found: Any) -> str:
-    names, units = found.short_names, units_of(found.arm.dynamics, found.unknown)
+    names, units = found.short_names, units_of(found.arm.dynamics, found.fit.unknown)
     if found.covariance is None:
         why = found.fit.fallback_reason or "this method gives no intervals"
-        values = [(name, f"{value:.5g}", unit) for name, value, unit in zip(names, found.values, units, strict=True)]
+        values = [
+            (name, f"{value:.5g}", unit) for name, value, unit in zip(names, found.fit.values, units, strict=True)
+        ]
         said = f"<p>Without intervals: {text(why)}.</p>"
         return section("Parameters", said, table(("", "value", "unit"), values), _legend(found))
     rows = []
-    for name, value, s, unit in zip(names, found.values, found.std, units, strict=True):
+    for name, value, s, unit in zip(names, found.fit.values, found.fit.std, units, strict=True):
         if s > 0:
             digits = max(0, 1 - math.floor(math.log10(s)))  # two of the standard deviation
             middle, low, high = (f"{each:.{digits}f}" for each in (value, value - 1.96 * s, value + 1.96 * s))
@@ -143,10 +145,10 @@ def _assumptions(found: Any) -> str:
         parts += ["<h3>Taken as stated</h3>", f"<p>{text(told)}</p>", table(head, rows, words=range(2))]
     stated = [*zip(found.rig.number_names(), found.rig.number_values(), strict=True)]
     stated += [*zip(found.law.number_names("law."), found.law.number_values(), strict=True)]
-    shown_numbers = [(name, f"{value:.6g}") for name, value in stated if name not in found.unknown]
+    shown_numbers = [(name, f"{value:.6g}") for name, value in stated if name not in found.fit.unknown]
     parts.append(details("Numbers of rig and law, as stated", table(("motor side, SI", "value"), shown_numbers)))
-    if found.resonance is not None:
-        parts += ["<h3>Gears</h3>", body(found.resonance)]
+    if found.fit.resonance is not None:
+        parts += ["<h3>Gears</h3>", body(found.fit.resonance)]
     return section("Assumptions", *parts)
 
 
@@ -206,13 +208,13 @@ def _certificate(certificate: Any) -> str:
 def _origin(found: Any, certificate: Any) -> str:
     provenance = found.provenance()
     rows = [(name, str(value)) for name, value in provenance["versions"].items()]
-    rows += [("method", found.method), ("seed", str(found.seed)), ("evaluations", f"{found.evaluations}")]
+    rows += [("method", found.search.method), ("seed", str(found.search.seed)), ("evaluations", f"{found.evaluations}")]
     for key, records in (("records", found.records), ("held_out", found.held_out)):
         named = zip(_named(found, records), provenance[key], strict=True)
         rows += [(f"SHA-256 of {name}, as it was read", digest) for (name, _), digest in named]
     if certificate is not None:
         rows.append(("seed of the certificate", str(certificate.provenance()["seed"])))
-    settings = f"method={found.method!r}, seed={found.seed}"
+    settings = f"method={found.search.method!r}, seed={found.search.seed}"
     names = ", ".join(repr(name) for name in found.short_names)
     indent = " " * 20
     listed = textwrap.fill(names, 100, initial_indent=indent, subsequent_indent=indent)
@@ -221,7 +223,7 @@ def _origin(found: Any, certificate: Any) -> str:
         'found = Identification.load("found.json")            # where it was saved\n'
         f"again = identify(found.arm.dynamics, list(found.records), held_out=list(found.held_out),\n"
         f"                 {settings}, unknown=[\n{listed}\n                 ])\n"
-        "assert (again.values == found.values).all()           # the same versions, the same bits"
+        "assert (again.fit.values == found.fit.values).all()           # the same versions, the same bits"
     )
     return section(
         "Where it comes from", table(("", ""), rows, words=range(2)), "<h3>Once more</h3>", preformatted(code)

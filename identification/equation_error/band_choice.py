@@ -137,16 +137,8 @@ def choose_band(
 
     Octaves first, until one is too wide, then the bands before it.
 
-    Parameters
-    ----------
-    bands : sequence of float
-        Increasing, half an octave apart [Hz].
-    equations : callable
-        Band -> the logs' systems, cautious in speed.
-    seconds : (R,) numpy.ndarray
-        Length of each log.
-    weights : (R, n) numpy.ndarray or None
-        Of logs and joints, if stated.
+    `bands`: increasing, half an octave apart [Hz]. `equations`: band -> the logs' systems, cautious in speed. `seconds`
+    (R,): length of each log. `weights` (R, n) or None: of logs and joints, if stated.
     """
     tried, trials = dict[float, _Tried](), dict[float, FitTrial]()
 

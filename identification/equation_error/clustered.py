@@ -29,19 +29,10 @@ def group_std(
 ) -> NDArray[np.float64]:
     """Standard deviations (k,) of the values of a fit, for intervals of 1.96 of them.
 
-    Parameters
-    ----------
-    rows : (M, k) numpy.ndarray
-        Change of the residual with the values.
-    residual : (M,) numpy.ndarray
-        Of the fit.
-    groups : (M,) numpy.ndarray
-        Number of the group of each row, from 0. Few groups make wide intervals: Student's, not normal.
+    `rows` (M, k): change of the residual with the values. `residual` (M,): of the fit. `groups` (M,): number of the
+    group of each row, from 0. Few groups make wide intervals: Student's, not normal.
 
-    Returns
-    -------
-    (k,) numpy.ndarray
-        Inf where the rest of the groups does not determine all values.
+    Inf where the rest of the groups does not determine all values.
     """
     from scipy.special import stdtrit
 

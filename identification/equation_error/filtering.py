@@ -13,10 +13,7 @@ _ORDER = 4
 def low_pass(x: ArrayLike, period: float, cutoff: float) -> NDArray[np.float64]:
     """Zero-phase low-pass of the columns of x (N, ...), sampled every `period` [s]; `cutoff` in Hz.
 
-    Raises
-    ------
-    ValueError
-        A cutoff that is not below half of the sample rate, or fewer samples than the filter needs.
+    Raises a ValueError: a cutoff that is not below half of the sample rate, or fewer samples than the filter needs.
     """
     from scipy.signal import butter, sosfiltfilt  # a third of a second that the genetic algorithm does not need
 
@@ -33,10 +30,7 @@ def low_pass(x: ArrayLike, period: float, cutoff: float) -> NDArray[np.float64]:
 def derivatives(q: ArrayLike, period: float, cutoff: float) -> Motion:
     """Motion from positions (N, n) [rad], sampled every `period` [s]: low-passed, then central differences.
 
-    Returns
-    -------
-    Motion
-        q, qd, qdd, each (N, n).
+    Returns q, qd, qdd, each (N, n).
     """
     q = low_pass(q, period, cutoff)
     qd = np.gradient(q, period, axis=0)

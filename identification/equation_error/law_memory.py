@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.motor_torque import driven
 from identification.equation_error.pulse_fit import BAND_MOST, BANDS, CUTOFF, ENOUGH, speed_noise
 from identification.equation_error.regressor import linear, regressor_and_torque
 from identification.equation_error.torque_fit import weighted
+from identification.equation_error.torque_logs import driven
 from plant import Dynamics, LoggedCurrent, LoggedTorque, Record, Resumed
 from plant.parts.sums import least, norm, product, triangle
 from plant.simulation.clock import Clock
@@ -53,15 +53,9 @@ _AT_MOST = 2.0
 class Memory:
     """Directions in which a law's state before its log shows in the torque.
 
-    Attributes
-    ----------
-    state : (s,) numpy.ndarray
-        From which they are counted.
-    directions : (s, r) numpy.ndarray
-        Changes of the state, each of which makes a torque of 1 N m (rms over the log and all joints); none where the
-        state is known, or does not show.
-    usual : (r,) numpy.ndarray
-        How far states are apart in the log, along each [N m], with torques of no more than its largest.
+    `state` (s,): from which they are counted. `directions` (s, r): changes of the state, each of which makes a torque
+    of 1 N m (rms over the log and all joints); none where the state is known, or does not show. `usual` (r,): how far
+    states are apart in the log, along each [N m], with torques of no more than its largest.
     """
 
     state: NDArray[np.float64]
@@ -116,13 +110,7 @@ def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tu
     It had been at work for a while: what no longer changes in the log (a flag that the law has begun) is as it is
     there, and its filters have followed counts and reference on straight lines.
 
-    Parameters
-    ----------
-    dynamics : Dynamics
-    record : Record
-        Of `along_log`, with a law that goes on from a state.
-    unknown : iterable of str
-        What is unknown of arm and drive.
+    `record`: of `along_log`, with a law that goes on from a state. `unknown`: what is unknown of arm and drive.
     """
     given: Any = record.law
     record, usual = at_work(record, given)
@@ -140,10 +128,7 @@ def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tu
 def at_work(record: Record, law: Resumed) -> tuple[Record, NDArray[np.float64]]:
     """The record with its law reading the log as if it had been at work before, and usual magnitudes (s,) of its state.
 
-    Raises
-    ------
-    ValueError
-        A law whose torque hangs on what the rounding of its reference hides.
+    Raises a ValueError: a law whose torque hangs on what the rounding of its reference hides.
     """
     record = reading(record, law)
     _require_reference(record)

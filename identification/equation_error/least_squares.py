@@ -19,11 +19,7 @@ _EXACT_ENOUGH = 1e-5
 class NotIdentifiableError(ValueError):
     """Unknowns that the equations do not tell apart, or that act in none of them.
 
-    Parameters
-    ----------
-    said : str
-    name : str
-        Of the one that could be left out.
+    `name`: of the one that could be left out.
     """
 
     def __init__(self, said: str, name: str) -> None:
@@ -39,27 +35,13 @@ def least_squares(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Solve rows x = target.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the columns, for messages.
-    rows : (N, k) numpy.ndarray
-    target : (N,) numpy.ndarray
-    dependent : float
-        A column of which less than this share is its own is a combination of the others.
+    `names`: of the columns, for messages. `rows` (N, k). `target` (N,). `dependent`: a column of which less than this
+    share is its own is a combination of the others.
 
-    Returns
-    -------
-    values : (k,) numpy.ndarray
-    covariance : (k, k) numpy.ndarray
-        Of the values, where the residual of every row has a standard deviation of 1.
-    condition : float
-        Of the columns, scaled to one length.
+    Returns values (k,); covariance (k, k): of the values, where the residual of every row has a standard deviation of
+    1; condition: of the columns, scaled to one length.
 
-    Raises
-    ------
-    ValueError
-        A column that is zero, or a combination of others; with the names.
+    Raises a ValueError: a column that is zero, or a combination of others; with the names.
     """
     k = rows.shape[1]
     lengths = np.sqrt(np.einsum("mi,mi->i", rows, rows))

@@ -12,10 +12,10 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.motor_torque import torque_of
 from identification.equation_error.naming import each_named
 from identification.equation_error.regressor import System, linear, regressor_and_torque
 from identification.equation_error.torque_fit import TorqueFit, weighted
+from identification.equation_error.torque_logs import torque_of
 from plant import Arm, Dynamics, Record, Rig
 from plant.analysis.linearise import modes
 from plant.simulation.clock import Clock
@@ -85,19 +85,8 @@ def equation_error(
 ) -> TorqueFit:
     """Fit of the torque equation to records, in their pass bands.
 
-    Parameters
-    ----------
-    dynamics : Dynamics
-    records : sequence of Record
-    unknown : tuple of str
-        All of f, and linear numbers of the drive; others keep their values in the record.
-    known : dict of str to float, optional
-        What some of them are.
-
-    Returns
-    -------
-    TorqueFit
-        Of those that are not known.
+    `unknown`: all of f, and linear numbers of the drive; others keep their values in the record. `known`: what some of
+    them are.
     """
     known, unknown = dict(known or {}), linear(dynamics, records[0].rig, unknown)
     records = [_without_gaps(record) for record in records]

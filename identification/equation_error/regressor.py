@@ -37,19 +37,9 @@ _AT_ONCE = 4096
 class System:
     """The torque equation of one log, and where in it each equation comes from.
 
-    Attributes
-    ----------
-    regressor : (N', n, k) numpy.ndarray
-    torque : (N', n) numpy.ndarray
-        Measured [N m].
-    used : (N', n) numpy.ndarray
-        Which of these equations count.
-    sample : (N',) numpy.ndarray
-        Their rows in the log.
-    period : float
-        Of the log's rows [s].
-    speed : (N', n) numpy.ndarray
-        Of each joint in the band [rad/s], a magnitude.
+    `regressor` (N', n, k). `torque` (N', n): measured [N m]. `used` (N', n): which of these equations count. `sample`
+    (N',): their rows in the log. `period`: of the log's rows [s]. `speed` (N', n): of each joint in the band [rad/s], a
+    magnitude.
     """
 
     regressor: NDArray[np.float64]
@@ -64,12 +54,8 @@ class System:
 class Places:
     """Where the equations that a fit uses come from, in its order of them.
 
-    Attributes
-    ----------
-    record, joint, sample : (M,) numpy.ndarray
-        Number of the record, joint, and row in the record's log.
-    t : (M,) numpy.ndarray
-        Time since the log's first row [s].
+    `record`, `joint`, `sample` (M,): number of the record, joint, and row in the record's log. `t` (M,): time since the
+    log's first row [s].
     """
 
     record: NDArray[np.intp]
@@ -153,12 +139,7 @@ def regressor_along(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Regressor of the unknowns (N, n, k), and the torque of what is known (N, n).
 
-    Parameters
-    ----------
-    motion : Motion
-        Of the links.
-    motors : Motion, optional
-        Of the motors, as joints on rigid gears would have it, where gears are elastic.
+    `motion`: of the links. `motors`: of the motors, as joints on rigid gears would have it, where gears are elastic.
     """
     names, _ = balance(dynamics, rig, tuple(unknown), motors is not None)
     motions = (*motion, *(() if motors is None else motors[1:]))

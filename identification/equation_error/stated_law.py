@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.law_memory import FADED, at_work, reading, state_directions
-from identification.equation_error.motor_torque import driven, logged_torque
+from identification.equation_error.torque_logs import driven, logged_torque
 from plant import Record, Resumed
 from plant.laws.commanded import commanded_torque
 from plant.simulation.clock import Clock

@@ -41,18 +41,8 @@ def every_of(band: float, period: float, every: int | None) -> int:
 class TorqueEquations:
     """What `fit_torque` was given.
 
-    Attributes
-    ----------
-    dynamics : Dynamics
-    logs : tuple of TorqueLog
-    names : tuple of str
-        Of the columns, without the further ones: unknown or known.
-    extra : dict
-        Further columns.
-    known : dict
-        Values of some columns.
-    used : (R, n) numpy.ndarray of bool
-        Of which logs and joints the torque is used.
+    `names`: of the columns, without the further ones: unknown or known. `extra`: further columns. `known`: values of
+    some columns. `used` (R, n): of which logs and joints the torque is used.
     """
 
     dynamics: Dynamics

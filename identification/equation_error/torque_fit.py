@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from identification.equation_error.band_choice import FitTrial
 from identification.equation_error.clustered import RUNS, STRETCHES, at_least, group_std, run_std
-from identification.equation_error.labels import short_names
 from identification.equation_error.least_squares import least_squares
+from identification.equation_error.naming import short_names
 from identification.equation_error.regressor import Places, System
 from plant import Dynamics
 from plant.parts.arguments import choice
@@ -177,18 +177,9 @@ def weighted(
 ) -> TorqueFit:
     """Least squares of one or more logs' equations.
 
-    Parameters
-    ----------
-    dynamics, names
-        Names of the columns.
-    systems : iterable of System
-        One per record.
-    weights : (R, n) numpy.ndarray, optional
-        Of each record and joint, up to a common factor; by default 1 over a joint's residual in an unweighted fit.
-    seconds : (R,) numpy.ndarray, optional
-        Length of each log: the covariance counts how its stretches, and logs, differ.
-    report
-        Further fields of the result.
+    `dynamics`, `names`: names of the columns. `systems`: one per record. `weights` (R, n): of each record and joint, up
+    to a common factor; by default 1 over a joint's residual in an unweighted fit. `seconds` (R,): length of each log:
+    the covariance counts how its stretches, and logs, differ. `report`: further fields of the result.
     """
     systems = tuple(systems)
     regressor, torque, used = (

@@ -1,4 +1,4 @@
-"""Positions and torques of logs, whichever way they come, and which torques are dead columns."""
+"""Positions and torques of logs, whichever way they come: the torque of a record's motors; dead columns of torque."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -8,10 +8,59 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.filtering import low_pass
-from identification.equation_error.motor_torque import logged_torque, torque_of
 from identification.equation_error.naming import each_named, record_label
-from plant import Dynamics, Record, Rig
+from plant import Dynamics, Record, Resumed, Rig
+from plant.laws.commanded import commanded_torque
 from plant.parts.arguments import array, instance
+from plant.simulation.clock import Clock
+from plant.simulation.law_run import run_law
+from plant.simulation.simulator import injected_beside
+
+
+def torque_of(record: Record) -> NDArray[np.float64]:
+    """Joint torques (N, n) [N m] of a record: commanded by its law, or logged where the law has a memory.
+
+    A torque that a sampled law holds counts half at both ends of its sample, and so does one that was injected, which
+    is added to what the law commanded. A law along its log is run.
+    """
+    law, rig = record.law, record.rig
+    if isinstance(law, Resumed):
+        clock = Clock.of(record)
+        own = run_law(dataclasses.replace(record, law=law.along(rig))).around(clock.t[clock.rows], rig.period)
+        return driven(record, own)
+    commanded = commanded_torque(record)
+    if commanded is not None:
+        return driven(record, rig.drive.limited(commanded))
+    return logged_torque(record)
+
+
+def logged_torque(record: Record) -> NDArray[np.float64]:
+    """Joint torques (N, n) [N m] that a record has logged, half at both ends of a sample that holds them."""
+    law, rig = record.law, record.rig
+    if record.torque is not None:
+        logged = record.torque
+    elif record.current is not None:
+        logged = rig.drive.joint_torque(rig.drive.motor_gain * record.current)
+    else:
+        raise ValueError(
+            f"the record must hold torques or currents; the counts under {type(law).__name__} do not give them. Log "
+            "one of them, state what the law remembered (Resumed), or use identify, which finds it."
+        )
+    if law is None or (law.period is None and not law.replays):
+        return logged
+    return _held(logged)
+
+
+def driven(record: Record, own: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Torque (N, n) [N m] of the motors: its law's own, and what was injected, within the amplifier's limit."""
+    added = injected_beside(record)
+    return own if added is None else record.rig.drive.limited(own + _held(added))
+
+
+def _held(torque: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean (N, n) around each sample of a torque that is held to the next: at a sample, both act."""
+    return (torque + np.vstack([torque[:1], torque[:-1]])) / 2
+
 
 _UNEVEN = 1e-3
 """Deviation of a sample's time from the even ones, in periods, from which on a record is resampled."""
@@ -27,18 +76,9 @@ _SAMPLES = 100
 class TorqueLog:
     """One log: joint positions and torques at even times.
 
-    Attributes
-    ----------
-    label : str
-        What messages call it; "" of a single one.
-    q, torque : (N, n) numpy.ndarray
-        Joint side [rad, N m]; NaN in a column of torque that was not measured.
-    rig : Rig
-        With the log's period.
-    valid : (N,) numpy.ndarray or None
-        Weight of each sample; rows near one without weight do not count.
-    counted : bool
-        Whether the positions are counts of the rig's encoders.
+    `label`: what messages call it; "" of a single one. `q`, `torque` (N, n): joint side [rad, N m]; NaN in a column of
+    torque that was not measured. `rig`: with the log's period. `valid` (N,) or None: weight of each sample; rows near
+    one without weight do not count. `counted`: whether the positions are counts of the rig's encoders.
     """
 
     label: str

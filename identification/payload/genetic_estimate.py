@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from identification.payload.posterior import PayloadEstimate
 from identification.payload.shape import LoadShape
-from identification.payload.smoothing import Smoothing
-from identification.payload.torque_window import Window
+from identification.payload.torque_window import Smoothing, Window
 from identification.search.genetic import GeneticSettings, minimize_genetic
 from plant import Arm, LoggedTorque, Rig
 from plant.machine.rig import smooth_rig
@@ -42,18 +41,8 @@ _ROUNDING = np.sqrt(1 / 12)
 class GeneticEstimator:
     """A load from a window by the genetic algorithm, with the settings of 3.7.
 
-    Parameters
-    ----------
-    arm : Arm
-        Without a load, as identified.
-    rig : Rig
-        As identified.
-    shape : LoadShape
-    length : float
-        Over which a replay forgets [s].
-    settings : GeneticSettings, optional
-        By default those of the paper.
-    seed : int
+    `arm`: without a load, as identified. `rig`: as identified. `length`: over which a replay forgets [s]. `settings`:
+    by default those of the paper.
     """
 
     def __init__(

@@ -7,8 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from identification.payload.posterior import PayloadEstimate, information, posterior
 from identification.payload.shape import LoadShape
-from identification.payload.smoothing import Smoothing
-from identification.payload.torque_window import TorqueWindow, Window
+from identification.payload.torque_window import Smoothing, TorqueWindow, Window
 from identification.results.identification import Identification
 from plant import Arm, Rig
 from plant.parts.arguments import array, instance, real
@@ -46,14 +45,8 @@ def uncertainty(
 ) -> tuple[tuple[str, ...], NDArray[np.float64]]:
     """Names of what is uncertain beside the load, and a root (u, v) of its covariance.
 
-    Parameters
-    ----------
-    arm, rig
-        As the law has them.
-    found : Identification or None
-        That gave them, for its covariance.
-    friction : float
-        Standard deviation of the friction levels, as a share of them, where the identification does not have one.
+    `arm`, `rig`: as the law has them. `found`: that gave them, for its covariance. `friction`: standard deviation of
+    the friction levels, as a share of them, where the identification does not have one.
     """
     if real("friction", friction, "Give a share, such as 0.05.") < 0:
         raise ValueError(f"friction must not be negative; got {friction}. Give a share, such as 0.05.")
@@ -62,13 +55,13 @@ def uncertainty(
         instance("found", found, Identification, "Pass what identify gave, or leave it out.")
         if found.covariance is None:
             raise ValueError(
-                f"found must have a covariance; {found.method!r} provides none. Leave it out, or search on."
+                f"found must have a covariance; {found.search.method!r} provides none. Leave it out, or search on."
             )
-        linear = [i for i, name in enumerate(found.unknown) if name in (*names, *friction_names(rig))]
+        linear = [i for i, name in enumerate(found.fit.unknown) if name in (*names, *friction_names(rig))]
         if found.arm.dynamics.names != names:
             raise ValueError("found must be of the law's arm; its f has other names. Pass the one that gave the arm.")
         values, vectors = np.linalg.eigh(found.covariance[np.ix_(linear, linear)])
-        names, root = tuple(found.unknown[i] for i in linear), vectors * np.sqrt(np.maximum(values, 0.0))
+        names, root = tuple(found.fit.unknown[i] for i in linear), vectors * np.sqrt(np.maximum(values, 0.0))
     more = [name for name in friction_names(rig) if name not in names] if friction else []
     levels = dict(zip(rig.number_names(), rig.number_values(), strict=True))
     own = np.diag([friction * abs(levels[name]) for name in more])
@@ -79,15 +72,7 @@ def uncertainty(
 class KernelEstimator:
     """Least squares on the smooth torque equation, with what is uncertain of arm and friction estimated along.
 
-    Parameters
-    ----------
-    arm : Arm
-        Without a load.
-    rig : Rig
-    shape : LoadShape
-    unknown : sequence of str
-    root : (u, v) numpy.ndarray
-        Root of the covariance of the unknowns; with no columns all is known.
+    `arm`: without a load. `root` (u, v): root of the covariance of the unknowns; with no columns all is known.
 
     Notes
     -----

@@ -5,6 +5,8 @@ whose memory may be unknown; the start from the torque equation; Gauss-Newton on
 known arm and a function of a few numbers of the load.
 """
 
+from __future__ import annotations
+
 import dataclasses
 from typing import Any
 
@@ -20,6 +22,60 @@ from identification.payload.loaded_prediction import AnyLoad, WithLoad, spoken
 from identification.replay.prediction import Prediction
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem
+from plant import Body, Dynamics
+from plant.mechanics.base_parameters import independent_columns
+
+_SAME = 1e-7
+"""Share of its own below which what a direction does to f is a combination of what others do."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class UnknownLoad:
+    """Numbers of a load, and the increments of f that they are.
+
+    `matrix` (p, 10): increments of f by the load's standard parameters. `position` (3,): centre of mass where it is
+    known, or 0 where it is unknown or does not show [m]. `inertia` (6,): about the centre of mass [kg m^2]. `shown`:
+    axes of the link's frame along which the place of the centre is unknown.
+    """
+
+    matrix: NDArray[np.float64]
+    position: NDArray[np.float64]
+    inertia: NDArray[np.float64]
+    shown: tuple[int, ...]
+
+    @classmethod
+    def of(
+        cls, dynamics: Dynamics, link: int | str, position: NDArray[np.float64] | None, inertia: NDArray[np.float64]
+    ) -> UnknownLoad:
+        """Of a load on a link, whose place may be unknown."""
+        matrix = dynamics.load_matrix(link)
+        if position is not None:
+            return cls(matrix=matrix, position=position, inertia=inertia, shown=())
+        shown = tuple(axis for axis in range(3) if matrix[:, 1 + axis].any())
+        moments = matrix[:, [*(1 + axis for axis in shown), 0]]
+        if not moments.any() or len(independent_columns(moments, range(len(shown) + 1), _SAME)[0]) <= len(shown):
+            raise ValueError(
+                "mass and centre of the load must show separately; on this arm or link they do not. Give position."
+            )
+        return cls(matrix=matrix, position=np.zeros(3), inertia=inertia, shown=shown)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the unknown numbers."""
+        return ("mass", *(f"com[{axis}]" for axis in self.shown))
+
+    def com(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Centre of mass (3,) [m]; 0 along axes that do not show."""
+        com = self.position.copy()
+        com[list(self.shown)] = values[1 : len(self.names)]
+        return com
+
+    def increments(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of f (p,), by mass and centre (k,)."""
+        unit = Body(mass=1.0, com=self.com(values)).standard_parameters
+        own = np.concatenate([np.zeros(4), self.inertia]) if values[0] else np.zeros(10)
+        return np.asarray(self.matrix @ (values[0] * unit + own))
+
 
 _STEPS = (0.01, 0.002)
 """Of the central differences: of the mass [kg], and of its place [m]."""
@@ -44,15 +100,10 @@ _REACH = 2.0
 class FreeArm:
     """What logs say of an arm with any f, beside the known arm with a load.
 
-    Attributes
-    ----------
-    square, freedom : float, int
-        Chi-square, and degrees of freedom, by which any other f follows the logs better than every load: chance, or
-        what arm, gears and drives have and the model lacks. NaN and 0 where the logs do not tell all of f.
-    shares : (l,) numpy.ndarray
-        What is to be added to the numbers of the load, as the known arm is uncertain; 0 of an exact one.
-    covariance : (l, l) numpy.ndarray or None
-        Of the load, with that of the known arm.
+    `square`, `freedom`: chi-square, and degrees of freedom, by which any other f follows the logs better than every
+    load: chance, or what arm, gears and drives have and the model lacks. NaN and 0 where the logs do not tell all of f.
+    `shares` (l,): what is to be added to the numbers of the load, as the known arm is uncertain; 0 of an exact one.
+    `covariance` (l, l) or None: of the load, with that of the known arm.
     """
 
     square: float = np.nan
@@ -65,20 +116,10 @@ class FreeArm:
 class LoadSearch:
     """What is known, and what is not.
 
-    Attributes
-    ----------
-    f : (p,) numpy.ndarray
-        Of the arm without the load.
-    load : UnknownLoad
-        Or anything with its ``names`` and ``increments``.
-    mass : (2,) tuple of float
-        Between which it is [kg].
-    friction : (d,) numpy.ndarray
-        As the rig states it, in the order of the problem's unknowns after f.
-    deviation : (d,) numpy.ndarray
-        Standard deviations of that; inf of what is unknown, 0 of what is known.
-    covariance : (p, p) numpy.ndarray
-        Of `f`; 0 of an exact arm.
+    `f` (p,): of the arm without the load. `load`: or anything with its ``names`` and ``increments``. `mass` (2,):
+    between which it is [kg]. `friction` (d,): as the rig states it, in the order of the problem's unknowns after f.
+    `deviation` (d,): standard deviations of that; inf of what is unknown, 0 of what is known. `covariance` (p, p): of
+    `f`; 0 of an exact arm.
     """
 
     f: NDArray[np.float64]

@@ -21,10 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.law_memory import along_log
 from identification.equation_error.naming import each_named
-from identification.payload.load import Load
-from identification.payload.load_search import LoadSearch
-from identification.payload.load_warnings import birge, warnings_of
-from identification.payload.unknown_load import UnknownLoad
+from identification.payload.load import Load, birge, warnings_of
+from identification.payload.load_search import LoadSearch, UnknownLoad
 from identification.replay.experiment import as_records
 from identification.replay.objective import Objective
 from identification.results.doubts import warn_of_doubts
@@ -135,7 +133,9 @@ def _covariance(found: Identification | None, arm: Arm) -> NDArray[np.float64]:
             "found.arm to take the arm as exact."
         )
     covariance = np.zeros((p, p))
-    rows = [(i, found.unknown.index(name)) for i, name in enumerate(arm.dynamics.names) if name in found.unknown]
+    rows = [
+        (i, found.fit.unknown.index(name)) for i, name in enumerate(arm.dynamics.names) if name in found.fit.unknown
+    ]
     own, its = np.array(rows, int).reshape(-1, 2).T
     covariance[np.ix_(own, own)] = found.covariance[np.ix_(its, its)]
     return covariance

@@ -91,16 +91,8 @@ def posterior(
 ) -> PayloadEstimate:  # fmt: skip
     """Estimate from `information`; mass and place are evenly likely beforehand.
 
-    Parameters
-    ----------
-    shape : LoadShape
-    matrix, vector, square
-        From `information`.
-    rows : int
-        Of the window.
-    misfit_limit : float
-        Root mean square of what remains, in that of rounding, from which on no load explains a window; from 1 on it
-        widens the distribution.
+    `matrix`, `vector`, `square`: from `information`. `rows`: of the window. `misfit_limit`: root mean square of what
+    remains, in that of rounding, from which on no load explains a window; from 1 on it widens the distribution.
     """
     low, high = shape.mass
     weight = np.einsum("kb,bc,kc->k", shape.shares, matrix, shape.shares)

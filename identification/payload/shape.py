@@ -20,14 +20,8 @@ _PLACES = 61
 class LoadShape:
     """Loads of any mass in a range whose centre is at a known place, or along a line.
 
-    Attributes
-    ----------
-    mass : (2,) numpy.ndarray
-        Lowest and highest [kg].
-    places : (K, 3) numpy.ndarray
-        Where the centre may be, in the frame of the last link's body [m]; one where it is known.
-    inertia : (6,) numpy.ndarray
-        Own inertia about the centre, per kg [m^2]; zero for a point mass.
+    `mass` (2,): lowest and highest [kg]. `places` (K, 3): where the centre may be, in the frame of the last link's body
+    [m]; one where it is known. `inertia` (6,): own inertia about the centre, per kg [m^2]; zero for a point mass.
     """
 
     mass: NDArray[np.float64]
@@ -41,10 +35,7 @@ class LoadShape:
     ) -> LoadShape:  # fmt: skip
         """From what a user states.
 
-        Raises
-        ------
-        ValueError
-            A range that is none; an inertia that no body has; a line without direction.
+        Raises a ValueError: a range that is none; an inertia that no body has; a line without direction.
         """
         limits = array("mass", mass, (2,), advice="Give the lightest and the heaviest load, such as (0, 5) [kg].")
         if not 0 <= limits[0] < limits[1]:

@@ -1,4 +1,4 @@
-"""Before the experiment: ranges, pulse budget, excitation, motor tests, and whether a log is informative.
+"""Before the experiment: ranges, pulse budget, excitation, motor tests.
 
-Each file stands alone: `ranges` (3.6), `motor`, `budget` (Cramer-Rao bound), `excitation`, `quality`.
+Each file stands alone: `ranges` (3.6), `motor`, `budget` (Cramer-Rao bound), `excitation`.
 """

@@ -11,8 +11,8 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.labels import short_names
 from identification.equation_error.least_squares import least_squares
+from identification.equation_error.naming import short_names
 from identification.replay.gauss_newton import slopes
 from identification.replay.prediction import Prediction
 from plant import Arm, Dynamics, Law, Reference, Rig, simulate

@@ -6,6 +6,7 @@ current of a motor that turns at constant speed).
 
 import dataclasses
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,40 +49,67 @@ class MotorFit(Shown, Frozen):
 
 
 @known_options
-def gain_from_current(record: Record) -> MotorFit:
-    """P gain of each motor [N m per pulse] from the currents and tracking errors of a record.
+def motor_test(
+    record: Record | None = None,
+    *,
+    speed: ArrayLike | None = None,
+    current: ArrayLike | None = None,
+    motor_gain: float | None = None,
+) -> MotorFit:
+    """P gain of each motor from a record's currents, or friction of one motor from currents at constant speeds.
 
-    Only the product of the gain (amperes per pulse) and the motor constant K_i shows in the motion; with K_i wrong by a
-    factor, this gain is wrong by the same.
+    Of gain (amperes per pulse) and motor constant K_i only the product is identifiable from a motion: with K_i wrong by
+    a factor, the gain is wrong by the same.
 
     Parameters
     ----------
-    record : Record
-        With `current`.
+    record : Record, optional
+        Under P control, with `current`: for the gains [N m per pulse]. Without it, of a motor without its arm:
+    speed : (N,) array_like
+        Of the motor, constant, in both directions [rad/s].
+    current : (N,) array_like
+        At each speed [A].
+    motor_gain : float
+        K_i [N m/A].
 
     Returns
     -------
     MotorFit
-        Names ``law.gain[0]`` and so on.
+        Names ``law.gain[0]`` and so on; or viscous [N m s/rad], coulomb [N m] and offset [N m], for a `Drive` and its
+        `FrictionCurve`.
 
     Raises
     ------
     ValueError
-        No currents, or a motor whose errors are a pulse at most.
+        No currents, or a motor whose errors are a pulse at most; speeds in one direction only, in which friction and
+        offset are not separately identifiable.
 
     See Also
     --------
-    identification.friction_from_motor_test
+    plant.FrictionCurve
 
     Examples
     --------
     >>> from plant import puma560, simulate
-    >>> from identification import gain_from_current
+    >>> from identification import motor_test
     >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
-    >>> gain_from_current(record).names
+    >>> motor_test(record).names
     ('law.gain[0]', 'law.gain[1]')
+    >>> motor_test(speed=(-100, -50, 50, 100), current=(-1.4, -1.2, 1.2, 1.4), motor_gain=0.2).names
+    ('viscous', 'coulomb', 'offset')
     """
-    instance("record", record, Record, "Pass a log with currents.")
+    constant = (speed, current, motor_gain)
+    if record is None:
+        if any(each is None for each in constant):
+            raise ValueError("speed, current and motor_gain must come together; got some. Give all three, or a record.")
+        return _friction(*constant)
+    if any(each is not None for each in constant):
+        raise ValueError("a record must come alone; got speed, current or motor_gain beside it. Leave them out.")
+    return _gains(instance("record", record, Record, "Pass a log with currents."))
+
+
+def _gains(record: Record) -> MotorFit:
+    """P gains [N m per pulse] from currents and tracking errors."""
     law = record.law
     if law is not None and law.has_memory(record.n):
         raise ValueError(f"the record must be one under P control; got {type(law).__name__}. It has no such gain.")
@@ -103,40 +131,8 @@ def gain_from_current(record: Record) -> MotorFit:
     return MotorFit(names=tuple(names), values=np.array(values), std=np.array(std))
 
 
-@known_options
-def friction_from_motor_test(speed: ArrayLike, current: ArrayLike, motor_gain: float) -> MotorFit:
-    """Friction of a motor from its currents at constant speeds, in both directions, without the arm.
-
-    Parameters
-    ----------
-    speed : (N,) array_like
-        Of the motor [rad/s].
-    current : (N,) array_like
-        [A]
-    motor_gain : float
-        K_i [N m/A].
-
-    Returns
-    -------
-    MotorFit
-        viscous [N m s/rad], coulomb [N m] and offset [N m], for a `Drive` and its `FrictionCurve`.
-
-    Raises
-    ------
-    ValueError
-        Speeds in one direction only: friction and offset are then not separately identifiable.
-
-    See Also
-    --------
-    plant.FrictionCurve, identification.gain_from_current
-
-    Examples
-    --------
-    >>> from identification import friction_from_motor_test
-    >>> fit = friction_from_motor_test((-100, -50, 50, 100), (-1.4, -1.2, 1.2, 1.4), motor_gain=0.2)
-    >>> fit.names
-    ('viscous', 'coulomb', 'offset')
-    """
+def _friction(speed: Any, current: Any, motor_gain: Any) -> MotorFit:
+    """Viscous and Coulomb friction and offset of one motor, from currents at constant speeds."""
     speeds = array("speed", speed, ("N",), advice="Give motor speeds [rad/s].")
     currents = array("current", current, speeds.shape, advice="Give one current per speed [A].")
     torque = real("motor_gain", motor_gain, "Give K_i [N m/A].", positive=True) * currents

@@ -99,7 +99,7 @@ class LinkSize:
 
     See Also
     --------
-    identification.ranges, identification.puma560_ranges
+    identification.ranges
 
     Examples
     --------
@@ -125,20 +125,33 @@ class LinkSize:
         return SimpleNamespace(m=mass, x=x, y=y, Izz=inertia, J=Interval(reflect(low), reflect(high)))
 
 
+_MOTOR = (1e-4, 1e-3)
+"""Jm of a motor of the PUMA 560, at least and at most [kg m^2]."""
+
+PUMA560 = (
+    LinkSize(mass=(5, 25), x=(-0.24, 0.50), y=(-0.14, 0.14), motor_inertia=_MOTOR),
+    LinkSize(mass=(1, 10), x=(-0.08, 0.08), y=(-0.50, 0.0), motor_inertia=_MOTOR, radius=0.25),
+)
+"""What 3.6 says of the links of the paper's robot."""
+
+
 def ranges(
-    equation: Callable[..., dict[str, Any]], sizes: Sequence[LinkSize], drive: Drive, **lengths: ArrayLike
+    equation: Callable[..., dict[str, Any]] = puma560.equation_3,
+    sizes: Sequence[LinkSize] = PUMA560,
+    drive: Drive | None = None,
+    **lengths: ArrayLike,
 ) -> NDArray[np.float64]:
-    """Ranges (p, 2) of f from sizes and masses.
+    """Ranges (p, 2) of f from sizes and masses; without arguments, those of f1..f9 from what 3.6 says of its robot.
 
     Parameters
     ----------
     equation : callable
         f in physical parameters, such as `plant.robots.puma560.equation_3`.
     sizes : sequence of LinkSize
-    drive : Drive
-        Its gears reflect the motor inertias.
+    drive : Drive, optional
+        Its gears reflect the motor inertias; by default that of the paper.
     **lengths : pair
-        Further arguments of the equation, such as a3=(0.3, 0.5) [m].
+        Further arguments of the equation, such as a3=(0.3, 0.5), the default with the paper's sizes [m].
 
     Returns
     -------
@@ -152,45 +165,26 @@ def ranges(
 
     See Also
     --------
-    identification.LinkSize, identification.puma560_ranges
+    identification.LinkSize
 
     Examples
     --------
     >>> from plant import puma560
     >>> from identification import LinkSize, ranges
     >>> sizes = [LinkSize(mass=(10, 20), x=(-0.1, 0.5), y=(-0.1, 0.1), motor_inertia=(1e-4, 3e-4))] * 2
-    >>> ranges(puma560.equation_3, sizes, puma560.rig().drive, a3=(0.4, 0.45)).shape
-    (9, 2)
+    >>> ranges(puma560.equation_3, sizes, puma560.rig().drive, a3=(0.4, 0.45)).shape, ranges().shape
+    ((9, 2), (9, 2))
 
     Source: paper 3.6.
     """
+    motors = puma560.rig().drive if drive is None else drive
 
     def reflect(joint: int, motor_inertia: float) -> float:
-        return float(drive.reflected_inertia(np.full(drive.n, motor_inertia))[joint])
+        return float(motors.reflected_inertia(np.full(motors.n, motor_inertia))[joint])
 
-    if len(sizes) != drive.n:
-        raise ValueError(f"sizes must be {drive.n}, one per joint of the drive; got {len(sizes)}. Give each link's.")
+    lengths = {"a3": (0.3, 0.5)} if sizes is PUMA560 and not lengths else lengths
+    if len(sizes) != motors.n:
+        raise ValueError(f"sizes must be {motors.n}, one per joint of the drive; got {len(sizes)}. Give each link's.")
     links = [size.intervals(functools.partial(reflect, joint)) for joint, size in enumerate(sizes)]
     f = equation(*links, **{name: Interval.of(length) for name, length in lengths.items()})
     return np.array([(value.low, value.high) for value in f.values()])
-
-
-def puma560_ranges(drive: Drive | None = None) -> NDArray[np.float64]:
-    """Ranges of f1..f9 derived from what 3.6 says of the robot; `puma560.PRINTED_RANGES` are the printed ones.
-
-    See Also
-    --------
-    identification.ranges, identification.LinkSize
-
-    Examples
-    --------
-    >>> from identification import puma560_ranges
-    >>> puma560_ranges().shape
-    (9, 2)
-    """
-    motor = (1e-4, 1e-3)
-    sizes = (
-        LinkSize(mass=(5, 25), x=(-0.24, 0.50), y=(-0.14, 0.14), motor_inertia=motor),
-        LinkSize(mass=(1, 10), x=(-0.08, 0.08), y=(-0.50, 0.0), motor_inertia=motor, radius=0.25),
-    )
-    return ranges(puma560.equation_3, sizes, drive or puma560.rig().drive, a3=(0.3, 0.5))

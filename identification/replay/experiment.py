@@ -50,17 +50,9 @@ def with_zeros(records: Iterable[Record], zeros: NDArray[np.float64]) -> list[Re
 class Experiment:
     """The closed loop of a record and all that it needs to run.
 
-    Attributes
-    ----------
-    loop : ClosedLoop
-    places : list of int
-        Where the unknowns are among the loop's numbers.
-    driven : dict
-        Path, clock, and what is replayed and injected: what a kernel is driven by.
-    numbers : numpy.ndarray
-        As the record says; f is NaN.
-    begin : tuple of numpy.ndarray
-        q and qd (n,) at its start, by the record's rig.
+    `places`: where the unknowns are among the loop's numbers. `driven`: path, clock, and what is replayed and injected:
+    what a kernel is driven by. `numbers`: as the record says; f is NaN. `begin`: q and qd (n,) at its start, by the
+    record's rig.
     """
 
     def __init__(

@@ -49,35 +49,17 @@ _LEAST_SHARE = -0.5
 class Extended:
     """Innovations of a model that follows records, with what its rig leaves out.
 
-    Parameters
-    ----------
-    dynamics : Dynamics
-    records : sequence of Record
-    unknown : sequence of str
-        All of f, and numbers of rig and law.
-    f : (p,) numpy.ndarray
-        Known roughly: it says what the links weigh whose gears give.
-    threads : int, optional
-    **options
-        Sub-steps and sweeps, as for `Prediction`.
+    `unknown`: all of f, and numbers of rig and law. `f` (p,): known roughly: it says what the links weigh whose gears
+    give. `**options`: sub-steps and sweeps, as for `Prediction`.
 
-    Attributes
-    ----------
-    unknown : tuple of str
-        What `innovations` takes values for: the given names, observer gains, then `extra`.
-    extra : tuple of str
-        What the rig may leave out, or have wrong, zero where it is right: ``compliance[i]``, one over the square of the
-        locked-rotor resonance [1/Hz^2]; ``backlash[i]`` [rad]; ``viscous[i]`` and ``coulomb[i]``, friction beyond
-        the rig's, motor side [N m s/rad, N m]; ``lag`` of the currents [s]; relative errors of ``gear[i]``,
-        ``motor_gain[i]`` and of the gains of a law without memory, by their names. No compliance and backlash
-        where the rig knows no motor inertia, or D falls short of it.
-    gains, gain_steps : (2n,) numpy.ndarray
-        Observer gains to begin with, and steps of their central differences.
-    gain_bounds : (2n, 2) numpy.ndarray
-    least : (e,) numpy.ndarray
-        The least that each of `extra` can be: friction is not negative, less than none nothing gives or lags.
-    weights, scales : (M,) numpy.ndarray
-        As of `Prediction`.
+    Attributes: `unknown`: what `innovations` takes values for: the given names, observer gains, then `extra`. `extra`:
+    what the rig may leave out, or have wrong, zero where it is right: ``compliance[i]``, one over the square of the
+    locked-rotor resonance [1/Hz^2]; ``backlash[i]`` [rad]; ``viscous[i]`` and ``coulomb[i]``, friction beyond the
+    rig's, motor side [N m s/rad, N m]; ``lag`` of the currents [s]; relative errors of ``gear[i]``, ``motor_gain[i]``
+    and of the gains of a law without memory, by their names. No compliance and backlash where the rig knows no motor
+    inertia, or D falls short of it. `gains`, `gain_steps` (2n,): observer gains to begin with, and steps of their
+    central differences. `gain_bounds` (2n, 2). `least` (e,): the least that each of `extra` can be: friction is not
+    negative, less than none nothing gives or lags. `weights`, `scales` (M,): as of `Prediction`.
     """
 
     def __init__(

@@ -99,10 +99,7 @@ class Followed(Experiment):
     ) -> list[NDArray[np.float64]]:
         """Counts (N, n) of the logs that the model itself makes with values, its encoders shifted (n,) and rounding.
 
-        Raises
-        ------
-        ValueError
-            An arm that diverges.
+        Raises a ValueError: an arm that diverges.
         """
         if self._rounding is None:
             self._rounding = Rounding(self.loop, self.record)

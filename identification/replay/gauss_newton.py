@@ -34,17 +34,9 @@ _LAGS = 50
 class Solution:
     """What `gauss_newton` found.
 
-    Attributes
-    ----------
-    values : (k,) numpy.ndarray
-    covariance : (k, k) numpy.ndarray
-    residual : (M,) numpy.ndarray
-    rms_innovation : float
-        Root mean square of the innovations, weights divided out [pulses].
-    varied : (v,) numpy.ndarray
-        Places of the unknowns that were varied.
-    slopes : (M, v) numpy.ndarray
-        Of the weighted and scaled innovations, by these.
+    `values` (k,). `covariance` (k, k). `residual` (M,). `rms_innovation`: root mean square of the innovations, weights
+    divided out [pulses]. `varied` (v,): places of the unknowns that were varied. `slopes` (M, v): of the weighted and
+    scaled innovations, by these.
     """
 
     values: NDArray[np.float64]
@@ -66,27 +58,11 @@ def gauss_newton(
 ) -> Solution:
     """Least sum of squared innovations.
 
-    Parameters
-    ----------
-    prediction : Prediction
-        Or anything else with its `innovations`, `all_innovations`, `unknown`, `weights` and `scales`.
-    start : (k,) array_like
-    step : (k,) array_like
-        Of the central differences; zero leaves an unknown as it is.
-    bounds : (k, 2) array_like
-        Values stay inside.
-    rounds : int
-    tolerance : float
-        Relative decrease of the sum below which the search ends.
+    `prediction`: or anything else with its `innovations`, `all_innovations`, `unknown`, `weights` and `scales`. `start`
+    (k,). `step` (k,): of the central differences; zero leaves an unknown as it is. `bounds` (k, 2): values stay inside.
+    `tolerance`: relative decrease of the sum below which the search ends.
 
-    Returns
-    -------
-    Solution
-
-    Raises
-    ------
-    ValueError
-        A start that diverges, or unknowns that are not separately identifiable (with names).
+    Raises a ValueError: a start that diverges, or unknowns that are not separately identifiable (with names).
     """
     bounds, step = np.asarray(bounds, float), np.array(step, float)
     values = np.clip(start, *bounds.T)

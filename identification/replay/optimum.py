@@ -24,18 +24,9 @@ _OWN = 1e-3
 class Optimum:
     """Where the sum of squared innovations is least.
 
-    Attributes
-    ----------
-    model : Extended
-    values : (k,) numpy.ndarray
-    innovations : (M,) numpy.ndarray
-        Weighted.
-    rates : (v, M) numpy.ndarray
-        Their changes per step of the varied unknowns.
-    made : (r, v) numpy.ndarray
-        What orthonormal directions are of these changes.
-    unknown : int
-        How many of the varied unknowns, the first, are not observer gains.
+    `values` (k,). `innovations` (M,): weighted. `rates` (v, M): their changes per step of the varied unknowns. `made`
+    (r, v): what orthonormal directions are of these changes. `unknown`: how many of the varied unknowns, the first, are
+    not observer gains.
     """
 
     model: Extended
@@ -73,10 +64,7 @@ def fitted(
 ) -> Optimum:
     """Gauss-Newton from values (k,), with steps (k,) of the central differences; zero leaves an unknown as it is.
 
-    Raises
-    ------
-    ValueError
-        Values with which the model does not follow the log.
+    Raises a ValueError: values with which the model does not follow the log.
     """
     step, values = step.copy(), np.clip(values, *bounds.T)
     varied, innovations = np.flatnonzero(step), model.innovations(values)

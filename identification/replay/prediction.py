@@ -56,37 +56,18 @@ _POSITION, _SPEED = (1e-3, 0.9), (1e-7, 0.5)
 class Prediction:
     """Innovations of a model that follows records.
 
-    Parameters
-    ----------
-    dynamics : Dynamics
-    records : Record or sequence of Record
-    unknown : sequence of str
-        All of f, and numbers of rig and law; by default f.
-    simulated : bool
-        Without correction: simulated, not predicted.
-    zeros : bool
-        Where the joints are when their counters say zero is unknown, in each record anew.
-    memories : sequence of Memory or None, optional
-        Of each record, in which directions the state of its law before the log is unknown; None where it is known.
-    steady : bool
-        Leave out samples while a joint is slow, and for a while after it: on elastic gears single counts are felt.
-    steps_per_sample, sweeps, threads
-        As for `Objective`.
+    `unknown`: all of f, and numbers of rig and law; by default f. `simulated`: without correction: simulated, not
+    predicted. `zeros`: where the joints are when their counters say zero is unknown, in each record anew. `memories`:
+    of each record, in which directions the state of its law before the log is unknown; None where it is known.
+    `steady`: leave out samples while a joint is slow, and for a while after it: on elastic gears single counts are
+    felt. `steps_per_sample`, `sweeps`, `threads`: as for `Objective`.
 
-    Attributes
-    ----------
-    unknown : tuple of str
-        What `innovations` takes values for: the given names, then those of the *nuisances*: observer gains
-        (``correction.position[0]`` and so on), the zeros of each record, and what its law remembered (``memory``).
-    nuisances, nuisance_steps : (m,) numpy.ndarray
-        Their values to begin with, and steps of their central differences; zero for one that is kept.
-    nuisance_bounds : (m, 2) numpy.ndarray
-    weights : (M,) numpy.ndarray
-        Weight of each innovation: the root of the independent readings that its sample gives.
-    scales : (M,) numpy.ndarray
-        What each innovation is divided by; 1 [pulse] until `reweigh`.
-    evaluations : int
-        Simulations so far.
+    Attributes: `unknown`: what `innovations` takes values for: the given names, then those of the *nuisances*: observer
+    gains (``correction.position[0]`` and so on), the zeros of each record, and what its law remembered (``memory``).
+    `nuisances`, `nuisance_steps` (m,): their values to begin with, and steps of their central differences; zero for one
+    that is kept. `nuisance_bounds` (m, 2). `weights` (M,): weight of each innovation: the root of the independent
+    readings that its sample gives. `scales` (M,): what each innovation is divided by; 1 [pulse] until `reweigh`.
+    `evaluations`: simulations so far.
     """
 
     def __init__(
@@ -175,10 +156,7 @@ class Prediction:
 
         What the model lacks differs between records; the one that it follows worst must not dominate the sum.
 
-        Returns
-        -------
-        bool
-            Whether scales have changed: not while all are followed about equally well.
+        Returns whether scales have changed: not while all are followed about equally well.
         """
         rms = []
         for followed, own in self._each(values):
@@ -208,10 +186,7 @@ class Prediction:
         Shifts (L, R, n) [pulses] are those of the encoders of each record, for L logs of each. Innovations of records
         that did not feel rounding are zero.
 
-        Raises
-        ------
-        ValueError
-            An arm that diverges.
+        Raises a ValueError: an arm that diverges.
         """
         of_record = list[list[NDArray[np.float64]]]()
         for (followed, own), moved in zip(self._each(values), np.swapaxes(shifts, 0, 1), strict=True):

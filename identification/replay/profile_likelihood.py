@@ -53,25 +53,12 @@ class _Point:
 class Profile:
     """The sum of squared innovations along one coordinate.
 
-    Parameters
-    ----------
-    prediction : Prediction, or Resonances
-    best : (k,) numpy.ndarray
-        Coordinates of the best fit.
-    change : (M, v) numpy.ndarray
-        Of the innovations there, per step of the varied coordinates (v,).
-    step : (k,) numpy.ndarray
-        Those steps; zero where a coordinate is not varied.
-    bounds : (k, 2) numpy.ndarray
-    place : int
-        Of the one.
-    final : bool
-        Go on where a lower sum is met.
+    `best` (k,): coordinates of the best fit. `change` (M, v): of the innovations there, per step of the varied
+    coordinates (v,). `step` (k,): those steps; zero where a coordinate is not varied. `bounds` (k, 2). `place`: of the
+    one. `final`: go on where a lower sum is met.
 
-    Attributes
-    ----------
-    better : (k,) numpy.ndarray or None
-        Coordinates with a lower sum than the best fit, if some were met on the way; unless `final`, a walk ends there.
+    Attributes: `better` (k,) or None: coordinates with a lower sum than the best fit, if some were met on the way;
+    unless `final`, a walk ends there.
     """
 
     def __init__(
@@ -101,10 +88,7 @@ class Profile:
     def end(self, distance: float, level: float, limit: float) -> float:
         """Where the sum has risen by the level, on the way from the best fit to a limit; the limit if nowhere.
 
-        Parameters
-        ----------
-        distance : float
-            To be tried first, signed.
+        `distance`: to be tried first, signed.
         """
         start, sign = self._best.z[self._place], np.sign(limit - self._best.z[self._place])
         reach = abs(limit - start)

@@ -58,10 +58,7 @@ def link_inertia(dynamics: Dynamics, rig: Rig, pose: ArrayLike) -> tuple[NDArray
 def on_gears(record: Record) -> Record:
     """The same record on elastic gears, where its rig says nothing of them; their numbers say nothing yet.
 
-    Raises
-    ------
-    ValueError
-        A motor without inertia.
+    Raises a ValueError: a motor without inertia.
     """
     rig, rotors = record.rig, record.rig.drive.reflected_inertia()
     if rig.drive.elasticity is not None:
@@ -77,11 +74,7 @@ def on_gears(record: Record) -> Record:
 class Start(NamedTuple):
     """Where a search begins.
 
-    Attributes
-    ----------
-    coordinates, steps : (k,) numpy.ndarray
-        Steps of central differences, zero where a coordinate is not varied.
-    bounds : (k, 2) numpy.ndarray
+    `coordinates`, `steps` (k,): steps of central differences, zero where a coordinate is not varied. `bounds` (k, 2).
     """
 
     coordinates: NDArray[np.float64]
@@ -92,25 +85,12 @@ class Start(NamedTuple):
 class Resonances:
     """A `Prediction` in coordinates of resonances, as `gauss_newton` takes it.
 
-    Parameters
-    ----------
-    prediction : Prediction
-    dynamics : Dynamics
-    rig : Rig
-        With elasticity; what is not unknown of it is as here.
-    pose : (n,) array_like
-        At which the resonances are meant [rad].
-    kept : iterable of str
-        Unknowns that stay as they are, in values.
-    measured : (2, n) array_like, optional
-        Compliances on the shafts and their standard deviations [rad/(N m)], where link sensors gave them.
+    `rig`: with elasticity; what is not unknown of it is as here. `pose` (n,): at which the resonances are meant [rad].
+    `kept`: unknowns that stay as they are, in values. `measured` (2, n): compliances on the shafts and their standard
+    deviations [rad/(N m)], where link sensors gave them.
 
-    Attributes
-    ----------
-    stiffness, damping : dict
-        Joint -> place of its coordinate.
-    noise : float
-        By which what is known beside the innovations is weighed, so that all are of one variance; see `settle`.
+    Attributes: `stiffness`, `damping`: joint -> place of its coordinate. `noise`: by which what is known beside the
+    innovations is weighed, so that all are of one variance; see `settle`.
     """
 
     def __init__(

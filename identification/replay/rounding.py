@@ -26,13 +26,7 @@ _AT_ONCE = 1 << 13
 
 
 class Rounding(Experiment):
-    """The loop of a record, as `loop` has it, without correction and with rounding.
-
-    Parameters
-    ----------
-    loop : ClosedLoop
-    record : Record
-    """
+    """The loop of a record, as `loop` has it, without correction and with rounding."""
 
     def __init__(self, loop: ClosedLoop, record: Record) -> None:
         rig, n = record.rig, record.n
@@ -56,10 +50,7 @@ class Rounding(Experiment):
     ) -> list[NDArray[np.float64]]:  # fmt: skip
         """Counts (N, n) from a start, with numbers (k,) of these names, for encoders shifted by so many pulses (n,).
 
-        Raises
-        ------
-        ValueError
-            An arm that diverges.
+        Raises a ValueError: an arm that diverges.
         """
         own, n = self.numbers.copy(), self.loop.n
         places = {name: i for i, name in enumerate(self.loop.number_names)}

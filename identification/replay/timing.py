@@ -30,10 +30,7 @@ def delay_of(
 ) -> tuple[float, float]:
     """How many samples late the counts of records are, against a simulation with these values; and its deviation.
 
-    Returns
-    -------
-    delay, std : float
-        [samples]; a positive delay is a count that is read too late.
+    Returns delay, std: [samples]; a positive delay is a count that is read too late.
     """
     prediction = Prediction(dynamics, records, unknown, simulated=True, **options)
     difference = prediction.innovations(values)

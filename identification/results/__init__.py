@@ -2,5 +2,5 @@
 
 Read `identification`, `diagnostics`, `trust` (warnings), `plots`; for what contradicts the model `alternatives` and
 `trials` (tests), `stepwise` (one after another), `detection` (the result); `physical` and `oscillation` stand
-alone. `model_files` writes inertials back (`to_write`, `realised`: bodies that have f; `nearest_bodies`: the search).
+alone. `model_files` writes inertials back (`realised`: bodies that have f; `nearest_bodies`: the search).
 """

@@ -94,11 +94,7 @@ class Sign(Shown, Frozen):
 def signs(at: Optimum, effects: dict[str, NDArray[np.float64]]) -> list[Sign]:
     """All alternatives, where the sum of squares is least; of lag and delay nothing where the path is rounded.
 
-    Parameters
-    ----------
-    at : Optimum
-    effects : dict
-        From `effects_of`.
+    `effects`: from `effects_of`.
     """
     if any(map(is_rounded, at.model.records)):  # straight lines through counts lag by half a pulse
         effects = {name: row for name, row in effects.items() if name not in ("lag", "delay")}

@@ -8,24 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.labels import short_names
+from identification.equation_error.naming import short_names
 from identification.planning.budget import pulse_budget
-from identification.results.assumed import Assumed
+from identification.results.assumed import Assumed, moved_by_lengths
 from identification.results.diagnostics import Diagnostics
 from identification.results.doubts import doubts
-from identification.results.lengths import moved_by_lengths
 from identification.results.plots import plot_identification
 from identification.results.summary import said_of
 from identification.results.trust import warnings_of
-from identification.search.gear_resonance import GearResonance
-from identification.search.genetic import GeneticSettings
-from identification.search.outcome import Fit
-from identification.search.search import Search
+from identification.search.outcome import Fit, Search
 from plant import Arm, Law, Record, Rig
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.saved import Saved, fingerprint
-from plant.parts.shown import Piece, Shown
+from plant.parts.shown import Piece, Shown, as_text
 
 
 @kept
@@ -77,15 +73,10 @@ class Identification(Shown, Saved, Frozen):
     search: Search
     diagnostics: Diagnostics
 
-    @property
-    def version(self) -> str:
-        """Of the library that found it."""
-        return self.versions["onepulse"]
-
     def provenance(self) -> dict[str, Any]:
         """Logs by their fingerprints, method, seed and warnings, and the versions that found it."""
         logs = {name: [fingerprint(log) for log in getattr(self, name)] for name in ("records", "held_out")}
-        search = {"method": self.method, "seed": self.seed, "warnings": self.warnings}
+        search = {"method": self.search.method, "seed": self.search.seed, "warnings": self.warnings}
         return {"versions": dict(self.versions)} | logs | search
 
     # -- the everyday attributes of the groups -------------------------------------------------------------------
@@ -93,16 +84,6 @@ class Identification(Shown, Saved, Frozen):
     def f(self) -> NDArray[np.float64]:
         """Parameters (p,) of the arm."""
         return self.arm.f
-
-    @property
-    def unknown(self) -> tuple[str, ...]:
-        """Names (k) of what was searched."""
-        return self.fit.unknown
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        """What was found for the unknowns (k,)."""
-        return self.fit.values
 
     @property
     def candidates(self) -> NDArray[np.float64]:
@@ -113,16 +94,6 @@ class Identification(Shown, Saved, Frozen):
     def covariance(self) -> NDArray[np.float64] | None:
         """Covariance (k, k) of the values; None where the method provides none."""
         return self.fit.covariance
-
-    @property
-    def std(self) -> NDArray[np.float64]:
-        """Standard deviations (k,) of the values; a ValueError where there is no covariance."""
-        return self.fit.std
-
-    @property
-    def resonance(self) -> GearResonance | None:
-        """Resonances of elastic gears, with intervals; None on rigid ones. Print it."""
-        return self.fit.resonance
 
     @property
     def objective(self) -> float:
@@ -145,21 +116,6 @@ class Identification(Shown, Saved, Frozen):
         return self.search.history
 
     @property
-    def method(self) -> str:
-        """Of the search; see `identify`."""
-        return self.search.method
-
-    @property
-    def seed(self) -> int:
-        """Of the search."""
-        return self.search.seed
-
-    @property
-    def settings(self) -> GeneticSettings:
-        """Of the genetic algorithm."""
-        return self.search.settings
-
-    @property
     def evaluations(self) -> int:
         """Simulated experiments."""
         return self.search.evaluations
@@ -178,7 +134,7 @@ class Identification(Shown, Saved, Frozen):
     @property
     def short_names(self) -> tuple[str, ...]:
         """Names (k) of the unknowns for tables and figures; ``arm.dynamics.legend`` says what they mean."""
-        return short_names(self.arm.dynamics, self.unknown)
+        return short_names(self.arm.dynamics, self.fit.unknown)
 
     def bound(self) -> NDArray[np.float64]:
         """Cramer-Rao bound (k,): the least standard deviation of any method on the first record, from rounding alone.
@@ -197,9 +153,9 @@ class Identification(Shown, Saved, Frozen):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # gears that are stiffer than sub-steps follow are found as good as rigid
             budget = pulse_budget(
-                self.arm, self.rig, self.law, record.reference, unknown=self.unknown, duration=seconds
+                self.arm, self.rig, self.law, record.reference, unknown=self.fit.unknown, duration=seconds
             )
-        return np.where(self.std > 0, budget.bound, 0.0)
+        return np.where(self.fit.std > 0, budget.bound, 0.0)
 
     def assumed(self) -> Assumed:
         """What one log cannot reveal: by how much 1 % of each assumed number moves each value.
@@ -215,27 +171,33 @@ class Identification(Shown, Saved, Frozen):
         if not moves or self.covariance is None:
             reason = self.fit.fallback_reason or self.diagnostics.detection.reason or "the fit did not follow the log"
             raise ValueError(f"found must have a covariance; it has none: {reason}. State one, or log another motion.")
-        moves |= moved_by_lengths(self.arm, self.records[0], self.unknown)
-        return Assumed(names=tuple(moves), unknown=self.short_names, moves=np.array(list(moves.values())), std=self.std)
+        moves |= moved_by_lengths(self.arm, self.records[0], self.fit.unknown)
+        return Assumed(
+            names=tuple(moves), unknown=self.short_names, moves=np.array(list(moves.values())), std=self.fit.std
+        )
 
     @property
     def warnings(self) -> list[str]:
         """What a user should know before trusting the values, one line each."""
         return warnings_of(self)
 
-    def summary(self) -> str:
-        """A table: each value, its standard deviation, the bound, its 95 % interval, its largest correlation."""
-        return str(self)
+    def summary(self, *, full: bool = False) -> str:
+        """What `print` shows: of many unknowns one screen.
+
+        Full: each value with its standard deviation, the bound, its 95 % interval and its largest correlation; by how
+        much each assumed number moves it; what the names of parameters mean.
+        """
+        return as_text(said_of(self, full))
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
         """Draw errors, innovations, spectrum and intervals; as `ctc.plot_identification`."""
         return plot_identification(self, ax)
 
     def _shown(self) -> Iterable[Piece]:
-        return said_of(self)
+        return said_of(self, False)
 
     def _short(self) -> str:
         count, fallback = len(doubts(self)), self.fit.fallback_reason
         doubtful = f", {count} warning{'s' * (count > 1)}" if count else ""
-        went = f"{self.method}, {self.objective:.0f} pulses^2, {self.evaluations} evaluations"
-        return f"{len(self.values)} values, {went}{', a fallback' * bool(fallback)}{doubtful}"
+        went = f"{self.search.method}, {self.objective:.0f} pulses^2, {self.evaluations} evaluations"
+        return f"{len(self.fit.values)} values, {went}{', a fallback' * bool(fallback)}{doubtful}"

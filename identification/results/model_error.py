@@ -34,24 +34,11 @@ _BY_KIND = {"viscous": "friction", "coulomb": "friction"}
 class Doubt:
     """Where the innovations are least, and what is known of the model there.
 
-    Attributes
-    ----------
-    at, first : Optimum
-        With what was named, and before.
-    step : (m,) numpy.ndarray
-        Of the values; zero for one that is not varied.
-    keep : sequence of int
-        Which of the unknowns its first values are.
-    unknown : int
-        Number of the unknowns.
-    searched : int
-        Number of the innovations of the records that were searched, the first.
-    effects : dict
-        Change of the innovations (M,) with each of what the rig leaves out, or may have wrong.
-    efforts : (2, n) numpy.ndarray
-        Torque [N m] and speed [rad/s] of each motor (rms).
-    apart : bool
-        Whether the records contradict each other.
+    `at`, `first`: with what was named, and before. `step` (m,): of the values; zero for one that is not varied. `keep`:
+    which of the unknowns its first values are. `unknown`: number of the unknowns. `searched`: number of the innovations
+    of the records that were searched, the first. `effects`: change of the innovations (M,) with each of what the rig
+    leaves out, or may have wrong. `efforts` (2, n): torque [N m] and speed [rad/s] of each motor (rms). `apart`:
+    whether the records contradict each other.
     """
 
     at: Optimum
@@ -119,10 +106,7 @@ class Doubt:
 def priors(tolerances: Tolerances, names: Sequence[str], efforts: NDArray[np.float64]) -> dict[str, float]:
     """Standard deviation of each of these numbers of `Extended` before the log; none of what has no tolerance.
 
-    Parameters
-    ----------
-    efforts : (2, n) numpy.ndarray
-        Torque [N m] and speed [rad/s] of each motor (rms).
+    `efforts` (2, n): torque [N m] and speed [rad/s] of each motor (rms).
     """
     torque, speed = efforts
     scales = {"offset": torque, "coulomb": torque, "viscous": torque / speed}
@@ -145,18 +129,9 @@ def consider(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Change (v,) of the unknowns if what is in `prior` were fitted too, and what that adds to their covariance (v, v).
 
-    Parameters
-    ----------
-    rates : (v, M) numpy.ndarray
-        Change of the innovations with each unknown.
-    residual : (M',) numpy.ndarray
-        Innovations of the first M' rows, those that were fitted.
-    prior : dict
-        Standard deviations, by name; inf of what has none.
-    effects : dict
-        Change of the innovations (M,) with each.
-    unit : float
-        Variance of the innovations.
+    `rates` (v, M): change of the innovations with each unknown. `residual` (M',): innovations of the first M' rows,
+    those that were fitted. `prior`: standard deviations, by name; inf of what has none. `effects`: change of the
+    innovations (M,) with each. `unit`: variance of the innovations.
     """
     own, count = rates[:, : len(residual)].T, len(rates)
     names = [name for name in prior if np.isfinite(effects[name]).all()]

@@ -1,4 +1,4 @@
-"""Identified inertials written back into the model file that an arm came from: `write_urdf`, `write_mjcf`."""
+"""Identified inertials written back into the model file that an arm came from: `write_model`."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping
@@ -9,20 +9,25 @@ from numpy.typing import NDArray
 
 from identification.results.identification import Identification
 from identification.results.physical import Physical
-from identification.results.realised import Realised, matching_joints
-from identification.results.to_write import bodies_of, given, prior_bodies
+from identification.results.realised import Realised, bodies_of, matching_joints
 from plant import Arm, Body, Drive
 from plant.mechanics.lumping import STANDARD
 from plant.mechanics.mjcf_file import read_mjcf
 from plant.mechanics.model_tree import ModelFile
 from plant.mechanics.urdf_file import is_xacro, read_urdf
 from plant.mechanics.xml_file import Edit, Element, parsed, spliced
-from plant.models.edits import mjcf_inertial, mjcf_joint, urdf_friction, urdf_inertial
+from plant.models.edits import mjcf_inertial, mjcf_joint, mjcf_text, urdf_friction, urdf_inertial
 from plant.parts.arguments import known_options
 from plant.parts.files import require_new, write_whole
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
+
+_READERS = {"robot": read_urdf, "mujoco": read_mjcf}
+"""Root of a model file -> its reader."""
+
+_MJCF = (".xml", ".mjcf")
+"""Suffixes of a target that is MJCF, whatever its source is."""
 
 _SAME = 1e-13
 """Relative change of a body below which its bytes stay."""
@@ -61,7 +66,7 @@ class WrittenModel(Shown, Frozen):
 
 
 @known_options
-def write_urdf(
+def write_model(
     found_or_arm: Identification | Physical | Arm,
     source: str | Path,
     target: str | Path,
@@ -71,26 +76,28 @@ def write_urdf(
     friction: bool = True,
     overwrite: bool = False,
 ) -> WrittenModel:
-    """Write a URDF file with the inertials of an arm; every byte that is not one of these numbers stays.
+    """Write a URDF or MJCF file with the inertials of an arm; every byte that is not one of these numbers stays.
 
     The bodies have f, and are otherwise nearest to the prior in the log-det divergence of their pseudo-inertias: what f
     does not determine is the prior's. Bodies on fixed joints change with the link that carries them, each in proportion
-    to what it is. Rotor inertias are in no body, since URDF has no place for them: the file's torque is the arm's
-    without ``rotors * qdd``.
+    to what it is. Rotor inertias are MJCF's ``armature``. URDF has no place for them: its torque is the arm's without
+    ``rotors * qdd``.
 
     Parameters
     ----------
     found_or_arm : Identification, Physical or Arm
-        Whose chain is of this file (`Chain.from_urdf`).
+        Whose chain is of this file (`Chain.from_urdf`, `Chain.from_mjcf`).
     source, target : str or Path
-        The file to start from, and the one to write.
+        The file to start from, and the one to write. From a URDF file, a target with the suffix .xml or .mjcf becomes
+        MJCF: bodies, joints, limits and inertials without shapes, joints that the arm does not have fixed at zero.
     prior : str, Path or mapping of str to Body, optional
-        Another URDF file with the same links, or bodies of links in their frames; by default the source's own.
+        Another model file with the same links, or bodies of links in their frames; by default the source's own.
     nearest : bool
         Write the nearest f that bodies can have where they cannot have this one, with a warning that says by how much
         it differs; in standard deviations where they are known, otherwise relative.
     friction : bool
-        Of an Identification, write its viscous and Coulomb friction into <dynamics>, joint side.
+        Of an Identification, write its viscous and Coulomb friction, joint side: <dynamics> of URDF, ``damping`` and
+        ``frictionloss`` of MJCF.
     overwrite : bool
         Replace a target that is there.
 
@@ -101,115 +108,86 @@ def write_urdf(
     Raises
     ------
     ValueError
-        A source that does not describe the arm, f that no bodies have, a target that is there.
+        A source that does not describe the arm, f that no bodies have, a target that is there; an inertial in a file
+        that is included; coupled motors, for which MJCF has no armature.
 
     See Also
     --------
-    identification.write_mjcf, identification.nearest_physical, plant.Chain, plant.check_model
+    identification.nearest_physical, plant.check_model
 
     Examples
     --------
     >>> from plant import Chain, Dynamics, read_robot
-    >>> from identification import write_urdf
+    >>> from identification import write_model
     >>> source = read_robot("ur5e").model
     >>> dynamics = Dynamics.from_chain(Chain.from_urdf(source, joints=["shoulder_lift", "elbow"]))
     >>> arm = dynamics.arm(dynamics.f())
-    >>> written = write_urdf(arm, source, "new.urdf")
+    >>> written = write_model(arm, source, "new.urdf")
     >>> list(written.bodies)
     ['upper_arm', 'forearm', 'wrist_1', 'wrist_2', 'wrist_3']
     """
     path = require_new(target, overwrite)
-    model, before = read_urdf(source), prior_bodies(prior, read_urdf)
-    if is_xacro(parsed(source, "robot", "URDF")[0]):
+    model, root = _read(source)
+    if is_xacro(root):
         raise ValueError(f"source must be a URDF file; {source} is xacro. Expand it first.")
-    arm, drive = given(found_or_arm, friction)
-    got = bodies_of(found_or_arm, arm, model, before, nearest, np.zeros(arm.n))
-    edits: list[Edit] = []
-    for link, body in _changed(model, got):
-        edits += urdf_inertial(model.data, model.links[link], body)
-    if drive is not None:
-        for i, joint in enumerate(matching_joints(arm, model)):
-            levels = _friction(drive, i)
-            if joint.element is not None and levels is not None:
-                edits += urdf_friction(model.data, joint.element, *levels)
-    return _write(path, model, edits, arm, got)
-
-
-@known_options
-def write_mjcf(
-    found_or_arm: Identification | Physical | Arm,
-    source: str | Path,
-    target: str | Path,
-    *,
-    prior: str | Path | Mapping[str, Body] | None = None,
-    nearest: bool = False,
-    friction: bool = True,
-    overwrite: bool = False,
-) -> WrittenModel:
-    """Write an MJCF file with the inertials of an arm; as `write_urdf`, with rotors in ``armature``.
-
-    Parameters
-    ----------
-    found_or_arm : Identification, Physical or Arm
-        Whose chain is of this file (`Chain.from_mjcf`).
-    source, target : str or Path
-    prior : str, Path or mapping of str to Body, optional
-    nearest, friction, overwrite : bool
-        Friction goes into ``damping`` and ``frictionloss``.
-
-    Returns
-    -------
-    WrittenModel
-
-    Raises
-    ------
-    ValueError
-        As for `write_urdf`; an inertial in a file that is included; coupled motors, for which MJCF has no armature.
-
-    See Also
-    --------
-    identification.write_urdf, plant.Chain
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from plant import Chain, Dynamics
-    >>> from identification import write_mjcf
-    >>> inertial = '<inertial pos="0.2 0 0" mass="3" diaginertia="0.1 0.1 0.2"/>'
-    >>> body = f'<body name="arm"><joint name="pivot" axis="0 1 0"/>{inertial}</body>'
-    >>> _ = Path("arm.xml").write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
-    >>> dynamics = Dynamics.from_chain(Chain.from_mjcf("arm.xml"))
-    >>> written = write_mjcf(dynamics.arm(dynamics.f()), "arm.xml", "new.xml")
-    >>> list(written.bodies)
-    ['arm']
-    """
-    path = require_new(target, overwrite)
-    model, before = read_mjcf(source), prior_bodies(prior, read_mjcf)
-    arm, drive = given(found_or_arm, friction)
+    arm, drive = _given(found_or_arm, friction)
     joints = matching_joints(arm, model)
-    got = bodies_of(found_or_arm, arm, model, before, nearest, np.array([joint.armature for joint in joints]))
+    got = bodies_of(found_or_arm, arm, model, _prior_bodies(prior), nearest, np.array([j.armature for j in joints]))
+    levels = None if drive is None or drive.coupling.matrix else (drive.joint_viscous(), drive.joint_coulomb())
+    if root.tag == "robot" and path.suffix not in _MJCF:
+        edits = _urdf_edits(model, got)
+        for i, joint in enumerate(joints):
+            if joint.element is not None and levels is not None:
+                edits += urdf_friction(model.data, joint.element, float(levels[0][i]), float(levels[1][i]))
+        return _write(path, spliced(model.data, edits), arm, got)
     if arm.dynamics.chain.coupling.matrix and got.rotors.any():
         raise ValueError(
             "rotors must turn with joints of their own; the arm's are coupled, and MJCF has no such. Use URDF."
         )
-    edits: list[Edit] = []
-    for link, body in _changed(model, got):
-        edits += mjcf_inertial(model.data, _own(model, link), body)
+    values: dict[str, dict[str, float]] = {joint.name: {} for joint in joints}
     for i, (joint, rotor) in enumerate(zip(joints, got.rotors, strict=True)):
-        values = {"armature": float(rotor)} if abs(rotor - joint.armature) > _SAME * abs(rotor) else {}
-        if drive is not None and (levels := _friction(drive, i)) is not None:
-            values |= dict(zip(("damping", "frictionloss"), levels, strict=True))
-        if values and joint.element is not None:
+        if abs(rotor - joint.armature) > _SAME * abs(rotor):
+            values[joint.name]["armature"] = float(rotor)
+        if levels is not None:
+            values[joint.name] |= {"damping": float(levels[0][i]), "frictionloss": float(levels[1][i])}
+    if root.tag == "robot":
+        return _write(path, mjcf_text(model, got.bodies, values, arm.dynamics.chain.gravity), arm, got)
+    edits = [edit for link, body in _changed(model, got) for edit in mjcf_inertial(model.data, _own(model, link), body)]
+    for joint in joints:
+        if values[joint.name] and joint.element is not None:
             _own(model, joint.child)
-            edits += mjcf_joint(model.data, joint.element, values)
-    return _write(path, model, edits, arm, got)
+            edits += mjcf_joint(model.data, joint.element, values[joint.name])
+    return _write(path, spliced(model.data, edits), arm, got)
 
 
-def _friction(drive: Drive, joint: int) -> tuple[float, float] | None:
-    """Viscous and Coulomb friction of a joint, joint side; None where motors are coupled."""
-    if drive.coupling.matrix:
-        return None
-    return float(drive.joint_viscous()[joint]), float(drive.joint_coulomb()[joint])
+def _read(path: str | Path) -> tuple[ModelFile, Element]:
+    """A model file and its root."""
+    root, _ = parsed(path, None, "URDF or MJCF")
+    if root.tag not in _READERS:
+        raise ValueError(f"{path} must hold a <robot> or a <mujoco>; got <{root.tag}>. Give a URDF or MJCF file.")
+    return _READERS[root.tag](path), root
+
+
+def _prior_bodies(prior: str | Path | Mapping[str, Body] | None) -> Mapping[str, Body]:
+    """Bodies by link."""
+    if prior is None or isinstance(prior, Mapping):
+        return prior or {}
+    return {name: body for name, body in _read(prior)[0].bodies.items() if body is not None}
+
+
+def _given(found_or_arm: Identification | Physical | Arm, friction: bool) -> tuple[Arm, Drive | None]:
+    """The arm, and the drive whose friction is to be written."""
+    if isinstance(found_or_arm, Identification):
+        return found_or_arm.arm, found_or_arm.rig.drive if friction else None
+    arm = found_or_arm.arm if isinstance(found_or_arm, Physical) else found_or_arm
+    if not isinstance(arm, Arm):
+        got = type(found_or_arm).__name__
+        raise ValueError(f"found_or_arm must be what identify gave, or an Arm; got a {got}. Pass found, or found.arm.")
+    return arm, None
+
+
+def _urdf_edits(model: ModelFile, got: Realised) -> list[Edit]:
+    return [edit for link, body in _changed(model, got) for edit in urdf_inertial(model.data, model.links[link], body)]
 
 
 def _changed(model: ModelFile, got: Realised) -> list[tuple[str, Body]]:
@@ -231,7 +209,7 @@ def _own(model: ModelFile, link: str) -> Element:
     return element
 
 
-def _write(path: Path, model: ModelFile, edits: list[Edit], arm: Arm, got: Realised) -> WrittenModel:
-    write_whole(path, [spliced(model.data, edits)])
+def _write(path: Path, data: bytes, arm: Arm, got: Realised) -> WrittenModel:
+    write_whole(path, [data])
     f = arm.f if got.exact else got.f
     return WrittenModel(path=path, bodies=got.bodies, rotors=got.rotors, arm=arm.dynamics.arm(f), difference=f - arm.f)

@@ -66,17 +66,10 @@ def nearest_realisation(
 ) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]] | None:
     """Pseudo-inertias with this f, nearest to their priors.
 
-    Parameters
-    ----------
-    blocks : list of Block
-    f : (p,) numpy.ndarray
-    scale : (p, p) numpy.ndarray, optional
-        Whitening matrix of f: what is nearest where bodies cannot have f. Without it f must be met.
+    `f` (p,). `scale` (p, p): whitening matrix of f: what is nearest where bodies cannot have f. Without it f must be
+    met.
 
-    Returns
-    -------
-    list of (d, d) numpy.ndarray, and (p,) numpy.ndarray
-        Pseudo-inertias, and the f that they have; None where no bodies with f were found.
+    Returns pseudo-inertias, and the f that they have; None where no bodies with f were found.
     """
     A = np.column_stack([block.columns for block in blocks])
     problem = _Problem([block.size for block in blocks])

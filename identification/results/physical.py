@@ -85,7 +85,7 @@ def nearest_physical(found: Identification, boxes: ArrayLike, *, points: int = 5
 
     See Also
     --------
-    identification.write_urdf
+    identification.write_model
 
     Examples
     --------
@@ -108,7 +108,7 @@ def nearest_physical(found: Identification, boxes: ArrayLike, *, points: int = 5
             raise ValueError(f"boxes must have low <= high in x, y and z; that of {label} is reversed. Swap its ends.")
     if not isinstance(points, (int, np.integer)) or points < 2:
         raise ValueError(f"points must be a whole number of at least 2; got {points!r}. The default is 5.")
-    std = found.std  # refuses a fit without a covariance
+    whiten = whitening(found)
     width, matrix = len(STANDARD), np.array(dynamics.lumping.matrix)
     places, columns = [], []
     for i in range(n):
@@ -121,9 +121,6 @@ def nearest_physical(found: Identification, boxes: ArrayLike, *, points: int = 5
             columns.append(matrix @ pi)
     rotors = matrix[:, STANDARD.index("J") :: width]
     least = LEAST_MOTOR_INERTIA * found.rig.drive.reflected_inertia()
-    rows = [found.unknown.index(name) for name in dynamics.names]
-    covariance = np.asarray(found.covariance)[np.ix_(rows, rows)] + _RIDGE * np.max(std[rows] ** 2) * np.eye(dynamics.p)
-    whiten = np.linalg.inv(np.linalg.cholesky(covariance))
     every = np.column_stack([*columns, rotors])
     length = np.linalg.norm(whiten @ every, axis=0)
     length[length == 0] = 1.0
@@ -140,3 +137,11 @@ def _body(masses: list[tuple[float, NDArray[np.float64]]], rotor: float) -> Body
     for mass, place in masses:
         body = body.joined(Body(mass=float(mass), com=place))
     return dataclasses.replace(body, rotor=rotor)
+
+
+def whitening(found: Identification) -> NDArray[np.float64]:
+    """W with W C W' = 1, C the covariance of f; refused without one."""
+    rows = [found.fit.unknown.index(name) for name in found.arm.dynamics.names]
+    variance = found.fit.std[rows] ** 2
+    covariance = np.asarray(found.covariance)[np.ix_(rows, rows)] + _RIDGE * variance.max() * np.eye(len(rows))
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))

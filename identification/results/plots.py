@@ -1,5 +1,6 @@
 """Figures of results: errors, innovations, spectrum, intervals; the oscillation. matplotlib is imported when drawn."""
 
+import dataclasses
 import itertools
 from typing import Any
 
@@ -7,8 +8,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.replay.prediction import Prediction
-from identification.results.repeated import repeated
+from identification.search.memory import as_repeated
+from plant import Record, Resumed, replay
 from plant.parts.figures import BAND, LOGS, axes_of, colour_of, dressed, legend_above, literal
+from plant.simulation.logged_run import DivergenceError
+
+
+def repeated(found: Any) -> Record | None:
+    """The first record of an `Identification`, simulated with what was found; None where that diverges.
+
+    It begins as the record does, its law with the memory that was found: the run that `Diagnostics.difference` is of.
+    """
+    record, law = as_repeated(found.records[:1], found.fit.resumptions[:1])[0], found.law
+    if isinstance(record.law, Resumed):
+        law = dataclasses.replace(record.law, law=law)
+    try:
+        return replay(found.arm, record, rig=found.rig, law=law)
+    except DivergenceError:
+        return None
+
 
 _MEANING = 68
 """Letters of a parameter's meaning that a figure shows; `Dynamics.legend` has them all."""
@@ -24,25 +42,14 @@ def plot_identification(found: Any, ax: Any = None) -> NDArray[Any]:
     stretch of it, and the innovations. Then the spectrum of tracking errors and innovations, and half-widths of the
     95 % intervals, as shares of the values. A figure of its own says below what short names of parameters mean.
 
-    Parameters
-    ----------
-    found : Identification
-    ax : (3 n + 2,) array of matplotlib Axes, optional
-        Where to draw, joint by joint; a new figure by default.
+    `ax` (3 n + 2,): where to draw, joint by joint; a new figure by default.
 
-    Returns
-    -------
-    (3 n + 2,) numpy.ndarray of matplotlib Axes
-
-    Raises
-    ------
-    ValueError
-        Another number of Axes.
+    Raises a ValueError: another number of Axes.
     """
     dynamics, record, n = found.arm.dynamics, found.records[0], found.arm.n
-    axes = axes_of(ax, (3 * n + 2,), lambda: _new_axes(n, len(found.values), dynamics.legend.splitlines()), _ADVICE)
-    prediction = Prediction(dynamics, record, found.unknown)
-    left = prediction.innovations(np.append(found.values, prediction.nuisances)).reshape(-1, n)
+    axes = axes_of(ax, (3 * n + 2,), lambda: _new_axes(n, len(found.fit.values), dynamics.legend.splitlines()), _ADVICE)
+    prediction = Prediction(dynamics, record, found.fit.unknown)
+    left = prediction.innovations(np.append(found.fit.values, prediction.nuisances)).reshape(-1, n)
     model = repeated(found)
     for joint, label in enumerate(dynamics.chain.joint_labels):
         whole, stretch, rest = axes[3 * joint : 3 * joint + 3]
@@ -107,7 +114,7 @@ def draw_intervals(axis: Any, found: Any) -> None:
     if found.fit.noise_covariance is not None:
         kinds.append((found.fit.noise_covariance, "noise alone", ring))
     for covariance, label, style in kinds:
-        share = 196 * np.sqrt(np.diag(covariance)) / np.maximum(np.abs(found.values), np.finfo(float).tiny)
+        share = 196 * np.sqrt(np.diag(covariance)) / np.maximum(np.abs(found.fit.values), np.finfo(float).tiny)
         there = np.flatnonzero((share > 0) & (share < 1e6))  # not what is known, or a value of zero
         axis.scatter(share[there], there, zorder=3, label=label, **style)
     axis.set_xscale("log")
@@ -120,20 +127,9 @@ def draw_intervals(axis: Any, found: Any) -> None:
 def plot_oscillation(found: Any, ax: Any = None) -> NDArray[Any]:
     """Draw an `Oscillation`: errors measured and without it, one row per joint, and their spectrum below.
 
-    Parameters
-    ----------
-    found : Oscillation
-    ax : (n + 1,) array of matplotlib Axes, optional
-        Where to draw; a new figure by default.
+    `ax` (n + 1,): where to draw; a new figure by default.
 
-    Returns
-    -------
-    (n + 1,) numpy.ndarray of matplotlib Axes
-
-    Raises
-    ------
-    ValueError
-        Another number of Axes.
+    Raises a ValueError: another number of Axes.
 
     Source: paper Figs. 10-11.
     """

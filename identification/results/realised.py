@@ -1,4 +1,4 @@
-"""The bodies of a model file that have an arm's f: variables, equations, and what they come to."""
+"""The bodies of a model file that have what was identified: variables, equations, and what they come to."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -7,7 +7,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from identification.results.identification import Identification
 from identification.results.nearest_bodies import Block, basis, nearest_realisation
+from identification.results.physical import Physical, whitening
 from plant import Arm, Body
 from plant.mechanics.body import from_pseudo_inertia, pseudo_inertia
 from plant.mechanics.link import Link
@@ -15,6 +17,7 @@ from plant.mechanics.lumping import STANDARD
 from plant.mechanics.model_tree import ModelFile, ModelJoint, fixed_to, links_of_chain
 from plant.mechanics.placement import Placement
 from plant.parts.arguments import choice, instance
+from plant.parts.user_warning import warn
 
 _THIN = 0.03
 """Extent [m], root mean square, that a prior gets where it has none: a point mass, a rod."""
@@ -52,6 +55,38 @@ class _Inertial:
         return result
 
 
+def bodies_of(
+    found_or_arm: Identification | Physical | Arm,
+    arm: Arm,
+    model: ModelFile,
+    prior: Mapping[str, Body],
+    nearest: bool,
+    armature: NDArray[np.float64],
+) -> Realised:
+    """What is to be written, or a refusal."""
+    rotors, scale = armature, None
+    if isinstance(found_or_arm, Identification):
+        stated = found_or_arm.rig.drive.reflected_inertia()
+        rotors = np.where(stated > 0, stated, rotors)
+        scale = None if found_or_arm.covariance is None else whitening(found_or_arm)
+    elif arm.dynamics.chain.bodies:
+        stated = np.array([body.rotor for body in arm.dynamics.chain.bodies])
+        rotors = np.where(stated > 0, stated, rotors)
+    if isinstance(found_or_arm, Physical):
+        rotors = np.array([body.rotor for body in found_or_arm.bodies])
+    got = realised(arm, model, rotors, prior, scale)
+    if got.exact:
+        return got
+    difference = got.f - arm.f
+    names = arm.dynamics.names
+    text = ", ".join(f"{names[i]} {difference[i]:+.3g}" for i in np.argsort(-np.abs(difference))[:4])
+    unmet = "no bodies with positive density, and no rotors, were found to have these f"
+    if not nearest:
+        raise ValueError(f"f must be what bodies can have; {unmet}: the nearest differ by {text}. Pass nearest=True.")
+    warn(f"{unmet}; written are the nearest, which differ by {text}.")
+    return got
+
+
 def realised(
     arm: Arm,
     model: ModelFile,
@@ -61,21 +96,11 @@ def realised(
 ) -> Realised:
     """The bodies that have f of an arm, nearest to a prior; where none have it, those of the nearest f.
 
-    Parameters
-    ----------
-    arm : Arm
-    model : ModelFile
-    rotors : (n,) numpy.ndarray
-        Prior of the reflected rotor inertias [kg m^2].
-    prior : mapping of str to Body
-        Bodies of links, in their frames, instead of the file's.
-    scale : (p, p) numpy.ndarray, optional
-        Whitening matrix of f, for the nearest one; by default relative to what the prior's bodies give.
+    `rotors` (n,): prior of the reflected rotor inertias [kg m^2]. `prior`: bodies of links, in their frames, instead of
+    the file's. `scale` (p, p): whitening matrix of f, for the nearest one; by default relative to what the prior's
+    bodies give.
 
-    Raises
-    ------
-    ValueError
-        A file that does not describe this arm.
+    Raises a ValueError: a file that does not describe this arm.
     """
     joints = matching_joints(arm, model)
     for name in prior:
@@ -106,12 +131,7 @@ def realised(
 
 
 def matching_joints(arm: Arm, model: ModelFile) -> list[ModelJoint]:
-    """The file's joints of this arm; refused where the geometry is another one.
-
-    Raises
-    ------
-    ValueError
-    """
+    """The file's joints of this arm; refused where the geometry is another one."""
     chain = arm.dynamics.chain
     names = [link.name for link in chain.links]
     for name in names:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.motor_torque import torque_of
+from identification.equation_error.torque_logs import torque_of
 from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, fitted
 from identification.results.alternatives import Sign, delay_sign, effects_of, signs
@@ -55,15 +55,9 @@ def detect(
 ) -> Detection:  # fmt: skip
     """Test a fit to a problem.
 
-    Parameters
-    ----------
-    problem : Problem
-    fit : Fit
-        Where to begin; the model is fitted anew, to the records kept aside as well.
-    delay : float
-        Of the counts, if it is known already that one of this size [samples] is worth a trial.
-    rounding : (M,) numpy.ndarray, optional
-        Innovations of the records that were searched, as far as rounding makes them; see `Outcome`.
+    `fit`: where to begin; the model is fitted anew, to the records kept aside as well. `delay`: of the counts, if it is
+    known already that one of this size [samples] is worth a trial. `rounding` (M,): innovations of the records that
+    were searched, as far as rounding makes them; see `Outcome`.
     """
     try:
         tested = _Search(problem, fit)

@@ -1,40 +1,94 @@
 """What an identification shows: values, intervals, what contradicts the model, what was assumed."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from identification.results.doubts import doubts
 from plant.parts.shown import Aside, Piece, Verdict, Warned, inside
-from plant.parts.tables import Table
+from plant.parts.tables import WIDTH, Table
+
+_MANY = 20
+"""Unknowns up to which everything is shown; of more, what fits on a screen."""
+
+_WARNED = 5
+"""Warnings that a screen shows."""
 
 
-def said_of(found: Any) -> Iterator[Piece]:
-    """Of an `Identification`: its verdict, each value with its interval, what was tested, what was assumed."""
+def said_of(found: Any, full: bool) -> Iterator[Piece]:
+    """Of an `Identification`: its verdict, each value with its interval, what was tested, what was assumed.
+
+    Not full, and of many unknowns: their values side by side, and of the rest the most important.
+    """
+    full, warnings = full or len(found.fit.values) <= _MANY, found.warnings
     doubtful = len(doubts(found))
     count = f"{doubtful} warning{'s' * (doubtful > 1)}"
     clear = "Nothing in the log contradicts what was stated."
     yield Verdict(f"In doubt: {count}, below." if doubtful else clear, not doubtful)
-    yield f"{found.method}, {len(found.records)} record(s): {found.message}"
+    yield f"{found.search.method}, {len(found.records)} record(s): {found.message}"
     if found.held_out:
         named = ", ".join(record.name or f"a record of {len(record)} samples" for record in found.held_out)
         yield f"kept aside, and only repeated: {named}"
-    yield _values(found)
+    yield from [_values(found)] if full else _abreast(found)
     yield from inside(found.diagnostics)
     if found.fit.noise_covariance is not None:
         yield f"intervals count noise and {found.search.tolerances}"
     if found.covariance is not None and found.diagnostics.detection.assumed:
-        yield from inside(found.assumed())
+        yield from inside(found.assumed()) if full else _most_moved(found)
     if any(_torque_of_law(record) for record in found.records):
         yield (
             "the torque is the stated law's, none was logged: if all its gains are 1 % larger, f is 1 % larger, and "
             "friction that is unknown"
         )
-    if found.resonance is not None:
-        yield from inside(found.resonance)
-    yield Warned(found.warnings)
-    yield Aside("What the parameters mean", found.arm.dynamics.legend.splitlines())
+    if found.fit.resonance is not None:
+        yield from inside(found.fit.resonance)
+    yield Warned(warnings if full else warnings[:_WARNED])
+    if full:
+        yield Aside("What the parameters mean", found.arm.dynamics.legend.splitlines())
+        return
+    more = f"{len(warnings) - _WARNED} more warnings, " if len(warnings) > _WARNED else ""
+    yield (
+        f"{more}95 % intervals, bounds, correlations, and what the names of parameters mean: "
+        "print(found.summary(full=True))"
+    )
+
+
+def _abreast(found: Any) -> Iterator[Table]:
+    """Values and standard deviations, those of f and then the others, in as many columns as a line holds."""
+    std = [0.0] * len(found.fit.values) if found.covariance is None else found.fit.std
+    rows = list(zip(found.fit.unknown, found.short_names, found.fit.values, std, strict=True))
+    for of_f in (True, False):
+        cells = [
+            (short, f"{value:.4g}", f"+- {own:.2g}" if own > 0 else "known" * (found.covariance is not None))
+            for name, short, value, own in rows
+            if (name in found.arm.dynamics.names) == of_f
+        ]
+        tables = [_in_columns(cells, columns) for columns in (4, 3, 2, 1)]
+        fits = [table for table in tables if max(map(len, table.lines(10 * WIDTH)), default=0) <= WIDTH]
+        yield (fits or tables[-1:])[0]
+
+
+def _in_columns(cells: Sequence[tuple[str, ...]], columns: int) -> Table:
+    """A table of so many columns of cells, read downwards."""
+    height = -(-len(cells) // columns)
+    filled = [*cells, *[("", "", "")] * (columns * height - len(cells))]
+    rows = [[text for cell in filled[i::height] for text in cell] for i in range(height)]
+    return Table((), rows, words=[3 * i + j for i in range(columns) for j in (0, 2)])
+
+
+def _most_moved(found: Any) -> Iterator[str]:
+    """Of each kind of assumed number, the value that it moves most."""
+    assumed = found.assumed()
+    share = np.abs(assumed.moves) / np.where(assumed.std > 0, assumed.std, np.inf)
+    kinds = [name.partition("[")[0] for name in assumed.names]
+    told = []
+    for kind in dict.fromkeys(kinds):
+        own = np.where([each == kind for each in kinds], share.max(axis=1), -1.0)
+        row = int(own.argmax())
+        most = int(share[row].argmax())
+        told.append(f"{assumed.unknown[most]} by {share[row, most]:.2g} ({assumed.names[row]})")
+    yield f"1 % more of an assumed number moves, in standard deviations, at most: {', '.join(told)}; found.assumed()"
 
 
 def _torque_of_law(record: Any) -> bool:
@@ -44,7 +98,7 @@ def _torque_of_law(record: Any) -> bool:
 
 
 def _values(found: Any) -> Table:
-    names, values = found.short_names, [f"{value:.5g}" for value in found.values]
+    names, values = found.short_names, [f"{value:.5g}" for value in found.fit.values]
     if found.covariance is None:
         return Table(("", "value"), list(zip(names, values, strict=True)))
     try:
@@ -52,9 +106,9 @@ def _values(found: Any) -> Table:
     except ValueError:  # no reference, or numbers that are not separately identifiable
         bounds = np.full(len(values), np.nan)
     others, rows = found.fit.correlation - np.eye(len(values)), list[tuple[str, ...]]()
-    for i, (value, std) in enumerate(zip(found.values, found.std, strict=True)):
+    for i, (value, std) in enumerate(zip(found.fit.values, found.fit.std, strict=True)):
         if not std > 0:
-            said = "bounded" if found.resonance is not None and found.resonance.bounds(names[i]) else "known"
+            said = "bounded" if found.fit.resonance is not None and found.fit.resonance.bounds(names[i]) else "known"
             rows.append((names[i], values[i], said, "", "", ""))
             continue
         most = int(np.argmax(np.abs(others[i])))

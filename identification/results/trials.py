@@ -28,16 +28,9 @@ _AT_ONCE = 16
 class Trial:
     """Some numbers that the rig leaves out, and what comes of them.
 
-    Attributes
-    ----------
-    values : dict
-        In the units of `Extended`.
-    chi_square : float
-        Decrease of the sum of squared innovations, in units of their variance; negative where it grows.
-    explained : float
-        The same [pulses^2].
-    effect : float
-        Sum of squares of what they change, in the same units: chi-square of a log that has them.
+    `values`: in the units of `Extended`. `chi_square`: decrease of the sum of squared innovations, in units of their
+    variance; negative where it grows. `explained`: the same [pulses^2]. `effect`: sum of squares of what they change,
+    in the same units: chi-square of a log that has them.
     """
 
     values: dict[str, float]

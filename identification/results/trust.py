@@ -6,11 +6,58 @@ from typing import Any
 import numpy as np
 
 from identification.replay.timing import is_late
-from identification.results.rotors import of_rotors
 from plant import Chain, Record, Rig
 from plant.checkup.oscillation import own_oscillation
+from plant.machine.motor_inertia import shaft_inertias
 from plant.machine.unlikely import unlikely_statements
+from plant.mechanics.lumping import STANDARD
 from plant.simulation.followed_path import is_rounded
+
+_SURE, _ROOM = 4.0, 0.05
+"""By how many standard deviations, and by what share of itself, an inertia has to fall below that of its rotor."""
+
+_OTHER = 0.2
+"""Share of a rotor's inertia by which the one found may differ: what turns with it in the gear is seldom stated."""
+
+
+def of_rotors(found: Any) -> Iterator[str]:
+    """A line for each joint whose rotor, as stated, the inertias found contradict.
+
+    D at the motors' shafts is at least diag(Jm k^2), whatever the links are: the rotor turns with its joint. Where a
+    base parameter is the inertia of one rotor and nothing else, it is the stated one.
+    """
+    rig, dynamics, f = found.rig, found.arm.dynamics, found.f
+    rows = shaft_inertias(dynamics, rig, found.records[0].rig.to_angle(found.records[0].counts[0]))
+    inertia, rotors, alone = f @ rows, rig.drive.reflected_inertia(), _alone(dynamics)
+    covariance = np.zeros((len(f), len(f)))
+    if found.covariance is not None:
+        own = [i for i, name in enumerate(found.fit.unknown) if name in dynamics.names]
+        places = [dynamics.names.index(found.fit.unknown[i]) for i in own]
+        covariance[np.ix_(places, places)] = found.covariance[np.ix_(own, own)]
+    std = np.sqrt(np.einsum("ki,kl,li->i", rows, covariance, rows))
+    for i, label in enumerate(dynamics.chain.joint_labels):
+        unit = "kg" if dynamics.chain.links[i].prismatic else "kg m^2"
+        stated = f"Jm k^2 = {rotors[i]:.3g} {unit}"
+        if inertia[i] + _SURE * std[i] + _ROOM * rotors[i] < rotors[i]:
+            yield (
+                f"the inertia of {label}, {inertia[i]:.3g} {unit}, is below that of its rotor as stated, {stated}: "
+                "check motor_inertia and gear."
+            )
+        elif i in alone and dynamics.names[alone[i]] in found.fit.unknown:
+            name, value, own_std = dynamics.names[alone[i]], f[alone[i]], np.sqrt(covariance[alone[i], alone[i]])
+            if abs(value - rotors[i]) > _SURE * own_std + _OTHER * rotors[i] > 0:
+                yield (
+                    f"the rotor of {label} is not as stated: {name} is {value:.3g} {unit}, {stated}. The law has what "
+                    "was found; what is said of gears that give has what is stated. Check motor_inertia and gear."
+                )
+
+
+def _alone(dynamics: Any) -> dict[int, int]:
+    """Link -> place of the parameter that is the inertia of its rotor and nothing else."""
+    rows = [(k, np.flatnonzero(row)) for k, row in enumerate(np.array(dynamics.lumping.matrix))]
+    single = [(k, *divmod(int(places[0]), len(STANDARD))) for k, places in rows if len(places) == 1]
+    return {link: k for k, link, kind in single if STANDARD[kind] == "J"}
+
 
 _AT_END = 0.002
 """Share of a range within which a value lies at its end."""
@@ -77,7 +124,7 @@ def of_statements(rig: Rig, records: Iterable[Record], chain: Chain) -> Iterator
 def _ends(found: Any) -> Iterator[str]:
     if found.search.ranges is None:
         return
-    for name, value, (low, high) in zip(found.short_names, found.values, found.search.ranges, strict=True):
+    for name, value, (low, high) in zip(found.short_names, found.fit.values, found.search.ranges, strict=True):
         if low < high and min(value - low, high - value) < _AT_END * (high - low):
             end = "lower" if value - low < high - value else "upper"
             yield f"{name} ends at the {end} end of its range; widen it."
@@ -138,7 +185,7 @@ def _of_timing(found: Any) -> Iterator[str]:
 
 def _of_unknowns(found: Any) -> Iterator[str]:
     """Unknowns that take over a delay, whatever the log."""
-    absorbing = [name for name in found.unknown if name.startswith(("drive.viscous", "law.gain"))]
+    absorbing = [name for name in found.fit.unknown if name.startswith(("drive.viscous", "law.gain"))]
     if absorbing:
         yield f"a delay of the log is not separately identifiable from {', '.join(absorbing)}; be sure of the timing."
 
@@ -195,7 +242,7 @@ def _ranges(found: Any) -> str:
 def _of_pairs(found: Any) -> Iterator[str]:
     if found.covariance is None:
         return
-    names, vague = found.short_names, found.std > _VAGUE * np.abs(found.values)
+    names, vague = found.short_names, found.fit.std > _VAGUE * np.abs(found.fit.values)
     alike = (np.abs(found.fit.correlation) > _INSEPARABLE) & (vague[:, None] | vague)
     pairs = [(names[i], names[j]) for i, j in np.argwhere(np.triu(alike, 1))]
     if len(pairs) > _MANY:

@@ -74,10 +74,7 @@ def repeating(problem: Problem, objective: Objective, places: Sequence[Resumptio
 def as_tested(problem: Problem, fit: Fit) -> tuple[list[Record], list[int]]:
     """The records that are followed, and which of the unknowns act on them.
 
-    Raises
-    ------
-    ValueError
-        A record that cannot be followed.
+    Raises a ValueError: a record that cannot be followed.
     """
     if fit.zeros is not None:
         given = with_zeros(problem.records, fit.zeros)

@@ -1,15 +1,13 @@
 """Methods of identification, all with one interface: a `Problem` in, an `Outcome` out.
 
 paper             the genetic algorithm of 3.7 on objective (4), in given ranges
-genetic           the same with ranges and settings of one's own
-cma               CMA-ES in their place, in the same ranges (`identification.search.cma_es`)
 equation_error    the torque equation in a pass band, by least squares (`identification.equation_error.pulse_fit`)
 didim             the same with the motion of a simulated arm in place of the measured one, again and again
 output_error      simulated against counted positions, from the equation error's start, by Gauss-Newton
 prediction_error  predicted against counted positions (`identification.replay.prediction`), from the same start
 seeded            equation error, then the genetic algorithm in a box around it, then the prediction error
 
-Sources: paper 3.2, 3.7 (paper, genetic); M. Gautier, A. Janot, P.-O. Vandanjon, A new closed-loop output error method
+Sources: paper 3.2, 3.7; M. Gautier, A. Janot, P.-O. Vandanjon, A new closed-loop output error method
 for parameter identification of robot dynamics, IEEE Transactions on Control Systems Technology 21 (2013) (didim).
 """
 
@@ -24,7 +22,6 @@ from identification.equation_error.regressor import linear
 from identification.equation_error.torque_fit import TorqueFit
 from identification.replay.prediction import Prediction
 from identification.replay.timing import delay_of, is_late
-from identification.search.cma_es import minimize_cma
 from identification.search.elastic import elastic
 from identification.search.genetic import GeneticResult, minimize_genetic
 from identification.search.memory import with_memory
@@ -56,21 +53,12 @@ _SETTLED = 0.02
 
 def paper(problem: Problem) -> Outcome:
     """The genetic algorithm in the ranges."""
-    return _searched(problem, _genetic)
-
-
-def cma(problem: Problem) -> Outcome:
-    """CMA-ES in the ranges."""
-    return _searched(problem, _cma)
-
-
-def _searched(problem: Problem, minimise: Callable[[Problem, NDArray[np.float64]], GeneticResult]) -> Outcome:
     if problem.everywhere is None:
         raise ValueError(
             f"ranges must be given for {', '.join(problem.unknown)}; got None. Pass (low, high) for each, or give the "
             "Dynamics its ranges."
         )
-    result = minimise(problem, problem.everywhere)
+    result = _genetic(problem, problem.everywhere)
     candidates = _as_good(np.vstack([result.x, result.final_population]), np.append(result.cost, result.final_costs))
     fit = Fit(unknown=problem.unknown, values=result.x, candidates=candidates)
     return Outcome(fit=fit, evaluations=result.evaluations, message=result.message, genetic=result)
@@ -88,11 +76,6 @@ def _genetic(problem: Problem, ranges: NDArray[np.float64]) -> GeneticResult:
     costs, show = problem.checkpoint.remembered("costs", problem.objective), problem.show
     shown = None if show is None else lambda state: show(state.best_cost)
     return minimize_genetic(costs, ranges, problem.settings, problem.seed, callback=shown)
-
-
-def _cma(problem: Problem, ranges: NDArray[np.float64]) -> GeneticResult:
-    costs = problem.checkpoint.remembered("costs", problem.objective)
-    return minimize_cma(costs, ranges, problem.settings, problem.seed, problem.show)
 
 
 def equation_error(problem: Problem) -> Outcome:
@@ -194,8 +177,6 @@ def seeded(problem: Problem) -> Outcome:
 METHODS: dict[str, Callable[[Problem], Outcome]] = {
     "seeded": seeded,
     "paper": paper,
-    "genetic": paper,
-    "cma": cma,
     "equation_error": equation_error,
     "didim": didim,
     "output_error": output_error,

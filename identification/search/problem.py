@@ -23,32 +23,13 @@ _POSITIVE = re.compile(r"drive\.(viscous|coulomb|elasticity)|law\.gain|springs(\
 class Problem:
     """What is unknown in which records, and where to look for it.
 
-    Attributes
-    ----------
-    dynamics, records, unknown
-        As for `identify`; records of laws with a memory read their log (`plant.AlongLog`), or repeat its torque.
-    objective : Objective
-        Of these unknowns in these records.
-    held_out : Objective or None
-        The same in the records that are not searched.
-    nominal : (k,) numpy.ndarray
-        The unknowns as rig and law of the first record have them; NaN for f.
-    ranges : (k, 2) numpy.ndarray or None
-    method : str
-    settings : GeneticSettings
-    seed : int
-    zeros : bool
-        Whether the zeros of each record's counters are unknown.
-    options : dict
-        Sub-steps, sweeps and threads of the model.
-    tolerances : Tolerances
-        Within which the records' rigs are right.
-    show : callable, optional
-        Called with the best cost after each generation.
-    memories : tuple of Memory or None
-        Of each record, what is unknown of its law's state before the log.
-    checkpoint : Checkpoint
-        Where finished stages are kept.
+    `dynamics`, `records`, `unknown`: as for `identify`; records of laws with a memory read their log
+    (`plant.AlongLog`), or repeat its torque. `objective`: of these unknowns in these records. `held_out`: the same in
+    the records that are not searched. `nominal` (k,): the unknowns as rig and law of the first record have them; NaN
+    for f. `ranges` (k, 2) or None. `zeros`: whether the zeros of each record's counters are unknown. `options`:
+    sub-steps, sweeps and threads of the model. `tolerances`: within which the records' rigs are right. `show`: called
+    with the best cost after each generation. `memories`: of each record, what is unknown of its law's state before the
+    log. `checkpoint`: where finished stages are kept.
     """
 
     dynamics: Dynamics

@@ -35,7 +35,7 @@ class FrictionCurve(Part):
 
     See Also
     --------
-    plant.Drive, plant.Presliding, identification.friction_from_motor_test
+    plant.Drive, plant.Presliding, identification.motor_test
 
     Examples
     --------

@@ -139,7 +139,7 @@ def check_model(path: str | Path) -> ModelCheck:
 
     See Also
     --------
-    identification.write_urdf
+    identification.write_model
 
     Examples
     --------

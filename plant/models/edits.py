@@ -1,9 +1,13 @@
-"""New inertials, friction and rotors for a URDF or MJCF file: edits of those bytes."""
+"""New inertials, friction and rotors for a URDF or MJCF file: edits of those bytes; MJCF made of a URDF's tree."""
+
+from collections.abc import Mapping, Sequence
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from plant.mechanics.body import Body
 from plant.mechanics.mjcf_file import FULL
+from plant.mechanics.model_tree import MOVING, ModelFile, ModelJoint
 from plant.mechanics.placement import Placement
 from plant.mechanics.urdf_file import INERTIA, origin_of
 from plant.mechanics.xml_file import ORIENTATIONS, Edit, Element
@@ -101,6 +105,63 @@ def mjcf_inertial(data: bytes, body_element: Element, body: Body) -> list[Edit]:
 def mjcf_joint(data: bytes, joint: Element, values: dict[str, float]) -> list[Edit]:
     """Edits that give an MJCF joint these numbers: armature, damping, frictionloss."""
     return [joint.attribute_edit(data, name, _text(value)) for name, value in values.items()]
+
+
+def mjcf_text(
+    model: ModelFile, bodies: Mapping[str, Body], values: Mapping[str, Mapping[str, float]], gravity: Sequence[float]
+) -> bytes:
+    """A tree of links as MJCF, without shapes: those joints move that have values, all others are fixed at zero.
+
+    Parameters
+    ----------
+    model : ModelFile
+    bodies : mapping of str to Body
+        By link, in place of the file's own.
+    values : mapping of str to mapping
+        Numbers of each joint that moves, by its name: armature, damping, frictionloss.
+    gravity : sequence of float
+        [m/s^2]
+    """
+    lines = [
+        f"<mujoco model={quoteattr(model.path.stem)}>",
+        '  <compiler angle="radian" autolimits="true"/>',
+        f'  <option gravity="{_text(gravity)}"/>',
+        "  <worldbody>",
+    ]
+
+    def add(link: str, placed: str, joint: ModelJoint | None, depth: int) -> None:
+        indent = "  " * depth
+        lines.append(f"{indent}<body name={quoteattr(link)}{placed}>")
+        body = bodies.get(link, model.bodies[link])
+        if body is not None:
+            full = _text(body.inertia[list(FULL)])
+            numbers = f'pos="{_text(body.com)}" mass="{_text(body.mass)}" fullinertia="{full}"'
+            lines.append(f"{indent}  <inertial {numbers}/>")
+        if joint is not None and joint.name in values:
+            lines.append(f"{indent}  {_mjcf_joint_text(joint, values[joint.name])}")
+        for other in model.joints.values():
+            if other.parent == link:
+                axes = np.array(other.origin.rotation).T[:2].ravel()
+                pose = f' pos="{_text(other.origin.position)}" xyaxes="{_text(axes)}"'
+                add(other.child, pose, other, depth + 1)
+        lines.append(f"{indent}</body>")
+
+    children = {joint.child for joint in model.joints.values()}
+    for root in (link for link in model.bodies if link not in children):
+        add(root, "", None, 2)
+    return "\n".join([*lines, "  </worldbody>", "</mujoco>", ""]).encode()
+
+
+def _mjcf_joint_text(joint: ModelJoint, values: Mapping[str, float]) -> str:
+    """A joint with its limits of position and effort."""
+    kind = "slide" if MOVING[joint.kind] else "hinge"
+    parts = [f'<joint name={quoteattr(joint.name)} type="{kind}" axis="{_text(joint.axis)}"']
+    lower, upper, _, effort = joint.limits
+    if np.isfinite([lower, upper]).all():
+        parts.append(f'range="{_text((lower, upper))}"')
+    if np.isfinite(effort):
+        parts.append(f'actuatorfrcrange="{_text((-effort, effort))}"')
+    return " ".join([*parts, *(f'{name}="{_text(value)}"' for name, value in values.items())]) + "/>"
 
 
 def _text(values: object) -> str:

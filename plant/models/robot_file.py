@@ -50,7 +50,7 @@ class Robot(Frozen):
         Which columns of a log are what, as for `Record.from_csv`.
     name : str
     model : Path, optional
-        The URDF or MJCF file that the arm was read from, for `write_urdf` and `write_mjcf`; it does not count in a
+        The URDF or MJCF file that the arm was read from, for `write_model`; it does not count in a
         comparison, and is not written.
 
     See Also

@@ -78,10 +78,15 @@ class Shown:
         return f"{type(self).__name__}({said if len(said) <= room else f'{said[: room - 4]} ...'})"
 
     def __str__(self) -> str:
-        return "\n".join(line for part in self._shown() for line in _lines(part))
+        return as_text(self._shown())
 
     def _repr_html_(self) -> str:
         return f'<div class="onepulse">\n<style>{_STYLE}</style>\n{body(self)}\n</div>'
+
+
+def as_text(pieces: Iterable[Piece]) -> str:
+    """Lines of no more than 80 columns."""
+    return "\n".join(line for piece in pieces for line in _lines(piece))
 
 
 def inside(result: Shown) -> Iterator[Piece]:

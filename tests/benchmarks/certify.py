@@ -48,7 +48,7 @@ def main():
     print(f"\n{certificate}\n")
     random, failures, started = np.random.default_rng(2026), 0, time.perf_counter()
     for _ in range(options.brute):
-        f = random.multivariate_normal(found.values, found.covariance)
+        f = random.multivariate_normal(found.fit.values, found.covariance)
         factor = 1 + 0.1 * random.normal(size=(2, 2))
         friction = {"viscous": rig.drive.viscous * factor[0], "coulomb": rig.drive.coulomb * factor[1]}
         phase = Phase(shift=random.uniform(-0.5, 0.5, 2))

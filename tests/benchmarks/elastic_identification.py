@@ -77,11 +77,13 @@ def study(hertz, gains, seeds, everything):
             print(f"    seed {seed}: {error}", flush=True)
             continue
         seconds.append(time.perf_counter() - started)
-        resonances.append(found.resonance)
+        resonances.append(found.fit.resonance)
         f.append(100 * (np.abs(found.f - arm.f) / WIDTH).max())
-        inside.append(np.abs(found.f - arm.f) < 1.96 * found.std[:9])
+        inside.append(np.abs(found.f - arm.f) < 1.96 * found.fit.std[:9])
         if everything:
-            print("   ", seed, str(found.resonance).splitlines()[1:], f"f {f[-1]:.1f} %", *found.warnings, flush=True)
+            print(
+                "   ", seed, str(found.fit.resonance).splitlines()[1:], f"f {f[-1]:.1f} %", *found.warnings, flush=True
+            )
     hz, low, high = (np.array([getattr(each, name) for each in resonances]) for name in ("hz", "low", "high"))
     of_f = f"{np.median(f):.1f}, {max(f):.1f} | {np.sum(inside)} of {9 * len(f)}"
     last = f"{np.mean(seconds):.0f} |" + (f" {lost} not identified" if lost else "")
@@ -108,7 +110,7 @@ def played(hertz=70, backlash=1e-4):
     record = simulate(arm, true, P(gain=LOW), PATH, steps_per_sample=16)
     for said, rig in (("not stated", RIG), ("stated", true)):
         found = identify(DYNAMICS, dataclasses.replace(record, rig=rig), elasticity=True, progress=False)
-        print(f"backlash {said}: found {np.round(found.resonance.hz, 1)} Hz\n{found.resonance}", flush=True)
+        print(f"backlash {said}: found {np.round(found.fit.resonance.hz, 1)} Hz\n{found.fit.resonance}", flush=True)
 
 
 def main():

@@ -63,7 +63,7 @@ def methods():
     yield "|---|---|---|---|---|"
     logs = [(arm, log(arm, gain)) for arm in ARMS.values() for gain in GAINS]
     true = [Objective(DYNAMICS, record)(arm.f[None])[0] for arm, record in logs]
-    for method in ("paper", "cma", "equation_error", "didim", "output_error", "prediction_error", "seeded"):
+    for method in ("paper", "equation_error", "didim", "output_error", "prediction_error", "seeded"):
         runs = [identify(DYNAMICS, record, method=method, progress=False) for _, record in logs]
         wrong = np.array([off(run.f, arm) for run, (arm, _) in zip(runs, logs, strict=True)])
         ratio = [run.objective / floor for run, floor in zip(runs, true, strict=True)]
@@ -213,7 +213,7 @@ def arms(count=25, realisations=25):
             if found.covariance is None:  # it says itself that it did not come to an end
                 unsure += 1
             else:
-                inside.append(np.abs(found.values - arm.f) < 1.96 * found.std)
+                inside.append(np.abs(found.fit.values - arm.f) < 1.96 * found.fit.std)
         wrong.append(100 * np.abs(errors) / WIDTH)
         ratio.append(np.sqrt(np.mean(np.square(errors), axis=0)) / bound)
         largest.append(wrong[-1].max(axis=0))
@@ -262,7 +262,7 @@ def unknowns(count=12):
             known = dict(zip(rig.number_names(), rig.number_values(), strict=True))
             known |= dict(zip(p.number_names("law."), p.number_values(), strict=True))
             true = np.append(arm.f, [known[each] for each in more])
-            scaled.append((found.values - true) / found.std)
+            scaled.append((found.fit.values - true) / found.fit.std)
         z = np.abs(scaled)
         yield f"| {name} | {100 * np.mean(z < 1.96):.0f} % | {np.sqrt(np.mean(z**2)):.2f} | {z.max():.1f} |"
 
@@ -284,7 +284,7 @@ def whole():
     record = simulate(arm, rig, P(gain=(0.11, 0.07, 0.04, 0.004, 0.004, 0.004)), path, steps_per_sample=16)
     for method in ("equation_error", "prediction_error", "seeded"):
         found = identify(dynamics, record, method=method, progress=False)
-        z = np.abs(found.f - arm.f) / found.std
+        z = np.abs(found.f - arm.f) / found.fit.std
         report = evaluate(arm, rig, ComputedTorque(found.arm, found.rig), path, backend="numba")
         rms = "" if found.fit.rms_innovation is None else f"{found.fit.rms_innovation:.3f}"
         yield (

@@ -95,7 +95,7 @@ def one(kind, k):
     known = dict(zip(rig.number_names(), rig.number_values(), strict=True))
     known |= dict(zip(law.number_names("law."), law.number_values(), strict=True))
     true = np.append(arm.f, [known[name] for name in more])
-    return found.values - true, found.std, np.sqrt(np.diag(found.fit.noise_covariance))
+    return found.fit.values - true, found.fit.std, np.sqrt(np.diag(found.fit.noise_covariance))
 
 
 def main():

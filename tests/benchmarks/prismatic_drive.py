@@ -76,8 +76,8 @@ def main():
             found = identify(DYNAMICS, dataclasses.replace(record, reference=reference),
                              unknown=(*DYNAMICS.names, *UNKNOWN), progress=False)  # fmt: skip
             scale = np.array([1.0, GEAR**2, GEAR, GEAR])
-            off = 100 * (found.values * scale / TRUE - 1)
-            held = np.abs(found.values * scale - TRUE) < 1.96 * found.std * scale
+            off = 100 * (found.fit.values * scale / TRUE - 1)
+            held = np.abs(found.fit.values * scale - TRUE) < 1.96 * found.fit.std * scale
             worst = max(worst, np.abs(off).max())
             print(f"| {kind} | {seed} | " + " | ".join(f"{each:+.3f}" for each in off) +
                   f" | {held.sum()} of 4 | {share:.1%} | {time.perf_counter() - begun:.1f} |", flush=True)  # fmt: skip

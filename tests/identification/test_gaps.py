@@ -55,7 +55,7 @@ def test_what_is_missing_moves_nothing(whole, columns):
     """Within half a standard deviation of the whole log, whose reference is still known between its counts."""
     assert read(columns).reference is not None
     found = found_in(columns)
-    assert (np.abs(found.f - whole.f) < 0.5 * whole.std).all()
+    assert (np.abs(found.f - whole.f) < 0.5 * whole.fit.std).all()
     assert found.warnings == whole.warnings == []
 
 

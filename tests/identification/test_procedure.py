@@ -76,11 +76,11 @@ def test_ten_seeds():
 def test_the_result_says_all():
     found = quick(seed=4)
     np.testing.assert_array_equal(found.arm.f, found.f)
-    np.testing.assert_array_equal(found.values, found.f)
+    np.testing.assert_array_equal(found.fit.values, found.f)
     assert found.arm.dynamics == puma560.dynamics()
     assert (found.rig, found.law) == (short().rig, short().law)
-    assert found.unknown == NAMES
-    assert (found.seed, found.settings, found.version) == (4, TINY, plant.__version__)
+    assert found.fit.unknown == NAMES
+    assert (found.search.seed, found.search.settings, found.versions["onepulse"]) == (4, TINY, plant.__version__)
     assert found.initial_population.shape == (12, 9)
     assert found.history.shape == (4, 3)
     assert found.evaluations == 12 + 3 * 2 * 6  # generation gap 0.94 of 6 is 6
@@ -109,7 +109,7 @@ def test_the_initial_population_is_drawn_from_the_ranges():
 def test_same_seed_same_bits_on_any_number_of_threads():
     runs = [quick(seed=7, threads=threads) for threads in (1, 2, 1)]
     for run in runs[1:]:
-        for name in ("f", "objective", "initial_objective", "history", "initial_population", "values"):
+        for name in ("f", "objective", "initial_objective", "history", "initial_population"):
             np.testing.assert_array_equal(getattr(run, name), getattr(runs[0], name))
     assert (quick(seed=8).f != runs[0].f).any()
 
@@ -118,7 +118,7 @@ def test_friction_and_gain_come_back_in_rig_and_law():
     """found.rig and found.law hold what was found, and everything else is as it was."""
     low_high = [(0.5e-3, 1.2e-3), *reversed(puma560.PRINTED_RANGES), (0.1, 0.2)]
     found = quick(unknown=UNKNOWN, ranges=low_high)
-    by_name = dict(zip(UNKNOWN, found.values, strict=True))
+    by_name = dict(zip(UNKNOWN, found.fit.values, strict=True))
     assert [by_name[name] for name in NAMES] == found.f.tolist() == found.arm.f.tolist()
     viscous, gain = by_name["drive.viscous[0]"], by_name["law.gain[1]"]
     assert 0.5e-3 <= viscous <= 1.2e-3
@@ -220,4 +220,4 @@ def test_candidates_repeat_the_log_as_well_as_the_best_but_for_noise(method, lea
     assert costs.max() <= 1.05 * costs[0]
     assert (np.diff(costs) >= 0).all()
     assert len(np.unique(found.candidates, axis=0)) == len(found.candidates) >= least
-    np.testing.assert_array_equal(found.candidates[0], found.values)
+    np.testing.assert_array_equal(found.candidates[0], found.fit.values)

@@ -36,9 +36,11 @@ def test_alteration_does_not_depend_on_order_scale_or_sign(seed, scale, sign):
 
 def test_a_spread_is_the_runs_of_identify(record):
     found = spread(puma560.dynamics(), record, seeds=(3, 5), settings=SMALL, progress=False)
-    assert [run.seed for run in found.runs] == [3, 5]
+    assert [run.search.seed for run in found.runs] == [3, 5]
     for run in found.runs:
-        again = identify(puma560.dynamics(), record, seed=run.seed, settings=SMALL, method="paper", progress=False)
+        again = identify(
+            puma560.dynamics(), record, seed=run.search.seed, settings=SMALL, method="paper", progress=False
+        )
         np.testing.assert_array_equal(run.f, again.f)
     np.testing.assert_array_equal(found.f, [run.f for run in found.runs])
     np.testing.assert_array_equal(found.alteration, alteration(found.f))

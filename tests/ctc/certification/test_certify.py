@@ -189,13 +189,13 @@ def test_draws_have_the_covariance_that_was_given():
 
 def test_what_was_identified_is_drawn_from_its_own_covariance(found):
     plants = draw(Uncertainty(), found, RIG, 3000, 0)
-    own = plants.values[:, [plants.names.index(name) for name in found.unknown]]
-    np.testing.assert_allclose(own.std(axis=0) / found.std, 1, atol=6 / np.sqrt(2 * 3000))
+    own = plants.values[:, [plants.names.index(name) for name in found.fit.unknown]]
+    np.testing.assert_allclose(own.std(axis=0) / found.fit.std, 1, atol=6 / np.sqrt(2 * 3000))
     friction = plants.values[:, plants.names.index("drive.coulomb[1]")] / RIG.drive.coulomb[1]
     assert abs(friction.std() - 0.1) < 6 * 0.1 / np.sqrt(2 * 3000)
     more = dataclasses.replace(
-        found.fit, unknown=(*found.unknown, "drive.coulomb[1]", "law.gain[0]"),
-        values=np.append(found.values, (0.2, 9.0)),
+        found.fit, unknown=(*found.fit.unknown, "drive.coulomb[1]", "law.gain[0]"),
+        values=np.append(found.fit.values, (0.2, 9.0)),
         covariance=np.pad(found.covariance, (0, 2)) + np.diag([0.0] * 9 + [0.01**2, 1.0]),
     )  # fmt: skip
     plants = draw(Uncertainty(), dataclasses.replace(found, fit=more), RIG, 3000, 0)
@@ -213,7 +213,7 @@ def test_gears_that_were_identified_are_drawn_and_none_has_negative_damping(foun
     values = np.concatenate([gears.stiffness, gears.damping])
     spread = values * (0.05, 0.05, 0.5, 0.5)
     more = dataclasses.replace(
-        found.fit, unknown=(*found.unknown, *names), values=np.append(found.values, values),
+        found.fit, unknown=(*found.fit.unknown, *names), values=np.append(found.fit.values, values),
         covariance=np.pad(found.covariance, (0, 4)) + np.diag([0.0] * 9 + [*spread**2]),
     )  # fmt: skip
     plants = draw(Uncertainty(), dataclasses.replace(found, fit=more), rig, 500, 0)
@@ -408,14 +408,14 @@ def test_wrong_calls_are_refused_in_one_line(call, message):
 
 def test_a_gear_cannot_be_drawn(found):
     gear = dataclasses.replace(
-        found.fit, unknown=(*found.unknown, "drive.gear[0]"), values=np.append(found.values, 107.8),
+        found.fit, unknown=(*found.fit.unknown, "drive.gear[0]"), values=np.append(found.fit.values, 107.8),
         covariance=np.pad(found.covariance, (0, 1)) + np.diag([0.0] * 9 + [1.0]),
     )  # fmt: skip
     with_gear = dataclasses.replace(found, fit=gear)
     with pytest.raises(ValueError, match="laws read their counts by it"):
         certify(with_gear, RIG, LAW, PATH)
     curve = dataclasses.replace(
-        found.fit, unknown=(*found.unknown, "drive.curve.offset[0]"), values=np.append(found.values, 0.01),
+        found.fit, unknown=(*found.fit.unknown, "drive.curve.offset[0]"), values=np.append(found.fit.values, 0.01),
         covariance=np.pad(found.covariance, (0, 1)),
     )  # fmt: skip
     with_curve = dataclasses.replace(found, fit=curve)

@@ -67,7 +67,7 @@ def test_from_a_log_to_a_page(folder, capsys, monkeypatch):
     told = json.loads(out)
     assert (code, err, told["doubts"]) == (0, "", [])
     found = Identification.load("found.json")
-    assert [told["values"][name]["value"] for name in found.unknown] == found.values.tolist()
+    assert [told["values"][name]["value"] for name in found.fit.unknown] == found.fit.values.tolist()
     code, out, err = run(capsys, "certify", "found.json", "--path", "path.csv", "--samples", "40", "--within", "2",
                          "-o", "proof.json")  # fmt: skip
     assert (code, err) == (0, "")
@@ -82,7 +82,7 @@ def test_friction_is_named_by_a_word_beside_f_and_the_page_is_of_one_controller(
     monkeypatch.chdir(folder)
     words = ("--unknown", "friction", "--quiet")
     assert run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "rubbed.json", *words)[0] == 0
-    names = Identification.load("rubbed.json").unknown
+    names = Identification.load("rubbed.json").fit.unknown
     assert len(names) == 13
     assert set(names[9:]) == {f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in (0, 1)}
     given = ("--path", "path.csv", "--samples", "40", "--bandwidth", "150", "--load", "0", "0.1")

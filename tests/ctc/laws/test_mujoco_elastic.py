@@ -81,6 +81,6 @@ def test_the_resonance_of_another_engine_is_identified_from_counts_alone():
     rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=elasticity))
     link = simulate(arm, rig, puma560.p_law(gain), PATH, duration=0.01).true_q[0]  # where links hang
     record = p_loop(arm, elasticity, gain, link, 2.0, 16)
-    resonance = identify(arm.dynamics, record, elasticity=True, progress=False).resonance
+    resonance = identify(arm.dynamics, record, elasticity=True, progress=False).fit.resonance
     np.testing.assert_allclose(resonance.hz, [60, 45], rtol=0.1)
     assert ((resonance.low < [60, 45]) & (resonance.high > [60, 45])).all()

@@ -77,7 +77,7 @@ def test_it_says_what_was_found(page, found):
     assert headings == [
         "Verdict", "Parameters", "Fit", "Logs", "Assumptions", "Controller", "Certificate", "Where it comes from",
     ]  # fmt: skip
-    for name, value, std in zip(found.short_names, found.values, found.std, strict=True):
+    for name, value, std in zip(found.short_names, found.fit.values, found.fit.std, strict=True):
         row = re.search(rf"<tr><td>{name}</td>(.*?)</tr>", text)
         cells = re.findall(r"<td[^>]*>([^<]*)</td>", row[1])  # value, half-width, unit, std, from, to
         assert abs(float(cells[0]) - value) <= 0.06 * std  # rounded to two digits of the deviation

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from elastic_motion import STIFFNESS, experiment
 
-from identification.equation_error.deflection import fit_deflection
-from identification.equation_error.gear_fit import fit_gears
+from identification.equation_error.gear_fit import fit_deflection, fit_gears
 from identification.equation_error.regressor import regressor_along
 from plant import Elasticity, JointSpring, puma560, simulate
 from plant.motion.reference import Motion

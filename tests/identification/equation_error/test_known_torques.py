@@ -126,9 +126,9 @@ def test_stiffness_and_angle_are_found_with_f_by_every_method_that_may(sprung):
     unknown = (*DYNAMICS.names, *STIFFNESS, "springs.angle[0]")
     found = identify(DYNAMICS, record, unknown=unknown, method="prediction_error", progress=False)
     off = np.abs(found.rig.springs.stiffness - SPRING.stiffness)
-    assert (off < 3 * found.std[[9, 10]]).all()
-    assert (found.std[[9, 10]] < (30, 2)).all()  # that of joint 2 is like gravity on this path
-    assert abs(found.rig.springs.angle[0] - SPRING.angle[0]) < 3 * found.std[11]
+    assert (off < 3 * found.fit.std[[9, 10]]).all()
+    assert (found.fit.std[[9, 10]] < (30, 2)).all()  # that of joint 2 is like gravity on this path
+    assert abs(found.rig.springs.angle[0] - SPRING.angle[0]) < 3 * found.fit.std[11]
     assert 3 * np.sqrt(found.fit.noise_covariance[11, 11]) < 1.0
     placed = dataclasses.replace(record, rig=with_springs(dataclasses.replace(start, angle=SPRING.angle), RIG))
     found = identify(DYNAMICS, placed, unknown=unknown[:-1], method="equation_error", progress=False)

@@ -6,7 +6,7 @@ import numpy as np
 import packaged_arms
 import pytest
 
-from identification.equation_error.labels import units
+from identification.equation_error.naming import units
 from plant import Body, Chain, Dynamics, Link, puma560
 
 POWER = {"kg": 0, "kg m": 1, "kg m²": 2}

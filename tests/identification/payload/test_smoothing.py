@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from identification.payload.smoothing import Smoothing
+from identification.payload.torque_window import Smoothing
 
 SMOOTHING = Smoothing(0.04, 0.7e-3)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque
-from identification.planning.motor import friction_from_motor_test, gain_from_current
+from identification.planning.motor import motor_test
 from plant import PointToPoint, puma560, simulate
 
 RIG = puma560.rig()
@@ -20,7 +20,7 @@ def record():
 
 
 def test_gain_is_found_within_two_per_cent_and_three_deviations(record):
-    found = gain_from_current(record)
+    found = motor_test(record)
     assert found.names == ("law.gain[0]", "law.gain[1]")
     np.testing.assert_allclose(found.values, (0.20, 0.15), rtol=0.02)
     assert (np.abs(found.values - (0.20, 0.15)) < 3 * found.std).all()
@@ -31,7 +31,7 @@ def test_gain_is_found_within_two_per_cent_and_three_deviations(record):
 def test_a_wrong_motor_constant_makes_a_wrong_gain_by_the_same_factor(record):
     drive = dataclasses.replace(RIG.drive, motor_gain=2 * RIG.drive.motor_gain)
     twice = dataclasses.replace(record, rig=dataclasses.replace(RIG, drive=drive))
-    np.testing.assert_allclose(gain_from_current(twice).values, 2 * gain_from_current(record).values, rtol=1e-12)
+    np.testing.assert_allclose(motor_test(twice).values, 2 * motor_test(record).values, rtol=1e-12)
 
 
 def test_samples_at_the_limit_say_nothing_of_the_gain(record):
@@ -39,7 +39,7 @@ def test_samples_at_the_limit_say_nothing_of_the_gain(record):
     rig = dataclasses.replace(RIG, drive=drive)
     cut = simulate(puma560.arm(), rig, puma560.p_law(), puma560.reference())
     assert (np.abs(cut.current[:, 0]) >= 5.0 - 1e-9).mean() > 0.02
-    np.testing.assert_allclose(gain_from_current(cut).values, (0.20, 0.15), rtol=1e-9)
+    np.testing.assert_allclose(motor_test(cut).values, (0.20, 0.15), rtol=1e-9)
 
 
 def test_friction_is_found_within_five_per_cent():
@@ -47,17 +47,21 @@ def test_friction_is_found_within_five_per_cent():
     speed = np.concatenate([np.linspace(20, 200, 15), -np.linspace(20, 200, 15)])
     torque = 0.817e-3 * speed + 0.124 * np.sign(speed) + 0.01
     current = torque / 0.228 * (1 + 0.03 * random.normal(size=30))
-    found = friction_from_motor_test(speed, current, 0.228)
+    found = motor_test(speed=speed, current=current, motor_gain=0.228)
     np.testing.assert_allclose(found.values[:2], (0.817e-3, 0.124), rtol=0.05)
     assert (np.abs(found.values - (0.817e-3, 0.124, 0.01)) < 3 * found.std).all()
+
+
+def friction(speed, current, motor_gain):
+    return motor_test(speed=speed, current=current, motor_gain=motor_gain)
 
 
 @pytest.mark.parametrize(
     ("call", "says"),
     [
-        (lambda r: gain_from_current(dataclasses.replace(r, current=None)), "must hold currents"),
+        (lambda r: motor_test(dataclasses.replace(r, current=None)), "must hold currents"),
         (
-            lambda r: gain_from_current(
+            lambda r: motor_test(
                 simulate(
                     puma560.arm(), RIG, puma560.p_law((5, 5)),
                     PointToPoint(start=(0, 0), goal=(0, 0), duration=0.01),
@@ -65,17 +69,19 @@ def test_friction_is_found_within_five_per_cent():
             ),
             r"motor of joint q\[0\] must have errors",
         ),
-        (lambda r: gain_from_current(RIG), "must be of type Record"),
+        (lambda r: motor_test(RIG), "must be of type Record"),
+        (lambda r: motor_test(r, motor_gain=0.2), "a record must come alone"),
+        (lambda r: motor_test(speed=[1, -1], motor_gain=0.2), "must come together"),
         (
-            lambda r: gain_from_current(dataclasses.replace(r, law=ComputedTorque(puma560.arm(), RIG))),
+            lambda r: motor_test(dataclasses.replace(r, law=ComputedTorque(puma560.arm(), RIG))),
             "must be one under P control; got ComputedTorque",
         ),
-        (lambda r: friction_from_motor_test([9, 5, -5, -9], [-3, -2, 2.1, 3], 0.2), "friction must be positive"),
-        (lambda r: friction_from_motor_test([1, 2, 3, 4], [1, 2, 3, 4], 0.2), "both signs"),
-        (lambda r: friction_from_motor_test([1, -2, 3], [1, 2, 3], 0.2), "needs more readings"),
-        (lambda r: friction_from_motor_test([1, -2], [1], 0.2), "current must have shape"),
-        (lambda r: friction_from_motor_test([1, -2, 3, 4], [1, 2, 3, np.nan], 0.2), "current must be finite"),
-        (lambda r: friction_from_motor_test([1, -2, 3, 4], [1, 2, 3, 4], -1), "positive"),
+        (lambda r: friction([9, 5, -5, -9], [-3, -2, 2.1, 3], 0.2), "friction must be positive"),
+        (lambda r: friction([1, 2, 3, 4], [1, 2, 3, 4], 0.2), "both signs"),
+        (lambda r: friction([1, -2, 3], [1, 2, 3], 0.2), "needs more readings"),
+        (lambda r: friction([1, -2], [1], 0.2), "current must have shape"),
+        (lambda r: friction([1, -2, 3, 4], [1, 2, 3, np.nan], 0.2), "current must be finite"),
+        (lambda r: friction([1, -2, 3, 4], [1, 2, 3, 4], -1), "positive"),
     ],
 )  # fmt: skip
 def test_bad_input_is_refused(record, call, says):

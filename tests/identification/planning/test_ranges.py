@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from identification import LinkSize, puma560_ranges, ranges
+from identification import LinkSize, ranges
 from identification.planning.ranges import Interval, centre_range, greatest_inertia
 from plant import Body, Drive, puma560
 
@@ -56,19 +56,19 @@ def test_equation_5_gives_the_printed_centres_of_mass():
 @pytest.mark.parametrize("name", ["f3", "f4", "f5", "f6", "f8", "f9"])
 def test_ranges_printed_and_derived_are_the_same(name):
     i = NAMES.index(name)
-    np.testing.assert_allclose(puma560_ranges()[i], puma560.PRINTED_RANGES[i], rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(ranges()[i], puma560.PRINTED_RANGES[i], rtol=0, atol=ROUNDING)
 
 
 def test_f1_is_the_printed_one_with_gear_53():
     """1e-4 53^2 = 0.2809 and 1e-3 53^2 + 10 (2 0.25^2 + 0.04^2) = 4.075: the print used 53 for 53.7, and cut off."""
-    f1 = puma560_ranges(gears(107.8, -53.0))[0]
+    f1 = ranges(drive=gears(107.8, -53.0))[0]
     np.testing.assert_allclose(f1, (0.2809, 4.075), rtol=ROUNDING)
     np.testing.assert_allclose(f1, puma560.PRINTED_RANGES[0], rtol=0, atol=PRINTED + ROUNDING)
 
 
 def test_f2_and_f7_follow_from_the_inputs_and_not_from_the_print():
     """ERRATA: f2 [0, 1.27] (2.33 used Izz2 by mistake), f7 [1.25, 18.76]."""
-    derived, printed = puma560_ranges(), np.array(puma560.PRINTED_RANGES)
+    derived, printed = ranges(), np.array(puma560.PRINTED_RANGES)
     np.testing.assert_allclose(derived[1], (0.0, 1.27), rtol=0, atol=PRINTED)
     np.testing.assert_allclose(derived[6], (1.25, 18.76), rtol=0, atol=PRINTED)
     mistaken = 1.685 + 10 * (0.04**2 + 0.25**2)
@@ -78,12 +78,12 @@ def test_f2_and_f7_follow_from_the_inputs_and_not_from_the_print():
 
 def test_f9_is_the_papers_worked_example():
     """3.6: f9_min = m2_max x2_min + m3_min a3_min."""
-    assert puma560_ranges()[8, 0] == pytest.approx(25 * -0.12 + 1 * 0.3, rel=ROUNDING)
-    assert puma560_ranges()[8, 1] == pytest.approx(25 * 0.25 + 10 * 0.5, rel=ROUNDING)
+    assert ranges()[8, 0] == pytest.approx(25 * -0.12 + 1 * 0.3, rel=ROUNDING)
+    assert ranges()[8, 1] == pytest.approx(25 * 0.25 + 10 * 0.5, rel=ROUNDING)
 
 
 def test_the_sign_of_a_gear_does_not_matter():
-    np.testing.assert_array_equal(puma560_ranges(gears(107.8, 53.7)), puma560_ranges(gears(-107.8, -53.7)))
+    np.testing.assert_array_equal(ranges(drive=gears(107.8, 53.7)), ranges(drive=gears(-107.8, -53.7)))
 
 
 # -- interval arithmetic against sampling ---------------------------------------------------------------------------
@@ -161,7 +161,7 @@ def test_links_inside_the_intervals_have_f_inside_the_ranges(seed):
         m=within(1, 10), x=within(-0.04, 0.04), y=within(-0.25, 0), Izz=within(0, 0.625), J=within(1e-4, 1e-3) * k3**2
     )
     f = np.array(list(puma560.equation_3(link2, link3, a3).values()))
-    low, high = puma560_ranges().T
+    low, high = ranges().T
     room = ROUNDING * np.maximum(np.abs(low), np.abs(high))
     assert (f >= low - room).all()
     assert (f <= high + room).all()
@@ -170,7 +170,7 @@ def test_links_inside_the_intervals_have_f_inside_the_ranges(seed):
 def test_links_of_the_dynamics_have_f_inside_the_ranges():
     """The same with f from the derivation (`Dynamics.f` of bodies), not from equation (3); a3 is the arm's then."""
     random, dynamics = np.random.default_rng(5), puma560.dynamics()
-    low, high = puma560_ranges().T
+    low, high = ranges().T
     room = ROUNDING * np.maximum(np.abs(low), np.abs(high))
     for _ in range(50):
         bodies = [
@@ -198,7 +198,7 @@ def test_a_narrower_robot_has_narrower_ranges():
     ]
     drive = puma560.rig().drive
     wide = ranges(puma560.equation_3, sizes, drive, a3=(0.3, 0.5))
-    np.testing.assert_array_equal(wide, puma560_ranges())
+    np.testing.assert_array_equal(wide, ranges())
     sizes[1] = LinkSize(mass=(2, 8), x=(-0.06, 0.06), y=(-0.40, -0.1), motor_inertia=(2e-4, 5e-4), radius=0.25)
     narrow = ranges(puma560.equation_3, sizes, drive, a3=(0.4, 0.45))
     assert (narrow[:, 0] >= wide[:, 0]).all()

@@ -65,11 +65,11 @@ def test_the_arm_its_friction_and_the_zeros_are_found():
     """Within three of its own standard deviations (values kept at zero stay), and f within 3 %."""
     true = np.append(F, TRUE)
     free = true != 0
-    off = (found().values - true)[free]
-    assert (np.abs(off) < 4 * found().std[free]).all(), off / found().std[free]
+    off = (found().fit.values - true)[free]
+    assert (np.abs(off) < 4 * found().fit.std[free]).all(), off / found().fit.std[free]
     assert (np.abs(off / true[free])[:5] < 0.03).all()
     np.testing.assert_allclose(found().fit.zeros, [(0.05, -0.1), (-0.03, 0.04)], atol=3e-3)
-    assert (found().values[~free] == 0).all()
+    assert (found().fit.values[~free] == 0).all()
     assert found().fit.rms_innovation < 0.6
 
 
@@ -113,7 +113,7 @@ def test_it_repeats_a_run_that_it_has_not_seen():
 
 def test_zeros_that_are_there_and_not_looked_for_do_harm():
     """The point of `zeros`: without them the same logs give worse values, and a worse fit."""
-    off = [np.abs(each.values[[0, 2, 3, 5]] / F[[0, 2, 3, 5]] - 1).max() for each in (found(), found(zeros=False))]
+    off = [np.abs(each.fit.values[[0, 2, 3, 5]] / F[[0, 2, 3, 5]] - 1).max() for each in (found(), found(zeros=False))]
     assert off[1] > 3 * off[0]
     assert found(zeros=False).fit.rms_innovation > 2 * found().fit.rms_innovation
 

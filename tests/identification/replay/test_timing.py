@@ -38,7 +38,7 @@ def test_a_log_in_time_is_not_warned_about(record):
 def test_delay_is_found_and_its_correction_brings_the_parameters_back(record, samples):
     """A tenth of a sample, 70 microseconds, throws f off by more than its whole range; the intervals say so."""
     found = identify(DYNAMICS, late(record, samples), progress=False)
-    assert (np.abs(found.f - puma560.PUBLISHED) < 1.96 * found.std).all()
+    assert (np.abs(found.f - puma560.PUBLISHED) < 1.96 * found.fit.std).all()
     assert found.diagnostics.delay == pytest.approx(samples, abs=0.01)
     assert any(f"samples {'late' if samples > 0 else 'early'}" in text for text in found.warnings)
     again = quick(without_delay(late(record, samples), found.diagnostics.delay))

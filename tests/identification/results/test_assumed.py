@@ -42,7 +42,7 @@ def longer(log, name):
 def test_the_moves_are_those_of_another_identification(log, found, name):
     again = identify(*longer(log, name), **EXACT)
     said = found.assumed()
-    by_list, by_fit = said.moves[said.names.index(name)] / found.std, (again.f - found.f) / found.std
+    by_list, by_fit = said.moves[said.names.index(name)] / found.fit.std, (again.f - found.f) / found.fit.std
     assert np.abs(by_list - by_fit).max() < 1  # each finds its own bias by rounding
     if name != "links[1].a":  # of which the moves are small
         assert by_list @ by_fit > 0.9 * np.linalg.norm(by_list) * np.linalg.norm(by_fit)

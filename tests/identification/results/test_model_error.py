@@ -64,7 +64,7 @@ def test_intervals_count_an_offset_that_the_rig_lacks():
     found = identify(ARM.dynamics, record, progress=False)
     off = np.abs(found.f - ARM.f)
     assert (off > 6 * np.sqrt(np.diag(found.fit.noise_covariance))).any()
-    assert (off < 1.96 * found.std).all()
+    assert (off < 1.96 * found.fit.std).all()
     assert found.diagnostics.detection.names == ("offset",)
     values = found.diagnostics.detection.named[0].values
     np.testing.assert_allclose(
@@ -77,7 +77,7 @@ def test_a_right_rig_is_counted_too_unless_it_is_exact():
     wide = identify(ARM.dynamics, log(), progress=False)
     narrow = identify(ARM.dynamics, log(), progress=False, tolerances=Tolerances.none())
     np.testing.assert_array_equal(wide.f, narrow.f)
-    assert (wide.std > 0.999 * narrow.std).all()
-    assert (np.abs(narrow.f - ARM.f) < 2.6 * narrow.std).all()
+    assert (wide.fit.std > 0.999 * narrow.fit.std).all()
+    assert (np.abs(narrow.f - ARM.f) < 2.6 * narrow.fit.std).all()
     assert "within gears 0.8 %" in wide.summary()
     assert "take the rig for exact" in narrow.summary()

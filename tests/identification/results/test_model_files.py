@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from identification import identify, write_mjcf, write_urdf
+from identification import identify, write_model
 from identification.results.nearest_bodies import Block, basis, nearest_realisation
 from plant import Body, Chain, Coupling, Dynamics, Harmonics, P, puma560, simulate
 from plant.mechanics.body import from_pseudo_inertia, pseudo_inertia
@@ -48,7 +48,7 @@ def test_urdf_has_the_torques_of_the_arm_in_both_engines(files, tmp_path, rotors
     """Geometry of one robot, bodies of another; fixed branches, a link without inertial, turned inertial frames."""
     chain, target = Chain.from_urdf(files / "0.urdf"), tmp_path / "new.urdf"
     arm = another(chain, Chain.from_urdf(files / "1.urdf").bodies, rotors=rotors, true=0.3 * rotors)
-    written = write_urdf(arm, files / "0.urdf", target)
+    written = write_model(arm, files / "0.urdf", target)
     names = [link.name for link in chain.links]
     # rotors have no place in the file; of the first joint's, f shows the sum with its inertia alone
     expected = np.array([arm.inverse(*state) for state in STATES]) - written.rotors * STATES[:, 2]
@@ -66,7 +66,7 @@ def test_urdf_has_the_torques_of_the_arm_in_both_engines(files, tmp_path, rotors
 def test_mjcf_has_the_torques_of_the_arm_with_its_armature(files, tmp_path):
     chain, target = Chain.from_mjcf(files / "0.xml"), tmp_path / "new.xml"
     arm = another(chain, Chain.from_mjcf(files / "1.xml").bodies)
-    written = write_mjcf(arm, files / "0.xml", target)
+    written = write_model(arm, files / "0.xml", target)
     expected = np.array([arm.inverse(*state) for state in STATES])
     got = mujoco_torques(target, [link.name for link in chain.links], STATES)
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-9)
@@ -77,10 +77,24 @@ def test_mjcf_has_the_torques_of_the_arm_with_its_armature(files, tmp_path):
     assert target.read_text().count("<!-- body") == 5
 
 
+def test_mjcf_of_a_urdf_has_the_torques_of_the_arm_with_its_armature(files, tmp_path):
+    """Another format, the same joints: axes, fixed branches and prismatic joints; MuJoCo and this library read it."""
+    chain, target = Chain.from_urdf(files / "0.urdf"), tmp_path / "new.xml"
+    arm = another(chain, Chain.from_urdf(files / "1.urdf").bodies)
+    written = write_model(arm, files / "0.urdf", target)
+    expected = np.array([arm.inverse(*state) for state in STATES])
+    got = mujoco_torques(target, [link.name for link in chain.links], STATES)
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-9)
+    again = Chain.from_mjcf(target)
+    np.testing.assert_allclose([body.rotor for body in again.bodies], written.rotors, rtol=0, atol=0)
+    for name in ("lower", "upper", "effort"):
+        np.testing.assert_array_equal(getattr(again.limits, name), getattr(chain.limits, name))
+
+
 def test_an_arm_of_the_file_itself_changes_no_byte(files, tmp_path):
-    for name, read, write in (("0.urdf", Chain.from_urdf, write_urdf), ("0.xml", Chain.from_mjcf, write_mjcf)):
+    for name, read in (("0.urdf", Chain.from_urdf), ("0.xml", Chain.from_mjcf)):
         dynamics = Dynamics.from_chain(read(files / name))
-        write(dynamics.arm(dynamics.f()), files / name, tmp_path / name)
+        write_model(dynamics.arm(dynamics.f()), files / name, tmp_path / name)
         assert (tmp_path / name).read_bytes() == (files / name).read_bytes()
 
 
@@ -89,16 +103,16 @@ def test_what_f_does_not_show_is_the_prior_s(files, tmp_path):
     chain = Chain.from_urdf(files / "0.urdf")
     arm = another(chain, Chain.from_urdf(files / "1.urdf").bodies, rotors=False, true=0.0)
     random, truth = np.random.default_rng(1), tmp_path / "truth.urdf"
-    first = write_urdf(arm, files / "0.urdf", truth)
+    first = write_model(arm, files / "0.urdf", truth)
     for prior in (truth, first.bodies):
-        written = write_urdf(arm, files / "0.urdf", tmp_path / "a.urdf", prior=prior, overwrite=True)
+        written = write_model(arm, files / "0.urdf", tmp_path / "a.urdf", prior=prior, overwrite=True)
         for name, body in written.bodies.items():
             np.testing.assert_allclose(
                 body.standard_parameters, first.bodies[name].standard_parameters, rtol=0, atol=1e-12
             )
     # and of another prior something else is left
     other = {"tool": Body(mass=0.3, com=random.normal(size=3) * 0.1, inertia=(0.01, 0, 0, 0.01, 0, 0.01))}
-    written = write_urdf(arm, files / "0.urdf", tmp_path / "b.urdf", prior=other)
+    written = write_model(arm, files / "0.urdf", tmp_path / "b.urdf", prior=other)
     assert written.bodies["tool"].mass < 0.5 < first.bodies["tool"].mass
     assert not written.difference.any()
 
@@ -110,11 +124,11 @@ def test_f_that_no_bodies_have_is_refused_or_replaced_by_the_nearest(files, tmp_
     last = max(i for i, name in enumerate(dynamics.names) if name.startswith("Izz"))
     f[last] = -0.05  # about the last axis
     with pytest.raises(ValueError, match=r"f must be what bodies can have; .*Pass nearest=True") as error:
-        write_urdf(dynamics.arm(f), files / "0.urdf", tmp_path / "no.urdf")
+        write_model(dynamics.arm(f), files / "0.urdf", tmp_path / "no.urdf")
     assert "\n" not in str(error.value)
     assert not (tmp_path / "no.urdf").exists()
     with pytest.warns(UserWarning, match=r"written are the nearest, which differ by .*Izz"):
-        written = write_urdf(dynamics.arm(f), files / "0.urdf", tmp_path / "near.urdf", nearest=True)
+        written = write_model(dynamics.arm(f), files / "0.urdf", tmp_path / "near.urdf", nearest=True)
     assert written.difference[last] > 0.05
     again = Chain.from_urdf(tmp_path / "near.urdf")
     np.testing.assert_allclose(dynamics.f(again.bodies), written.arm.f, rtol=0, atol=1e-9)
@@ -124,18 +138,22 @@ def test_refusals(files, tmp_path):
     chain = Chain.from_urdf(files / "0.urdf")
     dynamics = Dynamics.from_chain(chain)
     arm, target = dynamics.arm(dynamics.f()), tmp_path / "new.urdf"
-    write_urdf(arm, files / "0.urdf", target)
+    write_model(arm, files / "0.urdf", target)
     with pytest.raises(ValueError, match="target must be a new file"):
-        write_urdf(arm, files / "0.urdf", target)
-    write_urdf(arm, files / "0.urdf", target, overwrite=True)
+        write_model(arm, files / "0.urdf", target)
+    write_model(arm, files / "0.urdf", target, overwrite=True)
     with pytest.raises(ValueError, match="another place or axis"):
-        write_urdf(arm, files / "1.urdf", tmp_path / "x.urdf")
+        write_model(arm, files / "1.urdf", tmp_path / "x.urdf")
     with pytest.raises(ValueError, match="a folder that is there"):
-        write_urdf(arm, files / "0.urdf", tmp_path / "gone" / "x.urdf")
+        write_model(arm, files / "0.urdf", tmp_path / "gone" / "x.urdf")
     with pytest.raises(ValueError, match="got a Chain"):
-        write_urdf(chain, files / "0.urdf", tmp_path / "x.urdf")
+        write_model(chain, files / "0.urdf", tmp_path / "x.urdf")
     with pytest.raises(ValueError, match=r"link of the prior must be one of .*Did you mean 'l1'"):
-        write_urdf(arm, files / "0.urdf", tmp_path / "x.urdf", prior={"l11": Body(mass=1, com=(0, 0, 0))})
+        write_model(arm, files / "0.urdf", tmp_path / "x.urdf", prior={"l11": Body(mass=1, com=(0, 0, 0))})
+    (tmp_path / "x.sdf").write_text("<sdf/>")
+    with pytest.raises(ValueError, match="must hold a <robot> or a <mujoco>; got <sdf>"):
+        write_model(arm, tmp_path / "x.sdf", tmp_path / "x.urdf")
+    (tmp_path / "x.sdf").unlink()
     (tmp_path / "x.xacro").write_text('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro/></robot>')
     assert sorted(path.name for path in tmp_path.iterdir()) == ["new.urdf", "x.xacro"]
 
@@ -226,7 +244,7 @@ def test_identified_friction_is_written_joint_side(identified, tmp_path):
     for name, friction in (("a.urdf", True), ("b.urdf", False)):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # noise: the nearest f
-            write_urdf(found, folder / "arm.urdf", tmp_path / name, nearest=True, friction=friction)
+            write_model(found, folder / "arm.urdf", tmp_path / name, nearest=True, friction=friction)
     robot = ElementTree.parse(tmp_path / "a.urdf").getroot()  # noqa: S314 - our own file
     drive = found.rig.drive
     written = [joint.find("dynamics") for joint in robot.iter("joint") if joint.get("type") == "revolute"]
@@ -247,7 +265,7 @@ def test_an_mjcf_comes_back_from_pulses_with_the_robot_s_torques(tmp_path):
     found = identify(dynamics, measured, progress=False)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # noise: the nearest f
-        write_mjcf(found, source, target, nearest=True)
+        write_model(found, source, target, nearest=True)
     states, names = np.stack(path(np.linspace(0, 2, 101)), axis=1), [link.name for link in chain.links]
     asked = np.array([truth.inverse(*state) for state in states])
     before, after = (np.abs(mujoco_torques(file, names, states) - asked).max(axis=0) for file in (source, target))
@@ -260,11 +278,11 @@ def test_an_inertial_in_an_included_file_is_not_written(tmp_path):
     (tmp_path / "main.xml").write_text('<mujoco><worldbody><include file="part.xml"/></worldbody></mujoco>')
     dynamics = Dynamics.from_chain(Chain.from_mjcf(tmp_path / "main.xml"), rotors=False)
     with pytest.raises(ValueError, match=r"inertials must stand in .*main.xml; that of b is in .*part.xml"):
-        write_mjcf(dynamics.arm(1.1 * dynamics.f()), tmp_path / "main.xml", tmp_path / "new.xml")
+        write_model(dynamics.arm(1.1 * dynamics.f()), tmp_path / "main.xml", tmp_path / "new.xml")
 
 
 def test_coupled_rotors_have_no_armature(files, tmp_path):
     chain = with_rotors(Chain.from_mjcf(files / "0.xml"), 0.2).coupled(Coupling(matrix=np.eye(4) + np.eye(4, k=-1)))
     dynamics = Dynamics.from_chain(chain)
     with pytest.raises(ValueError, match="rotors must turn with joints of their own"):
-        write_mjcf(dynamics.arm(dynamics.f()), files / "0.xml", tmp_path / "new.xml")
+        write_model(dynamics.arm(dynamics.f()), files / "0.xml", tmp_path / "new.xml")

@@ -53,7 +53,7 @@ def test_seven_base_parameters_are_projected_too():
     found = found_on(puma560.literature_arm(1.5), Dynamics.from_chain(DYNAMICS.chain))
     nearest = nearest_physical(found, BOXES)
     assert nearest.distance < 4.0
-    np.testing.assert_allclose(nearest.arm.f, found.f, atol=4 * found.std.max())
+    np.testing.assert_allclose(nearest.arm.f, found.f, atol=4 * found.fit.std.max())
 
 
 def test_a_heap_on_a_finer_grid_comes_no_further(physical):

@@ -7,7 +7,7 @@ import pytest
 
 from identification import Identification, identify
 from identification.equation_error.stated_law import begun
-from identification.results.repeated import repeated
+from identification.results.plots import repeated
 from plant import PID, LoggedTorque, Resumed, puma560, replay, simulate
 
 ARM, PATH = puma560.literature_arm(1.5), puma560.reference()
@@ -79,4 +79,4 @@ def test_torques_that_begin_in_motion_accuse_nothing(arm, begin):
     found = identify(arm.dynamics, dataclasses.replace(record, true_q=None, true_qd=None), progress=False)
     assert found.diagnostics.detection.names == ()
     assert not found.warnings
-    assert (np.abs(found.f - arm.f) < 4 * found.std).all()
+    assert (np.abs(found.f - arm.f) < 4 * found.fit.std).all()

@@ -142,7 +142,7 @@ def test_nothing_contradicts_a_model_whose_gears_give_and_whose_stiffness_is_unk
     assert detection.names == ()
     assert "no inertia" not in str(detection)
     assert str(detection).endswith("compliance cannot be told from the unknowns")
-    ends = np.add.outer([-4, 4], np.zeros(2)) * found.std[-2:] + found.values[-2:]
+    ends = np.add.outer([-4, 4], np.zeros(2)) * found.fit.std[-2:] + found.fit.values[-2:]
     assert (ends[0] < gears(60).stiffness).all()
     assert (gears(60).stiffness < ends[1]).all()
 
@@ -163,7 +163,7 @@ def test_the_papers_method_is_tested_too_and_its_result_stays():
     """f is the genetic algorithm's, from a cold start; the test fits the model anew."""
     tiny = GeneticSettings.paper(individuals=6, subpopulations=1, generations=2)
     found = identify(DYNAMICS, log(elasticity=gears(60)), method="paper", settings=tiny, progress=False)
-    np.testing.assert_array_equal(found.f, found.values)
+    np.testing.assert_array_equal(found.f, found.fit.values)
     assert found.covariance is None
     assert found.diagnostics.detection.names == ("compliance",)
 

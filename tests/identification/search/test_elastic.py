@@ -47,7 +47,7 @@ def holds(resonance, hz):
 @pytest.mark.parametrize("hz", [(25, 25), (60, 40)])
 def test_resonances_are_found_and_their_intervals_hold_them(hz):
     result = found(hz)
-    resonance = result.resonance
+    resonance = result.fit.resonance
     assert resonance.searched.all()
     np.testing.assert_allclose(resonance.hz, hz, rtol=0.1)
     assert holds(resonance, hz).all()
@@ -57,20 +57,20 @@ def test_resonances_are_found_and_their_intervals_hold_them(hz):
     # Rig, table and values say the same.
     elasticity = Elasticity.from_resonance(result.arm, resonance.hz, resonance.damping_ratio, drive=RIG.drive)
     np.testing.assert_allclose(result.rig.drive.elasticity.stiffness, elasticity.stiffness, rtol=1e-9)
-    np.testing.assert_allclose(result.values[-2:], elasticity.damping, rtol=1e-9)
-    assert result.unknown == (*NAMES, *GEARS)
-    assert (result.std > 0).all()
+    np.testing.assert_allclose(result.fit.values[-2:], elasticity.damping, rtol=1e-9)
+    assert result.fit.unknown == (*NAMES, *GEARS)
+    assert (result.fit.std > 0).all()
     assert result.warnings == []
 
 
 def test_a_rigid_log_gives_a_bound_and_no_number():
     """And f about as well as without gears."""
     result = found(None)
-    resonance = result.resonance
+    resonance = result.fit.resonance
     assert np.isinf(resonance.hz).all()
     assert np.isinf(resonance.high).all()
     assert ((resonance.low > 80) & (resonance.low < 500)).all()
-    assert (result.std[9:] == 0).all()
+    assert (result.fit.std[9:] == 0).all()
     text = result.summary()
     for i, label in enumerate(resonance.joints):
         assert f"{label} stiffer than {resonance.low[i]:.0f}" in " ".join(text.split())
@@ -83,18 +83,18 @@ def test_what_a_rig_says_is_a_guess_that_may_be_far_off():
     wrong = gears((60, 40))
     wrong = dataclasses.replace(wrong, stiffness=16 * wrong.stiffness, damping=(0, 0))
     record = dataclasses.replace(log((60, 40)), rig=on(wrong))
-    again = identify(ARM.dynamics, record, unknown=(*NAMES, *GEARS), progress=False).resonance
-    np.testing.assert_allclose(again.hz, found((60, 40)).resonance.hz, rtol=0.01)
+    again = identify(ARM.dynamics, record, unknown=(*NAMES, *GEARS), progress=False).fit.resonance
+    np.testing.assert_allclose(again.hz, found((60, 40)).fit.resonance.hz, rtol=0.01)
 
 
 def test_one_gear_unknown_and_the_others_known():
     record = dataclasses.replace(log((60, 40)), rig=on(gears((60, 100))))
     result = identify(ARM.dynamics, record, unknown=(*NAMES, GEARS[1]), progress=False)
-    assert result.resonance.searched.tolist() == [False, True]
-    assert result.resonance.hz[1] == pytest.approx(40, rel=0.05)
+    assert result.fit.resonance.searched.tolist() == [False, True]
+    assert result.fit.resonance.hz[1] == pytest.approx(40, rel=0.05)
     stiffness = result.rig.drive.elasticity.stiffness
     assert stiffness[0] == gears(60).stiffness[0]
-    assert "as the rig says" in str(result.resonance)
+    assert "as the rig says" in str(result.fit.resonance)
 
 
 def test_backlash_that_no_rig_states_leaves_a_bound():
@@ -104,7 +104,7 @@ def test_backlash_that_no_rig_states_leaves_a_bound():
     result = identify(
         ARM.dynamics, dataclasses.replace(record, rig=on(gears(70))), unknown=(*NAMES, GEARS[1]), progress=False
     )
-    resonance = result.resonance
+    resonance = result.fit.resonance
     assert "joint 3 (q[1])" in resonance.played
     assert resonance.hz[1] < 65
     assert 30 < resonance.low[1] < 70
@@ -116,9 +116,9 @@ def test_backlash_that_no_rig_states_leaves_a_bound():
 
 def test_gears_that_are_known_leave_f_alone_to_find():
     result = identify(ARM.dynamics, log((25, 25)), progress=False)
-    assert result.unknown == NAMES
-    assert not result.resonance.searched.any()
-    np.testing.assert_allclose(result.resonance.hz, 25, rtol=0.02)
+    assert result.fit.unknown == NAMES
+    assert not result.fit.resonance.searched.any()
+    np.testing.assert_allclose(result.fit.resonance.hz, 25, rtol=0.02)
     assert (np.abs(result.f - ARM.f) / WIDTH).max() < 0.06
 
 
@@ -126,7 +126,7 @@ def test_a_second_sensor_shows_stiffness_directly():
     """Where one sensor leaves an interval of 20 %, the second one leaves a few."""
     rig = on(Elasticity(stiffness=(1e5, 1e5), damping=(10, 10)), "both")
     record = dataclasses.replace(log((100, 80), "both"), rig=rig)
-    resonance = identify(ARM.dynamics, record, unknown=(*NAMES, *GEARS), progress=False).resonance
+    resonance = identify(ARM.dynamics, record, unknown=(*NAMES, *GEARS), progress=False).fit.resonance
     np.testing.assert_allclose(resonance.hz, [100, 80], rtol=0.05)
     assert holds(resonance, [100, 80]).all()
     assert (resonance.high < 1.2 * resonance.low).all()
@@ -135,7 +135,7 @@ def test_a_second_sensor_shows_stiffness_directly():
 def test_rigid_identification_has_no_resonance_to_tell():
     record = simulate(ARM, RIG, puma560.p_law((0.1, 0.08)), PATH, duration=0.5)
     result = identify(ARM.dynamics, record, method="prediction_error", progress=False)
-    assert result.resonance is None
+    assert result.fit.resonance is None
     assert "resonance" not in result.summary()
 
 

@@ -70,7 +70,7 @@ def test_a_torque_injected_beside_a_law_with_a_memory_is_no_part_of_it(name):
 def test_a_p_log_without_reference_that_was_cut_begins_at_the_speed_of_its_counts():
     record = simulate(ARM, RIG, puma560.p_law((0.1, 0.08)), PATH, duration=2.2).cut(0.437)
     found = identify(ARM.dynamics, dataclasses.replace(record, reference=None), progress=False)
-    assert (np.abs(found.f - ARM.f) < 4 * found.std).all()
+    assert (np.abs(found.f - ARM.f) < 4 * found.fit.std).all()
     assert (np.sqrt(np.diag(found.fit.noise_covariance)) / WIDTH).max() < 0.1
 
 
@@ -96,7 +96,7 @@ def test_unknown_gains_are_found_beside_f():
     stated = dataclasses.replace(PID_LAW, gain=(0.11, 0.07))
     record = dataclasses.replace(log("PID"), law=stated)
     found = identify(ARM.dynamics, record, unknown=(*ARM.dynamics.names, "law.gain[0]", "law.gain[1]"), progress=False)
-    np.testing.assert_allclose(found.values[-2:], PID_LAW.gain, rtol=0.02)
+    np.testing.assert_allclose(found.fit.values[-2:], PID_LAW.gain, rtol=0.02)
     np.testing.assert_allclose(found.law.gain, PID_LAW.gain, rtol=0.02)
 
 

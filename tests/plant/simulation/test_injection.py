@@ -7,7 +7,7 @@ import pytest
 from closed_loops import Constant, NoTorque, direct_rig, joint
 
 from ctc import ComputedTorque, evaluate
-from identification.equation_error.motor_torque import torque_of
+from identification.equation_error.torque_logs import torque_of
 from plant import (
     Elasticity,
     LoggedCurrent,
