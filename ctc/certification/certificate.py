@@ -97,6 +97,11 @@ class Certificate(Shown, Saved, Frozen):
         return int((self.runs.outside > 0).sum())
 
     @property
+    def failures_before(self) -> int:
+        """How many exceed the limit at a sample before ``after``, which does not count."""
+        return int((self.runs.before > 0).sum())
+
+    @property
     def probability(self) -> float:
         """Share of the loops that left the limit."""
         return self.failures / len(self.plants)
