@@ -9,7 +9,7 @@ import numpy as np
 from ctc.certification.identified import Identified
 from ctc.certification.imperfections import IMPERFECTIONS
 from ctc.certification.uncertainty import Uncertainty, spread
-from ctc.verdict.lowest_resonance import LOWEST
+from ctc.verdict.on_gears import LOWEST
 from plant import Rig
 from plant.parts.shown import Aside, Piece, Verdict
 from plant.parts.tables import Table, by_joint
