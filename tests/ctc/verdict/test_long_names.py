@@ -10,7 +10,7 @@ from uncertain import with_uncertainty
 
 from ctc import ComputedTorque, certify, evaluate, margins
 from ctc.verdict.comparison import Comparison
-from ctc.verdict.lowest_resonance import LowestResonance
+from ctc.verdict.on_gears import LowestResonance
 from plant import Dynamics, Harmonics, p_gains, read_robot
 
 NAMES = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
@@ -82,5 +82,5 @@ def test_figures_have_the_labels_of_the_tables():
 
     matplotlib.use("Agg")
     axes = evaluation().plot()
-    assert [axis.get_ylabel().splitlines()[0] for axis in axes[:, 0]] == LABELS
+    assert [axis.get_title(loc="left").splitlines()[-1] for axis in axes[:, 0]] == LABELS
     matplotlib.pyplot.close("all")
