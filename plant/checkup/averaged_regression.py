@@ -26,16 +26,9 @@ _PER_WINDOW = 7
 class AveragedRegression:
     """Coefficients of the torque of one motor, with standard deviations.
 
-    Attributes
-    ----------
-    inertia, inertia_std : (n,) numpy.ndarray
-        Of the acceleration of every motor, mean over the log [kg m^2].
-    cross_coulomb, cross_coulomb_std : (n,) numpy.ndarray
-        Of the sign of the speed of every motor, if all are allowed to rub [N m].
-    coulomb, coulomb_std : float
-        Of the sign of its own, the only one that should [N m].
-    delay, delay_std : float
-        Delay of the counts behind the torque [samples].
+    Of the acceleration of every motor (n,), mean over the log [kg m^2]; of the sign of the speed of every motor (n,),
+    if all are allowed to rub, and of its own, the only one that should [N m]; delay of the counts behind the torque
+    [samples].
     """
 
     inertia: NDArray[np.float64]

@@ -8,9 +8,9 @@ import numpy as np
 
 from plant.checkup.counts import counts_findings
 from plant.checkup.finding import NO_TORQUE, Checkup, Finding
-from plant.checkup.oscillation import oscillation_findings
+from plant.checkup.oscillation import averaged, oscillation_findings, power
 from plant.checkup.quantisation import quantisation_findings
-from plant.checkup.signals import Signals, averaged, power
+from plant.checkup.signals import Signals
 from plant.checkup.stamps import time_findings
 from plant.checkup.tracking import reference_findings
 from plant.checkup.units import unit_findings
@@ -173,16 +173,7 @@ _LEAST = 50
 
 
 def examine(record: Any) -> Checkup:
-    """Check a record for errors; ``record.check()`` does.
-
-    Parameters
-    ----------
-    record : Record
-
-    Returns
-    -------
-    Checkup
-    """
+    """Check a record for errors; ``record.check()`` does."""
     signals = Signals(record)
     labels = tuple(signals.joint_labels)
     if len(signals.t) < _LEAST:

@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.checkup.finding import Finding
-from plant.checkup.signals import Signals, averaged, power
+from plant.checkup.signals import Signals
 
 _CONTAINED, _BEYOND, _SLOWEST = 0.999, 5.0, 3.0
 """Share of the reference's power below the highest of its frequencies; and how many times that, and [Hz], is above."""
@@ -28,6 +29,16 @@ _GROWN = 1.5
 """Ratio of the last third to the first from which on it grows."""
 
 _NAME, _UNIT = "oscillation", "Hz"
+
+
+def power(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Power spectrum of values (G,) about their mean, in a Hann window."""
+    return np.asarray(np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2)
+
+
+def averaged(spectrum: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """A power spectrum, averaged over so many neighbours."""
+    return np.convolve(spectrum, np.ones(count) / count, mode="same")
 
 
 def oscillation_findings(signals: Signals) -> Iterator[Finding]:

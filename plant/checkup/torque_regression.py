@@ -29,20 +29,9 @@ _PER_WINDOW = 7
 class TorqueRegression:
     """Coefficients of the torque of one motor, with standard deviations.
 
-    Attributes
-    ----------
-    inertia, inertia_std : (n,) numpy.ndarray
-        Of the acceleration of every motor [kg m^2].
-    viscous, viscous_std : float
-        Of its own speed [N m s/rad].
-    coulomb, coulomb_std : float
-        Of the sign of its speed [N m].
-    delay, delay_std : float
-        Delay of the counts behind the torque [samples].
-    backlash, backlash_std : float
-        Motion of the motor alone where the load torque changes sign [pulses].
-    reversals : int
-        Number of such changes.
+    Of the acceleration of every motor (n,) [kg m^2], of its own speed [N m s/rad] and its sign [N m]; delay of the
+    counts behind the torque [samples]; motion of the motor alone where the load torque changes sign [pulses], and the
+    number of such reversals.
     """
 
     inertia: NDArray[np.float64]
@@ -101,16 +90,10 @@ class TorqueRegression:
 def least_squares(
     columns: NDArray[np.float64], measured: NDArray[np.float64], memory: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Coefficients and standard deviations of a regression with correlated residuals and a model error.
+    """Coefficients and standard deviations (k,) of a regression with correlated residuals and a model error.
 
     Residuals count as independent only every `memory` rows; a jackknife over tenths of the log covers what changes
     with the pose. The larger standard deviation counts.
-
-    Parameters
-    ----------
-    columns : (N, k) numpy.ndarray
-    measured : (N,) numpy.ndarray
-    memory : int
     """
     scale = np.sqrt(np.mean(columns**2, axis=0))
     scale[scale == 0] = 1.0

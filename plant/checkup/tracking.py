@@ -92,14 +92,9 @@ def _swapped(signals, i):
 
 
 def _against_law(signals, i, j):
-    """Regression of the logged torque of motor i on the commanded one of motor j.
+    """Regression of the logged torque of motor i on the commanded one of j: slope, delay, its std, explained share.
 
-    Late counts show as torque in proportion to speed, so slope and delay are estimated together.
-
-    Returns
-    -------
-    slope, delay, delay_std, explained : float
-        Logged per commanded torque; counts behind torque [samples]; explained share of the logged torque's variance.
+    Late counts show as torque in proportion to speed, so slope and delay (of the counts [samples]) are found together.
     """
     error = (signals.reference - signals.counts)[:, j]
     gain = (error @ signals.commanded[:, j]) / max(error @ error, 1e-300)  # [N m/pulse], of a law without memory

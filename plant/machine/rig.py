@@ -202,12 +202,7 @@ class Rig(Part):
         return joint_labels(self.drive.joints, self.n)
 
     def require_fit(self, chain: Chain) -> None:
-        """Refuse a chain of another number of joints, or with another coupling.
-
-        Raises
-        ------
-        ValueError
-        """
+        """Refuse a chain of another number of joints, or with another coupling."""
         if self.n != chain.n:
             raise ValueError(f"rig must have {chain.n} joints like the arm; got {self.n}. Use a matching rig.")
         if self.drive.coupling != chain.coupling:

@@ -39,14 +39,7 @@ class _Compiler:
 
 
 def read_mjcf(path: str | Path) -> ModelFile:
-    """An MJCF file: bodies as links, joints (bodies without one are fixed), and the places of their elements.
-
-    Raises
-    ------
-    ValueError
-        A file that is malformed, too large, declares entities, includes a file that is not there, or holds an element
-        outside the subset; a body that is not physically consistent.
-    """
+    """An MJCF file: bodies as links, joints (bodies without one are fixed), and the places of their elements."""
     root, data = parsed(path, "mujoco", "MJCF")
     _include(root, Path(path), {Path(path).resolve()})
     for element in root.children:

@@ -16,14 +16,7 @@ INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def read_urdf(path: str | Path) -> ModelFile:
-    """A URDF file: links, joints, and the places of their elements.
-
-    Raises
-    ------
-    ValueError
-        A file that is malformed, too large, or declares entities; a body that is not physically consistent; xacro that
-        cannot be expanded.
-    """
+    """A URDF file: links, joints, and the places of their elements; xacro is expanded."""
     robot, data = parsed(path, "robot", "URDF")
     if is_xacro(robot):
         robot, data = parsed(path, "robot", "URDF", expanded(Path(path)))
@@ -119,13 +112,7 @@ def is_xacro(element: Element) -> bool:
 
 
 def expanded(path: Path) -> bytes:
-    """The URDF that a xacro file makes; its macros may read other files, and evaluate expressions.
-
-    Raises
-    ------
-    ValueError
-        `xacrodoc` is not installed, or cannot expand the file.
-    """
+    """The URDF that a xacro file makes; its macros may read other files, and evaluate expressions."""
     try:
         import xacrodoc
     except ImportError:

@@ -34,13 +34,7 @@ def lumping_table(lumping: Lumping, chain: Chain) -> dict[str, dict[str, Any]]:
 
 
 def lumping_of(table: Mapping[str, Any], chain: Chain) -> Lumping:
-    """The lumping of such a table.
-
-    Raises
-    ------
-    ValueError
-        A name that is no standard parameter of the chain, a torque that f cannot enter.
-    """
+    """The lumping of such a table; a name that is no standard parameter of the chain is refused."""
     names, matrix, flags = _names(chain), [], []
     for name, given in table.items():
         where = f"{name} of [arm.parameters]"

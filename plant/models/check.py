@@ -99,13 +99,7 @@ class ModelCheck(Shown):
 
     @known_options
     def write(self, target: str | Path, *, overwrite: bool = False) -> None:
-        """Write the file with the repairs; every byte of what is not repaired stays.
-
-        Raises
-        ------
-        ValueError
-            A target that is there.
-        """
+        """Write the file with the repairs, a new one; every byte of what is not repaired stays."""
         path = require_new(target, overwrite)
         robot, data = parsed(self.path, "robot", "URDF")
         links = {link.attributes.get("name", ""): link for link in robot.all("link")}

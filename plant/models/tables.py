@@ -92,22 +92,10 @@ def _said(cls: type[Part], name: str) -> str:
 
 
 def part_of(table: Any, kind: str, where: str, known: Mapping[str, Part] | None = None) -> Any:
-    """The part that a table describes.
+    """The part that a table describes, of this kind where the table names none.
 
-    Parameters
-    ----------
-    table : mapping
-    kind : str
-        Where the table names none.
-    where : str
-        Its heading, for messages.
-    known : mapping of str to Part, optional
-        What text in the place of a part stands for: ``"[arm]"``.
-
-    Raises
-    ------
-    ValueError
-        Unknown, missing or misspelt keys, and what the part itself refuses, with the heading.
+    `where` is its heading, for messages; `known` is what text in the place of a part stands for: ``"[arm]"``. Unknown,
+    missing or misspelt keys, and what the part itself refuses, are refused with the heading.
     """
     cls = class_of(table.get("kind", kind) if isinstance(table, Mapping) else kind, where)
     check_keys(table, cls, where)

@@ -14,21 +14,9 @@ _WIDE = 110
 def toml_lines(
     table: Mapping[str, Any], path: tuple[str, ...] = (), comment: Callable[..., str] = lambda *_: ""
 ) -> Iterator[str]:
-    """Lines of a table: plain values first, then the tables and lists of tables within it.
+    """Lines of a table: plain values first, then the tables and lists of tables within it; `path` leads to the table.
 
-    Parameters
-    ----------
-    table : mapping
-        Of numbers, text, flags, lists of these, tables, and lists of tables.
-    path : tuple of str
-        Keys that lead to the table.
-    comment : callable
-        (path, key) -> what stands behind a value.
-
-    Raises
-    ------
-    ValueError
-        What TOML cannot hold.
+    ``comment(path, key)`` is what stands behind a value. What TOML cannot hold is refused.
     """
     nested = {key: value for key, value in table.items() if _is_table(value) and not (path and _is_short(value))}
     for key, value in table.items():

@@ -19,19 +19,10 @@ _TAGS = ("array", "scalar", "list", "dict")
 
 
 def to_plain(value: Any, *, compared: bool = False) -> Any:
-    """A part, a result, or what their fields hold, as plain data.
+    """A part, a result, or what their fields hold, as plain data; what no file can hold is refused.
 
-    Parameters
-    ----------
-    value : object
-    compared : bool
-        For a comparison alone: without what does not count in one (``compare=False``), and parts of the user's own with
-        the text of their class.
-
-    Raises
-    ------
-    ValueError
-        What no file can hold.
+    `compared`: for a comparison alone, without what does not count in one (``compare=False``), and parts of the user's
+    own with the text of their class.
     """
     cls = type(value)
     if value is None or cls in (bool, int, float, str):
@@ -72,13 +63,7 @@ def _field(value: Any, is_part: bool, compared: bool) -> Any:
 
 
 def from_plain(data: Any) -> Any:
-    """What `to_plain` was given.
-
-    Raises
-    ------
-    ValueError
-        Unknown kind, missing or unknown fields, an array that does not fit its shape; what a constructor refuses.
-    """
+    """What `to_plain` was given; unknown kinds, missing or unknown fields, and arrays that do not fit are refused."""
     if isinstance(data, list):
         return tuple(from_plain(each) for each in data)
     if not isinstance(data, dict):
