@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant import Record, Resumed
-from plant.laws.commanded import commanded_torque
+from plant.laws.replayed import commanded_torque
 from plant.simulation.clock import Clock
 from plant.simulation.injection import injected_beside
 from plant.simulation.law_run import run_law

@@ -72,12 +72,12 @@ def _oscillation(signals, i):
     size, tracking = np.median(parts), _rms(slow)
     clear = around[fast].max() > _PEAK * np.median(around[fast])
     if not (clear and size > _LEAST * signals.least_count[i] and size > _SWINGS * tracking):
-        return Finding(check=_NAME, joint=i, value=float(size), unit="pulses", verdict="fine")
+        return Finding.of(_NAME, i, size, "pulses")
     third = _PARTS // 3
     does = "grows" if parts[-third:].mean() > _GROWN * parts[:third].mean() else "goes on"
-    return Finding(
-        check=_NAME, joint=i, value=float(own), unit=_UNIT, verdict="look",
-        advice=f"The loop swings by itself, {size:.3g} pulses rms beside {tracking:.3g} of tracking, and {does}: it is "
+    return Finding.of(
+        _NAME, i, own, _UNIT, "look",
+        f"The loop swings by itself, {size:.3g} pulses rms beside {tracking:.3g} of tracking, and {does}: it is "
         "unstable, or nearly, as by lag of the currents or elastic gears (or driven by ripple). Lower its gains.",
     )  # fmt: skip
 

@@ -11,9 +11,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.checkup.averaged_regression import AveragedRegression
-from plant.checkup.torque_regression import TorqueRegression
-from plant.laws.commanded import commanded_torque
+from plant.checkup.torque_regression import AveragedRegression, TorqueRegression
+from plant.laws.replayed import commanded_torque
 
 T = TypeVar("T")
 

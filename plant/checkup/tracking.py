@@ -54,7 +54,7 @@ def _sign(signals, i):
         advice = f"The counts run against the reference{_turned(signals, i)}."
     verdict = "fine" if abs(slope - 1) <= TRACKING else "wrong"
     advice *= verdict != "fine"
-    return Finding(check=name, joint=i, value=float(slope), unit=unit, verdict=verdict, advice=advice)
+    return Finding.of(name, i, slope, unit, verdict, advice)
 
 
 def _turned(signals: Signals, i: int) -> str:
@@ -85,10 +85,10 @@ def _swapped(signals, i):
     swapped = nearest != i and error[nearest] < _CLOSER * min(own, 1.0)
     name, value, unit = "swapped joints", float(100 * own), "% off its reference"
     if not swapped:
-        return Finding(check=name, joint=i, value=value, unit=unit, verdict="fine")
+        return Finding.of(name, i, value, unit)
     other = signals.joint_labels[nearest]
     advice = f"The counts follow the reference of {other} ({error[nearest]:.0%} off): exchange the columns."
-    return Finding(check=name, joint=i, value=value, unit=unit, verdict="wrong", advice=advice)
+    return Finding.of(name, i, value, unit, "wrong", advice)
 
 
 def _against_law(signals, i, j):

@@ -47,9 +47,7 @@ class Resumed(Law):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.law.replays or isinstance(self.law, Resumed):
-            raise ValueError(
-                f"law must be a controller; got {type(self.law).__name__}. Give the one that made the log."
-            )
+            raise ValueError(f"law must be a controller; got {type(self.law).__name__}. Give that which made the log.")
 
     @property
     def period(self) -> float | None:  # type: ignore[override]  # declared, and here the law's

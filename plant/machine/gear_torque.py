@@ -33,6 +33,4 @@ def require_elastic(owner: str, rig: Rig) -> None:
             "have to jump where the torque reverses. Leave it out here; links are then off by half of it."
         )
     if rig.encoder.side == "link":
-        raise ValueError(
-            f"encoders in the rig of {owner} must be on the motors; got the link's side. Follow q_r itself."
-        )
+        raise ValueError(f"encoders in the rig of {owner} must be on the motors; got the links'. Follow q_r itself.")

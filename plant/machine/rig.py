@@ -53,15 +53,11 @@ class Jitter(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0 <= self.share <= 0.5:
-            raise ValueError(
-                f"share must be from 0 to 0.5 of the period; got {self.share:g}. Instants keep apart then."
-            )
+            raise ValueError(f"share must be from 0 to 0.5 of the period; got {self.share:g}. Instants stay apart so.")
         if isinstance(self.seed, bool) or not isinstance(self.seed, (int, np.integer)) or self.seed < 0:
             raise ValueError(f"seed must be a whole number, 0 or more; got {self.seed!r:.60}. Give one, such as 0.")
         if self.stream < 0 or self.stream % 1:
-            raise ValueError(
-                f"stream must be a whole number, 0 or more; got {self.stream:g}. Leave it out for one loop."
-            )
+            raise ValueError(f"stream must be a whole number, 0 or more; got {self.stream:g}. One loop needs none.")
         object.__setattr__(self, "seed", int(self.seed))
 
     def draws(self, steps: int) -> NDArray[np.float64]:

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 
 from plant.mechanics.body import Body
 from plant.mechanics.coupling import Coupling
-from plant.mechanics.limits import Limits
-from plant.mechanics.link import Link
+from plant.mechanics.link import Limits, Link
 from plant.mechanics.mjcf_file import read_mjcf
 from plant.mechanics.model_tree import links_of_chain
 from plant.mechanics.placement import Placement

@@ -83,9 +83,7 @@ def model_beside(table: dict[str, Any], folder: Path) -> Path | None:
 def _chain(table: dict[str, Any], folder: Path) -> Chain:
     sources = [key for key in ("links", "urdf", "mjcf") if key in table]
     if len(sources) != 1:
-        raise ValueError(
-            f"[arm] must have one of links, urdf, mjcf; it has {' and '.join(sources) or 'none'}. Give one."
-        )
+        raise ValueError(f"[arm] must have one of links, urdf, mjcf; got {' and '.join(sources) or 'none'}. Give one.")
     if sources != ["links"]:
         if unused := [key for key in ("table", "bodies", "limits") if key in table]:
             raise ValueError(f"[arm] must not have {unused[0]!r} beside a model file, which holds it. Remove one.")

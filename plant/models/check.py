@@ -29,8 +29,7 @@ from plant.models.agreement import (
     mirrored,
 )
 from plant.models.edits import body_of, guess, only, urdf_inertial
-from plant.models.evidence import joint_places, mirrors, partner_of, shape_of
-from plant.models.hypotheses import Stated, without_mistakes
+from plant.models.hypotheses import Stated, joint_places, mirrors, partner_of, shape_of, without_mistakes
 from plant.parts.arguments import known_options
 from plant.parts.files import require_new, write_whole
 from plant.parts.shown import Piece, Shown, Verdict
@@ -176,9 +175,8 @@ def check_model(path: str | Path) -> ModelCheck:
 
 def _alike(link: CheckedLink) -> bool:
     """Whether a link states what the other side states, mirrored."""
-    return any(
-        link.stated is not None and agrees(link.stated, mirrored(partner, plane)) for partner, plane in link.partners
-    )
+    own = link.stated
+    return own is not None and any(agrees(own, mirrored(partner, plane)) for partner, plane in link.partners)
 
 
 def _own_gain(link: CheckedLink, finding: ModelFinding, links: dict[str, CheckedLink]) -> float:

@@ -69,9 +69,8 @@ def from_plain(data: Any) -> Any:
     if not isinstance(data, dict):
         return data
     if "kind" in data or not any(tag in data for tag in _TAGS):
-        return _made(
-            class_of(data.get("kind")), {name: from_plain(each) for name, each in data.items() if name != "kind"}
-        )
+        fields = {name: from_plain(each) for name, each in data.items() if name != "kind"}
+        return _made(class_of(data.get("kind")), fields)
     if set(data) == {"list"} and isinstance(data["list"], list):
         return [from_plain(each) for each in data["list"]]
     if set(data) == {"dict"} and isinstance(data["dict"], list):
@@ -82,9 +81,7 @@ def from_plain(data: Any) -> Any:
         return _array([data["scalar"]], data["dtype"], [1])[0]
     if set(data) == {"array", "dtype", "shape"}:
         return _array(data["array"], data["dtype"], data["shape"])
-    raise ValueError(
-        f"an object must be a kind, an array, a list or a dict; got the keys {sorted(data)!r:.80}. Correct it."
-    )
+    raise ValueError(f"an object must be a kind, array, list or dict; got the keys {sorted(data)!r:.80}. Correct it.")
 
 
 def _made(cls: type, values: dict[str, Any]) -> Any:
