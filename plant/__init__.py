@@ -45,8 +45,7 @@ from plant.mechanics.body import Body
 from plant.mechanics.chain import Chain
 from plant.mechanics.coupling import Coupling
 from plant.mechanics.dynamics import Dynamics
-from plant.mechanics.limits import Limits
-from plant.mechanics.link import Link
+from plant.mechanics.link import Limits, Link
 from plant.mechanics.lumping import Lumping
 from plant.mechanics.placement import Placement
 from plant.models.check import check_model

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from identification.equation_error.filtering import low_pass
 from identification.equation_error.naming import each_named, record_label
 from plant import Dynamics, Record, Resumed, Rig
-from plant.laws.commanded import commanded_torque
+from plant.laws.replayed import commanded_torque
 from plant.parts.arguments import array, instance
 from plant.simulation.clock import Clock
 from plant.simulation.law_run import run_law

@@ -47,7 +47,7 @@ def counts_findings(signals: Signals) -> Iterator[Finding]:
     for i, (_, jumps, size) in enumerate(events):
         if size[2]:
             advice = f"In places the counts go in steps of {size[2]:.3g} pulses; log them with more digits."
-            yield Finding(check="jumps", joint=i, value=float(jumps), unit="", verdict="look", advice=advice)
+            yield Finding.of("jumps", i, jumps, "", "look", advice)
             continue
         yield Finding.graded(
             "jumps", i, jumps, "", look=0, wrong=0,
@@ -69,8 +69,7 @@ def _motion(signals, i):
                 "The motor stands still while others move: it sticks, its brake is on, or its encoder is dead or in "
                 "other units."
             )
-    return Finding(check="motion", joint=i, value=float(moved * signals.least_count[i]), unit="pulses", verdict=verdict,
-                   advice=advice)  # fmt: skip
+    return Finding.of("motion", i, moved * signals.least_count[i], "pulses", verdict, advice)
 
 
 def _events(signals, i):

@@ -8,9 +8,9 @@ import numpy as np
 
 from plant.checkup.counts import counts_findings
 from plant.checkup.finding import NO_TORQUE, Checkup, Finding
-from plant.checkup.oscillation import oscillation_findings
+from plant.checkup.oscillation import averaged, oscillation_findings, power
 from plant.checkup.quantisation import quantisation_findings
-from plant.checkup.signals import Signals, averaged, power
+from plant.checkup.signals import Signals
 from plant.checkup.stamps import time_findings
 from plant.checkup.tracking import reference_findings
 from plant.checkup.units import unit_findings
@@ -92,16 +92,16 @@ def _backlash(signals, i):
         return Finding.unknown(name, i, f"the load changes sign {regression.reversals} times")
     play, std = regression.backlash, regression.backlash_std
     if play > max(_PLAY * signals.least_count[i], _PLAY_SURE * std):
-        return Finding(
-            check=name, joint=i, value=float(play), unit=unit, verdict="look",
-            advice="The motor runs ahead where the load changes sign: the gear has at least this backlash; expect no "
+        return Finding.of(
+            name, i, play, unit, "look",
+            "The motor runs ahead where the load changes sign: the gear has at least this backlash; expect no "
             "better than that from the model there.",
         )  # fmt: skip
     if std > _PLAY * signals.least_count[i] or (abs(play) > _PLAY_SURE * std and play < 0):
         return Finding.unknown(name, i, f"known to +-{std:.2g} pulses only", value=play, unit=unit)
     if signals.reference is not None:
         return Finding.unknown(name, i, "none seen, but a position loop hides it", value=play, unit=unit)
-    return Finding(check=name, joint=i, value=float(play), unit=unit, verdict="fine")
+    return Finding.of(name, i, play, unit)
 
 
 _AVERAGED = 9
@@ -154,9 +154,9 @@ def _compliance(signals, i, fastest):
         highest = found[k - _AVERAGED : k + _AVERAGED + 1].max()
         valley = max(found[k - _VALLEY : k].min(), found[k : k + _VALLEY].min())
         if found[k] == highest and found[k] > _PEAK * valley:
-            return Finding(
-                check=name, joint=i, value=float(frequency[k]), unit=unit, verdict="look",
-                advice=f"On rigid gears nothing in this loop oscillates faster than {fastest:.0f} Hz: the gear gives, "
+            return Finding.of(
+                name, i, frequency[k], unit, "look",
+                f"On rigid gears nothing in this loop oscillates faster than {fastest:.0f} Hz: the gear gives, "
                 "or the motor's inertia is below the stated one. identify() tests it.",
             )  # fmt: skip
     return Finding.unknown(name, i, f"no oscillation above the {fastest:.0f} Hz of rigid gears; {_UNTOLD}")
@@ -173,16 +173,7 @@ _LEAST = 50
 
 
 def examine(record: Any) -> Checkup:
-    """Check a record for errors; ``record.check()`` does.
-
-    Parameters
-    ----------
-    record : Record
-
-    Returns
-    -------
-    Checkup
-    """
+    """Check a record for errors; ``record.check()`` does."""
     signals = Signals(record)
     labels = tuple(signals.joint_labels)
     if len(signals.t) < _LEAST:

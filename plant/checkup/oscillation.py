@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.checkup.finding import Finding
-from plant.checkup.signals import Signals, averaged, power
+from plant.checkup.signals import Signals
 
 _CONTAINED, _BEYOND, _SLOWEST = 0.999, 5.0, 3.0
 """Share of the reference's power below the highest of its frequencies; and how many times that, and [Hz], is above."""
@@ -28,6 +29,16 @@ _GROWN = 1.5
 """Ratio of the last third to the first from which on it grows."""
 
 _NAME, _UNIT = "oscillation", "Hz"
+
+
+def power(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Power spectrum of values (G,) about their mean, in a Hann window."""
+    return np.asarray(np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2)
+
+
+def averaged(spectrum: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """A power spectrum, averaged over so many neighbours."""
+    return np.convolve(spectrum, np.ones(count) / count, mode="same")
 
 
 def oscillation_findings(signals: Signals) -> Iterator[Finding]:
@@ -61,12 +72,12 @@ def _oscillation(signals, i):
     size, tracking = np.median(parts), _rms(slow)
     clear = around[fast].max() > _PEAK * np.median(around[fast])
     if not (clear and size > _LEAST * signals.least_count[i] and size > _SWINGS * tracking):
-        return Finding(check=_NAME, joint=i, value=float(size), unit="pulses", verdict="fine")
+        return Finding.of(_NAME, i, size, "pulses")
     third = _PARTS // 3
     does = "grows" if parts[-third:].mean() > _GROWN * parts[:third].mean() else "goes on"
-    return Finding(
-        check=_NAME, joint=i, value=float(own), unit=_UNIT, verdict="look",
-        advice=f"The loop swings by itself, {size:.3g} pulses rms beside {tracking:.3g} of tracking, and {does}: it is "
+    return Finding.of(
+        _NAME, i, own, _UNIT, "look",
+        f"The loop swings by itself, {size:.3g} pulses rms beside {tracking:.3g} of tracking, and {does}: it is "
         "unstable, or nearly, as by lag of the currents or elastic gears (or driven by ripple). Lower its gains.",
     )  # fmt: skip
 

@@ -11,9 +11,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.checkup.averaged_regression import AveragedRegression
-from plant.checkup.torque_regression import TorqueRegression
-from plant.laws.commanded import commanded_torque
+from plant.checkup.torque_regression import AveragedRegression, TorqueRegression
+from plant.laws.replayed import commanded_torque
 
 T = TypeVar("T")
 
@@ -42,29 +41,11 @@ _GAP = 1.5
 """Median intervals above which samples are missing."""
 
 
-def power(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Power spectrum of values (G,) about their mean, in a Hann window."""
-    return np.asarray(np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2)
-
-
-def averaged(spectrum: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """A power spectrum, averaged over so many neighbours."""
-    return np.convolve(spectrum, np.ones(count) / count, mode="same")
-
-
 class Signals:
     """Motor side signals of a record, and what is derived of them.
 
-    Attributes
-    ----------
-    t (M,), counts (M, n), reference (M, n) or None
-        Samples with weight [s], [pulses]; no reference where all of it is zero.
-    torque : (M, n) or None
-        *Motor* torque [N m], logged, or from logged currents.
-    interval : float
-        Median time between two samples [s].
-    joint_labels : list of str
-        By the law's arm if it has one, otherwise by the drive's names.
+    t (M,) [s], counts and reference (M, n) [pulses] of samples with weight; no reference where all of it is zero. Motor
+    torque (M, n) [N m], logged, or from logged currents. ``interval``: median time between two samples [s].
     """
 
     def __init__(self, record: Any) -> None:

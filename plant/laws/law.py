@@ -120,10 +120,8 @@ class Law(Part, abc.ABC):
 
         Returns
         -------
-        torque : casadi SX (n, 1)
-            Commanded joint torque, before the amplifier's limit [N m].
-        state : casadi SX (s, 1)
-            The state that follows.
+        torque, state : casadi SX (n, 1), (s, 1)
+            Commanded joint torque, before the amplifier's limit [N m], and the state that follows.
         """
 
     def has_memory(self, n: int) -> bool:

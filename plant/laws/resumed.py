@@ -47,9 +47,7 @@ class Resumed(Law):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.law.replays or isinstance(self.law, Resumed):
-            raise ValueError(
-                f"law must be a controller; got {type(self.law).__name__}. Give the one that made the log."
-            )
+            raise ValueError(f"law must be a controller; got {type(self.law).__name__}. Give that which made the log.")
 
     @property
     def period(self) -> float | None:  # type: ignore[override]  # declared, and here the law's
@@ -90,17 +88,10 @@ class Resumed(Law):
 
 @part
 class AlongLog(Resumed):
-    """A law that reads the counts of its record in place of the arm's: its torque is that of the log.
+    """A law that reads the counts of its record in place of the arm's: its torque is that of the log; as `Resumed`.
 
-    Parameters
-    ----------
-    law : Law
-        The controller that made the log.
-    state : (s,) array_like
-        Its memory before the log's first sample.
-    whole : bool
-        Whether counts are whole numbers that the law reads as they are. Fast hardware, without a period, is given
-        straight lines between the middles of their cells.
+    ``whole``: counts are whole numbers that the law reads as they are. Fast hardware, without a period, is given
+    straight lines between the middles of their cells.
     """
 
     whole: bool = structure(bool, default=True)

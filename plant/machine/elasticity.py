@@ -75,10 +75,8 @@ class Elasticity(Part):
         Parameters
         ----------
         arm : Arm
-        hz : float or (n,) array_like
-            Locked-rotor resonance [Hz].
-        damping_ratio : float or (n,) array_like
-            Of that resonance.
+        hz, damping_ratio : float or (n,) array_like
+            Locked-rotor resonance [Hz], and its damping ratio; above critical it warns.
         drive : Drive, optional
             Whose motor inertias are part of the arm's D; without it, those of the `Drive` that this becomes a part of.
         q : (n,) array_like, optional
@@ -90,11 +88,6 @@ class Elasticity(Part):
         -------
         Elasticity, or Resonance
             The latter without a drive; ``Drive(..., elasticity=...)`` makes the former of it.
-
-        Raises
-        ------
-        ValueError
-            No positive frequency, a damping ratio that is negative; above critical it warns.
         """
         instance("arm", arm, Arm, "The order is arm, hz, damping_ratio.")
         n = arm.n
@@ -107,17 +100,9 @@ class Elasticity(Part):
 
 @part
 class Resonance(Part):
-    """Gears known by their locked-rotor resonance, until a drive says what its motors weigh.
+    """Gears known by their locked-rotor resonance [Hz], until a drive says what its motors weigh.
 
-    Parameters
-    ----------
-    hz : (n,) array_like
-        [Hz]
-    damping_ratio : (n,) array_like
-    inertia : (n,) array_like
-        Diagonal of D at the pose, motors included [kg m^2].
-    backlash : (n,) array_like, optional
-        [rad]
+    ``inertia``: diagonal (n,) of D at the pose, motors included [kg m^2].
     """
 
     hz: Vector = number(("n",))
@@ -137,13 +122,7 @@ class Resonance(Part):
             warn(f"damping_ratio {most:g} is above critical: such a gear does not swing.")
 
     def of(self, drive: Any) -> Elasticity:
-        """The elasticity of a drive.
-
-        Raises
-        ------
-        ValueError
-            Motors that weigh more than the arm's whole inertia.
-        """
+        """The elasticity of a drive; motors that weigh more than the arm's whole inertia are refused."""
         links = self.inertia - drive.reflected_inertia()
         if (links <= 0).any():
             joint = int(np.flatnonzero(links <= 0)[0])
@@ -167,14 +146,9 @@ FOLLOWED = 2
 
 
 class Spring(NamedTuple):
-    """Torque on the link, and what the spring adds to the inertia in a step.
+    """Torque on the link at the middle of a step, with the speeds at its start [N m], and the inertia that is added.
 
-    Attributes
-    ----------
-    torque : casadi SX (n, 1)
-        At the middle of the step, with the speeds at its start [N m].
-    added : casadi SX (n, 1)
-        Inertia by which it resists a change of the deflection's speed [kg m^2].
+    ``added`` [kg m^2]: inertia by which the spring resists a change of the deflection's speed.
     """
 
     torque: ca.SX

@@ -62,20 +62,19 @@ class FrictionCurve(Part):
 
 
 def friction_impulse(inverse: Inverse, stopping: ca.SX, impulse: ca.SX, bound: ca.SX, sweeps: int) -> ca.SX:
-    """Friction impulse (n, 1) of one step [N m s].
+    """Friction impulse (n, 1) of one step [N m s], all casadi (n, 1).
 
     Parameters
     ----------
     inverse : Inverse
         Of the inertia matrix [kg m^2], joint side.
-    stopping : casadi SX (n, 1)
+    stopping
         Impulse that would stop joint i if friction acted on it alone, -inverse.alone qd with the velocity at the end of
         the step without Coulomb friction [N m s].
-    impulse : casadi SX (n, 1)
-        Impulse of the last step [N m s], where the sweeps start.
-    bound : casadi SX (n, 1)
+    impulse
+        Of the last step [N m s], where the sweeps over the joints start.
+    bound
         Largest impulse, Coulomb level times step [N m s].
-    sweeps : int
     """
     n, impulses, bound = stopping.shape[0], ca.vertsplit(impulse), ca.fabs(bound)
     for _ in range(sweeps):

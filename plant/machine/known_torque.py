@@ -58,12 +58,7 @@ def total_torque(parts: Iterable[KnownTorque], q: ArrayOrSymbols) -> ArrayOrSymb
 
 
 def require_torques(parts: Iterable[Any], n: int) -> None:
-    """Refuse what is no torque of n joints.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse what is no torque of n joints."""
     for each in parts:
         if not isinstance(each, KnownTorque):
             given = type(each).__name__

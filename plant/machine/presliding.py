@@ -64,17 +64,7 @@ class Presliding(Part):
 
 
 class Bristles(NamedTuple):
-    """Bristles of all shafts in one step.
-
-    Attributes
-    ----------
-    deflection : casadi SX (n, 1)
-        Over the distance: -1 to 1.
-    distance : casadi SX (n, 1)
-        Of the shaft [rad].
-    damping : casadi SX (n, 1) or None
-        On the shaft [N m s/rad].
-    """
+    """Bristles of all shafts: deflection (-1 to 1, over the distance), distance [rad], damping [N m s/rad]."""
 
     deflection: ca.SX
     distance: ca.SX

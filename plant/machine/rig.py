@@ -53,15 +53,11 @@ class Jitter(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0 <= self.share <= 0.5:
-            raise ValueError(
-                f"share must be from 0 to 0.5 of the period; got {self.share:g}. Instants keep apart then."
-            )
+            raise ValueError(f"share must be from 0 to 0.5 of the period; got {self.share:g}. Instants stay apart so.")
         if isinstance(self.seed, bool) or not isinstance(self.seed, (int, np.integer)) or self.seed < 0:
             raise ValueError(f"seed must be a whole number, 0 or more; got {self.seed!r:.60}. Give one, such as 0.")
         if self.stream < 0 or self.stream % 1:
-            raise ValueError(
-                f"stream must be a whole number, 0 or more; got {self.stream:g}. Leave it out for one loop."
-            )
+            raise ValueError(f"stream must be a whole number, 0 or more; got {self.stream:g}. One loop needs none.")
         object.__setattr__(self, "seed", int(self.seed))
 
     def draws(self, steps: int) -> NDArray[np.float64]:
@@ -202,12 +198,7 @@ class Rig(Part):
         return joint_labels(self.drive.joints, self.n)
 
     def require_fit(self, chain: Chain) -> None:
-        """Refuse a chain of another number of joints, or with another coupling.
-
-        Raises
-        ------
-        ValueError
-        """
+        """Refuse a chain of another number of joints, or with another coupling."""
         if self.n != chain.n:
             raise ValueError(f"rig must have {chain.n} joints like the arm; got {self.n}. Use a matching rig.")
         if self.drive.coupling != chain.coupling:

@@ -96,11 +96,7 @@ class Body(Part):
     def require_physical(self, name: str) -> None:
         """Refuse a body that is not physically consistent.
 
-        Raises
-        ------
-        ValueError
-            With the name of the link, and the rule: positive mass, positive semidefinite inertia, no principal moment
-            above the sum of the others (triangle inequality).
+        Consistent: positive mass, positive semidefinite inertia, no principal moment above the sum of the others.
         """
         matrix = np.zeros((3, 3))
         matrix[np.triu_indices(3)] = self.inertia

@@ -27,11 +27,6 @@ class Coupling(Part):
     matrix : (n, n) array_like, optional
         C: turns of shaft i per turn of joint j, shaft = C q. By default none: every motor moves its own joint alone.
 
-    Raises
-    ------
-    ValueError
-        A matrix that is not square, not finite, or singular.
-
     Notes
     -----
     Angles, speeds and torques are (n,) or (N, n) numpy arrays, or casadi columns (n, 1). The same coupling belongs to

@@ -40,26 +40,19 @@ class Dynamics(Part):
     ----------
     chain : Chain
     lumping : Lumping
-        How f is made of the links' inertial parameters.
+        How f is made of the links' inertial parameters; one whose torque is not the chain's is refused.
     ranges : (p, 2) nested tuple, optional
         Lower and upper bound of each f, in which a search looks by default.
 
-    Raises
-    ------
-    ValueError
-        The lumping does not give the torque of this chain.
-
     Notes
     -----
-    Units of a prismatic joint are m and N.
-
     `D(q, f)` (n, n), `h(q, qd, f)` (n, 1), `C(q, qd, f)` (n, n) with h = C qd + gravity and Ddot - 2 C skew, and
     `Y(q, qd, qdd)` (n, p) with tau = Y f, or `Y(q, qd, qd_r, qdd_r)` with D qdd_r + C qd_r + gravity = Y f. All
-    take numpy arrays (and give casadi DM) or casadi symbols.
+    take numpy arrays (and give casadi DM) or casadi symbols. Units of a prismatic joint are m and N.
 
     See Also
     --------
-    plant.Arm, plant.Chain, plant.Lumping, plant.visibility
+    plant.Arm, plant.Chain
 
     Examples
     --------

@@ -112,15 +112,11 @@ class Lumping(Part):
         ----------
         equation : callable
             Takes one object per link with attributes m, x, y, z [m, in the link's frame], Ixx..Izz (about the centre
-            of mass) and J (reflected rotor inertia); returns a dictionary name -> expression.
+            of mass) and J (reflected rotor inertia); returns a dictionary name -> expression, linear in the standard
+            parameters.
         links : int
         inertial, gravitational : collection of str
             Names that enter the inertial torque, and the gravity torque.
-
-        Raises
-        ------
-        ValueError
-            The equation is not linear in the standard parameters.
         """
         links_ = [[ca.SX.sym(f"{name}{i}") for name in _PHYSICAL] for i in range(links)]
         f = equation(*(SimpleNamespace(**dict(zip(_PHYSICAL, symbols, strict=True))) for symbols in links_))

@@ -19,22 +19,10 @@ from plant.parts.checked_function import CheckedFunction
 
 
 def torque(chain: Chain, q: ca.SX, qd: ca.SX, qdd: ca.SX, pi: ca.SX, gravity: Iterable[float]) -> ca.SX:
-    """Joint torques of a chain with given standard parameters.
+    """Joint torques tau (n, 1) [N m], joint side, of a chain with standard parameters pi (11 n, 1), without friction.
 
-    Parameters
-    ----------
-    chain : Chain
-    q, qd, qdd : casadi SX (n, 1)
-        Joint side [rad, rad/s, rad/s^2].
-    pi : casadi SX or DM (11 n, 1)
-        Standard parameters in the order of `plant.mechanics.lumping.STANDARD`.
-    gravity : sequence of 3
-        [m/s^2] in the base frame.
-
-    Returns
-    -------
-    casadi SX (n, 1)
-        tau [N m], joint side, without friction; positive turns the joint in the positive sense of z.
+    q, qd, qdd are casadi (n, 1), joint side; pi is in the order of `plant.mechanics.lumping.STANDARD`; gravity (3,)
+    [m/s^2] is in the base frame. A positive torque turns the joint in the positive sense of z.
 
     Source: paper eq. (1), left side.
     """
@@ -122,18 +110,9 @@ def by_speeds(coriolis: ca.SX, q: ca.SX, qd: ca.SX, f: ca.SX) -> ca.SX:
 
 
 def joint_positions(chain: Chain, tip: ArrayLike = (0.0, 0.0, 0.0)) -> CheckedFunction:
-    """Positions of the base, the origins of the links' frames and the tip, as a function of q.
+    """Positions (3, n + 2) [m] of the base, the origins of the links' frames and the tip, as a function of q (n,).
 
-    Parameters
-    ----------
-    chain : Chain
-    tip : (3,) array_like
-        A point in the frame of the last link [m].
-
-    Returns
-    -------
-    CheckedFunction
-        Called with q (n,), (3, n + 2) [m] in the base frame; the frames are those of `plant.mechanics.newton_euler`.
+    All in the base frame; the tip (3,) is a point in the frame of the last link [m].
     """
     tip = array("tip", tip, (3,), advice="Give x, y and z in the frame of the last link [m].")
     q = ca.SX.sym("q", chain.n)

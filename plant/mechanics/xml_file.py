@@ -83,20 +83,9 @@ class Element:
 def parsed(path: str | Path, root_tag: str | None, what: str, data: bytes | None = None) -> tuple[Element, bytes]:
     """The root of a file and its bytes, or a refusal: nothing is executed, expanded or fetched.
 
-    Parameters
-    ----------
-    path : str or Path
-    root_tag : str or None
-        That the file must have; None for any.
-    what : str
-        What kind of file it is, for messages.
-    data : bytes, optional
-        Its content, where that is not what the file has.
-
-    Raises
-    ------
-    ValueError
-        Another root, a document type, entities, malformed XML, or a file that is too large or too deep.
+    `root_tag`: that the file must have, None for any; `what` kind of file it is, for messages; `data`: its content,
+    where that is not what the file has. Refused are another root, a document type, entities, malformed XML, and a file
+    that is too large or too deep.
     """
     if isinstance(path, str) and path.lstrip().startswith("<"):
         raise ValueError(f"path must be the name of a {what} file; got its text. Write it to a file first.")
@@ -170,22 +159,10 @@ ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 
 
 def rotation_of(element: Element, where: str, *, degrees: bool, sequence: str) -> NDArray[np.float64]:
-    """Rotation matrix (3, 3) of an element: its axes as columns, in the parent's frame.
+    """Rotation matrix (3, 3) of an MJCF element: its axes as columns, in the parent's frame.
 
-    Parameters
-    ----------
-    element : Element
-    where : str
-        For messages.
-    degrees : bool
-        Unit of its angles.
-    sequence : str
-        ``eulerseq``: three of xyz, axes that turn along, or of XYZ, fixed axes.
-
-    Raises
-    ------
-    ValueError
-        Two orientations at once, numbers that are none.
+    ``sequence`` is ``eulerseq``: three of xyz, axes that turn along, or of XYZ, fixed axes. Two orientations at once
+    are refused.
     """
     given = [name for name in ORIENTATIONS if name in element.attributes]
     if len(given) > 1:

@@ -32,13 +32,8 @@ _FASTEST = 2.0**30
 class Demand:
     """Torque along a path: D r' a + (D r'' + coriolis) v^2 + gravity - springs + friction(r' v), at N of its points.
 
-    Attributes
-    ----------
-    rig : Rig
-    along : (N, n) numpy.ndarray
-        r' [rad/s].
-    inertial, centrifugal, holding : (N, n) numpy.ndarray
-        Torque per a, per v^2, and at rest, less that of springs [N m].
+    ``along`` (N, n): r' [rad/s]. ``inertial``, ``centrifugal``, ``holding`` (N, n): torque per a, per v^2, and at rest,
+    less that of springs [N m].
     """
 
     rig: Rig

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
-from plant.mechanics.limits import Limits
+from plant.mechanics.link import Limits
 from plant.motion.demand import Demand, demand, shortest_duration
 from plant.motion.reference import Motion, Reference, Scaled
 from plant.motion.table import Table

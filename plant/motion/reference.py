@@ -124,9 +124,7 @@ class Timed(Reference):
         stuck = np.flatnonzero(np.diff(times) <= 0)
         if len(stuck):
             i = int(stuck[0]) + 1
-            raise ValueError(
-                f"times must increase; got {times[i]} after {times[i - 1]} at index {i}. Sort or thin them."
-            )
+            raise ValueError(f"times must increase; got {times[i]} after {times[i - 1]} at index {i}. Sort them.")
         if len(times) < 2 or (from_zero and times[0] != 0):
             rule = "two or more, from 0" if from_zero else "two or more"
             raise ValueError(f"times must be {rule}; got {len(times)}: {times[:3]}. Give the whole path.")

@@ -171,9 +171,7 @@ class Spline(Timed, _Smooth):
     def __post_init__(self) -> None:
         self._keep("points", (self._keep_times(from_zero=True), "n"), "One row per time, one column per joint.")
         if not self.at_rest and len(self.times) < _FREE:
-            raise ValueError(
-                f"points must be {_FREE} and more where at_rest is False; got {len(self.times)}. Give more."
-            )
+            raise ValueError(f"points must be {_FREE} or more if at_rest is False; got {len(self.times)}. Give more.")
 
     def _derivatives(self, t: NDArray[np.float64], orders: Sequence[int]) -> list[NDArray[np.float64]]:
         """From the third on they jump at the ends; between, the fifth is the first that does."""

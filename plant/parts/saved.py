@@ -51,16 +51,7 @@ class Saved:
     def save(self, path: str | Path) -> None:
         """Write a JSON file that `load` reads back without loss of a bit; it is there whole, or as it was before.
 
-        Parameters
-        ----------
-        path : str or Path
-
-        Raises
-        ------
-        ValueError
-            A part of the user's own inside: its equations are in no file.
-        OSError
-            A folder that is not there, a full disk.
+        A part of the user's own inside is refused: its equations are in no file.
         """
         try:
             content = to_plain(self)
@@ -74,14 +65,7 @@ class Saved:
     def load(cls, path: str | Path) -> Self:
         """Read what `save` wrote. Of a base class (``Law.load``) the file says which.
 
-        Parameters
-        ----------
-        path : str or Path
-
-        Raises
-        ------
-        ValueError
-            No such file, one of another kind or format, or a spoilt one; in one line that names it.
+        No such file, one of another kind or format, or a spoilt one is refused in one line that names it.
         """
         try:
             return _read(cls, path)
@@ -158,13 +142,7 @@ def _scalar(value: Any) -> str:
 
 
 def parsed(data: bytes) -> Any:
-    """Plain data of a text.
-
-    Raises
-    ------
-    ValueError
-        No JSON, a key twice, or nested too deep; without the path.
-    """
+    """Plain data of a text; no JSON, a key twice, or nested too deep is refused, without the path."""
     try:
         return json.loads(data.decode("utf-8"), object_pairs_hook=_object, parse_constant=_refused)
     except RecursionError:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant.machine.rig import Rig
-from plant.mechanics.limits import Limits
+from plant.mechanics.link import Limits
 from plant.parts.arguments import array, choice, instance, known_options, real
 from plant.parts.user_warning import warn
 

@@ -31,7 +31,7 @@ from plant import (
     write_robot,
 )
 from plant.models.robot_file import FOLDER
-from plant.models.toml_text import toml_lines
+from plant.models.tables import toml_lines
 
 COLUMNS = {"t": "time", "position": ("q 1", "q 2")}
 UNITS = {"t": "s", "position": "rad"}
@@ -141,7 +141,7 @@ PAPER = (FOLDER / "paper_puma560.toml").read_text()
         (PAPER.replace("Izz3 = 1.0, J3", "Izz33 = 1.0, J3"), "a term of f1 of .*Did you mean 'Izz3'"),
         (PAPER.replace('torque = "inertial"', 'torque = "inert"', 1), "torque of f1 .*Did you mean 'inertial'"),
         (PAPER.replace("f7 = {", "f7 = {m2 = 1.0, "), "lumping must describe the motion of the chain"),
-        (PAPER.replace("[arm]", '[arm]\nurdf = "x.urdf"'), "must have one of links, urdf, mjcf; it has links and urdf"),
+        (PAPER.replace("[arm]", '[arm]\nurdf = "x.urdf"'), "must have one of links, urdf, mjcf; got links and urdf"),
         (PAPER.replace("[rig]", "[rig]\ndrive = 3"), r"\[rig\] must not have 'drive'"),
         (PAPER.replace("0.0007", "-1"), "period must be a positive number"),
         (PAPER + '[columns]\nt = "time"\npos = "q"', "what a column is mapped to must be one of .*'position'"),

@@ -175,7 +175,7 @@ SEEN = dataclasses.replace(on_gears(), encoder=dataclasses.replace(RIG.encoder, 
     [
         (lambda: LinkReference(ARM, RIG, PATH), "rig of LinkReference must have elastic gears; got rigid ones"),
         (lambda: LinkReference(ARM, PLAY, PATH), "LinkReference must be without backlash; got 0.0001 rad"),
-        (lambda: LinkReference(ARM, SEEN, PATH), "LinkReference must be on the motors; got the link's side"),
+        (lambda: LinkReference(ARM, SEEN, PATH), "LinkReference must be on the motors; got the links'"),
         (
             lambda: LinkReference(types.SimpleNamespace(arm=ARM, rig=on_gears()), PATH),
             "rig of LinkReference must be of type Rig; got a value of type Harmonics. Pass arm, rig and reference=",

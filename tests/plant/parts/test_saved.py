@@ -143,7 +143,7 @@ def refused(path, kind=Rig):
         (lambda d: d["content"].update(period={"array": [1.0], "dtype": "float64", "shape": [2]}), "got 1 of .2."),
         (lambda d: d["content"].update(period={"array": ["1"], "dtype": "float64", "shape": [1]}), "hold numbers"),
         (lambda d: d["content"].update(period={"array": [300], "dtype": "uint8", "shape": [1]}), "range"),
-        (lambda d: d["content"].update(period={"dict": [[[1], 2]]}), "must be a kind, an array"),
+        (lambda d: d["content"].update(period={"dict": [[[1], 2]]}), "must be a kind, array"),
     ],
 )
 def test_a_wrong_file_is_one_line(path, change, message):
