@@ -16,7 +16,7 @@ from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
 from plant.parts.part import number, part, structure
 
-_UNKNOWN, _KNOWN, _FRICTION_TOO = 250.0, 160.0, 120.0
+_UNKNOWN, _KNOWN, _FRICTION_TOO = 300.0, 140.0, 120.0
 """Bandwidth [rad/s] by what is known: nothing but f; f with a covariance; friction as well."""
 
 _SAMPLED = 0.3
@@ -34,6 +34,9 @@ _SLIDES, _BEGINS = 30.0, 10.0
 
 _SWEEPS = 4
 """Over the joints, of the predicted friction; they start from the impulse of the sample before."""
+
+_MOST = 0.5
+"""Bandwidth times period, at most, of a regulator that is boosted."""
 
 _SLOWEST = 5.0
 """Bandwidth [rad/s] below which none is tried."""
@@ -59,7 +62,7 @@ class ComputedTorque(ModelLaw):
         The identified rig, ``found.rig``: its friction is fed forward.
     bandwidth : float, optional
         Of the regulator [rad/s]: its poles have this magnitude. By default with an arm, which does not say how well it
-        is known, 250; with an identification 160, or 120 where friction was identified too, at most 0.3 over the
+        is known, 300; with an identification 140, or 120 where friction was identified too; at most 0.3 over the
         period, and on its elastic gears one of less that is stable with 40 % to spare; `tune` finds others.
     observer_ratio : float
         Bandwidth of the observer, as a multiple of the regulator's.
@@ -69,9 +72,9 @@ class ComputedTorque(ModelLaw):
     friction : bool
         Know the friction of the rig: fed forward, and predicted.
     start_boost, start_time : float
-        Where a joint begins to move, its regulator is `start_boost` times as fast, the observer the square root of
-        that, and both settle with the time constant `start_time` [s]: static friction hides what gravity and friction
-        are off until it breaks loose.
+        Where a joint begins to move or turns back, its regulator is `start_boost` times as fast, the observer the
+        square root of that, and both settle with the time constant `start_time` [s]: until it breaks loose, static
+        friction hides what gravity is off, and what friction is off changes its sign.
     measured : bool
         Evaluate D-hat and h-hat at the observed q and qd instead of the reference.
     delay : int
@@ -103,8 +106,8 @@ class ComputedTorque(ModelLaw):
     bandwidth: float = number((), default=None)
     observer_ratio: float = number((), default=1.5)
     dead_zone: float = number((), default=0.2)
-    start_boost: float = number((), default=3.0)
-    start_time: float = number((), default=0.1)
+    start_boost: float = number((), default=4.0)
+    start_time: float = number((), default=0.05)
     friction: bool = structure(bool, default=True)
     measured: bool = structure(bool, default=False)
     delay: int = structure(default=0)
@@ -152,7 +155,8 @@ class ComputedTorque(ModelLaw):
             pushing = coupling.shaft_torque(acted - delta) + viscous * coupling.shaft(rate)
             free = rate - time * coupling.joint(mobility.solve(pushing))
             sliding = speed - coupling.shaft(free)
-            impulse = friction_impulse(mobility, -mobility.alone * sliding, impulse, time * level, _SWEEPS)
+            held = friction_impulse(mobility, -mobility.alone * sliding, impulse, time * level, _SWEEPS)
+            impulse = ca.if_else(level > 0, held, 0)  # not even its slope is left without friction, at rest
             after = free - coupling.joint(mobility.solve(impulse))
             return e + time * (rate + after) / 2, after, impulse
 
@@ -166,13 +170,16 @@ class ComputedTorque(ModelLaw):
 
         # With a delay, what is commanded now acts one sample later: predict the error to then.
         ahead = predicted(e, rate, impulse, pending[0] - needed, dt)[:2] if self.delay else (e, rate)
-        bandwidth = self.bandwidth * boost
+        bandwidth = ca.fmin(self.bandwidth * boost, ca.fmax(self.bandwidth, _MOST / dt))
         stiffness, damping = regulator_gains(bandwidth, dt)
         error, error_rate = (coupling.shaft(each) for each in ahead)
         sliding = self._share(speed + bandwidth * error / 2, _SLIDES)
         feedback = mobility.alone * (stiffness * error + damping * error_rate) + level * sliding
         wanted = needed + delta + coupling.joint_torque(feedback)
-        fresh = fresh * ca.if_else(ca.fabs(speed) > 0, ca.exp(-dt / self.start_time), 1)
+        begins = (
+            speed * (speed + dt * coupling.shaft(setpoint.qdd)) <= 0
+        )  # from rest, or where the reference turns back
+        fresh = ca.if_else(begins, 1, fresh * ca.exp(-dt / self.start_time))
         acting, coming = (pending[0], [wanted]) if self.delay else (wanted, [])
         return acting, ca.vertcat(e, rate, delta, needed, impulse, *coming, fresh, 1)
 
@@ -185,7 +192,9 @@ class ComputedTorque(ModelLaw):
 def _bandwidth(found: Any, rig: Rig | None) -> float:
     """Bandwidth [rad/s] of a law that is given none."""
     if not isinstance(found, Identification) or not isinstance(rig, (Rig, type(None))):
-        return _UNKNOWN  # what does not fit is refused with the other fields
+        return (
+            min(_UNKNOWN, _SAMPLED / rig.period) if isinstance(rig, Rig) else _UNKNOWN
+        )  # what does not fit is refused
     rig = found.rig if rig is None else rig
     friction = any(name.startswith(("drive.viscous", "drive.coulomb")) for name in found.unknown)
     known = _FRICTION_TOO if friction else _KNOWN
