@@ -173,6 +173,4 @@ class Encoder(Part):
 
     def half_cell(self, counts: ArrayOrSymbols) -> ArrayOrSymbols:
         """Half the width of the quantisation cell of these counts [pulses]: a half, but around zero of `fix` one."""
-        if self.smooth:
-            return 0 * counts
         return 0.5 + (0 * counts if self.floor else 0.5 * (counts == 0))

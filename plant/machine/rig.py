@@ -252,6 +252,8 @@ class Rig(Part):
 
     def outside_cell(self, distance: ca.SX, counts: ca.SX, share: ca.SX) -> ca.SX:
         """What of a distance from the middle of these counts' cell (n, 1) [rad] lies beyond that share of its half."""
+        if self.encoder.smooth:
+            return distance  # without a kink where it is zero, where loops are linearised
         position, half = self.position_in_pulses(distance), self.encoder.half_cell(counts)
         beyond = ca.sign(position) * ca.fmax(ca.fabs(position) - share * half, 0)
         return self.drive.joint_angle(self.encoder.to_angle(beyond))

@@ -76,7 +76,7 @@ def test_the_filters_poles_are_those_of_the_kalman_filter(omega, dt):
 
 
 def test_the_filters_gains_are_those_of_the_sampled_kalman_filter_for_short_periods():
-    """Against the discrete Riccati equation with the exactly sampled noise: they differ by the fourth power of the period."""
+    """Against the discrete Riccati equation with the exactly sampled noise: off by the fourth power of the period."""
     omega, off, A, seen = 300.0, [], np.eye(3, k=1), np.array([[1.0, 0.0, 0.0]])
     units = omega**ORDERS
     for share in (0.32, 0.16, 0.08):  # of the period, in 1 / omega
