@@ -145,7 +145,7 @@ class ComputedTorque(ModelLaw):
         q, qd = (setpoint.q - e, setpoint.qd - rate) if self.measured else (setpoint.q, setpoint.qd)
         D, speed = model.D(q, f), coupling.shaft(setpoint.qd)
         mobility = inverse(coupling.shaft_inertia(D))
-        viscous, level, needed = 0, ca.SX.zeros(n), D @ setpoint.qdd + self.h(q, qd)
+        viscous, level, needed = ca.SX.zeros(n), ca.SX.zeros(n), D @ setpoint.qdd + self.h(q, qd)
         if self.friction:
             viscous, level = drive.joint_viscous(), drive.joint_coulomb(speed)
             needed = needed + coupling.joint_torque(viscous * speed + drive.joint_offset())
