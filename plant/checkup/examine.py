@@ -156,7 +156,7 @@ def _compliance(signals, i, fastest):
         if found[k] == highest and found[k] > _PEAK * valley:
             return Finding.of(
                 name, i, frequency[k], unit, "look",
-                f"On rigid gears nothing in this loop oscillates faster than {fastest:.0f} Hz: the gear gives, "
+                f"On rigid gears nothing in this loop oscillates faster than {fastest:.0f} Hz: the gear is elastic, "
                 "or the motor's inertia is below the stated one. identify() tests it.",
             )  # fmt: skip
     return Finding.unknown(name, i, f"no oscillation above the {fastest:.0f} Hz of rigid gears; {_UNTOLD}")

@@ -51,7 +51,7 @@ def oscillation_findings(signals: Signals) -> Iterator[Finding]:
 
 
 def own_oscillation(record: Any) -> float | None:
-    """Frequency [Hz] at which the loop of a `Record` swings by itself, of its first joint that does; or None."""
+    """Frequency [Hz] at which the loop of a `Record` oscillates, of its first joint that does; or None."""
     return next((each.value for each in oscillation_findings(Signals(record)) if not each.ok), None)
 
 
@@ -77,7 +77,7 @@ def _oscillation(signals, i):
     does = "grows" if parts[-third:].mean() > _GROWN * parts[:third].mean() else "goes on"
     return Finding.of(
         _NAME, i, own, _UNIT, "look",
-        f"The loop swings by itself, {size:.3g} pulses rms beside {tracking:.3g} of tracking, and {does}: it is "
+        f"The loop oscillates, {size:.3g} pulses rms beside {tracking:.3g} of tracking, and {does}: it is "
         "unstable, or nearly, as by lag of the currents or elastic gears (or driven by ripple). Lower its gains.",
     )  # fmt: skip
 

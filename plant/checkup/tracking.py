@@ -71,7 +71,7 @@ def _turned(signals: Signals, i: int) -> str:
 def _swapped(signals, i):
     """Relative RMS error of the counts' speed against the reference; the joint whose reference fits better, if any.
 
-    Columns may be swapped as counts, or as angles that were turned into counts by each other's gears.
+    Columns may be swapped as counts, or as angles that were converted to counts by each other's gears.
     """
     made, commanded = signals.motion[1][signals.clear], signals.smooth_reference[1][signals.clear]
     size = np.sqrt(np.mean(commanded**2, axis=0))

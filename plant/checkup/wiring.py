@@ -17,7 +17,7 @@ _SURE = 5.0
 """Standard deviations from which on a sign is significant."""
 
 _LIKELY = 3.0
-"""Standard deviations from which on one of two columns is named, where one of them is known to be turned."""
+"""Standard deviations from which on one of two columns is named, where one of them is known to be reversed."""
 
 _WEAK = 0.25
 """Share of the largest motor torque below which a motor may just be moved by the others."""

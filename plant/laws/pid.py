@@ -111,12 +111,8 @@ class PID(PD):
         Motor torque per pulse [N m], above zero.
     integral : (n,) array_like
         Motor torque per pulse and second [N m/s].
-    derivative : (n,) array_like
-        Motor torque per pulse per second [N m s].
-    filter : float
-        Pole of the first-order low-pass in front of the backward difference [rad/s].
-    period : float, optional
-        Sampling period [s], the torque held in between. None: fast hardware, evaluated at every sub-step.
+    derivative, filter, period
+        As of `PD`.
 
     See Also
     --------

@@ -176,7 +176,7 @@ class Rig(Part):
             )
 
         if self.encoder.side != "motor" and self.drive.elasticity is None:
-            raise ValueError("an encoder on the link's side needs a drive that gives; got a rigid one. Add elasticity.")
+            raise ValueError("an encoder on the link's side needs elastic gears; got rigid ones. Add elasticity.")
         if isinstance(self.springs, (tuple, list)):
             object.__setattr__(self, "springs", tuple(self.springs) or None)
         require_torques(self._springs, self.n)

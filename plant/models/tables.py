@@ -22,7 +22,7 @@ def _meanings(cls: type) -> dict[str, str]:
     """Field -> its description, in one line."""
     found: dict[str, str] = {}
     names: list[str] = []
-    for line in (cls.__doc__ or "").splitlines():
+    for line in "\n".join(base.__doc__ or "" for base in reversed(cls.__mro__) if issubclass(base, Part)).splitlines():
         if head := _HEAD.match(line):
             names = head[1].split(", ")
             found |= dict.fromkeys(names, "")

@@ -92,7 +92,7 @@ def fastest(
     Raises
     ------
     ValueError
-        A path along which the drives cannot hold the arm, that meets no limit, that has corners, or that leaves the
+        A path along which the drives cannot hold the arm, that meets no limit, that has corners, or that exceeds the
         limits of a joint's position.
 
     See Also
@@ -188,12 +188,12 @@ def _limited(
 
 
 def _require_inside(motion: Motion, limits: Limits, labels: list[str]) -> None:
-    """Refuse a path that leaves the limits of a joint's position."""
+    """Refuse a path that exceeds the limits of a joint's position."""
     over = np.maximum(motion.q - limits.upper, limits.lower - motion.q).max(axis=0)
     if over.max() > _AT_LIMIT:
         joint = int(over.argmax())
         raise ValueError(
-            f"path must stay within the limits; {labels[joint]} leaves [{limits.lower[joint]:.4g}, "
+            f"path must stay within the limits; {labels[joint]} exceeds [{limits.lower[joint]:.4g}, "
             f"{limits.upper[joint]:.4g}] by {over[joint]:.3g}. Shorten the path."
         )
 

@@ -242,7 +242,7 @@ def found():
         (lambda: flexible(gears(25, backlash=(1e-4, 0.0))), "must be without backlash; got 0.0001 rad"),
         (
             lambda: flexible(dataclasses.replace(gears(25), encoder=dataclasses.replace(RIG.encoder, side="link"))),
-            "must be on the motors; got the link's side",
+            "must be on the motors; got the links'",
         ),
         (lambda: flexible(feedback=dataclasses.replace(SOFT, period=None)), "must have a period; PD has none"),
         (lambda: flexible(feedback=P(gain=(0.1, 0.1))), "must have a period; P has none"),

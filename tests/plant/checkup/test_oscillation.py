@@ -1,4 +1,4 @@
-"""A loop that swings by itself is named with its frequency; one that rings and settles is not."""
+"""A loop that oscillates is named with its frequency; one that rings and settles is not."""
 
 import dataclasses
 
@@ -36,7 +36,7 @@ def test_a_loop_that_its_lag_makes_unstable_swings_near_a_mode(lag):
         assert finding.verdict == "look"
         assert finding.unit == "Hz"
         assert np.abs(finding.value / own[:, 0] - 1).min() < 0.33
-        assert "swings by itself" in finding.advice
+        assert "The loop oscillates" in finding.advice
 
 
 def test_what_grows_is_told_from_what_goes_on():

@@ -14,6 +14,7 @@ from model_texts import urdf
 
 from ctc import ComputedTorque
 from plant import (
+    PID,
     Chain,
     CosineTorque,
     Coupling,
@@ -31,7 +32,7 @@ from plant import (
     write_robot,
 )
 from plant.models.robot_file import FOLDER
-from plant.models.tables import toml_lines
+from plant.models.tables import toml_lines, unit_of
 
 COLUMNS = {"t": "time", "position": ("q 1", "q 2")}
 UNITS = {"t": "s", "position": "rad"}
@@ -157,6 +158,15 @@ def test_a_bad_file_is_refused_in_one_line(tmp_path, text, said):
         read_robot(path)
     assert str(error.value).startswith(str(path))
     assert "\n" not in str(error.value)
+
+
+def test_units_of_inherited_numbers_are_those_of_the_base():
+    assert [unit_of(PID, name) for name in ("gain", "integral", "derivative", "period")] == [
+        "N m",
+        "N m/s",
+        "N m s",
+        "s",
+    ]
 
 
 def test_refusals(tmp_path):

@@ -77,7 +77,7 @@ def test_limits_of_a_model_file_are_those_of_its_joints():
     got = fastest(arm, rig, ONE, limits=limits, intervals=30)
     assert got.duration == pytest.approx(expected.duration, rel=1e-9)
     assert got.duration > 1.05 * fastest(arm, rig, ONE, intervals=30).duration
-    with pytest.raises(ValueError, match=r"path must stay within the limits; .* leaves \[0, 1.6\] by 0.1"):
+    with pytest.raises(ValueError, match=r"path must stay within the limits; .* exceeds \[0, 1.6\] by 0.1"):
         fastest(arm, rig, ONE, limits=dataclasses.replace(limits, upper=(1.6,)))
     with pytest.raises(ValueError, match="limits must have 1 joints like the rig; got 2"):
         fastest(arm, rig, ONE, limits=Limits(**dict.fromkeys(("lower", "upper", "velocity", "effort"), (1, 1))))

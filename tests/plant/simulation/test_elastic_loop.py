@@ -246,7 +246,7 @@ def test_with_encoders_on_both_sides_the_law_reads_the_motor_s_and_the_record_ho
         (lambda: with_gears(puma560.rig(), None, current_lag=(1e-4, 1e-4)), "current_lag must be a finite number"),
         (
             lambda: dataclasses.replace(puma560.rig(), encoder=Encoder(resolution=(800, 1000), side="link")),
-            "link's side needs a drive that gives; got a rigid one",
+            "link's side needs elastic gears; got rigid ones",
         ),
         (lambda: Encoder(resolution=(800,), side="lnk"), "Did you mean 'link'"),
     ],
