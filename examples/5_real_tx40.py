@@ -16,21 +16,22 @@ from pathlib import Path
 import numpy as np
 
 from identification import fit_torque
-from plant import Dynamics, catalogue
+from plant import read_robot
 
+TX40 = read_robot("tx40")
 LEAST_SPEED = (0.050, 0.050, 0.075, 0.072, 0.056, 0.122)  # [rad/s], as published
 
 
 def load(folder):
     """Joint positions (N, 6) [rad] and joint torques (N, 6) [N m] from motor angles and motor torques."""
-    drive = catalogue.tx40_rig().drive
+    drive = TX40.rig.drive
     motor = [np.loadtxt(folder / f"{name}_data.csv", delimiter=",", skiprows=1) for name in ("pos_read", "curr")]
     return drive.joint_angle(motor[0]) + np.array([0, -np.pi / 2, np.pi / 2, 0, 0, 0]), drive.joint_torque(motor[1])
 
 
 def fit(q, torque):
     """Base parameters, friction of every motor, and friction of joint 6 behind the coupling."""
-    dynamics, rig = Dynamics.from_chain(catalogue.tx40()), catalogue.tx40_rig()
+    dynamics, rig = TX40.dynamics, TX40.rig
     friction = [f"drive.{kind}[{i}]" for i in range(6) for kind in ("viscous", "coulomb", "curve.offset")]
     last = np.eye(6)[5]
     return fit_torque(
@@ -52,12 +53,12 @@ def published(folder):
 
 def in_published_terms(found):
     """The same fit in the 60 published numbers: joint side, and the coupling's share apart (Iam6, fvm6, fsm6)."""
-    gear = np.abs(catalogue.tx40_rig().drive.gear)
+    gear = np.abs(TX40.rig.drive.gear)
     values = {name.removeprefix("J1 + ").removeprefix("J2 + ").split(" ")[0]: found[name] for name in found.names}
     values |= {f"Ia{i}": values[f"J{i}"] for i in (3, 4, 5, 6)}
     viscous = gear**2 * [found[f"drive.viscous[{i}]"] for i in range(6)]
     coulomb = gear * [found[f"drive.coulomb[{i}]"] for i in range(6)]
-    offset = catalogue.tx40_rig().drive.gear * [found[f"drive.curve.offset[{i}]"] for i in range(6)]
+    offset = TX40.rig.drive.gear * [found[f"drive.curve.offset[{i}]"] for i in range(6)]
     values |= {f"fv{i + 1}": viscous[i] for i in range(6)}
     values |= {f"fs{i + 1}": coulomb[i] for i in range(6)}
     values |= {f"off{i + 1}": offset[i] for i in range(6)}

@@ -9,7 +9,7 @@ GIF of the first goes to figures/.
 from pathlib import Path
 
 from ctc import ComputedTorque, animate, evaluate
-from plant import PointToPoint, Spline, fastest, puma560, slowed, torque_share
+from plant import PointToPoint, Spline, fastest, puma560
 
 SHARE, RATE = 0.9, (5e3, 5e3)  # of the limit; N m/s
 
@@ -23,7 +23,7 @@ PATHS = {
 
 
 def row(name, motion, report):
-    needed, at_limit = torque_share(arm, rig, motion).max(), report.saturation.max()
+    needed, at_limit = motion.torque_share(arm, rig).max(), report.saturation.max()
     verdict = f"{report.share_within(1):>8} {report.max_error_pulses.max():8.0f}"
     print(f"  {name:<28}{motion.duration:9.3f} {needed:11.0%} {verdict} {at_limit:10.1%}")
 
@@ -35,9 +35,9 @@ def main():
         shortest = fastest(arm, rig, path, share=SHARE, uniform=True).duration
         print(name)
         motions = {
-            "uniform, shortest": slowed(path, shortest / path.duration),
+            "uniform, shortest": path.slowed(shortest / path.duration),
             "fastest time law": fast,
-            "uniform, of that duration": slowed(path, fast.duration / path.duration),
+            "uniform, of that duration": path.slowed(fast.duration / path.duration),
         }
         reports = {kind: evaluate(arm, rig, law, motion) for kind, motion in motions.items()}
         for kind, motion in motions.items():

@@ -65,7 +65,7 @@ def dynamics(lengths, *, every=False):
 def load(folder, design, run):
     """One run as a record."""
     columns = {"t": "time", "position": ["pos_meas1", "pos_meas2"], "torque": ["tau_meas1", "tau_meas2"]}
-    return Record.from_npz(
+    return Record.read(
         folder / f"sysid_{design}.npz", rig=rig(), law=LoggedTorque(), prefix=f"trajectory_{run}/", columns=columns,
         units={"t": "s", "position": "rad", "torque": "N m"},
     )  # fmt: skip

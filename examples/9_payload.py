@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ctc import ComputedTorque, PayloadEstimator
-from plant import Body, Dynamics, Harmonics, SteppedArm, catalogue, puma560
+from plant import Body, Harmonics, SteppedArm, puma560, read_robot
 
 TAKES, DROPS, CYCLE = 0.9, 2.3, 3.0
 """When a load is taken and dropped in each cycle, and how long that is [s]."""
@@ -89,9 +89,8 @@ def main(folder="."):
                    lambda t: 2.5 * ((t % CYCLE >= TAKES) & (t % CYCLE < DROPS)))  # fmt: skip
     figure.savefig(Path(folder) / "payload.png", dpi=120)
 
-    chain, rig = catalogue.puma560(), catalogue.puma560_rig()
-    whole = Dynamics.from_chain(chain)
-    arm = whole.arm(whole.f())
+    robot = read_robot("puma560")
+    arm, rig = robot.arm, robot.rig
     waves = np.array([0.5, 0.4, 0.5, 0.6, 0.5, 0.8])[:, None] * [[0.7, 0.3]]
     path = Harmonics(period=4.0, offset=(0, -0.4, 2.4, 0, 0.3, 0), cosine=-waves, sine=0.4 * waves)
     load = Body(mass=2.5, com=(0.0, 0.0, 0.2))

@@ -4,7 +4,7 @@ An experiment: Arm + Rig + Law + Reference -> Record. The rooms, each above all 
 
 =============== ====================================================================================================
 `models`        URDF, MJCF and robot files: edited in place, checked and repaired, read and written
-`robots`        arms to start from: the paper's two links, the whole PUMA 560, planar chains, the TX40
+`robots`        the paper's two links
 `analysis`      the loop linearised, python-control, P gains
 `simulation`    the closed loop as one symbolic step, the kernels made of it, `simulate` and `replay`
 `logs`          `Record`, and the readers of files
@@ -32,14 +32,12 @@ from plant.laws.resumed import Resumed
 from plant.logs.logfile import LoadError, read_table
 from plant.logs.record import Record
 from plant.logs.several import read_records
-from plant.machine.counterbalance import CosineTorque, Counterbalance
 from plant.machine.drive import Drive
 from plant.machine.drive_effects import FrictionDrift, TorqueRipple
 from plant.machine.elasticity import Elasticity
 from plant.machine.encoder import Encoder, Phase, QuadratureError
 from plant.machine.friction import FrictionCurve
-from plant.machine.joint_spring import JointSpring
-from plant.machine.known_torque import KnownTorque
+from plant.machine.known_torque import CosineTorque, Counterbalance, JointSpring, KnownTorque
 from plant.machine.presliding import Presliding
 from plant.machine.rig import Jitter, Rig, Transport
 from plant.mechanics.arm import Arm
@@ -47,28 +45,24 @@ from plant.mechanics.body import Body
 from plant.mechanics.chain import Chain
 from plant.mechanics.coupling import Coupling
 from plant.mechanics.dynamics import Dynamics
-from plant.mechanics.limits import Limits
-from plant.mechanics.link import Link
-from plant.mechanics.load import load_matrix, load_parameters
+from plant.mechanics.link import Limits, Link
 from plant.mechanics.lumping import Lumping
 from plant.mechanics.placement import Placement
 from plant.models.check import check_model
 from plant.models.robot_file import Robot, read_robot, write_robot
-from plant.motion.demand import torque_share
 from plant.motion.fastest import fastest
-from plant.motion.later import Later
 from plant.motion.link_reference import LinkReference
-from plant.motion.reference import Harmonics, PointToPoint, Reference, Spline
-from plant.motion.scaled import slowed
+from plant.motion.reference import Reference
+from plant.motion.smooth import Harmonics, PointToPoint, Spline
 from plant.motion.table import Table
 from plant.motion.visibility import visibility
 from plant.parts.part import Part, number, part, structure
 from plant.realtime.first_motion import FirstMotion
 from plant.realtime.guards import Guards
-from plant.robots import catalogue, puma560
+from plant.robots import puma560
 from plant.siblings import check_siblings
-from plant.simulation.controller_log import write_replay
-from plant.simulation.divergence import DivergenceError
+from plant.simulation.followed_path import write_replay
+from plant.simulation.logged_run import DivergenceError
 from plant.simulation.simulator import replay, simulate
 from plant.simulation.stepped_arm import SteppedArm
 from plant.version import __version__ as __version__
@@ -78,11 +72,11 @@ check_siblings()
 __all__ = [
     "PD", "PID", "Arm", "Body", "Cascade", "Chain", "CosineTorque", "Counterbalance", "Coupling",
     "DivergenceError", "Drive", "Dynamics", "Elasticity", "Encoder", "FirstMotion", "FrictionCurve",
-    "FrictionDrift", "Guards", "Harmonics", "Jitter", "JointSpring", "KnownTorque", "Later", "Law", "Limits",
+    "FrictionDrift", "Guards", "Harmonics", "Jitter", "JointSpring", "KnownTorque", "Law", "Limits",
     "Link", "LinkReference", "LoadError", "LoggedCurrent", "LoggedTorque", "Lumping", "P", "Part", "Phase",
     "Placement", "PointToPoint", "Presliding", "QuadratureError", "Record", "Reference", "Resumed", "Rig",
     "Robot", "Setpoint", "Spline", "StatelessLaw", "SteppedArm", "Table", "TorqueRipple", "Transport",
-    "catalogue", "check_model", "fastest", "linearise", "load_matrix", "load_parameters", "modes", "number",
-    "p_gains", "part", "puma560", "read_records", "read_robot", "read_table", "replay", "simulate", "slowed",
-    "structure", "to_control", "torque_share", "visibility", "write_replay", "write_robot",
+    "check_model", "fastest", "linearise", "modes", "number",
+    "p_gains", "part", "puma560", "read_records", "read_robot", "read_table", "replay", "simulate",
+    "structure", "to_control", "visibility", "write_replay", "write_robot",
 ]  # fmt: skip

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from packaged_arms import planar, puma560, puma560_rig
 
 from ctc import ComputedTorque, evaluate
 from identification import identify
 from plant import Drive, Dynamics, Encoder, Harmonics, P, Rig, simulate
-from plant.robots.catalogue import planar, puma560, puma560_rig
 
 
 def test_the_page_on_your_own_arm_is_true():

@@ -9,8 +9,8 @@ import pytest
 
 from ctc import ComputedTorque, FeedForward
 from identification import identify
-from plant import PD, catalogue, puma560, simulate, slowed
-from plant.motion.scaled import Scaled
+from plant import PD, puma560, read_robot, simulate
+from plant.motion.reference import Scaled
 
 RIG, PATH, ARM = puma560.rig(), puma560.reference(), puma560.arm()
 RECORD = simulate(ARM, RIG, puma560.p_law(), PATH, duration=0.4)
@@ -18,10 +18,10 @@ PD_LAW = PD(gain=(0.2, 0.15), derivative=(1e-3, 1e-3), filter=2000.0, period=RIG
 THINGS = {
     "arm": ARM,
     "dynamics": ARM.dynamics,
-    "chain": catalogue.puma560(),
-    "rig": catalogue.tx40_rig(),
+    "chain": read_robot("puma560").dynamics.chain,
+    "rig": read_robot("tx40").rig,
     "reference": PATH,
-    "scaled": slowed(PATH, 1.5),
+    "scaled": PATH.slowed(1.5),
     "law": ComputedTorque(ARM, RIG),
     "law with a law": FeedForward(ARM, RIG, feedback=PD_LAW),
     "record": RECORD,
@@ -89,6 +89,6 @@ def test_an_identification_comes_back_bit_for_bit():
 def test_symbols_and_functions_are_not_sent():
     ARM.D(np.zeros(2))
     assert set(ARM.dynamics.__getstate__()) == {"chain", "lumping", "ranges"}
-    assert set(Scaled.__getstate__(slowed(PATH, 2.0))) == {
+    assert set(Scaled.__getstate__(PATH.slowed(2.0))) == {
         "path", "times", "places", "speeds", "accelerations", "stays",
     }  # fmt: skip

@@ -42,7 +42,7 @@ CALLS = {
     "a name, not a lumping": (lambda r: Dynamics(chain=DYNAMICS.chain, lumping="standard"), "must be of type Lumping"),
     "numbers, not bodies": (lambda r: DYNAMICS.f([1, 2]), "must be of type Body"),
     "a body too few": (lambda r: DYNAMICS.f([Body(mass=1, com=(0, 0, 0), inertia=(0,) * 6)]), "bodies must be 2"),
-    "negative mass": (lambda r: Body(mass=-1, com=(0, 0, 0), inertia=(0,) * 6), "mass of a body must not be negative"),
+    "negative mass": (lambda r: Body(mass=-1, com=(0, 0, 0), inertia=(0,) * 6), "mass must not be negative"),
     "negative gain": (lambda r: P(gain=(-1, 1)), "gain must not be negative"),
     "no names": (lambda r: Link("1", 0, 0, 0), "too many positional arguments"),
     "half a drive": (lambda r: Drive(gear=(1,)), "missing a required argument: 'motor_inertia'"),

@@ -23,7 +23,7 @@ from ctc import (
     sweep_resonance,
 )
 from identification import GeneticSettings, identify, oscillation
-from plant import Dynamics, catalogue, puma560, simulate
+from plant import puma560, read_robot, simulate
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
@@ -67,7 +67,7 @@ def models(ax=None):
 
 
 def whole_arm(ax=None):
-    dynamics = Dynamics.from_chain(catalogue.puma560())
+    dynamics = read_robot("puma560").dynamics
     return plot_arm(dynamics.arm(dynamics.f()), (0.3, -0.6, 0.5, 0, 0.3, 0), tip=(0, 0, 0.1), ax=ax)
 
 

@@ -18,7 +18,7 @@ from ctc.certification.reserves import Reserves
 from ctc.payload.controller import PayloadEvent
 from ctc.tuning.tuning import Trial, Tuning
 from ctc.verdict.comparison import Comparison
-from ctc.verdict.lowest_resonance import LowestResonance
+from ctc.verdict.on_gears import LowestResonance
 from identification import fit_torque, identify, oscillation, pulse_budget
 from identification.equation_error.band_choice import FitTrial
 from identification.payload.load import Load

@@ -24,7 +24,7 @@ import numpy as np
 from ctc import ComputedTorque, certify, evaluate
 from identification import Identification, identify
 from plant import Body, Chain, Coupling, Drive, Dynamics, Harmonics, Link, Placement, Record, fastest, part, puma560
-from plant import simulate, torque_share, visibility
+from plant import simulate, visibility
 
 rig, path = puma560.rig(), puma560.reference()
 measured = simulate(puma560.arm(), rig, puma560.p_law(), path)
@@ -51,8 +51,8 @@ dynamics = Dynamics.from_chain(chain)
 print(dynamics.D(np.zeros(2), dynamics.f()), dynamics.arm(dynamics.f()).dynamics.legend, drive.gear.shape)
 logged = Record(t=np.arange(9) * 1e-3, error_pulses=np.zeros((9, 2), int), torque=0.1 * np.ones((9, 2)), rig=rig)
 checkup = logged.check()
-print(checkup.ok, [problem.advice for problem in checkup.problems], Record.from_npz("log.npz", rig=rig, columns={}).t)
-print(visibility(dynamics, waves), torque_share(found.arm, found.rig, waves).max(), fastest(found.arm, rig, path).n)
+print(checkup.ok, [problem.advice for problem in checkup.problems], Record.read("log.npz", rig=rig, columns={}).t)
+print(visibility(dynamics, waves), waves.torque_share(found.arm, found.rig).max(), fastest(found.arm, rig, path).n)
 
 ComputedTorque(found.arm, found.rig, bandwith=150)  # error: call-arg
 ComputedTorque(found.arm, found.rig, bandwidth="fast")  # error: arg-type

@@ -5,6 +5,7 @@ The bounds are those of Clopper and Pearson, exact whatever the distribution of 
 
 import dataclasses
 import functools
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -18,7 +19,7 @@ from ctc.certification.reserves import Reserves, reserves
 from ctc.certification.sensitivity import Influence, influences
 from ctc.certification.statement import percent, shown, verdict
 from ctc.verdict.conditions import FromRest, from_rest
-from ctc.verdict.lowest_resonance import SETTLED, LowestResonance, lowest_resonance
+from ctc.verdict.on_gears import SETTLED, LowestResonance, lowest_resonance
 from identification.results.seen import Seen
 from plant import Law, Reference
 from plant.machine.elasticity import DAMPING_RATIO
@@ -97,6 +98,11 @@ class Certificate(Shown, Saved, Frozen):
         return int((self.runs.outside > 0).sum())
 
     @property
+    def failures_before(self) -> int:
+        """How many exceed the limit at a sample before ``after``, which does not count."""
+        return int((self.runs.before > 0).sum())
+
+    @property
     def probability(self) -> float:
         """Share of the loops that left the limit."""
         return self.failures / len(self.plants)
@@ -131,21 +137,21 @@ class Certificate(Shown, Saved, Frozen):
         """
         if self.plants.rig.drive.elasticity is not None:
             return None
-        ratio, settings = self.plants.uncertainty.lowest_damping, self.settings
-        return lowest_resonance(
-            self.plants.arm, self.plants.rig, self.law, self.reference, within=self.within,
-            damping_ratio=DAMPING_RATIO if ratio is None else ratio, after=max(SETTLED, settings["after"]),
-            duration=settings["duration"], steps_per_sample=settings["steps_per_sample"], threads=self.threads,
-        )  # fmt: skip
+        ratio = self.plants.uncertainty.lowest_damping
+        after = max(SETTLED, self.settings["after"])
+        return lowest_resonance(*self._loop, DAMPING_RATIO if ratio is None else ratio, after, self.threads, None)
 
     @functools.cached_property
     def from_rest(self) -> FromRest | None:
         """What the nominal arm does from rest, where the path begins in motion and leaves it behind."""
-        settings = self.settings
-        return from_rest(
-            self.plants.arm, self.plants.rig, self.law, self.reference, within=self.within,
-            duration=settings["duration"], steps_per_sample=settings["steps_per_sample"],
-        )  # fmt: skip
+        return from_rest(*self._loop)
+
+    @property
+    def _loop(self) -> Any:
+        """The nominal loop, its limit, its duration in whole periods and steps, as an `Evaluation` has them."""
+        arm, rig, settings = self.plants.arm, self.plants.nominal, self.settings
+        duration = math.ceil(settings["duration"] / rig.period - 1e-9) * rig.period
+        return arm, rig, self.law, self.reference, self.within, duration, settings["steps_per_sample"]
 
     @property
     def holds(self) -> bool:

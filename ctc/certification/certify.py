@@ -14,7 +14,7 @@ import numpy as np
 from ctc.certification.certificate import Certificate
 from ctc.certification.samples import draw
 from ctc.certification.uncertainty import Uncertainty
-from ctc.verdict.lowest_resonance import SETTLED
+from ctc.verdict.on_gears import SETTLED
 from identification import Identification
 from identification.results.seen import seen
 from identification.results.summary import warn_of_doubts

@@ -29,7 +29,7 @@ _NUMBERED = 3
 _LINE = 200
 """Letters of a line below the panels."""
 
-_TITLE = 150
+_TITLE = 125
 """Of a line of the title."""
 
 _WORDS = {
@@ -131,7 +131,7 @@ def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
         colour, outside = colour_of(joint), counts & (np.abs(error) > within)
         axis.plot(t, error, drawstyle="steps-post", linewidth=0.4, alpha=0.45, color=colour)
         axis.plot(t[outside], error[outside], "o", markersize=4, color=colour,
-                  label=f"{labels[joint]}: {outside.sum()} of {counts.sum()} samples outside")  # fmt: skip
+                  label=f"q[{joint}]: {outside.sum()} of {counts.sum()} samples outside")  # fmt: skip
     draw_band(axis, int(within) if within == int(within) else within)
     low, high = axis.get_ylim()
     axis.set_ylim(low, low + (high - low) / (1 - _headroom(labels)))
@@ -141,7 +141,7 @@ def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
 
 def _sensitivities(axis: Any, certificate: Any, labels: list[str], found: list[Any]) -> None:
     """Share of the variance of the peaks that each number explains, the largest on top."""
-    axis.set_xlabel("explains of the variance of the peaks [%]")
+    axis.set_xlabel("share of the variance [%]")
     axis.grid(visible=False, axis="y")
     if not found:
         dressed(axis, "sensitivity: nothing that was drawn stands out", 10)

@@ -102,6 +102,13 @@ class Plants(Frozen):
     def __len__(self) -> int:
         return len(self.f)
 
+    @property
+    def nominal(self) -> Rig:
+        """The rig without the encoders' zeros, where these are drawn about zero."""
+        if not self.uncertainty.phase:
+            return self.rig
+        return dataclasses.replace(self.rig, encoder=dataclasses.replace(self.rig.encoder, phase=None))
+
     def first(self, count: int) -> Plants:
         """The first so many of them."""
         first = {name: getattr(self, name)[:count] for name in ("f", "values", "derived", "expected")}

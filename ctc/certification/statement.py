@@ -9,7 +9,7 @@ import numpy as np
 from ctc.certification.identified import Identified
 from ctc.certification.imperfections import IMPERFECTIONS
 from ctc.certification.uncertainty import Uncertainty, spread
-from ctc.verdict.lowest_resonance import LOWEST
+from ctc.verdict.on_gears import LOWEST
 from plant import Rig
 from plant.parts.shown import Aside, Piece, Verdict
 from plant.parts.tables import Table, by_joint
@@ -81,6 +81,9 @@ def verdict(certificate: Any) -> str:
         sentence = f"None of {count} leaves {limit}{_worst(cell)}."
     else:
         sentence = f"None of {count} leaves {limit}; {sure}, fewer than {bound} {of}."
+    if certificate.failures_before:
+        after = f"the first {certificate.settings['after']:g} s, which are left out"
+        sentence = f"{sentence} Within {after}, {certificate.failures_before} exceed it."
     if certificate.from_rest is not None:
         said = str(certificate.from_rest)
         sentence = f"{sentence} {said[:1].upper()}{said[1:]}."
@@ -118,6 +121,9 @@ def shown(certificate: Any) -> Iterator[Piece]:
         (f"probability, {100 * certificate.confidence:g} % interval", f"{percent(low)} to {percent(high, up=True)}"),
         ("samples outside, share of all", percent(certificate.share_outside)),
     ]
+    if certificate.settings["after"]:
+        before = f"samples that exceed the limit in the first {certificate.settings['after']:g} s, left out"
+        rows.append((before, f"{certificate.failures_before} of {len(certificate.plants)}"))
     if np.isfinite(runs.first).any():  # not where all diverge
         rows.append(("first left, median [s]", f"{np.nanmedian(runs.first):.3f}"))
     peak = f"peak {worst.peak:.0f} pulses" if np.isfinite(worst.peak) else "diverges"

@@ -178,7 +178,8 @@ def _certified(
     data = {
         "verdict": certificate.verdict, "failures": certificate.failures, "samples": len(certificate.plants),
         "probability": certificate.probability, "interval": [low, high], "upper": certificate.upper,
-        "within": certificate.within, "doubts": doubtful, **of_law,
+        "within": certificate.within, "after": certificate.settings["after"],
+        "failures_before": certificate.failures_before, "doubts": doubtful, **of_law,
         "from_rest": None if certificate.from_rest is None else str(certificate.from_rest),
         "lowest_resonance": plain_number(certificate.lowest_resonance),
         "log_shows_below": None if certificate.seen is None else plain_number(certificate.seen.resonance),

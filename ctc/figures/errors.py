@@ -4,6 +4,7 @@ matplotlib is imported only when a figure is drawn. Every function draws on the 
 figure, returns the Axes and leaves saving to the caller: ``axes.flat[0].figure.savefig(...)``.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,12 @@ def _require_evaluation(name: str, evaluation: Any) -> None:
         raise ValueError(f"{name} must be an Evaluation; got {type(evaluation).__name__}. Pass what evaluate gave.")
 
 
+def titled(axes: NDArray[Any], head: str, labels: Sequence[str] = ()) -> None:
+    """A head above the first of the axes (n,), and the label of each joint above its own."""
+    for axis, label in zip(axes, labels or [""] * len(axes), strict=True):
+        dressed(axis, f"{head}\n{label}" if axis is axes[0] else label, 10)
+
+
 @literal
 def plot_evaluation(evaluation: Any, ax: Any = None) -> NDArray[Any]:
     """Encoder error with the ±1 pulse band (left), torque and the amplifier's limit (right), one row per joint."""
@@ -66,12 +73,12 @@ def plot_evaluation(evaluation: Any, ax: Any = None) -> NDArray[Any]:
     for joint, (left, right) in enumerate(axes):
         _pulses(left, record.t, record.error_pulses[:, joint], colour_of(joint))
         draw_band(left)
-        left.set_ylabel(f"{evaluation.joint_labels[joint]}\nerror [pulses]")
+        left.set_ylabel("error [pulses]")
         right.plot(record.t, record.torque[:, joint], color=colour_of(joint), linewidth=0.7)
         right.set_ylabel("torque [N m]")
         limited |= _limit(right, record.rig.drive, joint)
-    dressed(axes[0, 0], f"{evaluation.share_within(1)} of the samples within ±1 pulse (shaded)", 10)
-    dressed(axes[0, 1], f"joint torque{'; dashed: the amplifier limit' * limited}", 10)
+    titled(axes[:, 0], f"{evaluation.share_within(1)} of the samples within ±1 pulse (shaded)", evaluation.joint_labels)
+    titled(axes[:, 1], f"joint torque{'; dashed: the amplifier limit' * limited}")
     return axes
 
 
@@ -127,12 +134,14 @@ def plot_comparison(evaluations: dict[str, Any], ax: Any = None) -> NDArray[Any]
         for joint, axis in enumerate(axes[:, column]):
             _pulses(axis, record.t, record.error_pulses[:, joint], colour_of(joint))
             draw_band(axis)
-            if abreast and column == 0:
-                axis.set_ylabel(f"{evaluation.joint_labels[joint]}\nerror [pulses]")
-            elif not abreast:
-                axis.set_ylabel("error [pulses]" if joint == 0 else "")
-                axis.set_xlabel(f"{evaluation.joint_labels[joint]}: time [s]" if column == laws - 1 else "")
-        dressed(axes[0, column], f"{name}: {evaluation.share_within(1)} within ±1 pulse (shaded)", 10)
+            axis.set_ylabel("error [pulses]" if (column if abreast else joint) == 0 else "")
+            if not abreast and column == laws - 1:
+                axis.set_xlabel(f"{evaluation.joint_labels[joint]}\ntime [s]")
+        head = f"{name}: {evaluation.share_within(1)} within ±1 pulse (shaded)"
+        if abreast:
+            titled(axes[:, column], head, evaluation.joint_labels if column == 0 else ())
+        else:
+            dressed(axes[0, column], head, 10)
     if abreast:
         equal_rows(axes)
     return drawn

@@ -5,9 +5,9 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from ctc.figures.errors import equal_rows
+from ctc.figures.errors import equal_rows, titled
 from plant import Record
-from plant.parts.figures import LOGS, colour_of, dressed, literal, row_by_row
+from plant.parts.figures import LOGS, colour_of, literal, row_by_row
 from plant.parts.labels import joint_labels
 
 
@@ -49,13 +49,13 @@ def plot_record(record: Record, joints: Sequence[str] = (), *, ax: Any = None) -
     axes = row_by_row(ax, record.n, columns, width=5.5 * columns)
     for joint, row in enumerate(axes):
         row[0].plot(record.t, record.error_pulses[:, joint], color=colour_of(joint), linewidth=0.7)
-        row[0].set_ylabel(f"{labels[joint]}\nerror [pulses]")
+        row[0].set_ylabel("error [pulses]")
         if current is not None:
             row[1].plot(record.t, current[:, joint], color=colour_of(joint), linewidth=0.7)
             row[1].set_ylabel("current [A]")
     titles = ("tracking error (paper: Figs. 6, 7)", "motor current (paper: Figs. 8, 9)")
-    for axis, title in zip(axes[0], titles, strict=False):
-        dressed(axis, title, 10)
+    for column, title, named in zip(axes.T, titles, (labels, ()), strict=False):
+        titled(column, title, named)
     return axes
 
 
@@ -111,8 +111,8 @@ def plot_identification(
                 axis.plot(other.t, other.error_pulses[:, joint], color=colour_of(5), linewidth=0.5, label=label)
             axis.plot(measured.t, measured.error_pulses[:, joint], label="robot", **robot)
             axis.plot(model.t, model.error_pulses[:, joint], label="best model", **thin)
-            axis.set_ylabel(f"{labels[joint]}\nerror [pulses]" if column == 0 else "")
-        dressed(axes[0, column], title, 10)
+            axis.set_ylabel("error [pulses]" if column == 0 else "")
+        titled(axes[:, column], title, labels if column == 0 else ())
         axes[0, column].legend(loc="upper right", fontsize=8, ncols=3, frameon=False)
     equal_rows(axes, headroom=1.3)
     return axes

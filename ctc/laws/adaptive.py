@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
 from plant import Rig, Setpoint
-from plant.laws.filtered_difference import filtered_difference, no_reading
+from plant.laws.terms import filtered_difference, no_reading
 from plant.parts.arguments import array, signs
 from plant.parts.fields import Nested, Vector
 from plant.parts.part import number, part, structure

@@ -6,8 +6,7 @@ from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
 from plant import Rig, Setpoint
-from plant.laws.anti_windup import integrated
-from plant.laws.filtered_difference import filtered_difference, no_reading
+from plant.laws.terms import filtered_difference, integrated, no_reading
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
 from plant.parts.part import number, part

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
-from ctc.laws.observer import correct, predict
-from plant import Law, Rig, Setpoint, load_matrix
+from ctc.laws.observer import correct, predict, triple_pole
+from plant import Law, Rig, Setpoint
 from plant.laws.law import Block
-from plant.mechanics.load import LOAD
+from plant.mechanics.lumping import LOAD
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
 from plant.parts.fields import Nested, Vector
@@ -51,8 +51,9 @@ def observed(
     """
     e, rate, disturbance = ca.vertsplit(state, rig.n)
     v = inverse(D).solve(torque - needed)
-    measured = setpoint.q - rig.cell_centre(pulses)
-    return ca.vertcat(*correct(*predict(e, rate, disturbance, v, dt), measured, omega, dt))
+    e, rate, disturbance = predict(e, rate, disturbance, v, dt)
+    innovation = setpoint.q - rig.cell_centre(pulses) - e
+    return ca.vertcat(*correct(e, rate, disturbance, innovation, triple_pole(omega, dt), dt))
 
 
 @part
@@ -79,7 +80,7 @@ class PayloadLaw(Law):
     law : Law
         That holds an arm.
     start_with : (10,) nested tuple
-        Standard parameters of the load at the start (`plant.load_parameters`).
+        Standard parameters of the load at the start (`Body.standard_parameters`).
     per_kg : (10,) array_like
         Of 1 kg where loads are expected.
     noise : (n,) array_like
@@ -144,6 +145,10 @@ class PayloadLaw(Law):
         """The law's, the load to start with twice, and nothing observed yet."""
         return np.concatenate([self.law.initial_state(n), self.start_with, self.start_with, np.zeros(4 * n + 1)])
 
+    def sliding(self) -> Law:
+        """The law's own."""
+        return dataclasses.replace(self, law=self.law.sliding())
+
     def block(self, rig: Rig) -> Block:
         self.law.block(rig)  # refuses a rig that is not the law's
         return super().block(rig)
@@ -154,7 +159,7 @@ class PayloadLaw(Law):
         """One sample: swap -> law with the model that carries the load -> disturbance -> change."""
         n, dynamics = rig.n, self.arm.dynamics
         parts = {name: state[where.start : where.stop] for name, where in self.places(n).items()}
-        matrix, drive = ca.DM(load_matrix(dynamics)), self.rig.drive
+        matrix, drive = ca.DM(dynamics.load_matrix()), self.rig.drive
         models = [self.arm.f + matrix @ parts[name] for name in ("load", "wanted")]
         inertias = [dynamics.D(setpoint.q, f) for f in models]
         before, after = (
@@ -171,6 +176,12 @@ class PayloadLaw(Law):
             new = ca.if_else(swapped, rebase(from_inertia @ x + before - after), x)
             for i, value in zip(some, ca.vertsplit(new), strict=True):
                 own[i] = value
+        if isinstance(self.law, ModelLaw):
+            gained = ca.vertsplit(ca.if_else(swapped, after - before, 0))
+            needed = self.law.model_torques(n) if self.stiffened else ()
+            for places, sign in ((self.law.torque_errors(n), -1), (needed, 1)):
+                for i, value in ((i, value) for some in places for i, value in zip(some, gained, strict=True)):
+                    own[i] = own[i] + sign * value
         if self.stiffened:
             law, beside, acted = _with_f(self.law, models[1]), ca.SX.zeros(n), torque
         else:

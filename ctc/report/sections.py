@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ctc.report.drawings import draw_certainty, draw_errors, draw_fit, draw_innovations, draw_path
 from ctc.report.page import figure, section
 from identification.equation_error.naming import units as units_of
 from identification.results.seen import seen
@@ -79,12 +78,8 @@ def _values(found: Any) -> str:
         else:
             rows.append((name, f"{value:.5g}", "as stated", unit, "", "", ""))
     head = ("", "value", "95 % half-width", "unit", "standard deviation", "95 % from", "to")
-    counted = (
-        f"Half-widths of the 95 % intervals; right of the dashed line the sign is not known. They count noise and "
-        f"{found.search.tolerances}."
-    )
-    drawn = figure(draw_certainty(found), "intervals", counted)
-    return section("Parameters", table(head, rows), drawn, _legend(found))
+    counted = f"<p>{text(f'The intervals count noise and {found.search.tolerances}.')}</p>"
+    return section("Parameters", table(head, rows), counted, _legend(found))
 
 
 def _legend(found: Any) -> str:
@@ -103,12 +98,12 @@ def _fit(found: Any) -> str:
         f"Errors measured and simulated with these values differ by {known}; two roundings alone give 0.58. {kept} "
         f"{found.message}"
     )
-    parts = [f"<p>{text(said)}</p>"]
-    caption = "Tracking error of the first record: all of it, and a stretch."
-    parts.append(figure(draw_fit(found), "tracking errors, measured and simulated", caption))
-    caption = "Counts less their prediction from one sample to the next. Rounding alone fills the shaded pulse evenly."
-    parts.append(figure(draw_innovations(found), "innovations", caption))
-    return section("Fit", *parts)
+    caption = (
+        "Tracking error of the first record, all of it and a segment; innovations, the counts less their prediction "
+        "from one sample to the next; spectrum of both; half-widths of the 95 % intervals: right of the dashed line "
+        "the sign is not known."
+    )
+    return section("Fit", f"<p>{text(said)}</p>", figure(found.plot(), "fit", caption))
 
 
 def _logs(found: Any) -> str:
@@ -154,8 +149,8 @@ def _assumptions(found: Any) -> str:
 
 def _controller(found: Any, evaluation: Any) -> str:
     law = type(evaluation.record.law).__name__
-    caption = f"Counted error of {law} along the path, simulated on the arm that was found; shaded: ±1 pulse."
-    parts = [figure(draw_errors(evaluation), "counted errors of the controller", caption)]
+    caption = f"Quantised tracking error and torque of {law} along the path, simulated on the arm that was found."
+    drawn = figure(evaluation.plot(), "controller", caption)
     path, t = evaluation.record.reference, evaluation.record.t
     fastest = np.abs(path(t).qd).max(axis=0)
     speeds = ", ".join(
@@ -164,12 +159,10 @@ def _controller(found: Any, evaluation: Any) -> str:
             evaluation.joint_labels, fastest, evaluation.arm.dynamics.chain.links, strict=True
         )
     )
-    caption = f"The path of this verdict ({type(path).__name__}), {t[-1]:.3g} s; greatest speeds: {speeds}."
-    parts.append(figure(draw_path(evaluation), "the path", caption))
     bandwidth = getattr(evaluation.record.law, "bandwidth", None)
-    said = "" if bandwidth is None else f"<p>{text(f'{law} with a bandwidth of {bandwidth:g} rad/s.')}</p>"
-    left = _beyond(found, evaluation)
-    return section("Controller", said, *parts, body(evaluation), left)
+    said = "" if bandwidth is None else f"{law} with a bandwidth of {bandwidth:g} rad/s. "
+    said += f"The path of this verdict ({type(path).__name__}), {t[-1]:.3g} s; greatest speeds: {speeds}."
+    return section("Controller", f"<p>{text(said)}</p>", drawn, body(evaluation), _beyond(found, evaluation))
 
 
 def _beyond(found: Any, evaluation: Any) -> str:
@@ -193,12 +186,10 @@ def _named(found: Any, records: Any) -> Iterator[tuple[str, Any]]:
 
 def _certificate(certificate: Any) -> str:
     drawn, missing = certificate.plants.said
-    drawing = certificate.plot()
-    drawing[0].figure.suptitle("")  # the verdict, which stands above it
     caption = "Peak errors of all arms, the worst of them, and what they follow from."
     return section(
         "Certificate",
-        figure(drawing, "certificate", caption),
+        figure(certificate.plot(), "certificate", caption),
         f"<p><b>Drawn</b>: {text(', '.join(drawn))}.</p>",
         f"<p><b>Not drawn, and so not promised</b>: {text(', '.join(missing))}.</p>",
         details("Table", body(certificate)),

@@ -7,11 +7,12 @@ linearised: `plant.analysis.sampled_loops`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ctc.verdict.on_gears import arm_of
 from identification import Identification
 from plant import Arm, Law, Rig
 from plant.analysis.sampled_loops import SampledLoops
@@ -77,9 +78,7 @@ def error_loop(
 
 def controlled(arm: Arm | Identification | None, law: Law) -> Arm:
     """The arm itself, that of an identification, or of None that of the law."""
-    given: Any = arm.arm if isinstance(arm, Identification) else getattr(law, "arm", None) if arm is None else arm
-    instance("arm", given, Arm, "Pass the arm that is controlled, an identification, or None for the law's own.")
-    return given
+    return arm_of(getattr(law, "arm", None) if arm is None else arm, ", or None for the law's own")
 
 
 def opened(A: Matrix, B: Matrix, C: Matrix, joint: int) -> tuple[Matrix, Matrix, Matrix]:

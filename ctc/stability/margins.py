@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures.loops import plot_margins
 from ctc.stability.error_loop import controlled, opened
-from ctc.verdict.lowest_resonance import HIGHEST, LowestResonance, above
-from ctc.verdict.on_gears import damping_of
+from ctc.verdict.on_gears import HIGHEST, LowestResonance, above, damping_of
 from identification import Identification
 from plant import Arm, Elasticity, Law, Rig
 from plant.analysis.sampled_loops import SampledLoops

@@ -13,7 +13,7 @@ from ctc.certification.uncertainty import Uncertainty
 from ctc.tuning.families import families
 from ctc.tuning.search import ROUNDS, Tunings
 from ctc.tuning.tuning import Trial, Tuning
-from ctc.verdict.lowest_resonance import SETTLED
+from ctc.verdict.on_gears import SETTLED
 from identification import Identification, IdentificationWarning
 from identification.results.summary import warn_of_doubts
 from plant import Arm, Reference, Rig

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ctc.figures.errors import draw_band
 from ctc.verdict.evaluation import Evaluation
 from plant import Arm
-from plant.mechanics.kinematics import joint_positions
+from plant.mechanics.newton_euler import joint_positions
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.figures import axes_of, colour_of, dressed
 
@@ -161,9 +161,8 @@ def _error_axis(axis: Any, evaluation: Evaluation, joint: int) -> tuple[Any, NDA
     axis.plot(record.t, values, drawstyle="steps-post", color="0.7", linewidth=0.6)
     (line,) = axis.plot([], [], drawstyle="steps-post", color=colour_of(joint), linewidth=0.9)
     draw_band(axis)
-    axis.set_title(evaluation.joint_labels[joint], fontsize=8, loc="left", pad=2)
-    if joint == 0:
-        axis.set_title("encoder error [pulses]; shaded: ±1", fontsize=8, loc="right", pad=2)
+    head = "encoder error [pulses]; shaded: ±1\n" if joint == 0 else ""
+    axis.set_title(f"{head}{evaluation.joint_labels[joint]}", fontsize=8, loc="left", pad=2)
     if joint < record.n - 1:
         axis.tick_params(labelbottom=False)
     else:

@@ -4,6 +4,7 @@ A path gives the simulator its first speed, too; a real arm stands until the fir
 """
 
 import dataclasses
+import functools
 import warnings
 from typing import Any
 
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ctc.laws.model_law import ModelLaw
 from plant import Arm, Law, Reference, Rig
-from plant.simulation.divergence import DivergenceError
+from plant.simulation.logged_run import DivergenceError
 from plant.simulation.simulator import run
 
 _LOOKED = 1.0
@@ -54,22 +55,13 @@ class FromRest:
         )
 
 
+@functools.lru_cache(maxsize=32)
 def from_rest(
-    arm: Arm, rig: Rig, law: Law, reference: Reference, *, within: float, duration: float, steps_per_sample: int,
-    backend: str = "casadi",
-) -> FromRest | None:  # fmt: skip
+    arm: Arm, rig: Rig, law: Law, reference: Reference, within: float, duration: float, steps_per_sample: int
+) -> FromRest | None:
     """The same loop from rest at the path's first position; None where the path begins at rest, or nothing is lost.
 
-    Parameters
-    ----------
-    arm, rig, law, reference
-        As of `ctc.evaluate`.
-    within : float
-        Limit of the counted error [pulses].
-    duration : float
-        Of the run [s]; its first second is simulated.
-    steps_per_sample : int
-    backend : {"casadi", "numba"}
+    The first second of a run of this `duration` [s] is simulated, once for the same loop.
     """
     speed = _first_speed(reference, duration)
     if not speed.any():
@@ -78,7 +70,7 @@ def from_rest(
     chain = arm.dynamics.chain
     begins = f"{chain.joint_labels[i]} at {speed[i]:.2g} {'m' if chain.links[i].prismatic else 'rad'}/s"
     start = np.array([reference(np.zeros(1)).q[0], np.zeros(rig.n)])
-    settings: dict[str, Any] = {"steps_per_sample": steps_per_sample, "initial": start, "backend": backend}
+    settings: dict[str, Any] = {"steps_per_sample": steps_per_sample, "initial": start, "backend": "casadi"}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what it says of rig and path was said of the run itself
         try:

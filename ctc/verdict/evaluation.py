@@ -12,15 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures.errors import plot_evaluation, plot_phase
 from ctc.verdict.conditions import FromRest, from_rest, refused
-from ctc.verdict.lowest_resonance import SETTLED, LowestResonance, lowest_resonance
+from ctc.verdict.on_gears import SETTLED, LowestResonance, lowest_resonance
 from plant import Arm, Law, Record, Reference, Rig
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import choice, known_options
 from plant.parts.labels import joint_labels
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import by_joint
-from plant.simulation.injection import Injected
-from plant.simulation.simulator import run
+from plant.simulation.simulator import Injected, run
+from plant.simulation.threads import cores
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -107,10 +107,8 @@ class Evaluation(Shown):
             return None
         if (np.abs(record.error_pulses[record.t >= SETTLED]) > 1).any():
             return LowestResonance.none(DAMPING_RATIO, 1)
-        return lowest_resonance(
-            self.arm, record.rig, record.law, record.reference, initial=record.initial,
-            duration=len(record) * record.rig.period, steps_per_sample=len(self.true_error_pulses) // len(record),
-        )  # fmt: skip
+        start = None if record.initial is None else tuple(map(tuple, record.initial.tolist()))
+        return lowest_resonance(*self._loop, DAMPING_RATIO, SETTLED, cores(), start)
 
     @functools.cached_property
     def from_rest(self) -> FromRest | None:
@@ -118,10 +116,14 @@ class Evaluation(Shown):
         record: Any = self.record
         if record.injected is not None or (record.initial is not None and not record.initial[1].any()):
             return None
-        return from_rest(
-            self.arm, record.rig, record.law, record.reference, within=1, duration=len(record) * record.rig.period,
-            steps_per_sample=len(self.true_error_pulses) // len(record),
-        )  # fmt: skip
+        return from_rest(*self._loop)
+
+    @property
+    def _loop(self) -> Any:
+        """The loop, its limit, its duration and steps."""
+        record, samples = self.record, len(self.record)
+        steps = len(self.true_error_pulses) // samples
+        return self.arm, record.rig, record.law, record.reference, 1, samples * record.rig.period, steps
 
     @property
     def refused(self) -> str | None:

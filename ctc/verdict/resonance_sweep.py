@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures.loops import plot_sweep
-from ctc.verdict.lowest_resonance import HIGHEST, LOWEST, SETTLED
-from ctc.verdict.on_gears import RIGID, OnGears, arm_of, damping_of, require_followed
+from ctc.verdict.on_gears import HIGHEST, LOWEST, RIGID, SETTLED, OnGears, arm_of, damping_of, require_followed
 from identification import Identification
 from plant import Arm, Law, Reference, Rig
 from plant.machine.elasticity import DAMPING_RATIO

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from identification.equation_error.law_memory import FADED, at_work, reading, state_directions
 from identification.equation_error.torque_logs import driven, logged_torque
 from plant import Record, Resumed
-from plant.laws.commanded import commanded_torque
+from plant.laws.replayed import commanded_torque
 from plant.simulation.clock import Clock
 from plant.simulation.followed_path import path_of, start_of
 from plant.simulation.law_run import run_law

@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from identification.equation_error.naming import each_named, record_label
 from identification.equation_error.regressor import low_pass
 from plant import Dynamics, Record, Resumed, Rig
-from plant.laws.commanded import commanded_torque
+from plant.laws.replayed import commanded_torque
 from plant.parts.arguments import array, instance
 from plant.simulation.clock import Clock
-from plant.simulation.injection import injected_beside
 from plant.simulation.law_run import run_law
+from plant.simulation.simulator import injected_beside
 
 
 def torque_of(record: Record) -> NDArray[np.float64]:

@@ -19,10 +19,10 @@ from identification.payload.posterior import PayloadEstimate
 from identification.payload.shape import LoadShape
 from identification.payload.torque_window import Smoothing, Window
 from identification.search.genetic import GeneticSettings, minimize_genetic
-from plant import Arm, LoggedTorque, Rig, load_matrix
+from plant import Arm, LoggedTorque, Rig
 from plant.machine.rig import smooth_rig
 from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.correction import Correction
+from plant.simulation.layout import Correction
 from plant.simulation.loop_kernel import LANES, loop_kernel
 
 _STEPS = 1
@@ -53,7 +53,7 @@ class GeneticEstimator:
         self.settings = GeneticSettings.paper() if settings is None else settings
         self._smoothing = Smoothing(length, rig.period)
         self._start = self._smoothing.samples // 2
-        self._matrix = load_matrix(arm.dynamics)
+        self._matrix = arm.dynamics.load_matrix()
         correction = Correction.with_memory(arm.n, length / rig.period)
         self._loop = ClosedLoop(
             dynamics=arm.dynamics, rig=smooth_rig(rig), law=LoggedTorque(), steps_per_sample=_STEPS,

@@ -9,7 +9,7 @@ from identification.payload.posterior import PayloadEstimate, information, poste
 from identification.payload.shape import LoadShape
 from identification.payload.torque_window import Smoothing, TorqueWindow, Window
 from identification.results.identification import Identification
-from plant import Arm, Rig, load_matrix
+from plant import Arm, Rig
 from plant.parts.arguments import array, instance, real
 
 KERNEL = 0.04
@@ -28,7 +28,7 @@ def kernel_length(arm: Arm, rig: Rig, shape: LoadShape) -> float:
     gears = rig.drive.elasticity
     if gears is None:
         return KERNEL
-    loaded = arm.f + load_matrix(arm.dynamics) @ (2 * shape.prior)
+    loaded = arm.f + arm.dynamics.load_matrix() @ (2 * shape.prior)
     links = arm.dynamics.D(np.zeros(arm.n), loaded).full() - np.diag(rig.drive.reflected_inertia())
     root = 1 / np.sqrt(gears.stiffness)
     slowest = 2 * np.pi * np.sqrt(np.linalg.eigvalsh(root[:, None] * links * root)[-1])

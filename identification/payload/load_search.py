@@ -22,7 +22,7 @@ from identification.payload.loaded_prediction import AnyLoad, WithLoad, spoken
 from identification.replay.prediction import Prediction
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem
-from plant import Body, Dynamics, load_matrix, load_parameters
+from plant import Body, Dynamics
 from plant.mechanics.base_parameters import independent_columns
 
 _SAME = 1e-7
@@ -48,7 +48,7 @@ class UnknownLoad:
         cls, dynamics: Dynamics, link: int | str, position: NDArray[np.float64] | None, inertia: NDArray[np.float64]
     ) -> UnknownLoad:
         """Of a load on a link, whose place may be unknown."""
-        matrix = load_matrix(dynamics, link)
+        matrix = dynamics.load_matrix(link)
         if position is not None:
             return cls(matrix=matrix, position=position, inertia=inertia, shown=())
         shown = tuple(axis for axis in range(3) if matrix[:, 1 + axis].any())
@@ -72,7 +72,7 @@ class UnknownLoad:
 
     def increments(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Of f (p,), by mass and centre (k,)."""
-        unit = load_parameters(Body(mass=1.0, com=self.com(values)))
+        unit = Body(mass=1.0, com=self.com(values)).standard_parameters
         own = np.concatenate([np.zeros(4), self.inertia]) if values[0] else np.zeros(10)
         return np.asarray(self.matrix @ (values[0] * unit + own))
 

@@ -84,7 +84,7 @@ def find_load(
 
     See Also
     --------
-    ctc.PayloadEstimator, plant.load_matrix
+    ctc.PayloadEstimator, plant.Body
 
     Examples
     --------

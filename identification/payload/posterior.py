@@ -34,7 +34,7 @@ class PayloadEstimate(Shown, Frozen):
     interval : (2,) numpy.ndarray
         That holds the mass with 95 % [kg]; of a load outside the range, it goes there.
     parameters : (10,) numpy.ndarray
-        Standard parameters of the load (`plant.load_parameters`), the mean.
+        Standard parameters of the load (`Body.standard_parameters`), the mean.
     position : (3,) numpy.ndarray
         Centre of mass [m], in the frame of the last link's body; the mean.
     sufficient : bool

@@ -8,9 +8,8 @@ import functools
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plant import Arm, Body, load_matrix, load_parameters
-from plant.mechanics.load import LOAD
-from plant.mechanics.lumping import STANDARD
+from plant import Arm, Body
+from plant.mechanics.lumping import LOAD, STANDARD
 from plant.parts.arguments import array, real
 
 _PLACES = 61
@@ -60,7 +59,7 @@ class LoadShape:
     def per_kg(self) -> NDArray[np.float64]:
         """Standard parameters (K, 10) of 1 kg at each place."""
         bodies = (Body(mass=1.0, com=place, inertia=self.inertia) for place in self.places)
-        return np.array([load_parameters(body) for body in bodies])
+        return np.array([body.standard_parameters for body in bodies])
 
     @functools.cached_property
     def basis(self) -> NDArray[np.float64]:
@@ -83,7 +82,7 @@ def _outwards(arm: Arm) -> NDArray[np.float64]:
     """Axis of the last link's frame along which its own centre of mass lies, as far as f says it by itself."""
     matrix = np.array(arm.dynamics.lumping.matrix)
     alone = ~matrix[:, : -len(STANDARD)].any(axis=1)
-    increments = load_matrix(arm.dynamics)[alone]
+    increments = arm.dynamics.load_matrix()[alone]
     phi = np.linalg.lstsq(increments, np.array(arm.f)[alone], rcond=None)[0] if alone.any() else np.zeros(len(LOAD))
     moments = np.where(np.abs(increments).sum(axis=0) > 0, phi, 0.0)[1:4]
     if not np.linalg.norm(moments) > 1e-3 * np.abs(arm.f).max():

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.regressor import balance
-from plant import Arm, Rig, load_matrix
+from plant import Arm, Rig
 from plant.compiler.map_kernel import MapKernel
 
 
@@ -113,7 +113,7 @@ class TorqueWindow:
 
     @functools.cached_property
     def _load(self) -> NDArray[np.float64]:
-        return load_matrix(self.arm.dynamics)
+        return self.arm.dynamics.load_matrix()
 
     def rows(
         self, window: Window, basis: NDArray[np.float64], loaded: NDArray[np.float64]

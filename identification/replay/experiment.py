@@ -23,8 +23,8 @@ from plant.parts.arguments import instance
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop, bounded
 from plant.simulation.followed_path import Logged, path_of, start_of
-from plant.simulation.injection import injected_beside
 from plant.simulation.loop_kernel import loop_kernel
+from plant.simulation.simulator import injected_beside
 from plant.simulation.threads import shared_out
 
 _GEARED = ("drive.gear", "drive.coupling", "encoder.resolution")

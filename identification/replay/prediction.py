@@ -23,7 +23,7 @@ from identification.equation_error.naming import each_named, record_label
 from identification.replay.experiment import as_records
 from identification.replay.followed import Followed, joined
 from plant import Dynamics, Record
-from plant.simulation.correction import Correction
+from plant.simulation.layout import Correction
 from plant.simulation.loop_kernel import LOGGED
 from plant.simulation.threads import cores, shared_out
 

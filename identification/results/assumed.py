@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from identification.equation_error.pulse_fit import BAND_MOST, CUTOFF, path_in
 from identification.equation_error.regressor import derivatives, linear, regressor_along
 from plant import Arm, Chain, Record
-from plant.mechanics.dynamics import lumped_torque
+from plant.mechanics.newton_euler import lumped_torque
 from plant.parts.arguments import real
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown

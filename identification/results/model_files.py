@@ -11,12 +11,10 @@ from identification.results.identification import Identification
 from identification.results.physical import Physical
 from identification.results.realised import Realised, bodies_of, matching_joints
 from plant import Arm, Body, Drive
-from plant.mechanics.load import load_parameters
 from plant.mechanics.lumping import STANDARD
 from plant.mechanics.mjcf_file import read_mjcf
 from plant.mechanics.model_tree import ModelFile
-from plant.mechanics.urdf_file import read_urdf
-from plant.mechanics.xacro import is_xacro
+from plant.mechanics.urdf_file import is_xacro, read_urdf
 from plant.mechanics.xml_file import Edit, Element, parsed, spliced
 from plant.models.edits import mjcf_inertial, mjcf_joint, mjcf_text, urdf_friction, urdf_inertial
 from plant.parts.arguments import known_options
@@ -197,7 +195,7 @@ def _changed(model: ModelFile, got: Realised) -> list[tuple[str, Body]]:
     changed = []
     for link, body in got.bodies.items():
         own = model.bodies[link]
-        before, after = (np.zeros(len(STANDARD) - 1) if b is None else load_parameters(b) for b in (own, body))
+        before, after = (np.zeros(len(STANDARD) - 1) if b is None else b.standard_parameters for b in (own, body))
         if np.abs(after - before).max() > _SAME * np.abs(before).max():
             changed.append((link, body))
     return changed

@@ -11,7 +11,7 @@ from identification.replay.prediction import Prediction
 from identification.search.memory import as_repeated
 from plant import Record, Resumed, replay
 from plant.parts.figures import BAND, LOGS, axes_of, colour_of, dressed, legend_above, literal
-from plant.simulation.divergence import DivergenceError
+from plant.simulation.logged_run import DivergenceError
 
 
 def repeated(found: Any) -> Record | None:

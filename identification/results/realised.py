@@ -11,12 +11,11 @@ from identification.results.identification import Identification
 from identification.results.nearest_bodies import Block, basis, nearest_realisation
 from identification.results.physical import Physical, whitening
 from plant import Arm, Body
+from plant.mechanics.body import from_pseudo_inertia, pseudo_inertia
 from plant.mechanics.link import Link
-from plant.mechanics.load import load_body, load_parameters
 from plant.mechanics.lumping import STANDARD
 from plant.mechanics.model_tree import ModelFile, ModelJoint, fixed_to, links_of_chain
 from plant.mechanics.placement import Placement
-from plant.mechanics.pseudo_inertia import from_pseudo_inertia, pseudo_inertia
 from plant.parts.arguments import choice, instance
 from plant.parts.user_warning import warn
 
@@ -112,7 +111,7 @@ def realised(
     rotors = np.where(np.abs(shafts).max(axis=0, initial=0.0) > 0, rotors, 0.0)
     pi = np.zeros(len(joints) * _WIDTH)
     for each in inertials:
-        pi[_WIDTH * each.joint :][: _WIDTH - 1] += load_parameters(each.body.seen_from(each.pose))
+        pi[_WIDTH * each.joint :][: _WIDTH - 1] += each.body.seen_from(each.pose).standard_parameters
     pi[STANDARD.index("J") :: _WIDTH] = rotors
     at_prior = B @ pi
     if np.abs(at_prior - arm.f).max() <= _SAME * np.abs(arm.f).max():
@@ -168,7 +167,7 @@ def _inertials(model: ModelFile, joints: list[ModelJoint], prior: Mapping[str, B
 
 def _block(each: _Inertial, columns: NDArray[np.float64]) -> Block:
     """The prior's factor, and the columns of f; a prior without extent is made a little thick."""
-    P = pseudo_inertia(load_parameters(each.body))
+    P = pseudo_inertia(each.body.standard_parameters)
     if not P[3, 3] > 0:
         P = P + np.diag([0.0, 0.0, 0.0, 1e-3 * max(1e-3, float(np.trace(P[:3, :3])))])
     central = P[:3, :3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3]
@@ -191,7 +190,7 @@ def _result(
     exact: bool,
 ) -> Realised:
     pairs = zip(inertials, matrices, strict=False)  # behind the bodies come the rotors
-    bodies = {each.link: load_body(from_pseudo_inertia(P)) for each, P in pairs}
+    bodies = {each.link: Body.from_standard_parameters(from_pseudo_inertia(P)) for each, P in pairs}
     rotors = np.zeros(arm.n)
     rotors[turning] = [float(matrix[0, 0]) for matrix in matrices[len(inertials) :]]
     return Realised(bodies=bodies, rotors=rotors, f=f, exact=exact)

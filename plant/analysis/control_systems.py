@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, cast
 import casadi as ca
 import numpy as np
 
-from plant.laws.law import Law, Setpoint, StatelessLaw
+from plant.laws.law import Law, Setpoint, StatelessLaw, Step
 from plant.logs.record import Record
 from plant.machine.rig import Rig, punctual_rig
 from plant.mechanics.arm import Arm
@@ -46,9 +46,7 @@ class _Held(StatelessLaw):
 
     period: float = structure(float)
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         return torque, state
 
 

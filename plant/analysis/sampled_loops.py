@@ -29,28 +29,14 @@ Matrix = NDArray[np.float64]
 
 
 class SampledLoops:
-    """The linearised loops of all joints about a pose, ready for other numbers of the rig.
+    """The linearised loops of all joints about a pose (n,) at rest [rad], zeros by default, under a law with a period.
 
-    Parameters
-    ----------
-    arm : Arm
-    rig : Rig
-    law : Law
-        With a period.
-    pose : (n,) array_like, optional
-        q at rest [rad]; zeros by default.
-
-    Attributes
-    ----------
-    names : list of str
-        Numbers of the closed loop.
-    period : float
-        Of the law [s].
+    Ready for other numbers of the rig; ``names`` are the numbers of the closed loop, ``period`` is the law's [s].
     """
 
     def __init__(self, arm: Arm, rig: Rig, law: Law, pose: ArrayLike | None = None) -> None:
         instance("rig", rig, Rig, "Pass the rig that the law drives.")
-        n, rig = rig.n, smooth_rig(rig)
+        n, rig, law = rig.n, smooth_rig(rig), law.sliding()
         at = array("pose", np.zeros(n) if pose is None else pose, (n,), advice="Give one angle per joint [rad].")
         block = law.block(rig)
         if block.period is None:

@@ -38,8 +38,7 @@ _PLATEAU = 5
 def counts_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about counts, check by check."""
     events = [_events(signals, i) for i in range(signals.n)]
-    for i in range(signals.n):
-        yield _motion(signals, i)
+    yield from signals.each(_motion)
     for i, (glitches, _, size) in enumerate(events):
         yield Finding.graded(
             "glitches", i, glitches, "", look=0, wrong=0.01 * len(signals.t),
@@ -48,16 +47,14 @@ def counts_findings(signals: Signals) -> Iterator[Finding]:
     for i, (_, jumps, size) in enumerate(events):
         if size[2]:
             advice = f"In places the counts go in steps of {size[2]:.3g} pulses; log them with more digits."
-            yield Finding(check="jumps", joint=i, value=float(jumps), unit="", verdict="look", advice=advice)
+            yield Finding.of("jumps", i, jumps, "", "look", advice)
             continue
         yield Finding.graded(
             "jumps", i, jumps, "", look=0, wrong=0,
             advice=f"The counts jump by up to {size[1]:.0f} pulses and stay there, faster than any arm; unwrap the "
             "counter, or cut the log there.",
         )  # fmt: skip
-    for check in (_stuck, _clipped):
-        for i in range(signals.n):
-            yield check(signals, i)
+    yield from signals.each(_stuck, _clipped)
 
 
 def _motion(signals, i):
@@ -72,8 +69,7 @@ def _motion(signals, i):
                 "The motor stands still while others move: it sticks, its brake is on, or its encoder is dead or in "
                 "other units."
             )
-    return Finding(check="motion", joint=i, value=float(moved * signals.least_count[i]), unit="pulses", verdict=verdict,
-                   advice=advice)  # fmt: skip
+    return Finding.of("motion", i, moved * signals.least_count[i], "pulses", verdict, advice)
 
 
 def _events(signals, i):

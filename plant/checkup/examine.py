@@ -1,13 +1,14 @@
 """The checkup of a record: what its rig and law state against what its columns show, without a model of the arm."""
 
+import functools
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from plant.checkup.counts import counts_findings
-from plant.checkup.finding import Checkup, Finding
-from plant.checkup.oscillation import oscillation_findings
+from plant.checkup.finding import NO_TORQUE, Checkup, Finding
+from plant.checkup.oscillation import averaged, oscillation_findings, power
 from plant.checkup.quantisation import quantisation_findings
 from plant.checkup.signals import Signals
 from plant.checkup.stamps import time_findings
@@ -38,11 +39,9 @@ def torque_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about torque and current, check by check."""
     if signals.motor_torque is None:
         for name in ("saturation", "clipped torque", "backlash"):
-            yield Finding.unknown(name, None, "neither torque nor current, and no law that tells it")
-        return
-    for check in (_saturated, _clipped, _backlash):
-        for i in range(signals.n):
-            yield check(signals, i)
+            yield Finding.unknown(name, None, NO_TORQUE)
+    else:
+        yield from signals.each(_saturated, _clipped, _backlash)
 
 
 def _current(signals, i):
@@ -93,16 +92,16 @@ def _backlash(signals, i):
         return Finding.unknown(name, i, f"the load changes sign {regression.reversals} times")
     play, std = regression.backlash, regression.backlash_std
     if play > max(_PLAY * signals.least_count[i], _PLAY_SURE * std):
-        return Finding(
-            check=name, joint=i, value=float(play), unit=unit, verdict="look",
-            advice="The motor runs ahead where the load changes sign: the gear has at least this backlash; expect no "
+        return Finding.of(
+            name, i, play, unit, "look",
+            "The motor runs ahead where the load changes sign: the gear has at least this backlash; expect no "
             "better than that from the model there.",
         )  # fmt: skip
     if std > _PLAY * signals.least_count[i] or (abs(play) > _PLAY_SURE * std and play < 0):
         return Finding.unknown(name, i, f"known to +-{std:.2g} pulses only", value=play, unit=unit)
     if signals.reference is not None:
         return Finding.unknown(name, i, "none seen, but a position loop hides it", value=play, unit=unit)
-    return Finding(check=name, joint=i, value=float(play), unit=unit, verdict="fine")
+    return Finding.of(name, i, play, unit)
 
 
 _AVERAGED = 9
@@ -126,8 +125,7 @@ def gear_findings(signals: Signals) -> Iterator[Finding]:
     if fastest is None:
         yield Finding.unknown("compliance", None, f"no fast proportional law and motor inertia; {_UNTOLD}")
     else:
-        for i in range(signals.n):
-            yield _compliance(signals, i, fastest)
+        yield from signals.each(functools.partial(_compliance, fastest=fastest))
     yield Finding.unknown("lag", None, _UNTOLD)
 
 
@@ -144,21 +142,21 @@ def _fastest(signals):
 
 def _compliance(signals, i, fastest):
     name, unit = "compliance", "Hz"
-    frequency, power = _spectrum(signals, i)
+    frequency, found = _spectrum(signals, i)
     above = np.flatnonzero(frequency > _MARGIN * fastest)
     above = above[above > _VALLEY]
     if len(above) < 4 * _VALLEY:
         return Finding.unknown(name, i, f"sampled too slowly; {_UNTOLD}")
-    floor = np.median(power[above[len(above) // 2] :])
-    for k in above[np.argsort(-power[above])]:
-        if power[k] < _ABOVE * floor:
+    floor = np.median(found[above[len(above) // 2] :])
+    for k in above[np.argsort(-found[above])]:
+        if found[k] < _ABOVE * floor:
             break
-        highest = power[k - _AVERAGED : k + _AVERAGED + 1].max()
-        valley = max(power[k - _VALLEY : k].min(), power[k : k + _VALLEY].min())
-        if power[k] == highest and power[k] > _PEAK * valley:
-            return Finding(
-                check=name, joint=i, value=float(frequency[k]), unit=unit, verdict="look",
-                advice=f"On rigid gears nothing in this loop oscillates faster than {fastest:.0f} Hz: the gear gives, "
+        highest = found[k - _AVERAGED : k + _AVERAGED + 1].max()
+        valley = max(found[k - _VALLEY : k].min(), found[k : k + _VALLEY].min())
+        if found[k] == highest and found[k] > _PEAK * valley:
+            return Finding.of(
+                name, i, frequency[k], unit, "look",
+                f"On rigid gears nothing in this loop oscillates faster than {fastest:.0f} Hz: the gear gives, "
                 "or the motor's inertia is below the stated one. identify() tests it.",
             )  # fmt: skip
     return Finding.unknown(name, i, f"no oscillation above the {fastest:.0f} Hz of rigid gears; {_UNTOLD}")
@@ -166,11 +164,8 @@ def _compliance(signals, i, fastest):
 
 def _spectrum(signals, i):
     """Frequencies [Hz], and power of the error there, averaged over neighbours."""
-    grid = np.arange(signals.t[0], signals.t[-1], signals.interval)
-    error = np.interp(grid, signals.t, (signals.reference - signals.counts)[:, i])
-    power = np.abs(np.fft.rfft((error - error.mean()) * np.hanning(len(error)))) ** 2
-    averaged = np.convolve(power, np.ones(_AVERAGED) / _AVERAGED, mode="same")
-    return np.fft.rfftfreq(len(error), signals.interval), averaged
+    error = signals.even((signals.reference - signals.counts)[:, i])
+    return np.fft.rfftfreq(len(error), signals.interval), averaged(power(error), _AVERAGED)
 
 
 _LEAST = 50
@@ -178,16 +173,7 @@ _LEAST = 50
 
 
 def examine(record: Any) -> Checkup:
-    """Check a record for errors; ``record.check()`` does.
-
-    Parameters
-    ----------
-    record : Record
-
-    Returns
-    -------
-    Checkup
-    """
+    """Check a record for errors; ``record.check()`` does."""
     signals = Signals(record)
     labels = tuple(signals.joint_labels)
     if len(signals.t) < _LEAST:

@@ -10,6 +10,8 @@ from plant.parts.labels import joint_label
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
+NO_TORQUE = "neither torque nor current, and no law that tells it"
+
 _ROUNDING = 1e-9
 """Printed as 0."""
 
@@ -41,6 +43,14 @@ class Finding(Shown):
     advice: str = ""
 
     @classmethod
+    def of(
+        cls, check: str, joint: int | None, value: Any, unit: str, verdict: str = "fine", advice: str = ""
+    ) -> Finding:
+        """What a check measured, and its verdict."""
+        value = None if value is None else float(value)
+        return cls(check=check, joint=joint, value=value, unit=unit, verdict=verdict, advice=advice)
+
+    @classmethod
     def graded(
         cls,
         check: str,
@@ -55,14 +65,12 @@ class Finding(Shown):
         """Judge the size of a value: fine up to `look`, wrong above `wrong`."""
         size = abs(value)
         verdict = "wrong" if size > wrong else "look" if size > look else "fine"
-        return cls(check=check, joint=joint, value=float(value), unit=unit, verdict=verdict,
-                   advice="" if verdict == "fine" else advice)  # fmt: skip
+        return cls.of(check, joint, value, unit, verdict, "" if verdict == "fine" else advice)
 
     @classmethod
     def unknown(cls, check: str, joint: int | None, why: str, *, value: Any = None, unit: str = "") -> Finding:
         """A check that this record does not allow."""
-        value = None if value is None else float(value)
-        return cls(check=check, joint=joint, value=value, unit=unit, verdict=f"cannot tell: {why}")
+        return cls.of(check, joint, value, unit, f"cannot tell: {why}")
 
     @property
     def ok(self) -> bool:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.checkup.finding import Finding
 from plant.checkup.signals import Signals
@@ -30,16 +31,23 @@ _GROWN = 1.5
 _NAME, _UNIT = "oscillation", "Hz"
 
 
+def power(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Power spectrum of values (G,) about their mean, in a Hann window."""
+    return np.asarray(np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2)
+
+
+def averaged(spectrum: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """A power spectrum, averaged over so many neighbours."""
+    return np.convolve(spectrum, np.ones(count) / count, mode="same")
+
+
 def oscillation_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about oscillations of the loop, joint by joint."""
     if signals.reference is None or not signals.long_enough or not signals.tracks.all():
         why = "no reference" if signals.reference is None else "too short, or counts that do not track"
         yield Finding.unknown(_NAME, None, why)
         return
-    grid = np.arange(signals.t[0], signals.t[-1], signals.interval)
-    error = signals.reference - signals.counts
-    for i in range(signals.n):
-        yield _oscillation(signals, i, *(np.interp(grid, signals.t, x[:, i]) for x in (error, signals.reference)))
+    yield from signals.each(_oscillation)
 
 
 def own_oscillation(record: Any) -> float | None:
@@ -47,35 +55,31 @@ def own_oscillation(record: Any) -> float | None:
     return next((each.value for each in oscillation_findings(Signals(record)) if not each.ok), None)
 
 
-def _oscillation(signals, i, error, reference):
-    frequency, window = np.fft.rfftfreq(len(error), signals.interval), np.hanning(len(error))
-    contained = np.cumsum(_power(window * (reference - reference.mean())))
+def _oscillation(signals, i):
+    error = signals.even((signals.reference - signals.counts)[:, i])
+    frequency = np.fft.rfftfreq(len(error), signals.interval)
+    contained = np.cumsum(power(signals.even(signals.reference[:, i])))
     highest = frequency[np.searchsorted(contained, _CONTAINED * contained[-1])]
     fast = frequency > max(_BEYOND * highest, _SLOWEST)
     if fast.sum() < 10 * _AVERAGED:
         return Finding.unknown(_NAME, i, "the reference is as fast as the samples show")
-    power = _power(window * (error - error.mean()))
-    averaged = np.convolve(power, np.ones(_AVERAGED) / _AVERAGED, mode="same")
-    own = frequency[np.argmax(power * fast)]
-
+    of_error = power(error)
+    around = averaged(of_error, _AVERAGED)
+    own = frequency[np.argmax(of_error * fast)]
     spectrum = np.fft.rfft(error - error.mean())
     swinging, slow = (np.fft.irfft(spectrum * kept, len(error)) for kept in (fast, ~fast))
     parts = np.array([_rms(part) for part in np.array_split(swinging, _PARTS)])
     size, tracking = np.median(parts), _rms(slow)
-    clear = averaged[fast].max() > _PEAK * np.median(averaged[fast])
+    clear = around[fast].max() > _PEAK * np.median(around[fast])
     if not (clear and size > _LEAST * signals.least_count[i] and size > _SWINGS * tracking):
-        return Finding(check=_NAME, joint=i, value=float(size), unit="pulses", verdict="fine")
+        return Finding.of(_NAME, i, size, "pulses")
     third = _PARTS // 3
     does = "grows" if parts[-third:].mean() > _GROWN * parts[:third].mean() else "goes on"
-    return Finding(
-        check=_NAME, joint=i, value=float(own), unit=_UNIT, verdict="look",
-        advice=f"The loop swings by itself, {size:.3g} pulses rms beside {tracking:.3g} of tracking, and {does}: it is "
+    return Finding.of(
+        _NAME, i, own, _UNIT, "look",
+        f"The loop swings by itself, {size:.3g} pulses rms beside {tracking:.3g} of tracking, and {does}: it is "
         "unstable, or nearly, as by lag of the currents or elastic gears (or driven by ripple). Lower its gains.",
     )  # fmt: skip
-
-
-def _power(values):
-    return np.abs(np.fft.rfft(values)) ** 2
 
 
 def _rms(values):

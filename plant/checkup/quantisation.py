@@ -32,9 +32,7 @@ _NOISY = 0.6
 
 def quantisation_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about units, quantisation and noise of the counts."""
-    for check in (_units, _step, _noise):
-        for i in range(signals.n):
-            yield check(signals, i)
+    yield from signals.each(_units, _step, _noise)
 
 
 def _units(signals, i):
@@ -44,12 +42,12 @@ def _units(signals, i):
         return Finding.unknown("units of counts", i, "the encoder is said not to round")
     broken = 100 * np.mean(counts != np.round(counts))
     if not broken:
-        return Finding(check="units of counts", joint=i, value=0.0, unit="% not whole", verdict="fine")
+        return Finding.of("units of counts", i, 0.0, "% not whole")
     verdict, advice = "look", "Counts are whole; these were shifted or scaled after counting."
     if signals.angular[i]:
         unit = "radians" if np.ptp(counts) < 4 * np.pi else "degrees"
         verdict, advice = "wrong", f"These look like {unit}, not counts; turn angles of the joints into rig.counts(q)."
-    return Finding(check="units of counts", joint=i, value=broken, unit="% not whole", verdict=verdict, advice=advice)
+    return Finding.of("units of counts", i, broken, "% not whole", verdict, advice)
 
 
 def _step(signals, i):
@@ -61,9 +59,9 @@ def _step(signals, i):
         return Finding.unknown("quantisation step", i, f"only {len(levels)} different counts")
     gear = abs(signals.rig.drive.gear[i])
     if gear > _GEARED and (np.abs(_off(levels - levels[0], gear)) <= 1).all():
-        return Finding(
-            check="quantisation step", joint=i, value=float(gear), unit="pulses", verdict="wrong",
-            advice=f"Counts come in steps of {gear:g} like the gear: angles of the motor were given as those of the "
+        return Finding.of(
+            "quantisation step", i, gear, "pulses", "wrong",
+            f"Counts come in steps of {gear:g} like the gear: angles of the motor were given as those of the "
             "joint; map them to motor_position.",
         )  # fmt: skip
     step, clear = comb(signals.counts[:, i])
@@ -121,7 +119,7 @@ def _noise(signals, i):
     if not np.isfinite(noise):
         return Finding.unknown("noise", i, "too few samples")
     if signals.rig.encoder.smooth:
-        return Finding(check="noise", joint=i, value=float(noise), unit="pulses", verdict="fine")
+        return Finding.of("noise", i, noise, "pulses")
     grid = _step(signals, i).value or 1.0
     return Finding.graded(
         "noise", i, noise, "pulses", look=_NOISY * grid, wrong=10 * grid,

@@ -5,14 +5,16 @@ equations between them and their derivatives still hold.
 """
 
 import functools
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.checkup.averaged_regression import AveragedRegression
-from plant.checkup.torque_regression import TorqueRegression
-from plant.laws.commanded import commanded_torque
+from plant.checkup.torque_regression import AveragedRegression, TorqueRegression
+from plant.laws.replayed import commanded_torque
+
+T = TypeVar("T")
 
 _WINDOW = 0.02
 """Length of the smoothing window [s], but never less than so many samples:"""
@@ -42,16 +44,8 @@ _GAP = 1.5
 class Signals:
     """Motor side signals of a record, and what is derived of them.
 
-    Attributes
-    ----------
-    t (M,), counts (M, n), reference (M, n) or None
-        Samples with weight [s], [pulses]; no reference where all of it is zero.
-    torque : (M, n) or None
-        *Motor* torque [N m], logged, or from logged currents.
-    interval : float
-        Median time between two samples [s].
-    joint_labels : list of str
-        By the law's arm if it has one, otherwise by the drive's names.
+    t (M,) [s], counts and reference (M, n) [pulses] of samples with weight; no reference where all of it is zero. Motor
+    torque (M, n) [N m], logged, or from logged currents. ``interval``: median time between two samples [s].
     """
 
     def __init__(self, record: Any) -> None:
@@ -69,6 +63,15 @@ class Signals:
         self.torque = None if torque is None else torque[keep]
         self._keep = keep
         self.interval = float(np.median(np.diff(record.t))) if len(record) > 1 else record.rig.period
+
+    def each(self, *checks: Callable[[Any, int], T]) -> Iterator[T]:
+        """What these checks find, one after another, joint by joint."""
+        for check in checks:
+            yield from (check(self, i) for i in range(self.n))
+
+    def even(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values (M,) at evenly spaced times."""
+        return np.interp(np.arange(self.t[0], self.t[-1], self.interval), self.t, values)
 
     def column(self, field: str, i: int) -> str:
         """What messages call a column: its name in the file, if one was mapped; "the torque" otherwise."""

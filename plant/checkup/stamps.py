@@ -36,7 +36,7 @@ def time_findings(signals: Signals) -> Iterator[Finding]:
     N = len(record)
     advice = f"{N} samples hold little; log at least {_SHORT}, and a few periods of the motion."
     short = "wrong" if N < _SHORT else "fine"
-    yield Finding(check="samples", joint=None, value=float(N), unit="", verdict=short, advice=advice * (N < _SHORT))
+    yield Finding.of("samples", None, N, "", short, advice * (N < _SHORT))
     left_out = 100 * (1 - np.mean(record.valid > 0))
     yield Finding.graded(
         "samples left out", None, left_out, "%", look=_LOST, wrong=50,
@@ -88,14 +88,14 @@ def _stamps(signals):
     if np.isnan(shift):
         return Finding.unknown(name, None, "intervals are too alike")
     if shift == 0 and share > _MATCH:
-        return Finding(check=name, joint=None, value=0.0, unit=unit, verdict="fine")
+        return Finding.of(name, None, 0.0, unit)
     if share < _EVEN:
         advice = "The stamps jitter, the samples do not: the counts come evenly; put t = row times interval."
-        return Finding(check=name, joint=None, value=None, unit=unit, verdict="look", advice=advice)
+        return Finding.of(name, None, None, unit, "look", advice)
     when = f"{abs(shift)} row(s) {'after' if shift > 0 else 'before'} the stamps" if shift else "partly in other rows"
     advice = f"At odd intervals the counts come {when}: clock and counter are not read together; leave out the rows "
     advice += "at gaps (valid = 0)."
-    return Finding(check=name, joint=None, value=float(shift), unit=unit, verdict="look", advice=advice)
+    return Finding.of(name, None, shift, unit, "look", advice)
 
 
 def _repeated(signals):

@@ -1,4 +1,4 @@
-"""Regression of a motor's torque on its motion, without a model of the arm.
+"""Regressions of a motor's torque on its motion, at each sample or averaged, without a model of the arm.
 
 Regressors are the accelerations of all motors, the motor's speed (viscous friction) and its sign (Coulomb friction),
 and sines and cosines of the joint angles and of their sums: all of a planar arm's gravity, most of another's. The
@@ -22,27 +22,16 @@ _SINGULAR = 1e-10
 _TENTHS = 10
 
 _PER_WINDOW = 7
-"""Rows taken from a smoothing window: more are not independent."""
+"""Rows taken from a window, more are not independent; and rows that each unknown needs."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class TorqueRegression:
     """Coefficients of the torque of one motor, with standard deviations.
 
-    Attributes
-    ----------
-    inertia, inertia_std : (n,) numpy.ndarray
-        Of the acceleration of every motor [kg m^2].
-    viscous, viscous_std : float
-        Of its own speed [N m s/rad].
-    coulomb, coulomb_std : float
-        Of the sign of its speed [N m].
-    delay, delay_std : float
-        Delay of the counts behind the torque [samples].
-    backlash, backlash_std : float
-        Motion of the motor alone where the load torque changes sign [pulses].
-    reversals : int
-        Number of such changes.
+    Of the acceleration of every motor (n,) [kg m^2], of its own speed [N m s/rad] and its sign [N m]; delay of the
+    counts behind the torque [samples]; motion of the motor alone where the load torque changes sign [pulses], and the
+    number of such reversals.
     """
 
     inertia: NDArray[np.float64]
@@ -101,16 +90,10 @@ class TorqueRegression:
 def least_squares(
     columns: NDArray[np.float64], measured: NDArray[np.float64], memory: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Coefficients and standard deviations of a regression with correlated residuals and a model error.
+    """Coefficients and standard deviations (k,) of a regression with correlated residuals and a model error.
 
     Residuals count as independent only every `memory` rows; a jackknife over tenths of the log covers what changes
     with the pose. The larger standard deviation counts.
-
-    Parameters
-    ----------
-    columns : (N, k) numpy.ndarray
-    measured : (N,) numpy.ndarray
-    memory : int
     """
     scale = np.sqrt(np.mean(columns**2, axis=0))
     scale[scale == 0] = 1.0
@@ -128,3 +111,75 @@ def least_squares(
     ])  # fmt: skip
     jackknife = (_TENTHS - 1) * np.mean((without - value) ** 2, axis=0)
     return value / scale, np.sqrt(np.maximum(variance, jackknife)) / scale
+
+
+_AVERAGE = 0.4
+"""Window [s] over which the equation is averaged; shorter where the log would not hold enough of them."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class AveragedRegression:
+    """Coefficients, with standard deviations, of the equation of motion of a motor, averaged over much of a swing.
+
+    An arm that swings freely needs little torque for much acceleration, less than the noise of twice differentiated
+    counts; the average of the equation with all its terms holds without the noise.
+
+    Of the acceleration of every motor (n,), mean over the log [kg m^2]; of the sign of the speed of every motor (n,),
+    if all are allowed to rub, and of its own, the only one that should [N m]; delay of the counts behind the torque
+    [samples].
+    """
+
+    inertia: NDArray[np.float64]
+    inertia_std: NDArray[np.float64]
+    cross_coulomb: NDArray[np.float64]
+    cross_coulomb_std: NDArray[np.float64]
+    coulomb: float
+    coulomb_std: float
+    delay: float
+    delay_std: float
+
+    @classmethod
+    def all_of(cls, signals: Any, torque: NDArray[np.float64]) -> list[AveragedRegression] | None:
+        """Fit the torques (M, n) [N m] of all motors; None where the log is too short for that many unknowns."""
+        n, encoder, interval = signals.n, signals.rig.encoder, signals.interval
+        counts, *rates = signals.motion
+        speed, acceleration = (encoder.to_angle(rate) for rate in rates)
+        angle = signals.rig.cell_centre(counts)
+        pose = [column - column[signals.clear].mean() for turn in (np.cos, np.sin) for column in turn(angle[:, 1:]).T]
+        products = [speed[:, a] * speed[:, b] for a in range(n) for b in range(a, n)]
+        absolute = np.cumsum(angle, axis=1)
+        shared = [
+            *acceleration.T, *(p * column for p in pose for column in (*acceleration.T, *products)),
+            np.ones(len(angle)), *np.sin(absolute).T, *np.cos(absolute).T,
+        ]  # fmt: skip
+        unknown = len(shared) + 3
+        length = 2 * int(min(_AVERAGE / interval, signals.clear.sum() / (unknown + 2)) / 2) + 1
+        if length < signals.window:
+            return None
+        kernel = np.hanning(length + 2)
+        clear = np.convolve(signals.clear, np.ones(length) / length, mode="same") > 1 - 1e-9
+        rows = np.flatnonzero(clear)[:: max(1, length // _PER_WINDOW)]
+        if len(rows) < _PER_WINDOW * unknown:
+            return None
+
+        def means(columns: Any) -> NDArray[np.float64]:
+            return np.column_stack([np.convolve(x, kernel / kernel.sum(), mode="same") for x in columns])
+
+        common, smooth = means(shared)[rows], signals.smooth(torque)
+        viscous, dry = means(speed.T)[rows], means([signals.smooth_even(np.sign(rate)) for rate in speed.T])[rows]
+        measured, slope = means(smooth.T), means(np.gradient(smooth, interval, axis=0).T)
+        found = []
+        for i in range(n):
+            columns, torques = np.column_stack([common, viscous[:, i], dry[:, i]]), measured[rows, i]
+            if not np.ptp(torques):
+                return None
+            value, std = least_squares(columns, torques, memory=_PER_WINDOW)
+            # Late counts: the model gives the torque of a delay ago.
+            late, late_std = least_squares(np.column_stack([columns, slope[rows, i]]), torques, memory=_PER_WINDOW)
+            # Friction goes with a motor's own speed; with another's, columns are exchanged.
+            cross, cross_std = least_squares(np.column_stack([common, viscous, dry]), torques, memory=_PER_WINDOW)
+            found.append(cls(
+                inertia=value[:n], inertia_std=std[:n], cross_coulomb=cross[-n:], cross_coulomb_std=cross_std[-n:],
+                coulomb=value[-1], coulomb_std=std[-1], delay=late[-1] / interval, delay_std=late_std[-1] / interval,
+            ))  # fmt: skip
+        return found

@@ -37,14 +37,12 @@ def reference_findings(signals: Signals) -> Iterator[Finding]:
         for name in ("gear sign", "swapped joints", "delay"):
             yield Finding.unknown(name, None, "too short to compare speeds")
         return
-    for check in (_sign, _swapped):
-        if signals.reference is None:
-            yield Finding.unknown({_sign: "gear sign", _swapped: "swapped joints"}[check], None, "no reference")
-            continue
-        for i in range(signals.n):
-            yield check(signals, i)
-    for i in range(signals.n):
-        yield _delay(signals, i)
+    if signals.reference is None:
+        for name in ("gear sign", "swapped joints"):
+            yield Finding.unknown(name, None, "no reference")
+    else:
+        yield from signals.each(_sign, _swapped)
+    yield from signals.each(_delay)
 
 
 def _sign(signals, i):
@@ -56,7 +54,7 @@ def _sign(signals, i):
         advice = f"The counts run against the reference{_turned(signals, i)}."
     verdict = "fine" if abs(slope - 1) <= TRACKING else "wrong"
     advice *= verdict != "fine"
-    return Finding(check=name, joint=i, value=float(slope), unit=unit, verdict=verdict, advice=advice)
+    return Finding.of(name, i, slope, unit, verdict, advice)
 
 
 def _turned(signals: Signals, i: int) -> str:
@@ -87,21 +85,16 @@ def _swapped(signals, i):
     swapped = nearest != i and error[nearest] < _CLOSER * min(own, 1.0)
     name, value, unit = "swapped joints", float(100 * own), "% off its reference"
     if not swapped:
-        return Finding(check=name, joint=i, value=value, unit=unit, verdict="fine")
+        return Finding.of(name, i, value, unit)
     other = signals.joint_labels[nearest]
     advice = f"The counts follow the reference of {other} ({error[nearest]:.0%} off): exchange the columns."
-    return Finding(check=name, joint=i, value=value, unit=unit, verdict="wrong", advice=advice)
+    return Finding.of(name, i, value, unit, "wrong", advice)
 
 
 def _against_law(signals, i, j):
-    """Regression of the logged torque of motor i on the commanded one of motor j.
+    """Regression of the logged torque of motor i on the commanded one of j: slope, delay, its std, explained share.
 
-    Late counts show as torque in proportion to speed, so slope and delay are estimated together.
-
-    Returns
-    -------
-    slope, delay, delay_std, explained : float
-        Logged per commanded torque; counts behind torque [samples]; explained share of the logged torque's variance.
+    Late counts show as torque in proportion to speed, so slope and delay (of the counts [samples]) are found together.
     """
     error = (signals.reference - signals.counts)[:, j]
     gain = (error @ signals.commanded[:, j]) / max(error @ error, 1e-300)  # [N m/pulse], of a law without memory

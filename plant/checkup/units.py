@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from plant.checkup.finding import Finding
+from plant.checkup.finding import NO_TORQUE, Finding
 from plant.checkup.quantisation import comb
 from plant.checkup.signals import Signals
 from plant.checkup.tracking import correlation, law_slope
@@ -36,20 +36,17 @@ _RUBS = 2.0
 def unit_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about the unit of torque."""
     if signals.motor_torque is None:
-        yield Finding.unknown("units of torque", None, "neither torque nor current, and no law that tells it")
-        return
-    for i in range(signals.n):
-        yield _units(signals, i)
+        yield Finding.unknown("units of torque", None, NO_TORQUE)
+    else:
+        yield from signals.each(_units)
 
 
 def _units(signals, i):
     name, drive = "units of torque", signals.rig.drive
     share = np.abs(signals.motor_torque[:, i]).max() / drive.motor_gain[i] / drive.current_limit[i]
     if share > _BEYOND and signals.torque is not None:
-        return Finding(
-            check=name, joint=i, value=float(share), unit="of the limit", verdict="wrong",
-            advice=f"The torque is beyond the amplifier: {_guess(signals, share / _USED, i)}.",
-        )  # fmt: skip
+        advice = f"The torque is beyond the amplifier: {_guess(signals, share / _USED, i)}."
+        return Finding.of(name, i, share, "of the limit", "wrong", advice)
     law = law_slope(signals, i)
     if law is not None and law[1] > _EXPLAINED:
         slope = abs(law[0])
@@ -57,8 +54,7 @@ def _units(signals, i):
         advice = f"The torque is {slope:.3g} times the commanded one: {_guess(signals, slope, i)}."
         if verdict == "fine" and abs(slope - 1) > _GAIN_OFF and correlation(signals, i, i) > 1 - _GAIN_OFF / 10:
             verdict, advice = "look", f"The torque is {slope:.3g} times the commanded one: check gain and motor gain."
-        return Finding(check=name, joint=i, value=float(slope), unit="of the law's", verdict=verdict,
-                       advice=advice * (verdict != "fine"))  # fmt: skip
+        return Finding.of(name, i, slope, "of the law's", verdict, advice * (verdict != "fine"))
     stated, shown = drive.motor_inertia[i], signals.regression(i)
     if shown is None:
         return Finding.unknown(name, i, "too little motion, and no law that tells the torque")
@@ -76,19 +72,17 @@ def _units(signals, i):
             guess += ", or the counts are of angles of the " + ("motor" if found < _LIGHT else "joint")
         elif 1 / _FACTOR < rubs < _FACTOR:
             guess = "friction is as stated, so look at the counts: resolution, and angles of motor or joint"
-        return Finding(
-            check=name, joint=i, value=float(found), unit="rotor inertias", verdict=verdict,
-            advice=f"Torque per acceleration is {size} the rotor inertia: {guess}.",
-        )  # fmt: skip
+        advice = f"Torque per acceleration is {size} the rotor inertia: {guess}."
+        return Finding.of(name, i, found, "rotor inertias", verdict, advice)
     if rubs is not None and not 1 / _FACTOR < rubs < _FACTOR:
-        return Finding(
-            check=name, joint=i, value=float(rubs), unit="of the Coulomb friction", verdict="look",
-            advice=f"Coulomb friction is {rubs:.2g} of what the rig states: correct that if it was a guess; of the "
+        return Finding.of(
+            name, i, rubs, "of the Coulomb friction", "look",
+            f"Coulomb friction is {rubs:.2g} of what the rig states: correct that if it was a guess; of the "
             f"torque, {_guess(signals, rubs, i)}.",
         )  # fmt: skip
     if not stated:
         return Finding.unknown(name, i, "no rotor inertia stated, and no law that tells the torque")
-    return Finding(check=name, joint=i, value=float(found), unit="rotor inertias", verdict="fine")
+    return Finding.of(name, i, found, "rotor inertias")
 
 
 def _rubs(shown: Any, stated: float) -> float | None:

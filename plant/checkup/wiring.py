@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from plant.checkup.averaged_regression import AveragedRegression
-from plant.checkup.finding import Finding
+from plant.checkup.finding import NO_TORQUE, Finding
 from plant.checkup.signals import Signals
+from plant.checkup.torque_regression import AveragedRegression
 from plant.checkup.tracking import correlation, law_slope
 
 _BACKWARDS = -1 / 3
@@ -38,14 +38,12 @@ _UNEVEN, _EVEN = 4.0, 3.0
 
 def wiring_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about columns, signs and order of counts and torques."""
-    for i in range(signals.n):
-        yield _copied(signals, i)
-    for name, check in (("drive sign", _sign), ("swapped torques", _swapped)):
-        if signals.motor_torque is None:
-            yield Finding.unknown(name, None, "neither torque nor current, and no law that tells it")
-            continue
-        for i in range(signals.n):
-            yield check(signals, i)
+    yield from signals.each(_copied)
+    if signals.motor_torque is None:
+        for name in ("drive sign", "swapped torques"):
+            yield Finding.unknown(name, None, NO_TORQUE)
+    else:
+        yield from signals.each(_sign, _swapped)
 
 
 def _copied(signals, i):
@@ -54,11 +52,9 @@ def _copied(signals, i):
     for j in others:
         for column, same in (("counts", _same_counts), ("torque", _same_torque)):
             if same(signals, j, i):
-                return Finding(
-                    check=name, joint=i, value=None, unit="", verdict="wrong" if column == "counts" else "look",
-                    advice=f"The same {column} as {signals.joint_labels[j]}: one column was mapped to both.",
-                )  # fmt: skip
-    return Finding(check=name, joint=i, value=None, unit="", verdict="fine")
+                advice = f"The same {column} as {signals.joint_labels[j]}: one column was mapped to both."
+                return Finding.of(name, i, None, "", "wrong" if column == "counts" else "look", advice)
+    return Finding.of(name, i, None, "")
 
 
 def _same_counts(signals, i, j):
@@ -84,10 +80,8 @@ def _sign(signals, i):
     name, unit = "drive sign", "kg m^2"
     law, shown = law_slope(signals, i), signals.regression(i)
     if law is not None and law[0] < _BACKWARDS and law[1] > _EXPLAINED:
-        return Finding(
-            check=name, joint=i, value=float(law[0]), unit="of the law's", verdict="wrong",
-            advice=f"The torque has the opposite sign of the commanded one{_turned(signals, i, shown)}.",
-        )  # fmt: skip
+        advice = f"The torque has the opposite sign of the commanded one{_turned(signals, i, shown)}."
+        return Finding.of(name, i, law[0], "of the law's", "wrong", advice)
     if shown is None:
         return Finding.unknown(name, i, "too little motion")
     against = signals.tracking_slope[i] < 0  # a wrong sign of the counts says nothing of the torque
@@ -119,7 +113,7 @@ def _sign(signals, i):
         return Finding.unknown(name, i, "no acceleration that torque explains", value=inertia, unit=unit)
     else:
         verdict, advice = "fine", ""
-    return Finding(check=name, joint=i, value=float(inertia), unit=unit, verdict=verdict, advice=advice)
+    return Finding.of(name, i, inertia, unit, verdict, advice)
 
 
 def _turned(signals: Signals, i: int, shown: Any) -> str:
@@ -153,7 +147,7 @@ def _swapped(signals, i):
         own, found = correlation(signals, i, i), max(others, key=lambda j: correlation(signals, i, j))
         if 1 - correlation(signals, i, found) < _CLOSER * (1 - own) and own < _EXPLAINED:
             return _exchange(signals, i, found, 100 * own, "% like its law's")
-        return Finding(check=name, joint=i, value=100 * own, unit="% like its law's", verdict="fine")
+        return Finding.of(name, i, 100 * own, "% like its law's")
     if signals.regressions is None or any(regression is None for regression in signals.regressions):
         return Finding.unknown(name, i, "too little motion")
     M = np.array([regression.inertia for regression in signals.regressions])
@@ -175,7 +169,7 @@ def _swapped(signals, i):
             return Finding.unknown(name, i, "no acceleration that torque explains")
         M = np.array([fit.inertia for fit in signals.averaged])
         ratio = max(M[i, j] * M[j, i] / abs(M[i, i] * M[j, j]) for j in others)
-    return Finding(check=name, joint=i, value=float(ratio), unit="of the diagonal", verdict="fine")
+    return Finding.of(name, i, ratio, "of the diagonal")
 
 
 def _crossed(averaged: Sequence[AveragedRegression], i: int, j: int) -> bool:
@@ -208,4 +202,4 @@ def _uneven(averaged: Sequence[AveragedRegression], i: int, j: int) -> float:
 def _exchange(signals: Signals, i: int, j: int, value: float, unit: str) -> Finding:
     torque, motion = signals.joint_labels[i], signals.joint_labels[j]
     advice = f"The torque of {torque} belongs to the motion of {motion}: exchange the columns of torque, or of counts."
-    return Finding(check="swapped torques", joint=i, value=float(value), unit=unit, verdict="wrong", advice=advice)
+    return Finding.of("swapped torques", i, value, unit, "wrong", advice)

@@ -16,13 +16,7 @@ _WAIT = 0.2
 
 
 def in_background(function: Callable[[], T], *, others: int = 0) -> list[T]:
-    """What a function gives on 1 + `others` threads at once; only the main thread waits, another is one of them.
-
-    Raises
-    ------
-    BaseException
-        The first that a thread raises, and that of the wait.
-    """
+    """What a function gives on 1 + `others` threads at once; only the main thread waits, another is one of them."""
     own = threading.current_thread() is not threading.main_thread()
     results: list[Any] = []
     failures: list[BaseException] = []

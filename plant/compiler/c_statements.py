@@ -65,27 +65,10 @@ def literal(value: float) -> str:
 def statements(
     function: ca.Function, inputs: list[list[tuple[str, int]]]
 ) -> tuple[dict[int, list[str]], list[str], set[str]]:
-    """What an SX Function does, in C.
+    """What an SX Function does, in C: declarations by their kind, expressions of results, and the inputs that occur.
 
-    Parameters
-    ----------
-    function : casadi Function
-    inputs : list of list of (str, int)
-        For each input, for each component: the C expression that reads it, and its kind (UNIFORM, TIME or STATE).
-
-    Returns
-    -------
-    lines : dict
-        UNIFORM, TIME, STATE -> declarations, to stand in this order.
-    results : list of str
-        Expressions of all output components, outputs joined.
-    used : set of str
-        Input expressions that occur.
-
-    Raises
-    ------
-    ValueError
-        An operation that has no translation (named).
+    For each component of each input, `inputs` holds the C expression that reads it and its kind. The declarations of
+    UNIFORM, TIME and STATE stand in this order; the results are those of all outputs, joined.
     """
     nodes, outputs = rewritten(*single_assignment(function, inputs), relaxed=False)
     order = needed(nodes, outputs)

@@ -35,16 +35,10 @@ UNIFORM, LANE, TIME, STATE = 1, 2, 4, 8
 
 
 class Node(NamedTuple):
-    """One instruction.
+    """One instruction: its operation ("CONST" and "INPUT" need none), what it is of, and when it has to run.
 
-    Attributes
-    ----------
-    op : str
-        Name of the operation; "CONST" and "INPUT" for what needs none.
-    of : tuple of int, float or str
-        Indices of the nodes that it needs; the value of a constant; the text of an input.
-    kind : int
-        When it has to run; 0 for a constant.
+    `of` are the indices of the nodes that it needs, the value of a constant, or the text of an input; `kind` is 0 for a
+    constant.
     """
 
     op: str
@@ -67,12 +61,7 @@ def kind_of(kinds: Iterable[int]) -> int:
 def rewritten(nodes: list[Node], outputs: list[int], *, relaxed: bool) -> tuple[list[Node], list[int]]:
     """Nodes and outputs, rewritten; nodes that nothing needs any more are left in.
 
-    Parameters
-    ----------
-    nodes : list of Node
-        Each after those it needs.
-    outputs : list of int
-    relaxed : bool
+    Each node comes after those it needs.
     """
     if relaxed:
         nodes, outputs = _early_first(nodes, outputs)

@@ -26,13 +26,7 @@ def head() -> str:
 
 
 def joined(*texts: str) -> str:
-    """Texts as one module, in which none changes what a name of another means.
-
-    Raises
-    ------
-    ValueError
-        Two bind the same name: functions of the first would use what the second means by it.
-    """
+    """Texts as one module, in which none changes what a name of another means."""
     meanings: dict[str, object] = {}
     for i, text in enumerate(texts):
         for name, meaning in _bound(text.replace("{h}", "h"), i).items():

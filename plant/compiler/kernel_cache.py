@@ -53,15 +53,7 @@ _FORKING: list[bool] = []
 
 
 class Kernel:
-    """Compiled functions of one generated file.
-
-    Parameters
-    ----------
-    template : str
-        Source in which ``{h}`` stands for the hash.
-    functions : list of str
-        Names, without the hash, of the functions that will be called.
-    """
+    """Compiled `functions` of one generated file; ``{h}`` in its template stands for the hash, not in their names."""
 
     def __init__(self, template: str, functions: Collection[str]) -> None:
         key = "\n".join([template, numba.__version__, platform.python_version()])

@@ -9,14 +9,9 @@ from plant.compiler.kernel_cache import Kernel
 
 
 class MapKernel:
-    """A casadi Function compiled, applied to the columns of arrays.
+    """A casadi Function (of SX, with dense outputs) compiled, applied to the columns of arrays.
 
-    Parameters
-    ----------
-    function : casadi Function
-        Built from SX, with dense outputs.
-    outer : int
-        How many of the last inputs come from a second array, each column of which is joined with each of the first.
+    The last `outer` inputs come from a second array, each column of which is joined with each of the first.
     """
 
     def __init__(self, function: ca.Function, outer: int = 0) -> None:

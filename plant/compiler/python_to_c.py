@@ -25,21 +25,10 @@ _FUNCTIONS = {"abs": "fabs", "min": "least", "max": "greatest", "math.ceil": "ce
 
 @dataclasses.dataclass(frozen=True)
 class CNames:
-    """What names stand for.
+    """What names stand for: arrays, of which some are only read (all else is a number), and functions of its own.
 
-    Attributes
-    ----------
-    arrays : collection of str
-        Arrays; all else is a number.
-    read : collection of str
-        Those that are not written.
-    functions : collection of str
-        What may be called beside the functions of C.
-    prefix : str
-        Of these in C, whose library has a ``read``.
-    sizes : dict
-        Array -> its length in C; `each` for all others, and for their shapes.
-    each : str
+    The functions get a `prefix`, since C's library has a ``read``. `sizes` are the lengths of arrays in C, `each` that
+    of all others, and of their shapes.
     """
 
     arrays: Collection[str]
@@ -51,13 +40,7 @@ class CNames:
 
 
 class CFunction:
-    """One function in C: its `head`, its `body`, and what its docstring `said`.
-
-    Raises
-    ------
-    ValueError
-        What has no translation (named).
-    """
+    """One function in C: its `head`, its `body`, and what its docstring `said`."""
 
     def __init__(self, node: ast.FunctionDef, names: CNames) -> None:
         self.names = names

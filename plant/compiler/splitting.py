@@ -35,22 +35,10 @@ def cut(
     fresh: Callable[[], int],
     size: int,
 ) -> list[list[str]]:
-    """Pieces of about this size, in instructions, as texts in which ``{row}`` stands for that row of the work array.
+    """Pieces of about `size` instructions, as texts in which ``{row}`` stands for that row of the work array.
 
-    Parameters
-    ----------
-    lines : list of Line
-    stores : dict
-        Row of the work array, or text of another place -> name, or literal, that it holds in the end.
-    rows : dict
-        Name -> row, for what the lines may read from the work array.
-    fresh : callable
-        Gives a fresh row.
-    size : int
-
-    Returns
-    -------
-    list of list of str
+    `stores` says which name or literal a row, or another place, holds in the end, `rows` which row a name may be read
+    from; `fresh` gives a new row.
     """
     bounds = _bounds(lines, stores, size)
     rows, last = dict(rows), len(bounds) - 2

@@ -30,18 +30,10 @@ class Names:
 
 @dataclasses.dataclass
 class Program:
-    """Lines of one function, by the kind of the instruction.
+    """Lines of one function, by the kind of the instruction, and the expressions of its results, outputs joined.
 
-    Attributes
-    ----------
-    lines : dict
-        UNIFORM, LANE, TIME, STATE -> list of `plant.compiler.splitting.Line`.
-    results : list of str
-        Expressions of all output components, outputs joined.
-    crossing : dict
-        Variable of a LANE line that a STATE line needs -> row of the work array that carries it.
-    used : dict
-        Input expressions that occur -> their kind.
+    `crossing` is the row of the work array that carries a variable of a LANE line to a STATE line, `used` the kind of
+    each input expression that occurs.
     """
 
     lines: dict[int, list[Line]]
@@ -59,7 +51,7 @@ def translate(
     relaxed: bool = False,
     wanted: int | None = None,
 ) -> Program:
-    """Translate an SX Function.
+    """Translate an SX Function; refused if it is not of SX, or holds an operation that has no translation.
 
     Parameters
     ----------
@@ -74,15 +66,6 @@ def translate(
         not by LLVM, so that every kernel of one function gives the same bits.
     wanted : int, optional
         Translate only what the first so many output components need.
-
-    Returns
-    -------
-    Program
-
-    Raises
-    ------
-    ValueError
-        The function is not made of SX, or holds an operation that has no translation (named).
     """
     if function.class_name() != "SXFunction":
         raise ValueError(

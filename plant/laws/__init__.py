@@ -1,5 +1,4 @@
 """Control laws as symbolic steps: what a law has to give, and P, PD, PID, cascade and laws that repeat a log.
 
-Reading order: `law` -> `commanded` (its torque along a log) -> `pid`, `replayed` -> `filtered_difference`,
-`anti_windup` -> `cascade`.
+Reading order: `law` -> `pid`, `replayed` -> `terms` -> `cascade`.
 """

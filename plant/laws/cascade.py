@@ -4,9 +4,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.laws.anti_windup import integrated
-from plant.laws.filtered_difference import difference, filtered_difference, no_reading
-from plant.laws.law import Law, Setpoint
+from plant.laws.law import Law, Setpoint, Step
+from plant.laws.terms import difference, filtered_difference, integrated, no_reading
 from plant.machine.rig import Rig
 from plant.parts.arguments import optional_period, signs
 from plant.parts.fields import Vector
@@ -76,9 +75,7 @@ class Cascade(Law):
         """No reading yet, nothing integrated, nothing commanded."""
         return np.concatenate([no_reading(n, self.difference or 1), np.zeros(2 * n)])
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """Tau = k (K_v (K_p e - pulses') + K_i (integral of the same))."""
         n = rig.n
         memory, integral, asked = state[: -2 * n], state[-2 * n : -n], state[-n:]

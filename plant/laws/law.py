@@ -21,6 +21,8 @@ from plant.realtime.c_export import write_c
 from plant.realtime.guards import Guards
 from plant.realtime.running import Running
 
+Step = tuple[ca.SX, ca.SX]  # torque that a law commands, and the state that follows
+
 
 class Setpoint(NamedTuple):
     """The reference now: q, qd, qdd (n,) joint side [SI], and the same position in pulses (n,).
@@ -100,9 +102,7 @@ class Law(Part, abc.ABC):
         """State (s,) of a law of n joints at the start; its length and its units are the law's own."""
 
     @abc.abstractmethod
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """One step of the law in casadi; the numbers of its own fields and of the rig are symbols.
 
         Parameters
@@ -120,10 +120,8 @@ class Law(Part, abc.ABC):
 
         Returns
         -------
-        torque : casadi SX (n, 1)
-            Commanded joint torque, before the amplifier's limit [N m].
-        state : casadi SX (s, 1)
-            The state that follows.
+        torque, state : casadi SX (n, 1), (s, 1)
+            Commanded joint torque, before the amplifier's limit [N m], and the state that follows.
         """
 
     def has_memory(self, n: int) -> bool:
@@ -134,6 +132,10 @@ class Law(Part, abc.ABC):
         """What to call each joint (`joint_label`): by the law's arm if it has one, otherwise by the drive's names."""
         arm = getattr(self, "arm", None)
         return rig.joint_labels if arm is None else arm.dynamics.chain.joint_labels
+
+    def sliding(self) -> "Law":
+        """This law for joints that slide one way, as linear analysis has them: without dry friction of its own."""
+        return self
 
     def replayed(self, record: Any) -> NDArray[np.float64] | None:
         """The column of a `Record` that this law repeats, (N, n), or None for a controller.
@@ -205,7 +207,8 @@ class Law(Part, abc.ABC):
         largest_count : int
             Range of the converter: counts within +- this.
         guards : Guards or None
-            Of these C has `saturation` and `chatter`, and their stop, for laws with a period.
+            For laws with a period: the C is then that of ``start(rig, pulses, guards=guards)``, with every guard and
+            stop. None, and laws without a period, for the equations alone, each number under its name.
 
         Raises
         ------
@@ -213,16 +216,13 @@ class Law(Part, abc.ABC):
             No rig; a name that C could not have; a converter that ends below the amplifier's limit; a file in the
             folder that is not an earlier export.
         """
-        write_c(self, folder, rig, name=name, output=output, counts_per_ampere=counts_per_ampere,
-                largest_count=largest_count, guards=guards)  # fmt: skip
+        write_c(self, folder, rig, guards, name,
+                output=output, counts_per_ampere=counts_per_ampere, largest_count=largest_count)  # fmt: skip
 
     def block(self, rig: Rig) -> Block:
         """This law as a symbolic step for a rig."""
         n = rig.n
-        for field in dataclasses.fields(self):
-            if field.metadata.get("number") == ("n",) and len(getattr(self, field.name)) != n:
-                given = f"{field.name} of {type(self).__name__} must have {n} values, one per joint of the rig"
-                raise ValueError(f"{given}; got {len(getattr(self, field.name))}. Give one for each joint.")
+        self.require_joints(n, f"{type(self).__name__}.")
         initial = np.asarray(self.initial_state(n), float)
         own, rigs = self.number_names("law."), rig.number_names()
         numbers = ca.SX.sym("numbers", len(own) + len(rigs))

@@ -4,9 +4,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.laws.anti_windup import integrated
-from plant.laws.filtered_difference import filtered_difference, no_reading
-from plant.laws.law import Law, Setpoint, StatelessLaw
+from plant.laws.law import Law, Setpoint, StatelessLaw, Step
+from plant.laws.terms import filtered_difference, integrated, no_reading
 from plant.machine.rig import Rig
 from plant.parts.arguments import optional_period, signs
 from plant.parts.fields import Vector
@@ -44,9 +43,7 @@ class P(StatelessLaw):
         super().__post_init__()
         signs(self, not_negative=("gain",))
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """Tau = k P (reference pulses - pulses)."""
         return rig.drive.joint_torque(self.gain, setpoint.pulses - pulses), state
 
@@ -93,9 +90,7 @@ class PD(Law):
         """No reading yet."""
         return no_reading(n)
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """Tau = k (P e + D edot)."""
         motor, state = self.motor_torque(setpoint.pulses - pulses, state, dt)
         return rig.drive.joint_torque(motor), state
@@ -146,9 +141,7 @@ class PID(PD):
         """No reading yet, nothing integrated, nothing commanded."""
         return np.concatenate([no_reading(n), np.zeros(2 * n)])
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """Tau = k (P e + I (integral of e) + D edot)."""
         n, error = rig.n, setpoint.pulses - pulses
         memory, integral, asked = state[: n + 1], state[n + 1 : -n], state[-n:]

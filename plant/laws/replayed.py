@@ -1,8 +1,12 @@
-"""Laws that repeat the torque or the current of a log: for experiments in open loop, or under an unknown controller."""
+"""Laws that repeat the torque or the current of a log, in open loop; and what a law without memory commanded in one."""
+
+from typing import Any
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
-from plant.laws.law import Setpoint, StatelessLaw
+from plant.laws.law import Setpoint, StatelessLaw, Step
 from plant.machine.rig import Rig
 from plant.parts.part import part
 
@@ -29,9 +33,7 @@ class LoggedTorque(StatelessLaw):
 
     replays = "torque"
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """Tau = the logged one."""
         return setpoint.logged, state
 
@@ -55,8 +57,28 @@ class LoggedCurrent(StatelessLaw):
 
     replays = "current"
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """Tau = k K_i i."""
         return rig.drive.joint_torque(rig.drive.motor_gain, setpoint.logged), state
+
+
+_AT_ONCE = 1 << 14
+"""Samples that are worked out at once."""
+
+
+def commanded_torque(record: Any) -> NDArray[np.float64] | None:
+    """Commanded torques (N, n) [N m] of a record under a law without memory, before the limit; None for other laws."""
+    law, rig = record.law, record.rig
+    if law is None or law.replays or law.has_memory(record.n):
+        return None
+    block, counts, found = law.block(rig), record.counts, np.empty((len(record), record.n))
+    for start in range(0, len(record), _AT_ONCE):
+        rows = slice(start, start + _AT_ONCE)
+        count = len(found[rows])
+        zero = np.zeros((record.n, count))
+        asked, _ = block.step.map(count)(
+            np.empty((0, count)), zero, zero, zero, record.reference_pulses[rows].T, counts[rows].T, zero,
+            np.full((1, count), rig.period), np.repeat(block.values[:, None], count, axis=1),
+        )  # fmt: skip
+        found[rows] = asked.full().T
+    return found

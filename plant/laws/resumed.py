@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.laws.law import Block, Law, Setpoint
+from plant.laws.law import Block, Law, Setpoint, Step
 from plant.machine.rig import Rig
 from plant.parts.fields import Vector
 from plant.parts.part import Part, number, part, structure
@@ -47,9 +47,7 @@ class Resumed(Law):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.law.replays or isinstance(self.law, Resumed):
-            raise ValueError(
-                f"law must be a controller; got {type(self.law).__name__}. Give the one that made the log."
-            )
+            raise ValueError(f"law must be a controller; got {type(self.law).__name__}. Give that which made the log.")
 
     @property
     def period(self) -> float | None:  # type: ignore[override]  # declared, and here the law's
@@ -81,9 +79,7 @@ class Resumed(Law):
             raise ValueError(f"{given}. Give what its initial_state({rig.n}) has, as it was.")
         return super().block(rig)
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """One step of the law."""
         memory, first = state[:-1], state[-1]
         asked, following = self.law.equations(rig, memory + first * self.state, setpoint, pulses, torque, dt)
@@ -92,17 +88,10 @@ class Resumed(Law):
 
 @part
 class AlongLog(Resumed):
-    """A law that reads the counts of its record in place of the arm's: its torque is that of the log.
+    """A law that reads the counts of its record in place of the arm's: its torque is that of the log; as `Resumed`.
 
-    Parameters
-    ----------
-    law : Law
-        The controller that made the log.
-    state : (s,) array_like
-        Its memory before the log's first sample.
-    whole : bool
-        Whether counts are whole numbers that the law reads as they are. Fast hardware, without a period, is given
-        straight lines between the middles of their cells.
+    ``whole``: counts are whole numbers that the law reads as they are. Fast hardware, without a period, is given
+    straight lines between the middles of their cells.
     """
 
     whole: bool = structure(bool, default=True)
@@ -127,8 +116,6 @@ class AlongLog(Resumed):
         encoder = dataclasses.replace(rig.encoder, smooth=not self.rounds)
         return super().block(dataclasses.replace(rig, encoder=encoder))
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """One step of the law, at the counts of the log."""
         return super().equations(rig, state, setpoint._replace(logged=None), setpoint.logged, torque, dt)

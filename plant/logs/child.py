@@ -26,10 +26,7 @@ whose names other libraries import."""
 def main(order: dict[str, Any]) -> int:
     """Read a file and write its columns to stdout.
 
-    Parameters
-    ----------
-    order : dict
-        kind, path, names (or None), prefix, options; seconds, memory and bytes are the limits.
+    The order holds kind, path, names (or None), prefix and options; seconds, memory and bytes are the limits.
     """
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever a library prints must not get into the answer

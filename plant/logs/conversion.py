@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from plant.logs.units import ANGLE, CURRENT, LENGTH, Unit, factors, on_grid, require_grid, require_limit, require_span
 from plant.machine.rig import Rig
-from plant.motion.reference import Reference, Spline
+from plant.motion.reference import Reference
+from plant.motion.smooth import Spline
 from plant.parts.user_warning import warn
 
 REFERENCE = ("reference_pulses", "reference_position", "reference_motor_position")
@@ -18,13 +19,7 @@ _NEAR = 0.02  # of a pulse: a step that was meant to be one
 
 
 def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str, NDArray[np.float64]]:
-    """One field of the record, in its units and on its side.
-
-    Raises
-    ------
-    ValueError
-        A unit that does not fit the rig.
-    """
+    """One field of the record, in its units and on its side."""
     if field in ("torque", "injected"):
         limit, gear = rig.drive.torque_limit(), rig.drive.gear
         if unit == "motor N m":

@@ -24,28 +24,11 @@ def read_rows(
     comment: Callable[[int, str], object] | None = None,
     chosen: Callable[[str], bool] | None = None,
 ) -> tuple[list[str] | None, NDArray[np.float64]]:
-    """Read the numbers of a CSV file.
+    """Names in the heading of a CSV file, or None, and its numbers (N, columns); refusals name the line, no path.
 
-    Parameters
-    ----------
-    path : str or Path
-    comment : callable, optional
-        Called with the number and the text of every line that starts with #.
-    chosen : callable, optional
-        For a foreign log: whether the column of a name is read; the other cells may be anything. Cells may be empty
-        (NaN), and may be separated by semicolons or tabs, as in the heading.
-
-    Returns
-    -------
-    names : list of str, or None
-        From the heading, if there is one.
-    rows : (N, columns) numpy.ndarray
-        Of the chosen columns, in the order of the file.
-
-    Raises
-    ------
-    ValueError
-        A cell that is no number, a short row, no row, a last number that is cut; with the line, without the path.
+    `comment` is called with the number and the text of every line that starts with #. For a foreign log `chosen` says
+    whether the column of a name is read: the other cells may be anything, cells may be empty (NaN), and may be
+    separated by semicolons or tabs, as in the heading.
     """
     names: list[str] | None = None
     picked: list[int] = []

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.logs.csv_rows import read_rows
-from plant.logs.isolation import read_isolated
-from plant.logs.npz import read_npz
+from plant.logs.isolation import read_isolated, read_npz
 from plant.parts.arguments import known_options
 from plant.parts.files import require_bounded
 
@@ -114,12 +113,7 @@ def read_table(
 
 
 def kind_of(path: str | Path) -> str:
-    """The kind of a file by its ending, of a folder by what is in it.
-
-    Raises
-    ------
-    ValueError
-    """
+    """The kind of a file by its ending, of a folder by what is in it."""
     for kind, inside in _FOLDERS.items():
         if Path(path, inside).is_file():
             return kind
@@ -131,13 +125,7 @@ def kind_of(path: str | Path) -> str:
 
 
 def options_of(kind: str, episode: int | None = None, clock: str | None = None) -> dict[str, Any]:
-    """What a reader of this kind is given besides names: the episode of a data set, the clock of messages.
-
-    Raises
-    ------
-    ValueError
-        An episode that is no whole number, or of something that has none.
-    """
+    """What a reader of this kind is given besides names: the episode of a data set, the clock of messages."""
     if kind in ("mcap", "rosbag2"):
         options: dict[str, Any] = {"clock": clock}
     else:
@@ -170,12 +158,7 @@ def read_file(
 
 
 def require_columns(names: Iterable[str], columns: Mapping[str, Any], known: Iterable[str] | None = None) -> None:
-    """Refuse a table that lacks one of these columns, and offer the nearest of those that it has.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse a table that lacks one of these columns, and offer the nearest of those that it has."""
     known = list(dict.fromkeys(columns if known is None else known))
     for name in names:
         if name not in columns:

@@ -14,25 +14,20 @@ from plant.motion.reference import Reference
 from plant.parts.arguments import choice, instance, real
 from plant.parts.user_warning import warn
 
-_MEASURED = ("position", "motor_position", "counts", "error_pulses")
+MEASURED = ("position", "motor_position", "counts", "error_pulses")
 _ASKED = ("reference_position", "reference_motor_position")
 _KNOWN = (*UNITS, "valid")
 
 
 def mapped_names(columns: Mapping[str, Any], units: Mapping[str, Unit] | None) -> list[str]:
-    """Names of the table's columns that a mapping needs, in order; the mapping and its units are validated.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Names of the table's columns that a mapping needs, in order; the mapping and its units are validated."""
     advice = 'Give columns={"t": "time", "position": ["q1", "q2"], ...}.'
     instance("columns", columns, dict, advice)
     for field in columns:
         choice("what a column is mapped to", field, _KNOWN)
-    measured = [field for field in _MEASURED if field in columns]
+    measured = [field for field in MEASURED if field in columns]
     if len(measured) != 1:
-        raise ValueError(f"columns must hold exactly one of {', '.join(_MEASURED)}; got {measured or 'none'}. {advice}")
+        raise ValueError(f"columns must hold exactly one of {', '.join(MEASURED)}; got {measured or 'none'}. {advice}")
     commanded = [field for field in REFERENCE if field in columns]
     if len(commanded) > 1:
         raise ValueError(f"columns may hold one reference; got {', '.join(commanded)}. Leave out the others.")
@@ -55,12 +50,7 @@ def record_fields(
     wrap: ArrayLike | None,
     reference: Reference | None,
 ) -> dict[str, Any]:
-    """Fields of a record from a table; see `Record.from_table`.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Fields of a record from a table; see `Record.from_table`."""
     names = mapped_names(columns, units)
     instance("rig", rig, Rig, "Pass rig=.")
     stated = {field: _unit(field, unit, rig.n) for field, unit in (units or {}).items()}
@@ -75,7 +65,7 @@ def record_fields(
     asked = next((each for each in _ASKED if each in values), None)
     known = None if asked is None else ~np.isnan(values[asked]).any(axis=1)
     values, valid = _held(values, rig.joint_labels)
-    measured = next(field for field in _MEASURED if field in values)
+    measured = next(field for field in MEASURED if field in values)
     if wrap is not None:
         values[measured] = _unwrapped(values[measured], wrap, rig.joint_labels)
     fields = {"t": t, "valid": valid}

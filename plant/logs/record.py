@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from plant.checkup.examine import examine
 from plant.checkup.finding import Checkup
 from plant.laws.law import Law
-from plant.logs.record_files import SOURCES, FromFiles, Reader, reader
+from plant.logs.record_files import SOURCES, FromFiles
 from plant.logs.resampling import resampled_fields
 from plant.machine.rig import Rig
-from plant.motion.later import Later
 from plant.motion.reference import Reference
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.fields import Vector
@@ -107,14 +106,6 @@ class Record(FromFiles, Frozen):
     true_qd: NDArray[Any] | None = None
     name: str = dataclasses.field(default="", compare=False)
     columns: Mapping[str, Any] | None = dataclasses.field(default=None, compare=False)
-
-    from_npz: ClassVar[Reader[Record]] = reader("npz", "an NPZ archive; pickled objects are refused")
-    from_mat: ClassVar[Reader[Record]] = reader("mat", "a MAT file of version 5 (saved with -v6 or -v7)")
-    from_hdf5: ClassVar[Reader[Record]] = reader("hdf5", "an HDF5 file, or a MAT file of version 7.3 (extra ``hdf5``)")
-    from_parquet: ClassVar[Reader[Record]] = reader("parquet", "a Parquet file (extra ``parquet``)")
-    from_mcap: ClassVar[Reader[Record]] = reader("mcap", "messages in an MCAP file (extra ``mcap``)")
-    from_rosbag2: ClassVar[Reader[Record]] = reader("rosbag2", "messages in a bag of ROS 2 (extra ``rosbag2``)")
-    from_lerobot: ClassVar[Reader[Record]] = reader("lerobot", "one episode of a LeRobot data set (extra ``lerobot``)")
 
     def __post_init__(self) -> None:
         for name, kind in (("rig", Rig), ("law", (Law, type(None))), ("reference", (Reference, type(None)))):
@@ -209,7 +200,7 @@ class Record(FromFiles, Frozen):
         values = {name: getattr(self, name) for name in (*_COLUMNS, "valid")}
         cut: dict[str, Any] = {name: None if value is None else value[some] for name, value in values.items()}
         if reference is not None and gone:
-            reference = Later(reference=reference, time=gone)
+            reference = reference.later(gone)
         return dataclasses.replace(
             self, **cut, t=self.t[some] - self.t[rows[0]], reference=reference, initial=None if gone else self.initial
         )

@@ -53,13 +53,7 @@ def write(record: Any, path: str | Path) -> None:
 def read(
     path: str | Path, *, rig: Rig | None, law: Law | None, reference: Reference | None, initial: ArrayLike | None
 ) -> dict[str, Any]:
-    """Read what `write` wrote, or a plain file, as the fields of a record.
-
-    Raises
-    ------
-    ValueError
-        Without the path.
-    """
+    """Read what `write` wrote, or a plain file, as the fields of a record."""
     header: dict[str, Any] = {}
     names, table = read_rows(path, comment=lambda count, line: header.update(header or _header(count, line)))
     rig = rig or _part(header, "rig")

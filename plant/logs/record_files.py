@@ -1,22 +1,18 @@
 """Class methods of `Record` that read files: the library's own, and mapped columns of every other format."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Self, TypeAlias, TypeVar
+from typing import Any, Self
 
 from numpy.typing import ArrayLike
 
 from plant.laws.law import Law
 from plant.logs import record_csv
-from plant.logs.logfile import load_errors, options_of, read_file
-from plant.logs.mapping import mapped_names, record_fields
+from plant.logs.logfile import kind_of, load_errors, options_of, read_file
+from plant.logs.mapping import MEASURED, mapped_names, record_fields
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
 from plant.parts.arguments import instance, known_options
-
-T = TypeVar("T")
-Reader: TypeAlias = Callable[..., T]
-"""A class method with the keywords of `Record.from_csv`, and what it gives."""
 
 SOURCES = {
     "counts": ("position", "motor_position", "error_pulses"),
@@ -25,51 +21,6 @@ SOURCES = {
     "torque": ("current",),
 }
 """What a signal of a record is made of, by the fields of a mapping."""
-
-_MEASURED = ("position", "motor_position", "counts", "error_pulses")
-
-
-def reader(kind: str, what: str) -> Any:
-    """Class method that reads mapped columns of one format."""
-
-    def read(cls, path, *, rig, columns, units=None, wrap=None, prefix="", law=None, reference=None, initial=None):
-        log = {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix}
-        return read_mapped(cls, kind, path, rig=rig, law=law, reference=reference, initial=initial, **log)
-
-    def read_episode(
-        cls, path, *, rig, columns, episode=0, units=None, wrap=None, prefix="", law=None, reference=None, initial=None
-    ):
-        log = {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix, "episode": episode}
-        return read_mapped(cls, kind, path, rig=rig, law=law, reference=reference, initial=initial, **log)
-
-    method, more = (read_episode, "; `episode` counts from 0") if kind == "lerobot" else (read, "")
-    method.__name__, method.__qualname__ = f"from_{kind}", f"Record.from_{kind}"
-    method.__doc__ = f"Read mapped columns of {what}. Keywords as in `from_csv`, mapping as in `from_table`{more}."
-    return classmethod(known_options(method))
-
-
-def read_mapped(
-    cls: Any, kind: str, path: str | Path, *, prefix: str = "", episode: int | None = None, **log: Any
-) -> Any:
-    """Read the columns that a mapping needs, and make a record of them.
-
-    Columns of other topics than the measured one hold their last value.
-
-    Raises
-    ------
-    ValueError
-        A mapping that fits no file.
-    LoadError
-        Everything else.
-    """
-    names = mapped_names(log["columns"], log["units"])
-    instance("rig", log["rig"], Rig, "Pass rig=.")
-    measured = next(log["columns"][field] for field in _MEASURED if field in log["columns"])
-    clock = measured if isinstance(measured, str) else measured[0]
-    name = str(path) if episode is None else f"{path}, episode {episode}"
-    with load_errors(name):
-        options = options_of(kind, episode, clock)
-        return cls.from_table(read_file(kind, path, names, prefix, **options), name=name, **log)
 
 
 class FromFiles:
@@ -108,12 +59,53 @@ class FromFiles:
         """
         if columns is not None:
             log: dict[str, Any] = {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix}
-            return read_mapped(cls, "csv", path, rig=rig, law=law, reference=reference, initial=initial, **log)
+            return cls._read("csv", path, None, rig=rig, law=law, reference=reference, initial=initial, **log)
         if units is not None or wrap is not None or prefix:
             raise ValueError("units, wrap and prefix are for mapped columns; got no mapping. Pass columns= as well.")
         with load_errors(path):
             fields = record_csv.read(path, rig=rig, law=law, reference=reference, initial=initial)
             return cls(**fields | {"name": str(path)})
+
+    @classmethod
+    @known_options
+    def read(
+        cls, path: str | Path, *, rig: Rig, columns: Mapping[str, Any], units: Mapping[str, Any] | None = None,
+        wrap: ArrayLike | None = None, prefix: str = "", episode: int | None = None, law: Law | None = None,
+        reference: Reference | None = None, initial: ArrayLike | None = None,
+    ) -> Self:  # fmt: skip
+        """Read mapped columns of a log in any format that `read_table` knows by its ending, or a folder's contents.
+
+        Of messages, columns of other topics than the measured one hold their last value.
+
+        Parameters
+        ----------
+        path, prefix, episode
+            As in `read_table`.
+        rig, columns, units, wrap, law, reference, initial
+            As in `from_table`.
+
+        Raises
+        ------
+        ValueError
+            A mapping that fits no file.
+        LoadError
+            A file that cannot be read, or that does not hold what is mapped.
+        """
+        with load_errors(path):
+            kind = kind_of(path)
+        log: dict[str, Any] = {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix}
+        return cls._read(kind, path, episode, rig=rig, law=law, reference=reference, initial=initial, **log)
+
+    @classmethod
+    def _read(cls, kind: str, path: str | Path, episode: int | None, *, prefix: str, **log: Any) -> Self:
+        names = mapped_names(log["columns"], log["units"])
+        instance("rig", log["rig"], Rig, "Pass rig=.")
+        measured = next(log["columns"][field] for field in MEASURED if field in log["columns"])
+        clock = measured if isinstance(measured, str) else measured[0]
+        name = str(path) if episode is None else f"{path}, episode {episode}"
+        with load_errors(name):
+            options = options_of(kind, episode, clock)
+            return cls.from_table(read_file(kind, path, names, prefix, **options), name=name, **log)
 
     @classmethod
     @known_options

@@ -12,13 +12,7 @@ _MOST = 1 << 25  # samples
 
 
 def resampled_fields(record: Any, period: float) -> dict[str, Any]:
-    """Fields of `Record.resampled`.
-
-    Raises
-    ------
-    ValueError
-        A period that must be in another unit.
-    """
+    """Fields of `Record.resampled`."""
     t = record.t
     nominal = float(np.median(np.diff(t))) if len(t) > 1 else period
     if not nominal / _FACTOR <= period <= nominal * _FACTOR:

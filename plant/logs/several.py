@@ -11,7 +11,6 @@ from plant.laws.law import Law
 from plant.logs.formats.lerobot import episodes_of
 from plant.logs.logfile import LoadError, kind_of, load_errors
 from plant.logs.record import Record
-from plant.logs.record_files import read_mapped
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
 from plant.parts.arguments import known_options
@@ -81,7 +80,7 @@ def read_records(
             kind = kind_of(file)
             chosen = tuple(range(episodes_of(str(file))) if episodes is None else episodes) if kind == "lerobot" else ()
         for episode in chosen or (None,):
-            records.append(read_mapped(Record, kind, file, episode=episode, **log))
+            records.append(Record.read(file, episode=episode, **log))
     return tuple(records)
 
 

@@ -39,12 +39,7 @@ def factors(unit: Unit) -> float | NDArray[np.float64]:
 
 
 def require_units(columns: Collection[str], units: Mapping[str, Unit]) -> None:
-    """Refuse a unit that is unknown, missing, or for a column that is not mapped.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse a unit that is unknown, missing, or for a column that is not mapped."""
     for name in units:
         choice("units of a column that is mapped; the column", name, tuple(columns))
     for name in columns:
@@ -64,12 +59,7 @@ def require_units(columns: Collection[str], units: Mapping[str, Unit]) -> None:
 
 
 def require_period(t: NDArray[np.float64], unit: str, period: float) -> None:
-    """Refuse times [s] whose step is far from the rig's period.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse times [s] whose step is far from the rig's period."""
     step = float(np.median(np.diff(t))) if len(t) > 1 else period
     if step <= 0 or period / _FACTOR <= step <= period * _FACTOR:
         return
@@ -86,12 +76,7 @@ def require_period(t: NDArray[np.float64], unit: str, period: float) -> None:
 
 
 def require_span(name: str, q: NDArray[np.float64], unit: Unit, labels: Sequence[str]) -> None:
-    """Refuse joint angles [rad] that span more turns than a joint makes, and positions [m] that span a hall.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse joint angles [rad] that span more turns than a joint makes, and positions [m] that span a hall."""
     of_joints = [unit] * len(labels) if isinstance(unit, str) else list(unit)
     for joint, (span, own) in enumerate(zip(np.ptp(q, axis=0), of_joints, strict=True)):
         most, size, per = (_METRES, "m", 1.0) if own in LENGTH else (_TURNS, "turns", 2 * np.pi)
@@ -109,21 +94,9 @@ def require_span(name: str, q: NDArray[np.float64], unit: Unit, labels: Sequence
 
 
 def require_grid(name: str, unit: Unit, readings: Mapping[tuple[str, Unit], NDArray[np.float64]]) -> bool:
-    """Refuse angles that are whole pulses in another unit, or on the other side of the gear, but not as stated.
+    """Whether angles as stated are whole pulses, up to one shift per joint; refused if those of another unit are.
 
-    Parameters
-    ----------
-    readings : dict of (str, str) to (N, n) array_like
-        Column and unit -> position in pulses, were they those.
-
-    Returns
-    -------
-    bool
-        Whether the angles as stated are whole pulses, up to one shift per joint.
-
-    Raises
-    ------
-    ValueError
+    `readings` are positions in pulses (N, n) by column and unit, were they those.
     """
     if not (moving := np.ptp(readings[name, unit], axis=0) > 0).any():
         return True
@@ -156,20 +129,9 @@ def require_limit(
     others: Mapping[str, NDArray[np.float64] | float],
     labels: Sequence[str],
 ) -> None:
-    """Refuse torques or currents far above the amplifier's limit.
+    """Refuse torques or currents (N, n) far above the amplifier's limit (n,), in the same unit and on the same side.
 
-    Parameters
-    ----------
-    value, limit : (N, n), (n,) array_like
-        In the same unit and on the same side.
-    others : dict of str to (n,) array_like
-        Other units -> factor between the value in that unit and the value as stated.
-    labels : sequence of str
-        Of the joints.
-
-    Raises
-    ------
-    ValueError
+    `others` are factors (n,) between the value in other units and the value as stated.
     """
     most = np.abs(value).max(axis=0)
     if (most <= _LIMIT * limit).all():

@@ -20,9 +20,9 @@ from plant.machine.elasticity import Elasticity, Resonance
 from plant.machine.friction import FrictionCurve
 from plant.machine.presliding import Presliding
 from plant.mechanics.coupling import Coupling
-from plant.parts.arguments import instance, real
+from plant.parts.arguments import instance, real, signs
 from plant.parts.fields import ArrayOrSymbols, Vector
-from plant.parts.labels import joint_label
+from plant.parts.labels import joint_labels
 from plant.parts.part import Part, number, part, structure
 
 
@@ -84,15 +84,15 @@ class Drive(Part):
     coulomb: Vector = number(("n",))
     motor_gain: Vector = number(("n",))
     current_limit: Vector = number(("n",), finite=False)
-    curve: FrictionCurve | None = structure(default=None)
+    curve: FrictionCurve | None = structure(FrictionCurve, default=None)
     coupling: Coupling = structure(Coupling, default=Coupling())
     joints: tuple[str, ...] = structure(default=())
     elasticity: Any = structure(default=None)
     current_lag: Any = structure(default=None)
-    presliding: Presliding | None = structure(default=None)
+    presliding: Presliding | None = structure(Presliding, default=None)
     load_friction: Any = structure(default=None)
-    friction_drift: FrictionDrift | None = structure(default=None)
-    ripple: TorqueRipple | None = structure(default=None)
+    friction_drift: FrictionDrift | None = structure(FrictionDrift, default=None)
+    ripple: TorqueRipple | None = structure(TorqueRipple, default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -100,20 +100,14 @@ class Drive(Part):
         if isinstance(joints, str) or not all(isinstance(j, str) for j in joints) or len(joints) not in (0, self.n):
             raise ValueError(f"joints must be {self.n} names, or none; got {joints!r:.80}. Name every joint.")
         object.__setattr__(self, "joints", tuple(joints))
-        for name, wrong, rule in (
-            ("gear", self.gear == 0, "not be zero"),
-            ("motor_inertia", self.motor_inertia < 0, "not be negative"),
-            ("viscous", self.viscous < 0, "not be negative"),
-            ("coulomb", self.coulomb < 0, "not be negative"),
-            ("motor_gain", self.motor_gain <= 0, "be positive"),
-            ("current_limit", self.current_limit <= 0, "be positive"),
-        ):
-            if wrong.any():
-                joint = int(np.flatnonzero(wrong)[0])
-                value = getattr(self, name)[joint]
-                label = joint_label(joints, joint)
-                raise ValueError(f"{name} must {rule}; got {value} at {label}. Friction and gains are magnitudes.")
-        self.coupling.require_joints(self.n, "drive")
+        labels = joint_labels(joints, self.n)
+        if (zero := np.flatnonzero(self.gear == 0)).size:
+            raise ValueError(f"gear must not be zero; got 0.0 at {labels[zero[0]]}. Its sign is the motor's.")
+        signs(
+            self, positive=("motor_gain", "current_limit"), not_negative=("motor_inertia", "viscous", "coulomb"),
+            advice="Friction and gains are magnitudes.", labels=labels,
+        )  # fmt: skip
+        self.coupling.require_size(self.n, "drive")
         if self.current_lag is not None and not isinstance(self.current_lag, CurrentLag):
             lag = real("current_lag", self.current_lag, "Give seconds, or None.")
             object.__setattr__(self, "current_lag", CurrentLag(time=lag) if lag else None)
@@ -121,23 +115,13 @@ class Drive(Part):
             object.__setattr__(self, "elasticity", self.elasticity.of(self))
         if self.load_friction is not None and not isinstance(self.load_friction, LoadFriction):
             object.__setattr__(self, "load_friction", LoadFriction(share=self.load_friction))
-        for name, kind, first in (
-            ("elasticity", Elasticity, "stiffness"),
-            ("curve", FrictionCurve, "offset"),
-            ("presliding", Presliding, "distance"),
-            ("load_friction", LoadFriction, "share"),
-            ("friction_drift", FrictionDrift, "amount"),
-            ("ripple", TorqueRipple, "amplitude"),
-        ):
-            given = getattr(self, name)
-            if given is not None:
-                instance(name, given, kind, f"Give {kind.__name__}({first}=..., ...).")
-                if (count := len(getattr(given, first))) != self.n:
-                    raise ValueError(f"{name} must have {self.n} joints; got {count}. Give one number per joint.")
+        if self.elasticity is not None:
+            instance("elasticity", self.elasticity, Elasticity, "Give Elasticity(stiffness=..., ...).")
+        self.require_joints(self.n)
         play = None if self.elasticity is None else self.elasticity.backlash
         if play is not None and (beyond := np.flatnonzero(play * np.abs(self.gear) > 2 * np.pi)).size:
             joint = int(beyond[0])
-            label, turn = joint_label(joints, joint), 2 * np.pi / abs(self.gear[joint])
+            label, turn = labels[joint], 2 * np.pi / abs(self.gear[joint])
             raise ValueError(
                 f"backlash must be within one turn of the motor, {turn:.3g} rad at {label}; got {play[joint]:g}. Give "
                 "it joint side, in rad."

@@ -1,15 +1,15 @@
-"""Elastic gears: stiffness and damping between the motor's shaft and its joint, and backlash."""
+"""Elastic gears: stiffness, damping and backlash between the motor's shaft and its joint, and their sub-step."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from plant.mechanics.arm import Arm
-from plant.parts.arguments import array, instance
+from plant.parts.arguments import array, instance, signs
 from plant.parts.fields import Vector
 from plant.parts.labels import joint_label
 from plant.parts.part import Part, number, part
@@ -58,15 +58,10 @@ class Elasticity(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, wrong, rule in (
-            ("stiffness", self.stiffness <= 0, "be positive; leave elasticity out of a rigid drive"),
-            ("damping", self.damping < 0, "not be negative"),
-            ("backlash", np.zeros(1) if self.backlash is None else self.backlash < 0, "not be negative"),
-            ("backlash", np.zeros(1) if self.backlash is None else self.backlash > 2 * np.pi, "be within one turn"),
-        ):
-            if np.any(wrong):
-                value = getattr(self, name)[np.flatnonzero(wrong)[0]]
-                raise ValueError(f"{name} must {rule}; got {value:g}. Give it joint side, in N m, rad and s.")
+        advice = "Give it joint side, in N m, rad and s; leave elasticity out of a rigid drive."
+        signs(self, positive=("stiffness",), not_negative=("damping", "backlash"), advice=advice)
+        if self.backlash is not None and (self.backlash > 2 * np.pi).any():
+            raise ValueError(f"backlash must be within one turn; got {self.backlash.max():g}. {advice}")
 
     @classmethod
     def from_resonance(
@@ -80,10 +75,8 @@ class Elasticity(Part):
         Parameters
         ----------
         arm : Arm
-        hz : float or (n,) array_like
-            Locked-rotor resonance [Hz].
-        damping_ratio : float or (n,) array_like
-            Of that resonance.
+        hz, damping_ratio : float or (n,) array_like
+            Locked-rotor resonance [Hz], and its damping ratio; above critical it warns.
         drive : Drive, optional
             Whose motor inertias are part of the arm's D; without it, those of the `Drive` that this becomes a part of.
         q : (n,) array_like, optional
@@ -95,11 +88,6 @@ class Elasticity(Part):
         -------
         Elasticity, or Resonance
             The latter without a drive; ``Drive(..., elasticity=...)`` makes the former of it.
-
-        Raises
-        ------
-        ValueError
-            No positive frequency, a damping ratio that is negative; above critical it warns.
         """
         instance("arm", arm, Arm, "The order is arm, hz, damping_ratio.")
         n = arm.n
@@ -112,17 +100,9 @@ class Elasticity(Part):
 
 @part
 class Resonance(Part):
-    """Gears known by their locked-rotor resonance, until a drive says what its motors weigh.
+    """Gears known by their locked-rotor resonance [Hz], until a drive says what its motors weigh.
 
-    Parameters
-    ----------
-    hz : (n,) array_like
-        [Hz]
-    damping_ratio : (n,) array_like
-    inertia : (n,) array_like
-        Diagonal of D at the pose, motors included [kg m^2].
-    backlash : (n,) array_like, optional
-        [rad]
+    ``inertia``: diagonal (n,) of D at the pose, motors included [kg m^2].
     """
 
     hz: Vector = number(("n",))
@@ -142,13 +122,7 @@ class Resonance(Part):
             warn(f"damping_ratio {most:g} is above critical: such a gear does not swing.")
 
     def of(self, drive: Any) -> Elasticity:
-        """The elasticity of a drive.
-
-        Raises
-        ------
-        ValueError
-            Motors that weigh more than the arm's whole inertia.
-        """
+        """The elasticity of a drive; motors that weigh more than the arm's whole inertia are refused."""
         links = self.inertia - drive.reflected_inertia()
         if (links <= 0).any():
             joint = int(np.flatnonzero(links <= 0)[0])
@@ -165,3 +139,45 @@ def gears(hz: Any, damping_ratio: Any, inertia: Any) -> tuple[Any, Any]:
     """Stiffness [N m/rad] and damping [N m s/rad] of gears behind which an inertia [kg m^2] swings, motors locked."""
     omega = 2 * np.pi * hz
     return inertia * omega**2, 2 * damping_ratio * inertia * omega
+
+
+FOLLOWED = 2
+"""(omega h)^2 of the free vibration up to which its frequency is right to 1 %; beyond, a step has it too slow."""
+
+
+class Spring(NamedTuple):
+    """Torque on the link at the middle of a step, with the speeds at its start [N m], and the inertia that is added.
+
+    ``added`` [kg m^2]: inertia by which the spring resists a change of the deflection's speed.
+    """
+
+    torque: ca.SX
+    added: ca.SX
+
+
+def reduced(motor: Any, link: Any) -> Any:
+    """Inertia with which two, on either side of a spring, vibrate against each other [kg m^2]."""
+    return motor * link / (motor + link)
+
+
+def spring(elasticity: Any, deflection: ca.SX, rate: ca.SX, h: ca.SX, motor: ca.SX, link: ca.SX) -> Spring:
+    """The spring of each gear in a step of length h [s], between the inertias of motor and link (n, 1) [kg m^2].
+
+    Deflection: shaft minus link at the middle of the step [rad]; rate: its rate at the start [rad/s].
+
+    A drift-kick-drift step whose kick is taken at the middle position plus kappa h times the change of speed. kappa = 0
+    is the explicit leapfrog step, 1/4 the implicit midpoint rule. With 1/12 the frequency of a spring is right to
+    fourth order in omega h; where (omega h)^2 exceeds 2, kappa grows to 1/3, and the step is stable for any stiffness.
+    All that changes the inertia, not the energy. The damper is raised by (omega h)^2 / 12, which makes its damping
+    ratio right to fourth order too.
+    """
+    stiffness, swinging = elasticity.stiffness, reduced(motor, link)
+    kick = h * h * stiffness
+    added = ca.fmax(kick / 12, kick / 3 - swinging / 2)
+    damping = elasticity.damping * (1 + ca.fmin(kick / swinging, FOLLOWED) / 12)
+    if elasticity.backlash is not None:
+        half = elasticity.backlash / 2
+        wound = deflection - ca.fmin(ca.fmax(deflection, -half), half)
+        touching = ca.if_else(ca.fabs(wound) > 0, 1, 0)
+        stiffness, damping, deflection, added = touching * stiffness, touching * damping, wound, touching * added
+    return Spring(stiffness * deflection + damping * rate, added + h / 2 * damping)

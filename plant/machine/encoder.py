@@ -4,9 +4,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from plant.parts.arguments import choice, instance
+from plant.parts.arguments import choice, signs
 from plant.parts.fields import ArrayOrSymbols, Vector
 from plant.parts.part import Part, number, part, structure
 
@@ -115,27 +114,15 @@ class Encoder(Part):
     resolution: Vector = number(("n",))
     smooth: bool = structure(bool, default=False)
     floor: bool = structure(bool, default=False)
-    phase: Phase | None = structure(default=None)
+    phase: Phase | None = structure(Phase, default=None)
     side: str = structure(str, default="motor")
-    quadrature: QuadratureError | None = structure(default=None)
+    quadrature: QuadratureError | None = structure(QuadratureError, default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if (self.resolution <= 0).any():
-            raise ValueError(f"resolution must be positive; got {self.resolution}. Give pulses per motor turn.")
+        signs(self, positive=("resolution",), advice="Give pulses per motor turn.")
         choice("side", self.side, ("motor", "link", "both"))
-        if self.phase is not None:
-            instance("phase", self.phase, Phase, "Give Phase(shift=...).")
-            self._require_joints("phase", self.phase.shift)
-        if self.quadrature is not None:
-            instance("quadrature", self.quadrature, QuadratureError, "Give QuadratureError(amplitude=...).")
-            self._require_joints("quadrature", self.quadrature.amplitude)
-
-    def _require_joints(self, name: str, values: NDArray[np.float64]) -> None:
-        """Refuse what is not one value per joint."""
-        n = len(self.resolution)
-        if len(values) != n:
-            raise ValueError(f"{name} must have {n} joints like the encoder; got {len(values)}. Give one per joint.")
+        self.require_joints(len(self.resolution))
 
     def position_in_pulses(self, q_m: ArrayOrSymbols) -> ArrayOrSymbols:
         """Motor angle [rad] in pulses, before rounding."""
@@ -170,3 +157,7 @@ class Encoder(Part):
         if self.floor:
             return self.to_angle(counts + 0.5)
         return self.to_angle(counts + 0.5 * (ca.sign(counts) if isinstance(counts, ca.SX) else np.sign(counts)))
+
+    def half_cell(self, counts: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Half the width of the quantisation cell of these counts [pulses]: a half, but around zero of `fix` one."""
+        return 0.5 + (0 * counts if self.floor else 0.5 * (counts == 0))

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from plant.mechanics.symmetric_inverse import Inverse
+from plant.parts.arguments import signs
 from plant.parts.fields import ArrayOrSymbols, Vector
 from plant.parts.part import Part, number, part
 
@@ -52,11 +53,7 @@ class FrictionCurve(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if (self.breakaway < 0).any() or (self.speed <= 0).any():
-            raise ValueError(
-                f"breakaway must not be negative and speed must be positive; got {self.breakaway} and {self.speed}. "
-                "Both are magnitudes."
-            )
+        signs(self, positive=("speed",), not_negative=("breakaway",), advice="Both are magnitudes.")
 
     def level(self, qd_m: ArrayOrSymbols) -> ArrayOrSymbols:
         """Excess over the Coulomb level [N m] at motor speeds [rad/s]."""
@@ -65,20 +62,19 @@ class FrictionCurve(Part):
 
 
 def friction_impulse(inverse: Inverse, stopping: ca.SX, impulse: ca.SX, bound: ca.SX, sweeps: int) -> ca.SX:
-    """Friction impulse (n, 1) of one step [N m s].
+    """Friction impulse (n, 1) of one step [N m s], all casadi (n, 1).
 
     Parameters
     ----------
     inverse : Inverse
         Of the inertia matrix [kg m^2], joint side.
-    stopping : casadi SX (n, 1)
+    stopping
         Impulse that would stop joint i if friction acted on it alone, -inverse.alone qd with the velocity at the end of
         the step without Coulomb friction [N m s].
-    impulse : casadi SX (n, 1)
-        Impulse of the last step [N m s], where the sweeps start.
-    bound : casadi SX (n, 1)
+    impulse
+        Of the last step [N m s], where the sweeps over the joints start.
+    bound
         Largest impulse, Coulomb level times step [N m s].
-    sweeps : int
     """
     n, impulses, bound = stopping.shape[0], ca.vertsplit(impulse), ca.fabs(bound)
     for _ in range(sweeps):

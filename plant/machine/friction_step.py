@@ -19,23 +19,10 @@ DRY_FRICTION = "drive.coulomb", "drive.curve.breakaway", "drive.load_friction", 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FrictionStep:
-    """Friction of all motors in one sub-step.
+    """Friction of all motors in one sub-step of length h [s].
 
-    Parameters
-    ----------
-    drive : Drive
-    h : casadi SX
-        Length of the step [s].
-    impulse : casadi SX (n, 1)
-        Of dry friction in the step before [N m s].
-    bristle : casadi SX (n, 1), optional
-        Deflection of the bristles, where the drive has presliding.
-    drifted : casadi SX (n, 1), optional
-        How much of its way the drift of friction has done.
-    sweeps : int
-        Over the joints.
-    smooth : bool
-        Differentiable.
+    ``impulse`` is that of dry friction in the step before [N m s], ``bristle`` the deflection of the bristles where the
+    drive has presliding, ``drifted`` how much of its way the drift of friction has done; ``smooth`` is differentiable.
     """
 
     drive: Drive
@@ -56,14 +43,8 @@ class FrictionStep:
     ) -> tuple[ca.SX, dict[str, ca.SX]]:
         """Impulse of dry friction (n, 1) [N m s], and the states that follow, by name.
 
-        Parameters
-        ----------
-        inverse, stopping
-            As of `plant.machine.friction.friction_impulse`.
-        speed : casadi SX (n, 1)
-            At the start of the step [rad/s].
-        load : casadi SX (n, 1), optional
-            Torque that the gears transmit [N m], where friction depends on it.
+        ``inverse``, ``stopping`` as of `friction_impulse`; the speed at the start of the step [rad/s]; ``load``: the
+        torque that the gears transmit [N m], where friction depends on it.
         """
         drive, h = self.drive, self.h
         level = drive.joint_coulomb(speed)

@@ -10,14 +10,7 @@ from plant.mechanics.dynamics import Dynamics
 def gear_torque(dynamics: Dynamics, rig: Rig, q: ca.SX, qd: ca.SX, qdd: ca.SX, f: ca.SX) -> ca.SX:
     """D(q) qdd + h(q, qd) less springs and what turns the motors (n, 1) [N m], joint side; or on coupled shafts.
 
-    Parameters
-    ----------
-    dynamics : Dynamics
-    rig : Rig
-        Its springs; the rotor inertias of its drive are part of f.
-    q, qd, qdd : casadi SX (n, 1)
-        Motion of the links [SI].
-    f : casadi SX (p, 1)
+    q, qd, qdd (n, 1) are the motion of the links; the rotor inertias of the rig's drive are part of f (p, 1).
     """
     drive = rig.drive
     whole = dynamics.D(q, f) @ qdd + dynamics.h(q, qd, f) - rig.spring_torque(q)
@@ -30,13 +23,7 @@ def wound(drive: Drive, torque: ca.SX) -> ca.SX:
 
 
 def require_elastic(owner: str, rig: Rig) -> None:
-    """Refuse a rig whose motors cannot be told where to be for the sake of their links.
-
-    Raises
-    ------
-    ValueError
-        Rigid gears, backlash, encoders that are on the links.
-    """
+    """Refuse a rig that does not tell where motors are to be for the sake of their links: rigid gears, backlash."""
     elasticity = rig.drive.elasticity
     if elasticity is None:
         raise ValueError(f"rig of {owner} must have elastic gears; got rigid ones. Give Drive(elasticity=...).")
@@ -46,6 +33,4 @@ def require_elastic(owner: str, rig: Rig) -> None:
             "have to jump where the torque reverses. Leave it out here; links are then off by half of it."
         )
     if rig.encoder.side == "link":
-        raise ValueError(
-            f"encoders in the rig of {owner} must be on the motors; got the link's side. Follow q_r itself."
-        )
+        raise ValueError(f"encoders in the rig of {owner} must be on the motors; got the links'. Follow q_r itself.")

@@ -32,18 +32,9 @@ _BATCH = 16384
 
 
 def least_inertia_margin(dynamics: Dynamics, rig: Rig, f: ArrayLike) -> NDArray[np.float64]:
-    """Smallest pivot of D(q) - diag(Jm_min k^2) over all poses q, for each candidate.
+    """Smallest pivot (P,) of D(q) - diag(Jm_min k^2) over all poses q, for each candidate f (P, p) [kg m^2].
 
-    Parameters
-    ----------
-    dynamics : Dynamics
-    rig : Rig
-    f : (P, p) array_like
-
-    Returns
-    -------
-    (P,) numpy.ndarray
-        Negative where the matrix is indefinite somewhere [kg m^2].
+    Negative where the matrix is indefinite somewhere.
     """
     f = np.asarray(f, dtype=float)
     kernel, poses = _smallest_pivot(dynamics, rig.drive.coupling)
@@ -63,12 +54,7 @@ def shaft_inertias(dynamics: Dynamics, rig: Rig, q: ArrayLike) -> NDArray[np.flo
 
 
 def require_inertia(arm: Arm, rig: Rig) -> None:
-    """Refuse an arm whose inertia matrix falls below the motors' own.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse an arm whose inertia matrix falls below the motors' own."""
     rig.require_fit(arm.dynamics.chain)
     margin = least_inertia_margin(arm.dynamics, rig, arm.f[None])[0]
     if not margin >= 0:

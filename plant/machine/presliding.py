@@ -59,22 +59,12 @@ class Presliding(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        given = ("distance",) if self.damping is None else ("distance", "damping")
-        signs(self, not_negative=given, advice="Give the motor's way in rad, and its damping in N m s/rad.")
+        advice = "Give the motor's way in rad, and its damping in N m s/rad."
+        signs(self, not_negative=("distance", "damping"), advice=advice)
 
 
 class Bristles(NamedTuple):
-    """Bristles of all shafts in one step.
-
-    Attributes
-    ----------
-    deflection : casadi SX (n, 1)
-        Over the distance: -1 to 1.
-    distance : casadi SX (n, 1)
-        Of the shaft [rad].
-    damping : casadi SX (n, 1) or None
-        On the shaft [N m s/rad].
-    """
+    """Bristles of all shafts: deflection (-1 to 1, over the distance), distance [rad], damping [N m s/rad]."""
 
     deflection: ca.SX
     distance: ca.SX

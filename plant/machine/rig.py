@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from plant.machine.drive import Drive
 from plant.machine.encoder import Encoder
+from plant.machine.friction_step import DRY_FRICTION
 from plant.machine.known_torque import KnownTorque, require_torques, total_torque
 from plant.mechanics.chain import Chain
-from plant.parts.arguments import instance, real
+from plant.parts.arguments import real, signs
 from plant.parts.fields import ArrayOrSymbols
 from plant.parts.labels import joint_labels
 from plant.parts.part import Part, number, part, structure
@@ -53,15 +54,11 @@ class Jitter(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0 <= self.share <= 0.5:
-            raise ValueError(
-                f"share must be from 0 to 0.5 of the period; got {self.share:g}. Instants keep apart then."
-            )
+            raise ValueError(f"share must be from 0 to 0.5 of the period; got {self.share:g}. Instants stay apart so.")
         if isinstance(self.seed, bool) or not isinstance(self.seed, (int, np.integer)) or self.seed < 0:
             raise ValueError(f"seed must be a whole number, 0 or more; got {self.seed!r:.60}. Give one, such as 0.")
         if self.stream < 0 or self.stream % 1:
-            raise ValueError(
-                f"stream must be a whole number, 0 or more; got {self.stream:g}. Leave it out for one loop."
-            )
+            raise ValueError(f"stream must be a whole number, 0 or more; got {self.stream:g}. One loop needs none.")
         object.__setattr__(self, "seed", int(self.seed))
 
     def draws(self, steps: int) -> NDArray[np.float64]:
@@ -104,8 +101,7 @@ class Transport(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.delay < 0:
-            raise ValueError(f"delay must not be negative; got {self.delay}. Give seconds after the sample.")
+        signs(self, not_negative=("delay",), advice="Give seconds after the sample.")
         lost = self.lost
         if isinstance(lost, str) or not np.iterable(lost):
             raise ValueError(f"lost must be a sequence of steps; got {lost!r:.60}. Write ({lost!r:.60},).")
@@ -167,16 +163,12 @@ class Rig(Part):
     drive: Drive = structure(Drive)
     encoder: Encoder = structure(Encoder)
     period: float = structure(float)
-    transport: Transport | None = structure(default=None)
-    jitter: Jitter | None = structure(default=None)
+    transport: Transport | None = structure(Transport, default=None)
+    jitter: Jitter | None = structure(Jitter, default=None)
     springs: KnownTorque | tuple[KnownTorque, ...] | None = structure(default=None, several=True)
 
     def __post_init__(self) -> None:
         real("period", self.period, "Give seconds; the paper logs every 0.7e-3.", positive=True)
-        if self.transport is not None:
-            instance("transport", self.transport, Transport, "Give Transport(delay=..., lost=...).")
-        if self.jitter is not None:
-            instance("jitter", self.jitter, Jitter, "Give Jitter(share=..., seed=...).")
         if len(self.encoder.resolution) != self.drive.n:
             raise ValueError(
                 f"encoder must have {self.drive.n} joints like the drive; got {len(self.encoder.resolution)}. "
@@ -207,12 +199,7 @@ class Rig(Part):
         return joint_labels(self.drive.joints, self.n)
 
     def require_fit(self, chain: Chain) -> None:
-        """Refuse a chain of another number of joints, or with another coupling.
-
-        Raises
-        ------
-        ValueError
-        """
+        """Refuse a chain of another number of joints, or with another coupling."""
         if self.n != chain.n:
             raise ValueError(f"rig must have {chain.n} joints like the arm; got {self.n}. Use a matching rig.")
         if self.drive.coupling != chain.coupling:
@@ -249,6 +236,14 @@ class Rig(Part):
         """Joint position [rad] in the middle of the quantisation cell of these counts."""
         return self.drive.joint_angle(self.encoder.cell_centre(counts))
 
+    def outside_cell(self, distance: ca.SX, counts: ca.SX, share: ca.SX) -> ca.SX:
+        """What of a distance from the middle of these counts' cell (n, 1) [rad] lies beyond that share of its half."""
+        if self.encoder.smooth:
+            return distance  # without a kink where it is zero, where loops are linearised
+        position, half = self.position_in_pulses(distance), self.encoder.half_cell(counts)
+        beyond = ca.sign(position) * ca.fmax(ca.fabs(position) - share * half, 0)
+        return self.drive.joint_angle(self.encoder.to_angle(beyond))
+
 
 def punctual_rig(rig: Rig) -> Rig:
     """The same rig without transport and without jitter, for what knows no instants."""
@@ -258,3 +253,9 @@ def punctual_rig(rig: Rig) -> Rig:
 def smooth_rig(rig: Rig) -> Rig:
     """The same rig without quantisation."""
     return dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, smooth=True))
+
+
+def sliding_rig(rig: Rig) -> Rig:
+    """The same rig without dry friction, as joints that slide one way have it in linear analysis."""
+    names, values = rig.number_names(), rig.number_values()
+    return rig.with_numbers(np.where([name.startswith(DRY_FRICTION) for name in names], 0.0, values))

@@ -70,13 +70,7 @@ class Arm(Part):
         return (self.dynamics.Y(q, qd, qdd).full() @ self.f).ravel()
 
     def forward(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> NDArray[np.float64]:
-        """Forward dynamics without friction: acceleration (n,) [rad/s^2] under a torque.
-
-        Raises
-        ------
-        ValueError
-            D is not positive definite at q.
-        """
+        """Forward dynamics without friction: acceleration (n,) [rad/s^2] under a torque; D(q) has to be positive."""
         tau = array("tau", tau, (self.n,), advice="One torque per joint [N m].")
         self.require_positive(q)
         return np.asarray(np.linalg.solve(self.D(q), tau - self.h(q, qd)), dtype=float)

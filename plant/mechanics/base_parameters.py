@@ -59,19 +59,10 @@ _TOLERANCE = 1e-8
 
 
 def base_lumping(chain: Chain, *, rotors: bool = True) -> Lumping:
-    """The lumping of a chain into its base parameters.
+    """The lumping of a chain into its base parameters; without rotor inertias, J is zero.
 
-    Parameters
-    ----------
-    chain : Chain
-    rotors : bool
-        With rotor inertias; without, J is zero.
-
-    Returns
-    -------
-    Lumping
-        With names such as ``Izz1 + Iyy2 + a2^2 m2``, where a2 and d2 are a and d of the row of link 2 (of its `Link`);
-        four digits stand where a coefficient is neither a product of such lengths nor a sum of their squares.
+    Names are such as ``Izz1 + Iyy2 + a2^2 m2``, where a2 and d2 are a and d of the row of link 2 (of its `Link`); four
+    digits stand where a coefficient is neither a product of such lengths nor a sum of their squares.
     """
     regressor = _regressor(chain)
     order = [

@@ -1,12 +1,13 @@
-"""Body: mass, centre of mass and inertia of a link and all that is fixed to it."""
+"""Body: mass, centre of mass and inertia of a link and all that is fixed to it; its pseudo-inertia."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from plant.parts.arguments import array, signs
 from plant.parts.fields import Vector
 from plant.parts.part import Part, number, part
 
@@ -54,9 +55,7 @@ class Body(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("mass", "rotor"):
-            if getattr(self, name) < 0:
-                raise ValueError(f"{name} of a body must not be negative; got {getattr(self, name)}. Check its sign.")
+        signs(self, not_negative=("mass", "rotor"), advice="Check the body's numbers.")
 
     def joined(self, other: Body) -> Body:
         """This body and another one (a tool, a load) fixed to it as one body; all in the same frame."""
@@ -66,6 +65,25 @@ class Body(Part):
         com = (self.mass * self.com + other.mass * other.com) / mass
         inertia = sum(b.inertia + b.mass * parallel_axis(b.com - com) for b in (self, other))
         return Body(mass=mass, com=com, inertia=inertia, rotor=self.rotor + other.rotor)
+
+    @property
+    def standard_parameters(self) -> NDArray[np.float64]:
+        """Its standard parameters phi (10,): m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz, without the rotor's.
+
+        Mass [kg], first moments [kg m], and inertia about the *origin* of the frame [kg m^2].
+        """
+        about_origin = self.inertia + self.mass * parallel_axis(self.com)
+        return np.array([self.mass, *(self.mass * self.com), *about_origin])
+
+    @classmethod
+    def from_standard_parameters(cls, parameters: ArrayLike) -> Body:
+        """The body with these `standard_parameters` (10,); all zero: none."""
+        phi = array("parameters", parameters, (10,), advice="Give m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz.")
+        mass = float(phi[0])
+        if not mass > 0 and phi.any():
+            raise ValueError(f"a load must have a positive mass; got {mass:g} kg. Only an empty gripper has none.")
+        com = phi[1:4] / mass if mass > 0 else np.zeros(3)
+        return cls(mass=mass, com=com, inertia=phi[4:] - mass * parallel_axis(com))
 
     def seen_from(self, placement: Placement) -> Body:
         """The same body, given in the frame in which its own frame has this pose."""
@@ -78,11 +96,7 @@ class Body(Part):
     def require_physical(self, name: str) -> None:
         """Refuse a body that is not physically consistent.
 
-        Raises
-        ------
-        ValueError
-            With the name of the link, and the rule: positive mass, positive semidefinite inertia, no principal moment
-            above the sum of the others (triangle inequality).
+        Consistent: positive mass, positive semidefinite inertia, no principal moment above the sum of the others.
         """
         matrix = np.zeros((3, 3))
         matrix[np.triu_indices(3)] = self.inertia
@@ -106,3 +120,32 @@ def parallel_axis(r: NDArray[np.float64]) -> NDArray[np.float64]:
     """Inertia (6,) about a point of a unit mass at r (3,): the parallel-axis theorem."""
     x, y, z = r
     return np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
+
+
+_UPPER = np.triu_indices(3)
+
+
+def pseudo_inertia(parameters: ArrayLike) -> NDArray[np.float64]:
+    """Pseudo-inertia P = [[S, m c], [m c', m]] (4, 4) of a body's standard parameters (10,), S the integral of r r' dm.
+
+    A body of positive density exists exactly where P is positive definite: positive mass, positive inertia about the
+    centre of mass, and the triangle inequality in one. Source: P. M. Wensing, S. Kim, J.-J. E. Slotine, Linear matrix
+    inequalities for physically consistent inertial parameter identification, IEEE Robotics and Automation Letters 3
+    (2018).
+    """
+    m, *rest = np.asarray(parameters, float)
+    inertia, result = np.zeros((3, 3)), np.zeros((4, 4))
+    inertia[_UPPER] = rest[3:]
+    inertia += np.triu(inertia, 1).T
+    result[:3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
+    result[:3, 3] = result[3, :3] = rest[:3]
+    result[3, 3] = m
+    return result
+
+
+def from_pseudo_inertia(P: ArrayLike) -> NDArray[np.float64]:
+    """Standard parameters (10,) of a pseudo-inertia; the way back from `pseudo_inertia`."""
+    P = np.asarray(P, float)
+    moments = P[:3, :3]
+    inertia = np.trace(moments) * np.eye(3) - moments
+    return np.concatenate([[P[3, 3]], P[:3, 3], inertia[_UPPER]])

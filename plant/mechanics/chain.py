@@ -12,13 +12,12 @@ from numpy.typing import ArrayLike
 
 from plant.mechanics.body import Body
 from plant.mechanics.coupling import Coupling
-from plant.mechanics.limits import Limits
-from plant.mechanics.link import Link
+from plant.mechanics.link import Limits, Link
 from plant.mechanics.mjcf_file import read_mjcf
 from plant.mechanics.model_tree import links_of_chain
 from plant.mechanics.placement import Placement
 from plant.mechanics.urdf_file import read_urdf
-from plant.parts.arguments import choice, instance, real
+from plant.parts.arguments import array, choice, instance, real
 from plant.parts.fields import Nested
 from plant.parts.labels import joint_labels
 from plant.parts.part import Part, part, structure
@@ -60,7 +59,7 @@ class Chain(Part):
     gravity: Nested = structure(default=(0.0, 0.0, -9.81))
     bodies: tuple[Body, ...] = structure(default=())
     coupling: Coupling = structure(Coupling, default=Coupling())
-    limits: Limits | None = structure(default=None)
+    limits: Limits | None = structure(Limits, default=None)
 
     def __post_init__(self) -> None:
         links = tuple(self.links) if np.iterable(self.links) else (self.links,)
@@ -70,14 +69,12 @@ class Chain(Part):
         twice = [name for i, name in enumerate(names) if name in names[:i]]
         if twice:
             raise ValueError(f"links must have names of their own; {twice[0]!r} comes twice. Rename one.")
-        gravity = np.asarray(self.gravity, float)
-        if gravity.shape != (3,) or not np.isfinite(gravity).all():
-            raise ValueError(f"gravity must be 3 finite numbers [m/s^2]; got {self.gravity!r}. Use (0, 0, -9.81).")
+        gravity = array("gravity", self.gravity, (3,), advice="Give m/s^2, such as (0, 0, -9.81).")
         bodies = tuple(self.bodies) if np.iterable(self.bodies) else (self.bodies,)
         if bodies and (len(bodies) != len(links) or not all(isinstance(body, Body) for body in bodies)):
             raise ValueError(f"bodies must be {len(links)}, one Body per link; got {len(bodies)}. Add or leave out.")
-        self.coupling.require_joints(len(links), "chain")
-        if self.limits is not None and instance("limits", self.limits, Limits, "Give Limits(...).").n != len(links):
+        self.coupling.require_size(len(links), "chain")
+        if self.limits is not None and self.limits.n != len(links):
             raise ValueError(f"limits must have {len(links)} joints; got {self.limits.n}. Give one number per joint.")
         object.__setattr__(self, "links", links)
         object.__setattr__(self, "gravity", tuple(gravity.tolist()))
@@ -103,17 +100,7 @@ class Chain(Part):
         return dataclasses.replace(self, coupling=coupling)
 
     def with_rotors(self, drive: Any) -> Chain:
-        """The same chain with the rotor inertias of a `Drive` in its bodies, and with its coupling.
-
-        Parameters
-        ----------
-        drive : Drive
-
-        Raises
-        ------
-        ValueError
-            A chain without bodies, or of another number of joints.
-        """
+        """The same chain with the rotor inertias of a `Drive` in its bodies, and with its coupling."""
         if not self.bodies:
             raise ValueError("bodies must be known to get rotors; this chain has none. Give the Chain its bodies.")
         if drive.n != self.n:
@@ -125,12 +112,7 @@ class Chain(Part):
     def carrying(self, body: Body, link: int | str = -1) -> Chain:
         """The same chain with a tool or a load fixed to a link, the last one by default.
 
-        Parameters
-        ----------
-        body : Body
-            The tool or load, in the frame of that link's own body.
-        link : int or str
-            Place in the chain from 0, or name.
+        The body is in the frame of that link's own body; the link is a place in the chain from 0, or a name.
         """
         instance("body", body, Body, "Give mass and com; a point mass needs no inertia.")
         if not self.bodies:
@@ -162,13 +144,12 @@ class Chain(Part):
         Returns
         -------
         Chain
-            Bodies are given in the frames of the file's links, with `limits`; meshes and transmissions are not read.
+            Bodies in the frames of the file's links, with `limits`; meshes and transmissions are not read.
 
         Raises
         ------
         ValueError
-            A file that is malformed, too large, declares entities, or describes no such chain; a body that is not
-            physically consistent. The message names link or joint, and the rule.
+            A file that is malformed, too large, or describes no such chain; a body that is not physically consistent.
         """
         links, bodies, limits = links_of_chain(read_urdf(path), joints)
         return cls(links=links, gravity=gravity, bodies=bodies, limits=limits)
@@ -177,23 +158,9 @@ class Chain(Part):
     def from_mjcf(cls, path: str | Path, joints: Sequence[str] | None = None) -> Chain:
         """A chain, with bodies, from a MuJoCo model: trees of bodies with one hinge or slide joint each, or none.
 
-        Parameters
-        ----------
-        path : str or Path
-        joints : sequence of str, optional
-            Names of the chain's joints, base first, as for `from_urdf`.
-
-        Returns
-        -------
-        Chain
-            With the file's gravity, rotors (``armature``) and `limits` (``range``, ``actuatorfrcrange``). Of damping
-            and frictionloss nothing is read (they are the `Drive`'s).
-
-        Raises
-        ------
-        ValueError
-            As for `from_urdf`; and elements whose forces or joints a chain does not have: tendons, equalities, free
-            and ball joints, springs, fluids, plugins; includes that are missing.
+        As `from_urdf`, with the file's gravity, rotors (``armature``) and `limits` (``range``, ``actuatorfrcrange``);
+        of damping and frictionloss nothing is read (they are the `Drive`'s). Elements whose forces or joints a chain
+        does not have are refused: tendons, equalities, free and ball joints, springs, fluids, plugins.
         """
         model = read_mjcf(path)
         links, bodies, limits = links_of_chain(model, joints)

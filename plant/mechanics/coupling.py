@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.mechanics.placement import exact
+from plant.parts.arguments import array
 from plant.parts.fields import ArrayOrSymbols, Nested
 from plant.parts.part import Part, part, structure
 
@@ -25,11 +26,6 @@ class Coupling(Part):
     ----------
     matrix : (n, n) array_like, optional
         C: turns of shaft i per turn of joint j, shaft = C q. By default none: every motor moves its own joint alone.
-
-    Raises
-    ------
-    ValueError
-        A matrix that is not square, not finite, or singular.
 
     Notes
     -----
@@ -56,18 +52,15 @@ class Coupling(Part):
             object.__setattr__(self, "matrix", ())
             return
         advice = "Give a square matrix of numbers: shaft turns per joint turn."
-        try:
-            matrix = np.array(self.matrix, float)
-        except (TypeError, ValueError):
-            raise ValueError(f"matrix of a coupling must be numbers; got {self.matrix!r:.80}. {advice}") from None
-        if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix).all():
-            raise ValueError(f"matrix of a coupling must be finite, (n, n); got {matrix.tolist()!r:.80}. {advice}")
+        matrix = array("matrix of a coupling", self.matrix, ("n", "n"), advice=advice)
+        if matrix.shape[0] != matrix.shape[1]:
+            raise ValueError(f"matrix of a coupling must be (n, n); got shape {matrix.shape}. {advice}")
         if not np.linalg.cond(matrix) < _NEARLY_SINGULAR:
             raise ValueError(f"matrix of a coupling must not be singular; got {matrix.tolist()}. Check its rows.")
         plain = (matrix == np.eye(len(matrix))).all()
         object.__setattr__(self, "matrix", () if plain else tuple(tuple(row) for row in matrix.tolist()))
 
-    def require_joints(self, n: int, owner: str) -> None:
+    def require_size(self, n: int, owner: str) -> None:
         """Refuse a coupling that is not of n joints."""
         if self.matrix and len(self.matrix) != n:
             raise ValueError(f"coupling of the {owner} must be ({n}, {n}); got {len(self.matrix)} rows. One per joint.")

@@ -5,8 +5,10 @@ Source: paper eq. (2). The torque is `plant.mechanics.newton_euler`; D, h, C and
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -16,9 +18,8 @@ from plant.mechanics.arm import Arm
 from plant.mechanics.base_parameters import base_lumping
 from plant.mechanics.body import Body
 from plant.mechanics.chain import Chain
-from plant.mechanics.collect import by_speeds, collected
 from plant.mechanics.lumping import STANDARD, Lumping, standard_parameters
-from plant.mechanics.newton_euler import torque
+from plant.mechanics.newton_euler import by_speeds, collected, lumped_torque, torque
 from plant.parts.arguments import array, instance
 from plant.parts.checked_function import CheckedFunction
 from plant.parts.fields import ArrayOrSymbols, Nested
@@ -39,26 +40,19 @@ class Dynamics(Part):
     ----------
     chain : Chain
     lumping : Lumping
-        How f is made of the links' inertial parameters.
+        How f is made of the links' inertial parameters; one whose torque is not the chain's is refused.
     ranges : (p, 2) nested tuple, optional
         Lower and upper bound of each f, in which a search looks by default.
 
-    Raises
-    ------
-    ValueError
-        The lumping does not give the torque of this chain.
-
     Notes
     -----
-    Units of a prismatic joint are m and N.
-
     `D(q, f)` (n, n), `h(q, qd, f)` (n, 1), `C(q, qd, f)` (n, n) with h = C qd + gravity and Ddot - 2 C skew, and
     `Y(q, qd, qdd)` (n, p) with tau = Y f, or `Y(q, qd, qd_r, qdd_r)` with D qdd_r + C qd_r + gravity = Y f. All
-    take numpy arrays (and give casadi DM) or casadi symbols.
+    take numpy arrays (and give casadi DM) or casadi symbols. Units of a prismatic joint are m and N.
 
     See Also
     --------
-    plant.Arm, plant.Chain, plant.Lumping, plant.visibility
+    plant.Arm, plant.Chain
 
     Examples
     --------
@@ -132,6 +126,13 @@ class Dynamics(Part):
             instance("each of the bodies", body, Body, "Give mass, com and inertia.")
         in_place = [body.seen_from(link.frame) for body, link in zip(bodies, self.chain.links, strict=True)]
         return np.array(self.lumping.matrix) @ standard_parameters(in_place)
+
+    def load_matrix(self, link: int | str = -1) -> NDArray[np.float64]:
+        """Increments B (p, 10) of f by a load on a link: f of the empty arm + B ``body.standard_parameters``.
+
+        The link is given by its place in the chain from 0, or its name; by default it is the last.
+        """
+        return _load_matrix(self, link).copy()
 
     def arm(self, f: ArrayLike) -> Arm:
         """The arm with these f (p,)."""
@@ -240,11 +241,14 @@ class Dynamics(Part):
                 )
 
 
-def lumped_torque(
-    chain: Chain, lumping: Lumping, q: ca.SX, qd: ca.SX, qdd: ca.SX, f: ca.SX
-) -> tuple[ca.SX, ca.SX]:  # fmt: skip
-    """Inertial torque (n, 1) and gravity torque (n, 1) [N m] of f (p, 1), each by the fewest links' parameters."""
-    rest, strength = ca.SX.zeros(chain.n), float(np.linalg.norm(chain.gravity))
-    moving = torque(chain, q, qd, qdd, ca.SX(lumping.inertial_section()) @ f, (0, 0, 0))
-    down = np.array(chain.gravity) / strength if strength else np.zeros(3)
-    return moving, torque(chain, q, rest, rest, strength * (ca.SX(lumping.gravity_section()) @ f), down)
+@lru_cache(maxsize=32)
+def _load_matrix(dynamics: Dynamics, link: int | str) -> NDArray[np.float64]:
+    """B, from point masses at ten places whose standard parameters are independent."""
+    empty = dataclasses.replace(dynamics.chain, bodies=(Body(mass=0.0, com=(0, 0, 0)),) * dynamics.n)
+    places = [np.zeros(3), *np.eye(3), *-np.eye(3)]
+    places += [a + b for a, b in itertools.combinations(np.eye(3), 2)]
+    probes = [Body(mass=1.0, com=place) for place in places]
+    increments = np.array([dynamics.f(empty.carrying(probe, link).bodies) for probe in probes])
+    matrix = np.linalg.solve(np.array([probe.standard_parameters for probe in probes]), increments).T
+    matrix[np.abs(matrix) < 1e-13 * np.abs(matrix).max()] = 0.0  # rounding
+    return matrix

@@ -1,10 +1,12 @@
-"""A link: one joint and its frame, by a row of the Denavit-Hartenberg table."""
+"""A link: one joint and its frame, by a row of the Denavit-Hartenberg table; limits of joints."""
 
 import casadi as ca
 import numpy as np
 
 from plant.mechanics.placement import Placement, exact
-from plant.parts.part import Part, part, structure
+from plant.parts.arguments import signs
+from plant.parts.fields import Vector
+from plant.parts.part import Part, number, part, structure
 
 _LONGEST = 50.0
 """Length [m] of no link of an arm."""
@@ -60,14 +62,11 @@ class Link(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("alpha", "theta"):
-            if abs(getattr(self, name)) > 2 * np.pi:
-                got = f"got {getattr(self, name)}. Use np.radians."
-                raise ValueError(f"{name} of link {self.name} must be an angle in radians, within one turn; {got}")
-        for name in ("a", "d"):
-            if abs(getattr(self, name)) > _LONGEST:
-                got = f"got {getattr(self, name):g}. Divide by 1000 what is in mm."
-                raise ValueError(f"{name} of link {self.name} must be a length in metres, at most {_LONGEST:g}; {got}")
+        angle = ("an angle in radians, within one turn", 2 * np.pi, "Use np.radians.")
+        length = (f"a length in metres, at most {_LONGEST:g}", _LONGEST, "Divide by 1000 what is in mm.")
+        for name, (rule, most, advice) in (("alpha", angle), ("theta", angle), ("a", length), ("d", length)):
+            if abs(value := getattr(self, name)) > most:
+                raise ValueError(f"{name} of link {self.name} must be {rule}; got {value:g}. {advice}")
 
     def rotation(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rotation (3, 3) from this link's frame to the previous one, and the origin's position (3,) there [m]."""
@@ -80,3 +79,45 @@ class Link(Part):
             return rotation, position
         before = ca.DM(exact(np.array(self.before.rotation)))
         return ca.sparsify(before) @ rotation, ca.DM(self.before.position) + ca.sparsify(before) @ position
+
+
+@part
+class Limits(Part):
+    """Limits of a chain's joints, joint side; infinite where there is none.
+
+    Parameters
+    ----------
+    lower, upper : (n,) array_like
+        Positions [rad or m].
+    velocity : (n,) array_like
+        Largest speeds, magnitudes [rad/s or m/s].
+    effort : (n,) array_like
+        Largest torques, magnitudes [N m or N].
+
+    See Also
+    --------
+    plant.Chain, plant.Guards, plant.fastest
+
+    Examples
+    --------
+    >>> from plant import Limits
+    >>> Limits(lower=(-2, -2), upper=(2, 2), velocity=(3, 3), effort=(200, 100))
+    Limits(lower=array([-2., -2.]), upper=array([2., 2.]), velocity=array([3., 3.]), effort=array([200., 100.]))
+    """
+
+    lower: Vector = number(("n",), finite=False)
+    upper: Vector = number(("n",), finite=False)
+    velocity: Vector = number(("n",), finite=False)
+    effort: Vector = number(("n",), finite=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for joint in np.flatnonzero(self.lower > self.upper):
+            got = f"got {self.lower[joint]} and {self.upper[joint]} at joint {joint + 1}"
+            raise ValueError(f"lower must not be above upper; {got}. Swap them.")
+        signs(self, not_negative=("velocity", "effort"), advice="Limits are magnitudes.")
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.lower)

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.mechanics.body import Body, parallel_axis
+from plant.mechanics.body import Body
 from plant.parts.fields import Nested
 from plant.parts.part import Part, part, structure
 
@@ -29,6 +29,9 @@ STANDARD = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "J"
 """Names of one link's standard parameters: mass [kg], first moments [kg m], inertia about the frame's *origin*
 [kg m^2], and the rotor inertia reflected to the joint, J [kg m^2]."""
 
+LOAD = STANDARD[:-1]
+"""Those of a load, a body fixed to a link."""
+
 _PHYSICAL = ("m", "x", "y", "z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "J")
 
 
@@ -39,11 +42,7 @@ def parameter_name(kind: str, link: Link) -> str:
 
 def standard_parameters(bodies: Iterable[Body]) -> NDArray[np.float64]:
     """Standard parameters (11 n,) of bodies, which are given by mass, centre of mass and inertia about it."""
-    values: list[float] = []
-    for body in bodies:
-        about_origin = body.inertia + body.mass * parallel_axis(body.com)
-        values += [body.mass, *(body.mass * body.com), *about_origin, body.rotor]
-    return np.array(values)
+    return np.concatenate([[*body.standard_parameters, body.rotor] for body in bodies])
 
 
 @part
@@ -113,15 +112,11 @@ class Lumping(Part):
         ----------
         equation : callable
             Takes one object per link with attributes m, x, y, z [m, in the link's frame], Ixx..Izz (about the centre
-            of mass) and J (reflected rotor inertia); returns a dictionary name -> expression.
+            of mass) and J (reflected rotor inertia); returns a dictionary name -> expression, linear in the standard
+            parameters.
         links : int
         inertial, gravitational : collection of str
             Names that enter the inertial torque, and the gravity torque.
-
-        Raises
-        ------
-        ValueError
-            The equation is not linear in the standard parameters.
         """
         links_ = [[ca.SX.sym(f"{name}{i}") for name in _PHYSICAL] for i in range(links)]
         f = equation(*(SimpleNamespace(**dict(zip(_PHYSICAL, symbols, strict=True))) for symbols in links_))

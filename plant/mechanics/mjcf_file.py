@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from plant.mechanics.body import Body
-from plant.mechanics.mjcf_orientation import rotation_of
-from plant.mechanics.model_tree import ModelFile, ModelJoint
+from plant.mechanics.model_tree import ModelFile, ModelJoint, body_in
 from plant.mechanics.placement import Placement
-from plant.mechanics.xml_file import Element, numbers_of, parsed
+from plant.mechanics.xml_file import Element, numbers_of, parsed, rotation_of
 from plant.parts.arguments import choice
 
 FULL = (0, 3, 5, 1, 2, 4)
@@ -40,14 +39,7 @@ class _Compiler:
 
 
 def read_mjcf(path: str | Path) -> ModelFile:
-    """An MJCF file: bodies as links, joints (bodies without one are fixed), and the places of their elements.
-
-    Raises
-    ------
-    ValueError
-        A file that is malformed, too large, declares entities, includes a file that is not there, or holds an element
-        outside the subset; a body that is not physically consistent.
-    """
+    """An MJCF file: bodies as links, joints (bodies without one are fixed), and the places of their elements."""
     root, data = parsed(path, "mujoco", "MJCF")
     _include(root, Path(path), {Path(path).resolve()})
     for element in root.children:
@@ -135,9 +127,7 @@ class _Reader:
         for child in element.children:
             if child.tag not in _IN_BODY:
                 where = element.attributes.get("name", element.tag)
-                raise ValueError(
-                    f"<{child.tag}> must not be in {where}: only {', '.join(_IN_BODY)} are read. Remove it."
-                )
+                raise ValueError(f"<{child.tag}> must not be in {where}; only {', '.join(_IN_BODY)} may. Remove it.")
 
     def body(self, element: Element, parent: str, inherited: str, *, moves: bool) -> None:
         """A body, its joint, and the bodies within it."""
@@ -201,9 +191,7 @@ class _Reader:
         if not found and (element.find("geom") is None or not moves):
             return None
         if len(found) != 1:
-            raise ValueError(
-                f"{where} must have one <inertial>, since geoms are not read; it has {len(found)}. Add it."
-            )
+            raise ValueError(f"{where} must have one <inertial>: geoms are not read; it has {len(found)}. Add it.")
         inertial = found[0]
         mass, pose = numbers_of(inertial, "mass", 1, None, where)[0], self._pose(inertial, where)
         if "fullinertia" in inertial.attributes:
@@ -213,10 +201,4 @@ class _Reader:
         else:
             x, y, z = numbers_of(inertial, "diaginertia", 3, None, where)
             inertia = np.array([x, 0, 0, y, 0, z])
-        if mass < 0:
-            raise ValueError(f"{where} must have a positive mass; got {mass}. Correct it.")
-        if not mass and not inertia.any():
-            return None
-        body = Body(mass=mass, com=np.zeros(3), inertia=inertia)
-        body.require_physical(name)
-        return body.seen_from(pose)
+        return body_in(mass, inertia, name, pose)

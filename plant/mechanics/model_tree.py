@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.mechanics.body import Body
-from plant.mechanics.limits import Limits
-from plant.mechanics.link import Link
+from plant.mechanics.link import Limits, Link
 from plant.mechanics.placement import Placement
 from plant.mechanics.xml_file import Element
 from plant.parts.arguments import choice
@@ -65,6 +64,17 @@ class ModelFile:
         """The joints of the chain, base first; by default all that move."""
         _require_tree(self.bodies, self.joints)
         return _chosen(self.joints, names)
+
+
+def body_in(mass: float, inertia: NDArray[np.float64], name: str, pose: Placement) -> Body | None:
+    """The body of an element at this pose in its link's frame, checked; None of one that has no mass and no inertia."""
+    if mass < 0:
+        raise ValueError(f"link {name} must have a positive mass; got {mass}. Correct it.")
+    if not mass and not np.any(inertia):
+        return None
+    body = Body(mass=mass, com=np.zeros(3), inertia=inertia)
+    body.require_physical(name)
+    return body.seen_from(pose)
 
 
 def links_of_chain(model: ModelFile, names: Sequence[str] | None) -> tuple[tuple[Link, ...], tuple[Body, ...], Limits]:

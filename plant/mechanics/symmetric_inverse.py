@@ -12,16 +12,9 @@ import casadi as ca
 class Inverse(NamedTuple):
     """Inverse of a symmetric positive definite matrix A, row by row: A^-1 x = diagonal * (x - share x).
 
-    Attributes
-    ----------
-    diagonal : casadi SX (n, 1)
-        Of the inverse.
-    alone : casadi SX (n, 1)
-        1 / diagonal: with A the inertia matrix, the inertia against an impulse on joint i alone.
-    share : casadi SX (n, n)
-        Minus the inverse, rows divided by their diagonal, and zero there: coupling of impulses on joint j to joint i.
-    minors : list of casadi SX
-        All positive if, and only if, A is positive definite.
+    ``alone``, 1 / diagonal: with A the inertia matrix, the inertia against an impulse on joint i alone. ``share`` (n,
+    n): minus the inverse, rows divided by their diagonal, and zero there: coupling of impulses on joint j to joint i.
+    ``minors``: all positive if, and only if, A is positive definite.
     """
 
     diagonal: ca.SX

@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from plant.mechanics.body import Body
-from plant.mechanics.model_tree import HERE, MOVING, ModelFile, ModelJoint
+from plant.mechanics.model_tree import HERE, MOVING, ModelFile, ModelJoint, body_in
 from plant.mechanics.placement import Placement
-from plant.mechanics.xacro import expanded, is_xacro
 from plant.mechanics.xml_file import Element, numbers_of, parsed
 from plant.parts.arguments import choice
 
@@ -17,14 +16,7 @@ INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def read_urdf(path: str | Path) -> ModelFile:
-    """A URDF file: links, joints, and the places of their elements.
-
-    Raises
-    ------
-    ValueError
-        A file that is malformed, too large, or declares entities; a body that is not physically consistent; xacro that
-        cannot be expanded.
-    """
+    """A URDF file: links, joints, and the places of their elements; xacro is expanded."""
     robot, data = parsed(path, "robot", "URDF")
     if is_xacro(robot):
         robot, data = parsed(path, "robot", "URDF", expanded(Path(path)))
@@ -64,12 +56,7 @@ def _bodies(robot: Element) -> dict[str, Body | None]:
             mass = numbers_of(inertial.find("mass"), "value", 1, None, f"{where}, mass")[0]
             matrix = inertial.find("inertia")
             inertia = [numbers_of(matrix, key, 1, None, f"{where}, inertia")[0] for key in INERTIA]
-            if mass < 0:
-                raise ValueError(f"{where} must have a positive mass; got {mass}. Correct it.")
-            if mass or any(inertia):
-                body = Body(mass=mass, com=np.zeros(3), inertia=inertia)
-                body.require_physical(name)
-                bodies[name] = body.seen_from(origin_of(inertial, where))
+            bodies[name] = body_in(mass, np.array(inertia), name, origin_of(inertial, where))
     return bodies
 
 
@@ -106,9 +93,29 @@ def _limits(limit: Element | None, kind: str, where: str) -> tuple[float, float,
     """
     if limit is None or kind not in MOVING:
         return (-math.inf, math.inf, math.inf, math.inf)
-    lower, upper, velocity, effort = (
-        numbers_of(limit, key, 1, "0", f"{where}, limit")[0] for key in ("lower", "upper", "velocity", "effort")
-    )
+    keys = "lower", "upper", "velocity", "effort"
+    lower, upper, velocity, effort = (numbers_of(limit, key, 1, "0", f"{where}, limit")[0] for key in keys)
     if kind == "continuous" or lower == upper == 0.0:
         lower, upper = -math.inf, math.inf
     return (lower, upper, velocity or math.inf, effort or math.inf)
+
+
+def is_xacro(element: Element) -> bool:
+    """Whether an element, or one within it, is a macro."""
+    return element.tag.startswith("xacro:") or any(is_xacro(child) for child in element.children)
+
+
+def expanded(path: Path) -> bytes:
+    """The URDF that a xacro file makes; its macros may read other files, and evaluate expressions."""
+    try:
+        import xacrodoc
+    except ImportError:
+        raise ValueError(
+            f"{path} must be a URDF file; it is xacro. Expand it (xacro {path.name} > robot.urdf), or pip install "
+            "xacrodoc."
+        ) from None
+    try:
+        text: str = xacrodoc.XacroDoc.from_file(str(path)).to_urdf_string()
+    except Exception as error:
+        raise ValueError(f"{path} must be xacro that can be expanded; {error}. Expand it by hand.") from error
+    return text.encode()

@@ -12,6 +12,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
+from plant.mechanics.placement import turn
 from plant.parts.files import read_bounded
 
 Edit = tuple[int, int, bytes]
@@ -82,20 +83,9 @@ class Element:
 def parsed(path: str | Path, root_tag: str | None, what: str, data: bytes | None = None) -> tuple[Element, bytes]:
     """The root of a file and its bytes, or a refusal: nothing is executed, expanded or fetched.
 
-    Parameters
-    ----------
-    path : str or Path
-    root_tag : str or None
-        That the file must have; None for any.
-    what : str
-        What kind of file it is, for messages.
-    data : bytes, optional
-        Its content, where that is not what the file has.
-
-    Raises
-    ------
-    ValueError
-        Another root, a document type, entities, malformed XML, or a file that is too large or too deep.
+    `root_tag`: that the file must have, None for any; `what` kind of file it is, for messages; `data`: its content,
+    where that is not what the file has. Refused are another root, a document type, entities, malformed XML, and a file
+    that is too large or too deep.
     """
     if isinstance(path, str) and path.lstrip().startswith("<"):
         raise ValueError(f"path must be the name of a {what} file; got its text. Write it to a file first.")
@@ -163,3 +153,45 @@ def spliced(data: bytes, edits: Iterable[Edit]) -> bytes:
         pieces += [data[at:start], text]
         at = stop
     return b"".join([*pieces, data[at:]])
+
+
+ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
+
+
+def rotation_of(element: Element, where: str, *, degrees: bool, sequence: str) -> NDArray[np.float64]:
+    """Rotation matrix (3, 3) of an MJCF element: its axes as columns, in the parent's frame.
+
+    ``sequence`` is ``eulerseq``: three of xyz, axes that turn along, or of XYZ, fixed axes. Two orientations at once
+    are refused.
+    """
+    given = [name for name in ORIENTATIONS if name in element.attributes]
+    if len(given) > 1:
+        raise ValueError(f"{where} must have one orientation; it has {' and '.join(given)}. Leave one out.")
+    if not given:
+        return np.eye(3)
+    name = given[0]
+    count = {"quat": 4, "axisangle": 4, "euler": 3, "xyaxes": 6, "zaxis": 3}[name]
+    values, unit = numbers_of(element, name, count, None, where), np.pi / 180 if degrees else 1.0
+    if name == "euler":
+        rotation = np.eye(3)
+        for letter, angle in zip(sequence, values * unit, strict=True):
+            step = turn(np.eye(3)["xyz".index(letter.lower())], angle)
+            rotation = rotation @ step if letter.islower() else step @ rotation
+        return rotation
+    parts = {"quat": [values], "axisangle": [values[:3]], "xyaxes": [values[:3], values[3:]], "zaxis": [values]}[name]
+    if min(np.linalg.norm(part) for part in parts) < 1e-9:
+        raise ValueError(f"{where} must have a direction in {name}; got {values.tolist()}. Correct it.")
+    if name == "axisangle":
+        return turn(values[:3], values[3] * unit)
+    if name == "quat":
+        w, vector = values[0], values[1:]
+        length = np.linalg.norm(vector)
+        return turn(vector, 2 * np.arctan2(length, w)) if length else np.eye(3)
+    if name == "zaxis":
+        z = values / np.linalg.norm(values)
+        axis, angle = np.cross((0, 0, 1), z), np.arccos(np.clip(z[2], -1, 1))
+        return turn(axis if np.linalg.norm(axis) > 1e-10 else (1, 0, 0), angle)
+    x = values[:3] / np.linalg.norm(values[:3])
+    y = values[3:] - x * (x @ values[3:])
+    y = y / np.linalg.norm(y)
+    return np.column_stack([x, y, np.cross(x, y)])

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.models.evidence import Shape
-from plant.models.hypotheses import Stated
+from plant.models.hypotheses import Shape, Stated
 
 _DENSITY, _TIMES = 1500.0, 1.2
 """Usual density [kg/m^3] of a link over the volume of its primitives, and the deviation of its logarithm."""

@@ -34,13 +34,7 @@ def lumping_table(lumping: Lumping, chain: Chain) -> dict[str, dict[str, Any]]:
 
 
 def lumping_of(table: Mapping[str, Any], chain: Chain) -> Lumping:
-    """The lumping of such a table.
-
-    Raises
-    ------
-    ValueError
-        A name that is no standard parameter of the chain, a torque that f cannot enter.
-    """
+    """The lumping of such a table; a name that is no standard parameter of the chain is refused."""
     names, matrix, flags = _names(chain), [], []
     for name, given in table.items():
         where = f"{name} of [arm.parameters]"
@@ -89,9 +83,7 @@ def model_beside(table: dict[str, Any], folder: Path) -> Path | None:
 def _chain(table: dict[str, Any], folder: Path) -> Chain:
     sources = [key for key in ("links", "urdf", "mjcf") if key in table]
     if len(sources) != 1:
-        raise ValueError(
-            f"[arm] must have one of links, urdf, mjcf; it has {' and '.join(sources) or 'none'}. Give one."
-        )
+        raise ValueError(f"[arm] must have one of links, urdf, mjcf; got {' and '.join(sources) or 'none'}. Give one.")
     if sources != ["links"]:
         if unused := [key for key in ("table", "bodies", "limits") if key in table]:
             raise ValueError(f"[arm] must not have {unused[0]!r} beside a model file, which holds it. Remove one.")

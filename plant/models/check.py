@@ -29,8 +29,7 @@ from plant.models.agreement import (
     mirrored,
 )
 from plant.models.edits import body_of, guess, only, urdf_inertial
-from plant.models.evidence import joint_places, mirrors, partner_of, shape_of
-from plant.models.hypotheses import Stated, without_mistakes
+from plant.models.hypotheses import Stated, joint_places, mirrors, partner_of, shape_of, without_mistakes
 from plant.parts.arguments import known_options
 from plant.parts.files import require_new, write_whole
 from plant.parts.shown import Piece, Shown, Verdict
@@ -99,13 +98,7 @@ class ModelCheck(Shown):
 
     @known_options
     def write(self, target: str | Path, *, overwrite: bool = False) -> None:
-        """Write the file with the repairs; every byte of what is not repaired stays.
-
-        Raises
-        ------
-        ValueError
-            A target that is there.
-        """
+        """Write the file with the repairs, a new one; every byte of what is not repaired stays."""
         path = require_new(target, overwrite)
         robot, data = parsed(self.path, "robot", "URDF")
         links = {link.attributes.get("name", ""): link for link in robot.all("link")}
@@ -182,9 +175,8 @@ def check_model(path: str | Path) -> ModelCheck:
 
 def _alike(link: CheckedLink) -> bool:
     """Whether a link states what the other side states, mirrored."""
-    return any(
-        link.stated is not None and agrees(link.stated, mirrored(partner, plane)) for partner, plane in link.partners
-    )
+    own = link.stated
+    return own is not None and any(agrees(own, mirrored(partner, plane)) for partner, plane in link.partners)
 
 
 def _own_gain(link: CheckedLink, finding: ModelFinding, links: dict[str, CheckedLink]) -> float:

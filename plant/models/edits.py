@@ -7,11 +7,10 @@ import numpy as np
 
 from plant.mechanics.body import Body
 from plant.mechanics.mjcf_file import FULL
-from plant.mechanics.mjcf_orientation import ORIENTATIONS
 from plant.mechanics.model_tree import MOVING, ModelFile, ModelJoint
 from plant.mechanics.placement import Placement
 from plant.mechanics.urdf_file import INERTIA, origin_of
-from plant.mechanics.xml_file import Edit, Element
+from plant.mechanics.xml_file import ORIENTATIONS, Edit, Element
 from plant.models.agreement import CheckedLink, mirrored, uniform
 from plant.models.hypotheses import Stated
 

@@ -12,8 +12,7 @@ from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.mechanics.dynamics import Dynamics
 from plant.models.arm_table import arm_table, dynamics_of, model_beside
-from plant.models.tables import class_of, part_of, table_of, unit_of
-from plant.models.toml_text import toml_lines
+from plant.models.tables import class_of, part_of, table_of, toml_lines, unit_of
 from plant.parts.arguments import choice, instance, known_options
 from plant.parts.files import require_new, write_whole
 from plant.parts.frozen import Frozen
@@ -82,9 +81,7 @@ class Robot(Frozen):
                 instance(key, getattr(self, key), kind, f"Give one {kind.__name__}, or leave it out.")
         if self.dynamics is None:
             if self.arm is None:
-                raise ValueError(
-                    "arm or dynamics must be given; got neither. Pass arm=Dynamics.from_chain(...).arm(f)."
-                )
+                raise ValueError("arm or dynamics must be given; got neither. Pass arm=dynamics.arm(f).")
             object.__setattr__(self, "dynamics", self.arm.dynamics)
         if self.arm is not None and self.arm.dynamics != self.dynamics:
             raise ValueError("dynamics must be those of the arm; got others. Leave them out.")

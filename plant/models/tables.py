@@ -1,12 +1,15 @@
-"""Parts as tables of a robot file, and back: kinds that go without saying, keys checked against the fields."""
+"""Parts as tables of a robot file, and back: kinds that go without saying, checked keys, and TOML text."""
 
 import dataclasses
 import difflib
 import functools
+import json
+import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from plant.parts.kinds import PARTS, kind_of
 from plant.parts.part import Part
 from plant.parts.plain import from_plain
 
@@ -42,55 +45,35 @@ def unit_of(cls: type, field: str) -> str:
 
 
 _KINDS = {
-    "Rig": {
-        "drive": "plant.Drive", "encoder": "plant.Encoder", "transport": "plant.Transport", "jitter": "plant.Jitter",
-    },
     "Drive": {
-        "curve": "plant.FrictionCurve", "coupling": "plant.Coupling", "elasticity": "plant.Elasticity",
-        "current_lag": "plant.CurrentLag", "presliding": "plant.Presliding", "load_friction": "plant.LoadFriction",
-        "friction_drift": "plant.FrictionDrift", "ripple": "plant.TorqueRipple",
+        "elasticity": "plant.Elasticity", "current_lag": "plant.CurrentLag", "load_friction": "plant.LoadFriction",
     },
-    "Encoder": {"phase": "plant.Phase", "quadrature": "plant.QuadratureError"},
-    "Chain": {"links": "plant.Link", "bodies": "plant.Body", "coupling": "plant.Coupling", "limits": "plant.Limits"},
-    "Link": {"before": "plant.Placement", "frame": "plant.Placement"},
+    "Chain": {"links": "plant.Link", "bodies": "plant.Body"},
 }  # fmt: skip
-"""Class -> field -> the kind of part that it holds where the file names none."""
+"""Class -> field -> the kind of part that it holds where the file names none, beside those that are declared."""
+
+
+def _kinds(cls: type[Part]) -> dict[str, str]:
+    """Field -> the kind of part that it holds where the file names none."""
+    declared = {field.name: field.metadata.get("kind") for field in dataclasses.fields(cls)}
+    parts = {name: kind_of(kind) for name, kind in declared.items() if isinstance(kind, type)}
+    return {name: kind for name, kind in parts.items() if kind in PARTS} | _KINDS.get(cls.__name__, {})
 
 
 def class_of(kind: Any, where: str) -> type[Part]:
-    """The class of a kind; none is imported for it.
-
-    Raises
-    ------
-    ValueError
-    """
-    known: dict[str, type[Part]] = {}
-    waiting: list[type[Part]] = [Part]
-    while waiting:
-        found = waiting.pop()
-        waiting += found.__subclasses__()
-        known.setdefault(_kind(found), found)
-    if isinstance(kind, str) and kind in known and dataclasses.is_dataclass(known[kind]):
-        return known[kind]
+    """The class of a kind; none is imported for it."""
+    if isinstance(kind, str) and kind in PARTS:
+        return PARTS[kind]
     package = str(kind).split(".")[0]
-    near = difflib.get_close_matches(str(kind), known, n=1, cutoff=0.6)
+    near = difflib.get_close_matches(str(kind), PARTS, n=1, cutoff=0.6)
     hint = f"Did you mean {near[0]!r}?" if near else "Write it like 'plant.P'."
-    if package in ("identification", "ctc") and not any(name.startswith(f"{package}.") for name in known):
+    if package in ("identification", "ctc") and not any(name.startswith(f"{package}.") for name in PARTS):
         hint = f"Import {package} first."
     raise ValueError(f"kind in [{where}] must be that of a part; got {kind!r:.60}. {hint}")
 
 
-def _kind(cls: type) -> str:
-    return f"{cls.__module__.split('.')[0]}.{cls.__name__}"
-
-
 def check_keys(table: Any, cls: type[Part], where: str) -> None:
-    """Refuse a key that is no field, and the lack of one that has no default; with meaning and unit.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse a key that is no field, and the lack of one that has no default; with meaning and unit."""
     if not isinstance(table, Mapping):
         raise ValueError(f"[{where}] must be a table of keys; got {table!r:.60}. Write [{where}] on a line of its own.")
     fields = {field.name: field for field in dataclasses.fields(cls)}
@@ -111,26 +94,14 @@ def _said(cls: type[Part], name: str) -> str:
 
 
 def part_of(table: Any, kind: str, where: str, known: Mapping[str, Part] | None = None) -> Any:
-    """The part that a table describes.
+    """The part that a table describes, of this kind where the table names none.
 
-    Parameters
-    ----------
-    table : mapping
-    kind : str
-        Where the table names none.
-    where : str
-        Its heading, for messages.
-    known : mapping of str to Part, optional
-        What text in the place of a part stands for: ``"[arm]"``.
-
-    Raises
-    ------
-    ValueError
-        Unknown, missing or misspelt keys, and what the part itself refuses, with the heading.
+    `where` is its heading, for messages; `known` is what text in the place of a part stands for: ``"[arm]"``. Unknown,
+    missing or misspelt keys, and what the part itself refuses, are refused with the heading.
     """
     cls = class_of(table.get("kind", kind) if isinstance(table, Mapping) else kind, where)
     check_keys(table, cls, where)
-    kinds = _KINDS.get(cls.__name__, {})
+    kinds = _kinds(cls)
 
     def value_of(key: str, value: Any) -> Any:
         if isinstance(value, Mapping):
@@ -150,7 +121,7 @@ def part_of(table: Any, kind: str, where: str, known: Mapping[str, Part] | None 
 
 def table_of(part: Part, kind: str, known: Mapping[str, Part] | None = None) -> dict[str, Any]:
     """The table of a part: fields that are not their defaults, kinds that do not go without saying."""
-    kinds = _KINDS.get(type(part).__name__, {})
+    kinds = _kinds(type(part))
 
     def value_of(key: str, value: Any, plain: Any) -> Any:
         if isinstance(value, Part):
@@ -162,7 +133,7 @@ def table_of(part: Part, kind: str, known: Mapping[str, Part] | None = None) -> 
             return [table_of(each, kinds.get(key, ""), known) for each in value]
         return plain
 
-    described, own = part.describe(), _kind(type(part))
+    described, own = part.describe(), kind_of(type(part))
     table: dict[str, Any] = {} if own == kind else {"kind": own}
     for field in dataclasses.fields(part):
         value = getattr(part, field.name)
@@ -179,3 +150,69 @@ def _same(value: Any, default: Any) -> bool:
         return type(value) is type(default) and bool(value == default)
     except ValueError:  # an array beside a default that is a tuple
         return False
+
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+_WIDE = 110
+"""Characters above which the entries of a list get lines of their own."""
+
+
+def toml_lines(
+    table: Mapping[str, Any], path: tuple[str, ...] = (), comment: Callable[..., str] = lambda *_: ""
+) -> Iterator[str]:
+    """Lines of a table: plain values first, then the tables and lists of tables within it; `path` leads to the table.
+
+    ``comment(path, key)`` is what stands behind a value. What TOML cannot hold is refused.
+    """
+    nested = {key: value for key, value in table.items() if _is_table(value) and not (path and _is_short(value))}
+    for key, value in table.items():
+        if key not in nested:
+            text = comment(path, key)
+            yield f"{_key(key)} = {_value(value)}{f'  # {text}' if text else ''}"
+    for key, value in nested.items():
+        name, several = (*path, key), isinstance(value, (list, tuple))
+        for each in value if several else (value,):
+            label = ".".join(map(_key, name))
+            yield from ("", f"[[{label}]]" if several else f"[{label}]")
+            yield from toml_lines(each, name, comment)
+
+
+def _is_table(value: Any) -> bool:
+    if isinstance(value, (list, tuple)):
+        return bool(value) and all(isinstance(each, Mapping) for each in value)
+    return isinstance(value, Mapping)
+
+
+def _is_short(value: Any) -> bool:
+    """Whether a table is a few words and numbers, written in one line."""
+    plain = isinstance(value, Mapping) and not any(isinstance(each, (Mapping, list, tuple)) for each in value.values())
+    return plain and len(_value(value)) < _WIDE
+
+
+def _key(key: str) -> str:
+    return key if _BARE.fullmatch(key) else _text(key)
+
+
+def _text(value: str) -> str:
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        if math.isnan(value):
+            raise ValueError("a robot file must hold numbers; got NaN. Give its value.")
+        return repr(value)
+    if isinstance(value, str):
+        return _text(value)
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_key(key)} = {_value(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, (list, tuple)):
+        texts = [_value(each) for each in value]
+        line = f"[{', '.join(texts)}]"
+        rows = bool(value) and isinstance(value[0], (list, tuple))
+        return line if len(line) < _WIDE and not rows else "[\n    " + ",\n    ".join(texts) + ",\n]"
+    raise ValueError(f"a robot file must hold numbers, text and flags; got a {type(value).__name__}. Leave it out.")

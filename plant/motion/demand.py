@@ -6,6 +6,8 @@ path's own motion. All torques are those on the shafts (`Drive.torque_limit`), w
 """
 
 import dataclasses
+from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,8 +15,7 @@ from numpy.typing import NDArray
 
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
-from plant.motion.reference import Motion, Reference
-from plant.parts.arguments import instance, known_options, real
+from plant.parts.arguments import instance, real
 from plant.parts.fields import ArrayOrSymbols
 
 _POINTS = 4000
@@ -31,13 +32,8 @@ _FASTEST = 2.0**30
 class Demand:
     """Torque along a path: D r' a + (D r'' + coriolis) v^2 + gravity - springs + friction(r' v), at N of its points.
 
-    Attributes
-    ----------
-    rig : Rig
-    along : (N, n) numpy.ndarray
-        r' [rad/s].
-    inertial, centrifugal, holding : (N, n) numpy.ndarray
-        Torque per a, per v^2, and at rest, less that of springs [N m].
+    ``along`` (N, n): r' [rad/s]. ``inertial``, ``centrifugal``, ``holding`` (N, n): torque per a, per v^2, and at rest,
+    less that of springs [N m].
     """
 
     rig: Rig
@@ -64,77 +60,36 @@ class Demand:
         return peak / self.rig.drive.torque_limit()
 
 
-def demand(arm: Arm, rig: Rig, motion: Motion) -> Demand:
-    """Torque demand of a path, given by its motion at its own speed (v = 1, a = 0).
-
-    Parameters
-    ----------
-    arm : Arm
-    rig : Rig
-    motion : Motion
-
-    Returns
-    -------
-    Demand
-    """
+def demand(arm: Arm, rig: Rig, motion: Sequence[NDArray[np.float64]]) -> Demand:
+    """Torque demand of a path, given by its motion (q, qd, qdd) at its own speed (v = 1, a = 0)."""
     q, along, bend = (ca.SX.sym(name, arm.n) for name in ("q", "along", "bend"))
     model, f = arm.dynamics, ca.DM(arm.f)
     D = model.D(q, f)
     parts = [D @ along, D @ bend + model.coriolis(q, along, f), model.gravity(q, f) - rig.spring_torque(q)]
     function = ca.Function("demand", [q, along, bend], [ca.densify(part) for part in ca.cse(parts)])
-    values = function.map(len(motion.q))(*(x.T for x in motion))
-    return Demand(rig, motion.qd, *(rig.drive.coupling.shaft_torque(value.full().T) for value in values))
+    values = function.map(len(motion[0]))(*(x.T for x in motion))
+    return Demand(rig, motion[1], *(rig.drive.coupling.shaft_torque(value.full().T) for value in values))
 
 
-def _sampled(arm: Arm, rig: Rig, reference: Reference) -> tuple[NDArray[np.float64], Motion, Demand]:
+def sampled_demand(
+    arm: Arm, rig: Rig, reference: Any
+) -> tuple[NDArray[np.float64], Sequence[NDArray[np.float64]], Demand]:
     """Closely spaced times, the motion of a reference there, and its demand."""
-    instance("arm", arm, Arm, "The order is arm, rig, reference.")
-    instance("rig", rig, Rig, "The order is arm, rig, reference.")
-    instance("reference", reference, Reference, "The order is arm, rig, reference.")
+    instance("arm", arm, Arm, "The order is arm, rig.")
+    instance("rig", rig, Rig, "The order is arm, rig.")
     rig.require_fit(arm.dynamics.chain)
     if reference.n != rig.n:
         raise ValueError(f"reference must have {rig.n} joints like the rig; got {reference.n}. Use a matching one.")
     points = max(_POINTS, round(reference.duration / rig.period)) + 1
     t = np.linspace(0.0, reference.duration, points)
-    motion = Motion(*reference(t))
+    motion = reference(t)
     return t, motion, demand(arm, rig, motion)
 
 
-@known_options
-def torque_share(arm: Arm, rig: Rig, reference: Reference) -> NDArray[np.float64]:
-    """Peak torque of each joint, over its amplifier's limit, to follow a reference exactly.
-
-    Parameters
-    ----------
-    arm : Arm
-        As identified, ``found.arm``.
-    rig : Rig
-        As identified, ``found.rig``, with its friction.
-    reference : Reference
-
-    Returns
-    -------
-    (n,) numpy.ndarray
-        Largest magnitude of torque over limit during one duration, of coupled motors per shaft; above 1 no law can
-        follow. Feedback torque comes on top.
-
-    See Also
-    --------
-    plant.fastest
-
-    Examples
-    --------
-    >>> from plant import puma560, torque_share
-    >>> torque_share(puma560.arm(), puma560.rig(), puma560.reference()).round(2)
-    array([0.52, 0.32])
-    """
-    return _sampled(arm, rig, reference)[-1].share(1.0)
-
-
-def shortest_duration(arm: Arm, rig: Rig, reference: Reference, share: float = 0.9) -> float:
+def shortest_duration(arm: Arm, rig: Rig, reference: Any, share: float = 0.9) -> float:
     """Shortest duration [s] to which a motion may be uniformly scaled under this share of the torque limits."""
     share = real("share", share, "Give the part of the limit to use, like 0.9.", positive=True)
-    t, motion, needed = _sampled(arm, rig, reference)
+    t, motion, needed = sampled_demand(arm, rig, reference)
     torque = np.abs(needed.holding + needed.dry_friction())
     limit = share * rig.drive.torque_limit()
     if (torque >= limit).any():
@@ -142,7 +97,7 @@ def shortest_duration(arm: Arm, rig: Rig, reference: Reference, share: float = 0
         raise ValueError(
             f"path must be one along which the drives can hold the arm and creep; "
             f"{arm.dynamics.chain.joint_labels[joint]} needs "
-            f"{torque[i, joint]:.4g} of {limit[joint]:.4g} N m at t = {t[i]:.3f} s, q = {np.round(motion.q[i], 3)}. "
+            f"{torque[i, joint]:.4g} of {limit[joint]:.4g} N m at t = {t[i]:.3f} s, q = {np.round(motion[0][i], 3)}. "
             "Raise share or the limit, or leave that place out."
         )
 
@@ -163,4 +118,5 @@ def shortest_duration(arm: Arm, rig: Rig, reference: Reference, share: float = 0
     while high - low > 1e-12 * high:
         middle = (low + high) / 2
         low, high = (middle, high) if within(middle) else (low, middle)
-    return reference.duration / low
+    shortest: float = reference.duration / low
+    return shortest

@@ -23,10 +23,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
-from plant.mechanics.limits import Limits
+from plant.mechanics.link import Limits
 from plant.motion.demand import Demand, demand, shortest_duration
-from plant.motion.reference import Motion, Reference
-from plant.motion.scaled import Scaled, slowed
+from plant.motion.reference import Motion, Reference, Scaled
 from plant.motion.table import Table
 from plant.parts.arguments import array, instance, known_options
 
@@ -82,7 +81,7 @@ def fastest(
     intervals : int
         Of the spline; more come closer to the optimum, and switch the torque faster.
     uniform : bool
-        Keep the time law of the reference, `slowed` by one factor: the shortest under the torque limits alone.
+        Keep the time law of the reference, slowed by one factor: the shortest under the torque limits alone.
 
     Returns
     -------
@@ -98,7 +97,7 @@ def fastest(
 
     See Also
     --------
-    plant.slowed, plant.torque_share
+    plant.Reference, plant.PointToPoint
 
     Examples
     --------
@@ -108,10 +107,11 @@ def fastest(
     >>> quick.duration < path.duration
     True
     """
+    instance("reference", reference, Reference, "The order is arm, rig, reference.")
     if uniform:
         if (motor_speed, torque_rate, limits) != (None, None, None):
             raise ValueError("uniform scaling is under torque limits alone; got other limits as well. Leave them out.")
-        return slowed(reference, shortest_duration(arm, rig, reference, share) / reference.duration)
+        return reference.slowed(shortest_duration(arm, rig, reference, share) / reference.duration)
     if isinstance(reference, Table):
         raise ValueError("reference must be smooth; a Table has corners. Use Spline(times=..., points=...).")
     if not isinstance(intervals, (int, np.integer)) or intervals < 4:
@@ -156,7 +156,7 @@ def fastest(
     qd = law(fine).qd
     too_fast = max(np.abs(rig.drive.motor_angle(qd) / fastest_motor).max(), np.abs(qd / speed_limit).max())
     longer = max(shortest_duration(arm, rig, law, share=share) / law.duration, too_fast)
-    return slowed(law, longer) if longer > 1 else law
+    return law.slowed(longer) if longer > 1 else law
 
 
 def _limited(

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from plant.machine.gear_torque import gear_torque, require_elastic, wound
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
-from plant.motion.reference import Reference
+from plant.motion.reference import Derived, Reference
 from plant.parts.arguments import instance
 from plant.parts.part import part, structure
 
 
 @part
-class LinkReference(Reference):
+class LinkReference(Derived):
     """theta_r = q_r + tau_link(q_r, qd_r, qdd_r) / k: where the motors must be for the links to be at q_r.
 
     tau_link is the torque through the gears, D(q_r) qdd_r + h(q_r, qd_r) less that of springs and the motors' own
@@ -94,16 +94,6 @@ class LinkReference(Reference):
                 f"reference must be smooth, with a bounded snap; at t = {t[i]:.3f} s the motor of {motor} needs "
                 f"{needed} N m to wind its gear. Put a Spline through fewer points, or slow it down."
             )
-
-    @property
-    def n(self) -> int:  # type: ignore[override]  # declared, and read only
-        """Number of joints."""
-        return self.reference.n
-
-    @property
-    def duration(self) -> float:  # type: ignore[override]  # declared, and read only
-        """That of the links' motion [s]."""
-        return self.reference.duration
 
     @property
     def links(self) -> Reference:

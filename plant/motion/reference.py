@@ -6,18 +6,19 @@ A reference called with times (N,) gives `Motion(q, qd, qdd)`, each (N, n), join
 from __future__ import annotations
 
 import abc
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plant.parts.arguments import array, real
+from plant.machine.rig import Rig
+from plant.mechanics.arm import Arm
+from plant.motion.demand import sampled_demand
+from plant.parts.arguments import array, known_options, real
 from plant.parts.fields import Nested
-from plant.parts.part import Part, declared, part, structure
-
-_FREE = 6
-"""Points of a quintic spline whose ends are free."""
+from plant.parts.part import Part, declared, number, part, structure
 
 
 class Motion(NamedTuple):
@@ -45,6 +46,10 @@ class Reference(Part, abc.ABC):
     (2, 3.65)
     >>> path([0.1]).qdd.shape
     (1, 2)
+    >>> path.slowed(2.0).duration
+    7.3
+    >>> path.torque_share(puma560.arm(), puma560.rig()).round(2)
+    array([0.52, 0.32])
     """
 
     n: int = declared("Number of joints.")
@@ -55,13 +60,7 @@ class Reference(Part, abc.ABC):
         """Position [rad], velocity [rad/s], acceleration [rad/s^2], each (N, n), joint side, at times t (N,) [s]."""
 
     def higher(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Jerk [rad/s^3] and snap [rad/s^4], third and fourth derivative of q, each (N, n), at times t (N,) [s].
-
-        Raises
-        ------
-        ValueError
-            A motion without them.
-        """
+        """Jerk [rad/s^3] and snap [rad/s^4], third and fourth derivative of q, each (N, n), at times t (N,) [s]."""
         name = type(self).__name__
         raise ValueError(
             f"a motion must have its third and fourth derivative here; {name} gives none. Put a Spline through its "
@@ -72,6 +71,30 @@ class Reference(Part, abc.ABC):
     def links(self) -> Reference:
         """Motion that the links are to make: this one, unless it is that of motors before elastic gears."""
         return self
+
+    @known_options
+    def slowed(self, factor: float) -> Scaled:
+        """The same motion, uniformly scaled to `factor` times its duration; below one it is faster.
+
+        Speeds are divided by it, accelerations by its square; it ends, repeats or stays as this motion does.
+        """
+        factor = real("factor", factor, "Give how many times as long the motion is to take.", positive=True)
+        end, speed = self.duration, 1.0 / factor
+        law = {"times": (0.0, end * factor), "places": (0.0, end), "speeds": (speed, speed)}
+        return Scaled(path=self, stays=False, accelerations=(0.0, 0.0), **law)
+
+    def later(self, time: float) -> Later:
+        """The same motion from `time` [s] on, as in a log that begins in the middle of it: q(t + time)."""
+        return Later(reference=self, time=time)
+
+    @known_options
+    def torque_share(self, arm: Arm, rig: Rig) -> NDArray[np.float64]:
+        """Peak torque of each joint (n,), over its amplifier's limit, to follow this motion exactly, friction included.
+
+        During one duration, of coupled motors per shaft. Above 1 no controller can follow; feedback torque comes on
+        top. Arm and rig are those identified, ``found.arm`` and ``found.rig``.
+        """
+        return sampled_demand(arm, rig, self)[-1].share(1.0)
 
     def __call__(self, t: ArrayLike) -> Motion:
         """Motion at times t (N,) [s] from the start."""
@@ -89,37 +112,28 @@ def _nested(value: Any) -> Any:
     return tuple(_nested(v) for v in value) if np.ndim(value) else float(value)
 
 
-class _Smooth(Reference):
-    """Base of references whose derivatives of any order are one formula; where one jumps, it is that of one side."""
-
-    @abc.abstractmethod
-    def _derivatives(self, t: NDArray[np.float64], orders: Sequence[int]) -> list[NDArray[np.float64]]:
-        """Derivatives of q of these orders, 0 for q itself, each (N, n), at times t (N,)."""
-
-    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Motion at times (N,)."""
-        q, qd, qdd = self._derivatives(t, range(3))
-        return q, qd, qdd
-
-    def higher(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Jerk and snap at times (N,)."""
-        jerk, snap = self._derivatives(t, (3, 4))
-        return jerk, snap
-
-
 class Timed(Reference):
     """Base of references by a table of times: they last until the last one."""
 
     times: Nested
+    points: Nested
 
     def _keep_times(self, *, from_zero: bool = False) -> int:
         """Check the times, and count them."""
         times = self._keep("times", ("N",), "Give the time of each point [s].")
-        require_increasing("times", times)
+        stuck = np.flatnonzero(np.diff(times) <= 0)
+        if len(stuck):
+            i = int(stuck[0]) + 1
+            raise ValueError(f"times must increase; got {times[i]} after {times[i - 1]} at index {i}. Sort them.")
         if len(times) < 2 or (from_zero and times[0] != 0):
             rule = "two or more, from 0" if from_zero else "two or more"
             raise ValueError(f"times must be {rule}; got {len(times)}: {times[:3]}. Give the whole path.")
         return len(times)
+
+    @property
+    def n(self) -> int:  # type: ignore[override]  # declared, and read only
+        """Number of joints."""
+        return len(self.points[0])
 
     @property
     def duration(self) -> float:  # type: ignore[override]  # declared, and read only
@@ -128,166 +142,123 @@ class Timed(Reference):
 
 
 @part
-class Harmonics(_Smooth):
-    """Sum of harmonics: q = offset + sum over j of cosine[:, j] cos(j w t) + sine[:, j] sin(j w t), w = 2 pi / period.
+class Scaled(Timed):
+    """The path of a reference under a time law: q(t) = path.q(s(t)), where s is the path's own time.
+
+    Between two points of the time law s is the polynomial of degree 5 with their places, speeds and accelerations, so
+    the joints' acceleration is continuous where that of the path is. `fastest` and `Reference.slowed` make such laws.
 
     Parameters
     ----------
-    period : float
-        [s]
-    offset : (n,) array_like
-        [rad]
-    cosine, sine : (n, H) array_like
-        Amplitudes of the harmonics 1..H [rad].
-
-    The trajectory of eq. (6) is ``puma560.reference()``. Source: paper 3.5.
-
-    See Also
-    --------
-    plant.PointToPoint, plant.Spline, identification.design_motion
-
-    Examples
-    --------
-    >>> from plant import Harmonics
-    >>> path = Harmonics(period=4.0, offset=(0, 0), cosine=((0.3,), (0.2,)), sine=((0,), (0.1,)))
-    >>> motion = path([0.0, 1.0])
-    >>> motion.q.round(3)
-    array([[0.3, 0.2],
-           [0. , 0.1]])
+    path : Reference
+    times, places : (N,) array_like
+        Strictly increasing, from 0 [s], and s, the path's own time, then [s].
+    speeds, accelerations : (N,) array_like
+        First and second derivative of s by time [1], [1/s].
+    stays : bool
+        Outside its times the motion rests at its first or last point. With False it goes on along the path, at the
+        first or last speed; a periodic path repeats.
     """
 
-    period: float = structure(float)
-    offset: Nested = structure()
-    cosine: Nested = structure()
-    sine: Nested = structure()
+    path: Reference = structure(Reference)
+    times: Nested = structure()
+    places: Nested = structure()
+    speeds: Nested = structure()
+    accelerations: Nested = structure()
+    stays: bool = structure(bool, default=True)
 
     def __post_init__(self) -> None:
-        real("period", self.period, "Give it in seconds.", positive=True)
-        n = len(self._keep("offset", ("n",), "One angle per joint."))
-        shape = self._keep("cosine", (n, "H"), "One row per joint, one column per harmonic.").shape
-        self._keep("sine", shape, "The same shape as cosine.")
+        count = self._keep_times(from_zero=True)
+        if self.path.links is not self.path:
+            given = type(self.path).__name__
+            raise ValueError(f"path must be the motion of the links; got {given}, of motors. Scale its .links.")
+        for name in ("places", "speeds", "accelerations"):
+            self._keep(name, (count,), "One number per time.")
 
     @property
     def n(self) -> int:  # type: ignore[override]  # declared, and read only
         """Number of joints."""
-        return len(self.offset)
+        return self.path.n
+
+    @known_options
+    def slowed(self, factor: float) -> Scaled:
+        """The same path under this time law, uniformly scaled; as `Reference.slowed`."""
+        factor = real("factor", factor, "Give how many times as long the motion is to take.", positive=True)
+        return Scaled(
+            path=self.path,
+            times=np.multiply(self.times, factor),
+            places=self.places,
+            speeds=np.divide(self.speeds, factor),
+            accelerations=np.divide(self.accelerations, factor**2),
+            stays=self.stays,
+        )
+
+    @functools.cached_property
+    def _law(self) -> tuple[Callable[[NDArray[np.float64]], NDArray[np.float64]], ...]:
+        """Functions of time: s and its four derivatives."""
+        from scipy.interpolate import BPoly  # 0.2 s, for those who use it
+
+        law = BPoly.from_derivatives(self.times, np.column_stack([self.places, self.speeds, self.accelerations]))
+        return law, *(law.derivative(k) for k in range(1, 5))
+
+    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Motion at times (N,), by the chain rule."""
+        place, (speed, acceleration, *_) = self._places(t)
+        q, along, bend = self.path.motion(place)
+        return q, along * speed, bend * speed**2 + along * acceleration
+
+    def higher(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Jerk and snap at times (N,), by the chain rule; both jump at the points of the time law."""
+        place, (v, a, j, s) = self._places(t)
+        _, first, second = self.path.motion(place)
+        third, fourth = self.path.higher(place)
+        return (
+            third * v**3 + 3 * second * v * a + first * j,
+            fourth * v**4 + 6 * third * v**2 * a + second * (3 * a**2 + 4 * v * j) + first * s,
+        )
+
+    def _places(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+        """The path's own time at times (N,), and its four derivatives, each (N, 1)."""
+        inside = np.clip(t, 0.0, self.duration)
+        s, speed, *higher = (derivative(inside) for derivative in self._law)
+        beyond = t - inside
+        speed = np.where((beyond != 0) & self.stays, 0.0, speed)
+        higher = [np.where(beyond != 0, 0.0, each) for each in higher]
+        return s + speed * beyond, [each[:, None] for each in (speed, *higher)]
+
+
+class Derived(Reference):
+    """Base of references that are made of another one: as many joints, and as long."""
+
+    reference: Reference
+
+    @property
+    def n(self) -> int:  # type: ignore[override]  # declared, and read only
+        """Number of joints."""
+        return self.reference.n
 
     @property
     def duration(self) -> float:  # type: ignore[override]  # declared, and read only
-        """One period [s]."""
-        return self.period
-
-    def _derivatives(self, t: NDArray[np.float64], orders: Sequence[int]) -> list[NDArray[np.float64]]:
-        """Of exp(i j w t)."""
-        rate = 2j * np.pi / self.period * np.arange(1, np.shape(self.cosine)[1] + 1)
-        amplitude = np.asarray(self.cosine) - 1j * np.asarray(self.sine)
-        waves = np.exp(t[:, None] * rate)
-        swings = [np.einsum("ij,tj->ti", amplitude * rate**k, waves).real for k in orders]
-        return [each + np.asarray(self.offset) if k == 0 else each for k, each in zip(orders, swings, strict=True)]
+        """That of the other motion [s]."""
+        return self.reference.duration
 
 
 @part
-class PointToPoint(_Smooth):
-    """Move from rest to rest by a polynomial of degree 5 (acceleration zero at both ends), then stay.
+class Later(Derived):
+    """The motion of a reference that began before: q(t) = reference.q(t + time)."""
 
-    Parameters
-    ----------
-    start, goal : (n,) array_like
-        [rad]
-    duration : float
-        [s]
-
-    See Also
-    --------
-    plant.Spline, plant.Harmonics
-
-    Examples
-    --------
-    >>> from plant import PointToPoint
-    >>> path = PointToPoint(start=(0, 0), goal=(1, -0.5), duration=2.0)
-    >>> path([1.0]).q
-    array([[ 0.5 , -0.25]])
-    """
-
-    start: Nested = structure()
-    goal: Nested = structure()
-    duration: float = structure(float)
-
-    def __post_init__(self) -> None:
-        real("duration", self.duration, "Give it in seconds.", positive=True)
-        n = len(self._keep("start", ("n",), "One angle per joint."))
-        self._keep("goal", (n,), "One angle per joint, like start.")
+    reference: Reference = structure(Reference)
+    time: float = number(())
 
     @property
-    def n(self) -> int:  # type: ignore[override]  # declared, and read only
-        """Number of joints."""
-        return len(self.start)
+    def links(self) -> Reference:
+        """The links' motion, from the same instant on."""
+        return self if self.reference.links is self.reference else self.reference.links.later(self.time)
 
-    def _derivatives(self, t: NDArray[np.float64], orders: Sequence[int]) -> list[NDArray[np.float64]]:
-        """From the third on they jump at the ends."""
-        path = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
-        s = np.clip(t / self.duration, 0.0, 1.0)[:, None]
-        move, start = np.subtract(self.goal, self.start), np.asarray(self.start)
-        inside = ((t >= 0) & (t <= self.duration))[:, None]
-        return [inside * path.deriv(k)(s) * move / self.duration**k if k else start + path(s) * move for k in orders]
+    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Motion at times (N,)."""
+        return self.reference.motion(t + self.time)
 
-
-@part
-class Spline(Timed, _Smooth):
-    """Quintic spline through points, from rest to rest, then at its last point.
-
-    Parameters
-    ----------
-    times : (N,) array_like
-        Strictly increasing, from 0 [s].
-    points : (N, n) array_like
-        [rad]
-    at_rest : bool
-        False for a motion that has begun before, and goes on, such as a stretch of a log: its ends are as smooth as the
-        points say. At least six of them.
-
-    See Also
-    --------
-    plant.PointToPoint, plant.Table
-
-    Examples
-    --------
-    >>> from plant import Spline
-    >>> path = Spline(times=(0, 1, 2), points=((0, 0), (0.5, 0.2), (1, 0)))
-    >>> path([1.0]).q
-    array([[0.5, 0.2]])
-    """
-
-    times: Nested = structure()
-    points: Nested = structure()
-    at_rest: bool = structure(bool, default=True)
-
-    def __post_init__(self) -> None:
-        self._keep("points", (self._keep_times(from_zero=True), "n"), "One row per time, one column per joint.")
-        if not self.at_rest and len(self.times) < _FREE:
-            raise ValueError(
-                f"points must be {_FREE} and more where at_rest is False; got {len(self.times)}. Give more."
-            )
-
-    @property
-    def n(self) -> int:  # type: ignore[override]  # declared, and read only
-        """Number of joints."""
-        return len(self.points[0])
-
-    def _derivatives(self, t: NDArray[np.float64], orders: Sequence[int]) -> list[NDArray[np.float64]]:
-        """From the third on they jump at the ends; between, the fifth is the first that does."""
-        rest = [(1, np.zeros(self.n)), (2, np.zeros(self.n))]
-        from scipy.interpolate import make_interp_spline  # 0.2 s, for those who use it
-
-        spline = make_interp_spline(self.times, self.points, k=5, bc_type=(rest, rest) if self.at_rest else None)
-        inside = ((t >= 0) & (t <= self.duration))[:, None]
-        s = np.clip(t, 0, self.duration)
-        return [inside * spline(s, k) if k else spline(s) for k in orders]
-
-
-def require_increasing(name: str, times: NDArray[np.float64]) -> None:
-    """Refuse times that do not increase."""
-    stuck = np.flatnonzero(np.diff(times) <= 0)
-    if len(stuck):
-        i = int(stuck[0]) + 1
-        raise ValueError(f"{name} must increase; got {times[i]} after {times[i - 1]} at index {i}. Sort or thin them.")
+    def higher(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Jerk and snap at times (N,)."""
+        return self.reference.higher(t + self.time)

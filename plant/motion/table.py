@@ -96,11 +96,6 @@ class Table(Timed):
         table = np.array(rows)
         return cls(times=table[:, 0], points=table[:, 1:])
 
-    @property
-    def n(self) -> int:  # type: ignore[override]  # declared, and read only
-        """Number of joints."""
-        return len(self.points[0])
-
     def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Motion at times (N,)."""
         times, points = np.asarray(self.times), np.asarray(self.points)

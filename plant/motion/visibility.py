@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from plant.mechanics.base_parameters import independent_columns
 from plant.mechanics.dynamics import Dynamics
-from plant.mechanics.load import LOAD, load_matrix
+from plant.mechanics.lumping import LOAD
 from plant.motion.reference import Reference
 from plant.parts.arguments import instance, real
 from plant.parts.shown import Piece, Shown, Verdict
@@ -86,7 +86,7 @@ def visibility(
     regressor = _along(dynamics, reference, start, duration)
     if load is None:
         return _identifiable(regressor, dynamics.names, 1e-6 if tolerance is None else tolerance)
-    return _identifiable(regressor @ load_matrix(dynamics, load), LOAD, 1e-3 if tolerance is None else tolerance)
+    return _identifiable(regressor @ dynamics.load_matrix(load), LOAD, 1e-3 if tolerance is None else tolerance)
 
 
 def _along(dynamics: Dynamics, reference: Reference, start: float, duration: float | None) -> NDArray[np.float64]:

@@ -5,7 +5,7 @@ import functools
 import inspect
 import math
 import numbers
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,28 +18,9 @@ C = TypeVar("C", bound=Callable[..., Any])
 def array(
     name: str, value: ArrayLike, shape: tuple[int | str | None, ...], *, advice: str, finite: bool = True
 ) -> NDArray[np.float64]:
-    """Turn `value` into a float64 array of exactly `shape`, or refuse it in one line.
+    """`value` as a new float64 array of exactly this shape, or a refusal in one line.
 
-    Parameters
-    ----------
-    name : str
-        Name of the value, in the user's terms.
-    value : array_like
-    shape : tuple of (int, str or None)
-        Expected lengths; a string or None stands for any length.
-    advice : str
-        What to do instead, the last part of the message.
-    finite : bool
-        Whether NaN and infinity are refused.
-
-    Returns
-    -------
-    numpy.ndarray, a copy
-
-    Raises
-    ------
-    ValueError
-        Wrong shape, not numeric, or not finite; with the index where it happened.
+    A string or None in the shape stands for any length; `advice` is the last part of the message, what to do instead.
     """
     expected = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
     try:
@@ -61,12 +42,7 @@ def array(
 
 
 def choice(name: str, value: T, allowed: Collection[T]) -> T:
-    """Return `value` if it is one of `allowed`, or refuse it and offer the nearest.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Return `value` if it is one of `allowed`, or refuse it and offer the nearest."""
     if value in allowed:
         return value
     near = difflib.get_close_matches(str(value), [str(a) for a in allowed], n=1, cutoff=0.4)
@@ -75,12 +51,7 @@ def choice(name: str, value: T, allowed: Collection[T]) -> T:
 
 
 def instance(name: str, value: T, kind: type[Any], advice: str) -> T:
-    """Return `value` if it is a `kind`, or refuse it.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Return `value` if it is a `kind`, or refuse it."""
     if isinstance(value, kind):
         return value
     given = f"the class {value.__name__}" if inspect.isclass(value) else f"a value of type {type(value).__name__}"
@@ -88,12 +59,7 @@ def instance(name: str, value: T, kind: type[Any], advice: str) -> T:
 
 
 def real(name: str, value: Any, advice: str, *, positive: bool = False) -> float:
-    """Return `value` as a float if it is one finite number (above zero if `positive`), or refuse it.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Return `value` as a float if it is one finite number (above zero if `positive`), or refuse it."""
     sound = isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
     if sound and (value > 0 or not positive):
         return float(value)
@@ -104,42 +70,33 @@ _MAGNITUDES = "Gains and poles are magnitudes; the sign of the gear is in the dr
 
 
 def signs(
-    owner: object, *, positive: Iterable[str] = (), not_negative: Iterable[str] = (), advice: str = _MAGNITUDES
-) -> None:
-    """Refuse a part of which one of these numbers, or one entry of them, has the wrong sign.
+    owner: object, *, positive: Iterable[str] = (), not_negative: Iterable[str] = (), advice: str = _MAGNITUDES,
+    labels: Sequence[str] = (),
+) -> None:  # fmt: skip
+    """Refuse a part of which one of these numbers, or one entry of them, has the wrong sign; None has none.
 
-    Raises
-    ------
-    ValueError
+    With labels of the joints the message says which.
     """
     for names, sound, rule in (
         (positive, np.greater, "be positive"),
         (not_negative, np.greater_equal, "not be negative"),
     ):
         for name in names:
-            if not sound(value := getattr(owner, name), 0).all():
-                raise ValueError(f"{name} must {rule}; got {value}. {advice}")
+            value: Any = getattr(owner, name)
+            if value is not None and not (right := sound(value, 0)).all():
+                got = f"{value[right.argmin()]} at {labels[right.argmin()]}" if labels else value
+                raise ValueError(f"{name} must {rule}; got {got}. {advice}")
 
 
 def decimal(text: str) -> float:
-    """A number of a file: ASCII digits, no underscore between them; ``nan`` and ``inf`` are numbers too.
-
-    Raises
-    ------
-    ValueError
-    """
+    """A number of a file: ASCII digits, no underscore between them; ``nan`` and ``inf`` are numbers too."""
     if "_" in text or not text.isascii():
         raise ValueError(f"a number must have digits 0 to 9 alone; got {text!r:.40}. Write it like 17.4 or 1e-3.")
     return float(text)
 
 
 def optional_period(law: Any) -> None:
-    """Keep the period of a law as a float, or None for fast hardware; refuse anything else.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Keep the period of a law as a float, or None for fast hardware; refuse anything else."""
     if law.period is not None:
         advice = "Give seconds, such as rig.period; leave it out for fast hardware."
         object.__setattr__(law, "period", real("period", law.period, advice, positive=True))

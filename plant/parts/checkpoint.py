@@ -21,9 +21,8 @@ from llvmlite.binding import get_host_cpu_name
 from numpy.typing import ArrayLike, NDArray
 
 from plant.parts.files import read_bounded, remove_remains, write_whole
-from plant.parts.json_text import parsed, written
 from plant.parts.plain import from_plain, to_plain
-from plant.parts.saved import FORMAT, MOST, fingerprint, versions
+from plant.parts.saved import FORMAT, MOST, fingerprint, parsed, versions, written
 from plant.parts.user_warning import warn
 
 T = TypeVar("T")
@@ -38,17 +37,8 @@ _LEAST = 0.2
 class Checkpoint:
     """Finished stages of one piece of work. Use it in a ``with`` statement: at its end all that is finished is written.
 
-    Parameters
-    ----------
-    path : str, Path, Checkpoint or None
-        A file, made if it is not there; or part of the checkpoint of larger work; or None: nothing is kept.
-    work : str
-        What the file is of.
-
-    Raises
-    ------
-    ValueError
-        A file that is no such checkpoint, of another version or processor, or that cannot be written.
+    `path` is a file, made if it is not there; or the checkpoint of larger work; or None: nothing is kept. `work` is
+    what the file is of. A file of other work, another version or processor is refused.
     """
 
     def __init__(self, path: str | Path | Checkpoint | None, work: str) -> None:

@@ -38,22 +38,9 @@ def colour_of(place: int) -> str:
 
 
 def axes_of(ax: Any, shape: tuple[int, ...], new: Callable[[], Any], advice: str = "") -> NDArray[Any]:
-    """The Axes to draw on, in this shape: those that a caller gives, in the same order, or `new` ones.
+    """The Axes to draw on, in this shape (() for one): those that a caller gives, in the same order, or `new` ones.
 
-    Parameters
-    ----------
-    ax : matplotlib Axes, sequence or array of them, or None
-    shape : tuple of int
-        () of a plot that draws on one.
-    new : callable
-        Makes the Axes of a figure; called if none are given.
-    advice : str, optional
-        How to make them.
-
-    Raises
-    ------
-    ValueError
-        Another number of them, or something else.
+    `advice` says how to make them. Another number of them, or something else, is refused.
     """
     given = np.array(new() if ax is None else ax, dtype=object)
     count = int(np.prod(shape))

@@ -16,11 +16,7 @@ _OLD = 60.0
 def require_bounded(path: str | Path, most: int) -> None:
     """Refuse a folder, a pipe, a device, and a file of more than `most` bytes, before anything of it is read.
 
-    Raises
-    ------
-    ValueError
-        Without the path.
-    FileNotFoundError
+    The ValueError does not name the path.
     """
     status = os.stat(path)
     if not stat.S_ISREG(status.st_mode):
@@ -31,13 +27,7 @@ def require_bounded(path: str | Path, most: int) -> None:
 
 
 def read_bounded(path: str | Path, most: int) -> bytes:
-    """All bytes of a file, at most `most` of them.
-
-    Raises
-    ------
-    ValueError
-        What `require_bounded` refuses; a file that grows while it is read.
-    """
+    """All bytes of a file, at most `most` of them, as `require_bounded`; one that grows while it is read is refused."""
     require_bounded(path, most)
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     with open(path, "rb", opener=lambda name, _: os.open(name, flags)) as file:
@@ -50,12 +40,7 @@ def read_bounded(path: str | Path, most: int) -> bytes:
 
 
 def require_new(target: str | Path, overwrite: bool) -> Path:
-    """The path of a file to be written; one that is there is refused, unless it may be overwritten.
-
-    Raises
-    ------
-    ValueError
-    """
+    """The path of a file to be written; one that is there is refused, unless it may be overwritten."""
     path = Path(target)
     if path.exists() and not overwrite:
         raise ValueError(f"target must be a new file; {path} is there. Name another one, or pass overwrite=True.")
@@ -67,19 +52,8 @@ def require_new(target: str | Path, overwrite: bool) -> Path:
 def write_whole(path: str | Path, content: Iterable[str | bytes]) -> None:
     """Write a file beside its place, to the disk, then put it there: whoever reads sees the old one or the new one.
 
-    Parameters
-    ----------
-    path : str or Path
-        A link is followed. The folder must be there.
-    content : iterable of str or bytes
-        One after another; text as UTF-8.
-
-    Raises
-    ------
-    ValueError
-        A folder, a pipe or a device in its place.
-    OSError
-        A folder that is not there or cannot be written, a full disk; what was there before is as it was.
+    A link is followed; the folder must be there. Content is str (as UTF-8) or bytes, one after another. A folder, a
+    pipe or a device in its place is refused; after an OSError what was there before is as it was.
     """
     place = Path(os.path.realpath(path))
     if place.exists() and not place.is_file():

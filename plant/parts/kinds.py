@@ -40,13 +40,7 @@ def field_names(cls: type, *, compared: bool = False) -> list[str] | None:
 
 
 def class_of(kind: Any) -> type:
-    """The class of a kind.
-
-    Raises
-    ------
-    ValueError
-        An unknown kind; the message says which package to import.
-    """
+    """The class of a kind; the refusal of an unknown one says which package to import."""
     known = {**PARTS, **_RESULTS}
     if isinstance(kind, str) and kind in known:
         return known[kind]
@@ -57,12 +51,7 @@ def class_of(kind: Any) -> type:
 
 
 def require_public(cls: type) -> None:
-    """Refuse a class of the user's own: a file would hold its numbers, not its equations.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse a class of the user's own: a file would hold its numbers, not its equations."""
     if kind_of(cls).split(".")[0] not in PACKAGES:
         raise ValueError(
             f"a file can hold parts of the library; {cls.__name__} is a class of {cls.__module__}, whose equations no "
@@ -71,13 +60,7 @@ def require_public(cls: type) -> None:
 
 
 def source_of(cls: type) -> str:
-    """The text of a class of the user's own.
-
-    Raises
-    ------
-    ValueError
-        No text, as of a class that was typed in.
-    """
+    """The text of a class of the user's own; one that was typed in has none, and is refused."""
     try:
         return inspect.getsource(cls)
     except (OSError, TypeError):

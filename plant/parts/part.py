@@ -68,8 +68,8 @@ def structure(
 ) -> Any:
     """Declare a field that is structure: it decides the equations, so it cannot be unknown.
 
-    With a `kind` (a type; float for one finite number) anything else is refused. Of `several` parts, a tuple, the
-    numbers count too: ``springs[0].stiffness[1]``.
+    With a `kind` (a type; float for one finite number) anything else is refused, but None where that is the default.
+    Of `several` parts, a tuple, the numbers count too: ``springs[0].stiffness[1]``.
 
     See Also
     --------
@@ -143,6 +143,12 @@ class Part(Saved):
             elif field.metadata.get("several") and isinstance(value, tuple):
                 for i, each in enumerate(value):
                     yield from each._leaves(f"{prefix}{field.name}[{i}].")
+
+    def require_joints(self, n: int, prefix: str = "") -> None:
+        """Refuse numbers per joint, of this part or of one within it, of another number of joints."""
+        for name, _, field, value in self._leaves(prefix):
+            if field.metadata["number"] == ("n",) and len(value) != n:
+                raise ValueError(f"{name} must have {n} joints; got {len(value)}. Give one number per joint.")
 
     def number_names(self, prefix: str = "") -> list[str]:
         """Names of all numbers, in order: ``drive.gear[0]``; a single number has no index."""
@@ -261,7 +267,7 @@ def part(cls: type[T]) -> type[T]:
             kind, name = field.metadata.get("kind"), f"{field.name} of {cls.__name__}"
             if kind is float:
                 object.__setattr__(self, field.name, real(name, getattr(self, field.name), "Give it in SI units."))
-            elif kind is not None:
+            elif kind is not None and not (field.default is None and getattr(self, field.name) is None):
                 instance(name, getattr(self, field.name), kind, f"Give one {kind.__name__}.")
         complete(self)
 

@@ -19,19 +19,10 @@ _TAGS = ("array", "scalar", "list", "dict")
 
 
 def to_plain(value: Any, *, compared: bool = False) -> Any:
-    """A part, a result, or what their fields hold, as plain data.
+    """A part, a result, or what their fields hold, as plain data; what no file can hold is refused.
 
-    Parameters
-    ----------
-    value : object
-    compared : bool
-        For a comparison alone: without what does not count in one (``compare=False``), and parts of the user's own with
-        the text of their class.
-
-    Raises
-    ------
-    ValueError
-        What no file can hold.
+    `compared`: for a comparison alone, without what does not count in one (``compare=False``), and parts of the user's
+    own with the text of their class.
     """
     cls = type(value)
     if value is None or cls in (bool, int, float, str):
@@ -72,21 +63,14 @@ def _field(value: Any, is_part: bool, compared: bool) -> Any:
 
 
 def from_plain(data: Any) -> Any:
-    """What `to_plain` was given.
-
-    Raises
-    ------
-    ValueError
-        Unknown kind, missing or unknown fields, an array that does not fit its shape; what a constructor refuses.
-    """
+    """What `to_plain` was given; unknown kinds, missing or unknown fields, and arrays that do not fit are refused."""
     if isinstance(data, list):
         return tuple(from_plain(each) for each in data)
     if not isinstance(data, dict):
         return data
     if "kind" in data or not any(tag in data for tag in _TAGS):
-        return _made(
-            class_of(data.get("kind")), {name: from_plain(each) for name, each in data.items() if name != "kind"}
-        )
+        fields = {name: from_plain(each) for name, each in data.items() if name != "kind"}
+        return _made(class_of(data.get("kind")), fields)
     if set(data) == {"list"} and isinstance(data["list"], list):
         return [from_plain(each) for each in data["list"]]
     if set(data) == {"dict"} and isinstance(data["dict"], list):
@@ -97,9 +81,7 @@ def from_plain(data: Any) -> Any:
         return _array([data["scalar"]], data["dtype"], [1])[0]
     if set(data) == {"array", "dtype", "shape"}:
         return _array(data["array"], data["dtype"], data["shape"])
-    raise ValueError(
-        f"an object must be a kind, an array, a list or a dict; got the keys {sorted(data)!r:.80}. Correct it."
-    )
+    raise ValueError(f"an object must be a kind, array, list or dict; got the keys {sorted(data)!r:.80}. Correct it.")
 
 
 def _made(cls: type, values: dict[str, Any]) -> Any:

@@ -8,13 +8,6 @@ from tqdm import tqdm
 def progress_bar(total: int, label: str, unit: str, shown: bool) -> Any:
     """A bar on standard error, to use in a ``with`` statement; it is gone when the work is done.
 
-    Parameters
-    ----------
-    total : int
-        Units of work.
-    label, unit : str
-        What is done, and what is counted.
-    shown : bool
-        Whether it is wanted; where standard error is a file or a pipe there is none in any case.
+    Where standard error is a file or a pipe there is none, shown or not.
     """
     return tqdm(total=total, desc=label, unit=unit, disable=None if shown else True, leave=False)

@@ -34,21 +34,8 @@ def free_memory() -> float:
 def require_room(what: str, samples: int, each: float, advice: str, *, fixed: float = 0.0) -> None:
     """Refuse work on so many samples that needs more memory than is free.
 
-    Parameters
-    ----------
-    what : str
-        The work, with its numbers, as a message says it.
-    samples : int
-    each : float
-        Bytes that one sample takes at the peak.
-    advice : str
-        What to do, with ``{most}`` for the number of samples that would fit.
-    fixed : float
-        Bytes beside the samples.
-
-    Raises
-    ------
-    ValueError
+    `what`: the work, with its numbers, as a message says it; `each`: bytes that one sample takes at the peak, beside
+    `fixed` ones; `advice`: what to do, with ``{most}`` for the number of samples that would fit.
     """
     needed, free = fixed + each * samples, _SHARE * free_memory()
     if needed > free:

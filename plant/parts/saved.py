@@ -6,7 +6,9 @@ executed, and it names no module to import.
 
 import hashlib
 import json
+import math
 import platform
+from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
@@ -16,7 +18,6 @@ import numpy as np
 
 from plant.parts.arguments import choice
 from plant.parts.files import read_bounded, write_whole
-from plant.parts.json_text import parsed, written
 from plant.parts.kinds import class_of, kind_of
 from plant.parts.plain import from_plain, to_plain
 from plant.version import __version__
@@ -50,16 +51,7 @@ class Saved:
     def save(self, path: str | Path) -> None:
         """Write a JSON file that `load` reads back without loss of a bit; it is there whole, or as it was before.
 
-        Parameters
-        ----------
-        path : str or Path
-
-        Raises
-        ------
-        ValueError
-            A part of the user's own inside: its equations are in no file.
-        OSError
-            A folder that is not there, a full disk.
+        A part of the user's own inside is refused: its equations are in no file.
         """
         try:
             content = to_plain(self)
@@ -73,14 +65,7 @@ class Saved:
     def load(cls, path: str | Path) -> Self:
         """Read what `save` wrote. Of a base class (``Law.load``) the file says which.
 
-        Parameters
-        ----------
-        path : str or Path
-
-        Raises
-        ------
-        ValueError
-            No such file, one of another kind or format, or a spoilt one; in one line that names it.
+        No such file, one of another kind or format, or a spoilt one is refused in one line that names it.
         """
         try:
             return _read(cls, path)
@@ -122,3 +107,66 @@ def _read(cls: Any, path: str | Path) -> Any:
     if differs:
         raise ValueError(f"must have the {differs[0]} that its head says; it has been changed. Save it again.")
     return made
+
+
+_SPECIAL = ("inf", "-inf", "nan", "-nan")
+
+
+def written(data: Any, indent: str = "") -> Iterator[str]:
+    """The text of plain data, in pieces."""
+    deeper = indent + " "
+    if isinstance(data, dict) and data:
+        for i, (key, value) in enumerate(data.items()):
+            yield f"{',' if i else '{'}\n{deeper}{json.dumps(key)}: "
+            yield from written(value, deeper)
+        yield f"\n{indent}}}"
+    elif isinstance(data, list) and any(isinstance(each, (list, dict)) for each in data):
+        for i, value in enumerate(data):
+            yield f"{',' if i else '['}\n{deeper}"
+            yield from written(value, deeper)
+        yield f"\n{indent}]"
+    elif isinstance(data, list):
+        try:
+            yield json.dumps(data, allow_nan=False)
+        except ValueError:
+            yield f"[{', '.join(map(_scalar, data))}]"
+    else:
+        yield _scalar(data)
+
+
+def _scalar(value: Any) -> str:
+    if isinstance(value, float) and not math.isfinite(value):
+        sign = "-" if math.copysign(1.0, value) < 0 else ""
+        return json.dumps({"float": f"{sign}{'nan' if math.isnan(value) else 'inf'}"})
+    return json.dumps(value)
+
+
+def parsed(data: bytes) -> Any:
+    """Plain data of a text; no JSON, a key twice, or nested too deep is refused, without the path."""
+    try:
+        return json.loads(data.decode("utf-8"), object_pairs_hook=_object, parse_constant=_refused)
+    except RecursionError:
+        raise ValueError("must be JSON; it is nested too deep. Save it again.") from None
+    except json.JSONDecodeError as error:
+        cut = error.pos >= len(error.doc.rstrip())
+        raise ValueError(
+            f"must be JSON; {'it ends too early' if cut else error.msg} at line {error.lineno}. Save it again."
+        ) from None
+    except UnicodeDecodeError:
+        raise ValueError("must be JSON in UTF-8; it is not. Save it again.") from None
+
+
+def _object(pairs: list[tuple[str, Any]]) -> Any:
+    made = dict(pairs)
+    if len(made) < len(pairs):
+        twice = next(key for i, (key, _) in enumerate(pairs) if key in dict(pairs[:i]))
+        raise ValueError(f"must have each key once; {twice!r:.40} comes twice. Save it again.")
+    if set(made) == {"float"}:
+        if made["float"] not in _SPECIAL:
+            raise ValueError(f"must have numbers; got {made['float']!r:.40}. Save it again.")
+        return float(made["float"])
+    return made
+
+
+def _refused(constant: str) -> Any:
+    raise ValueError(f"must be JSON, which has no {constant}. Save it again.")

@@ -9,20 +9,21 @@ import ast
 import inspect
 import textwrap
 from pathlib import Path
-from string import Template
 from typing import Any
+
+import casadi as ca
 
 from plant.compiler.c_statements import SIGN, literal, statements
 from plant.compiler.instructions import STATE, UNIFORM
 from plant.compiler.python_to_c import CFunction, CNames
+from plant.machine.rig import Rig
 from plant.realtime import memory as layout
 from plant.realtime import safety, stopping, watching
-from plant.realtime.braking import RAMP
-from plant.realtime.c_export import free_folder, require_name
-from plant.realtime.c_numbers import braced, comment
-from plant.realtime.pieces import pieces_of
+from plant.realtime.c_text import Output, braced, comment, paragraph, require_counts, require_name, write_files
+from plant.realtime.compiled_step import initial_memory
+from plant.realtime.guards import Guards
+from plant.realtime.pieces import RAMP, numbers_of, pieces_of
 from plant.realtime.status import wording
-from plant.version import __version__
 
 PREFIX = "running_"
 """Of every function's name: C's library has a read, and a finite."""
@@ -81,150 +82,30 @@ def translated() -> str:
 _CAUSES = ("RUNNING", "WAS_LATE", "HAD_GAPS", "HAS_JUMPED", "IS_STUCK", "IS_OFF", "NO_TORQUE", "IS_SATURATED",
            "CHATTERS", "NO_COUNTS", "IS_DEAD", "BAD_TIME", "OFF_BEAT", "OUTSIDE", "TOO_FAST", "TOO_STEEP")  # fmt: skip
 
-_HEADER = Template("""\
-/* $made
- *
-$about
- */
-#ifndef ${NAME}_H
-#define ${NAME}_H
 
-#include <stdint.h>
-
-#ifdef __cplusplus
-extern "C" {
-#endif
-
-#define ${NAME}_JOINTS $n
-#define ${NAME}_PERIOD $period /* [s], from one call of ${name}_step to the next */
-
-/* Why it stopped the arm, or what it bridged last. */
-enum {
-$causes};
-
-/* One controller; several do not know of each other. */
-typedef struct {
-    double memory[$size];
-} ${name}_state;
-
-/* To be called first, and after a stop: encoder counts now. */
-void ${name}_init(${name}_state *self, const int32_t pulses[$n]);
-
-/* One sample: what to apply until the next call.
- *
- * pulses            encoder counts of the motors, read now
- * q_r, qd_r, qdd_r  reference for now, joint side [rad, rad/s, rad/s^2]
- * now               time of a steady clock [s]; NAN without one
- * torque            of the joints, after the amplifier's limit [N m]
- *
- * Gives 0. A call that nothing can answer gives more, and changes neither *self nor torque: without guards NaN or an
- * infinity, with them only where the first call has one.
- */
-int ${name}_step(${name}_state *self, const int32_t pulses[$n], const double q_r[$n], const double qd_r[$n],
-    const double qdd_r[$n], double now, double torque[$n]);
-
-/* 0 while it runs, otherwise why it stops the arm, until ${name}_init. */
-int ${name}_stopped(const ${name}_state *self);
-
-/* The last cause that was bridged or stopped, its joint from 0, and the number of the call. */
-int ${name}_event(const ${name}_state *self, int *joint, long *call);
-
-/* 1 where the mechanical brakes should hold the arm: the law does so no longer. */
-int ${name}_brake(const ${name}_state *self);
-
-#ifdef __cplusplus
-}
-#endif
-
-#endif
-""")
-
-_SOURCE = Template("""\
-/* $made */
-#include "$name.h"
-
-#include <math.h>
-
-#define N $n
-#define SIZE $size
-
-/* -- places in the memory, and thresholds -- */
-$constants
-$helpers
-/* -- of the law and the rig -- */
-$pieces
-/* -- guards and stop -- */
-$logic
-/* -- the controller -- */
-void ${name}_init(${name}_state *self, const int32_t pulses[N])
-{
-    static const double initial[SIZE] = $initial;
-    for (int i = 0; i < SIZE; i++)
-        self->memory[i] = initial[i];
-    for (int i = 0; i < N; i++)
-        self->memory[SCALARS + COUNTS * N + i] = (double)pulses[i];
-}
-
-int ${name}_step(${name}_state *self, const int32_t pulses[N], const double q_r[N], const double qd_r[N],
-    const double qdd_r[N], double now, double torque[N])
-{
-    double counts[N];
-    for (int i = 0; i < N; i++)
-        counts[i] = (double)pulses[i];
-    return (int)${prefix}step(counts, q_r, qd_r, qdd_r, now, self->memory, torque);
-}
-
-int ${name}_stopped(const ${name}_state *self)
-{
-    return (int)self->memory[CAUSE];
-}
-
-int ${name}_event(const ${name}_state *self, int *joint, long *call)
-{
-    *joint = (int)self->memory[EVENT_JOINT];
-    *call = (long)self->memory[EVENT_CALL];
-    return (int)self->memory[EVENT];
-}
-
-int ${name}_brake(const ${name}_state *self)
-{
-    const double released = self->memory[RELEASED];
-    return released == LATCHED || (released != HOLDING && self->memory[SINCE] >= $ramp * self->memory[DURATION]);
-}
-""")
-
-
-def write_running(running: Any, folder: str | Path, name: str) -> None:
-    """Write the files of `Running.to_c`."""
-    rig, law, n = running.rig, running.law, running.n
-    if rig.encoder.smooth:
-        raise ValueError("rig must have an encoder that counts; got a smooth one. Use Encoder(..., smooth=False).")
+def write_running(law: Any, rig: Rig, guards: Guards | None, folder: str | Path, name: str, **output: Any) -> None:
+    """Write the files of `Running.to_c`; `output` are the arguments of `Output.of`."""
+    require_counts(rig)
     require_name(name)
-    pieces = pieces_of(law, rig, law.block(rig))
-    made = [_piece(which, *pieces[which]) for which in pieces]
-    body = "\n".join(made)
-    limits = "guards and stop" if running.guards is not None else "stop, without guards"
+    given = Output.of(law, rig, **output)
+    block, n = law.block(rig), rig.n
+    memory, pieces = initial_memory(law, rig, block, guards), pieces_of(law, rig, block)
+    body = "\n".join([*(_piece(which, *pieces[which]) for which in pieces), _giving(given, law, rig, block)])
+    limits = "guards and stop" if guards is not None else "stop, without guards"
     about = (
-        f"{type(law).__name__}, with the {limits} of the running controller that it was made from. Counts are those of "
-        "the motors' encoders, with their sign; reference and torque are joint side, SI units. Compile without "
-        "-ffast-math, which would leave NaN unseen."
+        f"{type(law).__name__}, with the {limits} of the running controller. Counts are those of the motors' encoders, "
+        "with their sign; reference and torque are joint side, SI units. Compile without -ffast-math, which would "
+        "leave NaN unseen."
     )
     causes = [(cause, getattr(layout, cause)) for cause in _CAUSES]
-    common = {
-        "name": name, "NAME": name.upper(), "n": n, "period": literal(running.period), "prefix": PREFIX,
-        "size": len(running.core.memory), "about": f" * {comment(about)[3:-3]}", "ramp": literal(RAMP),
-        "causes": "".join(
-            f"    {name.upper()}_{cause} = {code},{_in_words(code)}\n" for cause, code in causes
-        ),
+    values = {
+        "n": n, "period": literal(block.period or rig.period), "prefix": PREFIX, "size": len(memory),
+        "about": paragraph(about), "ramp": literal(RAMP),
+        "causes": "".join(f"    {name.upper()}_{cause} = {code},{_in_words(code)}\n" for cause, code in causes),
         "constants": constants_of_logic(), "helpers": HELPERS + (f"\n{SIGN}" if "sign(" in body else ""),
-        "pieces": body, "logic": translated(), "initial": braced(running.initial_memory),
+        "pieces": body, "logic": translated(), "initial": braced(memory),
     }  # fmt: skip
-    title = f"made by onepulse {__version__} for {name}"
-    templates = {f"{name}.h": _HEADER, f"{name}.c": _SOURCE}
-    place = free_folder(folder, templates, name)
-    place.mkdir(parents=True, exist_ok=True)
-    for file, text in templates.items():
-        (place / file).write_bytes(text.substitute(common, made=f"{file} - {title}").encode("ascii"))
+    write_files(folder, name, "running", given.values | values)
 
 
 def _in_words(code: int) -> str:
@@ -242,3 +123,22 @@ def _piece(name: str, function: Any, sources: Any, targets: Any) -> str:
     body += [f"memory[{place}] = results[{i}];" for i, place in enumerate(places)]
     inner = textwrap.indent("\n".join(body), "    ")
     return f"static void {PREFIX}{name}(double *memory)\n{{\n{inner}\n}}\n"
+
+
+def _giving(output: Output, law: Any, rig: Rig, block: Any) -> str:
+    """The function that makes the output of the torque."""
+    n, own = rig.n, len(law.number_names())
+    torque, numbers, scale = ca.SX.sym("torque", n), ca.SX.sym("numbers", len(block.values)), ca.SX.sym("scale", n)
+    given = output.converted(scale, rig.with_numbers(numbers[own:]), torque)
+    function = ca.Function("give", [torque, numbers, scale], [ca.densify(given)])
+    sources = (
+        [f"torque[{i}]" for i in range(n)],
+        [f"memory[{i}]" for i in numbers_of(block, n)],
+        [f"counts_per_ampere[{i}]" for i in range(n)],
+    )
+    lines, values, used = statements(function, [[(text, STATE) for text in texts] for texts in sources])
+    body = [*([] if any("memory" in text for text in used) else ["(void)memory;"]), *lines[UNIFORM], *lines[STATE]]
+    body += [f"given[{i}] = ({output.kind})({value});" for i, value in enumerate(values)]
+    inner = textwrap.indent("\n".join(body), "    ")
+    head = f"static void {PREFIX}give(const double *memory, const double *torque, {output.kind} *given)"
+    return f"{output.constant}{head}\n{{\n{inner}\n}}\n"

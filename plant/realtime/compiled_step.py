@@ -22,8 +22,7 @@ from plant.machine.rig import Rig
 from plant.realtime import memory as layout
 from plant.realtime import safety, stopping, watching
 from plant.realtime.guards import Guards
-from plant.realtime.pieces import knows_arm, pieces_of
-from plant.realtime.torque_monitor import HELD, SLOT
+from plant.realtime.pieces import HELD, SLOT, knows_arm, pieces_of
 
 
 class Core(NamedTuple):
@@ -49,23 +48,17 @@ class Core(NamedTuple):
 
 
 def compiled(law: Any, rig: Rig, block: Any, guards: Guards | None) -> Core:
-    """Core of a law on a rig, in its initial state.
+    """Core of a law on a rig, in its initial state; `block` is of that law for that rig."""
+    memory = initial_memory(law, rig, block, guards)
+    kernel = Kernel(_source(pieces_of(law, rig, block)), ["step"])
+    trial = [np.zeros(rig.n) for _ in range(4)]
+    return Core(kernel.function("step", *trial, np.nan, memory.copy(), np.zeros(rig.n)), memory)
 
-    Parameters
-    ----------
-    law : Law
-    rig : Rig
-    block : Block
-        Of that law for that rig.
-    guards : Guards or None
 
-    Returns
-    -------
-    Core
-    """
+def initial_memory(law: Any, rig: Rig, block: Any, guards: Guards | None) -> NDArray[np.float64]:
+    """The memory at the start, but for the counts."""
     n, states = rig.n, len(block.initial)
     weight = compensates_gravity(law, guards)
-    kernel = Kernel(_source(pieces_of(law, rig, block)), ["step"])
     rows, scalars = np.zeros((layout.ROWS, n)), np.zeros(layout.SCALARS)
     rows[layout.JUMP : layout.CHATTER + 1] = np.inf
     rows[[layout.REST, layout.UPPER, layout.FASTEST, layout.RATE, layout.SLACK]] = np.inf
@@ -84,9 +77,7 @@ def compiled(law: Any, rig: Rig, block: Any, guards: Guards | None) -> Core:
     scalars[[layout.WEIGHT, layout.SAMPLED, layout.FULL, layout.LEAST, layout.ROUNDS]] = (
         weight, sampled, SLOT, 0.0 if sampled else HELD, not rig.encoder.smooth,
     )  # fmt: skip
-    memory = np.concatenate([scalars, rows.ravel(), *[block.initial] * 3, block.values, np.zeros(3 * n * n)])
-    trial = [np.zeros(n) for _ in range(4)]
-    return Core(kernel.function("step", *trial, np.nan, memory.copy(), np.zeros(n)), memory)
+    return np.concatenate([scalars, rows.ravel(), *[block.initial] * 3, block.values, np.zeros(3 * n * n)])
 
 
 def _given(rig, guards, rows, scalars):
@@ -99,13 +90,7 @@ def _given(rig, guards, rows, scalars):
 
 
 def compensates_gravity(law: Any, guards: Guards | None) -> bool:
-    """Whether a ramp stops with gravity compensation.
-
-    Raises
-    ------
-    ValueError
-        Gravity compensation under a law without an arm.
-    """
+    """Whether a ramp stops with gravity compensation."""
     known = knows_arm(law)
     if guards is not None and guards.stop == "gravity" and not known:
         given = f"stop must be 'hold' or 'zero' for a law without an arm; got 'gravity' for {type(law).__name__}"

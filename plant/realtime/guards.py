@@ -6,10 +6,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant.machine.rig import Rig
-from plant.mechanics.limits import Limits
+from plant.mechanics.link import Limits
 from plant.parts.arguments import array, choice, instance, known_options, real
 from plant.parts.user_warning import warn
-from plant.realtime.torque_monitor import WINDOW
+
+WINDOW = 0.1
+"""Length of the window in which time at the limit is counted [s]."""
 
 _BAND = 2.2
 """Change of the torque, relative to static friction, that leaves a joint at rest: from one edge of its band to the

@@ -1,21 +1,58 @@
 """What a running controller needs of one law and one rig, in casadi.
 
 Each piece is a function from places of the one vector `memory` (`plant.realtime.memory`) to other places of it.
+
+Saturation and chatter are those of the shafts, which have the amplifiers' limits; without coupling they are the joints.
+*Saturation* is the time at the limit within a sliding window of `WINDOW`, kept in slots: the oldest is dropped when the
+newest is full (`SLOT`), so that the window is never shorter than `WINDOW`, and at most a slot longer.
+*Chatter* is the mean distance of the torque from its own running mean. What quantisation or a
+sound loop adds to the torque is small against the limit, however much of it changes from one sample to the next; the
+oscillation of an unstable loop grows until it is the limit itself, at whatever frequency
+(`tests/benchmarks/guards.py`). A fast path moves the mean instead.
 """
 
 from typing import Any
 
 import casadi as ca
 
+from plant.machine.drive import Drive
 from plant.machine.rig import Rig
 from plant.realtime import memory as layout
-from plant.realtime.braking import ramp, slowing, smoothed
-from plant.realtime.torque_monitor import SLOTS, at_limit, at_the_limit, cause, swing, throughout
+from plant.realtime.guards import WINDOW
+
+SMOOTHING = 0.25
+"""Smoothing factor of the measured speed: quantisation is much of a change of counts."""
+
+RAMP = 0.1
+"""Share of the duration of a stop in which the torque ramps to its end: short, since it may begin at the limit."""
+
+SLOTS = 6
+"""Slots of the window of saturation, with the one that is being filled."""
+
+HELD = 0.5e-3
+"""Time for which a law without a period must stay at its limit before it counts [s]: one pulse may take it there."""
+
+_ROUNDING = 1e-9
+
+SLOT = (1 - _ROUNDING) * WINDOW / (SLOTS - 1)
+"""Age at which the newest slot is full [s]."""
+
+MEMORY = 0.01
+"""Time constant of the mean that chatter swings about [s]: 100 rad/s, above what a path asks for."""
+
+AVERAGED = 0.05
+"""Time constant over which the swing is averaged [s]."""
 
 
 def row(index: int, n: int) -> range:
     """Places of one row of numbers per joint."""
     return range(layout.SCALARS + index * n, layout.SCALARS + (index + 1) * n)
+
+
+def numbers_of(block: Any, n: int) -> range:
+    """Places of the numbers of law and rig."""
+    start = layout.SCALARS + layout.ROWS * n + 3 * len(block.initial)
+    return range(start, start + len(block.values))
 
 
 def knows_arm(law: Any) -> bool:
@@ -36,7 +73,7 @@ def pieces_of(law: Any, rig: Rig, block: Any) -> dict[str, tuple[ca.Function, li
     places["OLDER"] = range(row(layout.OLDER, n).start, row(layout.REST, n).start)
     end = layout.SCALARS + layout.ROWS * n
     places |= {"STATE": range(end + s, end + 2 * s), "FOLLOWING": range(end + 2 * s, end + 3 * s)}
-    places["NUMBERS"] = range(end + 3 * s, end + 3 * s + len(block.values))
+    places["NUMBERS"] = numbers_of(block, n)
     at = {name: ca.SX.sym(name, len(places[name])) for name in places}
     rig, law = rig.with_numbers(at["NUMBERS"][own:]), law.with_numbers(at["NUMBERS"][:own])
 
@@ -44,24 +81,24 @@ def pieces_of(law: Any, rig: Rig, block: Any) -> dict[str, tuple[ca.Function, li
     asked, following = block.step(
         at["STATE"], *motion, at["REFERENCE"], at["COUNTS"], at["TORQUE"], at["DT"], at["NUMBERS"]
     )
-    stop = slowing(at["SINCE"], at["DURATION"], at["FROM_Q"], at["FROM_QD"])
+    stop = _slowing(at["SINCE"], at["DURATION"], at["FROM_Q"], at["FROM_QD"])
     held = law.arm.dynamics.gravity(at["ANGLE"], law.arm.f) - rig.spring_torque(at["ANGLE"]) if knows_arm(law) else 0
     gravity = at["WEIGHT"] * held
     written = {
         "ahead": dict(zip(("Q", "QD", "QDD"), _ahead(*motion, at["DT"]), strict=True)),
         "moving": {"SPEED": rig.position_in_pulses(at["QD"])},
         "counted": {"REFERENCE": rig.counts(at["Q"]), "ANGLE": rig.cell_centre(at["COUNTS"])},
-        "measured": {"SPEED": smoothed(at["SPEED"], at["COUNTS"], at["BEFORE"], at["DT"])},
+        "measured": {"SPEED": _smoothed(at["SPEED"], at["COUNTS"], at["BEFORE"], at["DT"])},
         "standing": {"FROM_Q": at["ANGLE"], "FROM_QD": rig.to_angle(at["SPEED"])},
         "slowing": dict(zip(("Q", "QD", "QDD"), stop, strict=True)),
         "law": {"WANTED": asked, "GIVEN": rig.drive.limited(asked), "FOLLOWING": following},
         "monitored": _monitored(rig, at),
         "shifted": {"OLDER": ca.vertcat(at["NEWEST"], at["OLDER"][:-n]), "NEWEST": ca.SX.zeros(n), "FILLED": ca.SX(0)},
-        "ramp": {"TORQUE": ramp(rig, gravity, at["FROM_TORQUE"], at["SPEED"], at["SINCE"], at["DURATION"])},
+        "ramp": {"TORQUE": _ramp(rig, gravity, at["FROM_TORQUE"], at["SPEED"], at["SINCE"], at["DURATION"])},
         "needed": {"NEEDED": _needed(law, rig, motion) - _needed(law, rig, (at["WAS_Q"], at["WAS_QD"], at["WAS_QDD"]))},
         "bounds": {"BEYOND": _bounds(rig, at)},
         "planned": {"PLANNED": rig.position_in_pulses(at["QD"])},
-        "limited": {"LIMITED": at_the_limit(at["TORQUE"], rig.drive)},
+        "limited": {"LIMITED": _at_the_limit(at["TORQUE"], rig.drive)},
     }
     pieces = {}
     for name, results in written.items():
@@ -92,12 +129,54 @@ def _ahead(q, qd, qdd, dt):
     return q + dt * qd + dt * dt / 2 * qdd, qd + dt * qdd, qdd
 
 
+def _smoothed(speed, counts, before, dt):
+    """Speed (n, 1) [pulses/s] after a change of counts within dt."""
+    return speed + SMOOTHING * ((counts - before) / dt - speed)
+
+
+def _slowing(since, duration, q, qd):
+    """Reference of a stop [SI]: from a speed to rest, accelerations zero at both ends."""
+    at, within = ca.SX.sym("since"), ca.SX.sym("duration")
+    s = at / within
+    travelled = within * (s - s**3 + s**4 / 2)  # from unit speed: half of the duration in the end
+    speed = ca.jacobian(travelled, at)
+    made = ca.Function("slowing", [at, within], [travelled, speed, ca.jacobian(speed, at)])
+    travelled, speed, acceleration = made(ca.fmin(since, duration), duration)
+    return q + travelled * qd, speed * qd, acceleration * qd
+
+
+def _ramp(rig, gravity, begun, speed, since, duration):
+    """Torque (n, 1) [N m] that ends, limited, at gravity compensation (or zero) and damping.
+
+    It begins at `begun` [N m]; `speed` is the measured one [pulses/s]. Under the damping the motors alone stop with a
+    time constant of a quarter of the duration.
+    """
+    drive, shaft = rig.drive, rig.drive.coupling.shaft(rig.to_angle(speed))
+    damping = drive.coupling.joint_torque(drive.reflected_inertia() * shaft / (duration / 4))
+    return begun + ca.fmin(1, since / (RAMP * duration)) * (drive.limited(gravity - damping) - begun)
+
+
+def _at_the_limit(torque, drive):
+    """Whether an applied joint torque (n, 1) [N m] is that of the limit, (n, 1)."""
+    return ca.fabs(drive.coupling.shaft_torque(torque)) >= (1 - _ROUNDING) * drive.torque_limit()
+
+
 def _monitored(rig, at):
     """What follows of saturation and chatter, and the cause of a stop per joint."""
-    passed = at["PASSED"]
-    run, counted = throughout(at["RUN"], at["WANTED"], rig.drive, passed, at["LEAST"])
-    time, newest = at_limit(ca.reshape(ca.vertcat(at["NEWEST"], at["OLDER"]), rig.n, SLOTS), counted)
-    mean, distance, age = swing(at["MEAN"], at["SWING"], at["GIVEN"], rig.drive, at["AGE"], passed)
-    over = cause(time, distance, (at["SATURATION"], at["CHATTER"]), (layout.IS_SATURATED, layout.CHATTERS))
+    drive, passed = rig.drive, at["PASSED"]
+    beyond = ca.fabs(drive.coupling.shaft_torque(at["WANTED"])) >= drive.torque_limit()
+    run = ca.if_else(beyond, at["RUN"] + passed, 0)  # without a break
+    newest = at["NEWEST"] + ca.if_else(beyond, ca.if_else(run >= at["LEAST"], passed, 0), 0)
+    time = newest + ca.sum2(ca.reshape(at["OLDER"], rig.n, SLOTS - 1))
+    mean, distance = _swing(at["MEAN"], at["SWING"], at["GIVEN"], drive, at["AGE"], passed)
+    over = ca.if_else(distance >= at["CHATTER"], layout.CHATTERS, 0)
+    over = ca.if_else(time >= at["SATURATION"], layout.IS_SATURATED, over)
     return {"RUN": run, "AT_LIMIT": time, "NEWEST": newest, "FILLED": at["FILLED"] + passed,
-            "MEAN": mean, "SWING": distance, "AGE": age, "OVER": over}  # fmt: skip
+            "MEAN": mean, "SWING": distance, "AGE": at["AGE"] + passed, "OVER": over}  # fmt: skip
+
+
+def _swing(mean: ca.SX, swing: ca.SX, torque: ca.SX, drive: Drive, age: ca.SX, passed: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Running mean of the limited torque and mean swing about it on the shafts, (n, 1) [N m]; the first is the mean."""
+    mean = mean + passed / (passed + ca.fmin(age, MEMORY)) * (torque - mean)
+    distance = ca.fabs(drive.coupling.shaft_torque(torque - mean))
+    return mean, swing + passed / (passed + AVERAGED) * (distance - swing)

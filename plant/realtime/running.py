@@ -88,33 +88,19 @@ class Running:
         self._torque, self._rows = np.empty(rig.n), slice(layout.SCALARS, layout.SCALARS + layout.ROWS * rig.n)
         self._set(counts)
 
-    def to_c(self, folder: str | Path, *, name: str = "controller") -> None:
-        """This controller as C99, a header and a source: the law with every guard and stop that it has here.
-
-        Parameters
-        ----------
-        folder : str or Path
-            Made if it is not there; an earlier export of the same name in it is overwritten, nothing else is.
-        name : str
-            Of the files and the functions; small letters, digits and underscores.
-        """
-        write_running(self, folder, name)
-
-    @property
-    def initial_memory(self) -> NDArray[np.float64]:
-        """The core's memory at the start, but for the counts."""
-        return self._initial
+    def to_c(
+        self, folder: str | Path, *, name: str = "controller", output: str = "torque",
+        counts_per_ampere: ArrayLike | None = None, largest_count: int = 32767,
+    ) -> None:  # fmt: skip
+        """This controller as C99, with every guard and stop that it has here; arguments as `Law.to_c`."""
+        write_running(self.law, self.rig, self.guards, folder, name,
+                      output=output, counts_per_ampere=counts_per_ampere, largest_count=largest_count)  # fmt: skip
 
     def reset(self, pulses: ArrayLike) -> None:
-        """Start anew, as after `Law.start`: with the law's initial state, and the stop cleared.
+        """Start anew at these counts (n,), as after `Law.start`: with the law's initial state, and the stop cleared.
 
         After a safe stop: find out why (`status`), plan a reference that begins at the arm's position
         (``rig.cell_centre(pulses)``), and reset.
-
-        Parameters
-        ----------
-        pulses : (n,) array_like
-            Encoder counts now.
         """
         self._set(self._counts(pulses))
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from plant.parts.arguments import array
 from plant.realtime import memory as layout
-from plant.realtime.braking import RAMP
+from plant.realtime.pieces import RAMP
 
 
 def numbers(name: str, value: ArrayLike, n: int, advice: str) -> NDArray[np.float64]:
@@ -36,11 +36,8 @@ def clock(now: Any) -> float:
 class Status(str):
     """State of a running controller in words.
 
-    Attributes
-    ----------
-    brake : bool
-        Whether the mechanical brakes should hold the arm: the law does so no longer, and the torque of a stop has come
-        to its end, or there is none since the stop drove the arm.
+    `brake` says whether the mechanical brakes should hold the arm: the law does so no longer, and the torque of a stop
+    has come to its end, or there is none since the stop drove the arm.
     """
 
     brake: bool
@@ -49,16 +46,7 @@ class Status(str):
 
     @classmethod
     def of(cls, memory: NDArray[np.float64], labels: Sequence[str], gravity: bool) -> Status:
-        """Status of a controller.
-
-        Parameters
-        ----------
-        memory : (m,) numpy.ndarray
-        labels : sequence of str
-            What each joint is called.
-        gravity : bool
-            Whether its ramps end with gravity compensation.
-        """
+        """Status of a controller by its memory and joints' labels; `gravity`: its ramps end with that compensated."""
         event, joint, amount, call = memory[layout.EVENT : layout.EVENT_CALL + 1]
         released, over = memory[layout.RELEASED], RAMP * memory[layout.DURATION]
         status = cls(_said(memory, labels, gravity, wording(event, labels[int(joint)], amount), call))

@@ -1,1 +1,1 @@
-"""Robots to start from: the paper's two links (`puma560`), and others (`catalogue`)."""
+"""The paper's two links, `puma560`; other robots are files of `plant.models`, for `read_robot`."""

@@ -19,7 +19,7 @@ from plant.mechanics.chain import Chain
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.link import Link
 from plant.mechanics.lumping import Lumping
-from plant.motion.reference import Harmonics
+from plant.motion.smooth import Harmonics
 
 LINK_LENGTH = 0.4318
 """Distance of axes 2 and 3 [m]; the paper's a3, called a2 in the tables of modified DH parameters."""
@@ -41,19 +41,10 @@ derives [0, 1.27] and [1.25, 18.76]); the published f3 and f4 lie outside theirs
 
 
 def equation_3(link2: Any, link3: Any, a3: Any) -> dict[str, Any]:
-    """f1..f9 from the physical parameters of links 2 and 3.
+    """f1..f9 by name from the physical parameters of links 2 and 3, and the length a3 [m] of link 2.
 
-    Parameters
-    ----------
-    link2, link3 : object
-        With attributes m [kg], x, y [m], Izz about the centre of mass and J = Jm k^2 [kg m^2]: numbers, casadi
-        symbols or intervals.
-    a3 : float
-        Link length [m].
-
-    Returns
-    -------
-    dict of name -> value
+    A link has attributes m [kg], x, y [m], Izz about the centre of mass and J = Jm k^2 [kg m^2]: numbers, casadi
+    symbols or intervals.
 
     Source: paper eq. (3), with Jm3 in f1 and Jm2 in f7 (printed the other way round).
     """
@@ -96,12 +87,7 @@ def arm() -> Arm:
 def literature_arm(tool_mass: float = 0.0, tool_position: tuple[float, float] = (0.0, -0.55)) -> Arm:
     """A physical PUMA 560 (links 2 and 3, the wrist lumped into link 3), with a point mass as a tool.
 
-    Parameters
-    ----------
-    tool_mass : float
-        [kg]
-    tool_position : (float, float)
-        x, y in frame 3 [m].
+    `tool_mass` is in kg, `tool_position` x, y in frame 3 [m].
 
     Source: Armstrong, Khatib and Burdick (1986); Corke and Armstrong-Helouvry (1994).
     """

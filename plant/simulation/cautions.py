@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.laws.law import Law
+from plant.machine.elasticity import FOLLOWED, reduced
 from plant.machine.rig import Rig
-from plant.machine.spring import FOLLOWED, reduced
 from plant.mechanics.arm import Arm
 from plant.parts.labels import joint_label
 from plant.parts.user_warning import warn
@@ -44,17 +44,10 @@ _COUNTS = 0.1
 
 
 def warn_of_missing_rotors(arm: Arm, rig: Rig, q: NDArray[np.float64]) -> None:
-    """Warn of an arm whose bodies say that there are no rotors, under a drive that has them.
+    """Warn of an arm whose bodies say that there are no rotors, under a drive that has them, at pose q (n,).
 
     The inertia matrix holds the rotors (f1 and f7 of the paper hold Jm k^2); a drive does not add them. Without them an
     arm is lighter than its motors, and its loop faster than any real one.
-
-    Parameters
-    ----------
-    arm : Arm
-    rig : Rig
-    q : (n,) numpy.ndarray
-        Pose at which the rotors are compared with the joints' inertia [rad].
     """
     chain, rotors = arm.dynamics.chain, rig.drive.reflected_inertia()
     if not chain.bodies or chain.n != rig.n or any(body.rotor for body in chain.bodies):

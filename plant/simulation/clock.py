@@ -20,18 +20,10 @@ _LONGEST = 1.5
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Clock:
-    """Samples of a loop, and the sub-steps between them.
+    """Samples of a loop at times t (M,) from 0 [s], and the sub-steps between them.
 
-    Parameters
-    ----------
-    t : (M,) numpy.ndarray
-        Times of the samples, from 0 [s].
-    lengths : (M,) numpy.ndarray
-        From each sample to the next [s].
-    rows : (N,) numpy.ndarray of int
-        Which of them are in the log; those between bridge a gap.
-    even : float or None
-        The period, where all intervals have it.
+    `lengths` (M,) are from each sample to the next [s], `rows` (N,) those of the samples that are in the log (the
+    others bridge a gap), `even` is the period where all intervals have it.
     """
 
     t: NDArray[Any]
@@ -50,11 +42,6 @@ class Clock:
 
         A gap of more than 1.5 periods is divided by samples without measurement, so that no sub-step is longer than
         the rig's period allows.
-
-        Raises
-        ------
-        ValueError
-            Time stamps that do not fit the rig's period.
         """
         t, period = record.t - record.t[0], record.rig.period
         late = t - np.arange(len(t)) * period

@@ -30,6 +30,9 @@ FAR = 1e6
 class ClosedLoop(Layout):
     """Symbolic closed loop of an arm with a rig under a law.
 
+    `law_step`, `sample` and `substep` are Functions of (state, time, numbers), `sample` also of (data); `time` is a row
+    of `time_names`. They give (following), (following, log), (following, log).
+
     Parameters
     ----------
     dynamics : Dynamics
@@ -45,17 +48,9 @@ class ClosedLoop(Layout):
         (log, or its beginning, data, memory) -> number, memory; the number is summed over the samples in the state
         ``score``. `data` is measured, one row per sample; `memory` is state of the score, zero at the start.
     correction : Correction, optional
-        Observer gains with which the counted positions (n,) [pulses] correct the simulated ones at every sample;
-        `data` then holds these counts, and behind them a weight (1 or 0).
+        Of the simulated positions by counted ones (n,) [pulses]; these, and behind them a weight (1 or 0), are `data`.
     injected : bool
         A known torque, a time input, acts beside the law's, which does not know of it.
-
-    Attributes
-    ----------
-    law_step, sample, substep : casadi Function
-        Inputs (state, time, numbers), for `sample` also (data); `time` is a row of `time_names`. Outputs (following),
-        (following, log), (following, log).
-    state_names, time_names, number_names : list of str
     """
 
     def _applied(self, q: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -121,7 +116,7 @@ class ClosedLoop(Layout):
         log = ca.vertcat(first, at_sample, *joint)
         score = status[0]
         if self.score is not None:
-            kept = carried.shape[0] - self.n_memory
+            kept = carried.shape[0] - len(self._places["memory"])
             added, memory = self.score(log[: self.score.nnz_in(0)], data, carried[kept:, 0])
             score, carried = score + added, ca.vertcat(carried[:kept, 0], memory)
         return self._function("sample", [q, qd, impulse, torque, carried, score, ok], log, data)

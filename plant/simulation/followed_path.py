@@ -6,6 +6,7 @@ fractions of counts. Where the law needs the motion itself, with its acceleratio
 """
 
 import dataclasses
+import os
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,8 @@ from numpy.typing import NDArray
 from plant.laws.law import Law
 from plant.logs.record import Record
 from plant.machine.rig import Rig, smooth_rig
-from plant.motion.reference import Motion, Reference, Spline
+from plant.motion.reference import Motion, Reference
+from plant.motion.smooth import Spline
 from plant.parts.user_warning import warn
 from plant.simulation.clock import Clock
 
@@ -128,15 +130,10 @@ def _smooth_spline(t: NDArray[np.float64], column: NDArray[np.float64], rounded:
 
 
 def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False) -> Path | Logged:
-    """Commanded path of a record: its reference where it has one, its logged counts otherwise.
+    """Commanded path of a record: its reference where it has one, its logged counts otherwise; both must agree.
 
     Smooth: not rounded to pulses; counts then stand for the middle of their quantisation cell. A reference whose logged
     counts have fractions is not rounded either.
-
-    Raises
-    ------
-    ValueError
-        The logged counts are not those of the reference.
     """
     clock = clock or Clock.of(record)
     if record.reference is None:
@@ -212,3 +209,44 @@ def _first_speed(record: Record) -> NDArray[np.float64]:
     off = np.abs(np.polynomial.polynomial.polyval(t / scale, fitted).T - counts).max(axis=0)
     switched_on = (off > _ON_A_PARABOLA) & (record.law is None or not record.law.replays)
     return record.rig.to_angle(np.where(switched_on, 0.0, fitted[1]) / scale)
+
+
+def write_replay(record: Record, path: str | os.PathLike[str]) -> None:
+    """Write the inputs of a controller in an experiment, as ``main.c`` replays them.
+
+    Parameters
+    ----------
+    record : Record
+        With one sample per step of the law.
+    path : str or Path
+        CSV file of encoder counts and q_r, qd_r, qdd_r of all joints, one row per sample.
+
+    Raises
+    ------
+    ValueError
+        Counts that are not whole.
+
+    See Also
+    --------
+    plant.Law, plant.Record
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from plant import puma560, simulate, write_replay
+    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.2)
+    >>> write_replay(record, "record.csv")
+    >>> Path("record.csv").read_text()[:17]
+    'pulses_1,pulses_2'
+    """
+    followed, law = path_of(record), record.law
+    motion = followed(record.t)[0] if law is None else followed.setpoint(record.t, law)
+    pulses = record.reference_pulses - record.error_pulses
+    if (pulses != np.trunc(pulses)).any():
+        raise ValueError("pulses of the record must be whole; got fractions. Simulate with an encoder that counts.")
+    columns = (("pulses", ""), ("q_r", " [rad]"), ("qd_r", " [rad/s]"), ("qdd_r", " [rad/s^2]"))
+    names = [f"{name}_{i + 1}{unit}" for name, unit in columns for i in range(record.n)]
+    with open(path, "w", encoding="ascii", newline="\n") as file:
+        file.write(",".join(names) + "\n")
+        for counts, row in zip(pulses, np.hstack(motion), strict=True):
+            file.write(",".join([*(f"{count:.0f}" for count in counts), *(f"{x:.17g}" for x in row)]) + "\n")

@@ -22,16 +22,10 @@ _FAST = 4
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class LawRun(Frozen):
-    """Steps of a law along a log.
+    """Steps of a law along a log, at times t (K,) from its first sample [s].
 
-    Attributes
-    ----------
-    t : (K,) numpy.ndarray
-        Of the steps, from the log's first sample [s].
-    given : (K, n) numpy.ndarray
-        Joint torque after the amplifier's limit [N m]; held to the next step.
-    states : (K, s) numpy.ndarray
-        Memory of the law after each step.
+    Each has `given` (K, n), joint torque after the amplifier's limit [N m], held to the next step, and leaves the law
+    with the memory `states` (K, s).
     """
 
     t: NDArray[np.float64]
@@ -49,23 +43,9 @@ class LawRun(Frozen):
 
 
 def run_law(record: Record, finer: float = 1.0) -> LawRun:
-    """Run the law of a record along its reference and its counts.
+    """Run the law of a record, an `AlongLog`, along its reference and its counts.
 
-    Parameters
-    ----------
-    record : Record
-        Its law is an `AlongLog`.
-    finer : float
-        How many times as many knots a reference has that is rebuilt from commanded counts.
-
-    Returns
-    -------
-    LawRun
-
-    Raises
-    ------
-    ValueError
-        Another law.
+    A reference that is rebuilt from commanded counts has `finer` times as many knots.
     """
     law, rig = record.law, record.rig
     if not isinstance(law, AlongLog):

@@ -1,8 +1,9 @@
 """What the vectors of a closed loop hold: its state, what is known beforehand, its numbers; and where a loop starts."""
 
 import dataclasses
+import itertools
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -11,20 +12,45 @@ from numpy.typing import NDArray
 from plant.laws.law import Block, Law
 from plant.machine.rig import Rig, punctual_rig
 from plant.mechanics.dynamics import Dynamics
-from plant.simulation.correction import Correction
+from plant.parts.fields import Vector
+from plant.parts.part import Part, number, part
 
 _SETTLED = 20
 """Rounds in which a link finds where it hangs in its spring; each gains a factor of stiffness over weight."""
 
 
+@part
+class Correction(Part):
+    """Observer gains that correct a simulated loop by the log that it repeats: one-step prediction, per motor.
+
+    At every sample the innovation, counted minus simulated position, is fed back into the simulated position and speed,
+    as in an alpha-beta filter or a steady-state Kalman filter. Without correction the simulation runs in open loop, and
+    model errors (the rounding between two samples, above all) accumulate over the log.
+
+    Parameters
+    ----------
+    position : (n,) array_like
+        Gain of the position (alpha), 0 to 1.
+    speed : (n,) array_like
+        Gain of the speed, per sample period (beta).
+    zero : (n,) array_like
+        Joint positions where the counters read zero [rad].
+    """
+
+    position: Vector = number(("n",))
+    speed: Vector = number(("n",))
+    zero: Vector = number(("n",))
+
+    @classmethod
+    def with_memory(cls, n: int, samples: float) -> Self:
+        """The gains of n motors that give two equal observer poles with a time constant of so many samples."""
+        pole = np.exp(-1 / samples)
+        return cls(position=(1 - pole**2,) * n, speed=((1 - pole) ** 2,) * n, zero=(0.0,) * n)
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Layout:
-    """The vectors of a `plant.simulation.closed_loop.ClosedLoop`, which says what its parameters are.
-
-    Attributes
-    ----------
-    state_names, time_names, number_names : list of str
-    """
+    """The vectors of a `plant.simulation.closed_loop.ClosedLoop`, which says what its parameters are."""
 
     dynamics: Dynamics
     rig: Rig
@@ -40,9 +66,8 @@ class Layout:
         for name in ("steps_per_sample", "sweeps"):
             value = getattr(self, name)
             if not isinstance(value, (int, np.integer)) or value < 1:
-                raise ValueError(
-                    f"{name} must be a whole number of at least 1; got {value!r}. The defaults are 4 and 3."
-                )
+                given = f"{name} must be a whole number of at least 1; got {value!r}"
+                raise ValueError(f"{given}. The defaults are 4 and 3.")
         self.rig.require_fit(self.dynamics.chain)
         if self.smooth:
             encoder = dataclasses.replace(self.rig.encoder, smooth=True)
@@ -92,22 +117,26 @@ class Layout:
     def _block(self) -> Block:
         return self.law.block(self.rig)
 
+    @cached_property
+    def _places(self) -> dict[str, range]:
+        """Where each quantity is in the state: of arm, law, transport, drive and score; ``ok`` is 1 or 0."""
+        sizes = dict.fromkeys(("q", "qd", "impulse", "torque"), self.n) | {"law": len(self._block.initial)}
+        passing = 0 if self.rig.transport is None else self.n
+        sizes |= {"before": passing, "seen": passing, **dict.fromkeys(self.giving, self.n)}
+        sizes |= {"memory": 0 if self.score is None else int(self.score.nnz_in(2)), "score": 1, "ok": 1}
+        ends = itertools.accumulate(sizes.values())
+        return {name: range(end - sizes[name], end) for name, end in zip(sizes, ends, strict=True)}
+
     @property
     def state_names(self) -> list[str]:
-        """Joint state, friction impulse, torque, states of law, transport and score, the score, and ok (1 or 0).
+        """Names of the state, such as ``q[0]``.
 
         With elastic gears ``q`` and ``qd`` are the motors', as joints on rigid gears would have them, and the joints'
         own are ``link`` and ``link_speed``; ``driven`` is the torque of currents that lag, ``bristle`` the deflection
         of presliding friction, ``drifted`` how far the drift of friction has come.
         """
-        per_joint = [f"{name}[{i}]" for name in ("q", "qd", "impulse", "torque") for i in range(self.n)]
-        carried = [
-            *(f"law[{i}]" for i in range(len(self._block.initial))),
-            *(f"{name}[{i}]" for name in ("before", "seen") for i in range(self.n_passing // 2)),
-            *(f"{name}[{i}]" for name in self.giving for i in range(self.n)),
-            *(f"memory[{i}]" for i in range(self.n_memory)),
-        ]
-        return [*per_joint, *carried, "score", "ok"]
+        several = {name: places for name, places in self._places.items() if name not in ("score", "ok")}
+        return [*(f"{name}[{i}]" for name, places in several.items() for i in range(len(places))), "score", "ok"]
 
     @property
     def time_names(self) -> list[str]:
@@ -134,28 +163,13 @@ class Layout:
             return self.n + 1
         return 0 if self.score is None else int(self.score.nnz_in(1))
 
-    @property
-    def n_passing(self) -> int:
-        """State of the transport: the torque before, and the counts that the law read."""
-        return 0 if self.rig.transport is None else 2 * self.n
-
     @cached_property
     def giving(self) -> tuple[str, ...]:
         """Names of the states, n each, that the parts of the drive add."""
         drive = self.rig.drive
-        added = {
-            "link": drive.elasticity,
-            "link_speed": drive.elasticity,
-            "driven": drive.current_lag,
-            "bristle": drive.presliding,
-            "drifted": drive.friction_drift,
-        }
+        added = {"link": drive.elasticity, "link_speed": drive.elasticity, "driven": drive.current_lag}
+        added |= {"bristle": drive.presliding, "drifted": drive.friction_drift}
         return tuple(name for name, given in added.items() if given is not None)
-
-    @property
-    def n_memory(self) -> int:
-        """State of the score."""
-        return 0 if self.score is None else int(self.score.nnz_in(2))
 
     @property
     def number_names(self) -> list[str]:
@@ -176,16 +190,13 @@ class Layout:
         With its numbers (k,), links hang in elastic gears; with those of many arms (k, P), their states (s, P).
         """
         q, qd, many = np.asarray(q, float), np.asarray(qd, float), () if numbers is None else numbers.shape[1:]
-        giving = {name: np.zeros(self.n) for name in self.giving}
-        if "link" in giving:
-            giving |= {"link": q if numbers is None else self._hanging(q, numbers), "link_speed": qd}
-        more = [np.zeros(self.n_passing), *giving.values(), np.zeros(self.n_memory)]
-        rows = [q, qd, np.zeros(2 * self.n), self._block.initial, *more, np.array([0.0, 1.0])]
-        return np.concatenate([np.broadcast_to(x if x.ndim > len(many) else x[:, None], (len(x), *many)) for x in rows])
-
-    def _hanging(self, q: NDArray[np.float64], numbers: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where links (n,), or (n, P), are at rest in the gears of motors held at q (n,), with these numbers."""
-        return self._settled(q, numbers).full().reshape((self.n, *numbers.shape[1:]))
+        rows = {name: np.zeros(len(places)) for name, places in self._places.items()}
+        rows |= {"q": q, "qd": qd, "law": self._block.initial, "ok": np.ones(1)}
+        if "link" in self.giving:
+            hanging = q if numbers is None else self._settled(q, numbers).full().reshape((self.n, *many))
+            rows |= {"link": hanging, "link_speed": qd}
+        rows = {name: x if x.ndim > len(many) else x[:, None] for name, x in rows.items()}
+        return np.concatenate([np.broadcast_to(x, (len(x), *many)) for x in rows.values()])
 
     @cached_property
     def _settled(self) -> ca.Function:
@@ -223,8 +234,8 @@ class Layout:
 
     def _given(self, name: str) -> ca.SX:
         """Symbols (n, 1) of one of the states that the parts of the drive add."""
-        start = 4 * self.n + len(self._block.initial) + self.n_passing + self.giving.index(name) * self.n
-        return self._symbols[0][start : start + self.n]
+        places = self._places[name]
+        return self._symbols[0][places.start : places.stop]
 
     def _known(self, name: str) -> ca.SX:
         """Symbol of one of the inputs that are known beforehand."""
@@ -232,7 +243,6 @@ class Layout:
 
     def _with_given(self, carried: ca.SX, **following: ca.SX) -> ca.SX:
         """What follows of the carried states, with these of `giving` in it."""
-        start = len(self._block.initial) + self.n_passing
-        rows = [carried[start + i * self.n : start + (i + 1) * self.n, 0] for i in range(len(self.giving))]
-        rows = [following.get(name, row) for name, row in zip(self.giving, rows, strict=True)]
-        return ca.vertcat(carried[:start, 0], *rows, carried[start + len(rows) * self.n :, 0])
+        first = self._places["law"].start
+        rows = [(name, places) for name, places in self._places.items() if places.start >= first][:-2]
+        return ca.vertcat(*(following.get(name, carried[at.start - first : at.stop - first, 0]) for name, at in rows))

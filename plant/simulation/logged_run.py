@@ -1,8 +1,8 @@
-"""One run of a closed loop with its log, by the compiled kernel or by casadi, which is the referee."""
+"""One run of a closed loop with its log, by the compiled kernel or by casadi, the reference; refused if it diverges."""
 
 import functools
 import math
-from typing import Any
+from typing import Any, NoReturn
 
 import casadi as ca
 import numpy as np
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from plant.mechanics.arm import Arm
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop, bounded
-from plant.simulation.divergence import refuse_divergence
 from plant.simulation.loop_kernel import Structure, loop_kernel
 from plant.simulation.time_tables import time_tables
 
@@ -63,15 +62,15 @@ def by_casadi(
 
 
 @functools.lru_cache(maxsize=8)
-def _repeated(key, chunk, count):
+def _repeated(key: Structure, chunk: int, count: int) -> ca.Function:
     return _chunk(key.loop, chunk).mapaccum("loop", count, {"base": 2})
 
 
-def _columns(table, start, count):
+def _columns(table: NDArray[np.float64], start: int, count: int) -> NDArray[np.float64]:
     return np.ascontiguousarray(table[start : start + count].T)
 
 
-def _chunk(loop, chunk):
+def _chunk(loop: ClosedLoop, chunk: int) -> ca.Function:
     """(state, law rows, sample rows, step rows, numbers) -> (state, log, true error) over `chunk` sub-steps."""
     times, per_law = len(loop.time_names), loop.steps_per_law
     state, numbers = ca.MX.sym("state", len(loop.state_names)), ca.MX.sym("numbers", len(loop.number_names))
@@ -122,3 +121,40 @@ def _by_kernel(
     tables = kernel.along(loop, path, clock, nothing, logged=True, replayed=replayed, injected=injected)
     final, _ = kernel.run(tables, state[:, None], np.empty((0, 1)), numbers, (log, true_error))
     return final[:, 0], log, true_error
+
+
+class DivergenceError(ValueError):
+    """A closed loop that did not stay bounded; the message says when, and which joint first.
+
+    See Also
+    --------
+    plant.simulate, plant.LoadError
+
+    Examples
+    --------
+    >>> import dataclasses
+    >>> from plant import DivergenceError, PD, puma560, simulate
+    >>> rig, law = puma560.rig(), PD(gain=(2000, 2000), derivative=(0, 0), filter=600.0)
+    >>> unlimited = dataclasses.replace(rig.drive, current_limit=(float("inf"), float("inf")))
+    >>> try:
+    ...     record = simulate(puma560.arm(), dataclasses.replace(rig, drive=unlimited), law, puma560.reference())
+    ... except DivergenceError:
+    ...     print("the loop is unstable")
+    the loop is unstable
+    """
+
+
+def refuse_divergence(loop: ClosedLoop, arm: Arm, log: NDArray[np.float64], final: NDArray[np.float64]) -> NoReturn:
+    """Say when and where a simulation diverged."""
+    n = loop.n
+    q = log[:, 2 * n : 3 * n]
+    values = np.abs(np.where(np.isfinite(final[: 2 * n]), final[: 2 * n], np.inf)).reshape(2, n)
+    label = arm.dynamics.chain.joint_labels[int(np.argmax(values.max(axis=0)))]
+    finite = np.flatnonzero(np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1) < 1e3))
+    time = (finite[-1] if len(finite) else 0) * loop.rig.period
+    start = q[0] if len(finite) else final[:n]
+    arm.require_positive(start)
+    raise DivergenceError(
+        f"the closed loop must stay bounded; it diverges after t = {time:.4f} s, {label} first. "
+        "Lower the gains, shorten the law's period, or check that f belongs to this arm."
+    )

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,10 @@ from plant.compiler.kernel_cache import Kernel
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import Logged, Path
-from plant.simulation.loop_source import logged_source, loop_source
+from plant.simulation.loop_source import loop_source
 from plant.simulation.time_tables import in_blocks, samples_of_law, time_tables
+
+K = TypeVar("K", bound="_Compiled")
 
 LANES = 40
 """Individuals side by side in the loop of a population, chosen by tests/benchmarks/speed.py."""
@@ -26,29 +28,33 @@ _AT_ONCE = 1 << 14
 """Samples of a logged run of many at once: their errors stay in the processor's cache."""
 
 
-class LoopKernel:
-    """A closed loop compiled: one individual with its log, or `width` individuals without.
+class _Compiled:
+    """A closed loop compiled, for `width` individuals side by side.
 
-    Parameters
-    ----------
-    loop : ClosedLoop
-    lanes : sequence of int
-        Which numbers (positions in ``loop.number_names``) differ between individuals.
-    width : int
-        Individuals side by side.
-    uneven : bool
-        Steps of several lengths.
+    `lanes` are the numbers (positions in ``loop.number_names``) that differ between individuals; `uneven` steps have
+    several lengths.
     """
 
-    def __init__(self, loop: ClosedLoop, lanes: Iterable[int], width: int = LANES, *, uneven: bool = False) -> None:
+    usual = LANES
+    many = "population"
+
+    def __init__(
+        self, loop: ClosedLoop, lanes: Iterable[int], width: int | None = None, *, uneven: bool = False
+    ) -> None:
         self.loop, self.lanes, self._uneven = loop, tuple(lanes), uneven
+        self.width = self.usual if width is None else width
         self.uniform = tuple(i for i in range(len(loop.number_names)) if i not in set(self.lanes))
-        source, self._columns = loop_source(loop, self.lanes, self.uniform, width, uneven)
-        self._kernel = Kernel(source, ["single", "population"])
+        source, self._columns = loop_source(
+            loop, self.lanes, self.uniform, self.width, uneven, logged=self.many == "logged"
+        )
+        self._kernel = Kernel(source, list(self._columns))
 
     def prepared(self, tables: Sequence[NDArray[np.float64]], *, logged: bool = False) -> tuple[Any, ...]:
-        """The columns of the tables (law_time, sample_time, step_time, data) that a run reads; and h."""
-        return _prepared(tables, self._columns["single" if logged else "population"], self._uneven)
+        """The columns of the tables (law_time, sample_time, step_time, data) that a run reads; and h.
+
+        `logged` is for a run of one individual with its log.
+        """
+        return self._prepared(tables, self._columns["single" if logged else self.many])
 
     def along(
         self, loop: ClosedLoop, path: Path | Logged, clock: Clock, data: NDArray[np.float64], *, logged: bool = False,
@@ -59,18 +65,29 @@ class LoopKernel:
         The loop has this structure, and may have other numbers. Path, clock, replayed and injected are as for
         `time_tables`, `data` is (M, m).
         """
-        columns = self._columns["single" if logged else "population"]
-        return _along(loop, columns, self._uneven, (path, clock, replayed, injected), data)
+        narrow, places = _narrow(self._columns["single" if logged else self.many])
+        return self._prepared((*time_tables(loop, path, clock, replayed, injected, narrow), data), places)
+
+    def _prepared(self, tables: Sequence[NDArray[np.float64]], columns: dict[str, list[int]]) -> tuple[Any, ...]:
+        """The columns of the tables, and the length of a step."""
+        lengths = np.concatenate([table[:, -1] for table in tables[:3]])
+        if not self._uneven and len(lengths) and np.ptp(lengths) > 0:
+            raise ValueError(f"all steps must have one length; got {lengths.min()} to {lengths.max()} s. Say uneven.")
+        used = [np.ascontiguousarray(table[:, some]) for table, some in zip(tables, columns.values(), strict=True)]
+        return *used, lengths[0] if len(lengths) else 0.0
+
+
+class LoopKernel(_Compiled):
+    """A closed loop compiled: one individual with its log, or `width` individuals without."""
 
     def blocks(
         self, loop: ClosedLoop, path: Path | Logged, clock: Clock, replayed: NDArray[np.float64] | None = None,
         injected: NDArray[np.float64] | None = None, *, samples: int,
     ) -> Iterator[tuple[Any, ...]]:  # fmt: skip
         """The same of a logged run without data, in blocks of about so many samples one after another."""
-        columns = self._columns["single"]
-        narrow, places = _narrow(columns)
+        narrow, places = _narrow(self._columns["single"])
         for tables in in_blocks(loop, path, clock, replayed, injected, narrow, samples=samples):
-            yield _prepared((*tables, np.empty((len(tables[1]), 0))), places, self._uneven)
+            yield self._prepared((*tables, np.empty((len(tables[1]), 0))), places)
 
     def run(
         self,
@@ -80,26 +97,10 @@ class LoopKernel:
         uniform: NDArray[np.float64],
         logs: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
     ) -> tuple[NDArray[np.float64], int]:
-        """Run the loop.
+        """Final states (s, W), and the number of sub-steps done: fewer than wanted if every individual has diverged.
 
-        Parameters
-        ----------
-        tables : tuple
-            From `prepared`.
-        initial : (s, W) numpy.ndarray
-            State at the start of each individual.
-        lanes : (L, W) numpy.ndarray
-            Their own numbers.
-        uniform : (U,) numpy.ndarray
-            The others.
-        logs : tuple of numpy.ndarray, optional
-            sample_log and step_log to be filled; W must be 1 then, and `width` otherwise.
-
-        Returns
-        -------
-        final : (s, W) numpy.ndarray
-        steps : int
-            Sub-steps done: fewer than asked when every individual has diverged.
+        Tables are from `prepared`, initial states (s, W), own numbers `lanes` (L, W), all others `uniform` (U,). With
+        `logs`, sample_log and step_log to be filled, there is one individual, otherwise `width`.
         """
         final = np.empty_like(initial)
         empty = np.empty((0, 0))
@@ -115,39 +116,15 @@ class LoopKernel:
         return final, steps
 
 
-class LoggedKernel:
-    """A closed loop compiled for `width` individuals, with the tracking errors of each.
+class LoggedKernel(_Compiled):
+    """A closed loop compiled for `width` individuals, with the tracking errors of each."""
 
-    Parameters
-    ----------
-    loop : ClosedLoop
-    lanes : sequence of int
-        Which numbers (positions in ``loop.number_names``) differ between individuals.
-    width : int
-    uneven : bool
-        Steps of several lengths.
-    """
-
-    def __init__(self, loop: ClosedLoop, lanes: Iterable[int], width: int = LOGGED, *, uneven: bool = False) -> None:
-        self.loop, self.lanes, self.width, self._uneven = loop, tuple(lanes), width, uneven
-        self.uniform = tuple(i for i in range(len(loop.number_names)) if i not in set(self.lanes))
-        source, self._columns = logged_source(loop, self.lanes, self.uniform, width, uneven)
-        self._kernel = Kernel(source, ["logged"])
-
-    def prepared(self, tables: Sequence[NDArray[np.float64]]) -> tuple[Any, ...]:
-        """As of `LoopKernel`."""
-        return _prepared(tables, self._columns, self._uneven)
-
-    def along(
-        self, loop: ClosedLoop, path: Path | Logged, clock: Clock, data: NDArray[np.float64],
-        replayed: NDArray[np.float64] | None = None, injected: NDArray[np.float64] | None = None,
-    ) -> tuple[Any, ...]:  # fmt: skip
-        """As of `LoopKernel`."""
-        return _along(loop, self._columns, self._uneven, (path, clock, replayed, injected), data)
+    usual = LOGGED
+    many = "logged"
 
     def with_data(self, tables: tuple[Any, ...], data: NDArray[np.float64]) -> tuple[Any, ...]:
         """The same tables with other data (M, m)."""
-        return *tables[:3], np.ascontiguousarray(data[:, self._columns["data"]]), tables[4]
+        return *tables[:3], np.ascontiguousarray(data[:, self._columns["logged"]["data"]]), tables[4]
 
     def parts(self, tables: tuple[Any, ...], samples: int) -> Iterator[tuple[slice, tuple[Any, ...]]]:
         """The tables of so many samples in parts that are run one after another: their samples, and their tables."""
@@ -175,28 +152,11 @@ class LoggedKernel:
         return final, errors
 
 
-def _prepared(tables: Sequence[NDArray[np.float64]], columns: dict[str, list[int]], uneven: bool) -> tuple[Any, ...]:
-    """The columns of the tables, and the length of a step."""
-    lengths = np.concatenate([table[:, -1] for table in tables[:3]])
-    if not uneven and len(lengths) and np.ptp(lengths) > 0:
-        raise ValueError(f"all steps must have one length; got {lengths.min()} to {lengths.max()} s. Say uneven.")
-    used = [np.ascontiguousarray(table[:, some]) for table, some in zip(tables, columns.values(), strict=True)]
-    return *used, lengths[0] if len(lengths) else 0.0
-
-
 def _narrow(columns: dict[str, list[int]]) -> tuple[list[list[int]], dict[str, list[int]]]:
     """Columns of the time tables that are read, and where they are when there are no others; those of the data."""
     narrow = [columns[which] for which in ("law", "sample", "step")]
     places = {which: list(range(len(columns[which]))) for which in ("law", "sample", "step")}
     return narrow, {**places, "data": columns["data"]}
-
-
-def _along(
-    loop: ClosedLoop, columns: dict[str, list[int]], uneven: bool, of_time: tuple[Any, ...], data: NDArray[np.float64]
-) -> tuple[Any, ...]:
-    narrow, places = _narrow(columns)
-    path, clock, replayed, injected = of_time
-    return _prepared((*time_tables(loop, path, clock, replayed, injected, narrow), data), places, uneven)
 
 
 class Structure:
@@ -216,21 +176,16 @@ class Structure:
         return hash(self.key)
 
 
-@functools.lru_cache(maxsize=64)
-def _kernel(key: Structure, lanes: tuple[int, ...], uneven: bool) -> LoopKernel:
-    return LoopKernel(key.loop, lanes, uneven=uneven)
+@functools.lru_cache(maxsize=128)
+def _cached(kind: type[K], key: Structure, lanes: tuple[int, ...], uneven: bool) -> K:
+    return kind(key.loop, lanes, uneven=uneven)
 
 
 def loop_kernel(loop: ClosedLoop, lanes: Iterable[int] = (), *, uneven: bool = False) -> LoopKernel:
     """Compiled kernel of a closed loop; `lanes` are the numbers that differ between individuals."""
-    return _kernel(Structure(loop), tuple(lanes), uneven)
-
-
-@functools.lru_cache(maxsize=64)
-def _logged_kernel(key: Structure, lanes: tuple[int, ...], uneven: bool) -> LoggedKernel:
-    return LoggedKernel(key.loop, lanes, uneven=uneven)
+    return _cached(LoopKernel, Structure(loop), tuple(lanes), uneven)
 
 
 def logged_kernel(loop: ClosedLoop, lanes: Iterable[int], *, uneven: bool = False) -> LoggedKernel:
     """Compiled kernel of a closed loop that logs the tracking errors of individuals side by side."""
-    return _logged_kernel(Structure(loop), tuple(lanes), uneven)
+    return _cached(LoggedKernel, Structure(loop), tuple(lanes), uneven)

@@ -31,24 +31,19 @@ that loops over short pieces only cost memory; and those in one loop then, for t
 
 
 def loop_source(
-    loop: ClosedLoop, lanes: Sequence[int], uniform: Sequence[int], width: int, uneven: bool
+    loop: ClosedLoop, lanes: Sequence[int], uniform: Sequence[int], width: int, uneven: bool, *, logged: bool = False
 ) -> tuple[str, dict[str, dict[str, list[int]]]]:
-    """Text of ``single`` and ``population``, and the columns that each reads of its tables.
+    """Text of ``single`` and ``population``, or of ``logged``, and the columns that each reads of its tables.
 
     `lanes` and `uniform` are positions in ``loop.number_names``. The length of a sub-step is the last of the uniform
     numbers; with uneven time it is in the tables.
     """
-    single, columns = _loop(loop, lanes, uniform, uneven, "single", 1, LONG_PIECE)
-    population, fewer = _loop(loop, lanes, uniform, uneven, "population", width, PIECE if width > 1 else LONG_PIECE)
-    return head() + single + population, {"single": columns, "population": fewer}
-
-
-def logged_source(
-    loop: ClosedLoop, lanes: Sequence[int], uniform: Sequence[int], width: int, uneven: bool
-) -> tuple[str, dict[str, list[int]]]:
-    """Text of ``logged``, which logs the tracking errors of `width` individuals, and the columns that it reads."""
-    text, columns = _loop(loop, lanes, uniform, uneven, "logged", width, PIECE)
-    return head() + text, columns
+    sizes = {"single": LONG_PIECE, "population": PIECE if width > 1 else LONG_PIECE}
+    text, columns = head(), {}
+    for name, size in ({"logged": PIECE} if logged else sizes).items():
+        one, columns[name] = _loop(loop, lanes, uniform, uneven, name, 1 if name == "single" else width, size)
+        text += one
+    return text, columns
 
 
 def _loop(

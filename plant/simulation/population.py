@@ -35,12 +35,12 @@ def tally(rig: Rig) -> ca.Function:
     The data are the limit [pulses], whether the sample counts (1 or 0), its time after the start of the one before
     the first [s], and q_r. The memory holds, per joint, the largest counted error, the highest and lowest error of the
     joint before rounding [pulses], the largest motor current [A], the sum of the torque's changes from sample to sample
-    and the last torque [N m]; and the time of the first sample outside.
+    and the last torque [N m]; and the time of the first sample outside, and how many of those that do not count are.
     """
     n, elastic = rig.n, rig.drive.elasticity is not None
-    log, data, memory = ca.SX.sym("log", (4 + elastic) * n), ca.SX.sym("data", n + 3), ca.SX.sym("memory", 6 * n + 1)
-    counted, highest, lowest, current, changed, last = ca.vertsplit(memory[:-1], n)
-    limit, counts, time, first = data[0], data[1], data[2], memory[-1]
+    log, data, memory = ca.SX.sym("log", (4 + elastic) * n), ca.SX.sym("data", n + 3), ca.SX.sym("memory", 6 * n + 2)
+    counted, highest, lowest, current, changed, last = ca.vertsplit(memory[: 6 * n], n)
+    limit, counts, time, first, before = data[0], data[1], data[2], memory[-2], memory[-1]
     error, torque = counts * ca.fabs(log[:n]), log[n : 2 * n]
     position = log[-n:] if elastic and rig.encoder.side != "link" else log[2 * n : 3 * n]
     unrounded = counts * rig.position_in_pulses(data[3:] - position)
@@ -53,6 +53,7 @@ def tally(rig: Rig) -> ca.Function:
         changed + counts * (time > 1.5 * rig.period) * ca.fabs(torque - last),
         torque,
         first + outside * (first == 0) * time,
+        before + (1 - counts) * (functools.reduce(ca.fmax, ca.vertsplit(ca.fabs(log[:n]))) > limit),
     )
     return ca.Function("tally", [log, data, memory], [outside, following])
 
@@ -76,6 +77,8 @@ class Runs(Frozen):
         Mean change of the torque from sample to sample [N m]; inf where the loop diverged.
     first : (P,) numpy.ndarray
         Time of the first sample outside [s]; NaN where there is none.
+    before : (P,) numpy.ndarray
+        Samples outside among those that do not count.
     lost : (P,) numpy.ndarray
         Samples whose counts did not arrive.
     samples : int
@@ -88,6 +91,7 @@ class Runs(Frozen):
     current: NDArray[np.float64]
     chatter: NDArray[np.float64]
     first: NDArray[np.float64]
+    before: NDArray[np.int64]
     lost: NDArray[np.int64]
     samples: int
 
@@ -99,25 +103,10 @@ class Runs(Frozen):
 class Population:
     """Plants (or laws) that differ in numbers, on one reference, ready to run.
 
-    Parameters
-    ----------
-    arm, rig, law, reference
-        Their structure, and the numbers that all have in common.
-    names : sequence of str
-        Of the numbers of the closed loop that differ.
-    values : (P, L) numpy.ndarray
-        Their values.
-    within : float
-        Limit [pulses].
-    steps_per_sample : int
-    duration : float
-        [s]
-    after : float
-        Samples before do not count [s].
-    initial : (2, n) numpy.ndarray, optional
-        Position [rad] and velocity [rad/s] at the start; by default those of the reference.
-    lost : callable, optional
-        (block, width, steps) -> (steps, width), whether the counts of each step of the law are lost.
+    Arm, rig, law and reference give the structure and the common numbers, `names` the numbers of the closed loop that
+    differ, with `values` (P, L). Errors are held against `within` [pulses], from `after` [s] on. They start at
+    `initial` (2, n) [rad, rad/s], by default that of the reference. `lost` gives, for (block, width, steps), whether
+    the counts of each step of the law are lost, (steps, width).
     """
 
     def __init__(
@@ -143,12 +132,7 @@ class Population:
         self._numbers, self._start = loop.number_values(arm.f), path.start() if initial is None else initial
 
     def run(self, threads: int, checkpoint: Checkpoint | None = None, *, progress: bool = False) -> Runs:
-        """Run them all; blocks of them are stages of a checkpoint, and what a progress bar counts.
-
-        Returns
-        -------
-        Runs
-        """
+        """Run them all; blocks of them are stages of a checkpoint, and what a progress bar counts."""
         kept = Checkpoint(checkpoint, "")
 
         def block(i: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -160,7 +144,7 @@ class Population:
             blocks = shared_out(block, range(-(-len(self._values) // LANES)), threads)
         final, missing = (np.concatenate(each) for each in zip(*blocks, strict=True))
         n = self.loop.n
-        counted, highest, lowest, current, chatter, _ = np.hsplit(final[:, -3 - 6 * n : -3], 6)
+        counted, highest, lowest, current, chatter, _ = np.hsplit(final[:, -4 - 6 * n : -4], 6)
         shift = np.zeros(n)
         if "encoder.phase.shift[0]" in self._names:
             shift = self._values[:, [self._names.index(f"encoder.phase.shift[{i}]") for i in range(n)]]
@@ -172,7 +156,8 @@ class Population:
             outside=np.where(diverged, self.samples, final[:, -2]).astype(int),
             current=current,
             chatter=np.where(diverged[:, None], np.inf, chatter / max(self._changes, 1)),
-            first=np.where(final[:, -3] > 0, final[:, -3] - self.loop.rig.period, np.nan),
+            first=np.where(final[:, -4] > 0, final[:, -4] - self.loop.rig.period, np.nan),
+            before=final[:, -3].astype(int),
             lost=missing,
             samples=self.samples,
         )

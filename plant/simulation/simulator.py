@@ -2,7 +2,8 @@
 
 import dataclasses
 import math
-from typing import Any, cast
+from collections.abc import Callable
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,8 +21,13 @@ from plant.simulation.cautions import warn_of_missing_rotors, warn_of_stiff_gear
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import Path, path_of, start_of, warn_of_motors
-from plant.simulation.injection import Injected, injected_at, injected_beside
 from plant.simulation.logged_run import logged_run
+
+Injected: TypeAlias = Callable[[NDArray[Any]], ArrayLike] | ArrayLike
+"""(N, n) [N m], joint side, one row per sample; or a function that gives them at the times (N,) of the samples."""
+
+_OF_MOTORS = "torque", "current"
+"""Columns that hold the whole torque of the motors: of a law that repeats one, nothing is added."""
 
 
 @known_options
@@ -90,14 +96,7 @@ def simulate(
 
 @dataclasses.dataclass(frozen=True)
 class Trace:
-    """A record together with the true error between its samples.
-
-    Attributes
-    ----------
-    record : Record
-    true_error_pulses : (N steps_per_sample, n) numpy.ndarray
-        Reference minus position, unrounded, at the middle of every sub-step [pulses].
-    """
+    """A record, and the true error (N steps_per_sample, n) [pulses], unrounded, at the middle of every sub-step."""
 
     record: Record
     true_error_pulses: NDArray[np.float64]
@@ -229,3 +228,17 @@ def replay(
 def _link_counts(rig: Rig, q: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """What encoders on the links count at q (N, n) [rad], if there are some beside those of the motors."""
     return rig.true_counts(q) if rig.encoder.side == "both" else None
+
+
+def injected_at(given: Injected | None, t: NDArray[Any], n: int) -> NDArray[np.float64] | None:
+    """Injected torque (N, n) [N m] at the samples t (N,), or None."""
+    if given is None:
+        return None
+    values = given(t) if callable(given) else given
+    what = "injected(t)" if callable(given) else "injected"
+    return array(what, values, (len(t), n), advice="Give one row per sample, one joint torque per column [N m].")
+
+
+def injected_beside(record: Any) -> NDArray[np.float64] | None:
+    """Torque (N, n) [N m] that acts beside what a record's law commands; None where it repeats the motors' own."""
+    return None if record.law is not None and record.law.replays in _OF_MOTORS else record.injected

@@ -9,10 +9,9 @@ from plant.laws.replayed import LoggedTorque
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.mechanics.body import Body
-from plant.mechanics.load import load_matrix, load_parameters
 from plant.parts.arguments import array, instance, known_options
 from plant.simulation.closed_loop import ClosedLoop, bounded
-from plant.simulation.divergence import DivergenceError
+from plant.simulation.logged_run import DivergenceError
 from plant.simulation.loop_kernel import loop_kernel
 
 
@@ -105,7 +104,8 @@ class SteppedArm:
         """
         f = self._f
         if load is not None:
-            f = f + load_matrix(self.arm.dynamics, link) @ load_parameters(load)
+            instance("load", load, Body, "Give mass and com; a point mass needs no inertia.")
+            f = f + self.arm.dynamics.load_matrix(link) @ load.standard_parameters
         self._numbers[: len(f)] = f
 
     def step(self, torque: ArrayLike) -> NDArray[np.float64]:

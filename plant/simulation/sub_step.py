@@ -9,26 +9,18 @@ from typing import NamedTuple
 import casadi as ca
 
 from plant.machine.drive import Drive
+from plant.machine.elasticity import spring
 from plant.machine.friction_step import FrictionStep
 from plant.machine.rig import Rig
-from plant.machine.spring import spring
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.symmetric_inverse import inverse, row_by_row
 
 
 class Following(NamedTuple):
-    """What follows a step.
+    """What follows a step: `speed` (n, 1) [rad/s] of the joints, with elastic gears of the motors as rigid joints.
 
-    Attributes
-    ----------
-    speed : casadi SX (n, 1)
-        Of the joints; with elastic gears of the motors, as joints on rigid gears would have it [rad/s].
-    impulse : casadi SX (n, 1)
-        Of dry friction [N m s].
-    positive : casadi SX
-        A number that is positive where D is.
-    states : dict of str -> casadi SX (n, 1)
-        By name, those that the drive adds: ``link_speed``, ``bristle``.
+    Beside it the `impulse` (n, 1) of dry friction [N m s], a number that is `positive` where D is, and by name the
+    `states` (n, 1) that the drive adds: ``link_speed``, ``bristle``.
     """
 
     speed: ca.SX
@@ -41,19 +33,9 @@ def rigid(
     dynamics: Dynamics, rig: Rig, f: ca.SX, middle: ca.SX, qd: ca.SX, torque: ca.SX, h: ca.SX,
     friction: FrictionStep,
 ) -> Following:  # fmt: skip
-    """The step of an arm on rigid gears.
+    """The step, of length h [s], of an arm on rigid gears.
 
-    Parameters
-    ----------
-    middle : casadi SX (n, 1)
-        q at the middle of the step [rad].
-    qd : casadi SX (n, 1)
-        At its start [rad/s].
-    torque : casadi SX (n, 1)
-        That acts on the joints [N m].
-    h : casadi SX
-        Length of the step [s].
-    friction : FrictionStep
+    q (n, 1) [rad] at its middle, qd (n, 1) [rad/s] at its start, and the torque (n, 1) that acts on the joints [N m].
     """
     drive, coupling, viscous = rig.drive, rig.drive.coupling, friction.viscous
     speed = coupling.shaft(qd)
@@ -78,17 +60,12 @@ def elastic(
     dynamics: Dynamics, rig: Rig, f: ca.SX, motor: tuple[ca.SX, ca.SX], link: tuple[ca.SX, ca.SX], torque: ca.SX,
     h: ca.SX, friction: FrictionStep,
 ) -> Following:  # fmt: skip
-    """The step of motors and of links behind their gears.
+    """The step of motors and of links behind their gears; torque, h and friction as of `rigid`.
 
-    Motors and links are joined by what a spring adds to the inertia of both (`plant.machine.spring`). Motors feel each
-    other through the links alone, so they are eliminated, and one matrix (n, n) is left.
-
-    Parameters
-    ----------
-    motor, link : tuple of casadi SX (n, 1)
-        Positions at the middle of the step, speeds at its start; motors as joints on rigid gears would have them.
-    torque, h, friction
-        As of `rigid`.
+    Motors and links are joined by what a spring adds to the inertia of both (`elasticity.spring`). Motors feel each
+    other through the links alone, so they are eliminated, and one matrix (n, n) is left. `motor` and `link` are
+    positions at the middle of the step and speeds at its start, (n, 1) each; motors as joints on rigid gears would have
+    them.
     """
     drive, viscous = rig.drive, friction.viscous
     coupling, rotors = drive.coupling, drive.reflected_inertia()

@@ -25,21 +25,8 @@ def time_tables(
 ) -> tuple[NDArray[np.float64], ...]:  # fmt: skip
     """Rows of `loop.time_names` for every step of the law, the log and the plant.
 
-    Parameters
-    ----------
-    loop : ClosedLoop
-    path : Path or Logged
-    clock : Clock
-    logged : (N, n) numpy.ndarray, optional
-        What the law replays, a row for each sample of the log.
-    injected : (N, n) numpy.ndarray, optional
-        Torque that acts beside the law's, likewise [N m]; the loop says whether it has one.
-    columns : sequence, optional
-        Those that each table gets, with the length of a step behind them; by default all there are.
-
-    Returns
-    -------
-    law_time, sample_time, step_time : numpy.ndarray
+    The law replays what was `logged` (N, n); the `injected` torque (N, n) acts beside it [N m], if the loop has one.
+    Each table gets its `columns`, by default all, with the length of a step behind them.
     """
     steps, tables, done = loop.steps_per_sample, list[NDArray[np.float64]](), [0, 0, 0]
     of_law = -(-len(clock) * steps // loop.steps_per_law) if loop.steps_per_law else 0

@@ -19,12 +19,12 @@ PROGRAM = """
 import dataclasses, sys, time
 started = time.perf_counter()
 import numpy as np
-from plant import Chain, Coupling, Drive, Dynamics, Encoder, Harmonics, Link, P, Rig, simulate
-from plant.robots.catalogue import puma560, puma560_rig
+from plant import Chain, Coupling, Drive, Dynamics, Encoder, Harmonics, Link, P, Rig, read_robot, simulate
 from ctc import ComputedTorque
 imported = time.perf_counter()
 n, law, coupled = int(sys.argv[1]), sys.argv[2], sys.argv[3] == "coupled"
-chain, rig = puma560(), puma560_rig()
+robot = read_robot("puma560")
+chain, rig = robot.dynamics.chain, robot.rig
 if n < 6:
     chain = Chain(links=chain.links[:n], bodies=chain.bodies[:n])
 if n > 6:  # another wrist joint, between the fifth and the sixth

@@ -28,7 +28,7 @@ DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
 ARMS = (puma560.literature_arm(1.5), puma560.arm())
 LOW, HIGH = (0.1, 0.08), (0.2, 0.15)
 SAMPLED = PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0, period=RIG.period)
-COLUMNS = ("nothing", "compliance", "backlash", "lag", "friction", "delay", "disagreement")
+COLUMNS = ("none", "compliance", "backlash", "lag", "friction", "delay", "disagreement")
 
 
 def arm_near(base, rng):
@@ -91,8 +91,8 @@ def two(seed):
 
 
 ROWS = (  # what the robot has, logs, how many robots, and in a quick run
-    ("nothing, one log", None, one, 200, 8),
-    ("nothing, two logs", None, two, 60, 2),
+    ("as modelled, one log", None, one, 200, 8),
+    ("as modelled, two logs", None, two, 60, 2),
     ("compliance, 60 Hz, one log", compliance(60), one, 100, 4),
     ("compliance, 100 Hz, one log", compliance(100), one, 60, 2),
     ("compliance, 100 Hz, two logs", compliance(100), two, 100, 4),
@@ -100,7 +100,7 @@ ROWS = (  # what the robot has, logs, how many robots, and in a quick run
     ("lag 0.03-0.05 ms, gains (0.1, 0.08)", lag(3e-5, 5e-5), lambda seed: two(seed)[:1], 60, 2),
     ("lag 0.015-0.03 ms, two logs", lag(1.5e-5, 3e-5), two, 60, 2),
     ("friction 20-50 % off", friction, one, 60, 4),
-    ("nothing, torques replayed", None, lambda seed: [SAMPLED], 40, 2),
+    ("as modelled, torques replayed", None, lambda seed: [SAMPLED], 40, 2),
     ("lag 0.1-0.3 ms, torques replayed", lag(1e-4, 3e-4), lambda seed: [SAMPLED], 40, 2),
     ("compliance, 60 Hz, torques replayed", compliance(60), lambda seed: [SAMPLED], 40, 2),
 )
@@ -110,7 +110,7 @@ def cost(rounds=7):
     """Seconds of one identification, with the tests and without, in turn; of the wall clock, and of the processors."""
     yield "| robot | seconds without | with | ratio | processor, without | with |\n|---|---|---|---|---|---|"
     tested = diagnostics.detect
-    for name, change in (("nothing", None), ("compliance, 60 Hz", compliance(60))):
+    for name, change in (("as modelled", None), ("compliance, 60 Hz", compliance(60))):
         (record,), _ = logs(0, change, one(0))
         spent = {True: [], False: []}
         for i in range(2 * rounds):
@@ -164,7 +164,7 @@ def main():
             _, found = logs(seed, change, laws(seed))
             detection = found.diagnostics.detection
             assert detection.reason is None, (seed, detection.reason)
-            first = detection.names[0] if detection.names else "nothing"
+            first = detection.names[0] if detection.names else "none"
             named[first] += 1
             more += len(detection.names) > 1
             strength.append(max(sign.chi_square / sign.threshold for sign in detection.signs))

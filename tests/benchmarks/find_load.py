@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from identification import find_load, identify
-from plant import Body, Elasticity, Phase, load_matrix, load_parameters, puma560, simulate
+from plant import Body, Elasticity, Phase, puma560, simulate
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "oracles"))
 
@@ -35,7 +35,7 @@ def log_of(law, seed, hertz=None, carried=True):
     """A log without torques, the mass in it, and its place."""
     rng = np.random.default_rng(seed)
     mass, place = rng.uniform(0.2, 5.0), np.array([rng.uniform(-0.1, 0.1), rng.uniform(-0.6, -0.2), 0.0])
-    added = load_matrix(ARM.dynamics) @ load_parameters(Body(mass=mass, com=place))
+    added = ARM.dynamics.load_matrix() @ Body(mass=mass, com=place).standard_parameters
     loaded = ARM.dynamics.arm(ARM.f + added)
     path = dataclasses.replace(PATH, offset=np.asarray(PATH.offset) + rng.uniform(-0.05, 0.05, 2))
     drive = dataclasses.replace(

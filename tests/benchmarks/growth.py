@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from identification import Objective
-from plant import Chain, Drive, Dynamics, Encoder, Harmonics, Link, P, Rig, simulate
-from plant.robots.catalogue import puma560, puma560_rig
+from plant import Chain, Drive, Dynamics, Encoder, Harmonics, Link, P, Rig, read_robot, simulate
 
 PICTURE = Path(__file__).parents[2] / "docs" / "images" / "growth.png"
 JOINTS, SAMPLES, INDIVIDUALS, STEPS = 3, 500, 80, 4
@@ -31,7 +30,8 @@ GROWING = {
 
 def experiment(n, samples):
     """The first joints of the arm with their record under P control."""
-    chain, rig = puma560(), puma560_rig()
+    robot = read_robot("puma560")
+    chain, rig = robot.dynamics.chain, robot.rig
     if n < 6:
         chain = Chain(links=chain.links[:n], bodies=chain.bodies[:n])
     if n > 6:

@@ -16,8 +16,7 @@ from ctc import ComputedTorque, evaluate
 from identification import Objective, design_motion, identify, nearest_physical, pulse_budget
 from identification.replay.gauss_newton import gauss_newton
 from identification.replay.prediction import Prediction
-from plant import Body, Dynamics, FrictionCurve, Harmonics, P, puma560, simulate
-from plant import catalogue as arms_of_others
+from plant import Body, Dynamics, FrictionCurve, Harmonics, P, puma560, read_robot, simulate
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
 WIDTH = np.diff(puma560.PRINTED_RANGES, axis=1).ravel()
@@ -275,8 +274,8 @@ def whole():
         "RMS innovation [pulses] | computed torque, share within ±1 | s, kernels built |"
     )
     yield "|---|---|---|---|---|---|"
-    dynamics, rig = Dynamics.from_chain(arms_of_others.puma560()), arms_of_others.puma560_rig()
-    arm = dynamics.arm(dynamics.f())
+    robot = read_robot("puma560")
+    dynamics, arm, rig = robot.dynamics, robot.arm, robot.rig
     path = Harmonics(
         period=4.0, offset=(0.0,) * 6,
         cosine=((0.5, 0.2), (-0.4, 0.2), (0.3, -0.3), (0.5, 0.1), (-0.4, 0.3), (0.2, 0.5)),

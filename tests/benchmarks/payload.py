@@ -16,7 +16,7 @@ import numpy as np
 from ctc import ComputedTorque, ComputedTorquePID, PayloadEstimator
 from identification import identify
 from identification.payload.torque_window import Window
-from plant import Body, Elasticity, SteppedArm, load_matrix, load_parameters, puma560, simulate
+from plant import Body, Elasticity, SteppedArm, puma560, simulate
 
 RIG, PATH = puma560.rig(), puma560.reference()
 PERIOD = RIG.period
@@ -73,8 +73,8 @@ def shown(arm, change, estimate, body):
     """Relative error of the increments' torque along the window of 200 ms."""
     motion = PATH((change + np.arange(0, 400, 20)) * PERIOD)
     regressor = np.vstack([arm.dynamics.Y(*state).full() for state in zip(*motion, strict=True)])
-    regressor = regressor @ load_matrix(arm.dynamics)
-    true = load_parameters(body)
+    regressor = regressor @ arm.dynamics.load_matrix()
+    true = body.standard_parameters
     return np.linalg.norm(regressor @ (estimate - true)) / np.linalg.norm(regressor @ true)
 
 
@@ -171,7 +171,7 @@ def restored(runs):
 def swap(runs):
     """Torque of the swap's sample against an unswapped twin's."""
     random, rows, arm = np.random.default_rng(7), [], ARMS["published f"]
-    matrix = load_matrix(arm.dynamics)
+    matrix = arm.dynamics.load_matrix()
     for _ in range(runs):
         body, change = drawn(random)
         law = ComputedTorque(arm, RIG, bandwidth=150.0)
@@ -214,8 +214,8 @@ def windows(runs, place):
         body, start = drawn(random)
         law = ComputedTorque(arm, RIG, bandwidth=150.0)
         estimator = PayloadEstimator(law, position=body.com if place else None, beside=False)
-        loaded = arm.dynamics.arm(arm.f + load_matrix(arm.dynamics) @ load_parameters(body))
-        held = ComputedTorque(arm.dynamics.arm(arm.f + load_matrix(arm.dynamics) @ estimator.prior.parameters), RIG,
+        loaded = arm.dynamics.arm(arm.f + arm.dynamics.load_matrix() @ body.standard_parameters)
+        held = ComputedTorque(arm.dynamics.arm(arm.f + arm.dynamics.load_matrix() @ estimator.prior.parameters), RIG,
                               bandwidth=150.0)  # fmt: skip
         record = simulate(loaded, RIG, held, PATH, duration=(start + 290) * PERIOD)
         some = slice(start, start + 286)

@@ -62,7 +62,7 @@ def answers(quick):
     import plant
     from ctc import ComputedTorque, certify, compare, evaluate
     from identification import identify
-    from plant import Dynamics, Harmonics, p_gains, puma560, simulate
+    from plant import Harmonics, p_gains, puma560, simulate
 
     seeds, samples, duration = (3, 64, 0.5) if quick else (20, 400, None)
     robot, rig, law, path = puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference()
@@ -90,13 +90,13 @@ def answers(quick):
     yield f"certify, {samples} plants: outside", [runs.outside, certificate.probability, certificate.interval]
 
     if hasattr(plant, "write_replay"):
-        catalogue, write_replay = plant.catalogue, plant.write_replay
-    else:  # neither was public
-        catalogue, write_replay = import_module("plant.arms"), import_module("plant.c.export").write_replay
+        write_replay = plant.write_replay
+    else:  # not yet public
+        write_replay = import_module("plant.c.export").write_replay
     for name, each, record in (("P", law, log), ("computed torque", design, report.record)):
         yield exported(each, rig, functools.partial(write_replay, record), name)
 
-    whole, rig = Dynamics.from_chain(catalogue.puma560()), catalogue.puma560_rig()
+    whole, rig = whole_puma560()
     path = Harmonics(
         period=4.0, offset=(0.0,) * 6,
         cosine=((0.5, 0.2), (-0.4, 0.2), (0.3, -0.3), (0.5, 0.1), (-0.4, 0.3), (0.2, 0.5)),
@@ -105,6 +105,19 @@ def answers(quick):
     law = p_gains(whole.arm(whole.f()), rig, path, 12.0)
     log = simulate(whole.arm(whole.f()), rig, law, path, duration=duration)
     yield "p_gains, simulate, six joints", [law.gain, log.error_pulses, log.torque, log.true_q, log.true_qd]
+
+
+def whole_puma560():
+    """Dynamics and rig of six joints, from where this tree has them."""
+    import plant
+
+    if hasattr(plant, "catalogue"):
+        return plant.Dynamics.from_chain(plant.catalogue.puma560()), plant.catalogue.puma560_rig()
+    if hasattr(plant, "read_robot"):
+        robot = plant.read_robot("puma560")
+        return robot.dynamics, robot.rig
+    arms = import_module("plant.arms")
+    return plant.Dynamics.from_chain(arms.puma560()), arms.puma560_rig()
 
 
 def exported(law, rig, write, name):

@@ -25,10 +25,10 @@ PLANTS = 1200
 
 def experiment(n):
     """The arm, its rig, a path on which all of it shows, and a log under P control."""
-    from plant import Chain, Drive, Dynamics, Encoder, Harmonics, Link, Rig, p_gains, simulate
-    from plant.robots.catalogue import puma560, puma560_rig
+    from plant import Chain, Drive, Dynamics, Encoder, Harmonics, Link, Rig, p_gains, read_robot, simulate
 
-    chain, rig = puma560(), puma560_rig()
+    robot = read_robot("puma560")
+    chain, rig = robot.dynamics.chain, robot.rig
     if n > 6:  # another wrist joint, between the fifth and the sixth
         extra = Link(name="5b", alpha=-np.pi / 2, d=0.1, frame=chain.links[4].frame)
         links = (*chain.links[:5], extra, chain.links[5])

@@ -2,8 +2,9 @@
 
 import dataclasses
 
+from packaged_arms import planar
+
 from plant import Coupling, Drive, Dynamics, Encoder, Harmonics, Rig
-from plant.robots.catalogue import planar
 
 PERIOD = 1e-3
 WRIST = Coupling(matrix=((1, 0, 0), (0.4, 1, 0), (0, -0.7, 1)))

@@ -3,9 +3,9 @@
 import dataclasses
 
 import numpy as np
+from packaged_arms import planar
 
 from plant import Dynamics, puma560
-from plant.robots.catalogue import planar
 
 
 def joint_torque(arm, rig, motion):

@@ -148,10 +148,9 @@ def _data_set(path, columns, compress):
 
 def read(kind, path):
     """The record of what `write` wrote."""
-    if kind == "lerobot":
-        return Record.from_lerobot(path, rig=RIG, columns=OF_DATA_SET, units={"t": "s"})
-    reader = Record.from_mcap if kind == "mcap" else Record.from_rosbag2
-    return reader(path, rig=RIG, columns=COLUMNS, units=UNITS)
+    columns, units = (OF_DATA_SET, {"t": "s"}) if kind == "lerobot" else (COLUMNS, UNITS)
+    known = kind if kind in ("mcap", "lerobot") else "rosbag2"
+    return Record._read(known, path, None, prefix="", rig=RIG, columns=columns, units=units)
 
 
 # -- spoiling -------------------------------------------------------------------------------------------------------

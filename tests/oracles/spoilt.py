@@ -12,7 +12,7 @@ from guarded_loops import LIMIT, RIG, elastic
 from mujoco_elastic import MujocoArm
 
 from ctc import ComputedTorque
-from plant import PointToPoint, puma560, torque_share
+from plant import PointToPoint, puma560
 from plant.realtime import memory as layout
 
 PATH = puma560.reference()
@@ -107,7 +107,7 @@ class Lie:
 LIES = {
     "frozen": Lie("encoder of joint 2 freezes", _frozen),
     "dead": Lie("encoder of joint 2 reads 0", _dead),
-    "sign": Lie("encoder of joint 2 turned round", _sign, always=True),
+    "sign": Lie("encoder of joint 2 reversed", _sign, always=True),
     "swap": Lie("encoders swapped", _swap, always=True),
     "scale": Lie("encoder of joint 2 counts half", _scale, always=True),
     "drift": Lie("encoder of joint 2 drifts by 0.2 pulses a sample", _drift),
@@ -115,10 +115,10 @@ LIES = {
     "wrap": Lie("counts of joint 2 wrap at 4096", _wrap),
     "nan": Lie("counts of joint 2 are NaN", _nan),
     "clock leaps": Lie("clock ahead by 3600 s", _leaps),
-    "clock stands": Lie("clock stands", _stands),
+    "clock stands": Lie("clock constant", _stands),
     "double": Lie("called twice per period, no clock", _double),
     "lost": Lie("every second call lost, no clock", _lost),
-    "saturation": Lie("amplifiers give 30 %, unknown to the law", _weak),
+    "saturation": Lie("amplifiers give 30 %, unknown to the controller", _weak),
     "chatter": Lie("bandwidth of 250 rad/s", bandwidth=250.0),
     "load": Lie("three times the load", load=4.5),
     "none": Lie("nothing"),
@@ -227,7 +227,7 @@ def healthy(seed, samples=1500):
     start, goal = draw.uniform(-1, 1, (2, 2))
     goal = np.where(draw.random(2) < 0.25, start, goal)
     path = PointToPoint(start=start, goal=goal, duration=draw.uniform(0.5, 1.0))
-    while torque_share(arm, RIG, path).max() > FEASIBLE:
+    while path.torque_share(arm, RIG).max() > FEASIBLE:
         path = dataclasses.replace(path, duration=1.2 * path.duration)
     motion, robot = path(np.arange(samples) * DT), SimulatedArm(arm, rig, start, np.zeros(2))
     running = law.start(RIG, robot.counts())

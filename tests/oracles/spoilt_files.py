@@ -59,7 +59,7 @@ def write(kind, path, columns, compress=True):
 
 def read(kind, path):
     """The record of a file that `write` wrote."""
-    return getattr(Record, f"from_{kind}")(path, rig=RIG, columns=COLUMNS, units=UNITS)
+    return Record._read(kind, path, None, prefix="", rig=RIG, columns=COLUMNS, units=UNITS)
 
 
 def spoil(data, rng):

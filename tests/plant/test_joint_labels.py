@@ -3,18 +3,19 @@
 import dataclasses
 
 import numpy as np
+import packaged_arms
 import pytest
 from closed_loops import SampledP
 
 from ctc import ComputedTorque
-from plant import DivergenceError, Dynamics, Harmonics, P, Record, catalogue, simulate
+from plant import DivergenceError, Dynamics, Harmonics, P, Record, simulate
 
 NAMES = tuple(f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"))
 LABELS = [f"{name} (q[{i}])" for i, name in enumerate(NAMES)]
-WHOLE = catalogue.puma560_rig()
+WHOLE = packaged_arms.puma560_rig()
 BARE = dataclasses.replace(WHOLE, drive=dataclasses.replace(WHOLE.drive, joints=()))
 RIG = dataclasses.replace(BARE, drive=dataclasses.replace(BARE.drive, joints=NAMES))
-CHAIN = catalogue.puma560()
+CHAIN = packaged_arms.puma560()
 CHAIN = dataclasses.replace(
     CHAIN, links=tuple(dataclasses.replace(link, name=name) for link, name in zip(CHAIN.links, NAMES, strict=True))
 )

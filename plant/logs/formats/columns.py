@@ -15,12 +15,7 @@ def choice_of(names: Collection[str] | None, prefix: str) -> Callable[[str], boo
 
 
 def require_size(size: int, most: int) -> None:
-    """Refuse columns of more than `most` bytes.
-
-    Raises
-    ------
-    RefusalError
-    """
+    """Refuse columns of more than `most` bytes."""
     if size > most:
         raise RefusalError(
             f"must hold at most {most >> 20} MiB; it declares {size >> 20}. Cut the log into several files."

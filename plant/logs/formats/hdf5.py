@@ -8,13 +8,7 @@ from .columns import RefusalError, choice_of, require_size
 
 
 def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tuple[list[str], dict[str, Any]]:
-    """Names and wanted columns of an HDF5 file, or of a MAT file of version 7.3.
-
-    Raises
-    ------
-    RefusalError
-        What is in another file, what is no real number, or more than `most` bytes.
-    """
+    """Names and wanted columns of an HDF5 file, or of a MAT file of version 7.3."""
     import h5py
 
     chosen = choice_of(names, prefix)

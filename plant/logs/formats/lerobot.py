@@ -15,13 +15,7 @@ _EPISODE = "episode_index"
 def read(
     path: str, names: Collection[str] | None, prefix: str, most: int, episode: int = 0
 ) -> tuple[list[str], dict[str, Any]]:
-    """Names and wanted columns of one episode; ``action.elbow`` or ``action[1]`` is one of a list.
-
-    Raises
-    ------
-    RefusalError
-        No data set, no such episode, what is no real number, or more than `most` bytes.
-    """
+    """Names and wanted columns of one episode; ``action.elbow`` or ``action[1]`` is one of a list."""
     info = _info(path)
     features: Any = info.get("features")
     features = features if isinstance(features, dict) else {}
@@ -46,13 +40,7 @@ def read(
 
 
 def episodes_of(path: str) -> int:
-    """Number of episodes of a data set.
-
-    Raises
-    ------
-    RefusalError
-        No data set.
-    """
+    """Number of episodes of a data set."""
     count = _info(path).get("total_episodes")
     if not isinstance(count, int) or count < 1:
         raise RefusalError(f"must state total_episodes in meta/info.json; got {count!r:.20}. Download it again.")

@@ -10,15 +10,7 @@ from .columns import RefusalError, choice_of, require_size
 
 
 def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tuple[list[str], dict[str, Any]]:
-    """Names and wanted columns of a MAT file.
-
-    A field of the k-th structure in an array of them is named ``structure[k].field``.
-
-    Raises
-    ------
-    RefusalError
-        No MAT v5, an element that is cut, or more than `most` bytes once expanded.
-    """
+    """Names and wanted columns of a MAT file; a field of the k-th structure of an array is ``structure[k].field``."""
     _require_bounded(path, most)
     from scipy.io import loadmat
 
@@ -84,9 +76,7 @@ def _require_bounded(path: str, most: int) -> None:
     with open(path, "rb") as file:
         head = file.read(128)
         if head[:4] == b"\x89HDF" or head[124:128] in (b"\x00\x02IM", b"\x02\x00MI"):
-            raise RefusalError(
-                "must be MAT version 5; got 7.3, which is HDF5. Rename it to end in .h5, or use Record.from_hdf5."
-            )
+            raise RefusalError("must be MAT version 5; got 7.3, which is HDF5. Rename it to end in .h5.")
         if head[124:128] not in (b"\x00\x01IM", b"\x01\x00MI"):
             raise RefusalError("must be MAT version 5; its first 128 bytes are not. Save it with -v7 or -v6.")
         order, total, size = "<" if head[126:] == b"IM" else ">", 0, os.path.getsize(path)

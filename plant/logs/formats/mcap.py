@@ -11,13 +11,7 @@ from .messages import columns_of
 def read(
     path: str, names: Collection[str] | None, prefix: str, most: int, clock: str | None = None
 ) -> tuple[list[str], dict[str, Any]]:
-    """Names and wanted columns of the topics of an MCAP file; see `messages`.
-
-    Raises
-    ------
-    RefusalError
-        No finished MCAP file, a topic in another encoding, or more than `most` bytes.
-    """
+    """Names and wanted columns of the topics of an MCAP file; see `messages`."""
     from mcap.reader import make_reader
     from mcap_ros2.decoder import DecoderFactory
 

@@ -26,12 +26,8 @@ def columns_of(
 ) -> tuple[list[str], dict[str, Any]]:
     """Names of all columns of a file of messages, and the wanted ones.
 
-    Parameters
-    ----------
-    every : iterable of str
-        The topics of the file; some may stand there twice.
-    messages : callable
-        The topics that hold something wanted -> topic, `log_time` [ns] and decoded message, one after the other.
+    `every` topic of the file may stand there twice; `messages` gives, for the topics that hold something wanted, topic,
+    `log_time` [ns] and decoded message, one after the other.
     """
     topics = Topics(dict.fromkeys(every), most)
     for topic, log_time, message in messages(topics_of(names, prefix, topics.known)):
@@ -48,15 +44,7 @@ def topics_of(names: Collection[str] | None, prefix: str, known: Iterable[str]) 
 
 
 class Topics:
-    """The messages of several topics, gathered one by one.
-
-    Parameters
-    ----------
-    known : sequence of str
-        All topics.
-    most : int
-        Bytes that all columns may have.
-    """
+    """The messages of several topics out of all `known` ones, gathered one by one, to `most` bytes."""
 
     def __init__(self, known: Collection[str], most: int) -> None:
         self.known, self._most, self._numbers = list(known), most, 0
@@ -78,10 +66,7 @@ class Topics:
     ) -> tuple[list[str], dict[str, Any]]:
         """Names of all columns of these topics, and the wanted ones.
 
-        Parameters
-        ----------
-        clock : str, optional
-            The column whose messages are the samples: the columns of other topics hold their last value.
+        The messages of the column `clock` are the samples: the columns of other topics hold their last value.
         """
         blocks = {topic: _blocks(rows) for topic, rows in self._rows.items()}
         known = [f"{topic}.{name}" for topic in blocks for name in _all_names(blocks[topic])]
@@ -191,13 +176,7 @@ def _all_names(blocks: Mapping[str, Block]) -> Iterator[str]:
 
 
 def _kept(topic: str, columns: Mapping[str, Any]) -> Any:
-    """Which messages hold any of the wanted numbers.
-
-    Raises
-    ------
-    RefusalError
-        None holds all of them.
-    """
+    """Which messages hold any of the wanted numbers."""
     import numpy as np
 
     wanted = [values for name, values in columns.items() if name[len(topic) + 1 :] not in _OWN]

@@ -8,13 +8,7 @@ from .columns import Block, RefusalError, choice_of, home_of, picked, require_si
 
 
 def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tuple[list[str], dict[str, Any]]:
-    """Names and wanted columns of a Parquet file; ``name[i]`` is one column of a list.
-
-    Raises
-    ------
-    RefusalError
-        What is no real number, lists of several lengths, or more than `most` bytes.
-    """
+    """Names and wanted columns of a Parquet file; ``name[i]`` is one column of a list."""
     known, blocks = read_blocks(path, names, prefix, most)
     if names is None:
         return known, {name: block.values for name, block in blocks.items()}

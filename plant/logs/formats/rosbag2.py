@@ -14,13 +14,7 @@ _STORE = "ROS2_HUMBLE"
 def read(
     path: str, names: Collection[str] | None, prefix: str, most: int, clock: str | None = None
 ) -> tuple[list[str], dict[str, Any]]:
-    """Names and wanted columns of the topics of a bag; see `messages`.
-
-    Raises
-    ------
-    RefusalError
-        No bag of ROS 2, a message of a type that is not defined, or more than `most` bytes.
-    """
+    """Names and wanted columns of the topics of a bag; see `messages`."""
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 

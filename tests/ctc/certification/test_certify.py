@@ -101,6 +101,15 @@ def test_samples_before_do_not_count():
     assert every.failures > 0 == later.failures
     assert later.runs.samples == 72 - 43  # t = 0.0301 s is the first that counts
     assert np.isnan(later.runs.first).all()
+    assert every.failures_before == 0
+    outside = []
+    for i in range(len(every.plants)):
+        worst = every.plant(i)
+        record = evaluate(worst.arm, worst.rig, LAW, PATH, duration=0.05, steps_per_sample=4, backend="numba").record
+        outside.append((np.abs(record.error_pulses[record.t < 0.03 - 1e-9]) > 1).any(axis=1).sum())
+    np.testing.assert_array_equal(later.runs.before, outside)
+    assert later.failures_before == every.failures
+    assert f"the first 0.03 s, which are left out, {every.failures} exceed it" in later.verdict
 
 
 # -- what is counted ------------------------------------------------------------------------------------------------

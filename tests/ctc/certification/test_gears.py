@@ -10,13 +10,18 @@ from uncertain import with_uncertainty
 from ctc import ComputedTorque, Uncertainty, certify, evaluate, margins, sweep_resonance
 from ctc.certification.cells import cells, clopper_pearson
 from ctc.stability.error_loop import open_loops
-from ctc.verdict.lowest_resonance import lowest_resonance
+from ctc.verdict.on_gears import lowest_resonance
 from plant import Elasticity, puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 START = PATH([0.0]).q[0]
 LAW = ComputedTorque(ARM, RIG, bandwidth=150)
 SHORT = {"duration": 0.2, "steps_per_sample": 8, "samples": 60, "covariance": np.diag((0.01 * ARM.f) ** 2)}
+
+
+def lowest(*loop, **options):
+    usual = {"damping_ratio": 0.01, "within": 1, "after": 0.02, "steps_per_sample": 16, "duration": 0.1, "threads": 2}
+    return lowest_resonance(*loop, **usual | options, initial=None)
 
 
 def on_gears(hz, damping_ratio):
@@ -117,7 +122,7 @@ def test_no_verdict_on_rigid_gears_stands_without_the_gears_on_which_it_holds():
     assert "the nominal arm, with current lag 0.0001 s, stays" in late.verdict
     lagging = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, current_lag=1e-4))
     options = {"duration": SHORT["duration"], "steps_per_sample": SHORT.get("steps_per_sample", 16)}
-    assert late.lowest_resonance == lowest_resonance(ARM, lagging, LAW, PATH, **options).hz > found.lowest_resonance
+    assert late.lowest_resonance == lowest(ARM, lagging, LAW, PATH, **options).hz > found.lowest_resonance
     slow = certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT, lag=(0, 5e-3)))
     assert slow.probability > 0.5
     assert slow.verdict.endswith("Rigid gears assumed.")
@@ -131,26 +136,30 @@ def test_no_verdict_on_rigid_gears_stands_without_the_gears_on_which_it_holds():
 @pytest.mark.parametrize("ratio", [0.01, 0.02])
 def test_above_the_lowest_resonance_the_arm_stays_and_just_below_it_leaves(ratio):
     options = {"duration": 0.5, "steps_per_sample": 16}
-    found = lowest_resonance(ARM, RIG, LAW, PATH, damping_ratio=ratio, **options)
+    found = lowest(ARM, RIG, LAW, PATH, damping_ratio=ratio, **options)
     for hz, stays in ((found.hz, True), (1.1 * found.hz, True), (found.hz / 1.06, False)):
         record = simulate(ARM, on_gears(hz, ratio), LAW, PATH, **options)
         assert (np.abs(record.error_pulses[record.t >= 0.02]) <= 1).all() == stays, hz
     report = evaluate(ARM, RIG, LAW, PATH, backend="numba", duration=0.5)
     if ratio == 0.01:
+        certificate = certify(
+            ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT | {"steps_per_sample": 16, "duration": 0.5})
+        )
+        assert certificate.on_gears is report.on_gears  # of the same loop, simulated once
         assert report.lowest_resonance == found.hz
         assert " ".join(str(report).split()).endswith(f"rigid gears assumed; {found}")
 
 
 def test_ends_of_the_scale(monkeypatch):
     options = {"duration": 0.1, "steps_per_sample": 8}
-    slow = lowest_resonance(ARM, RIG, ComputedTorque(ARM, RIG, bandwidth=1.0), PATH, within=1000, **options)
+    slow = lowest(ARM, RIG, ComputedTorque(ARM, RIG, bandwidth=1.0), PATH, within=1000, **options)
     assert float(slow) == 10
     assert "any resonance above 10 Hz" in str(slow)
-    weak = lowest_resonance(ARM, RIG, ComputedTorque(ARM, RIG, bandwidth=1.0), PATH, within=0, **options)
+    weak = lowest(ARM, RIG, ComputedTorque(ARM, RIG, bandwidth=1.0), PATH, within=0, **options)
     assert float(weak) == np.inf
     assert "leaves ±0 pulse also on rigid gears" in str(weak)
     heavy = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, motor_inertia=(1.0, 1.0)))
-    unknown = lowest_resonance(ARM, heavy, LAW, PATH, **options)
+    unknown = lowest(ARM, heavy, LAW, PATH, **options)
     assert np.isnan(float(unknown))
     assert "cannot tell" in str(unknown)
     assert evaluate(ARM, on_gears(60, 0.02), LAW, PATH, backend="numba", duration=0.1).lowest_resonance is None
@@ -206,11 +215,11 @@ def test_wrong_calls_are_refused_in_one_line(options, message):
 
 def test_elastic_gears_are_no_rigid_ones():
     with pytest.raises(ValueError, match="must have rigid gears"):
-        lowest_resonance(ARM, on_gears(60, 0.02), LAW, PATH)
+        lowest(ARM, on_gears(60, 0.02), LAW, PATH)
 
 
 @pytest.mark.parametrize(("call", "message"), [
-    (lambda: lowest_resonance(ARM, RIG, LAW, PATH, damping_ratio=2), "damping_ratio must be at most 1"),
+    (lambda: lowest(ARM, RIG, LAW, PATH, damping_ratio=2), "damping_ratio must be at most 1"),
     (lambda: margins(ARM, RIG, LAW, damping_ratio=2), "damping_ratio must be at most 1, critical damping"),
     (lambda: sweep_resonance(ARM, RIG, {"a": LAW}, PATH, damping_ratio=2), "damping_ratio must be at most 1"),
     (lambda: sweep_resonance(ARM, RIG, {"a": LAW}, PATH, hz=[50, 5000]),

@@ -253,7 +253,7 @@ def test_a_rig_of_another_arm_is_refused(law):
     names = (field.name for field in dataclasses.fields(RIG.drive) if "number" in field.metadata)
     drive = dataclasses.replace(RIG.drive, **{name: getattr(RIG.drive, name)[:1] for name in names})
     one = dataclasses.replace(RIG, drive=drive, encoder=dataclasses.replace(RIG.encoder, resolution=(800,)))
-    with pytest.raises(ValueError, match=r"rig must have 2 joints|must have 1 values"):
+    with pytest.raises(ValueError, match=r"must have [12] joints"):
         law().start(one, (0,))
     with pytest.raises(ValueError, match="equal joints"):
         law(rig=one)
@@ -283,9 +283,9 @@ def test_an_identification_is_its_arm_and_its_rig(law):
         (lambda: FeedForward(arm(), RIG), "missing a required argument: 'feedback'"),
         (lambda: FeedForward(arm(), RIG, feedback=0.2), "feedback of FeedForward must be of type Law"),
         (lambda: PDGravity(arm(), RIG, feedback=P), "got the class P"),
-        (lambda: PDGravity(arm(), RIG, feedback=P(gain=(1,))).start(RIG, (0, 0)), "gain of P must have 2 values"),
+        (lambda: PDGravity(arm(), RIG, feedback=P(gain=(1,))).start(RIG, (0, 0)), "P.gain must have 2 joints"),
         (lambda: FeedForward(arm(), RIG, feedback=ComputedTorque(arm(), RIG)), "feedback must be a simple law"),
-        (lambda: FeedForward(arm(), RIG, feedback=P(gain=(1,))), "gain of P must have 2 values"),
+        (lambda: FeedForward(arm(), RIG, feedback=P(gain=(1,))), "P.gain must have 2 joints"),
         (lambda: PDGravity(arm(), RIG, pd=FEEDBACK), "an option of PDGravity must be one of"),
         (lambda: integral(bandwidth=0), "bandwidth must be positive; got 0"),
         (lambda: integral(filter=-1), "filter must be positive"),
@@ -295,7 +295,7 @@ def test_an_identification_is_its_arm_and_its_rig(law):
         (lambda: adaptive(adaptation=(1, 2)), "adaptation must have 9 numbers, one for each of f1..f9; got 2"),
         (lambda: adaptive(adaptation=np.full(9, -1)), "adaptation must not be negative"),
         (lambda: adaptive(gain=(300, -80)), "gain must not be negative"),
-        (lambda: adaptive(gain=(300,)).start(RIG, (0, 0)), "gain of Adaptive must have 2 values"),
+        (lambda: adaptive(gain=(300,)).start(RIG, (0, 0)), "Adaptive.gain must have 2 joints"),
         (lambda: adaptive(ranges=puma560.PRINTED_RANGES), r"f3 = -0.29 is not in \[-0.2, 0.2\]. Widen"),
         (lambda: adaptive(ranges=[(0, 1)]), r"ranges must have shape \(9, 2\)"),
         (lambda: sliding(reach=0), "reach must be positive"),

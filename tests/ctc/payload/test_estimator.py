@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ctc import Adaptive, ComputedTorque, FeedForward, PayloadEstimator
-from plant import PD, Body, Dynamics, Guards, Harmonics, SteppedArm, catalogue, puma560
+from plant import PD, Body, Guards, Harmonics, SteppedArm, puma560, read_robot
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 LAW, PLACE = ComputedTorque(ARM, RIG, bandwidth=150), (0.0, -0.4, 0.0)
@@ -187,9 +187,8 @@ def test_laws_that_cannot():
 
 def test_the_whole_arm():
     """All six joints of the PUMA 560, with 2.5 kg in front of the flange, on a motion of all of them."""
-    chain, rig = catalogue.puma560(), catalogue.puma560_rig()
-    dynamics = Dynamics.from_chain(chain)
-    arm = dynamics.arm(dynamics.f())
+    robot = read_robot("puma560")
+    arm, rig = robot.arm, robot.rig
     waves = np.array([0.5, 0.4, 0.5, 0.6, 0.5, 0.8])[:, None] * [[0.7, 0.3]]
     path = Harmonics(period=4.0, offset=(0, -0.4, 2.4, 0, 0.3, 0), cosine=-waves, sine=0.4 * waves)
     body = Body(mass=2.5, com=(0.0, 0.0, 0.2))

@@ -10,10 +10,10 @@ import pytest
 
 from ctc import ComputedTorque, ComputedTorqueIntegral, ComputedTorquePID
 from ctc.payload.payload_law import PayloadLaw
-from plant import PD, Body, JointSpring, SteppedArm, load_matrix, load_parameters, puma560, simulate
+from plant import PD, Body, JointSpring, SteppedArm, puma560, simulate
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
-ONE = load_parameters(Body(mass=1.0, com=(0.0, -0.4, 0.0)))
+ONE = Body(mass=1.0, com=(0.0, -0.4, 0.0)).standard_parameters
 LAWS = {
     "observer": ComputedTorque(ARM, RIG, bandwidth=150),
     "delayed": ComputedTorque(ARM, RIG, bandwidth=100, delay=1),
@@ -80,7 +80,7 @@ def test_a_swap_has_no_bump(name, stiffened):
     jump = running.step(pulses, *moved) - twin.step(pulses, *moved)
     if not stiffened and name != "integral":  # whose model is at the measured position, the load's at the reference
         assert np.linalg.norm(jump) < 0.3
-    whole = ARM.dynamics.Y(*moved).full() @ load_matrix(ARM.dynamics) @ (5.0 * ONE)
+    whole = ARM.dynamics.Y(*moved).full() @ ARM.dynamics.load_matrix() @ (5.0 * ONE)
     assert np.linalg.norm(whole) > 20
     assert np.linalg.norm(jump) < 0.3 * np.linalg.norm(
         whole

@@ -8,14 +8,15 @@ import shutil
 import subprocess
 from html.parser import HTMLParser
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 from ctc import ComputedTorque, certify, evaluate, write_report
+from ctc.report.page import _thin, section
 from ctc.report.page import page as page_of
-from ctc.report.page import section
 from identification import identify
-from plant import Later, puma560, simulate
+from plant import puma560, simulate
 from plant.parts.markup import items, preformatted, table
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -175,12 +176,34 @@ def test_a_browser_shows_it_on_a_phone_and_prints_it(browser, page, tmp_path):
     wide, there, figures = map(int, re.search(r'id="told">(\d+) (\d+) (\d+)<', done.stdout).groups())
     assert wide <= there
     assert 300 < there < 391
-    assert figures == 6
+    assert figures == 3
     assert "CONSOLE" not in done.stderr
     browser("--no-pdf-header-footer", f"--print-to-pdf={tmp_path}/page.pdf", f"file://{page}", home=tmp_path / "b")
     sheet = (tmp_path / "page.pdf").read_bytes()
     assert sheet[:5] == b"%PDF-"
     assert 2 <= len(re.findall(rb"/Type\s*/Page\b", sheet)) <= 12
+
+
+def test_a_long_curve_is_drawn_by_its_extremes():
+    """Two samples per place of the axis: the least and the largest of all are there, in their order."""
+    t, y = np.linspace(0, 4, 5000), np.random.default_rng(1).normal(size=5000)
+    axis = plt.subplots(figsize=(4, 2))[1]
+    (long,) = axis.plot(t, y, drawstyle="steps-post")
+    (short,) = axis.plot(t[:100], y[:100])
+    _thin(long, axis)
+    _thin(short, axis)
+    drawn_t, drawn = long.get_data()
+    assert (drawn.min(), drawn.max()) == (y.min(), y.max())
+    assert (np.diff(drawn_t) > 0).all()
+    assert np.isin(drawn, y).all()
+    assert len(drawn) <= 2 * 4 * 40
+    assert len(short.get_xdata()) == 100
+    plt.close("all")
+
+
+def test_the_page_is_light(page):
+    """Two joints and 2,000 samples; seven and 5,700 are 0.4 MB."""
+    assert page.stat().st_size < 200_000
 
 
 def words(place):
@@ -192,7 +215,7 @@ def test_path_logs_and_conditions_are_named(found, tmp_path):
     """Of a path that begins in motion and leaves the log, and of records that came with files' names."""
     log, away = (
         simulate(ARM, RIG, puma560.p_law(), PATH, duration=1.5),
-        Later(reference=puma560.reference(2.5), time=0.6),
+        puma560.reference(2.5).later(0.6),
     )
     named = dataclasses.replace(
         found, records=(dataclasses.replace(found.records[0], name="one.csv"),),

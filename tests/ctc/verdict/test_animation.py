@@ -4,11 +4,11 @@ import functools
 
 import numpy as np
 import pytest
+from packaged_arms import planar
+from packaged_arms import puma560 as whole_puma560
 
 from ctc import evaluate
 from plant import Body, Dynamics, PointToPoint, puma560
-from plant.robots.catalogue import planar
-from plant.robots.catalogue import puma560 as whole_puma560
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")

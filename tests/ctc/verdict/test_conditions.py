@@ -11,11 +11,11 @@ from uncertain import with_uncertainty
 from ctc import Certificate, ComputedTorque, Uncertainty, certify, compare, evaluate
 from identification import identify
 from identification.results.seen import seen
-from plant import PD, Guards, Harmonics, Later, P, puma560, simulate
+from plant import PD, Guards, Harmonics, P, puma560, simulate
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 LAW = ComputedTorque(ARM, RIG, bandwidth=150)
-UNDER_WAY = Later(reference=PATH, time=0.5)
+UNDER_WAY = PATH.later(0.5)
 BEGINS = "joint 3 (q[1]) at 2.7 rad/s"
 
 

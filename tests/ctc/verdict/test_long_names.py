@@ -10,8 +10,8 @@ from uncertain import with_uncertainty
 
 from ctc import ComputedTorque, certify, evaluate, margins
 from ctc.verdict.comparison import Comparison
-from ctc.verdict.lowest_resonance import LowestResonance
-from plant import Dynamics, Harmonics, catalogue, p_gains
+from ctc.verdict.on_gears import LowestResonance
+from plant import Dynamics, Harmonics, p_gains, read_robot
 
 NAMES = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 LABELS = [f"{name} (q[{i}])" for i, name in enumerate(NAMES)]
@@ -20,9 +20,10 @@ NUMBER = r"-?\d[\d.,e+-]*( ?%| Hz|°)?"
 
 @cache
 def robot():
-    chain = catalogue.puma560()
+    robot = read_robot("puma560")
+    chain = robot.dynamics.chain
     links = tuple(dataclasses.replace(link, name=name) for link, name in zip(chain.links, NAMES, strict=True))
-    dynamics, rig = Dynamics.from_chain(dataclasses.replace(chain, links=links)), catalogue.puma560_rig()
+    dynamics, rig = Dynamics.from_chain(dataclasses.replace(chain, links=links)), robot.rig
     q = (0.0, -0.4, 0.3, 0.2, 0.5, 0.1)
     path = Harmonics(period=4.0, offset=q, cosine=((0.1,),) * 6, sine=((0.1,),) * 6)
     return dynamics.arm(dynamics.f()), rig, path
@@ -81,5 +82,5 @@ def test_figures_have_the_labels_of_the_tables():
 
     matplotlib.use("Agg")
     axes = evaluation().plot()
-    assert [axis.get_ylabel().splitlines()[0] for axis in axes[:, 0]] == LABELS
+    assert [axis.get_title(loc="left").splitlines()[-1] for axis in axes[:, 0]] == LABELS
     matplotlib.pyplot.close("all")

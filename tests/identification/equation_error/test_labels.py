@@ -3,11 +3,11 @@
 import dataclasses
 
 import numpy as np
+import packaged_arms
 import pytest
 
 from identification.equation_error.naming import units
 from plant import Body, Chain, Dynamics, Link, puma560
-from plant.robots import catalogue
 
 POWER = {"kg": 0, "kg m": 1, "kg m²": 2}
 
@@ -31,7 +31,7 @@ def doubled(chain):
 
 @pytest.mark.parametrize("n", [3, 6])
 def test_units_are_the_power_of_a_length(n):
-    whole = catalogue.puma560()
+    whole = packaged_arms.puma560()
     chain = Chain(links=whole.links[:n], bodies=whole.bodies[:n])
     dynamics, larger = Dynamics.from_chain(chain), Dynamics.from_chain(doubled(chain))
     assert len(dynamics.names) == len(larger.names)

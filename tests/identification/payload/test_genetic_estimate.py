@@ -10,7 +10,7 @@ from identification.payload.genetic_estimate import GeneticEstimator
 from identification.payload.shape import LoadShape
 from identification.payload.torque_window import Window
 from identification.search.genetic import GeneticSettings
-from plant import Body, load_matrix, load_parameters, puma560, simulate
+from plant import Body, puma560, simulate
 
 RIG, PATH, N = puma560.rig(), puma560.reference(), 286
 PLACE = (0.0, -0.4, 0.0)
@@ -22,8 +22,8 @@ def shape(position=PLACE):
 
 @pytest.fixture(scope="module")
 def log():
-    arm, matrix = puma560.arm(), load_matrix(puma560.dynamics())
-    loaded = arm.f + matrix @ load_parameters(Body(mass=3.0, com=PLACE))
+    arm, matrix = puma560.arm(), puma560.dynamics().load_matrix()
+    loaded = arm.f + matrix @ Body(mass=3.0, com=PLACE).standard_parameters
     law = ComputedTorque(arm.dynamics.arm(arm.f + matrix @ shape().prior), RIG, bandwidth=150)
     return simulate(arm.dynamics.arm(loaded), RIG, law, PATH)
 

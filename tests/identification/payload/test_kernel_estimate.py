@@ -10,7 +10,7 @@ from ctc import ComputedTorque
 from identification.payload.kernel_estimate import KernelEstimator, uncertainty
 from identification.payload.shape import LoadShape
 from identification.payload.torque_window import Window
-from plant import Body, Harmonics, load_matrix, load_parameters, puma560, simulate
+from plant import Body, Harmonics, puma560, simulate
 
 RIG, PATH, N = puma560.rig(), puma560.reference(), 286
 PLACE = (0.0, -0.4, 0.0)
@@ -28,8 +28,8 @@ def estimator(position=PLACE, friction=0.0):
 @functools.cache
 def log(mass, place=PLACE, path=PATH):
     """The arm with this load, under a law that holds the prior."""
-    arm, matrix = puma560.arm(), load_matrix(puma560.dynamics())
-    loaded = arm.f + matrix @ load_parameters(Body(mass=mass, com=place))
+    arm, matrix = puma560.arm(), puma560.dynamics().load_matrix()
+    loaded = arm.f + matrix @ Body(mass=mass, com=place).standard_parameters
     law = ComputedTorque(arm.dynamics.arm(arm.f + matrix @ shape().prior), RIG, bandwidth=150)
     return simulate(arm.dynamics.arm(loaded), RIG, law, path)
 
@@ -56,12 +56,12 @@ def test_known_arm_known_place():
 def test_known_arm_place_on_a_line():
     """The torque of the stretch is right to 5 %, although mass and distance may trade."""
     body, arm = Body(mass=3.0, com=(0, -0.3, 0)), puma560.arm()
-    matrix, finder = load_matrix(arm.dynamics), estimator(None)
+    matrix, finder = arm.dynamics.load_matrix(), estimator(None)
     for start in STARTS[::4]:
         found = finder(window(log(3.0, (0, -0.3, 0)), start))
         motion = PATH(np.arange(start, start + N, 15) * RIG.period)
         regressor = np.vstack([arm.dynamics.Y(*state).full() for state in zip(*motion, strict=True)]) @ matrix
-        true = regressor @ load_parameters(body)
+        true = regressor @ body.standard_parameters
         assert np.linalg.norm(regressor @ found.parameters - true) < 0.05 * np.linalg.norm(true)
         assert found.interval[0] <= 3.0 <= found.interval[1]
         np.testing.assert_allclose(found.position[[0, 2]], 0, atol=1e-12)

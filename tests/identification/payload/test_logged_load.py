@@ -10,7 +10,7 @@ from identification import find_load, identify
 from identification.equation_error.least_squares import NotIdentifiableError
 from identification.payload.load import Load
 from identification.payload.load_search import LoadSearch
-from plant import PID, Body, Harmonics, load_matrix, load_parameters, puma560, simulate
+from plant import PID, Body, Harmonics, puma560, simulate
 
 RIG, LAW, PATH, PLACE = puma560.rig(), puma560.p_law(), puma560.reference(), (0.0, -0.55, 0.0)
 
@@ -46,7 +46,7 @@ BODY = Body(mass=MASS, com=PLACE)
 @cache
 def worn_log(law=LAW, path=PATH, body=BODY, duration=None):
     """On drives with 10 % more or less friction than the record's rig says, and without torques."""
-    loaded = ARM.dynamics.arm(ARM.f + load_matrix(ARM.dynamics) @ load_parameters(body))
+    loaded = ARM.dynamics.arm(ARM.f + ARM.dynamics.load_matrix() @ body.standard_parameters)
     record = simulate(loaded, dataclasses.replace(RIG, drive=WORN), law, path, steps_per_sample=16, duration=duration)
     return dataclasses.replace(record, rig=RIG, torque=None, current=None, true_q=None, true_qd=None)
 
@@ -123,7 +123,7 @@ def test_mass_and_centre_where_they_show():
     assert found.com_std[:2].max() < 0.01
     assert np.isnan(found.com[2])  # along the axes of both joints
     assert "z does not show" in str(found)
-    expected = ARM.f + load_matrix(ARM.dynamics) @ load_parameters(Body(mass=MASS, com=PLACE))
+    expected = ARM.f + ARM.dynamics.load_matrix() @ Body(mass=MASS, com=PLACE).standard_parameters
     np.testing.assert_allclose(found.arm.f, expected, atol=0.05)
 
 
@@ -134,7 +134,7 @@ def test_inertia_is_as_stated():
     assert abs(z(right)) < 3
     assert abs(z(wrong)) > abs(z(right))
     assert wrong.rms_innovation > right.rms_innovation
-    expected = ARM.f + load_matrix(ARM.dynamics) @ load_parameters(body)
+    expected = ARM.f + ARM.dynamics.load_matrix() @ body.standard_parameters
     np.testing.assert_allclose(right.arm.f, expected, atol=0.05)
 
 

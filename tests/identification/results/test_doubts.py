@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ctc import ComputedTorque, ComputedTorquePID, certify, tune
+from ctc import ComputedTorque, ComputedTorquePID, Uncertainty, certify, tune
 from identification import Identification, IdentificationWarning, identify
 from plant import P, puma560, simulate
 
@@ -70,7 +70,7 @@ def test_nor_does_a_study(study):
     law, found = () if study is tune else (P(gain=LAW.gain),), wrong()
     warnings.simplefilter("error", IdentificationWarning)
     with pytest.raises(IdentificationWarning, match=rf"{study.__name__}: identified with"):
-        study(found, RIG, *law, PATH, covariance=np.eye(found.fit.values.size))
+        study(found, RIG, *law, PATH, Uncertainty(covariance=np.eye(found.fit.values.size)))
 
 
 def test_a_file_has_the_warnings_and_what_is_read_from_it_warns_again(tmp_path):

@@ -11,8 +11,7 @@ import pytest
 from identification import identify, write_model
 from identification.results.nearest_bodies import Block, basis, nearest_realisation
 from plant import Body, Chain, Coupling, Dynamics, Harmonics, P, puma560, simulate
-from plant.mechanics.load import load_parameters
-from plant.mechanics.pseudo_inertia import from_pseudo_inertia, pseudo_inertia
+from plant.mechanics.body import from_pseudo_inertia, pseudo_inertia
 
 pytest.importorskip("mujoco")
 pytest.importorskip("pinocchio")
@@ -61,7 +60,7 @@ def test_urdf_has_the_torques_of_the_arm_in_both_engines(files, tmp_path, rotors
     assert before != after
     assert inertials_removed(after) == inertials_removed(before)
     for body in written.bodies.values():
-        assert np.linalg.eigvalsh(pseudo_inertia(load_parameters(body)))[0] > 0
+        assert np.linalg.eigvalsh(pseudo_inertia(body.standard_parameters))[0] > 0
 
 
 def test_mjcf_has_the_torques_of_the_arm_with_its_armature(files, tmp_path):
@@ -108,7 +107,9 @@ def test_what_f_does_not_show_is_the_prior_s(files, tmp_path):
     for prior in (truth, first.bodies):
         written = write_model(arm, files / "0.urdf", tmp_path / "a.urdf", prior=prior, overwrite=True)
         for name, body in written.bodies.items():
-            np.testing.assert_allclose(load_parameters(body), load_parameters(first.bodies[name]), rtol=0, atol=1e-12)
+            np.testing.assert_allclose(
+                body.standard_parameters, first.bodies[name].standard_parameters, rtol=0, atol=1e-12
+            )
     # and of another prior something else is left
     other = {"tool": Body(mass=0.3, com=random.normal(size=3) * 0.1, inertia=(0.01, 0, 0, 0.01, 0, 0.01))}
     written = write_model(arm, files / "0.urdf", tmp_path / "b.urdf", prior=other)
@@ -163,7 +164,7 @@ def random_blocks(random, p):
     blocks = []
     for _ in range(2):
         L = np.linalg.cholesky(
-            pseudo_inertia(load_parameters(Body(mass=2, com=random.normal(size=3), inertia=(1, 0, 0, 1, 0, 1))))
+            pseudo_inertia(Body(mass=2, com=random.normal(size=3), inertia=(1, 0, 0, 1, 0, 1)).standard_parameters)
         )
         blocks.append(Block(L, random.normal(size=(p, 10))))
     return blocks
@@ -202,7 +203,7 @@ def test_optimum_is_that_of_a_general_solver():
 def test_nearest_f_of_a_pendulum():
     """f = (Izz, m x, m y) about its axis. No body has Izz < 0; near 0 there are heavy ones for any m x, m y."""
     body = Body(mass=1.0, com=(0.3, 0, 0), inertia=(0.1, 0, 0, 0.1, 0, 0.1))
-    L = np.linalg.cholesky(pseudo_inertia(load_parameters(body)))
+    L = np.linalg.cholesky(pseudo_inertia(body.standard_parameters))
     rows = np.array([from_pseudo_inertia(L @ S @ L.T) for S in basis(4)]).T[[9, 1, 2]]
     f = np.array([-0.05, 0.3, 0.0])
     assert nearest_realisation([Block(L, rows)], f) is None
@@ -218,7 +219,7 @@ def test_pseudo_inertia_is_that_of_point_masses():
     for mass, place in zip(masses, places, strict=True):
         body = body.joined(Body(mass=mass, com=place))
     rows = np.column_stack([places, np.ones(7)])
-    P = pseudo_inertia(load_parameters(body))
+    P = pseudo_inertia(body.standard_parameters)
     np.testing.assert_allclose(P, (rows * masses[:, None]).T @ rows, rtol=0, atol=1e-12)
     np.testing.assert_allclose(pseudo_inertia(from_pseudo_inertia(P)), P, rtol=0, atol=1e-15)
 

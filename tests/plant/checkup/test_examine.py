@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from packaged_arms import planar
 
 from ctc import ComputedTorque
 from identification import design_motion
@@ -33,7 +34,6 @@ from plant import (
 )
 from plant.checkup.finding import Checkup, Finding
 from plant.checkup.quantisation import comb
-from plant.robots.catalogue import planar
 
 ARM, RIG, LAW, PATH = puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference()
 

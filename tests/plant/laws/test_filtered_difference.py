@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant.laws.filtered_difference import filtered_difference, no_reading
+from plant.laws.terms import filtered_difference, no_reading
 
 
 def rates(signal, pole, dt):

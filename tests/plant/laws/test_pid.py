@@ -208,7 +208,7 @@ PLAIN = {"gain": (1, 1), "derivative": (0, 0), "filter": 100.0}
         (lambda: Cascade(position=(1,), speed=(0,), integral=(1,), filter=9), "speed must be positive"),
         (lambda: Cascade(position=(-1,), speed=(1,), integral=(1,), filter=9), "position must not be negative"),
         (lambda: Cascade(position=(1,), speed=(1,), integral=(1,), filter=9, period=-1.0), "period must be a positive"),
-        (lambda: Cascade(position=(1,), speed=(1,), integral=(1,), filter=9).start(puma560.rig(), (0, 0)), "2 values"),
+        (lambda: Cascade(position=(1,), speed=(1,), integral=(1,), filter=9).start(puma560.rig(), (0, 0)), "2 joints"),
         (
             lambda: simulate(ARM, RIG, dataclasses.replace(LAWS["PD"], period=0.3e-3), HOLD),
             "law's period must be a whole multiple of the sub-step",

@@ -7,8 +7,8 @@ import pytest
 
 from ctc import ComputedTorque, FeedForward
 from plant import PD, PID, Cascade, Resumed, puma560, replay, simulate
-from plant.laws.filtered_difference import difference
 from plant.laws.resumed import AlongLog
+from plant.laws.terms import difference
 from plant.simulation.law_run import run_law
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()

@@ -6,6 +6,7 @@ import resource
 import struct
 import time
 import zipfile
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,13 +15,20 @@ from plant import Chain, LoadError, Record, Table, puma560, read_table
 from plant.logs import csv_rows
 
 RIG = puma560.rig()
+
+
+def mapped(kind, path):
+    """As `Record.read` does of a file of this ending."""
+    return Record._read(kind, path, None, prefix="", rig=RIG, columns={"counts": ["a", "b"]}, units=None)
+
+
 READERS = {
     "own CSV": lambda path: Record.from_csv(path, rig=RIG),
     "mapped CSV": lambda path: Record.from_csv(path, rig=RIG, columns={"counts": ["a", "b"]}),
-    "NPZ": lambda path: Record.from_npz(path, rig=RIG, columns={"counts": ["a", "b"]}),
-    "MAT": lambda path: Record.from_mat(path, rig=RIG, columns={"counts": ["a", "b"]}),
-    "HDF5": lambda path: Record.from_hdf5(path, rig=RIG, columns={"counts": ["a", "b"]}),
-    "MCAP": lambda path: Record.from_mcap(path, rig=RIG, columns={"counts": ["a", "b"]}),
+    "NPZ": partial(mapped, "npz"),
+    "MAT": partial(mapped, "mat"),
+    "HDF5": partial(mapped, "hdf5"),
+    "MCAP": partial(mapped, "mcap"),
     "URDF": Chain.from_urdf,
     "path": Table.from_csv,
 }

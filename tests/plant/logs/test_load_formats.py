@@ -57,11 +57,8 @@ def test_groups_structures_and_archives_are_one_prefix_away(tmp_path):
         file["note"] = "by hand"
         for name, column in columns.items():
             file[f"run/07/{name}"] = column
-    for read_it, name, prefix in (
-        (Record.from_npz, "a.npz", "run_07/"), (Record.from_mat, "a.mat", "run.deep."),
-        (Record.from_hdf5, "a.h5", "run/07/"),
-    ):  # fmt: skip
-        record = read_it(tmp_path / name, rig=RIG, columns=COLUMNS, units=UNITS, prefix=prefix)
+    for name, prefix in (("a.npz", "run_07/"), ("a.mat", "run.deep."), ("a.h5", "run/07/")):
+        record = Record.read(tmp_path / name, rig=RIG, columns=COLUMNS, units=UNITS, prefix=prefix)
         np.testing.assert_array_equal(record.counts, np.column_stack([columns["c1"], columns["c2"]]))
         assert set(read_table(tmp_path / name, prefix=prefix)) == set(columns)
 
@@ -99,7 +96,7 @@ def test_structures_of_matlab_with_all_that_is_no_column(tmp_path, objects):
             scipy.io.whosmat(path)
         assert "run" in scipy.io.loadmat(path)
     with WarmChildren():
-        record = Record.from_mat(path, rig=RIG, columns=COLUMNS, units=UNITS, prefix="run.")
+        record = Record.read(path, rig=RIG, columns=COLUMNS, units=UNITS, prefix="run.")
         np.testing.assert_array_equal(record.counts, np.column_stack([columns["c1"], columns["c2"]]))
         second = read_table(path, names=["run.runs[1].c1"])["run.runs[1].c1"]
         np.testing.assert_array_equal(second, columns["c2"])
@@ -270,7 +267,7 @@ def test_a_missing_extra_says_what_to_install(tmp_path, monkeypatch):
 def test_matlab_7_3_is_sent_to_the_right_reader(tmp_path):
     path = tmp_path / "new.mat"
     path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(400))
-    refused(lambda: read("mat", path), "got 7.3, which is HDF5. Rename it to end in .h5, or use Record.from_hdf5")
+    refused(lambda: read("mat", path), "got 7.3, which is HDF5. Rename it to end in .h5")
 
 
 def test_hdf5_that_points_into_another_file_is_refused(tmp_path):
@@ -317,10 +314,10 @@ def test_checksums_of_parquet_pages_are_compared(tmp_path):
 
 def test_wrong_calls_are_refused_before_the_file_is_opened():
     for call, message in (
-        (lambda: Record.from_npz("log.npz", columns=COLUMNS), "missing a required argument: 'rig'"),
-        (lambda: Record.from_npz("log.npz", rig=RIG, columns=COLUMNS, unit=UNITS), "Did you mean 'units'"),
-        (lambda: Record.from_mat("log.mat", rig=RIG, columns=["t"]), "columns must be of type dict"),
-        (lambda: Record.from_mat("log.mat", rig=RIG.drive, columns=COLUMNS, units=UNITS), "rig must be of type Rig"),
+        (lambda: Record.read("log.npz", columns=COLUMNS), "missing a required argument: 'rig'"),
+        (lambda: Record.read("log.npz", rig=RIG, columns=COLUMNS, unit=UNITS), "Did you mean 'units'"),
+        (lambda: Record.read("log.mat", rig=RIG, columns=["t"]), "columns must be of type dict"),
+        (lambda: Record.read("log.mat", rig=RIG.drive, columns=COLUMNS, units=UNITS), "rig must be of type Rig"),
         (lambda: Record.from_csv("log.csv", rig=RIG, units=UNITS), "Pass columns= as well"),
     ):
         with pytest.raises(ValueError, match=message) as refusal:

@@ -99,7 +99,7 @@ def test_warnings_point_at_the_line_that_loads(tmp_path):
     block, cells = {"t": "t", "position": "q"}, {"t": "t", "position": ["a", "b"]}
     for call in (
         lambda: Record.from_table(table, columns=block, **options),
-        lambda: Record.from_npz(tmp_path / "log.npz", columns=block, **options),
+        lambda: Record.read(tmp_path / "log.npz", columns=block, **options),
         lambda: Record.from_csv(tmp_path / "log.csv", columns=cells, **options),
     ):
         with pytest.warns(UserWarning, match="whole pulses|repeat the time") as noted:
@@ -383,13 +383,13 @@ def test_every_run_of_a_real_double_pendulum_is_read_to_the_last_count(design):
     runs = sorted({name.split("/")[0] for name in table})
     assert len(runs) >= 9
     for run in runs:
-        log = Record.from_npz(path, rig=rig, columns=columns, units=units, prefix=f"{run}/")
+        log = Record.read(path, rig=rig, columns=columns, units=units, prefix=f"{run}/")
         logged = np.column_stack([table[f"{run}/{name}"] for name in columns["position"]])
         cells = logged / step - 0.5 * np.sign(logged)
         np.testing.assert_allclose(log.counts, cells, atol=1e-6)
         np.testing.assert_array_equal(log.t, table[f"{run}/time"])
     with pytest.raises(LoadError, match="as 'position' in 'rad' they would be"):
-        Record.from_npz(path, rig=rig, columns=columns, units=units | {"position": "deg"}, prefix=f"{run}/")
+        Record.read(path, rig=rig, columns=columns, units=units | {"position": "deg"}, prefix=f"{run}/")
 
 
 def test_the_paper_s_rig_takes_a_log_in_degrees():

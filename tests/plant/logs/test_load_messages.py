@@ -129,7 +129,7 @@ def test_two_publishers_of_one_topic_are_not_mixed(tmp_path, children):
     write("mcap", tmp_path / "log.mcap", log())
     names = [f"{JOINTS}.position.shoulder", f"{JOINTS}.position.finger"]
     with pytest.raises(LoadError, match="must hold what is mapped in one message"):
-        Record.from_mcap(tmp_path / "log.mcap", rig=RIG, columns={"counts": names})
+        Record.read(tmp_path / "log.mcap", rig=RIG, columns={"counts": names})
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -178,13 +178,15 @@ def test_a_missing_extra_says_what_to_install(tmp_path, monkeypatch, kind, libra
 
 def test_what_is_no_bag_and_no_data_set_says_what_it_lacks(tmp_path, children):
     (tmp_path / "folder").mkdir()
-    for reader, message in (
-        (Record.from_rosbag2, "must be a bag of ROS 2; the folder has no metadata.yaml"),
-        (Record.from_lerobot, "must be a LeRobot data set; it has no meta/info.json"),
-        (Record.from_mcap, "must be a file; got a folder"),
+    (tmp_path / "folder.mcap").mkdir()
+    (tmp_path / "folder.db3").mkdir()
+    for name, message in (
+        ("folder.db3", "must be a bag of ROS 2; the folder has no metadata.yaml"),
+        ("folder.mcap", "must be a file; got a folder"),
+        ("folder", r"must end in one of .* or be a folder with metadata.yaml or meta/info.json"),
     ):
         with pytest.raises(LoadError, match=message):
-            reader(tmp_path / "folder", rig=RIG, columns=COLUMNS, units=UNITS)
+            Record.read(tmp_path / name, rig=RIG, columns=COLUMNS, units=UNITS)
     with pytest.raises(LoadError, match=r"must end in one of .* or be a folder with metadata.yaml or meta/info.json"):
         read_table(tmp_path / "folder")
     (tmp_path / "text.mcap").write_text("time,c1\n")

@@ -103,15 +103,15 @@ def test_drift_is_exact_over_any_step():
     [
         (lambda: rig(load_friction=(1.0,)), "load_friction must be from 0 to below 1"),
         (lambda: rig(load_friction=(-0.1,)), "load_friction must be from 0 to below 1"),
-        (lambda: rig(load_friction=(0.1, 0.1)), "load_friction must have 1 joints; got 2"),
+        (lambda: rig(load_friction=(0.1, 0.1)), "load_friction.share must have 1 joints; got 2"),
         (lambda: rig(load_friction=0.1), "share of LoadFriction must have shape"),
         (lambda: FrictionDrift(amount=(-1.0,), time=(1.0,)), "amount must be above -1"),
         (lambda: FrictionDrift(amount=(0.1,), time=(0.0,)), "time must be positive"),
         (lambda: FrictionDrift(amount=(0.1,), time=(1.0, 1.0)), "time of FrictionDrift must have shape"),
-        (lambda: rig(friction_drift=0.1), "friction_drift must be of type FrictionDrift"),
+        (lambda: rig(friction_drift=0.1), "friction_drift of Drive must be of type FrictionDrift"),
         (
             lambda: dataclasses.replace(puma560.rig().drive, friction_drift=FrictionDrift(amount=(0.1,), time=(1.0,))),
-            "friction_drift must have 2 joints; got 1",
+            "friction_drift.amount must have 2 joints; got 1",
         ),
     ],
 )

@@ -89,8 +89,8 @@ def test_casadi_and_the_kernel_agree_and_the_numbers_have_names():
     [
         (lambda: rig(breakaway=(-0.1,)), "breakaway must not be negative"),
         (lambda: rig(speed=(0.0,)), "speed must be positive"),
-        (lambda: rig(offset=(0.0, 0.1), breakaway=(0.0, 0.0), speed=(1.0, 1.0)), "curve must have 1 joints"),
-        (lambda: dataclasses.replace(puma560.rig().drive, curve=0.3), "curve must be of type FrictionCurve"),
+        (lambda: rig(offset=(0.0, 0.1), breakaway=(0.0, 0.0), speed=(1.0, 1.0)), "curve.offset must have 1 joints"),
+        (lambda: dataclasses.replace(puma560.rig().drive, curve=0.3), "curve of Drive must be of type FrictionCurve"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(make, said):

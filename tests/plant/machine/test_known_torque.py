@@ -25,7 +25,6 @@ from plant import (
     replay,
     simulate,
     to_control,
-    torque_share,
 )
 from plant.analysis.sampled_loops import SampledLoops, held
 from plant.parts.plain import from_plain
@@ -210,8 +209,8 @@ def test_a_motion_needs_less_torque_by_what_the_springs_give():
     carried = JointSpring(stiffness=np.maximum(k, 0), angle=q, preload=ARM.h(q, 0 * q))
     still = PointToPoint(start=q, goal=q, duration=1.0)
     rig = without_friction(RIG)
-    assert torque_share(ARM, rig, still).max() > 0.1
-    assert torque_share(ARM, with_springs(carried, rig), still).max() < 1e-12
+    assert still.torque_share(ARM, rig).max() > 0.1
+    assert still.torque_share(ARM, with_springs(carried, rig)).max() < 1e-12
 
 
 def test_amplifiers_too_weak_for_the_arm_alone_are_strong_enough_with_springs():
@@ -283,7 +282,7 @@ class Wrong(KnownTorque):
     ("make", "message"),
     [
         (lambda: JointSpring(stiffness=(1.0, -2.0), angle=(0, 0)), "stiffness must not be negative"),
-        (lambda: with_springs(JointSpring(stiffness=(1.0,), angle=(0,))), "of JointSpring must have 2 joints like"),
+        (lambda: with_springs(JointSpring(stiffness=(1.0,), angle=(0,))), "JointSpring.stiffness must have 2 joints"),
         (lambda: with_springs(OWN.stiffness), "springs must be KnownTorque"),
         (lambda: with_springs((SPRING, "coil")), "springs must be KnownTorque"),
         (lambda: with_springs(Wrong()), r"of shape \(2, 1\), one torque per joint; got \(2,\)"),

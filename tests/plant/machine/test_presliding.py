@@ -189,10 +189,10 @@ def test_casadi_and_the_kernel_agree():
         (lambda: Presliding(distance=(0.1,), damping=(-0.1,)), "damping must not be negative"),
         (lambda: Presliding(distance=(0.1, 0.1), damping=(0.1,)), "damping of Presliding must have shape"),
         (lambda: Presliding(distance=(np.nan,)), "distance of Presliding must be finite"),
-        (lambda: dataclasses.replace(rig().drive, presliding=0.01), "presliding must be of type Presliding"),
+        (lambda: dataclasses.replace(rig().drive, presliding=0.01), "presliding of Drive must be of type Presliding"),
         (
             lambda: dataclasses.replace(rig().drive, presliding=Presliding(distance=(0.1, 0.1))),
-            "presliding must have 1 joints; got 2",
+            "presliding.distance must have 1 joints; got 2",
         ),
     ],
 )

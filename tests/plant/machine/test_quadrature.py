@@ -81,10 +81,10 @@ def test_none_changes_no_count_and_casadi_gives_the_same():
         (lambda: QuadratureError(amplitude=(-0.1,)), "amplitude must be from 0 to below 2/pi"),
         (lambda: QuadratureError(amplitude=(0.64,)), "amplitude must be from 0 to below 2/pi"),
         (lambda: QuadratureError(amplitude=(0.1,), phase=(0, 0)), "phase of QuadratureError must have shape"),
-        (lambda: Encoder(resolution=(1,), quadrature=0.2), "quadrature must be of type QuadratureError"),
+        (lambda: Encoder(resolution=(1,), quadrature=0.2), "quadrature of Encoder must be of type QuadratureError"),
         (
             lambda: Encoder(resolution=(1, 1), quadrature=QuadratureError(amplitude=(0.1,))),
-            "quadrature must have 2 joints like the encoder; got 1",
+            "quadrature.amplitude must have 2 joints; got 1",
         ),
     ],
 )

@@ -70,10 +70,10 @@ def test_the_linear_model_has_its_stiffness():
         (lambda: TorqueRipple(amplitude=(0.1,), cycles=(0,)), "cycles must be positive"),
         (lambda: TorqueRipple(amplitude=(0.1,), cycles=(6, 6)), "cycles of TorqueRipple must have shape"),
         (lambda: TorqueRipple(amplitude=(0.1,)), "missing a required argument: 'cycles'"),
-        (lambda: dataclasses.replace(puma560.rig().drive, ripple=0.03), "ripple must be of type TorqueRipple"),
+        (lambda: dataclasses.replace(puma560.rig().drive, ripple=0.03), "ripple of Drive must be of type TorqueRipple"),
         (
             lambda: dataclasses.replace(puma560.rig().drive, ripple=TorqueRipple(amplitude=(0.1,), cycles=(6,))),
-            "ripple must have 2 joints; got 1",
+            "ripple.amplitude must have 2 joints; got 1",
         ),
     ],
 )

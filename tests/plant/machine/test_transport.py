@@ -149,10 +149,13 @@ WRONG = {
     "half a step": (lambda: Transport(lost=(1.5,)), "whole numbers of at least 1"),
     "a number, not a transport": (
         lambda: Rig(drive=RIG.drive, encoder=RIG.encoder, period=PERIOD, transport=1e-4),
-        "transport must be of type Transport",
+        "transport of Rig must be of type Transport",
     ),
-    "a number, not a phase": (lambda: Encoder(resolution=(1, 1), phase=0.5), "phase must be of type Phase"),
-    "a phase too few": (lambda: Encoder(resolution=(1, 1), phase=Phase(shift=(0.5,))), "phase must have 2 joints"),
+    "a number, not a phase": (lambda: Encoder(resolution=(1, 1), phase=0.5), "phase of Encoder must be of type Phase"),
+    "a phase too few": (
+        lambda: Encoder(resolution=(1, 1), phase=Phase(shift=(0.5,))),
+        "phase.shift must have 2 joints",
+    ),
     "fast hardware": (
         lambda: simulate(puma560.arm(), carrying(), P(gain=(0.2, 0.15)), PATH),
         "needs a law whose period is at least its delay",

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from packaged_arms import planar, tx40
+from packaged_arms import puma560 as whole_puma560
 from random_arms import random_body, random_chain
 
 from plant import Chain, Dynamics, Harmonics, Link, Lumping, puma560, visibility
 from plant.mechanics.base_parameters import base_lumping
 from plant.mechanics.lumping import STANDARD, standard_parameters
-from plant.robots.catalogue import planar, tx40
-from plant.robots.catalogue import puma560 as whole_puma560
 
 
 def links_2_and_3():

@@ -3,12 +3,12 @@
 import casadi as ca
 import numpy as np
 import pytest
+from packaged_arms import planar
 from random_arms import random_body, random_chain, random_placement
 
 from plant import Body, Chain, Dynamics, Link, Lumping, Placement
 from plant.mechanics.placement import turn
 from plant.mechanics.symmetric_inverse import inverse
-from plant.robots.catalogue import planar
 
 pin = pytest.importorskip("pinocchio")
 

@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pinocchio as pin
 import pytest
+from packaged_arms import planar, tx40
+from packaged_arms import puma560 as whole_puma560
 from pinocchio_arm import pinocchio_model
 
 from plant import Body, Chain, Dynamics, Link, Placement, puma560
-from plant.mechanics.kinematics import joint_positions
-from plant.robots.catalogue import planar, tx40
-from plant.robots.catalogue import puma560 as whole_puma560
+from plant.mechanics.newton_euler import joint_positions
 
 PLACED = Placement.of_angles(0.3, -0.5, 0.7, (0.1, -0.2, 0.3))
 CHAINS = {

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from packaged_arms import puma560 as whole_puma560
 from random_arms import random_body, random_chain
 
-from plant import Body, Dynamics, load_matrix, load_parameters, puma560
-from plant.mechanics.load import LOAD, load_body
-from plant.robots.catalogue import puma560 as whole_puma560
+from plant import Body, Dynamics, puma560
+from plant.mechanics.lumping import LOAD
 
 
 def test_the_increments_are_those_of_equation_3():
@@ -19,7 +19,7 @@ def test_the_increments_are_those_of_equation_3():
     load = SimpleNamespace(m=mass, x=com[0], y=com[1], Izz=izz, J=0.0)
     expected = np.array(list(puma560.equation_3(nothing, load, a3).values()))
     body = Body(mass=mass, com=com, inertia=(0.01, 0, 0, 0.01, 0, izz))
-    got = load_matrix(puma560.dynamics()) @ load_parameters(body)
+    got = puma560.dynamics().load_matrix() @ body.standard_parameters
     np.testing.assert_allclose(got, expected, atol=1e-12)
 
 
@@ -29,37 +29,35 @@ def test_any_chain_any_link(joints, link, frames):
     chain, random = random_chain(joints, seed=joints, frames=frames), np.random.default_rng(joints)
     dynamics, body = Dynamics.from_chain(chain), dataclasses.replace(random_body(random), rotor=0.0)
     carrying = dynamics.f(chain.carrying(body, link).bodies)
-    got = dynamics.f() + load_matrix(dynamics, link) @ load_parameters(body)
+    got = dynamics.f() + dynamics.load_matrix(link) @ body.standard_parameters
     np.testing.assert_allclose(got, carrying, rtol=1e-10, atol=1e-10 * np.abs(carrying).max())
 
 
 def test_there_and_back():
     body = dataclasses.replace(random_body(np.random.default_rng(3)), rotor=0.0)
-    back = load_body(load_parameters(body))
+    back = Body.from_standard_parameters(body.standard_parameters)
     assert back.mass == body.mass
     np.testing.assert_allclose(back.com, body.com, rtol=1e-12)
     np.testing.assert_allclose(back.inertia, body.inertia, rtol=1e-9, atol=1e-12)
-    assert load_body(np.zeros(10)).mass == 0
+    assert Body.from_standard_parameters(np.zeros(10)).mass == 0
 
 
 def test_what_cannot_be():
     with pytest.raises(ValueError, match="positive mass"):
-        load_body([-1.0, *np.zeros(9)])
+        Body.from_standard_parameters([-1.0, *np.zeros(9)])
     with pytest.raises(ValueError, match="positive mass"):
-        load_body([0.0, 0.1, *np.zeros(8)])
+        Body.from_standard_parameters([0.0, 0.1, *np.zeros(8)])
     with pytest.raises(ValueError, match="shape"):
-        load_body(np.zeros(11))
+        Body.from_standard_parameters(np.zeros(11))
     with pytest.raises(ValueError, match="link"):
-        load_matrix(puma560.dynamics(), 7)
-    with pytest.raises(ValueError, match="Body"):
-        load_parameters(2.5)
+        puma560.dynamics().load_matrix(7)
 
 
 def test_the_whole_arm_weighs_what_it_carries():
     """Held level at its joints' zero, 3 kg at the flange change the torque of joint 2 by weight times distance."""
     chain = whole_puma560()
     dynamics = Dynamics.from_chain(chain)
-    increment = load_matrix(dynamics) @ load_parameters(Body(mass=3.0, com=(0.0, 0.0, 0.2)))
+    increment = dynamics.load_matrix() @ Body(mass=3.0, com=(0.0, 0.0, 0.2)).standard_parameters
     rest = np.zeros(6)
     torque = dynamics.Y(rest, rest, rest).full() @ increment
     assert len(LOAD) == 10

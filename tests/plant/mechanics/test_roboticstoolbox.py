@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from packaged_arms import puma560
 
 from plant import Body, Chain, Dynamics, Link
-from plant.robots.catalogue import puma560
 
 toolbox = pytest.importorskip("roboticstoolbox", reason="the Robotics Toolbox is not installed (Linux only)")
 

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 from demands import joint_torque, one_joint
+from packaged_arms import planar
 
-from plant import Dynamics, Harmonics, PointToPoint, fastest, puma560, slowed, torque_share
+from plant import Dynamics, Harmonics, PointToPoint, fastest, puma560
 from plant.mechanics.coupling import Coupling
-from plant.robots.catalogue import planar
 
 ARM, RIG = puma560.arm(), puma560.rig()
 LIMIT = 12 * np.array([0.228 * 107.8, 0.238 * 53.7])
@@ -19,7 +19,7 @@ def test_share_of_the_limit_by_inverse_dynamics(period):
     """Largest of 800 points against largest of 5,215: near its peak torque bends by less than 1e-5 of it."""
     path = puma560.reference(period)
     torque = joint_torque(ARM, RIG, path(np.linspace(0, period, 801)))
-    np.testing.assert_allclose(torque_share(ARM, RIG, path), np.abs(torque).max(axis=0) / LIMIT, rtol=1e-3)
+    np.testing.assert_allclose(path.torque_share(ARM, RIG), np.abs(torque).max(axis=0) / LIMIT, rtol=1e-3)
 
 
 def test_share_of_coupled_motors_is_that_of_their_currents():
@@ -28,7 +28,7 @@ def test_share_of_coupled_motors_is_that_of_their_currents():
     arm, rig = dynamics.arm(dynamics.f()), dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, coupling=belt))
     path = PointToPoint(start=(0.0, 0.3), goal=(1.0, -0.5), duration=1.0)
     current = rig.drive.current(joint_torque(arm, rig, path(np.linspace(0, 1, 801))))
-    np.testing.assert_allclose(torque_share(arm, rig, path), np.abs(current).max(axis=0) / 12, rtol=1e-3)
+    np.testing.assert_allclose(path.torque_share(arm, rig), np.abs(current).max(axis=0) / 12, rtol=1e-3)
 
 
 def test_shortest_duration_of_one_joint_by_hand():
@@ -44,8 +44,8 @@ def test_shortest_duration_takes_just_that_share(share):
     """Both look once per sample, at other points of the path: near its peak torque bends by 1e-6 of it."""
     path = puma560.reference()
     shortest = fastest(ARM, RIG, path, share=share, uniform=True)
-    assert torque_share(ARM, RIG, shortest).max() == pytest.approx(share, rel=1e-6)
-    assert torque_share(ARM, RIG, slowed(shortest, 0.99)).max() > share
+    assert shortest.torque_share(ARM, RIG).max() == pytest.approx(share, rel=1e-6)
+    assert shortest.slowed(0.99).torque_share(ARM, RIG).max() > share
 
 
 def weak(current):
@@ -61,9 +61,9 @@ def weak(current):
          "must meet a limit somewhere"),
         (lambda: fastest(ARM, RIG, puma560.reference(), share=-1, uniform=True), "share must be a positive number"),
         (lambda: fastest(ARM, RIG, puma560.reference(), motor_speed=(1, 1), uniform=True), "torque limits alone"),
-        (lambda: torque_share(RIG, ARM, puma560.reference()), "arm must be of type Arm"),
-        (lambda: torque_share(ARM, RIG, RIG), "reference must be of type Reference"),
-        (lambda: torque_share(ARM, RIG, Harmonics(period=1, offset=(0,), cosine=((1,),), sine=((0,),))),
+        (lambda: puma560.reference().torque_share(RIG, ARM), "arm must be of type Arm"),
+        (lambda: fastest(ARM, RIG, RIG), "reference must be of type Reference"),
+        (lambda: Harmonics(period=1, offset=(0,), cosine=((1,),), sine=((0,),)).torque_share(ARM, RIG),
          "reference must have 2 joints like the rig; got 1"),
     ],
 )  # fmt: skip

@@ -6,6 +6,7 @@ import functools
 import numpy as np
 import pytest
 from demands import joint_torque, one_joint
+from packaged_arms import planar
 
 from ctc import ComputedTorque, evaluate
 from plant import (
@@ -17,10 +18,7 @@ from plant import (
     Spline,
     fastest,
     puma560,
-    slowed,
-    torque_share,
 )
-from plant.robots.catalogue import planar
 
 ARM, RIG = puma560.arm(), puma560.rig()
 MOVE = PointToPoint(start=(0.0, 0.0), goal=(-1.0, 1.0), duration=1.0)
@@ -179,7 +177,7 @@ def test_it_is_never_slower_than_uniform_scaling(seed):
     path = Spline(times=np.linspace(0, 2, 5), points=points)
     law = fastest(ARM, RIG, path, intervals=60)
     assert law.duration < fastest(ARM, RIG, path, uniform=True).duration
-    assert torque_share(ARM, RIG, law).max() <= 0.9 * (1 + 1e-9)
+    assert law.torque_share(ARM, RIG).max() <= 0.9 * (1 + 1e-9)
 
 
 # -- pulses ---------------------------------------------------------------------------------------------------------
@@ -187,8 +185,8 @@ def test_it_is_never_slower_than_uniform_scaling(seed):
 def test_it_is_tracked_within_one_pulse_where_the_uniform_motion_of_its_duration_is_not(path):
     law = ComputedTorque(ARM, RIG, bandwidth=150)
     fast = quick(path, torque_rate=(5e3, 5e3))
-    uniform = slowed(path, fast.duration / path.duration)
-    assert torque_share(ARM, RIG, uniform).max() > 1.1
+    uniform = path.slowed(fast.duration / path.duration)
+    assert uniform.torque_share(ARM, RIG).max() > 1.1
     assert evaluate(ARM, RIG, law, fast, backend="numba").within(1)
     lost = evaluate(ARM, RIG, law, uniform, backend="numba")
     assert lost.saturation.max() > 0.3

@@ -8,6 +8,7 @@ import pytest
 from closed_loops import NoTorque, joint
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from packaged_arms import planar
 
 from plant import (
     Coupling,
@@ -27,11 +28,9 @@ from plant import (
     part,
     puma560,
     simulate,
-    slowed,
 )
-from plant.motion.scaled import Scaled
+from plant.motion.reference import Scaled
 from plant.parts.plain import from_plain
-from plant.robots.catalogue import planar
 from plant.simulation.closed_loop import ClosedLoop
 
 RIG, ARM, PATH = puma560.rig(), puma560.literature_arm(1.5), puma560.reference()
@@ -176,7 +175,7 @@ SEEN = dataclasses.replace(on_gears(), encoder=dataclasses.replace(RIG.encoder, 
     [
         (lambda: LinkReference(ARM, RIG, PATH), "rig of LinkReference must have elastic gears; got rigid ones"),
         (lambda: LinkReference(ARM, PLAY, PATH), "LinkReference must be without backlash; got 0.0001 rad"),
-        (lambda: LinkReference(ARM, SEEN, PATH), "LinkReference must be on the motors; got the link's side"),
+        (lambda: LinkReference(ARM, SEEN, PATH), "LinkReference must be on the motors; got the links'"),
         (
             lambda: LinkReference(types.SimpleNamespace(arm=ARM, rig=on_gears()), PATH),
             "rig of LinkReference must be of type Rig; got a value of type Harmonics. Pass arm, rig and reference=",
@@ -196,7 +195,7 @@ SEEN = dataclasses.replace(on_gears(), encoder=dataclasses.replace(RIG.encoder, 
             lambda: LinkReference(ARM, on_gears(), fastest(ARM, RIG, MOTIONS[1], intervals=20)),
             r"must be smooth, with a bounded snap; at t = 0.\d+ s the motor of joint . .* needs .* of 295 N m to wind",
         ),
-        (lambda: slowed(LinkReference(ARM, on_gears(), PATH), 2.0), "path must be the motion of the links"),
+        (lambda: LinkReference(ARM, on_gears(), PATH).slowed(2.0), "path must be the motion of the links"),
         (
             lambda: LinkReference(ARM, on_gears(), PointToPoint(start=(0,), goal=(1,), duration=1)),
             "reference must have 2 joints like the rig; got 1",

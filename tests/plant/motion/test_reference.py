@@ -188,7 +188,7 @@ def test_bad_table_file_is_refused_in_one_line(tmp_path, text, message):
             "times must increase; got 1.0 after 2.0 at index 2",
         ),
         (lambda: Spline(times=(1, 2), points=((0,), (1,))), r"times must be two or more, from 0"),
-        (lambda: Spline(times=(0, 1), points=((0,), (1,)), at_rest=False), r"points must be 6 and more"),
+        (lambda: Spline(times=(0, 1), points=((0,), (1,)), at_rest=False), r"points must be 6 or more"),
         (lambda: Spline(times=(0, 1), points=((0,), (1,)), at_rest=2), r"at_rest"),
         (
             lambda: Spline(times=(0, 1), points=((0,),)),

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from plant import Harmonics, PointToPoint, Record, Spline, puma560, simulate, slowed
-from plant.motion.scaled import Scaled
+from plant import Harmonics, PointToPoint, Record, Spline, puma560, simulate
+from plant.motion.reference import Scaled
 from plant.parts.plain import from_plain
 
 MOVE = PointToPoint(start=(0.1, -1.0), goal=(1.3, 0.5), duration=0.8)
@@ -59,7 +59,7 @@ def test_jerk_and_snap_beyond_the_ends():
     """At rest where the motion stays; along a path that goes on, those of the path at that speed."""
     t = np.array([-0.2, 1.9])
     assert not np.any(warped(WAVE).higher(t))
-    on = slowed(WAVE, 1.7)
+    on = WAVE.slowed(1.7)
     for k, (got, expected) in enumerate(zip(on.higher(t * 9), WAVE.higher(t * 9 / 1.7), strict=True), 3):
         np.testing.assert_allclose(got, expected / 1.7**k, rtol=0, atol=1e-10)
 
@@ -68,7 +68,7 @@ def test_jerk_and_snap_beyond_the_ends():
 @pytest.mark.parametrize("factor", [0.5, 1.0, 3.0])
 def test_slowed_is_the_motion_in_another_time(path, factor):
     """Also before its start and long after its end; a polynomial of degree 5 rounds at 1e-15 of its coefficients."""
-    got, t = slowed(path, factor), np.array([-0.3, 0.0, 0.2, 0.77, 1.0, 2.5, 7.3])
+    got, t = path.slowed(factor), np.array([-0.3, 0.0, 0.2, 0.77, 1.0, 2.5, 7.3])
     expected = path(t / factor)
     assert got.duration == pytest.approx(path.duration * factor, rel=1e-15)
     np.testing.assert_allclose(got(t).q, expected.q, rtol=0, atol=1e-12)
@@ -77,7 +77,7 @@ def test_slowed_is_the_motion_in_another_time(path, factor):
 
 
 def test_slowed_twice_is_slowed_once():
-    once, twice = slowed(warped(MOVE), 6.0), slowed(slowed(warped(MOVE), 2.0), 3.0)
+    once, twice = warped(MOVE).slowed(6.0), warped(MOVE).slowed(2.0).slowed(3.0)
     assert isinstance(twice.path, PointToPoint)
     t = np.linspace(0, once.duration, 50)
     np.testing.assert_allclose(twice(t).qdd, once(t).qdd, atol=1e-12)
@@ -86,7 +86,7 @@ def test_slowed_twice_is_slowed_once():
 def test_trajectory_6_at_another_period_is_slowed():
     """Source: paper eq. (6): T = 2.0 s is T = 3.65 s in another time."""
     t = np.linspace(0, 5.0, 101)
-    got, expected = slowed(puma560.reference(3.65), 2.0 / 3.65)(t), puma560.reference(2.0)(t)
+    got, expected = puma560.reference(3.65).slowed(2.0 / 3.65)(t), puma560.reference(2.0)(t)
     for one, other in zip(got, expected, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-11)
 
@@ -132,9 +132,8 @@ def test_it_goes_through_a_file(tmp_path):
          "times must increase; got 2.0 after 2.0 at index 2"),
         (lambda: Scaled(path=(0, 1), times=(0, 1), places=(0, 1), speeds=(1, 1), accelerations=(0, 0)),
          "path of Scaled must be of type Reference"),
-        (lambda: slowed(2.0, MOVE), "reference must be of type Reference"),
-        (lambda: slowed(MOVE, 0.0), "factor must be a positive number"),
-        (lambda: slowed(MOVE, factr=2.0), "Did you mean 'factor'"),
+        (lambda: MOVE.slowed(0.0), "factor must be a positive number"),
+        (lambda: MOVE.slowed(factr=2.0), "Did you mean 'factor'"),
     ],
 )  # fmt: skip
 def test_bad_input_is_refused_in_one_line(make, message):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from plant import Harmonics, load_matrix, puma560, visibility
+from plant import Harmonics, puma560, visibility
 
 
 def test_at_rest_gravity_shows_two_first_moments_at_most():
@@ -25,7 +25,7 @@ def test_what_is_invisible_does_not_change_the_torque():
     phi = np.zeros(10)
     phi[[3, 4, 5, 6, 7, 8]] = 1.0, 2.0, 3.0, 4.0, 5.0, 6.0  # mz, Ixx .. Iyz
     motion = path(np.linspace(1.0, 1.2, 9))
-    torque = [dynamics.Y(*state).full() @ load_matrix(dynamics) @ phi for state in zip(*motion, strict=True)]
+    torque = [dynamics.Y(*state).full() @ dynamics.load_matrix() @ phi for state in zip(*motion, strict=True)]
     np.testing.assert_allclose(torque, 0.0, atol=1e-12)
 
 

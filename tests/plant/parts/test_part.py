@@ -24,7 +24,6 @@ from plant import (
     FrictionCurve,
     Jitter,
     JointSpring,
-    Later,
     Limits,
     Link,
     LinkReference,
@@ -45,14 +44,13 @@ from plant import (
     Transport,
     puma560,
     simulate,
-    slowed,
 )
 from plant.laws.resumed import AlongLog
 from plant.machine.drive_effects import CurrentLag, FrictionDrift, LoadFriction
 from plant.parts.kinds import PARTS
 from plant.parts.part import Part, number, part, structure
 from plant.parts.plain import from_plain
-from plant.simulation.correction import Correction
+from plant.simulation.layout import Correction
 
 LINKS = (Link(name="1", alpha=0.1, a=0.2, d=0.3, theta=0.4), Link(name="2", alpha=-np.pi / 2, a=1 / 3, d=0.0))
 CHAIN = Chain(links=LINKS, gravity=(0.1, 0.2, -9.7))
@@ -102,10 +100,10 @@ EXAMPLES = {
     "Resumed": Resumed(law=puma560.p_law(), state=()),
     "AlongLog": AlongLog(law=PD(gain=(0.2,), derivative=(1e-3,), filter=2000.0), state=(1.0, 1 / 3), whole=False),
     "Harmonics": puma560.reference(),
-    "Later": Later(reference=puma560.reference(), time=1 / 3),
+    "Later": puma560.reference().later(1 / 3),
     "PointToPoint": PointToPoint(start=(0.0, 0.1), goal=(1.0, 2.0), duration=0.3),
     "Spline": Spline(times=(0, 1, 2), points=((0, 0), (1, 1 / 3), (2, 0))),
-    "Scaled": slowed(PointToPoint(start=(0.0,), goal=(1.0,), duration=0.3), 2.0),
+    "Scaled": PointToPoint(start=(0.0,), goal=(1.0,), duration=0.3).slowed(2.0),
     "LinkReference": LinkReference(
         puma560.arm(),
         dataclasses.replace(puma560.rig(), drive=dataclasses.replace(puma560.rig().drive, elasticity=GEARS)),
@@ -274,7 +272,7 @@ def test_misspelt_option_of_simulate():
         (lambda: Link(name="1", alpha="x", a=0, d=0), "alpha of Link must be a finite number"),
         (lambda: Chain(links=()), r"links must be at least one Link; got \(\)"),
         (lambda: Chain(links=(1, 2)), "links must be at least one Link"),
-        (lambda: Chain(links=LINKS, gravity=(0, 0)), "gravity must be 3 finite numbers"),
+        (lambda: Chain(links=LINKS, gravity=(0, 0)), "gravity must have shape"),
         (lambda: Body(mass=1, com=(0, 0), inertia=(0,) * 6), r"com of Body must have shape \(3,\)"),
         (lambda: puma560.dynamics().arm(np.ones(8)), re.escape("f has shape (8,); this arm has 9 parameters (f1..f9)")),
     ],

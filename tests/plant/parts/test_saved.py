@@ -13,10 +13,9 @@ from hypothesis.extra import numpy as arrays
 
 from plant import Arm, Law, P, Record, Resumed, Rig, StatelessLaw, number, part, puma560, simulate
 from plant.parts import files
-from plant.parts.json_text import parsed, written
 from plant.parts.part import Part
 from plant.parts.plain import from_plain, to_plain
-from plant.parts.saved import fingerprint
+from plant.parts.saved import fingerprint, parsed, written
 
 ARM, RIG, LAW, PATH = puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference()
 
@@ -144,7 +143,7 @@ def refused(path, kind=Rig):
         (lambda d: d["content"].update(period={"array": [1.0], "dtype": "float64", "shape": [2]}), "got 1 of .2."),
         (lambda d: d["content"].update(period={"array": ["1"], "dtype": "float64", "shape": [1]}), "hold numbers"),
         (lambda d: d["content"].update(period={"array": [300], "dtype": "uint8", "shape": [1]}), "range"),
-        (lambda d: d["content"].update(period={"dict": [[[1], 2]]}), "must be a kind, an array"),
+        (lambda d: d["content"].update(period={"dict": [[[1], 2]]}), "must be a kind, array"),
     ],
 )
 def test_a_wrong_file_is_one_line(path, change, message):

@@ -18,7 +18,6 @@ from plant import (
     Cascade,
     Counterbalance,
     Elasticity,
-    Guards,
     JointSpring,
     Law,
     LinkReference,
@@ -29,7 +28,7 @@ from plant import (
 from plant.compiler.c_statements import statements
 from plant.compiler.instructions import STATE
 from plant.parts.part import number, part
-from plant.simulation.controller_log import write_replay
+from plant.simulation.followed_path import write_replay
 
 STRICT = "-std=c99 -O2 -Wall -Wextra -Werror -pedantic"
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
@@ -73,8 +72,8 @@ def run(*command, cwd=None, check=True):
     return subprocess.run([str(each) for each in command], cwd=cwd, capture_output=True, text=True, check=check)  # noqa: S603
 
 
-def built(folder, law, rig=RIG, **options):
-    law.to_c(folder, rig, **options)
+def built(folder, law, rig=RIG, guards=None, **options):
+    law.to_c(folder, rig, guards=guards, **options)
     run("make", f"CFLAGS={STRICT}", cwd=folder)
     return folder / options.get("name", "controller")
 
@@ -196,8 +195,8 @@ def test_an_expression_keeps_its_order():
 
 
 # -- a good citizen -------------------------------------------------------------------------------------------------
-def library(folder, law, **options):
-    law.to_c(folder, RIG, **options)
+def library(folder, law):
+    law.to_c(folder, RIG, guards=None)
     run(CC, *STRICT.split(), "-fPIC", "-shared", "-o", "lib.so", "controller.c", "-lm", cwd=folder)
     return ctypes.CDLL(str(folder / "lib.so"))
 
@@ -260,7 +259,7 @@ def test_the_object_needs_only_mathematics_and_has_no_memory_of_its_own(tmp_path
 def test_every_number_of_the_controller_has_a_name_and_a_comment(tmp_path):
     f = ARM.f.copy()
     f[6] += 1 / 3
-    ComputedTorque(puma560.dynamics().arm(f), RIG, bandwidth=123.456).to_c(tmp_path)
+    ComputedTorque(puma560.dynamics().arm(f), RIG, bandwidth=123.456).to_c(tmp_path, guards=None)
     source = (tmp_path / "controller.c").read_text()
     assert repr(float(f[6])) in source
     assert "Double pole of the error [rad/s]." in source
@@ -335,6 +334,8 @@ def test_files_that_are_not_its_own_stay(tmp_path):
         ({"output": "dac", "counts_per_ampere": (1, 1), "largest_count": 20.5}, "must be whole"),
         ({"output": "dac", "counts_per_ampere": (1, 1), "largest_count": 2**31}, "below 2.31"),
         ({"counts_per_ampere": (1, 1)}, "Choose output='dac'"),
+        ({"guards": "none"}, "guards must be of type Guards"),
+        ({"guard": None}, "Did you mean 'guards'"),
         ({"folder": 3}, "folder must be a path"),
         ({"folder": __file__}, "is a file. Name another"),
         ({"rig": dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, smooth=True))}, "got a smooth one"),
@@ -427,7 +428,7 @@ def sanitized(tmp_path_factory):
 def test_nothing_that_a_caller_gives_is_undefined(tmp_path, sanitized, name):
     law = STATED[name]
     rig = elastic_rig() if name == "flexible joint" else RIG
-    law.to_c(tmp_path, rig, guards=Guards() if isinstance(law, ComputedTorque) else None)
+    law.to_c(tmp_path, rig, guards=None)
     (tmp_path / "driver.c").write_text(DRIVER)
     flags = ["-std=c99", "-O1", "-g", *SANITIZERS.split()]
     run(CC, *flags, "-o", "driver", "driver.c", "controller.c", "-lm", cwd=tmp_path)

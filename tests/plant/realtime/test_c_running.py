@@ -5,19 +5,23 @@ import ast
 import ctypes
 import shutil
 import subprocess
+from functools import cache
 
 import numpy as np
 import pytest
-from guarded_loops import LIMIT, RIG
+from guarded_loops import LIMIT, RIG, closed, elastic
 from spoilt import BEGIN, BRAKED, DT, LIES, PATH, Spoilt
 
 from ctc import ComputedTorque
-from plant import Guards, P, SteppedArm, puma560
+from plant import PD, Guards, P, SteppedArm, puma560, simulate
 from plant.compiler.python_to_c import CFunction
+from plant.realtime import memory
 from plant.realtime.c_running import NAMES
 
 CC = shutil.which("cc") or shutil.which("gcc")
 pytestmark = pytest.mark.skipif(CC is None, reason="needs a C compiler")
+MAKE = shutil.which("make")
+needs_make = pytest.mark.skipif(MAKE is None, reason="no make here")
 ROUNDING = 1e-9  # relative: of compilers that contract products and sums, over a thousand samples of a closed loop
 
 
@@ -143,6 +147,68 @@ int main(void)
     said = subprocess.run([tmp_path / "run"], capture_output=True, text=True)
     assert said.returncode == 0, said.stderr
     assert int(said.stdout) > 100
+
+
+@cache
+def unstable():
+    """A law of 150 rad/s and the counts (N, 2) that it sees on gears of 100 Hz, without guards."""
+    arm = puma560.literature_arm(1.5)
+    law = ComputedTorque(arm, RIG, bandwidth=150)
+    return law, closed(arm, elastic(arm, 100), law, PATH, samples=500, guards=None).counts
+
+
+def made(folder, law, counts, motion, **options):
+    """What the program that `Law.to_c` writes, made by its Makefile, gives for these counts, and what it says."""
+    law.to_c(folder, RIG, **options)
+    strict = "CFLAGS=-std=c99 -O2 -Wall -Wextra -Werror -pedantic -ffp-contract=off"
+    subprocess.run([MAKE, strict], cwd=folder, check=True)
+    np.savetxt(folder / "rows.csv", np.hstack([counts, *motion]), delimiter=",", fmt=["%d"] * 2 + ["%.17g"] * 6)
+    said = subprocess.run([folder / "controller", folder / "rows.csv"], capture_output=True, text=True, check=True)
+    return np.loadtxt(said.stdout.splitlines(), delimiter=","), said.stderr
+
+
+@needs_make
+@pytest.mark.parametrize("options", [{}, {"chatter": None}, {"stop": "zero", "duration": 0.1}], ids=str)
+def test_the_program_stops_at_the_same_sample_and_gives_the_same_torques_from_then_on(tmp_path, options):
+    law, counts = unstable()
+    guards, motion = Guards(jump=np.inf, stuck=np.inf, error=np.inf, **options), PATH(np.arange(len(counts)) * DT)
+    torque, said = made(tmp_path, law, counts, motion, guards=guards)
+    controller, stop = law.start(RIG, counts[0], guards=guards), None
+    for k in range(len(counts)):
+        expected = controller.step(counts[k], *(x[k] for x in motion))
+        np.testing.assert_allclose(torque[k], expected, rtol=0, atol=ROUNDING * LIMIT.max(), err_msg=str(k))
+        stop = k + 1 if stop is None and controller.stopped else stop
+    cause = memory.IS_SATURATED if options == {"chatter": None} else memory.CHATTERS
+    assert said == f"safe stop in row {stop}: cause {cause} of controller.h\n"
+
+
+@needs_make
+def test_a_healthy_record_is_replayed_and_counts_of_a_converter_are_the_rounded_current(tmp_path):
+    """Where the scaled current is within 1e-9 of a half, rounding may go either way."""
+    law, scale = ComputedTorque(puma560.arm(), RIG), np.array([2500.0, -1234.5])
+    record = simulate(puma560.arm(), RIG, law, PATH, duration=0.5)
+    torque, said = made(tmp_path / "torque", law, record.counts, PATH(record.t))
+    np.testing.assert_allclose(torque, record.torque, rtol=0, atol=1e-12 * np.abs(record.torque).max())
+    assert said == ""
+    counts, _ = made(tmp_path / "dac", law, record.counts, PATH(record.t), output="dac", counts_per_ampere=scale)
+    exact = record.current * scale
+    clear = np.abs(exact - np.floor(exact) - 0.5) > 1e-9
+    assert clear.mean() > 0.99
+    np.testing.assert_array_equal(counts[clear], np.rint(exact)[clear])
+
+
+def test_law_and_running_controller_write_the_same_files(tmp_path):
+    law, guards = unstable()[0], Guards(stop="zero")
+    law.to_c(tmp_path / "law", RIG, guards=guards)
+    law.start(RIG, (0, 0), guards=guards).to_c(tmp_path / "running")
+    for path in (tmp_path / "law").iterdir():
+        assert path.read_bytes() == (tmp_path / "running" / path.name).read_bytes()
+    with pytest.raises(ValueError, match=r"chatter must have shape \(2,\)"):
+        law.to_c(tmp_path / "c", RIG, guards=Guards(chatter=(0.5, 0.5, 0.5)))
+    pd = PD(gain=(0.1, 0.08), derivative=(1e-3, 8e-4), filter=2000.0, period=DT)
+    with pytest.raises(ValueError, match="got 'gravity' for PD"):
+        pd.to_c(tmp_path / "c", RIG, guards=Guards(stop="gravity"))
+    assert not (tmp_path / "c").exists()
 
 
 def test_a_law_without_a_period_and_a_bad_name(tmp_path):

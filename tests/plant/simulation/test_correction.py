@@ -9,8 +9,8 @@ from plant import P, puma560, simulate
 from plant.machine.rig import smooth_rig
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.correction import Correction
 from plant.simulation.followed_path import path_of, start_of
+from plant.simulation.layout import Correction
 from plant.simulation.loop_kernel import Structure, loop_kernel
 from plant.simulation.time_tables import time_tables
 
@@ -107,5 +107,5 @@ def test_counts_without_a_reference_stand_for_the_middle_of_their_cells(record):
 
 
 def test_a_law_of_another_size_is_still_refused():
-    with pytest.raises(ValueError, match="2 values, one per joint"):
+    with pytest.raises(ValueError, match="2 joints"):
         ClosedLoop(dynamics=ARM.dynamics, rig=RIG, law=P(gain=(1.0,)), steps_per_sample=4, correction=GAINS)

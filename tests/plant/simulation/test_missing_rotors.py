@@ -5,9 +5,9 @@ import warnings
 
 import numpy as np
 import pytest
+from packaged_arms import planar
 
 from plant import Dynamics, PointToPoint, p_gains, puma560, simulate
-from plant.robots.catalogue import planar
 
 RIG = puma560.rig()
 PATH = PointToPoint(start=(-1.0, 0.5), goal=(-0.9, 0.6), duration=0.3)

@@ -307,7 +307,7 @@ ONE = PointToPoint(start=(0.0,), goal=(1.0,), duration=1.0)
     [
         ({"reference": ONE}, "reference must have 2 joints like the rig; got 1"),
         ({"rig": direct_rig((0.0,), (0.0,))}, "rig must have 2 joints like the arm; got 1"),
-        ({"law": P(gain=(1.0,))}, "gain of P must have 2 values"),
+        ({"law": P(gain=(1.0,))}, "P.gain must have 2 joints"),
         ({"law": SampledP(gain=(0.1, 0.1), period=PERIOD / 3)}, "whole multiple of the sub-step"),
         ({"duration": 0}, "duration must be a positive number"),
         ({"duration": -1.0}, "duration must be a positive number"),

@@ -1,0 +1,184 @@
+"""Smooth references: sums of harmonics, moves from point to point, quintic splines."""
+
+import abc
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.motion.reference import Reference, Timed
+from plant.parts.arguments import real
+from plant.parts.fields import Nested
+from plant.parts.part import part, structure
+
+_FREE = 6
+"""Points of a quintic spline whose ends are free."""
+
+
+class _Smooth(Reference):
+    """Base of references whose derivatives of any order are one formula; where one jumps, it is that of one side."""
+
+    @abc.abstractmethod
+    def _derivatives(self, t: NDArray[np.float64], orders: Sequence[int]) -> list[NDArray[np.float64]]:
+        """Derivatives of q of these orders, 0 for q itself, each (N, n), at times t (N,)."""
+
+    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Motion at times (N,)."""
+        q, qd, qdd = self._derivatives(t, range(3))
+        return q, qd, qdd
+
+    def higher(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Jerk and snap at times (N,)."""
+        jerk, snap = self._derivatives(t, (3, 4))
+        return jerk, snap
+
+
+@part
+class Harmonics(_Smooth):
+    """Sum of harmonics: q = offset + sum over j of cosine[:, j] cos(j w t) + sine[:, j] sin(j w t), w = 2 pi / period.
+
+    Parameters
+    ----------
+    period : float
+        [s]
+    offset : (n,) array_like
+        [rad]
+    cosine, sine : (n, H) array_like
+        Amplitudes of the harmonics 1..H [rad].
+
+    The trajectory of eq. (6) is ``puma560.reference()``. Source: paper 3.5.
+
+    See Also
+    --------
+    plant.PointToPoint, plant.Spline, identification.design_motion
+
+    Examples
+    --------
+    >>> from plant import Harmonics
+    >>> path = Harmonics(period=4.0, offset=(0, 0), cosine=((0.3,), (0.2,)), sine=((0,), (0.1,)))
+    >>> motion = path([0.0, 1.0])
+    >>> motion.q.round(3)
+    array([[0.3, 0.2],
+           [0. , 0.1]])
+    """
+
+    period: float = structure(float)
+    offset: Nested = structure()
+    cosine: Nested = structure()
+    sine: Nested = structure()
+
+    def __post_init__(self) -> None:
+        real("period", self.period, "Give it in seconds.", positive=True)
+        n = len(self._keep("offset", ("n",), "One angle per joint."))
+        shape = self._keep("cosine", (n, "H"), "One row per joint, one column per harmonic.").shape
+        self._keep("sine", shape, "The same shape as cosine.")
+
+    @property
+    def n(self) -> int:  # type: ignore[override]  # declared, and read only
+        """Number of joints."""
+        return len(self.offset)
+
+    @property
+    def duration(self) -> float:  # type: ignore[override]  # declared, and read only
+        """One period [s]."""
+        return self.period
+
+    def _derivatives(self, t: NDArray[np.float64], orders: Sequence[int]) -> list[NDArray[np.float64]]:
+        """Of exp(i j w t)."""
+        rate = 2j * np.pi / self.period * np.arange(1, np.shape(self.cosine)[1] + 1)
+        amplitude = np.asarray(self.cosine) - 1j * np.asarray(self.sine)
+        waves = np.exp(t[:, None] * rate)
+        swings = [np.einsum("ij,tj->ti", amplitude * rate**k, waves).real for k in orders]
+        return [each + np.asarray(self.offset) if k == 0 else each for k, each in zip(orders, swings, strict=True)]
+
+
+@part
+class PointToPoint(_Smooth):
+    """Move from rest to rest by a polynomial of degree 5 (acceleration zero at both ends), then stay.
+
+    Parameters
+    ----------
+    start, goal : (n,) array_like
+        [rad]
+    duration : float
+        [s]
+
+    See Also
+    --------
+    plant.Spline, plant.Harmonics
+
+    Examples
+    --------
+    >>> from plant import PointToPoint
+    >>> path = PointToPoint(start=(0, 0), goal=(1, -0.5), duration=2.0)
+    >>> path([1.0]).q
+    array([[ 0.5 , -0.25]])
+    """
+
+    start: Nested = structure()
+    goal: Nested = structure()
+    duration: float = structure(float)
+
+    def __post_init__(self) -> None:
+        real("duration", self.duration, "Give it in seconds.", positive=True)
+        n = len(self._keep("start", ("n",), "One angle per joint."))
+        self._keep("goal", (n,), "One angle per joint, like start.")
+
+    @property
+    def n(self) -> int:  # type: ignore[override]  # declared, and read only
+        """Number of joints."""
+        return len(self.start)
+
+    def _derivatives(self, t: NDArray[np.float64], orders: Sequence[int]) -> list[NDArray[np.float64]]:
+        """From the third on they jump at the ends."""
+        path = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
+        s = np.clip(t / self.duration, 0.0, 1.0)[:, None]
+        move, start = np.subtract(self.goal, self.start), np.asarray(self.start)
+        inside = ((t >= 0) & (t <= self.duration))[:, None]
+        return [inside * path.deriv(k)(s) * move / self.duration**k if k else start + path(s) * move for k in orders]
+
+
+@part
+class Spline(Timed, _Smooth):
+    """Quintic spline through points, from rest to rest, then at its last point.
+
+    Parameters
+    ----------
+    times : (N,) array_like
+        Strictly increasing, from 0 [s].
+    points : (N, n) array_like
+        [rad]
+    at_rest : bool
+        False for a motion that has begun before, and goes on, such as a stretch of a log: its ends are as smooth as the
+        points say. At least six of them.
+
+    See Also
+    --------
+    plant.PointToPoint, plant.Table
+
+    Examples
+    --------
+    >>> from plant import Spline
+    >>> path = Spline(times=(0, 1, 2), points=((0, 0), (0.5, 0.2), (1, 0)))
+    >>> path([1.0]).q
+    array([[0.5, 0.2]])
+    """
+
+    times: Nested = structure()
+    points: Nested = structure()
+    at_rest: bool = structure(bool, default=True)
+
+    def __post_init__(self) -> None:
+        self._keep("points", (self._keep_times(from_zero=True), "n"), "One row per time, one column per joint.")
+        if not self.at_rest and len(self.times) < _FREE:
+            raise ValueError(f"points must be {_FREE} or more if at_rest is False; got {len(self.times)}. Give more.")
+
+    def _derivatives(self, t: NDArray[np.float64], orders: Sequence[int]) -> list[NDArray[np.float64]]:
+        """From the third on they jump at the ends; between, the fifth is the first that does."""
+        rest = [(1, np.zeros(self.n)), (2, np.zeros(self.n))]
+        from scipy.interpolate import make_interp_spline  # 0.2 s, for those who use it
+
+        spline = make_interp_spline(self.times, self.points, k=5, bc_type=(rest, rest) if self.at_rest else None)
+        inside = ((t >= 0) & (t <= self.duration))[:, None]
+        s = np.clip(t, 0, self.duration)
+        return [inside * spline(s, k) if k else spline(s) for k in orders]
