@@ -35,13 +35,13 @@ from identification.procedure import identify
 from identification.repeatability import spread
 from identification.replay.objective import Objective
 from identification.replay.timing import without_delay
-from identification.results.doubts import IdentificationWarning
 from identification.results.identification import Identification
 from identification.results.model_files import write_model
 from identification.results.oscillation import oscillation
 from identification.results.physical import nearest_physical
+from identification.results.summary import IdentificationWarning
 from identification.search.genetic import GeneticSettings, minimize_genetic
-from identification.search.tolerances import Tolerances
+from identification.search.problem import Tolerances
 from plant.parts.arguments import known_options
 
 # The genetic algorithm imports nothing of this project, so a misspelt setting is caught from here.

@@ -16,8 +16,7 @@ from identification.replay.objective import Objective
 from identification.replay.resonances import DAMPING, STIFFNESS, on_gears
 from identification.search.genetic import GeneticSettings
 from identification.search.methods import METHODS
-from identification.search.problem import Problem
-from identification.search.tolerances import Tolerances
+from identification.search.problem import Problem, Tolerances
 from plant import Dynamics, Record
 from plant.checkup.oscillation import own_oscillation
 from plant.parts.arguments import array, choice, instance

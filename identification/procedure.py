@@ -14,15 +14,14 @@ from identification.preparation import prepare, with_gears
 from identification.replay.experiment import with_zeros
 from identification.replay.objective import Objective
 from identification.results.diagnostics import Diagnostics
-from identification.results.doubts import warn_of_doubts
 from identification.results.identification import Identification
+from identification.results.summary import warn_of_doubts
 from identification.results.trust import of_statements
 from identification.search.genetic import GeneticSettings
 from identification.search.memory import repeating
 from identification.search.methods import METHODS
 from identification.search.outcome import Outcome, Search
-from identification.search.problem import Problem
-from identification.search.tolerances import Tolerances
+from identification.search.problem import Problem, Tolerances
 from plant import Dynamics, Record
 from plant.parts.arguments import instance, known_options
 from plant.parts.checkpoint import Checkpoint

@@ -16,8 +16,8 @@ from ctc.certification.samples import draw
 from ctc.certification.uncertainty import Uncertainty
 from ctc.verdict.on_gears import SETTLED
 from identification import Identification
-from identification.results.doubts import warn_of_doubts
 from identification.results.seen import seen
+from identification.results.summary import warn_of_doubts
 from plant import Arm, Law, Reference, Rig
 from plant.parts.arguments import instance, known_options, real
 from plant.parts.checkpoint import Checkpoint

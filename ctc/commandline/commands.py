@@ -25,7 +25,7 @@ from ctc.report.report import write_report
 from ctc.tuning.tune import tune
 from ctc.verdict.evaluation import evaluate
 from identification import Identification, identify
-from identification.results.doubts import doubts
+from identification.results.summary import doubts
 from plant import Dynamics
 from plant.models.robot_file import FOLDER, read_robot
 from plant.parts.files import write_whole

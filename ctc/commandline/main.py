@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from ctc.certification.imperfections import IMPERFECTIONS
 from ctc.commandline.commands import COMMANDS
-from identification.results.doubts import IdentificationWarning
+from identification.results.summary import IdentificationWarning
 from plant.version import __version__
 
 _CODES = """exit codes: 0 fine; 1 the verdict says no: a finding of the checkup, an identification in doubt, a plant

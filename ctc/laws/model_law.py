@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from identification import Identification
-from identification.results.doubts import warn_of_doubts
+from identification.results.summary import warn_of_doubts
 from plant import Arm, Law, Rig
 from plant.analysis.sampled_loops import SampledLoops
 from plant.laws.law import Block

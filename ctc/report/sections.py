@@ -9,8 +9,8 @@ import numpy as np
 
 from ctc.report.page import figure, section
 from identification.equation_error.naming import units as units_of
-from identification.results.doubts import doubts
 from identification.results.seen import seen
+from identification.results.summary import doubts
 from plant.parts.markup import details, items, preformatted, table, text
 from plant.parts.shown import body
 

@@ -15,7 +15,7 @@ from ctc.tuning.search import ROUNDS, Tunings
 from ctc.tuning.tuning import Trial, Tuning
 from ctc.verdict.on_gears import SETTLED
 from identification import Identification, IdentificationWarning
-from identification.results.doubts import warn_of_doubts
+from identification.results.summary import warn_of_doubts
 from plant import Arm, Reference, Rig
 from plant.parts.arguments import instance, known_options, real
 from plant.parts.checkpoint import Checkpoint

@@ -18,10 +18,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.filtering import derivatives, low_pass
 from identification.equation_error.least_squares import least_squares
 from identification.equation_error.pulse_fit import CUTOFF, fit_systems, mode_in, speed_noise
-from identification.equation_error.regressor import System, compared, linear, regressor_along
+from identification.equation_error.regressor import System, compared, derivatives, linear, low_pass, regressor_along
 from identification.equation_error.torque_fit import TorqueFit
 from identification.equation_error.torque_logs import torque_of
 from plant import Dynamics, Record

@@ -155,11 +155,10 @@ def fit_systems(
     unknown: Sequence[str],
     known: Mapping[str, float],
     systems: Iterable[System],
-    weights: NDArray[np.float64] | None = None,
 ) -> TorqueFit:
     """Weighted fit of what is not known to systems of equations in all the unknowns."""
     names, less = without_known(unknown, known, systems)
-    return weighted(dynamics, names, less, weights)
+    return weighted(dynamics, names, less)
 
 
 def without_known(

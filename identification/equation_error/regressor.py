@@ -20,10 +20,40 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from identification.equation_error.filtering import derivatives, low_pass
 from plant import Dynamics, Rig
 from plant.motion.reference import Motion
-from plant.parts.arguments import array
+from plant.parts.arguments import array, real
+
+_ORDER = 4
+"""Of the Butterworth low-pass; run forwards and backwards it has no phase, and the attenuation of twice the order."""
+
+
+def low_pass(x: ArrayLike, period: float, cutoff: float) -> NDArray[np.float64]:
+    """Zero-phase low-pass of the columns of x (N, ...), sampled every `period` [s]; `cutoff` in Hz.
+
+    Raises a ValueError: a cutoff that is not below half of the sample rate, or fewer samples than the filter needs.
+    """
+    from scipy.signal import butter, sosfiltfilt  # a third of a second that the genetic algorithm does not need
+
+    x, cutoff = np.asarray(x), real("cutoff", cutoff, "Give Hz.", positive=True)
+    if not 2 * cutoff * period < 1:
+        raise ValueError(
+            f"cutoff must be below half of the sample rate, {0.5 / period:.4g} Hz; got {cutoff:g}. Lower it."
+        )
+    if len(x) <= 6 * _ORDER:
+        raise ValueError(f"a log must have more than {6 * _ORDER} samples to be filtered; got {len(x)}. Log longer.")
+    return sosfiltfilt(butter(_ORDER, 2 * cutoff * period, output="sos"), x, axis=0)
+
+
+def derivatives(q: ArrayLike, period: float, cutoff: float) -> Motion:
+    """Motion from positions (N, n) [rad], sampled every `period` [s]: low-passed, then central differences.
+
+    Returns q, qd, qdd, each (N, n).
+    """
+    q = low_pass(q, period, cutoff)
+    qd = np.gradient(q, period, axis=0)
+    return Motion(q, qd, np.gradient(qd, period, axis=0))
+
 
 LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
 SPRINGS = "springs"

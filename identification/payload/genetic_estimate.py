@@ -63,11 +63,6 @@ class GeneticEstimator:
         self._kernel = loop_kernel(self._loop, range(arm.dynamics.p))
 
     @property
-    def fewest(self) -> int:
-        """Samples that a window must have: three kernels."""
-        return 3 * self._smoothing.samples
-
-    @property
     def bounds(self) -> NDArray[np.float64]:
         """Of mass [kg] and, where it is unknown, place along the line (0 to 1), (1 or 2, 2)."""
         rows = [self.shape.mass, *([(0.0, 1.0)] if len(self.shape.places) > 1 else [])]
@@ -84,7 +79,7 @@ class GeneticEstimator:
         return candidates[:, :1] * ((1 - share) * per_kg[low] + share * per_kg[low + 1])
 
     def __call__(self, window: Window) -> PayloadEstimate:
-        """Estimate from a window of at least `fewest` samples."""
+        """Estimate from a window of at least three kernels."""
         costs = self._costs(window)
         result = minimize_genetic(costs, self.bounds, self.settings, self.seed)
         best, (low, high) = result.x, self.shape.mass

@@ -87,13 +87,8 @@ class KernelEstimator:
         smoothing = Smoothing(length, rig.period)
         self._window = TorqueWindow(arm, rig, smoothing, unknown, uncertain=self._root.shape[1] > 0)
 
-    @property
-    def fewest(self) -> int:
-        """Samples that a window must have: three kernels."""
-        return 3 * self._window.smoothing.samples
-
     def __call__(self, window: Window) -> PayloadEstimate:
-        """Estimate from a window of at least `fewest` samples."""
+        """Estimate from a window of at least three kernels."""
         load, uncertain, torque = self._window.rows(window, self.shape.basis, self.shape.prior)
         matrix, vector, square = information(load, uncertain @ self._root, torque)
         return posterior(self.shape, matrix, vector, square, len(torque), self._limit)

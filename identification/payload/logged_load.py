@@ -25,8 +25,8 @@ from identification.payload.load import Load, birge, warnings_of
 from identification.payload.load_search import LoadSearch, UnknownLoad
 from identification.replay.experiment import as_records
 from identification.replay.objective import Objective
-from identification.results.doubts import warn_of_doubts
 from identification.results.identification import Identification
+from identification.results.summary import warn_of_doubts
 from identification.search.genetic import GeneticSettings
 from identification.search.memory import with_memory
 from identification.search.outcome import Outcome
@@ -124,21 +124,14 @@ def find_load(
 
 def _covariance(found: Identification | None, arm: Arm) -> NDArray[np.float64]:
     """Of f, in the order of the arm's; none of an exact arm."""
-    p = len(arm.f)
     if found is None:
-        return np.zeros((p, p))
+        return np.zeros((len(arm.f),) * 2)
     if found.covariance is None:
         raise ValueError(
             f"an identification needs a covariance for the load's; this has none: {found.fit.fallback_reason}. Pass "
             "found.arm to take the arm as exact."
         )
-    covariance = np.zeros((p, p))
-    rows = [
-        (i, found.fit.unknown.index(name)) for i, name in enumerate(arm.dynamics.names) if name in found.fit.unknown
-    ]
-    own, its = np.array(rows, int).reshape(-1, 2).T
-    covariance[np.ix_(own, own)] = found.covariance[np.ix_(its, its)]
-    return covariance
+    return found.fit.covariance_of(arm.dynamics.names)
 
 
 def _with_offsets(record: Record) -> Record:

@@ -9,6 +9,7 @@ Source: J. Swevers et al., Optimal robot excitation and identification, IEEE Tra
 (1997), for sums of harmonics.
 """
 
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import casadi as ca
@@ -110,51 +111,12 @@ def design_motion(
         raise ValueError(
             "position must be (low, high) with low < high, speeds and accelerations positive. Correct them."
         )
-    angle = 2 * np.pi / period * np.arange(_SAMPLES)[:, None] * period / _SAMPLES * np.arange(1, harmonics + 1)
-    rate = 2 * np.pi / period * np.arange(1, harmonics + 1)
-    c, s = np.cos(angle), np.sin(angle)
-
-    opti = ca.Opti()
-    offset, cosine, sine = opti.variable(n), opti.variable(n, harmonics), opti.variable(n, harmonics)
-    q = ca.repmat(offset, 1, _SAMPLES) + cosine @ c.T + sine @ s.T
-    qd = cosine @ (-s * rate).T + sine @ (c * rate).T
-    qdd = cosine @ (-c * rate**2).T + sine @ (-s * rate**2).T
-    information, tau = _equation(arm, rig, law)
-    total, torques = information.map(_SAMPLES)(q, qd, qdd), tau.map(_SAMPLES)(q, qd, qdd)
-    p = arm.dynamics.p
-    total = ca.reshape(ca.sum2(total), p, p)
-    variance = _diagonal(p)(total / _SAMPLES + 1e-9 * ca.DM.eye(p))
-    opti.minimize(ca.log(ca.sum1(variance**_SHARPNESS)) / _SHARPNESS)
-    limit = _TORQUE * rig.drive.torque_limit()
-    for value, low, high in (
-        (q, position[:, 0], position[:, 1]), (qd, -velocity, velocity), (qdd, -acceleration, acceleration),
-        (torques, -limit, limit),
-    ):  # fmt: skip
-        for i in range(n):
-            if np.isfinite(high[i]):
-                margin = _MARGIN * (high[i] - low[i])
-                opti.subject_to(opti.bounded(low[i] + margin, value[i, :].T, high[i] - margin))
-    quiet = {"print_time": False, "error_on_fail": False}
-    opti.solver("ipopt", quiet, {"print_level": 0, "sb": "yes", "max_iter": iterations, "tol": 1e-4})
-    best: tuple[Any, ...] | None = None
+    problem = _Problem(arm, rig, law, period, harmonics)
+    problem.limit(position, velocity, acceleration)
     random = np.random.default_rng(seed)
-    middle, half = position.mean(axis=1), np.diff(position, axis=1).ravel() / 2
-    for _ in range(starts):
-        reach = np.minimum(half, np.minimum(velocity / rate[0], acceleration / rate[0] ** 2))
-        share = random.normal(size=(2, n, harmonics)) / (np.arange(1, harmonics + 1) ** 2 * 3)
-        opti.set_initial(offset, middle)
-        opti.set_initial(cosine, share[0] * reach[:, None])
-        opti.set_initial(sine, share[1] * reach[:, None])
-        try:
-            found = opti.solve_limited()
-        except RuntimeError:  # this start leads nowhere
-            continue
-        excess = ca.vertcat(ca.vec(opti.g - opti.ubg), ca.vec(opti.lbg - opti.g))
-        if np.max(found.value(excess)) < _SLACK and (best is None or found.value(opti.f) < best[0]):
-            best = found.value(opti.f), *(np.reshape(found.value(x), x.shape) for x in (offset, cosine, sine))
-    if best is None:
+    motion = problem.solved(_starts(random, starts, problem.rate, position, velocity, acceleration), iterations)
+    if motion is None:
         raise ValueError(f"limits must allow a motion; none of {starts} starts found one. Widen them.")
-    motion = Harmonics(period=period, offset=best[1].ravel(), cosine=best[2], sine=best[3])
     moved = np.ptp(rig.position_in_pulses(motion(np.linspace(0, period, _SAMPLES)).q), axis=0)
     if (moved < _LEAST_PULSES).any():
         label = arm.dynamics.chain.joint_labels[int(moved.argmin())]
@@ -163,6 +125,76 @@ def design_motion(
             "Widen them."
         )
     return motion
+
+
+class _Problem:
+    """The largest variance of f as a function of the amplitudes, for Ipopt."""
+
+    def __init__(self, arm: Arm, rig: Rig, law: Law, period: float, harmonics: int) -> None:
+        self.period, order = period, np.arange(1, harmonics + 1)
+        angle = 2 * np.pi / period * np.arange(_SAMPLES)[:, None] * period / _SAMPLES * order
+        self.rate = rate = np.asarray(2 * np.pi / period * order, dtype=np.float64)
+        c, s = np.cos(angle), np.sin(angle)
+        n, p, self.opti = arm.n, arm.dynamics.p, ca.Opti()
+        offset, cosine, sine = self.opti.variable(n), self.opti.variable(n, harmonics), self.opti.variable(n, harmonics)
+        self.amplitudes = offset, cosine, sine
+        self.q = ca.repmat(offset, 1, _SAMPLES) + cosine @ c.T + sine @ s.T
+        self.qd = cosine @ (-s * rate).T + sine @ (c * rate).T
+        self.qdd = cosine @ (-c * rate**2).T + sine @ (-s * rate**2).T
+        information, tau = _equation(arm, rig, law)
+        along = self.q, self.qd, self.qdd
+        total, self.torques = information.map(_SAMPLES)(*along), tau.map(_SAMPLES)(*along)
+        self.torque_limit = _TORQUE * rig.drive.torque_limit()
+        total = ca.reshape(ca.sum2(total), p, p)
+        variance = _diagonal(p)(total / _SAMPLES + 1e-9 * ca.DM.eye(p))
+        self.opti.minimize(ca.log(ca.sum1(variance**_SHARPNESS)) / _SHARPNESS)
+
+    def limit(
+        self, position: NDArray[np.float64], velocity: NDArray[np.float64], acceleration: NDArray[np.float64]
+    ) -> None:
+        """Keep motion and torque within limits at every sample."""
+        for value, low, high in (
+            (self.q, position[:, 0], position[:, 1]),
+            (self.qd, -velocity, velocity),
+            (self.qdd, -acceleration, acceleration),
+            (self.torques, -self.torque_limit, self.torque_limit),
+        ):
+            for i in range(len(high)):
+                if np.isfinite(high[i]):
+                    margin = _MARGIN * (high[i] - low[i])
+                    self.opti.subject_to(self.opti.bounded(low[i] + margin, value[i, :].T, high[i] - margin))
+
+    def solved(self, starts: Iterable[tuple[NDArray[np.float64], ...]], iterations: int) -> Harmonics | None:
+        """The best end from these starts that keeps the limits."""
+        opti = self.opti
+        quiet = {"print_time": False, "error_on_fail": False}
+        opti.solver("ipopt", quiet, {"print_level": 0, "sb": "yes", "max_iter": iterations, "tol": 1e-4})
+        best: tuple[Any, ...] | None = None
+        for start in starts:
+            for amplitude, value in zip(self.amplitudes, start, strict=True):
+                opti.set_initial(amplitude, value)
+            try:
+                found = opti.solve_limited()
+            except RuntimeError:  # this start leads nowhere
+                continue
+            excess = ca.vertcat(ca.vec(opti.g - opti.ubg), ca.vec(opti.lbg - opti.g))
+            if np.max(found.value(excess)) < _SLACK and (best is None or found.value(opti.f) < best[0]):
+                best = found.value(opti.f), *(np.reshape(found.value(x), x.shape) for x in self.amplitudes)
+        if best is None:
+            return None
+        return Harmonics(period=self.period, offset=best[1].ravel(), cosine=best[2], sine=best[3])
+
+
+def _starts(
+    random: np.random.Generator, starts: int, rate: NDArray[np.float64], position: NDArray[np.float64],
+    velocity: NDArray[np.float64], acceleration: NDArray[np.float64],
+) -> Iterator[tuple[NDArray[np.float64], ...]]:  # fmt: skip
+    """Random amplitudes: offset (n,), cosine and sine (n, harmonics)."""
+    middle, half = position.mean(axis=1), np.diff(position, axis=1).ravel() / 2
+    reach = np.minimum(half, np.minimum(velocity / rate[0], acceleration / rate[0] ** 2))
+    for _ in range(starts):
+        share = random.normal(size=(2, len(middle), len(rate))) / (np.arange(1, len(rate) + 1) ** 2 * 3)
+        yield middle, share[0] * reach[:, None], share[1] * reach[:, None]
 
 
 def _equation(arm: Arm, rig: Rig, law: Law) -> tuple[ca.Function, ca.Function]:

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.law_memory import FADED, Memory, Resumption
-from identification.replay.experiment import Experiment
-from identification.replay.rounding import Rounding
+from identification.replay.experiment import Experiment, Rounding
 from plant import Dynamics, Record
 from plant.simulation.closed_loop import bounded
 from plant.simulation.loop_kernel import LOGGED, logged_kernel

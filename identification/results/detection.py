@@ -25,6 +25,26 @@ _LIMITS = {
 }  # fmt: skip
 """What turns the numbers of `Extended` into those of a text, and their units."""
 
+_SAID = {
+    "compliance": "the joints are elastic: locked-rotor resonance near {each} ({chance}), which biases f. Give the "
+    "drive an Elasticity, and identify its stiffness too.",
+    "backlash": "the gear of {joint} has backlash, about {degrees:.1g} degrees ({chance}): where its load changes "
+    "sign, the model holds no better than that.",
+    "lag": "torques lag behind commands by {lag:.2g} ms ({chance}). Give the drive current_lag, and compare.",
+    "delay": "the counts are {late} ({chance}), which biases f. Identify without_delay(record, {value:.2g}) and "
+    "compare.",
+    "friction": "friction is not the rig's ({chance}): {each}. Add these numbers to unknown (drive.viscous[0] and so "
+    "on).",
+    "offset": "torques have an offset that the rig lacks, {each}, motor side ({chance}), which biases f. Give the "
+    "drive a FrictionCurve, and add drive.curve.offset[0] and so on to unknown.",
+    "gear": "gears (or lengths, or counts per turn) are not the rig's: {each} ({chance}), which biases f. Check them, "
+    "or add drive.gear[0] and so on to unknown.",
+    "disagreement": "the records contradict each other: each alone has other values (chi-square {chi_square:.0f} of "
+    "{freedom} degrees of freedom, by chance below {threshold:.0f}). The model lacks something, or the robot has "
+    "changed.",
+}
+"""What contradicts the model, and what to do."""
+
 _LEAST = 1e-3
 """Of these units, below which nobody asks."""
 
@@ -113,10 +133,20 @@ class Detection(Shown, Frozen):
         return ". ".join([f"contradicted by {', '.join(self.names)}"] * bool(self.names) + parts)
 
     def warnings(self) -> Iterator[str]:
-        """A line for each that contradicts the model."""
+        """A line for each that contradicts the model; of backlash for each joint."""
         for sign in self.named:
-            by_chance = f"chi-square {sign.chi_square:.0f}, by chance below {sign.threshold:.0f}"
-            yield from getattr(self, f"_of_{sign.name}")(sign, by_chance)
+            value = sign.values.get(sign.name, 0.0)
+            about = {
+                "each": self._each(sign),
+                "chance": f"chi-square {sign.chi_square:.0f}, by chance below {sign.threshold:.0f}",
+                "late": f"{abs(value):.2g} samples {'late' if value > 0 else 'early'}",
+                "value": value,
+                "lag": 1e3 * value,
+            } | {name: getattr(sign, name) for name in ("chi_square", "freedom", "threshold")}
+            played = [name for name in sign.values if name.startswith("backlash")] or [""]
+            for name in played:
+                joint = {"joint": self._joint(name), "degrees": np.rad2deg(sign.values[name])} if name else {}
+                yield _SAID[sign.name].format(**about, **joint)
 
     def _visible(self, sign: Sign) -> str:
         """An alternative, and the least of it that would have been seen."""
@@ -137,65 +167,24 @@ class Detection(Shown, Frozen):
     def _joint(self, name: str) -> str:
         return self.joints[int(name.partition("[")[2][:-1])]
 
-    def _of_compliance(self, sign: Sign, by_chance: str) -> Iterator[str]:
-        gears = ", ".join(f"{hertz:.0f} Hz at {joint}" for joint, hertz in self.resonances.items())
-        yield (
-            f"the gears give: links swing near {gears or 'some resonance'} against their locked motors ({by_chance}), "
-            "which biases f. Give the drive an Elasticity, and identify its stiffness too."
-        )
+    def _each(self, sign: Sign) -> str:
+        """What a sign found, joint by joint."""
+        if sign.name == "friction":
+            return "; ".join(self._level(name, value) for name, value in sign.values.items())
+        if sign.name == "compliance":
+            gears = ", ".join(f"{hertz:.0f} Hz at {joint}" for joint, hertz in self.resonances.items())
+            return gears or "some resonance"
+        if sign.name == "gear":
+            return ", ".join(f"{100 * value:+.2g} % at {self._joint(name)}" for name, value in sign.values.items())
+        if sign.name == "offset":
+            return ", ".join(f"{value:.3g} N m at {self._joint(name)}" for name, value in sign.values.items())
+        return ""
 
-    def _of_backlash(self, sign: Sign, by_chance: str) -> Iterator[str]:
-        for name, value in sign.values.items():
-            if name.startswith("backlash"):
-                yield (
-                    f"the gear of {self._joint(name)} has backlash, about {np.rad2deg(value):.1g} degrees "
-                    f"({by_chance}): where its load changes sign, the model holds no better than that."
-                )
-
-    def _of_lag(self, sign: Sign, by_chance: str) -> Iterator[str]:
-        yield (
-            f"torques lag behind commands by {1e3 * sign.values['lag']:.2g} ms ({by_chance}). Give the drive "
-            "current_lag, and compare."
-        )
-
-    def _of_delay(self, sign: Sign, by_chance: str) -> Iterator[str]:
-        delay = sign.values["delay"]
-        yield (
-            f"the counts are {abs(delay):.2g} samples {'late' if delay > 0 else 'early'} ({by_chance}), which biases "
-            f"f. Identify without_delay(record, {delay:.2g}) and compare."
-        )
-
-    def _of_friction(self, sign: Sign, by_chance: str) -> Iterator[str]:
-        units = {"viscous": "N m s/rad", "coulomb": "N m"}
-        parts = []
-        for name, value in sign.values.items():
-            kind, stated = name.partition("[")[0], self.stated.get(name, 0.0)
-            parts.append(f"{kind} of {self._joint(name)} {stated + value:.3g} {units[kind]}, stated {stated:.3g}")
-        yield (
-            f"friction is not the rig's ({by_chance}): {'; '.join(parts)}. Add these numbers to unknown "
-            "(drive.viscous[0] and so on)."
-        )
-
-    def _of_offset(self, sign: Sign, by_chance: str) -> Iterator[str]:
-        offsets = ", ".join(f"{value:.3g} N m at {self._joint(name)}" for name, value in sign.values.items())
-        yield (
-            f"torques have an offset that the rig lacks, {offsets}, motor side ({by_chance}), which biases f. Give the "
-            "drive a FrictionCurve, and add drive.curve.offset[0] and so on to unknown."
-        )
-
-    def _of_gear(self, sign: Sign, by_chance: str) -> Iterator[str]:
-        gears = ", ".join(f"{100 * value:+.2g} % at {self._joint(name)}" for name, value in sign.values.items())
-        yield (
-            f"gears (or lengths, or counts per turn) are not the rig's: {gears} ({by_chance}), which biases f. Check "
-            "them, or add drive.gear[0] and so on to unknown."
-        )
-
-    def _of_disagreement(self, sign: Sign, by_chance: str) -> Iterator[str]:
-        yield (
-            f"the records contradict each other: each alone has other values (chi-square {sign.chi_square:.0f} of "
-            f"{sign.freedom} degrees of freedom, by chance below {sign.threshold:.0f}). The model lacks something, or "
-            "the robot has changed."
-        )
+    def _level(self, name: str, value: float) -> str:
+        """Friction of a joint, found and stated."""
+        kind, stated = name.partition("[")[0], self.stated.get(name, 0.0)
+        unit = {"viscous": "N m s/rad", "coulomb": "N m"}[kind]
+        return f"{kind} of {self._joint(name)} {stated + value:.3g} {unit}, stated {stated:.3g}"
 
 
 def _span(values: list[float]) -> str:

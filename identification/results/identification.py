@@ -12,9 +12,8 @@ from identification.equation_error.naming import short_names
 from identification.planning.budget import pulse_budget
 from identification.results.assumed import Assumed, moved_by_lengths
 from identification.results.diagnostics import Diagnostics
-from identification.results.doubts import doubts
 from identification.results.plots import plot_identification
-from identification.results.summary import said_of
+from identification.results.summary import doubts, said_of
 from identification.results.trust import warnings_of
 from identification.search.outcome import Fit, Search
 from plant import Arm, Law, Record, Rig

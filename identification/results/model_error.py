@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from identification.equation_error.clustered import RUNS, STRETCHES, group_std, run_std
 from identification.replay.optimum import Optimum
 from identification.results.assumed import moved
-from identification.search.tolerances import Tolerances
+from identification.search.problem import Tolerances
 from plant.parts.sums import products
 
 _ASSUMED = ("gear", "motor_gain", "law.")

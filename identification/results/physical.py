@@ -141,7 +141,7 @@ def _body(masses: list[tuple[float, NDArray[np.float64]]], rotor: float) -> Body
 
 def whitening(found: Identification) -> NDArray[np.float64]:
     """W with W C W' = 1, C the covariance of f; refused without one."""
-    rows = [found.fit.unknown.index(name) for name in found.arm.dynamics.names]
-    variance = found.fit.std[rows] ** 2
-    covariance = np.asarray(found.covariance)[np.ix_(rows, rows)] + _RIDGE * variance.max() * np.eye(len(rows))
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
+    _ = found.fit.std  # refuses
+    covariance = found.fit.covariance_of(found.arm.dynamics.names)
+    ridge = _RIDGE * np.diag(covariance).max() * np.eye(len(covariance))
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance + ridge)))

@@ -16,7 +16,7 @@ _BEYOND = 0.1
 _POINTS = 1000
 """Instants of a path at which it is looked at."""
 
-_APART = 20
+APART = 20
 """Samples from one position to the next for a speed."""
 
 
@@ -53,7 +53,7 @@ def _resonance(found: Any) -> float | None:
 
 
 def _beyond(found: Any, reference: Reference, duration: float) -> list[str]:
-    logged = [_motion(record) for record in found.records]
+    logged = [motion_of(record) for record in found.records]
     low = np.min([q.min(axis=0) for q, _ in logged], axis=0)
     high = np.max([q.max(axis=0) for q, _ in logged], axis=0)
     fastest = np.max([np.abs(qd).max(axis=0) for _, qd in logged], axis=0)
@@ -73,8 +73,8 @@ def _beyond(found: Any, reference: Reference, duration: float) -> list[str]:
     return lines
 
 
-def _motion(record: Record) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def motion_of(record: Record) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Positions (N, n) and speeds (M, n) of a log, from its counts."""
     q = record.rig.to_angle(record.counts)
-    every = slice(None, None, min(_APART, len(q) - 1))
+    every = slice(None, None, min(APART, len(q) - 1))
     return q, np.diff(q[every], axis=0) / np.diff(record.t[every])[:, None]

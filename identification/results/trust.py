@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from identification.replay.timing import is_late
+from identification.results.seen import APART, motion_of
 from plant import Chain, Record, Rig
 from plant.checkup.oscillation import own_oscillation
 from plant.machine.motor_inertia import shaft_inertias
@@ -29,11 +30,7 @@ def of_rotors(found: Any) -> Iterator[str]:
     rig, dynamics, f = found.rig, found.arm.dynamics, found.f
     rows = shaft_inertias(dynamics, rig, found.records[0].rig.to_angle(found.records[0].counts[0]))
     inertia, rotors, alone = f @ rows, rig.drive.reflected_inertia(), _alone(dynamics)
-    covariance = np.zeros((len(f), len(f)))
-    if found.covariance is not None:
-        own = [i for i, name in enumerate(found.fit.unknown) if name in dynamics.names]
-        places = [dynamics.names.index(found.fit.unknown[i]) for i in own]
-        covariance[np.ix_(places, places)] = found.covariance[np.ix_(own, own)]
+    covariance = found.fit.covariance_of(dynamics.names)
     std = np.sqrt(np.einsum("ki,kl,li->i", rows, covariance, rows))
     for i, label in enumerate(dynamics.chain.joint_labels):
         unit = "kg" if dynamics.chain.links[i].prismatic else "kg m^2"
@@ -82,9 +79,6 @@ of its value; and how many pairs are named one by one."""
 _ANOTHER = 0.05
 """Share of the logged torque by which that of the stated law may differ."""
 
-_APART = 20
-"""Samples from one position to the next for a speed."""
-
 _ZERO = 0.49
 """Zero of a counter [rad] beyond which it is at the end of its range."""
 
@@ -114,9 +108,8 @@ def of_statements(rig: Rig, records: Iterable[Record], chain: Chain) -> Iterator
     """What a rig states that no arm has, along the counts of records; each once."""
     prismatic, lines = [link.prismatic for link in chain.links], list[str]()
     for record in records:
-        q, every = record.rig.to_angle(record.counts), slice(None, None, _APART)
-        if len(q) > _APART:
-            qd = np.diff(q[every], axis=0) / np.diff(record.t[every])[:, None]
+        if len(record) > APART:
+            q, qd = motion_of(record)
             lines += [line for line in unlikely_statements(rig, q, qd, prismatic) if line not in lines]
     yield from lines
 

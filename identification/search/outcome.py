@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from identification.equation_error.law_memory import Resumption
 from identification.search.gear_resonance import GearResonance
 from identification.search.genetic import GeneticResult, GeneticSettings
-from identification.search.problem import Problem
-from identification.search.tolerances import Tolerances
+from identification.search.problem import Problem, Tolerances
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown
@@ -171,6 +170,15 @@ class Fit(Shown, Frozen):
         """Correlations (k, k) of the values; of what was kept fixed, zero."""
         std = np.where(self.std > 0, self.std, np.inf)
         return self._required_covariance / np.outer(std, std)
+
+    def covariance_of(self, names: Sequence[str]) -> NDArray[np.float64]:
+        """Covariance (m, m) of numbers by their names; zero of what was not unknown, or where there is none."""
+        found = np.zeros((len(names),) * 2)
+        if self.covariance is not None:
+            own = [(i, self.unknown.index(name)) for i, name in enumerate(names) if name in self.unknown]
+            rows, places = np.array(own, int).reshape(-1, 2).T
+            found[np.ix_(rows, rows)] = self.covariance[np.ix_(places, places)]
+        return found
 
     @property
     def _required_covariance(self) -> NDArray[np.float64]:

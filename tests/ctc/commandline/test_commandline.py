@@ -17,7 +17,7 @@ from ctc import Certificate
 from ctc.commandline.inputs import path_of, records_of
 from ctc.commandline.main import main
 from identification import Identification
-from identification.results.doubts import doubts
+from identification.results.summary import doubts
 from plant import puma560, read_robot, simulate
 from plant.models.robot_file import FOLDER
 

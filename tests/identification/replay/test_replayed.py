@@ -135,7 +135,7 @@ def test_a_gap_costs_its_samples_and_no_more(missing):
         base, t=base.t[kept], error_pulses=base.error_pulses[kept], torque=base.torque[kept],
         reference_pulses=None, valid=None,
     )  # fmt: skip
-    fit = identify(DYNAMICS, gap, unknown=UNKNOWN, ranges=ranges(), progress=False)
+    fit = identify(DYNAMICS, gap, unknown=UNKNOWN, ranges=ranges(), progress=False).fit
     true = np.append(F, TRUE)
     assert (np.abs(fit.values - true) <= 4.5 * fit.std).all(), (fit.values - true) / fit.std
 
@@ -147,7 +147,7 @@ def test_a_start_in_motion_is_not_compared_until_it_is_found():
         base, t=base.t[500:], error_pulses=base.error_pulses[500:], torque=base.torque[500:],
         reference_pulses=None, valid=None,
     )  # fmt: skip
-    fit = identify(DYNAMICS, later, unknown=UNKNOWN, ranges=ranges(), progress=False)
+    fit = identify(DYNAMICS, later, unknown=UNKNOWN, ranges=ranges(), progress=False).fit
     true = np.append(F, TRUE)
     assert (np.abs(fit.values - true) <= 4.5 * fit.std).all(), (fit.values - true) / fit.std
 

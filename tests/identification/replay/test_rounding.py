@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from identification import identify
-from identification.replay import rounding
+from identification.replay import experiment
 from identification.replay.prediction import Prediction
 from plant import PID, Jitter, Phase, Record, puma560, simulate
 from plant.simulation import loop_kernel
@@ -43,7 +43,7 @@ def test_a_log_that_is_made_in_blocks_has_the_same_bits(law, monkeypatch):
     followed = next(iter(Prediction(ARM.dynamics, record)._followed))
     values = np.append(ARM.f, followed.loop.correction.number_values()[:4])
     whole = followed.rounded(values, [np.zeros(2)], threads=1)
-    monkeypatch.setattr(rounding, "_AT_ONCE", 100)
+    monkeypatch.setattr(experiment, "_AT_ONCE", 100)
     np.testing.assert_array_equal(followed.rounded(values, [np.zeros(2)], threads=1), whole)
 
 

@@ -2,11 +2,13 @@
 
 import dataclasses
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from identification import fit_torque, identify, pulse_budget
+from identification.results import summary
 from identification.results.diagnostics import Diagnostics
 from identification.search.outcome import Fit, Search
 from plant import Dynamics, puma560, simulate
@@ -42,6 +44,34 @@ def test_groups_hold_what_the_result_gives_at_the_top():
         for name in names:
             np.testing.assert_array_equal(getattr(result, name), getattr(group, name))
     np.testing.assert_allclose(np.diag(result.fit.correlation), 1.0, rtol=1e-12)
+
+
+def test_many_unknowns_fit_on_a_screen(monkeypatch):
+    """All values side by side, no line too long; the whole table on request, as of few unknowns."""
+    result = found()
+    whole = result.summary()
+    assert whole == str(result) == result.summary(full=True)
+    monkeypatch.setattr(summary, "_MANY", 3)
+    screen = str(result)
+    assert len(screen.splitlines()) < 0.7 * len(whole.splitlines())
+    assert max(map(len, screen.splitlines())) <= 80
+    assert all(f"{name} " in screen for name in result.short_names)
+    pairs = zip(result.fit.values, result.fit.std, strict=True)
+    assert all(f"{value:.4g}  +- {std:.2g}" in screen for value, std in pairs)
+    assert "found.summary(full=True)" in " ".join(screen.split())
+    assert "95 % interval  " not in screen
+    assert result.summary(full=True) == whole
+
+
+def test_sixty_two_values_of_seven_joints_take_23_lines():
+    friction = (f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in range(7))
+    names = (*(f"f{i + 1}" for i in range(48)), *friction)
+    of_arm = SimpleNamespace(dynamics=SimpleNamespace(names=names[:48]))
+    fit = SimpleNamespace(unknown=names, values=np.linspace(-9.8765, 9, 62), std=np.full(62, 1.23e-3))
+    seven = SimpleNamespace(arm=of_arm, fit=fit, short_names=names, covariance=np.eye(62))
+    lines = [line for table in summary._abreast(seven) for line in table.lines()]
+    assert (len(lines), max(map(len, lines)) <= 80) == (23, True)
+    assert [word for line in lines for word in line.split()].count("+-") == 62
 
 
 def test_a_fit_without_covariance_says_why():

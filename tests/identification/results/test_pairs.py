@@ -10,9 +10,8 @@ from identification.results.trust import _of_pairs
 
 def found(correlation, std=0.1):
     names = tuple(f"f{i + 1}" for i in range(len(correlation)))
-    numbers = {"values": np.ones(len(names)), "std": np.full(len(names), std)}
-    fit = SimpleNamespace(correlation=correlation)
-    return SimpleNamespace(covariance=correlation, short_names=names, fit=fit, **numbers)
+    fit = SimpleNamespace(correlation=correlation, values=np.ones(len(names)), std=np.full(len(names), std))
+    return SimpleNamespace(covariance=correlation, short_names=names, fit=fit)
 
 
 @pytest.mark.parametrize(("alike", "lines"), [(0, 0), (2, 1), (3, 3), (4, 1)])

@@ -85,7 +85,7 @@ def test_gears_of_60_hz_are_seen_in_one_log(gain):
     hertz = found.diagnostics.detection.resonances
     assert set(hertz) == {"joint 2 (q[0])", "joint 3 (q[1])"}
     assert all(45 < value < 75 for value in hertz.values())
-    assert any(text.startswith("the gears give: links swing near") for text in found.warnings)
+    assert any(text.startswith("the joints are elastic: locked-rotor resonance near") for text in found.warnings)
 
 
 def test_gears_of_100_hz_are_seen_in_two_logs_which_contradict_each_other():
