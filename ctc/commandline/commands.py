@@ -122,7 +122,7 @@ def run_certify(given: Namespace) -> Answer:
     place = None if given.output is None else new_place(given.output, given.force, _read(given))
     found = result_of(given.found)
     law, path = _law(found, given), path_of(found, given.path)
-    certificate = certify(found, found.rig, law, path, _uncertainty(given), **_run(given))
+    certificate = certify(found, found.rig, law, path, _uncertainty(given, found), **_run(given))
     said = [str(certificate), f"computed torque with a bandwidth of {law.bandwidth:g} rad/s"]
     first = certificate.sensitivities[0].name if certificate.failures and certificate.sensitivities else ""
     if first.startswith(("drive.viscous", "drive.coulomb")) and first not in found.fit.unknown:
@@ -134,7 +134,7 @@ def run_tune(given: Namespace) -> Answer:
     """The quietest law that stays within the limit on what was found."""
     place = None if given.output is None else new_place(given.output, given.force, _read(given))
     found = result_of(given.found)
-    tuning = tune(found, found.rig, path_of(found, given.path), _uncertainty(given), **_run(given))
+    tuning = tune(found, found.rig, path_of(found, given.path), _uncertainty(given, found), **_run(given))
     best = min(tuning.trials, key=lambda trial: trial.rank)
     kind = type(tuning.law).__name__
     said = [str(tuning), f"the law: {kind} ({best.tuned}); in Python, Certificate.load(FILE).law"]
@@ -147,15 +147,19 @@ def _read(given: Namespace) -> list[str]:
     return [path for each in every if each for path in (each if isinstance(each, list) else [each])]
 
 
-def _uncertainty(given: Namespace) -> Uncertainty:
+def _uncertainty(given: Namespace, found: Identification) -> Uncertainty:
     """What the robot file states, with what the options state in its place."""
     stated = None if given.robot is None else robot_of(given.robot).uncertainty
     if given.robot is not None and stated is None:
         raise ValueError(f"{given.robot} must have a table [uncertainty]; it has none. Add it, or leave out --robot.")
     names = [field.name for field in dataclasses.fields(Uncertainty) if getattr(given, field.name, None) is not None]
-    return dataclasses.replace(
+    uncertainty = dataclasses.replace(
         cast(Uncertainty, stated or Uncertainty()), **{name: getattr(given, name) for name in names}
     )
+    if found.covariance is None and uncertainty.resonance is None:
+        why = found.fit.fallback_reason or f"--method {found.method} gives none"
+        raise ValueError(f"{given.found} must have intervals; it has none: {why}. Identify with --method seeded.")
+    return uncertainty
 
 
 def _run(given: Namespace) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 import argparse
 import json
 import os
+import re
 import sys
 import traceback
 import warnings
@@ -17,6 +18,10 @@ from plant.version import __version__
 _CODES = """exit codes: 0 fine; 1 the verdict says no: a finding of the checkup, an identification in doubt, a plant
 that leaves the limit, a path that begins in motion; 2 bad input, said in one line; 3 a defect of the library;
 130 interrupted"""
+
+
+_PLACES = {"command", "found", "logs", "name"}
+"""Arguments that are no options."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -44,24 +49,34 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", IdentificationWarning)  # they are part of the answer
+            warnings.simplefilter("ignore", RuntimeWarning)  # numpy's, of numbers whose finiteness is checked
             warnings.showwarning = _said
             answer = COMMANDS[given.command](given)
     except KeyboardInterrupt:
         kept = f" What was finished is in {given.checkpoint}: call again." if getattr(given, "checkpoint", None) else ""
         return _failed(f"interrupted.{kept}", 130)
     except (ValueError, OSError, ImportError, MemoryError) as error:
-        return _failed(" ".join(str(error).split()) or type(error).__name__, 2)
+        return _failed(_as_options(" ".join(str(error).split()), given) or type(error).__name__, 2)
     except Exception:
         traceback.print_exc()
         return _failed("this is a defect of the library; please report the lines above", 3)
     text = json.dumps(answer.data, indent=1, allow_nan=False) if given.json else answer.text
     try:
-        _print(text)
+        _print(_as_options(text, given))
     except BrokenPipeError:  # whoever read it has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
         return _failed(f"the answer must be printed; {error.strerror}. Make room, or print it elsewhere.", 2)
     return 0 if answer.good else 1
+
+
+def _as_options(text: str, given: argparse.Namespace) -> str:
+    """A text with the options of the command in place of the keyword arguments that have their names."""
+    names = "|".join(set(vars(given)) - _PLACES)
+    text = re.sub(rf"\b({names})=\(([^,()]+), ([^,()]+)\)", r"\1=\2 \3", text)
+    text = re.sub(rf"\b({names})=(?=[\d.-])", r"\1= ", text)
+    found = rf"^({names})(?= (?:must|cannot|needs) )|\b({names})="
+    return re.sub(found, lambda each: "--" + (each[1] or each[2]).replace("_", "-"), text)
 
 
 def _print(text: str) -> None:

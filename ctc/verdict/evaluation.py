@@ -30,25 +30,17 @@ class Evaluation(Shown):
     Attributes
     ----------
     joints : tuple of str
-        Names of the joints, those of the links that they move.
     arm : Arm
-        That was controlled.
     record : Record
-        The run, sample by sample.
     true_error_pulses : (N steps_per_sample, n) numpy.ndarray
         Reference minus joint, unrounded, at every sub-step [pulses]; with elastic gears, of the motor.
-    max_error_pulses : (n,) numpy.ndarray
-        Largest integer encoder error, magnitude.
+    max_error_pulses, rms_error_pulses : (n,) numpy.ndarray
+        Of the quantised tracking error, magnitude.
     max_true_error_pulses : (n,) numpy.ndarray
         Largest of the true error, at every sub-step, magnitude [pulses].
     link_error : (N, n) numpy.ndarray
-        Motion asked of the links (`Reference.links`) minus theirs, behind the gears, at the samples [rad]; with elastic
-        gears another than the motors'.
-    rms_error_pulses : (n,) numpy.ndarray
-        Of the integer encoder error.
-    peak_torque : (n,) numpy.ndarray
-        Joint side, magnitude [N m].
-    rms_torque : (n,) numpy.ndarray
+        Commanded motion of the links (`Reference.links`) minus theirs, behind the gears, at the samples [rad].
+    peak_torque, rms_torque : (n,) numpy.ndarray
         Joint side [N m].
     chatter : (n,) numpy.ndarray
         Mean change of the torque from one sample to the next, magnitude [N m].

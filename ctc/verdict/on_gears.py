@@ -51,7 +51,7 @@ def require_followed(name: str, hz: ArrayLike, step: float) -> None:
     if highest > most:
         raise ValueError(
             f"{name} must be below {most:.0f} Hz, which sub-steps of {1e3 * step:.3g} ms can follow; got {highest:g}. "
-            "Lower it: such a gear is rigid; or take more steps_per_sample where there are."
+            "Lower it (such a gear is rigid), or take shorter sub-steps."
         )
 
 

@@ -88,12 +88,22 @@ def test_friction_is_named_by_a_word_beside_f_and_the_page_is_of_one_controller(
     given = ("--path", "path.csv", "--samples", "40", "--bandwidth", "150", "--load", "0", "0.1")
     code, out, err = run(capsys, "certify", "rubbed.json", *given, "-o", "rubbed_proof.json")
     assert code == 2
-    assert "load_position" in err
+    assert "--load-position must be given with a load; got None" in err
+    for wrong, said in (
+        (("--samples", "0"), "--samples must be a whole number of at least 1"),
+        (("--after", "9"), "--after must be from 0 to below the duration 1 s"),
+        (("--resonance", "90", "40"), "--resonance must be (lowest, highest), above 0 Hz; got (90, 40)"),
+    ):
+        code, out, err = run(capsys, "certify", "rubbed.json", "--path", "path.csv", *wrong)
+        assert (code, out) == (2, "")
+        assert err.startswith(f"onepulse: {said}")
     place = ("--load-position", "0", "-0.4", "0")
     code, out, err = run(capsys, "certify", "rubbed.json", *given, *place, "-o", "proof2.json")
     assert code in (0, 1), err
     assert "with a bandwidth of 150 rad/s" in out
     assert "friction ±" not in out  # it was identified
+    assert "resonance=" not in out
+    assert "friction=" not in out
     assert run(capsys, "report", "rubbed.json", "--certificate", "proof2.json", "-o", "rubbed.html")[0] == 0
     run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "alone.json", "--quiet")
     code, _, err = run(capsys, "report", "alone.json", "--certificate", "proof2.json", "-o", "mixed.html")
@@ -143,7 +153,8 @@ def test_a_law_is_tuned_and_handed_on(folder, capsys, monkeypatch):
     assert told["law"] == type(certificate.law).__name__
     assert certificate.law.arm == Identification.load("untuned.json").arm
     assert "friction ±2 %" in str(certificate)
-    assert certificate.settings["after"] == 0.03
+    assert certificate.settings["after"] == told["after"] == 0.03
+    assert told["failures_before"] == certificate.failures_before
     assert run(capsys, "report", "untuned.json", "--certificate", "tuned.json", "-o", "tuned.html")[0] == 0
 
 
