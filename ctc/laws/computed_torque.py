@@ -32,6 +32,9 @@ no longer where they are a little stiffer."""
 _SLIDES, _BEGINS = 30.0, 10.0
 """Speeds [pulses/s] from which on Coulomb friction is fed forward in full, and the start has all of its boost."""
 
+_NEAR = 5.0
+"""Error [pulses] beyond which the boost is less in proportion: it would take the torque from limit to limit."""
+
 _SWEEPS = 4
 """Over the joints, of the predicted friction; they start from the impulse of the sample before."""
 
@@ -132,8 +135,8 @@ class ComputedTorque(ModelLaw):
         return (range(2 * n, 3 * n),)
 
     def model_torques(self, n: int) -> tuple[range, ...]:
-        """What the model needed in the sample before, and with a delay what acts next."""
-        return tuple(range(i * n, (i + 1) * n) for i in (3, *((5,) if self.delay else ())))
+        """What the model needed in the sample before."""
+        return (range(3 * n, 4 * n),)
 
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
@@ -162,8 +165,10 @@ class ComputedTorque(ModelLaw):
 
         # The reference moved on while the torque was held: what was needed is the mean of then and now.
         e, rate, impulse = predicted(e, rate, impulse, torque - (before + needed) / 2, begun * dt)
-        boost = 1 + (self.start_boost - 1) * fresh * ca.fabs(self._share(speed, _BEGINS))
         outside = rig.outside_cell(setpoint.q - e - rig.cell_centre(pulses), pulses, self.dead_zone)
+        e, outside = e + (1 - begun) * outside, begun * outside  # where it begins, the first counts alone say
+        near = _NEAR / ca.fmax(ca.fabs(rig.position_in_pulses(e)), _NEAR)
+        boost = 1 + (self.start_boost - 1) * fresh * ca.fabs(self._share(speed, _BEGINS)) * near
         gains = filter_gains(self.observer_ratio * self.bandwidth * ca.sqrt(boost), dt)
         e, rate, found = correct(e, rate, 0, outside, gains, dt)
         delta = delta + coupling.joint_torque(mobility.alone * coupling.shaft(found))
@@ -176,9 +181,7 @@ class ComputedTorque(ModelLaw):
         sliding = self._share(speed + bandwidth * error / 2, _SLIDES)
         feedback = mobility.alone * (stiffness * error + damping * error_rate) + level * sliding
         wanted = needed + delta + coupling.joint_torque(feedback)
-        begins = (
-            speed * (speed + dt * coupling.shaft(setpoint.qdd)) <= 0
-        )  # from rest, or where the reference turns back
+        begins = speed * (speed + dt * coupling.shaft(setpoint.qdd)) <= 0  # from rest, or where it turns back
         fresh = ca.if_else(begins, 1, fresh * ca.exp(-dt / self.start_time))
         acting, coming = (pending[0], [wanted]) if self.delay else (wanted, [])
         return acting, ca.vertcat(e, rate, delta, needed, impulse, *coming, fresh, 1)
@@ -192,9 +195,8 @@ class ComputedTorque(ModelLaw):
 def _bandwidth(found: Any, rig: Rig | None) -> float:
     """Bandwidth [rad/s] of a law that is given none."""
     if not isinstance(found, Identification) or not isinstance(rig, (Rig, type(None))):
-        return (
-            min(_UNKNOWN, _SAMPLED / rig.period) if isinstance(rig, Rig) else _UNKNOWN
-        )  # what does not fit is refused
+        # What does not fit is refused with the other fields.
+        return min(_UNKNOWN, _SAMPLED / rig.period) if isinstance(rig, Rig) else _UNKNOWN
     rig = found.rig if rig is None else rig
     friction = any(name.startswith(("drive.viscous", "drive.coulomb")) for name in found.fit.unknown)
     known = _FRICTION_TOO if friction else _KNOWN

@@ -176,17 +176,19 @@ class PayloadLaw(Law):
             new = ca.if_else(swapped, rebase(from_inertia @ x + before - after), x)
             for i, value in zip(some, ca.vertsplit(new), strict=True):
                 own[i] = value
+        errors, torques = (), ()
         if isinstance(self.law, ModelLaw):
-            gained = ca.vertsplit(ca.if_else(swapped, after - before, 0))
-            needed = self.law.model_torques(n) if self.stiffened else ()
-            for places, sign in ((self.law.torque_errors(n), -1), (needed, 1)):
-                for i, value in ((i, value) for some in places for i, value in zip(some, gained, strict=True)):
-                    own[i] = own[i] + sign * value
+            errors, torques = self.law.torque_errors(n), self.law.model_torques(n) if self.stiffened else ()
+        gained = ca.vertsplit(ca.if_else(swapped, after - before, 0))
+        for places, sign in ((errors, -1), (torques, 1)):
+            for i, value in ((i, value) for some in places for i, value in zip(some, gained, strict=True)):
+                own[i] = own[i] + sign * value
         if self.stiffened:
             law, beside, acted = _with_f(self.law, models[1]), ca.SX.zeros(n), torque
         else:
             law, beside = self.law, after - empty @ setpoint.qdd - dynamics.h(setpoint.q, setpoint.qd, self.arm.f)
-            acted = torque - (beside + before - after)  # what acted was commanded with the load before
+            # What acted was commanded with the load before; an error of torque that is re-based stands beside it.
+            acted = torque - (beside if errors else beside + before - after)
         asked, following = law.equations(rig, ca.vertcat(*own), setpoint, pulses, acted, dt)
         asked = asked + beside
 
