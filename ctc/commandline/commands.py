@@ -157,7 +157,7 @@ def _uncertainty(given: Namespace, found: Identification) -> Uncertainty:
         cast(Uncertainty, stated or Uncertainty()), **{name: getattr(given, name) for name in names}
     )
     if found.covariance is None and uncertainty.resonance is None:
-        why = found.fit.fallback_reason or f"--method {found.method} gives none"
+        why = found.fit.fallback_reason or f"--method {found.search.method} gives none"
         raise ValueError(f"{given.found} must have intervals; it has none: {why}. Identify with --method seeded.")
     return uncertainty
 

@@ -176,7 +176,8 @@ class PayloadLaw(Law):
             new = ca.if_else(swapped, rebase(from_inertia @ x + before - after), x)
             for i, value in zip(some, ca.vertsplit(new), strict=True):
                 own[i] = value
-        errors, torques = (), ()
+        errors: tuple[range, ...] = ()
+        torques: tuple[range, ...] = ()
         if isinstance(self.law, ModelLaw):
             errors, torques = self.law.torque_errors(n), self.law.model_torques(n) if self.stiffened else ()
         gained = ca.vertsplit(ca.if_else(swapped, after - before, 0))
