@@ -8,13 +8,13 @@ from ctc import ComputedTorque, evaluate
 from identification import identify, write_model
 from plant import Body, Chain, Harmonics, read_robot, simulate
 
-robot = read_robot("ur5e")  # published lengths and masses; what is assumed of the drives says so in the file
+robot = read_robot("ur5e")  # published lengths and masses; the drives are partly assumed, as noted in the file
 rig, law, drawn = robot.rig, robot.law, robot.dynamics
 random, n = np.random.default_rng(1), 6
 waves = random.uniform(-0.4, 0.4, (2, n, 4)) / np.arange(1, 5)
 path = Harmonics(period=4.0, offset=(0, -1.2, 1.0, -0.5, 0.8, 0), cosine=waves[0], sine=waves[1])
 
-# The real arm, which only the simulation knows: it carries a tool that nobody told the URDF of.
+# The true arm, known to the simulation alone: it carries a tool that is not in the URDF.
 tool = Body(mass=1.5, com=(0.02, 0, 0.08), inertia=(2e-3, 0, 0, 2e-3, 0, 1e-3))
 truth = drawn.arm(drawn.f(drawn.chain.carrying(tool).bodies))
 measured = simulate(truth, rig, law, path)

@@ -1,4 +1,4 @@
-"""The arm, its drives and its encoder: simulate the paper's experiment and look at it as the experimenter did."""
+"""The arm, its drives and its encoder: simulate the paper's experiment and analyse its log."""
 
 import tempfile
 

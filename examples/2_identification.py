@@ -7,7 +7,7 @@ from plant import puma560, simulate
 measured = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), steps_per_sample=16)
 dynamics = puma560.dynamics()
 
-# Even the true f has an objective: the model's rounding is not the robot's. Below this, differences mean nothing.
+# Even the true f has an objective, because model and robot round differently. Differences below it are not significant.
 floor = Objective(dynamics, measured)(puma560.PUBLISHED[None])[0]
 print(f"objective (4) of the true f: {floor:.0f} pulses^2")
 

@@ -1,4 +1,4 @@
-"""The same arm under P control and under computed torque, from f that were identified from pulses."""
+"""The same arm under P control and under computed torque with the f identified from its pulses."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ for duration in (3.65, 2.5, 2.0):
     for each in (p, law):
         print(evaluate(robot, rig, each, puma560.reference(duration)))
 
-# The same law, sample by sample, as a control script would run it; here it is fed the pulses of the simulation.
+# The same controller, sample by sample, as a control script runs it; here with the pulses of the simulation.
 report = evaluate(robot, rig, law, path)
 record = report.record
 counts = record.counts

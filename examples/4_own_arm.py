@@ -13,8 +13,8 @@ from plant import Body, Chain, Drive, Dynamics, Encoder, Harmonics, Link, Lumpin
 chain = Chain(links=(Link(name="1", alpha=-np.pi / 2, a=0.0, d=0.0),))
 
 
-# What f means. `Lumping.standard(chain)` would take all 11 standard parameters of the link, of which this motion shows
-# three combinations; so say which: the inertia about the axis with the motor's, and the two first moments.
+# What f means. Of the 11 standard parameters of the link (`Lumping.standard(chain)`) only three combinations are
+# identifiable: the inertia about the axis including the motor's, and the two first moments.
 def lump(link):
     inertia = link.Izz + link.m * (link.x**2 + link.y**2)
     return {"f1": link.J + inertia, "f2": link.m * link.x, "f3": link.m * link.y}
@@ -23,15 +23,15 @@ def lump(link):
 lumping = Lumping.from_equation(lump, links=1, inertial=("f1",), gravitational=("f2", "f3"))
 dynamics = Dynamics(chain=chain, lumping=lumping)
 
-# Drive (motor side), encoder, and how often the log is written.
+# The rig: drive (motor side), encoder, sampling period.
 drive = Drive(
     gear=(100.0,), motor_inertia=(2e-4,), viscous=(1e-3,), coulomb=(0.1,), motor_gain=(0.2,), current_limit=(12.0,)
 )
 rig = Rig(drive=drive, encoder=Encoder(resolution=(1000,)), period=1e-3)
-law = P(gain=(0.1,))  # N m of motor torque per pulse: what your position controller does
+law = P(gain=(0.1,))  # [N m of motor torque per pulse], the gain of your position controller
 path = Harmonics(period=3.0, offset=(0.3,), cosine=((-0.3,),), sine=((0.0,),))
 
-# The real arm, which only the simulation knows; its log is a plain CSV of t, reference pulses, error pulses.
+# The true arm, known to the simulation alone; its log is a plain CSV of t, reference pulses, error pulses.
 rotor = drive.reflected_inertia()[0]
 truth = dynamics.arm(dynamics.f([Body(mass=8.0, com=(0.2, 0.01, 0.0), inertia=(0, 0, 0, 0, 0, 0.2), rotor=rotor)]))
 log = simulate(truth, rig, law, path, steps_per_sample=16)
@@ -41,7 +41,7 @@ with tempfile.TemporaryDirectory() as folder:
     )
     measured = Record.from_csv(f"{folder}/my_robot.csv", rig=rig, law=law)
 
-# Ranges from what you know of the arm; equal ends would fix a value.
+# Ranges from a rough knowledge of the arm; equal ends would fix a value.
 ranges = ((1.5, 4.0), (0.5, 3.0), (-0.5, 0.5))
 found = identify(dynamics, measured, ranges=ranges, seed=1, progress=False)
 for name, true, value in zip(dynamics.names, truth.f, found.f, strict=True):

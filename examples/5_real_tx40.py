@@ -3,9 +3,9 @@
 Give the folder that holds ``staubli_tx40`` as CTC_DATA; the public original is the repository
 thanhndv212/figaroh-plus (Apache-2.0), commit c3b5172849b744984b7181fd9d517c83fb4242e1, examples/staubli_TX40.
 
-How the log is treated: positions low-passed at 100 Hz (Butterworth of order 4, forwards and backwards), differentiated
+Processing of the log: positions low-passed at 100 Hz (Butterworth of order 4, forwards and backwards), differentiated
 by central differences; both sides low-passed at 20 Hz in the same way; every 100th row of 5 kHz, from the first on;
-a joint's equation is left out below the published speeds. Weights from the scatter of each joint.
+a joint's equation is left out below the published speeds. Weights from the residuals of each joint.
 """
 
 import csv

@@ -1,9 +1,9 @@
 """How coarse may an encoder be? The same arm with 100 to 10,000 pulses per motor turn.
 
-The P gain per pulse is scaled so that the loop stays as stiff. For each encoder: worst and median error of f1..f9, in
+The P gain per pulse is scaled for equal stiffness of the loop. For each encoder: worst and median error of f1..f9, in
 per cent of the printed ranges, by the paper's genetic algorithm on pulses, by least squares on differentiated positions
-(the equation error), and by the default; and how computed torque with the latter tracks, in pulses of that encoder. A
-coarse encoder wants a slower controller: at the default bandwidth of 250 rad/s even the true f is not enough for one
+(the equation error), and by the default; and the tracking error of computed torque with the latter, in pulses. A coarse
+encoder needs a slower controller: at the default bandwidth of 250 rad/s even the true f is not enough for one
 pulse of 100 or 200 per turn, as the chatter reaches the amplifier's limit.
 """
 
@@ -20,7 +20,7 @@ METHODS = ("paper", "equation_error", "seeded")
 
 
 def study(pulses):
-    """Worst and median error of each method, and the verdict of the default."""
+    """Worst and median error of each method, and the evaluation with f of the default."""
     rig = dataclasses.replace(puma560.rig(), encoder=Encoder(resolution=(pulses, pulses)))
     gain = np.array((0.20, 0.15)) * puma560.rig().encoder.resolution / pulses
     measured = simulate(puma560.arm(), rig, puma560.p_law(tuple(gain)), puma560.reference(), steps_per_sample=16)

@@ -1,8 +1,8 @@
-"""How fast may a path be passed? The fastest time law that the amplifiers allow, and what becomes of ±1 pulse.
+"""Time-optimal paths: the fastest time law within the amplifiers' limits, and its tracking error.
 
 Three paths of the paper's arm: its trajectory (6), a point-to-point move, and a spline. For each: the shortest duration
 by uniform scaling, the fastest time law along the same path, and the same path uniformly scaled to that duration. All
-are run under computed torque with the true f; peak share is what the motion itself needs of the amplifier's limit. The
+are run under computed torque with the true f; peak share is the motion's peak torque over the amplifier's limit. The
 GIF of the first goes to figures/.
 """
 

@@ -4,8 +4,8 @@ Give the folder that holds ``dfki_double_pendulum`` as CTC_DATA; the public orig
 dfki-ric-underactuated-lab/double_pendulum (BSD-3-Clause), commit 1e8544e67f3da72a51ee52fbbb278e131ce2a43f.
 
 The arm was driven in open loop: torques in, positions out, 10 s per run, at about 500 Hz with jitter and gaps. So the
-model replays the logged torques at the logged times. Each run began where the arm happened to hang, held by friction,
-and its counters were set to zero there: these zeros are unknown, in each run anew.
+model replays the logged torques at the logged times. In each run the counters were zeroed where friction held the arm:
+the encoder offset of every run is estimated as well.
 """
 
 import os
@@ -32,7 +32,7 @@ from plant import (
 )
 
 STEP = 25 / 65535  # [rad] of the joint: 16 bits for 25 rad
-DESIGNS = {  # lengths of the links [m], runs to learn from, runs kept aside
+DESIGNS = {  # lengths of the links [m], runs for the fit, runs for validation
     "C.0": ((0.2, 0.3), ("00", "02", "04", "06"), ("01", "03", "05")),
     "A.0": ((0.3, 0.2), ("00", "02", "12"), ("01", "03", "13")),
 }
@@ -47,7 +47,7 @@ PUBLISHED = {  # from the models that the authors fitted: model_3.0 of C.0, mode
 
 
 def rig():
-    """Quasi-direct drives: gear 6, torque constant and rotor as the maker states them; friction is a first guess."""
+    """Quasi-direct drives: gear 6, torque constant and rotor as published by the maker; friction is a first guess."""
     drive = Drive(
         gear=(6, 6), motor_inertia=(6.07e-5, 6.07e-5), motor_gain=(0.091, 0.091), current_limit=(18, 18),
         viscous=(1e-4, 1e-4), coulomb=(0.02, 0.02),
@@ -89,14 +89,14 @@ def fit(dynamics, records, held_out=()):
 
 
 def four_terms(design, found):
-    """What was found and what was published of the terms that the motion shows; the first includes its rotor."""
+    """Identified and published values of the identifiable terms; the first includes its rotor."""
     p, length = PUBLISHED[design], DESIGNS[design][0][0]
     first, inertia = p["m1"] * p["r1"] + length * p["m2"], p["I1"] + length**2 * p["m2"] + p["rotor"]
     return found.f[[2, 0, 3, 5]], np.array([inertia, first, p["m2"] * p["r2"], p["I2"]])
 
 
 def misses(found, records):
-    """Root mean square (n,) [rad] by which a free simulation misses the runs, all samples of all runs together."""
+    """Root mean square (n,) [rad] of the error of an open-loop simulation, all samples of all runs together."""
     missed = [replay(found.arm, record, rig=found.rig).counts - record.counts for record in records]
     return np.sqrt(np.mean(np.vstack(missed) ** 2, axis=0)) * STEP
 
@@ -151,7 +151,7 @@ def main():
         return 1
     print(load(folder, "C.0", "01").check(), "\n")
     shown = visibility(dynamics(DESIGNS["C.0"][0], every=True), PATH)
-    print(f"of masses, centres and inertias a motion shows {', '.join(shown.combinations)}; no more of m1, r1 and I1\n")
+    print(f"identifiable combinations: {', '.join(shown.combinations)}; m1, r1, I1 not separately\n")
     for design in DESIGNS:
         found, kept = study(folder, design)
         print(f"design {design}, {found.seconds:.0f} s\n{found.summary()}\n")
@@ -159,10 +159,10 @@ def main():
         for name, ours, theirs in zip(TERMS, *four_terms(design, found), strict=True):
             print(f"{name:16}{ours:10.5f}{theirs:11.5f}{ours / theirs:8.3f}")
         off = misses(found, kept)
-        print(f"runs kept aside, simulated freely for 10 s: off by {off[0]:.4f} and {off[1]:.4f} rad (rms)")
-        print(f"drawn in {draw(found, kept[0], f'design {design}')}\n")
-        again = fit(found.arm.dynamics, kept)  # the same arm from other runs: as good a stand-in for it as there is
-        print("the law from the runs learned from, on the arm that the runs kept aside show:")
+        print(f"validation runs, open-loop simulation for 10 s: error {off[0]:.4f} and {off[1]:.4f} rad (rms)")
+        print(f"figure: {draw(found, kept[0], f'design {design}')}\n")
+        again = fit(found.arm.dynamics, kept)  # in place of the real arm: the same arm from other runs
+        print("the controller from the first runs, on the arm identified from the validation runs:")
         report = controlled(found, again)
         print(report, "\n")
         assert report.within(2)

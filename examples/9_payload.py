@@ -1,4 +1,4 @@
-"""A load in the gripper, found at work: pick 2.5 kg, identify, carry, drop, ten cycles; then with the whole PUMA 560.
+"""A load in the gripper, identified during operation: pick 2.5 kg, carry, drop, ten cycles; then the whole PUMA 560.
 
 The figure ``payload.png`` in the folder where this runs shows error and estimated mass over the first two cycles.
 """
