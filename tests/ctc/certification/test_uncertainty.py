@@ -1,6 +1,7 @@
 """One part states what is not known: in a file of its own, in a robot file, on the command line."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -40,7 +41,8 @@ def test_options_of_the_command_line_go_before_the_robot_file(tmp_path):
     given = _parser().parse_args(
         ["certify", "found.json", "--robot", str(path), "--lag", "0", "2e-3", "--delay", "1e-4"]
     )
-    assert _uncertainty(given) == dataclasses.replace(STATED, lag=(0, 2e-3), delay=1e-4)
+    found = SimpleNamespace(covariance=np.eye(1))
+    assert _uncertainty(given, found) == dataclasses.replace(STATED, lag=(0, 2e-3), delay=1e-4)
     assert _uncertainty(_parser().parse_args(["tune", "found.json"])) == Uncertainty()
     write_robot(read_robot("paper_puma560"), tmp_path / "bare.toml")
     given = _parser().parse_args(["tune", "found.json", "--robot", str(tmp_path / "bare.toml")])
