@@ -47,7 +47,7 @@ def test_options_of_the_command_line_go_before_the_robot_file(tmp_path):
     write_robot(read_robot("paper_puma560"), tmp_path / "bare.toml")
     given = _parser().parse_args(["tune", "found.json", "--robot", str(tmp_path / "bare.toml")])
     with pytest.raises(ValueError, match=r"must have a table \[uncertainty\]; it has none"):
-        _uncertainty(given)
+        _uncertainty(given, found)
 
 
 def test_three_ends_of_a_range_are_refused(capsys):
