@@ -43,7 +43,7 @@ def test_options_of_the_command_line_go_before_the_robot_file(tmp_path):
     )
     found = SimpleNamespace(covariance=np.eye(1))
     assert _uncertainty(given, found) == dataclasses.replace(STATED, lag=(0, 2e-3), delay=1e-4)
-    assert _uncertainty(_parser().parse_args(["tune", "found.json"])) == Uncertainty()
+    assert _uncertainty(_parser().parse_args(["tune", "found.json"]), found) == Uncertainty()
     write_robot(read_robot("paper_puma560"), tmp_path / "bare.toml")
     given = _parser().parse_args(["tune", "found.json", "--robot", str(tmp_path / "bare.toml")])
     with pytest.raises(ValueError, match=r"must have a table \[uncertainty\]; it has none"):
