@@ -7,15 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
-from ctc.laws.observer import correct, predict
+from ctc.laws.observer import correct, filter_gains, regulator_gains
 from identification import Identification
 from plant import Rig, Setpoint
 from plant.analysis.sampled_loops import SampledLoops
+from plant.machine.friction import friction_impulse
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
 from plant.parts.part import number, part, structure
 
-_UNKNOWN, _KNOWN, _FRICTION_TOO = 250.0, 200.0, 150.0
+_UNKNOWN, _KNOWN, _FRICTION_TOO = 300.0, 140.0, 120.0
 """Bandwidth [rad/s] by what is known: nothing but f; f with a covariance; friction as well."""
 
 _SAMPLED = 0.3
@@ -28,8 +29,17 @@ _STIFFER = 1.0, 1.2, 1.5, 2.0, 3.0, 5.0
 """Resonances, in shares of the stated, at which it has to be stable: a fast observer can be stable on soft gears, but
 no longer where they are a little stiffer."""
 
-_AT_ONCE = 8.0
-"""Pulses within `start_time` from which on a reference begins at once (tests/benchmarks/from_rest.py)."""
+_SLIDES, _BEGINS = 30.0, 10.0
+"""Speeds [pulses/s] from which on Coulomb friction is fed forward in full, and the start has all of its boost."""
+
+_NEAR = 5.0
+"""Error [pulses] beyond which the boost is less in proportion: it would take the torque from limit to limit."""
+
+_SWEEPS = 4
+"""Over the joints, of the predicted friction; they start from the impulse of the sample before."""
+
+_MOST = 0.5
+"""Bandwidth times period, at most, of a regulator that is boosted."""
 
 _SLOWEST = 5.0
 """Bandwidth [rad/s] below which none is tried."""
@@ -37,11 +47,15 @@ _SLOWEST = 5.0
 
 @part
 class ComputedTorque(ModelLaw):
-    """tau = D-hat(q_r) (qdd_r + v) + h-hat(q_r, qd_r) + friction(qd_r), with v from an observer of the tracking error.
+    """tau = D-hat qdd_r + h-hat + friction + delta + J (k1 e + k2 edot): an observer that knows dry friction and cells.
 
-    Once per sample: the encoder counts, read as the middle of their cell, give the measured error; an extended-state
-    observer per joint estimates the error e, its rate and a disturbance acceleration x3, driven
-    by the torque that was really applied after the amplifier's limit; v = bandwidth^2 e + 2 bandwidth edot + x3.
+    Once per sample an observer predicts the error e = q_r - q from the torque that was really applied, after the
+    amplifier's limit, with D-hat, h-hat and friction as a set: a joint that sticks is predicted to stick. Only by what
+    the counts show beyond a share of their quantisation cell it corrects the error, its rate, and a disturbance torque
+    delta, joint by joint, with the gains of a Kalman filter. The feedback is that of a linear-quadratic
+    regulator, with the inertia J that each joint feels, 1 / (D^-1)_jj. Coulomb friction is fed forward along the speed
+    that is desired, qd_r + bandwidth e / 2, in proportion below 30 pulses/s, so that it does not jump where the motion
+    turns back.
 
     Parameters
     ----------
@@ -50,24 +64,22 @@ class ComputedTorque(ModelLaw):
     rig : Rig, optional
         The identified rig, ``found.rig``: its friction is fed forward.
     bandwidth : float, optional
-        Double pole of the error [rad/s]. By default with an arm, which does not say how well it is known, 250: that
-        hides inertias that are wrong by half, at the price of chatter. With an identification 200, or 150 where
-        friction was identified too (tests/benchmarks/controller_defaults.py), at most 0.3 over the period, and on its
-        elastic gears one of less that is stable with 40 % to spare. So ``ComputedTorque(found)`` is quieter than
-        ``ComputedTorque(found.arm, found.rig)``, and warns where `found` is in doubt; `tune` finds quieter laws.
+        Of the regulator [rad/s]: its poles have this magnitude. By default with an arm, which does not say how well it
+        is known, 300; with an identification 140, or 120 where friction was identified too; at most 0.3 over the
+        period, and on its elastic gears one of less that is stable with 40 % to spare; `tune` finds others.
     observer_ratio : float
-        Triple pole of the observer, as a multiple of the bandwidth.
+        Bandwidth of the observer, as a multiple of the regulator's.
+    dead_zone : float
+        Share of the quantisation cell, 0 to 1, within which an innovation corrects nothing: more is less torque
+        chatter, and slower to see what the model lacks.
     friction : bool
-        Feed forward the friction of the rig, from the reference velocity.
+        Know the friction of the rig: fed forward, and predicted.
     start_boost, start_time : float
-        The observer starts `start_boost` times faster than it ends, and settles with the time constant `start_time`
-        [s]: at the first samples it knows nothing yet of the disturbance. In full where the first sample of the
-        reference asks for a motion of eight pulses within `start_time`, in proportion where it asks for less: along
-        a path that begins gently a fast observer would find nothing but rounding, and the friction that holds the arm.
+        Where a joint begins to move or turns back, its regulator is `start_boost` times as fast, the observer the
+        square root of that, and both settle with the time constant `start_time` [s]: until it breaks loose, static
+        friction hides what gravity is off, and what friction is off changes its sign.
     measured : bool
-        Evaluate D-hat and h-hat at the observed q and qd instead of the reference. Both are the computed torque of the
-        textbooks; with the reference no measurement noise enters the model, and the tracking error is so small that
-        the difference is below the encoder's resolution.
+        Evaluate D-hat and h-hat at the observed q and qd instead of the reference.
     delay : int
         Samples, 0 or 1, by which the torque acts later than its own sample (a controller that needs the whole period
         to compute); the observer predicts across it.
@@ -80,7 +92,7 @@ class ComputedTorque(ModelLaw):
 
     See Also
     --------
-    ctc.ComputedTorquePID, ctc.FeedForward, ctc.evaluate, ctc.tune
+    ctc.evaluate, ctc.tune
 
     Examples
     --------
@@ -91,13 +103,14 @@ class ComputedTorque(ModelLaw):
     >>> evaluate(arm, rig, law, puma560.reference(), duration=0.5).within(1)
     True
 
-    Source: paper Fig. 2.
+    Source: paper Fig. 2; the observer in docs/background/computed_torque.md.
     """
 
     bandwidth: float = number((), default=None)
     observer_ratio: float = number((), default=1.5)
-    start_boost: float = number((), default=3.0)
-    start_time: float = number((), default=0.02)
+    dead_zone: float = number((), default=0.2)
+    start_boost: float = number((), default=4.0)
+    start_time: float = number((), default=0.05)
     friction: bool = structure(bool, default=True)
     measured: bool = structure(bool, default=False)
     delay: int = structure(default=0)
@@ -106,53 +119,84 @@ class ComputedTorque(ModelLaw):
         if self.bandwidth is None:
             object.__setattr__(self, "bandwidth", _bandwidth(self.arm, self.rig))
         super().__post_init__()
-        signs(self, positive=("bandwidth", "observer_ratio", "start_boost", "start_time"))
+        positive = ("bandwidth", "observer_ratio", "start_boost", "start_time")
+        signs(self, positive=positive, not_negative=("dead_zone",))
+        if self.dead_zone > 1:
+            raise ValueError(f"dead_zone must be a share of the cell, 0 to 1; got {self.dead_zone:g}. 0.2 is usual.")
         if self.delay not in (0, 1):
             raise ValueError(f"delay must be 0 or 1 sample; got {self.delay!r}. Longer delays need another design.")
 
     def initial_state(self, n: int) -> NDArray[np.float64]:
-        """Observer at rest on the reference, no torque commanded yet, and the boost of the observer in full."""
-        return np.append(np.zeros((5 + 2 * self.delay) * n), 1.0)
+        """On the reference with nothing applied yet; every joint has all of its boost; no sample taken."""
+        return np.concatenate([np.zeros((5 + self.delay) * n), np.ones(n), [0.0]])
 
-    def model_errors(self, n: int) -> tuple[range, ...]:
-        """Disturbance, and the feedback accelerations that acted or will: they hold what the model lacks."""
-        return tuple(range(i * n, (i + 1) * n) for i in (2, 3, *((5,) if self.delay else ())))
+    def torque_errors(self, n: int) -> tuple[range, ...]:
+        """The disturbance torque."""
+        return (range(2 * n, 3 * n),)
+
+    def model_torques(self, n: int) -> tuple[range, ...]:
+        """What the model needed in the sample before."""
+        return (range(3 * n, 4 * n),)
 
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> tuple[ca.SX, ca.SX]:
         """One sample: what acted -> predict -> correct -> feed back -> torque. Source: paper Fig. 2."""
-        n, model, f = self.arm.n, self.arm.dynamics, self.arm.f
-        e, rate, disturbance, v, commanded, *pending = (state[i * n : (i + 1) * n] for i in range(5 + 2 * self.delay))
-        fresh = ca.if_else(state[-1] < 1, state[-1], self._asked(rig, setpoint))
+        n, model, f, drive = self.arm.n, self.arm.dynamics, self.arm.f, self.rig.drive
+        e, rate, delta, before, impulse, *pending, fresh = (state[i * n : (i + 1) * n] for i in range(6 + self.delay))
+        begun, coupling = state[-1], drive.coupling
+        q, qd = (setpoint.q - e, setpoint.qd - rate) if self.measured else (setpoint.q, setpoint.qd)
+        D, speed = model.D(q, f), coupling.shaft(setpoint.qd)
+        mobility = inverse(coupling.shaft_inertia(D))
+        viscous, level, needed = ca.SX.zeros(n), ca.SX.zeros(n), D @ setpoint.qdd + self.h(q, qd)
+        if self.friction:
+            viscous, level = drive.joint_viscous(), drive.joint_coulomb(speed)
+            needed = needed + coupling.joint_torque(viscous * speed + drive.joint_offset())
 
-        # v and the commanded torque acted since the last sample; what the amplifier cut off is missing from v.
-        v = v + inverse(model.D(setpoint.q, f)).solve(torque - commanded)
-        omega = self.bandwidth * self.observer_ratio * (1 + (self.start_boost - 1) * fresh)
-        measured = setpoint.q - rig.cell_centre(pulses)
-        e, rate, disturbance = correct(*predict(e, rate, disturbance, v, dt), measured, omega, dt)
+        def predicted(e: ca.SX, rate: ca.SX, impulse: ca.SX, acted: ca.SX, time: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+            """Error and rate after `time` under a torque beyond what was needed, and the impulse of friction (n, 1)."""
+            pushing = coupling.shaft_torque(acted - delta) + viscous * coupling.shaft(rate)
+            free = rate - time * coupling.joint(mobility.solve(pushing))
+            sliding = speed - coupling.shaft(free)
+            held = friction_impulse(mobility, -mobility.alone * sliding, impulse, time * level, _SWEEPS)
+            impulse = ca.if_else(level > 0, held, 0)  # not even its slope is left without friction, at rest
+            after = free - coupling.joint(mobility.solve(impulse))
+            return e + time * (rate + after) / 2, after, impulse
+
+        # The reference moved on while the torque was held: what was needed is the mean of then and now.
+        e, rate, impulse = predicted(e, rate, impulse, torque - (before + needed) / 2, begun * dt)
+        outside = rig.outside_cell(setpoint.q - e - rig.cell_centre(pulses), pulses, self.dead_zone)
+        e, outside = e + (1 - begun) * outside, begun * outside  # where it begins, the first counts alone say
+        near = _NEAR / ca.fmax(ca.fabs(rig.position_in_pulses(e)), _NEAR)
+        boost = 1 + (self.start_boost - 1) * fresh * ca.fabs(self._share(speed, _BEGINS)) * near
+        gains = filter_gains(self.observer_ratio * self.bandwidth * ca.sqrt(boost), dt)
+        e, rate, found = correct(e, rate, 0, outside, gains, dt)
+        delta = delta + coupling.joint_torque(mobility.alone * coupling.shaft(found))
 
         # With a delay, what is commanded now acts one sample later: predict the error to then.
-        ahead = predict(e, rate, disturbance, pending[0], dt) if self.delay else (e, rate, disturbance)
-        feedback = self.bandwidth**2 * ahead[0] + 2 * self.bandwidth * ahead[1] + ahead[2]
-        q, qd = (setpoint.q - e, setpoint.qd - rate) if self.measured else (setpoint.q, setpoint.qd)
-        wanted = model.D(q, f) @ (setpoint.qdd + feedback) + self.h(q, qd)
-        if self.friction:
-            wanted = wanted + self.rig.drive.friction(setpoint.qd)
-        acting, coming = (pending[1], pending) if self.delay else (wanted, ())
-        following = [e, rate, disturbance, *coming, feedback, wanted, fresh * ca.exp(-dt / self.start_time)]
-        return acting, ca.vertcat(*following)
+        ahead = predicted(e, rate, impulse, pending[0] - needed, dt)[:2] if self.delay else (e, rate)
+        bandwidth = ca.fmin(self.bandwidth * boost, ca.fmax(self.bandwidth, _MOST / dt))
+        stiffness, damping = regulator_gains(bandwidth, dt)
+        error, error_rate = (coupling.shaft(each) for each in ahead)
+        sliding = self._share(speed + bandwidth * error / 2, _SLIDES)
+        feedback = mobility.alone * (stiffness * error + damping * error_rate) + level * sliding
+        wanted = needed + delta + coupling.joint_torque(feedback)
+        begins = speed * (speed + dt * coupling.shaft(setpoint.qdd)) <= 0  # from rest, or where it turns back
+        fresh = ca.if_else(begins, 1, fresh * ca.exp(-dt / self.start_time))
+        acting, coming = (pending[0], [wanted]) if self.delay else (wanted, [])
+        return acting, ca.vertcat(e, rate, delta, needed, impulse, *coming, fresh, 1)
 
-    def _asked(self, rig: Rig, setpoint: Setpoint) -> ca.SX:
-        """How much of the boost a reference asks for that begins so: by the motion within `start_time`, 0 to 1."""
-        motion = setpoint.qd * self.start_time + setpoint.qdd * self.start_time**2 / 2
-        return ca.fmin(1, ca.mmax(ca.fabs(rig.position_in_pulses(motion))) / _AT_ONCE)
+    def _share(self, speed: ca.SX, full: float) -> ca.SX:
+        """Speed of the shafts (n, 1) over a stated one [pulses/s], within -1 and 1."""
+        pulses = self.rig.encoder.position_in_pulses(ca.fabs(self.rig.drive.gear) * speed) / full
+        return ca.fmin(ca.fmax(pulses, -1), 1)
 
 
 def _bandwidth(found: Any, rig: Rig | None) -> float:
     """Bandwidth [rad/s] of a law that is given none."""
     if not isinstance(found, Identification) or not isinstance(rig, (Rig, type(None))):
-        return _UNKNOWN  # what does not fit is refused with the other fields
+        # What does not fit is refused with the other fields.
+        return min(_UNKNOWN, _SAMPLED / rig.period) if isinstance(rig, Rig) else _UNKNOWN
     rig = found.rig if rig is None else rig
     friction = any(name.startswith(("drive.viscous", "drive.coulomb")) for name in found.fit.unknown)
     known = _FRICTION_TOO if friction else _KNOWN

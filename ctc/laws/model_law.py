@@ -13,6 +13,7 @@ from plant import Arm, Law, Rig
 from plant.analysis.sampled_loops import SampledLoops
 from plant.laws.law import Block
 from plant.machine.motor_inertia import require_inertia
+from plant.machine.rig import sliding_rig
 from plant.parts.arguments import array, instance
 from plant.parts.part import number, structure
 from plant.realtime.running import Running
@@ -74,6 +75,18 @@ class ModelLaw(Law):
     def model_errors(self, n: int) -> tuple[range, ...]:
         """Places in the state of accelerations (n each) that stand for what the model lacks, to be re-based with it."""
         return ()
+
+    def torque_errors(self, n: int) -> tuple[range, ...]:
+        """Places in the state of torques (n each) that stand for what the model lacks."""
+        return ()
+
+    def model_torques(self, n: int) -> tuple[range, ...]:
+        """Places in the state of torques (n each) that the model needed, to be shifted with it."""
+        return ()
+
+    def sliding(self) -> Law:
+        """With a rig without dry friction."""
+        return dataclasses.replace(self, rig=sliding_rig(self.rig))
 
     def start(self, rig: Rig, pulses: ArrayLike, **options: Any) -> Running:
         """This law as a running controller, as `Law.start`; refused where its linearised loop is unstable.

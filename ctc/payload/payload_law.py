@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
-from ctc.laws.observer import correct, predict
+from ctc.laws.observer import correct, predict, triple_pole
 from plant import Law, Rig, Setpoint
 from plant.laws.law import Block
 from plant.mechanics.lumping import LOAD
@@ -51,8 +51,9 @@ def observed(
     """
     e, rate, disturbance = ca.vertsplit(state, rig.n)
     v = inverse(D).solve(torque - needed)
-    measured = setpoint.q - rig.cell_centre(pulses)
-    return ca.vertcat(*correct(*predict(e, rate, disturbance, v, dt), measured, omega, dt))
+    e, rate, disturbance = predict(e, rate, disturbance, v, dt)
+    innovation = setpoint.q - rig.cell_centre(pulses) - e
+    return ca.vertcat(*correct(e, rate, disturbance, innovation, triple_pole(omega, dt), dt))
 
 
 @part
@@ -144,6 +145,10 @@ class PayloadLaw(Law):
         """The law's, the load to start with twice, and nothing observed yet."""
         return np.concatenate([self.law.initial_state(n), self.start_with, self.start_with, np.zeros(4 * n + 1)])
 
+    def sliding(self) -> Law:
+        """The law's own."""
+        return dataclasses.replace(self, law=self.law.sliding())
+
     def block(self, rig: Rig) -> Block:
         self.law.block(rig)  # refuses a rig that is not the law's
         return super().block(rig)
@@ -171,11 +176,20 @@ class PayloadLaw(Law):
             new = ca.if_else(swapped, rebase(from_inertia @ x + before - after), x)
             for i, value in zip(some, ca.vertsplit(new), strict=True):
                 own[i] = value
+        errors: tuple[range, ...] = ()
+        torques: tuple[range, ...] = ()
+        if isinstance(self.law, ModelLaw):
+            errors, torques = self.law.torque_errors(n), self.law.model_torques(n) if self.stiffened else ()
+        gained = ca.vertsplit(ca.if_else(swapped, after - before, 0))
+        for places, sign in ((errors, -1), (torques, 1)):
+            for i, value in ((i, value) for some in places for i, value in zip(some, gained, strict=True)):
+                own[i] = own[i] + sign * value
         if self.stiffened:
             law, beside, acted = _with_f(self.law, models[1]), ca.SX.zeros(n), torque
         else:
             law, beside = self.law, after - empty @ setpoint.qdd - dynamics.h(setpoint.q, setpoint.qd, self.arm.f)
-            acted = torque - (beside + before - after)  # what acted was commanded with the load before
+            # What acted was commanded with the load before; an error of torque that is re-based stands beside it.
+            acted = torque - (beside if errors else beside + before - after)
         asked, following = law.equations(rig, ca.vertcat(*own), setpoint, pulses, acted, dt)
         asked = asked + beside
 

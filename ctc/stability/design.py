@@ -20,10 +20,10 @@ def pid_gains(bandwidth: float, damping: float = 1.0, integral: float = 0.0) -> 
     Parameters
     ----------
     bandwidth : float
-        [rad/s]; `ComputedTorque` has a double pole there (damping 1).
+        [rad/s]
     damping : float
-        1/sqrt(2), with a bandwidth of sqrt(a / e), is the linear-quadratic regulator that weighs an error e [rad] as
-        much as a feedback acceleration a [rad/s^2].
+        1/sqrt(2), as in `ComputedTorque`, with a bandwidth of sqrt(a / e), is the linear-quadratic regulator that
+        weighs an error e [rad] as much as a feedback acceleration a [rad/s^2].
     integral : float
         Pole of the integral part [rad/s]; 0 for none.
 

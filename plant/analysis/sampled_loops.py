@@ -36,7 +36,7 @@ class SampledLoops:
 
     def __init__(self, arm: Arm, rig: Rig, law: Law, pose: ArrayLike | None = None) -> None:
         instance("rig", rig, Rig, "Pass the rig that the law drives.")
-        n, rig = rig.n, smooth_rig(rig)
+        n, rig, law = rig.n, smooth_rig(rig), law.sliding()
         at = array("pose", np.zeros(n) if pose is None else pose, (n,), advice="Give one angle per joint [rad].")
         block = law.block(rig)
         if block.period is None:

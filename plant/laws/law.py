@@ -133,6 +133,10 @@ class Law(Part, abc.ABC):
         arm = getattr(self, "arm", None)
         return rig.joint_labels if arm is None else arm.dynamics.chain.joint_labels
 
+    def sliding(self) -> "Law":
+        """This law for joints that slide one way, as linear analysis has them: without dry friction of its own."""
+        return self
+
     def replayed(self, record: Any) -> NDArray[np.float64] | None:
         """The column of a `Record` that this law repeats, (N, n), or None for a controller.
 

@@ -157,3 +157,7 @@ class Encoder(Part):
         if self.floor:
             return self.to_angle(counts + 0.5)
         return self.to_angle(counts + 0.5 * (ca.sign(counts) if isinstance(counts, ca.SX) else np.sign(counts)))
+
+    def half_cell(self, counts: ArrayOrSymbols) -> ArrayOrSymbols:
+        """Half the width of the quantisation cell of these counts [pulses]: a half, but around zero of `fix` one."""
+        return 0.5 + (0 * counts if self.floor else 0.5 * (counts == 0))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from plant.machine.drive import Drive
 from plant.machine.encoder import Encoder
+from plant.machine.friction_step import DRY_FRICTION
 from plant.machine.known_torque import KnownTorque, require_torques, total_torque
 from plant.mechanics.chain import Chain
 from plant.parts.arguments import real, signs
@@ -235,6 +236,14 @@ class Rig(Part):
         """Joint position [rad] in the middle of the quantisation cell of these counts."""
         return self.drive.joint_angle(self.encoder.cell_centre(counts))
 
+    def outside_cell(self, distance: ca.SX, counts: ca.SX, share: ca.SX) -> ca.SX:
+        """What of a distance from the middle of these counts' cell (n, 1) [rad] lies beyond that share of its half."""
+        if self.encoder.smooth:
+            return distance  # without a kink where it is zero, where loops are linearised
+        position, half = self.position_in_pulses(distance), self.encoder.half_cell(counts)
+        beyond = ca.sign(position) * ca.fmax(ca.fabs(position) - share * half, 0)
+        return self.drive.joint_angle(self.encoder.to_angle(beyond))
+
 
 def punctual_rig(rig: Rig) -> Rig:
     """The same rig without transport and without jitter, for what knows no instants."""
@@ -244,3 +253,9 @@ def punctual_rig(rig: Rig) -> Rig:
 def smooth_rig(rig: Rig) -> Rig:
     """The same rig without quantisation."""
     return dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, smooth=True))
+
+
+def sliding_rig(rig: Rig) -> Rig:
+    """The same rig without dry friction, as joints that slide one way have it in linear analysis."""
+    names, values = rig.number_names(), rig.number_values()
+    return rig.with_numbers(np.where([name.startswith(DRY_FRICTION) for name in names], 0.0, values))
