@@ -57,7 +57,7 @@ def require_informative(record: Record, labels: Sequence[str]) -> None:
         motor = int(np.argmax(share))
         hz = own_oscillation(record)
         why, advice = (
-            "" if hz is None else f": its loop swings by itself at {hz:.3g} Hz",
+            "" if hz is None else f": its loop oscillates at {hz:.3g} Hz",
             "Slow the reference down or lower the gains.",
         )
         if record.reference is None and not record.reference_pulses.any():
@@ -73,8 +73,8 @@ def require_informative(record: Record, labels: Sequence[str]) -> None:
     seconds, mode = len(record) * record.rig.period, mode_in(record)
     if not mode > 0:
         raise ValueError(
-            f"a log must show how its loop swings; sampled every {record.rig.period:g} s it does not. State rig.period "
-            "in seconds, or log faster."
+            f"a log must show the oscillation of its loop; sampled every {record.rig.period:g} s it does not. State "
+            "rig.period in seconds, or log faster."
         )
     if seconds < _PERIODS / mode:
         raise ValueError(

@@ -114,7 +114,7 @@ def identify(
     Warns
     -----
     IdentificationWarning
-        What was found is in doubt: its ``.warnings``.
+        What was found is unreliable: its ``.warnings``.
 
     See Also
     --------

@@ -54,13 +54,13 @@ def warnings_of(
         )
     hidden = [name for name, own in zip(fit.unknown, std, strict=True) if own == 0 and name.startswith("drive.")]
     if friction is None and hidden:
-        yield f"{', '.join(hidden)} does not show in these logs, and was taken from the rig."
+        yield f"{', '.join(hidden)} is not identifiable from these logs, and was taken from the rig."
     if friction is not None:
         said = "as exact" if friction == 0 else f"within {friction:.0%}"
         yield f"friction was taken from the rig, {said}; leave friction out to find it beside the load."
     if square > freedom + _BY_CHANCE * np.sqrt(2 * freedom):
         yield (
-            f"no load makes of this arm what the logs show: chi-square {square:.0f} of {freedom}; arm, gears or "
+            f"no load on this arm explains the logs: chi-square {square:.0f} of {freedom}; arm, gears or "
             "friction differ from the model. The deviation counts that as if it were noise."
         )
     if search.covariance.any() and not freedom:
@@ -132,7 +132,7 @@ class Load(Shown, Frozen):
         low, high = self.interval
         said = f"mass {self.mass:.4g} +- {self.std:.2g} kg, 95 % from {low:.4g} to {high:.4g}"
         yield Verdict(said, not self.warnings)
-        where = [f"{axis} {at:.4g} +- {std:.2g}" if np.isfinite(at) else f"{axis} does not show"
+        where = [f"{axis} {at:.4g} +- {std:.2g}" if np.isfinite(at) else f"{axis} is not identifiable"
                  for axis, at, std in zip("xyz", self.com, self.com_std, strict=True)]  # fmt: skip
         yield f"centre of mass [m]: {', '.join(where)}"
         std = np.sqrt(np.diag(self.covariance))

@@ -55,7 +55,8 @@ class UnknownLoad:
         moments = matrix[:, [*(1 + axis for axis in shown), 0]]
         if not moments.any() or len(independent_columns(moments, range(len(shown) + 1), _SAME)[0]) <= len(shown):
             raise ValueError(
-                "mass and centre of the load must show separately; on this arm or link they do not. Give position."
+                "mass and centre of the load must be separately identifiable; on this arm or link they are not. "
+                "Give position."
             )
         return cls(matrix=matrix, position=np.zeros(3), inertia=inertia, shown=shown)
 

@@ -189,7 +189,7 @@ def _of_loops(found: Any) -> Iterator[str]:
         if (hz := own_oscillation(record)) is not None:
             which = f"records[{i}]" if len(found.records) > 1 else "the log"
             yield (
-                f"the loop of {which} swings by itself at {hz:.3g} Hz, where the model's may not: it is "
+                f"the loop of {which} oscillates at {hz:.3g} Hz, where the model's may not: it is "
                 "unstable, or nearly. Lower the gains and log again, or state its cause (current_lag=, elasticity=)."
             )
 
@@ -241,8 +241,8 @@ def _of_pairs(found: Any) -> Iterator[str]:
     if len(pairs) > _MANY:
         those = sorted({name for pair in pairs for name in pair}, key=names.index)
         yield (
-            f"{', '.join(those)} are not separately identifiable ({len(pairs)} pairs): the log tells too little of "
-            "them, or the model is not its robot's."
+            f"{', '.join(those)} are not separately identifiable ({len(pairs)} pairs): the log excites "
+            "them too little, or the model is not its robot's."
         )
         return
     for one, other in pairs:

@@ -78,6 +78,6 @@ class GearResonance(Shown, Frozen):
         yield Table(("", "[Hz]", "interval", "damping ratio"), rows, words=(2, 3))
         if self.played and self.searched.any():
             yield Warned([
-                f"bounds alone: the log shows backlash at {', '.join(self.played)} that the rig does not state, and "
+                f"bounds alone: backlash was found at {', '.join(self.played)} that the rig does not state, and "
                 "the search takes it for compliance. State it in the Elasticity, and identify again."
             ])  # fmt: skip

@@ -41,9 +41,9 @@ def test_what_was_logged_of_such_a_loop_says_so():
             record = simulate(arm, late, P(gain=(0.1, 0.08)), puma560.reference(), steps_per_sample=16)
         return dataclasses.replace(record, rig=rig)
 
-    with pytest.raises(ValueError, match=r"63% of the samples: its loop swings by itself at \d+\.?\d* Hz\. Slow"):
+    with pytest.raises(ValueError, match=r"63% of the samples: its loop oscillates at \d+\.?\d* Hz\. Slow"):
         identify(arm.dynamics, logged(3e-4), method="equation_error", progress=False)
     record = logged(1.5e-4)
     seen = [finding.value for finding in record.check().problems if finding.check == "oscillation"]
     found = identify(arm.dynamics, record, method="equation_error", progress=False)
-    assert any(f"the loop of the log swings by itself at {seen[0]:.3g} Hz" in text for text in found.warnings)
+    assert any(f"the loop of the log oscillates at {seen[0]:.3g} Hz" in text for text in found.warnings)
