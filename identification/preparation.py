@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from identification.equation_error import naming
 from identification.equation_error.law_memory import along_log
@@ -20,6 +20,7 @@ from identification.search.problem import Problem, Tolerances
 from plant import Dynamics, Record
 from plant.checkup.oscillation import own_oscillation
 from plant.parts.arguments import array, choice, instance
+from plant.parts.fields import Floats
 from plant.parts.room import require_room
 from plant.simulation.followed_path import with_path
 
@@ -108,9 +109,7 @@ def prepare(
     objective = Objective(dynamics, searched, unknown, **options)
     of_law = any(name.startswith("law.") for name in objective.unknown)
     followed = tuple(along_log(record, unknown_law=of_law) for record in objective.records)
-    for record, about in naming.each_named(followed):
-        with about:
-            require_informative(record, dynamics.chain.joint_labels)
+    naming.of_each(lambda record: require_informative(record, dynamics.chain.joint_labels), followed)
     settings = GeneticSettings.paper() if settings is None else settings
     if not isinstance(settings, GeneticSettings):
         given = type(settings).__name__
@@ -155,9 +154,7 @@ def _require_different(searched: Sequence[Record], kept: Sequence[Record]) -> No
                 raise ValueError(f"{told}; {second} is {first} again. Leave one out.")
 
 
-def _require_room(
-    dynamics: Dynamics, records: Sequence[Record], unknown: Iterable[str] | None, method: str
-) -> None:  # fmt: skip
+def _require_room(dynamics: Dynamics, records: Sequence[Record], unknown: Iterable[str] | None, method: str) -> None:
     """Refuse logs that memory does not hold.
 
     What a sample takes at the peak was measured for two and for six joints: tables and replays, and, of methods that
@@ -207,7 +204,7 @@ def _set_aside(
     return searched, tuple(map(with_path, as_records(dynamics, held_out, unknown)[0]))
 
 
-def _validated_ranges(ranges: ArrayLike, unknown: tuple[str, ...]) -> NDArray[np.float64]:
+def _validated_ranges(ranges: ArrayLike, unknown: tuple[str, ...]) -> Floats:
     pairs = array("ranges", ranges, (len(unknown), 2), advice="Give (low, high) for each unknown.")
     for name, (low, high) in zip(unknown, pairs, strict=True):
         if low > high:
@@ -215,7 +212,7 @@ def _validated_ranges(ranges: ArrayLike, unknown: tuple[str, ...]) -> NDArray[np
     return pairs
 
 
-def _nominal(objective: Objective) -> NDArray[np.float64]:
+def _nominal(objective: Objective) -> Floats:
     """The unknowns (k,) as rig and law of the first record have them; NaN for f."""
     rig, law = objective.records[0].rig, objective.records[0].law
     known = dict(zip(rig.number_names(), rig.number_values(), strict=True))

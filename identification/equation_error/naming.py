@@ -1,13 +1,15 @@
 """What messages, tables and figures call things: records by place and file, parameters by short names, with units."""
 
 import contextlib
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
 from plant import Dynamics, Record
 from plant.mechanics.lumping import STANDARD
+
+T = TypeVar("T")
 
 _OF_RIG = {
     "drive.motor_inertia": "kg m²", "drive.viscous": "N m s/rad", "drive.coulomb": "N m", "drive.motor_gain": "N m/A",
@@ -114,6 +116,15 @@ def each_named(records: Sequence[Record], what: str = "records") -> Iterator[tup
     """Each record, with a context in which every refusal is about that record, and says so."""
     for k, record in enumerate(records):
         yield record, _about(record, record_label(records, k, what))
+
+
+def of_each(make: Callable[..., T], records: Sequence[Record], *others: Iterable[Any]) -> list[T]:
+    """What a function makes of each record, and of what belongs to it; a ValueError names the record."""
+    found = list[T]()
+    for (record, about), *more in zip(each_named(records), *others, strict=True):
+        with about:
+            found.append(make(record, *more))
+    return found
 
 
 @contextlib.contextmanager

@@ -21,6 +21,7 @@ from identification.equation_error.naming import short_names
 from identification.equation_error.regressor import Places, System
 from plant import Dynamics
 from plant.parts.arguments import choice
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Aside, Piece, Shown, Verdict, Warned
 from plant.parts.sums import norm, product
@@ -79,10 +80,10 @@ class TorqueFit(Shown, Frozen):
 
     dynamics: Dynamics
     names: tuple[str, ...]
-    values: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    noise_covariance: NDArray[np.float64]
-    sigma: NDArray[np.float64]
+    values: Floats
+    covariance: Floats
+    noise_covariance: Floats
+    sigma: Floats
     relative_error: float
     rows: int
     condition: float
@@ -92,17 +93,17 @@ class TorqueFit(Shown, Frozen):
     cutoff: float | None = None
     band: float | None = None
     every: tuple[int, ...] = ()
-    least_speed: NDArray[np.float64] | None = None
+    least_speed: Floats | None = None
     bands: tuple[FitTrial, ...] = ()
     least_speeds: tuple[FitTrial, ...] = ()
 
     @property
-    def f(self) -> NDArray[np.float64]:
+    def f(self) -> Floats:
         """All of f (p,), found or known, in the order of the dynamics."""
         return np.array([self[name] for name in self.dynamics.names])
 
     @property
-    def std(self) -> NDArray[np.float64]:
+    def std(self) -> Floats:
         """Standard deviations (k,) of the values."""
         return np.sqrt(np.diag(self.covariance))
 
@@ -171,8 +172,8 @@ def weighted(
     dynamics: Dynamics,
     names: tuple[str, ...],
     systems: Iterable[System],
-    weights: NDArray[np.float64] | None = None,
-    seconds: NDArray[np.float64] | None = None,
+    weights: Floats | None = None,
+    seconds: Floats | None = None,
     **report: Any,
 ) -> TorqueFit:
     """Least squares of one or more logs' equations.
@@ -225,9 +226,7 @@ def weighted(
     )
 
 
-def _deviations(
-    residual: NDArray[np.float64], group: NDArray[np.intp], groups: int, freedom: float
-) -> NDArray[np.float64]:
+def _deviations(residual: Floats, group: NDArray[np.intp], groups: int, freedom: float) -> Floats:
     """Standard deviation of the residual in each group (groups,); NaN of an empty one."""
     found = np.full(groups, np.nan)
     for g in np.unique(group):

@@ -4,12 +4,12 @@ import dataclasses
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.payload.load_search import LoadSearch
 from identification.search.outcome import Fit
 from identification.search.problem import Problem
 from plant import Arm, Rig
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict, Warned
 from plant.parts.tables import Table
@@ -36,7 +36,7 @@ def birge(runs: Sequence[tuple[float, float]]) -> float:
 
 
 def warnings_of(
-    search: LoadSearch, fit: Fit, problem: Problem, std: NDArray[np.float64], runs: tuple[tuple[float, float], ...],
+    search: LoadSearch, fit: Fit, problem: Problem, std: Floats, runs: tuple[tuple[float, float], ...],
     friction: float | None, square: float, freedom: int,
 ) -> Iterator[str]:  # fmt: skip
     """Lines about a fit."""
@@ -108,11 +108,11 @@ class Load(Shown, Frozen):
     std: float
     arm: Arm
     rms_innovation: float
-    com: NDArray[np.float64]
-    com_std: NDArray[np.float64]
+    com: Floats
+    com_std: Floats
     names: tuple[str, ...]
-    values: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    values: Floats
+    covariance: Floats
     rig: Rig
     runs: tuple[tuple[float, float], ...] = ()
     chi_square: float = np.nan
@@ -120,7 +120,7 @@ class Load(Shown, Frozen):
     warnings: tuple[str, ...] = ()
 
     @property
-    def interval(self) -> NDArray[np.float64]:
+    def interval(self) -> Floats:
         """That holds the mass with 95 % (2,) [kg]."""
         return self.mass + _QUANTILE * self.std * np.array([-1.0, 1.0])
 

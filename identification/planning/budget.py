@@ -9,7 +9,6 @@ import dataclasses
 from collections.abc import Iterable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.least_squares import least_squares
 from identification.equation_error.naming import short_names
@@ -17,6 +16,7 @@ from identification.replay.gauss_newton import slopes
 from identification.replay.prediction import Prediction
 from plant import Arm, Dynamics, Law, Reference, Rig, simulate
 from plant.parts.arguments import known_options
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Aside, Piece, Shown
 from plant.parts.tables import Table
@@ -45,11 +45,11 @@ class Budget(Shown, Frozen):
 
     dynamics: Dynamics
     names: tuple[str, ...]
-    values: NDArray[np.float64]
-    peak: NDArray[np.float64]
-    rms: NDArray[np.float64]
-    bound: NDArray[np.float64]
-    bound_alone: NDArray[np.float64]
+    values: Floats
+    peak: Floats
+    rms: Floats
+    bound: Floats
+    bound_alone: Floats
 
     def _short(self) -> str:
         least = int(self.peak.argmin())

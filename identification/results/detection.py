@@ -9,9 +9,9 @@ import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.results.alternatives import Sign
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict, Warned
@@ -79,9 +79,9 @@ class Detection(Shown, Frozen):
     stated: dict[str, float] = dataclasses.field(default_factory=dict)
     joints: tuple[str, ...] = ()
     reason: str | None = None
-    doubt: NDArray[np.float64] | None = None
-    grouped: NDArray[np.float64] | None = None
-    assumed: dict[str, NDArray[np.float64]] = dataclasses.field(default_factory=dict)
+    doubt: Floats | None = None
+    grouped: Floats | None = None
+    assumed: dict[str, Floats] = dataclasses.field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:

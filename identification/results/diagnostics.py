@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.pulse_fit import over_bands
 from identification.equation_error.stated_law import torque_apart
@@ -17,6 +16,7 @@ from identification.results.stepwise import detect
 from identification.search.memory import repeating
 from identification.search.outcome import Fit
 from identification.search.problem import Problem
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown
@@ -54,7 +54,7 @@ class Diagnostics(Shown, Frozen):
     delay: float
     delay_std: float
     detection: Detection
-    law_apart: tuple[NDArray[np.float64] | None, ...] = ()
+    law_apart: tuple[Floats | None, ...] = ()
 
     def _short(self) -> str:
         return f"differ by {self.difference:.2f} pulses (rms), {self.detection._short()}"
@@ -68,9 +68,7 @@ class Diagnostics(Shown, Frozen):
         yield str(self.detection)
 
     @classmethod
-    def of(
-        cls, problem: Problem, fit: Fit, objective: Objective, cost: float, rounding: NDArray[np.float64] | None
-    ) -> Diagnostics:  # fmt: skip
+    def of(cls, problem: Problem, fit: Fit, objective: Objective, cost: float, rounding: Floats | None) -> Diagnostics:
         """Of a fit to a problem; its objective is that of the records with their zeros in place, its value the cost."""
         delay, delay_std = np.nan, np.inf
         kept = None if problem.held_out is None else repeating(problem, problem.held_out)
@@ -93,7 +91,7 @@ def _difference(cost: float, objective: Objective) -> float:
     return float(np.sqrt(cost / sum(record.error_pulses.size for record in objective.records)))
 
 
-def _bands(problem: Problem, values: NDArray[np.float64]) -> dict[float, float]:
+def _bands(problem: Problem, values: Floats) -> dict[float, float]:
     """Least squares on logged torques in bands of their own, in what was found: band [Hz] -> mean ratio."""
     if not all(problem.replays):
         return {}

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.results.identification import Identification
 from identification.results.physical import Physical
@@ -18,6 +17,7 @@ from plant.mechanics.urdf_file import is_xacro, read_urdf
 from plant.mechanics.xml_file import Edit, Element, parsed, spliced
 from plant.models.edits import mjcf_inertial, mjcf_joint, mjcf_text, urdf_friction, urdf_inertial
 from plant.parts.arguments import known_options
+from plant.parts.fields import Floats
 from plant.parts.files import require_new, write_whole
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
@@ -52,9 +52,9 @@ class WrittenModel(Shown, Frozen):
 
     path: Path
     bodies: dict[str, Body]
-    rotors: NDArray[np.float64]
+    rotors: Floats
     arm: Arm
-    difference: NDArray[np.float64]
+    difference: Floats
 
     def _short(self) -> str:
         return f"{self.path.name}, {len(self.bodies)} inertials, f within {np.abs(self.difference).max():.3g}"

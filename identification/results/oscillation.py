@@ -19,6 +19,7 @@ from identification.results.plots import plot_oscillation
 from plant import Arm, Law, Record
 from plant.analysis.linearise import modes
 from plant.parts.arguments import array, instance, known_options
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
@@ -56,13 +57,13 @@ class Oscillation(Shown, Frozen):
     """
 
     frequency: float
-    amplitude: NDArray[np.float64]
+    amplitude: Floats
     modes: tuple[tuple[float, float], ...]
     own: bool | None
     record: Record
     joints: tuple[str, ...]
 
-    def removed(self, errors: ArrayLike) -> NDArray[np.float64]:
+    def removed(self, errors: ArrayLike) -> Floats:
         """Errors (N, n) without the oscillation, by a band-stop run forwards and backwards: no phase."""
         from scipy.signal import butter, sosfiltfilt
 

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from identification.replay.prediction import Prediction
 from identification.search.memory import as_repeated
 from plant import Record, Resumed, replay
+from plant.checkup.oscillation import spectrum
+from plant.parts.fields import Floats
 from plant.parts.figures import BAND, LOGS, axes_of, colour_of, dressed, legend_above, literal
 from plant.simulation.logged_run import DivergenceError
 
@@ -163,8 +165,7 @@ def plot_oscillation(found: Any, ax: Any = None) -> NDArray[Any]:
     return axes
 
 
-def _spectrum(signal: NDArray[np.float64], period: float) -> tuple[NDArray[Any], NDArray[Any]]:
+def _spectrum(signal: Floats, period: float) -> tuple[NDArray[Any], NDArray[Any]]:
     """Frequencies [Hz] and amplitudes [pulses] of a signal (N, n), joints together."""
-    centred = (signal - signal.mean(axis=0)) * np.hanning(len(signal))[:, None]
-    amplitude = np.sqrt((np.abs(np.fft.rfft(centred, axis=0)) ** 2).sum(axis=1)) * 4 / len(signal)
-    return np.fft.rfftfreq(len(signal), period)[1:], amplitude[1:]
+    frequency, power = spectrum(signal, period)
+    return frequency[1:], np.sqrt(power.sum(axis=1))[1:] * 4 / len(signal)

@@ -3,9 +3,9 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.replay.optimum import Optimum
+from plant.parts.fields import Floats
 
 _LOWEST, _HIGHEST = 15.0, 250.0
 """Resonances between which compliance is tried [Hz]."""
@@ -63,7 +63,7 @@ def backlash(at: Optimum) -> list[Trial]:
 
 def _tried(at: Optimum, tried: list[dict[str, float]]) -> list[Trial]:
     """The trials that follow the log."""
-    many: list[NDArray[np.float64]] = []
+    many: list[Floats] = []
     for values in tried:
         many.append(at.values.copy())
         for name, value in values.items():

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict, Warned
@@ -39,13 +40,13 @@ class GearResonance(Shown, Frozen):
     """
 
     joints: tuple[str, ...]
-    pose: NDArray[np.float64]
-    hz: NDArray[np.float64]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
-    damping_ratio: NDArray[np.float64]
-    damping_low: NDArray[np.float64]
-    damping_high: NDArray[np.float64]
+    pose: Floats
+    hz: Floats
+    low: Floats
+    high: Floats
+    damping_ratio: Floats
+    damping_low: Floats
+    damping_high: Floats
     searched: NDArray[np.bool_]
     played: tuple[str, ...] = ()
 
