@@ -1,16 +1,12 @@
 """Findings of a checkup: one per check and joint, and the table of all of them."""
 
-from __future__ import annotations
-
 import dataclasses
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterable, Iterator
+from typing import Any, Self
 
 from plant.parts.labels import joint_label
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
-
-NO_TORQUE = "neither torque nor current, and no law that tells it"
 
 _ROUNDING = 1e-9
 """Printed as 0."""
@@ -43,9 +39,7 @@ class Finding(Shown):
     advice: str = ""
 
     @classmethod
-    def of(
-        cls, check: str, joint: int | None, value: Any, unit: str, verdict: str = "fine", advice: str = ""
-    ) -> Finding:
+    def of(cls, check: str, joint: int | None, value: Any, unit: str, verdict: str = "fine", advice: str = "") -> Self:
         """What a check measured, and its verdict."""
         value = None if value is None else float(value)
         return cls(check=check, joint=joint, value=value, unit=unit, verdict=verdict, advice=advice)
@@ -61,14 +55,14 @@ class Finding(Shown):
         look: float,
         wrong: float = float("inf"),
         advice: str,
-    ) -> Finding:
+    ) -> Self:
         """Judge the size of a value: fine up to `look`, wrong above `wrong`."""
         size = abs(value)
         verdict = "wrong" if size > wrong else "look" if size > look else "fine"
         return cls.of(check, joint, value, unit, verdict, "" if verdict == "fine" else advice)
 
     @classmethod
-    def unknown(cls, check: str, joint: int | None, why: str, *, value: Any = None, unit: str = "") -> Finding:
+    def unknown(cls, check: str, joint: int | None, why: str, *, value: Any = None, unit: str = "") -> Self:
         """A check that this record does not allow."""
         return cls.of(check, joint, value, unit, f"cannot tell: {why}")
 
@@ -86,6 +80,11 @@ class Finding(Shown):
         yield Verdict(self._short(), self.ok)
         if self.advice:
             yield self.advice
+
+
+def unless(why: str, names: Iterable[str], findings: Iterable[Finding]) -> Iterator[Finding]:
+    """What checks of these names find; where there is a reason why they cannot tell, that."""
+    yield from (Finding.unknown(name, None, why) for name in names) if why else findings
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)

@@ -107,6 +107,11 @@ class Signals:
         """Motor torque (M, n) as logged, or else as commanded; None without either."""
         return self.commanded if self.torque is None else self.torque
 
+    @property
+    def no_torque(self) -> str:
+        """Why nothing can be said of torques; empty where there are some."""
+        return "neither torque nor current, and no law that tells it" if self.motor_torque is None else ""
+
     @functools.cached_property
     def window(self) -> int:
         """Samples of the smoothing window, odd."""

@@ -5,10 +5,8 @@ and sines and cosines of the joint angles and of their sums: all of a planar arm
 coefficients are averages over the log; their signs and sizes tell whether a log can be an arm's.
 """
 
-from __future__ import annotations
-
 import dataclasses
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +45,7 @@ class TorqueRegression:
     reversals: int
 
     @classmethod
-    def of(cls, signals: Any, torque: NDArray[np.float64], i: int) -> TorqueRegression | None:
+    def of(cls, signals: Any, torque: NDArray[np.float64], i: int) -> Self | None:
         """Fit the torque (M, n) [N m] of motor i; None for too few rows, or a constant torque."""
         n, encoder = signals.n, signals.rig.encoder
         counts, speed, acceleration = signals.motion
@@ -139,7 +137,7 @@ class AveragedRegression:
     delay_std: float
 
     @classmethod
-    def all_of(cls, signals: Any, torque: NDArray[np.float64]) -> list[AveragedRegression] | None:
+    def all_of(cls, signals: Any, torque: NDArray[np.float64]) -> list[Self] | None:
         """Fit the torques (M, n) [N m] of all motors; None where the log is too short for that many unknowns."""
         n, encoder, interval = signals.n, signals.rig.encoder, signals.interval
         counts, *rates = signals.motion

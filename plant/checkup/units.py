@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from plant.checkup.finding import NO_TORQUE, Finding
+from plant.checkup.finding import Finding, unless
 from plant.checkup.quantisation import comb
 from plant.checkup.signals import Signals
 from plant.checkup.tracking import correlation, law_slope
@@ -35,10 +35,7 @@ _RUBS = 2.0
 
 def unit_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about the unit of torque."""
-    if signals.motor_torque is None:
-        yield Finding.unknown("units of torque", None, NO_TORQUE)
-    else:
-        yield from signals.each(_units)
+    yield from unless(signals.no_torque, ("units of torque",), signals.each(_units))
 
 
 def _units(signals, i):

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from plant.checkup.finding import NO_TORQUE, Finding
+from plant.checkup.finding import Finding, unless
 from plant.checkup.signals import Signals
 from plant.checkup.torque_regression import AveragedRegression
 from plant.checkup.tracking import correlation, law_slope
@@ -39,11 +39,7 @@ _UNEVEN, _EVEN = 4.0, 3.0
 def wiring_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about columns, signs and order of counts and torques."""
     yield from signals.each(_copied)
-    if signals.motor_torque is None:
-        for name in ("drive sign", "swapped torques"):
-            yield Finding.unknown(name, None, NO_TORQUE)
-    else:
-        yield from signals.each(_sign, _swapped)
+    yield from unless(signals.no_torque, ("drive sign", "swapped torques"), signals.each(_sign, _swapped))
 
 
 def _copied(signals, i):

@@ -40,10 +40,7 @@ def main(order: dict[str, Any]) -> int:
 
         arrays = [np.asarray(column) for column in columns.values()]
         for name, column in zip(columns, arrays, strict=True):
-            if column.dtype.kind not in "biuf":
-                raise refusal(
-                    f"must hold real numbers; got {column.dtype} in column {name!r}. Leave it out with names=."
-                )
+            _part("columns").require_real(name, column.dtype, column.dtype.kind in "biuf")
         shapes = [[column.dtype.str, list(column.shape)] for column in arrays]
         with answer:
             answer.write(json.dumps([known, list(columns), shapes]).encode() + b"\n")

@@ -28,13 +28,9 @@ _COLUMNS = (
 
 def write(record: Any, path: str | Path) -> None:
     """Write a record. Line 1 is ``#`` and a JSON object, line 2 names columns and units."""
-    header = {
-        "onepulse": 1,
-        "rig": record.rig.describe(),
-        "law": None if record.law is None else record.law.describe(),
-        "reference": None if record.reference is None else record.reference.describe(),
-        "initial": None if record.initial is None else record.initial.tolist(),
-    }
+    parts = {name: getattr(record, name) for name in ("rig", "law", "reference")}
+    header = {"onepulse": 1, **{name: None if part is None else part.describe() for name, part in parts.items()}}
+    header["initial"] = None if record.initial is None else record.initial.tolist()
     names, columns = ["t [s]"], [record.t[:, None]]
     for field, name, unit in _COLUMNS:
         value = getattr(record, field)

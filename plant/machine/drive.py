@@ -6,10 +6,8 @@ holds on its gear's output, the shaft (`plant.mechanics.coupling`), which otherw
 neglected (paper 3.3, 4.2: its time constant is far below the mechanical one): the motor torque is the commanded torque.
 """
 
-from __future__ import annotations
-
 import dataclasses
-from typing import Any
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -156,7 +154,7 @@ class Drive(Part):
         """Largest torque that the amplifier allows [N m], on the joint (of coupled motors: on the shaft)."""
         return self.motor_gain * self.current_limit * _magnitude(self.gear)
 
-    def limited_to(self, torque: ArrayLike) -> Drive:
+    def limited_to(self, torque: ArrayLike) -> Self:
         """This drive with an amplifier that allows at most these torques [N m], on the joint (or shaft)."""
         current = np.minimum(self.current_limit, np.asarray(torque) / (self.motor_gain * np.abs(self.gear)))
         return dataclasses.replace(self, current_limit=current)

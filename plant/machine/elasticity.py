@@ -112,8 +112,7 @@ class Resonance(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if (self.hz <= 0).any():
-            raise ValueError(f"hz must be positive; got {self.hz.min():g}. Leave elasticity out of a rigid drive.")
+        signs(self, positive=("hz",), advice="Leave elasticity out of a rigid drive.")
         if (self.damping_ratio < 0).any():
             least, usual = self.damping_ratio.min(), DAMPING_RATIO
             raise ValueError(f"damping_ratio must not be negative; got {least:g}. Gears have {usual:g} to 0.03.")

@@ -87,20 +87,17 @@ class Body(Part):
 
     def seen_from(self, placement: Placement) -> Body:
         """The same body, given in the frame in which its own frame has this pose."""
-        rotation, matrix = np.array(placement.rotation), np.zeros((3, 3))
-        matrix[np.triu_indices(3)] = self.inertia
-        matrix = rotation @ (matrix + np.triu(matrix, 1).T) @ rotation.T
+        rotation = np.array(placement.rotation)
+        matrix = rotation @ inertia_matrix(self.inertia) @ rotation.T
         com = np.array(placement.position) + rotation @ self.com
-        return Body(mass=self.mass, com=com, inertia=matrix[np.triu_indices(3)], rotor=self.rotor)
+        return Body(mass=self.mass, com=com, inertia=matrix[_UPPER], rotor=self.rotor)
 
     def require_physical(self, name: str) -> None:
         """Refuse a body that is not physically consistent.
 
         Consistent: positive mass, positive semidefinite inertia, no principal moment above the sum of the others.
         """
-        matrix = np.zeros((3, 3))
-        matrix[np.triu_indices(3)] = self.inertia
-        moments = np.linalg.eigvalsh(matrix + np.triu(matrix, 1).T)
+        moments = np.linalg.eigvalsh(inertia_matrix(self.inertia))
         slack = 1e-9 * max(1e-300, np.abs(moments).max())
         if not self.mass > 0:
             raise ValueError(f"link {name} must have a positive mass; got {self.mass}. Give it in kg.")
@@ -125,6 +122,13 @@ def parallel_axis(r: NDArray[np.float64]) -> NDArray[np.float64]:
 _UPPER = np.triu_indices(3)
 
 
+def inertia_matrix(entries: ArrayLike) -> NDArray[np.float64]:
+    """The symmetric matrix (3, 3) with these Ixx, Ixy, Ixz, Iyy, Iyz, Izz (6,)."""
+    upper = np.zeros((3, 3))
+    upper[_UPPER] = entries
+    return np.asarray(upper + np.triu(upper, 1).T)
+
+
 def pseudo_inertia(parameters: ArrayLike) -> NDArray[np.float64]:
     """Pseudo-inertia P = [[S, m c], [m c', m]] (4, 4) of a body's standard parameters (10,), S the integral of r r' dm.
 
@@ -134,9 +138,7 @@ def pseudo_inertia(parameters: ArrayLike) -> NDArray[np.float64]:
     (2018).
     """
     m, *rest = np.asarray(parameters, float)
-    inertia, result = np.zeros((3, 3)), np.zeros((4, 4))
-    inertia[_UPPER] = rest[3:]
-    inertia += np.triu(inertia, 1).T
+    inertia, result = inertia_matrix(rest[3:]), np.zeros((4, 4))
     result[:3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
     result[:3, 3] = result[3, :3] = rest[:3]
     result[3, 3] = m

@@ -200,9 +200,7 @@ def _hanging_on(every: dict[str, ModelJoint]) -> dict[str, list[ModelJoint]]:
     return hanging
 
 
-def _moving_with(
-    hanging: dict[str, list[ModelJoint]], link: str, moving: Collection[str]
-) -> dict[str, Placement]:  # fmt: skip
+def _moving_with(hanging: dict[str, list[ModelJoint]], link: str, moving: Collection[str]) -> dict[str, Placement]:
     found, waiting = {}, [(link, Placement())]
     while waiting:
         name, placement = waiting.pop()

@@ -3,8 +3,6 @@
 Source: paper eq. (1); Craig, Introduction to Robotics, ch. 6.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable
 
@@ -53,9 +51,7 @@ def torque(chain: Chain, q: ca.SX, qd: ca.SX, qdd: ca.SX, pi: ca.SX, gravity: It
     return tau + chain.coupling.joint_torque(rotors * chain.coupling.shaft(qdd))
 
 
-def lumped_torque(
-    chain: Chain, lumping: Lumping, q: ca.SX, qd: ca.SX, qdd: ca.SX, f: ca.SX
-) -> tuple[ca.SX, ca.SX]:  # fmt: skip
+def lumped_torque(chain: Chain, lumping: Lumping, q: ca.SX, qd: ca.SX, qdd: ca.SX, f: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Inertial torque (n, 1) and gravity torque (n, 1) [N m] of f (p, 1), each by the fewest links' parameters."""
     rest, strength = ca.SX.zeros(chain.n), float(np.linalg.norm(chain.gravity))
     moving = torque(chain, q, qd, qdd, ca.SX(lumping.inertial_section()) @ f, (0, 0, 0))

@@ -97,10 +97,7 @@ def without_mistakes(given: Stated) -> Iterator[tuple[str, Stated]]:
         plane = np.eye(3)
         plane[axis, axis] = -1.0
         turned = plane @ given.rotation @ plane
-        yield (
-            f"a link mirrored in {'xyz'[axis]}",
-            Stated(m, plane @ c, turned, plane @ I @ plane),
-        )
+        yield (f"a link mirrored in {'xyz'[axis]}", Stated(m, plane @ c, turned, plane @ I @ plane))
         yield f"a centre of mass mirrored in {'xyz'[axis]}", dataclasses.replace(given, com=plane @ c)
 
 

@@ -27,7 +27,7 @@ from plant.mechanics.link import Limits
 from plant.motion.demand import Demand, demand, shortest_duration
 from plant.motion.reference import Motion, Reference, Scaled
 from plant.motion.table import Table
-from plant.parts.arguments import array, instance, known_options
+from plant.parts.arguments import array, instance, known_options, whole
 
 _INSIDE, _AT_ENDS = 4, 24
 """Points per interval of the spline at which the torque is limited and the time integrated; and in the first and the
@@ -114,8 +114,7 @@ def fastest(
         return reference.slowed(shortest_duration(arm, rig, reference, share) / reference.duration)
     if isinstance(reference, Table):
         raise ValueError("reference must be smooth; a Table has corners. Use Spline(times=..., points=...).")
-    if not isinstance(intervals, (int, np.integer)) or intervals < 4:
-        raise ValueError(f"intervals must be a whole number of at least 4; got {intervals!r}. The default is 120.")
+    whole("intervals", intervals, "The default is 120.", least=4)
     if limits is not None:
         instance("limits", limits, Limits, "Pass chain.limits.")
         if limits.n != rig.n:

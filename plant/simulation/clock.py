@@ -1,9 +1,7 @@
 """Sampling times of a loop: even, or the time stamps of a log."""
 
-from __future__ import annotations
-
 import dataclasses
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,12 +30,12 @@ class Clock:
     even: float | None
 
     @classmethod
-    def regular(cls, samples: int, period: float) -> Clock:
+    def regular(cls, samples: int, period: float) -> Self:
         """So many samples at k period."""
         return cls(np.arange(samples) * period, np.full(samples, period), np.arange(samples), period)
 
     @classmethod
-    def of(cls, record: Any) -> Clock:
+    def of(cls, record: Any) -> Self:
         """The clock of a record: its time stamps, or k period where they are that.
 
         A gap of more than 1.5 periods is divided by samples without measurement, so that no sub-step is longer than

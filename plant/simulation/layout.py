@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from plant.laws.law import Block, Law
 from plant.machine.rig import Rig, punctual_rig
 from plant.mechanics.dynamics import Dynamics
+from plant.parts.arguments import whole
 from plant.parts.fields import Vector
 from plant.parts.part import Part, number, part
 
@@ -64,10 +65,7 @@ class Layout:
 
     def __post_init__(self) -> None:
         for name in ("steps_per_sample", "sweeps"):
-            value = getattr(self, name)
-            if not isinstance(value, (int, np.integer)) or value < 1:
-                given = f"{name} must be a whole number of at least 1; got {value!r}"
-                raise ValueError(f"{given}. The defaults are 4 and 3.")
+            whole(name, getattr(self, name), "The defaults are 4 and 3.")
         self.rig.require_fit(self.dynamics.chain)
         if self.smooth:
             encoder = dataclasses.replace(self.rig.encoder, smooth=True)

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.mechanics.arm import Arm
-from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop, bounded
 from plant.simulation.loop_kernel import Structure, loop_kernel
 from plant.simulation.time_tables import time_tables
@@ -18,7 +17,6 @@ from plant.simulation.time_tables import time_tables
 def by_casadi(
     loop: ClosedLoop,
     tables: tuple[NDArray[np.float64], ...],
-    clock: Clock,
     state: NDArray[np.float64],
     numbers: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], int, NDArray[np.float64], NDArray[np.float64]]:
@@ -101,17 +99,14 @@ def logged_run(
     if backend == "numba":
         final, log, true_error = _by_kernel(loop, driven, state, numbers)
     else:
-        final, _, log, true_error = by_casadi(loop, time_tables(loop, *driven), driven[1], state, numbers)
+        final, _, log, true_error = by_casadi(loop, time_tables(loop, *driven), state, numbers)
     if not (final[-1] > 0 and bounded(final[: 2 * loop.n])):
         refuse_divergence(loop, arm, log, final)
     return log, true_error
 
 
 def _by_kernel(
-    loop: ClosedLoop,
-    driven: tuple[Any, ...],
-    state: NDArray[np.float64],
-    numbers: NDArray[np.float64],
+    loop: ClosedLoop, driven: tuple[Any, ...], state: NDArray[np.float64], numbers: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     path, clock, replayed, injected = driven
     samples, steps = len(clock), len(clock) * loop.steps_per_sample

@@ -140,21 +140,15 @@ def run(
     warn_of_unstable_lag(arm, rig, law, start[0])
     added = injected_at(injected, clock.t, rig.n)
     log, true_error = logged_run(loop, arm, (path, clock, None, added), start, backend)
-    error, torque, q, qd = np.hsplit(log[:, : 4 * rig.n], 4)
     record = Record(
         t=clock.t,
         reference_pulses=path(clock.t)[1],
-        error_pulses=error,
-        torque=torque,
-        current=rig.drive.current(torque),
         rig=rig,
         law=law,
         reference=reference,
         initial=given,
         injected=added,
-        link_counts=_link_counts(rig, q),
-        true_q=q,
-        true_qd=qd,
+        **_columns(rig, log),
     )
     return Trace(record, true_error)
 
@@ -218,16 +212,15 @@ def replay(
     path = path_of(record, clock)
     driven = path, clock, law.replayed(record), added
     log, _ = logged_run(loop, arm, driven, start_of(record, path), backend)
-    error, torque, q, qd = np.hsplit(log[clock.rows, : 4 * rig.n], 4)
-    return dataclasses.replace(
-        record, error_pulses=error, torque=torque, current=rig.drive.current(torque), link_counts=_link_counts(rig, q),
-        true_q=q, true_qd=qd,
-    )  # fmt: skip
+    return dataclasses.replace(record, **_columns(rig, log[clock.rows]))
 
 
-def _link_counts(rig: Rig, q: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """What encoders on the links count at q (N, n) [rad], if there are some beside those of the motors."""
-    return rig.true_counts(q) if rig.encoder.side == "both" else None
+def _columns(rig: Rig, log: NDArray[np.float64]) -> dict[str, Any]:
+    """Columns of a record, of the rows of a run: errors, torques, counts of the links beside motors, the true state."""
+    error, torque, q, qd = np.hsplit(log[:, : 4 * rig.n], 4)
+    counts = rig.true_counts(q) if rig.encoder.side == "both" else None
+    measured = {"error_pulses": error, "torque": torque, "current": rig.drive.current(torque), "link_counts": counts}
+    return measured | {"true_q": q, "true_qd": qd}
 
 
 def injected_at(given: Injected | None, t: NDArray[Any], n: int) -> NDArray[np.float64] | None:
