@@ -1,4 +1,4 @@
-"""What a method is given: informative records, searched and kept aside, their unknowns, and no bad input."""
+"""What a method is given: informative records, searched and held out, their unknowns, and no bad input."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -149,7 +149,7 @@ def _require_different(searched: Sequence[Record], kept: Sequence[Record]) -> No
         for k, before in enumerate(every[:i]):
             if np.array_equal(record.t, before.t) and np.array_equal(record.counts, before.counts):
                 aside = k < len(searched) <= i
-                told = "a log kept aside must not be among those searched" if aside else "each log must come once"
+                told = "a validation log must not be among those searched" if aside else "each log must come once"
                 first, second = (naming.record_label(every, place) for place in (k, i))
                 raise ValueError(f"{told}; {second} is {first} again. Leave one out.")
 
@@ -177,7 +177,7 @@ def with_gears(
     method: str,
     ranges: ArrayLike | None,
 ) -> tuple[tuple[Record, ...], tuple[Record, ...], tuple[str, ...]]:
-    """Records that are searched and kept aside, on elastic gears, and the unknowns with those of the gears."""
+    """Records that are searched and held out, on elastic gears, and the unknowns with those of the gears."""
     if ranges is not None:
         raise ValueError("ranges need every unknown by name; got elasticity=True. Name stiffness and damping instead.")
     _, unknown = as_records(dynamics, records, unknown)
@@ -193,7 +193,7 @@ def _set_aside(
     held_out: Record | Sequence[Record] | None,
     method: str,
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
-    """Records that are searched, and records that are kept aside."""
+    """Records that are searched, and records that are held out."""
     searched, _ = as_records(dynamics, records, unknown)
     if method != "paper":  # which follows the straight lines between counts
         searched = tuple(map(with_path, searched))

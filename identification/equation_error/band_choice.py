@@ -1,16 +1,16 @@
-"""Pass band and least speeds of a torque fit, chosen by cross-validation over stretches of the logs.
+"""Pass band and least speeds of a torque fit, chosen by cross-validation over segments of the logs.
 
 A narrow band and high speeds hold the equations that can be trusted: rounding of the counts, elasticity and uncertain
 signs of friction are outside. They alone tell inertias and offsets poorly. A wide band holds more, until noise in the
 accelerations makes every value too small; its own residual does not show that. So a fit is judged by the torques of
-stretches that it has not seen, in all *narrower* bands: it may use its band as long as it predicts these no worse than
+segments that it has not seen, in all *narrower* bands: it may use its band as long as it predicts these no worse than
 their own fits do. Least speeds likewise, judged at higher speeds. Of those that are no worse by more than one standard
-error over the stretches, or by ten per cent, the most inclusive is taken.
+error over the segments, or by ten per cent, the most inclusive is taken.
 
 Sources: O. V. Lepskii, On a problem of adaptive estimation in Gaussian white noise, Theory of Probability and its
 Applications 35 (1990) (the widest that agrees with all narrower ones); L. Breiman et al., Classification and Regression
 Trees (1984), ch. 3 (one standard error); P. Burman, E. Chow, D. Nolan, A cross-validatory method for dependent data,
-Biometrika 81 (1994) (stretches left out, with a gap on both sides).
+Biometrika 81 (1994) (segments left out, with a gap on both sides).
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from plant.parts.fields import Floats
 from plant.parts.shown import Piece, Shown
 from plant.parts.sums import least, product
 
-STRETCHES = 10
-"""Stretches of all logs together, at least; and of each log, at most."""
+SEGMENTS = 10
+"""Segments of all logs together, at least; and of each log, at most."""
 
 SHARES = (0.1, 0.05, 0.02, 0.01, 0.0)
-"""Least speeds that are tried, in the usual speed of each joint, the most cautious first."""
+"""Least speeds that are tested, in the usual speed of each joint, the most cautious first."""
 
 _WORSE, _FAR = 1.0, 3.0
-"""Standard errors over the stretches by which the squared errors of prediction may be larger, and from which on
+"""Standard errors over the segments by which the squared errors of prediction may be larger, and from which on
 nothing more inclusive is tried."""
 
 _SMALL = 0.1
@@ -43,7 +43,7 @@ _SMALL = 0.1
 _SPEED = "of the usual speed"
 
 _ENOUGH, _LEAST = 10, 4
-"""Equations per unknown, and stretches, below which a band says too little to judge others."""
+"""Equations per unknown, and segments, below which a band says too little to judge others."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -59,7 +59,7 @@ class FitTrial(Shown):
     rows : int
         Equations of its fit.
     worse : float
-        By how many standard errors this fit predicts the stretches left out worse than a more cautious one's own fit
+        By how many standard errors this fit predicts the segments left out worse than a more cautious one's own fit
         does, among that one's equations, where it does worst; -inf of the most cautious.
     against : float or None
         That more cautious one.
@@ -102,19 +102,19 @@ class FitTrial(Shown):
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class _Tried:
-    """Equations in a band at least speeds, their fit, and the fits without each stretch."""
+    """Equations in a band at least speeds, their fit, and the fits without each segment."""
 
     rows: Floats
     target: Floats
     weight: Floats
-    stretch: NDArray[np.intp]
+    segment: NDArray[np.intp]
     without: Floats
 
     def losses(self, fits: Floats) -> Floats:
-        """Mean squared error (S,) with which fits without each stretch (S, k) predict it; NaN of one without rows."""
+        """Mean squared error (S,) with which fits without each segment (S, k) predict it; NaN of one without rows."""
         found = np.full(len(fits), np.nan)
-        for s in np.unique(self.stretch):
-            some = self.stretch == s
+        for s in np.unique(self.segment):
+            some = self.segment == s
             missed = (self.target[some] - product(self.rows[some], fits[s])) * self.weight[some]
             found[s] = np.mean(missed**2)
         return found
@@ -132,7 +132,7 @@ class _Tried:
 
 
 class _Choice:
-    """Settings that are tried in turn, each against those of before that are more cautious.
+    """Settings that are tested in turn, each against those of before that are more cautious.
 
     `trials`: what came of each.
     """
@@ -204,24 +204,24 @@ def choose_speed(
 
 
 def _tried(systems: Sequence[System], seconds: Floats, gap: float, weights: Floats | None) -> _Tried | None:
-    """Fits without each stretch, and without what is within a gap [s] of it; None of too few equations."""
+    """Fits without each segment, and without what is within a gap [s] of it; None of too few equations."""
     places = Places.of(systems)
     rows, target = (np.concatenate([getattr(each, part)[each.used] for each in systems])
                     for part in ("regressor", "torque"))  # fmt: skip
     k = rows.shape[1]
     if len(target) < _ENOUGH * k:
         return None
-    stretch, stretches = places.stretches(seconds, STRETCHES)
+    segment, segments = places.segments(seconds, SEGMENTS)
     weight = _weight(rows, target, places, weights)
     weighted_rows, weighted_target = rows * weight[:, None], target * weight
-    without = np.full((stretches, k), np.nan)
-    for s in np.unique(stretch):
-        own = stretch == s
+    without = np.full((segments, k), np.nan)
+    for s in np.unique(segment):
+        own = segment == s
         record, t = places.record[own][0], places.t[own]
         near = (places.record == record) & (places.t > t.min() - gap) & (places.t < t.max() + gap)
         if (~near).sum() > 2 * k:
             without[s] = _solved(weighted_rows[~near], weighted_target[~near])
-    return _Tried(rows=rows, target=target, weight=weight, stretch=stretch, without=without)
+    return _Tried(rows=rows, target=target, weight=weight, segment=segment, without=without)
 
 
 def _weight(rows: Floats, target: Floats, places: Places, weights: Floats | None) -> Floats:

@@ -1,7 +1,7 @@
-"""Covariance of a least-squares fit from how it differs between stretches, or between runs: cluster-robust.
+"""Covariance of a least-squares fit from how it differs between segments, or between runs: cluster-robust.
 
-Residuals of one stretch may be correlated in any way; those of different stretches must not be. What a model lacks in
-one stretch and not in another shows, and what it lacks everywhere alike does not. Stretches are left out one by one
+Residuals of one segment may be correlated in any way; those of different segments must not be. What a model lacks in
+one segment and not in another shows, and what it lacks everywhere alike does not. Segments are left out one by one
 (the delete-a-group jackknife). Of a few runs, of which one may tell most, each one's share in the equations is
 corrected by what of it the fit has taken away (bias-reduced linearisation).
 
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from plant.parts.fields import Floats
 from plant.parts.sums import products
 
-RUNS, STRETCHES = 3, 10
-"""From how many runs on, and of how many stretches of all runs at least, values are compared."""
+RUNS, SEGMENTS = 3, 10
+"""From how many runs on, and of how many segments of all runs at least, values are compared."""
 
 _NORMAL = 1.96
 

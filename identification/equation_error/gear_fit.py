@@ -109,7 +109,7 @@ def _fitted(systems: Sequence[System], joint: int) -> tuple[float, float]:
 
 
 _BANDS = (0.5, 0.7, 1.0, 1.4)
-"""Pass bands that are tried, in frequencies of the strongest oscillation."""
+"""Pass bands that are tested, in frequencies of the strongest oscillation."""
 
 _REPLAYED = (4.0, 8.0, 16.0, 32.0)
 """The same of logs that replay their torque [Hz]."""
@@ -173,7 +173,7 @@ def fit_gears(
     """Fits with the best compliances of a grid, one for each pass band in which there is one.
 
     `dynamics`, `records`, `unknown`, `known`: as for `equation_error`; rigs may have elasticity or not. `grid` (m, n):
-    compliances of each gear that are tried [rad/(N m)]: rows of all gears together first, then each on its own. A
+    compliances of each gear that are tested [rad/(N m)]: rows of all gears together first, then each on its own. A
     column of one value keeps that gear as it is.
     """
     names, fits = linear(dynamics, records[0].rig, unknown), []

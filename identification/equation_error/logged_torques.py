@@ -37,7 +37,7 @@ def fit_torque(
     """Fit f, and linear numbers of the drive, to logged positions and torques.
 
     ``fit_torque(dynamics, records)`` is all that is needed; what is stated is taken as stated, the rest is chosen by
-    how well it predicts stretches of the logs that the fit has not seen, and reported.
+    how well it predicts segments of the logs that the fit has not seen, and reported.
 
     Parameters
     ----------

@@ -139,7 +139,7 @@ def _about(record: Record, label: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def held_out(kept: Sequence[Record], searched: int, among: bool) -> Iterator[None]:
-    """A context in which refusals of records that were kept aside call them so.
+    """A context in which refusals of records that were held out call them so.
 
     `searched`: number of the others. `among`: whether they are the last of the same list.
     """

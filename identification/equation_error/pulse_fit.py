@@ -44,7 +44,7 @@ ENOUGH = 5
 """Equations per unknown below which a band says too little."""
 
 BANDS = 2.0 ** np.arange(-1, 6, 0.5)
-"""Bands that are tried where a torque was logged [Hz]."""
+"""Bands that are tested where a torque was logged [Hz]."""
 
 
 def mode_in(record: Record) -> float:

@@ -103,8 +103,8 @@ class Places:
         sample = sample[first + rows]
         return cls(record=record, joint=joint, sample=sample, t=sample * period)
 
-    def stretches(self, seconds: Floats, least: int) -> tuple[NDArray[np.intp], int]:
-        """Stretch (M,) of each equation, and the number of all: logs of these lengths (R,) in equal parts, at least so
+    def segments(self, seconds: Floats, least: int) -> tuple[NDArray[np.intp], int]:
+        """Segment (M,) of each equation, and the number of all: logs of these lengths (R,) in equal parts, at least so
         many together.
         """
         each = -(-least // len(seconds))

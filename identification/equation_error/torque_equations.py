@@ -18,7 +18,7 @@ Columns = Mapping[str, Callable[..., ArrayLike]]
 """Further columns by name: (q, qd, qdd) -> torque (N, n) per unit."""
 
 _LOWEST = 0.5
-"""Narrowest pass band that is tried [Hz]; then by half octaves."""
+"""Narrowest pass band that is tested [Hz]; then by half octaves."""
 
 _PERIODS = 4.0
 """Periods of a band that the longest log must hold."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.band_choice import FitTrial
-from identification.equation_error.clustered import RUNS, STRETCHES, at_least, group_std, run_std
+from identification.equation_error.clustered import RUNS, SEGMENTS, at_least, group_std, run_std
 from identification.equation_error.least_squares import least_squares
 from identification.equation_error.naming import short_names
 from identification.equation_error.regressor import Places, System
@@ -46,7 +46,7 @@ class TorqueFit(Shown, Frozen):
     names : tuple of str
     values : (k,) numpy.ndarray
     covariance : (k, k) numpy.ndarray
-        Of the values: of white noise, and no less than how they differ between stretches, or runs, of the logs (`spread
+        Of the values: of white noise, and no less than how they differ between segments, or runs, of the logs (`spread
         <../background/intervals>`). What the model lacks everywhere alike comes on top.
     noise_covariance : (k, k) numpy.ndarray
         From the variance of each joint's residual alone, taken as white after decimation.
@@ -156,7 +156,7 @@ class TorqueFit(Shown, Frozen):
 def choices(fit: TorqueFit) -> Iterator[Piece]:
     """How band and least speeds were chosen; nothing where they were stated."""
     if fit.bands:
-        yield f"band {fit.band:g} Hz, chosen by torques of stretches left out, compared in narrower bands:"
+        yield f"band {fit.band:g} Hz, chosen by torques of segments left out, compared in narrower bands:"
         yield _trials(fit.bands)
     if fit.least_speeds and fit.least_speed is not None:
         speeds = ", ".join(f"{speed:.3g}" for speed in fit.least_speed)
@@ -180,7 +180,7 @@ def weighted(
 
     `dynamics`, `names`: names of the columns. `systems`: one per record. `weights` (R, n): of each record and joint, up
     to a common factor; by default 1 over a joint's residual in an unweighted fit. `seconds` (R,): length of each log:
-    the covariance counts how its stretches, and logs, differ. `report`: further fields of the result.
+    the covariance counts how its segments, and logs, differ. `report`: further fields of the result.
     """
     systems = tuple(systems)
     regressor, torque, used = (
@@ -209,7 +209,7 @@ def weighted(
     noise = covariance
     if seconds is not None:
         by_weight = rows * weight[:, None], residual * weight
-        covariance = at_least(covariance, group_std(*by_weight, places.stretches(seconds, STRETCHES)[0]))
+        covariance = at_least(covariance, group_std(*by_weight, places.segments(seconds, SEGMENTS)[0]))
         if len(seconds) >= RUNS:
             covariance = at_least(covariance, run_std(*by_weight, places.record))
     return TorqueFit(

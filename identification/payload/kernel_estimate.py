@@ -18,7 +18,7 @@ KERNEL = 0.04
 
 
 _RIGID, _ELASTIC = 2.0, 20.0
-"""Misfit from which on no load explains a window: on rigid gears, and on elastic ones, which swing."""
+"""Misfit from which on no load explains a window: on rigid gears, and on elastic ones, which oscillate."""
 
 
 def kernel_length(arm: Arm, rig: Rig, shape: LoadShape) -> float:

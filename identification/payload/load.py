@@ -87,8 +87,8 @@ class Load(Shown, Frozen):
     rms_innovation : float
         Root mean square of the innovations [pulses]; rounding alone gives 0.289.
     com, com_std : (3,) numpy.ndarray
-        Centre of mass in the frame of the link's body [m]; NaN along an axis that does not show in the torques. Of a
-        given position it is that, with a deviation of 0.
+        Centre of mass in the frame of the link's body [m]; NaN along an axis that is not identifiable from the
+        torques. Of a given position it is that, with a deviation of 0.
     names : tuple of str
         Of all that was unknown: ``mass``, ``com[i]``, numbers of friction.
     values : (k,) numpy.ndarray

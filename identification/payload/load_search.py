@@ -128,7 +128,7 @@ class LoadSearch:
     def fitted(self, problem: Problem) -> Outcome:
         """The prediction error's fit of mass, centre and friction, as a method of identification.
 
-        Friction that does not show, such as that of a joint at rest, stays as the rig states it.
+        Friction that is not identifiable, such as that of a joint at rest, stays as the rig states it.
         """
         friction = problem.unknown[len(self.f) :]
         try:

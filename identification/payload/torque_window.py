@@ -73,7 +73,7 @@ _SLOW = 0.05
 
 @dataclasses.dataclass(frozen=True)
 class Window:
-    """What a controller saw of a stretch of time.
+    """What a controller saw of a segment of time.
 
     `counts` (N, n): encoder counts at each sample. `torque` (N, n): applied joint torque [N m], each from its sample to
     the next. `before` (n,): applied up to the first sample [N m].

@@ -63,7 +63,9 @@ class Budget(Shown, Frozen):
             for name, value, peak, rms, bound, alone in
             zip(short_names(self.dynamics, self.names), *columns, strict=True)
         ]  # fmt: skip
-        yield Table(("", "value", "sensitivity to 1 % [pulses]", "rms [pulses]", "bound", "alone"), rows)
+        yield Table(
+            ("", "value", "sensitivity to 1 % [pulses]", "rms [pulses]", "Cramér-Rao bound", "conditional std"), rows
+        )
         yield Aside("What the parameters mean", self.dynamics.legend.splitlines())
 
 

@@ -48,7 +48,7 @@ def as_records(
 
 
 def with_zeros(records: Iterable[Record], zeros: Floats) -> list[Record]:
-    """The same records with their counters' zeros (R, n) [rad] where they are."""
+    """The same records with their encoder offsets (R, n) [rad] where they are."""
     pairs = zip(records, zeros, strict=True)
     return [dataclasses.replace(r, error_pulses=r.error_pulses - r.rig.position_in_pulses(zero)) for r, zero in pairs]
 

@@ -1,8 +1,9 @@
-"""A model with what its rig leaves out: gears that give, backlash, lagging currents, other friction, late counts.
+"""A model with what its rig leaves out: elastic gears, backlash, lagging currents, other friction, late counts.
 
 Each is a number that is zero where the rig is right. The innovations are those of `Prediction`, of one compiled loop
-whose currents are prompt where they do not lag. Where gears give it is another, with springs: at coarse sub-steps even
-the stiffest do not stick quite like rigid ones where a joint turns back, which a log would be taken to contradict.
+whose currents are prompt where they do not lag. Where gears are elastic it is another, with springs: at coarse
+sub-steps even the stiffest do not stick quite like rigid ones where a joint turns back, which a log would be taken to
+contradict.
 """
 
 from __future__ import annotations
@@ -24,13 +25,13 @@ from plant.parts.fields import Floats
 from plant.simulation.threads import cores
 
 _RIGID = 1e5
-"""Locked-rotor resonance of a gear that does not give [Hz]."""
+"""Locked-rotor resonance of a rigid gear [Hz]."""
 
 _PROMPT = 1e-9
 """Lag of currents that do not lag [s]."""
 
 _DAMPING = 0.02
-"""Damping ratio of gears that are tried: the middle of the usual range, at which the detection is measured."""
+"""Damping ratio of gears that are tested: the middle of the usual range, at which the detection is measured."""
 
 _PLACES = {"backlash": "drive.elasticity.backlash", "lag": "drive.current_lag.time", "offset": "drive.curve.offset"}
 
@@ -205,7 +206,7 @@ class _Log:
 
 
 def _with_springs(rig: Rig, links: Floats | None) -> Rig:
-    """A rig that behaves alike, and has the numbers by which gears give, currents lag and torques are offset."""
+    """A rig that behaves alike, and has the numbers by which gears are elastic, currents lag and torques are offset."""
     drive, gears = rig.drive, rig.drive.elasticity
     if gears is None and links is not None:
         stiffness = links * (2 * np.pi * _RIGID) ** 2

@@ -128,7 +128,7 @@ class Followed(Experiment):
         n, loop, states, lanes = self.loop.n, self.loop, [], []
         for values in some:
             (q, qd), numbers = self._start(values)
-            states.append(loop.initial_state(q + numbers[-n:], qd, numbers))  # where the counters' zero is
+            states.append(loop.initial_state(q + numbers[-n:], qd, numbers))  # where the encoder offset is
             lanes.append(numbers[self.places])
         empty = LOGGED - len(states)
         state, lane = (np.array(rows + rows[-1:] * empty).T.copy() for rows in (states, lanes))

@@ -44,7 +44,7 @@ _ROUNDING, _AT_MOST = 0.289, 2.0
 """RMS of rounding [pulses]; and how far off a law's memory is expected to be, in its magnitudes in the log."""
 
 _ZERO_STEP, _ZERO_LIMIT = 1e-4, 0.5
-"""Step of a counter's zero, and its largest magnitude [rad]."""
+"""Step of a encoder offset, and its largest magnitude [rad]."""
 
 _UNEQUAL = 1.5
 """Ratio of RMS innovations from which on records and joints are weighted by them."""

@@ -25,7 +25,7 @@ _AGAIN = 3
 """How often, at most, slopes are taken anew where a walk begins."""
 
 _TRIES, _NEAR = 7, 0.1
-"""Values of a coordinate that are tried for an end, and the relative distance from the level that is near enough."""
+"""Values of a coordinate that are tested for an end, and the relative distance from the level that is near enough."""
 
 _LOWER = 0.25
 """By how much, as a share of the level, a lower sum must be lower."""

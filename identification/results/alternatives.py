@@ -177,13 +177,17 @@ def _linear(at: Optimum, name: str, changes: dict[str, Floats]) -> Iterator[Sign
         if name in _SIGNED or not (size < 0).any():
             break
         own, after = {each: row for (each, row), x in zip(own.items(), size, strict=True) if x > 0}, before
-    yield _sign(at, name, freedom, after, values=dict(zip(own, size.tolist(), strict=False)), visible=visible)
+    yield _sign(at, name, freedom, after, dict(zip(own, size.tolist(), strict=False)), visible)
 
 
-def _sign(at: Optimum, name: str, freedom: int, after: Floats, **found: dict[str, float]) -> Sign:
+def _sign(
+    at: Optimum, name: str, freedom: int, after: Floats, values: dict[str, float], visible: dict[str, float]
+) -> Sign:
     """Of an alternative that leaves so much (M,) of the innovations."""
-    test = {"chi_square": at.chi_square(after), "freedom": freedom, "threshold": _threshold(freedom)}
-    return Sign(name=name, explained=float((at.before**2).sum() - (after**2).sum()), **test, **found)
+    return Sign(
+        name=name, chi_square=at.chi_square(after), freedom=freedom, threshold=_threshold(freedom),
+        explained=float((at.before**2).sum() - (after**2).sum()), values=values, visible=visible,
+    )  # fmt: skip
 
 
 def _best(sign: Sign, trials: Sequence[Trial]) -> Sign:
@@ -195,7 +199,7 @@ def _best(sign: Sign, trials: Sequence[Trial]) -> Sign:
 
 
 def _of_backlash(trials: Sequence[Trial]) -> Sign:
-    """The trial that lowers the sum of squares most; the narrowest of each joint whose effect would be seen."""
+    """The trial that lowers the sum of squares most; the narrowest of each joint whose effect is detectable."""
     visible, threshold = dict[str, float](), _threshold(2)
     for trial in trials:
         for name, value in trial.values.items():
@@ -222,4 +226,4 @@ def _disagreement(at: Optimum) -> Iterator[Sign]:
     before, rows = at.before, np.array(apart)
     made = directions(rows)
     after = before - np.einsum("i,im->m", along(made, rows, before), rows)
-    yield _sign(at, "disagreement", len(made), after, values={}, visible={})
+    yield _sign(at, "disagreement", len(made), after, {}, {})

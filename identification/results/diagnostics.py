@@ -33,7 +33,7 @@ class Diagnostics(Shown, Frozen):
         Objective (4) in the records that were searched [pulses^2].
     difference, held_out_difference : float, float or None
         Root mean square, per sample and joint, between the errors measured and simulated with what was found [pulses]:
-        in the records, and in those kept aside. Two roundings alone give 0.58.
+        in the records, and in those held out. Two roundings alone give 0.58.
     bands : dict
         Of logged torques: pass band [Hz] -> mean ratio of least squares in that band to f as found, each weighted by
         its precision.
@@ -63,7 +63,7 @@ class Diagnostics(Shown, Frozen):
         known = np.isfinite(self.difference)
         by = f"{self.difference:.2f} pulses (rms)" if known else "an unknown amount"
         aside = self.held_out_difference
-        kept = "" if aside is None else f", in the record(s) kept aside by {aside:.2f}"
+        kept = "" if aside is None else f", in the validation record(s) by {aside:.2f}"
         yield f"simulated and measured errors differ by {by}{kept}"
         yield str(self.detection)
 

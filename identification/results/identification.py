@@ -36,7 +36,7 @@ class Identification(Shown, Saved, Frozen):
     rig, law : Rig, Law
         Those of the (first) record, with whatever else was unknown filled in.
     records, held_out : tuple of Record
-        Those that were searched, and those that were kept aside.
+        Those that were searched, and those that were held out.
     versions : dict
         Of the library, numpy, casadi and Python that found it.
     fit : Fit

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from identification.equation_error.clustered import RUNS, STRETCHES, group_std, run_std
+from identification.equation_error.clustered import RUNS, SEGMENTS, group_std, run_std
 from identification.replay.optimum import Optimum
 from identification.results.assumed import moved
 from identification.search.problem import Tolerances
@@ -87,14 +87,14 @@ class Doubt:
         return whole
 
     def grouped(self) -> Floats:
-        """Standard deviations (k,) of the unknowns, from how they differ between stretches.
+        """Standard deviations (k,) of the unknowns, from how they differ between segments.
 
         Runs that contradict each other are what differs, from three on.
         """
         at, varied, whole = self.at, np.flatnonzero(self.step), np.zeros(self.unknown)
         lengths = [rows.stop - rows.start for rows in at.model.rows() if rows.stop <= self.searched]
         by_runs = len(lengths) >= RUNS and self.apart
-        each = 1 if by_runs else -(-STRETCHES // len(lengths))
+        each = 1 if by_runs else -(-SEGMENTS // len(lengths))
         groups = np.concatenate([each * i + np.arange(n) * each // n for i, n in enumerate(lengths)])
         differ = run_std if by_runs else group_std
         std = differ(at.rates[:, : self.searched].T, at.innovations[: self.searched], groups)

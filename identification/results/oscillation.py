@@ -81,9 +81,9 @@ class Oscillation(Shown, Frozen):
         found = ", ".join(f"{low:.1f}-{high:.1f}" for low, high in self.modes)
         said = f"oscillation at {self.frequency:.1f} Hz"
         if self.own is None:
-            yield Verdict(f"{said}; pass an arm to learn whether it is the loop's own")
+            yield Verdict(f"{said}; pass an arm to determine whether it is the loop's own")
         elif self.own:
-            yield Verdict(f"{said}; the position loop's own mode ({found} Hz): it shows the inertias, keep it", True)
+            yield Verdict(f"{said}; the position loop's own mode ({found} Hz): it excites the inertias, keep it", True)
         else:
             none = f"no mode of this arm's position loop ({found} Hz)"
             yield Verdict(f"{said}; {none}: a disturbance, unless the arm is known badly", False)

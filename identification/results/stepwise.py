@@ -53,7 +53,7 @@ _LATE, _SHIFTS = 1.0, 2
 def detect(problem: Problem, fit: Fit, delay: float = 0.0, rounding: Floats | None = None) -> Detection:
     """Test a fit to a problem.
 
-    `fit`: where to begin; the model is fitted anew, to the records kept aside as well. `delay`: of the counts, if it is
+    `fit`: where to begin; the model is fitted anew, to the records held out as well. `delay`: of the counts, if it is
     known already that one of this size [samples] is worth a trial. `rounding` (M,): innovations of the records that
     were searched, as far as rounding makes them; see `Outcome`.
     """

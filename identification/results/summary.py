@@ -64,7 +64,7 @@ def said_of(found: Any, full: bool) -> Iterator[Piece]:
     yield f"{found.search.method}, {len(found.records)} record(s): {found.message}"
     if found.held_out:
         named = ", ".join(record.name or f"a record of {len(record)} samples" for record in found.held_out)
-        yield f"kept aside, and only repeated: {named}"
+        yield f"validation, only simulated: {named}"
     yield from [_values(found)] if full else _abreast(found)
     yield from inside(found.diagnostics)
     if found.fit.noise_covariance is not None:
@@ -150,7 +150,7 @@ def _values(found: Any) -> Table:
         interval = f"[{value - 1.96 * std:.5g}, {value + 1.96 * std:.5g}]"
         together = f"{names[most]} ({others[i, most]:+.2f})"
         rows.append((names[i], values[i], f"{std:.2g}", f"{bounds[i]:.2g}", interval, together))
-    head: tuple[str, ...] = ("", "value", "std", "bound", "95 % interval", "largest correlation")
+    head: tuple[str, ...] = ("", "value", "std", "Cramér-Rao bound", "95 % interval", "largest correlation")
     if not np.isfinite(bounds).all():
         head, rows = head[:3] + head[4:], [row[:3] + row[4:] for row in rows]
     return Table(head, rows, words=(len(head) - 1,))

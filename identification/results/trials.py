@@ -14,7 +14,7 @@ _RATIO, _FINE = 1.25, 1.1
 """Of one to the next: under a law that follows the counts, and where torques are repeated, whose effect is narrow."""
 
 _WIDTHS = (1, 2, 4, 8, 16)
-"""Backlash that is tried [pulses], in a gear that else has a resonance at:"""
+"""Backlash that is tested [pulses], in a gear that else has a resonance at:"""
 
 CONTACT = 300.0
 """[Hz]"""

@@ -166,7 +166,7 @@ def seeded(problem: Problem) -> Outcome:
     if fit.fallback_reason is None and is_late(*delayed):
         return outcome  # only another arm repeats errors of late counts; this one's intervals count the delay
     reason = fit.fallback_reason or (
-        "the fit that follows the counts does not repeat the errors when simulated; check rig, law and signs"
+        "the fit that follows the counts does not reproduce the errors when simulated; check rig, law and signs"
     )
     message = "The genetic algorithm's best, in a box around the equation error."
     fit = Fit(unknown=problem.unknown, values=result.x, candidates=result.x[None], fallback_reason=reason)

@@ -114,7 +114,7 @@ class Fit(Shown, Frozen):
 def fit_of(solution: Solution, unknown: tuple[str, ...], values: Floats, **more: Any) -> Fit:
     """Of the first unknowns of a Gauss-Newton, with these values (k,); `more`: further fields, in place of its own."""
     k = len(values)
-    own = {"covariance": solution.covariance[:k, :k], "rms_innovation": solution.rms_innovation}
+    own: dict[str, Any] = {"covariance": solution.covariance[:k, :k], "rms_innovation": solution.rms_innovation}
     return Fit(unknown=unknown, values=values, candidates=values[None], **own | more)
 
 

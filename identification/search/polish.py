@@ -116,7 +116,7 @@ def _unbiased(prediction: Prediction, solution: Solution, bounds: Floats, seed: 
     shifts = random.uniform(-0.5, 0.5, (_ROUNDED, *prediction.shape))
     try:
         logs = prediction.of_rounded(values, shifts)
-    except ValueError:  # what follows the counts does not repeat the log by itself
+    except ValueError:  # what follows the counts does not reproduce the log by itself
         return solution, None
     if not np.isfinite(logs).all():
         return solution, None

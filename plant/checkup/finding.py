@@ -121,7 +121,7 @@ class Checkup(Shown):
         for finding in self.findings:
             own = finding.joint if not finding.ok else None
             groups.setdefault((finding.check, finding.verdict, finding.unit, own), []).append(finding)
-        yield Verdict(f"{len(self.problems)} of {len(self.findings)} checks ask for a look: {self._short()}", self.ok)
+        yield Verdict(f"{len(self.problems)} of {len(self.findings)} checks need attention: {self._short()}", self.ok)
         rows, reasons = [], []
         for (name, verdict, unit, _), group in groups.items():
             label, *more = self._labels([finding.joint for finding in group])

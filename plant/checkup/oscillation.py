@@ -1,7 +1,7 @@
-"""Oscillation of the loop itself: errors that swing at a frequency which the reference does not contain, and go on.
+"""Oscillation of the loop itself: errors that oscillate at a frequency which the reference does not contain, and go on.
 
 A stable loop rings after each reversal of friction, and stays below its tracking error. One that is unstable, by a lag
-of its currents or by gears that give, swings ever wider, or until friction or the amplifier limit it.
+of its currents or by elastic gears, oscillates ever wider, or until friction or the amplifier limit it.
 """
 
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ _CONTAINED, _BEYOND, _SLOWEST = 0.999, 5.0, 3.0
 """Share of the reference's power below the highest of its frequencies; and how many times that, and [Hz], is above."""
 
 _PARTS = 6
-"""Of the log, in whose median the error swings."""
+"""Of the log, in whose median the error oscillates."""
 
 _SWINGS, _LEAST = 0.8, 2.0
 """How much wider, RMS, than the slow part of the error: stable P loops come to 0.55; and in counts."""
@@ -35,7 +35,7 @@ def spectrum(values: NDArray[np.float64], period: float) -> tuple[NDArray[np.flo
     """Frequencies [Hz] and power of values (N,) or (N, n) about their mean, in a Hann window."""
     window = np.hanning(len(values)).reshape(-1, *[1] * (values.ndim - 1))
     power = np.abs(np.fft.rfft((values - values.mean(axis=0)) * window, axis=0)) ** 2
-    return np.fft.rfftfreq(len(values), period), power
+    return np.fft.rfftfreq(len(values), period), np.asarray(power, dtype=float)
 
 
 def averaged(power: NDArray[np.float64], count: int) -> NDArray[np.float64]:

@@ -27,7 +27,7 @@ class LinkReference(Derived):
     Where the jerk of q_r jumps (both ends of `PointToPoint` and `Spline`, the points of `Scaled`), the speed of the
     motors jumps by the links' inertia over k times as much; where its acceleration jumps, the motors would have to jump
     themselves. A simulation starts with the motors on theta_r and the links as they hang at rest: if the motion begins
-    with an acceleration, they are off by what it adds to tau_link / k, and swing.
+    with an acceleration, they are off by what it adds to tau_link / k, and oscillate.
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ def warn_of_unstable_lag(arm: Arm, rig: Rig, law: Law, pose: NDArray[np.float64]
     lag, name = rig.drive.current_lag.time, type(law).__name__
     warn(
         f"with a current_lag of {lag:g} s the loop of {name} is unstable: linearised "
-        f"at the start it swings up at {abs(growing.imag) / (2 * math.pi):.3g} Hz with the time constant "
+        f"at the start it oscillates at {abs(growing.imag) / (2 * math.pi):.3g} Hz with the time constant "
         f"{1 / growing.real:.2g} s; without lag it is stable. Lower the gains, or take a law with damping."
     )
 

@@ -24,7 +24,7 @@ _QUINTIC = 5
 """Degree of the splines through commanded counts: accelerations are smooth."""
 
 _MORE_KNOTS, _SAMPLES_PER_KNOT = 1.3, 8
-"""Ratio of the numbers of knots that are tried, and samples that each has at least."""
+"""Ratio of the numbers of knots that are tested, and samples that each has at least."""
 
 _FEW, _MOST, _MISSED = 50, 100_000, 0.05
 """Samples of a path that is found from its counts, and the share of them that may have another count."""

@@ -26,7 +26,7 @@ def test_the_warning_begins_where_hurwitz_puts_it():
     longest = VISCOUS / (stiffness - VISCOUS**2 / INERTIA)
     simulate(arm, one_joint(0.98 * longest), law, STILL)  # a warning would be an error
     hz = np.sqrt(stiffness / INERTIA) / (2 * np.pi)
-    with pytest.warns(UserWarning, match=rf"the loop of P is unstable: .* swings up at {hz:.3g} Hz") as warned:
+    with pytest.warns(UserWarning, match=rf"the loop of P is unstable: .* oscillates at {hz:.3g} Hz") as warned:
         simulate(arm, one_joint(1.02 * longest), law, STILL)
     assert warned[0].filename == __file__
     assert "\n" not in str(warned[0].message)
@@ -37,7 +37,7 @@ def test_what_was_logged_of_such_a_loop_says_so():
 
     def logged(lag):
         late = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, current_lag=lag))
-        with pytest.warns(UserWarning, match=r"swings up at .* without lag it is stable"):
+        with pytest.warns(UserWarning, match=r"oscillates at .* without lag it is stable"):
             record = simulate(arm, late, P(gain=(0.1, 0.08)), puma560.reference(), steps_per_sample=16)
         return dataclasses.replace(record, rig=rig)
 
