@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.checkup.finding import Finding, unless
 from plant.checkup.signals import Signals
+from plant.parts.fields import Floats
 
 _CONTAINED, _BEYOND, _SLOWEST = 0.999, 5.0, 3.0
 """Share of the reference's power below the highest of its frequencies; and how many times that, and [Hz], is above."""
@@ -31,14 +31,14 @@ _GROWN = 1.5
 _NAME, _UNIT = "oscillation", "Hz"
 
 
-def spectrum(values: NDArray[np.float64], period: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def spectrum(values: Floats, period: float) -> tuple[Floats, Floats]:
     """Frequencies [Hz] and power of values (N,) or (N, n) about their mean, in a Hann window."""
     window = np.hanning(len(values)).reshape(-1, *[1] * (values.ndim - 1))
     power = np.abs(np.fft.rfft((values - values.mean(axis=0)) * window, axis=0)) ** 2
-    return np.fft.rfftfreq(len(values), period), np.asarray(power, dtype=float)
+    return np.asarray(np.fft.rfftfreq(len(values), period), dtype=np.float64), np.asarray(power, dtype=np.float64)
 
 
-def averaged(power: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+def averaged(power: Floats, count: int) -> Floats:
     """A power spectrum, averaged over so many neighbours."""
     return np.convolve(power, np.ones(count) / count, mode="same")
 

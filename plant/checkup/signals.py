@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from plant.checkup.torque_regression import AveragedRegression, TorqueRegression
 from plant.laws.replayed import commanded_torque
+from plant.parts.fields import Floats
 
 T = TypeVar("T")
 
@@ -69,7 +70,7 @@ class Signals:
         for check in checks:
             yield from (check(self, i) for i in range(self.n))
 
-    def even(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def even(self, values: Floats) -> Floats:
         """Values (M,) at evenly spaced times."""
         return np.interp(np.arange(self.t[0], self.t[-1], self.interval), self.t, values)
 
@@ -85,7 +86,7 @@ class Signals:
         return ~(np.abs(self.tracking_slope - 1) > TRACKING)
 
     @functools.cached_property
-    def commanded(self) -> NDArray[np.float64] | None:
+    def commanded(self) -> Floats | None:
         """Motor torque (M, n) of a law without memory, and what was injected; None where the counts do not track."""
         if self.reference is None or not self.tracks.all():
             return None
@@ -103,7 +104,7 @@ class Signals:
         return broken & small & (not self.rig.encoder.smooth)
 
     @property
-    def motor_torque(self) -> NDArray[np.float64] | None:
+    def motor_torque(self) -> Floats | None:
         """Motor torque (M, n) as logged, or else as commanded; None without either."""
         return self.commanded if self.torque is None else self.torque
 
@@ -139,17 +140,17 @@ class Signals:
         """Rows (G,) of `smooth` and `rates` that are valid: clear of gaps and ends."""
         return self._grid[1]
 
-    def smooth(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def smooth(self, values: Floats) -> Floats:
         """Values (M, n) at evenly spaced times, averaged over the window."""
         grid, _ = self._grid
         return np.column_stack([self.smooth_even(np.interp(grid, self.t, column)) for column in values.T])
 
-    def smooth_even(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def smooth_even(self, values: Floats) -> Floats:
         """Evenly spaced values (G,), averaged over the window."""
         kernel = np.hanning(self.window + 2)
         return np.convolve(values, kernel / kernel.sum(), mode="same")
 
-    def rates(self, smoothed: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def rates(self, smoothed: Floats) -> tuple[Floats, Floats]:
         """First and second derivative in time of smoothed values (G, n)."""
         rate = np.gradient(smoothed, self.interval, axis=0)
         second = np.zeros_like(smoothed)
@@ -157,13 +158,13 @@ class Signals:
         return rate, second
 
     @functools.cached_property
-    def motion(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def motion(self) -> tuple[Floats, Floats, Floats]:
         """Smoothed counts, their speeds and accelerations, each (G, n) [pulses, 1/s, 1/s^2]."""
         smoothed = self.smooth(self.counts)
         return smoothed, *self.rates(smoothed)
 
     @functools.cached_property
-    def local_speed(self) -> NDArray[np.float64]:
+    def local_speed(self) -> Floats:
         """Median speed of the counts over seven intervals, (M - 1, n) [pulses/s]: robust against single odd counts."""
         speed = np.diff(self.counts, axis=0) / np.diff(self.t)[:, None]
         wide = np.pad(speed, ((3, 3), (0, 0)), mode="edge")
@@ -191,7 +192,7 @@ class Signals:
         return shifts[best], float(np.clip(slopes[best], 0.0, 1.0))
 
     @functools.cached_property
-    def smooth_reference(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    def smooth_reference(self) -> tuple[Floats, Floats] | None:
         """Smoothed reference and its speed, each (G, n) [pulses, 1/s]; None without a reference."""
         if self.reference is None:
             return None
@@ -199,7 +200,7 @@ class Signals:
         return smoothed, self.rates(smoothed)[0]
 
     @functools.cached_property
-    def tracking_slope(self) -> NDArray[np.float64]:
+    def tracking_slope(self) -> Floats:
         """Regression (n,) of the counts' speed on the reference's: 1 in a loop that tracks, NaN without a motion."""
         if self.smooth_reference is None:
             return np.full(self.n, np.nan)
@@ -232,7 +233,7 @@ class Signals:
         return max(fits, key=lambda fit: abs(fit.inertia[i]) / max(fit.inertia_std[i], 1e-300))
 
     @functools.cached_property
-    def noise(self) -> NDArray[np.float64]:
+    def noise(self) -> Floats:
         """Standard deviation (n,) of the counts from parabolas of 9 samples, where the arm is slowest [pulses]."""
         if len(self.t) < 90:
             return np.full(self.n, np.nan)
@@ -245,7 +246,7 @@ class Signals:
         return np.sqrt(np.array(median) / _MEDIAN)
 
     @functools.cached_property
-    def least_count(self) -> NDArray[np.float64]:
+    def least_count(self) -> Floats:
         """Smallest significant difference of counts (n,) [pulses]: a pulse, or of unrounded counts their own."""
         if not self.rig.encoder.smooth:
             return np.ones(self.n)

@@ -19,7 +19,7 @@ from plant.logs.resampling import resampled_fields
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
 from plant.parts.arguments import array, instance, known_options, real
-from plant.parts.fields import Vector
+from plant.parts.fields import Floats, Vector
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 
@@ -149,7 +149,7 @@ class Record(FromFiles, Frozen):
         return self.rig.n
 
     @property
-    def counts(self) -> NDArray[np.float64]:
+    def counts(self) -> Floats:
         """Encoder counts, (N, n) [pulses]."""
         return self.reference_pulses - self.error_pulses
 

@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant.mechanics.arm import Arm
 from plant.mechanics.base_parameters import base_lumping
@@ -22,7 +22,7 @@ from plant.mechanics.lumping import STANDARD, Lumping, standard_parameters
 from plant.mechanics.newton_euler import by_speeds, collected, lumped_torque, torque
 from plant.parts.arguments import array, instance
 from plant.parts.checked_function import CheckedFunction
-from plant.parts.fields import ArrayOrSymbols, Nested
+from plant.parts.fields import ArrayOrSymbols, Floats, Nested
 from plant.parts.part import Part, part, structure
 
 _FEW = 3
@@ -115,7 +115,7 @@ class Dynamics(Part):
         width = len(self.short_names[-1])
         return "\n".join(f"{s:<{width}} = {name}" for s, name in zip(self.short_names, self.names, strict=True))
 
-    def f(self, bodies: Sequence[Body] | None = None) -> NDArray[np.float64]:
+    def f(self, bodies: Sequence[Body] | None = None) -> Floats:
         """Parameters f (p,) of an arm with these bodies, one per link; by default those of the chain."""
         bodies = self.chain.bodies if bodies is None else tuple(bodies)
         if not bodies:
@@ -127,7 +127,7 @@ class Dynamics(Part):
         in_place = [body.seen_from(link.frame) for body, link in zip(bodies, self.chain.links, strict=True)]
         return np.array(self.lumping.matrix) @ standard_parameters(in_place)
 
-    def load_matrix(self, link: int | str = -1) -> NDArray[np.float64]:
+    def load_matrix(self, link: int | str = -1) -> Floats:
         """Increments B (p, 10) of f by a load on a link: f of the empty arm + B ``body.standard_parameters``.
 
         The link is given by its place in the chain from 0, or its name; by default it is the last.
@@ -242,7 +242,7 @@ class Dynamics(Part):
 
 
 @lru_cache(maxsize=32)
-def _load_matrix(dynamics: Dynamics, link: int | str) -> NDArray[np.float64]:
+def _load_matrix(dynamics: Dynamics, link: int | str) -> Floats:
     """B, from point masses at ten places whose standard parameters are independent."""
     empty = dataclasses.replace(dynamics.chain, bodies=(Body(mass=0.0, com=(0, 0, 0)),) * dynamics.n)
     places = [np.zeros(3), *np.eye(3), *-np.eye(3)]

@@ -8,12 +8,13 @@ from collections.abc import Iterable
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant.mechanics.chain import Chain
 from plant.mechanics.lumping import STANDARD, Lumping
 from plant.parts.arguments import array
 from plant.parts.checked_function import CheckedFunction
+from plant.parts.fields import Floats
 
 
 def torque(chain: Chain, q: ca.SX, qd: ca.SX, qdd: ca.SX, pi: ca.SX, gravity: Iterable[float]) -> ca.SX:
@@ -76,7 +77,7 @@ def collected(expression: ca.SX, q: ca.SX, f: ca.SX) -> ca.SX:
     at = np.array([ca.Function("slopes", [q], [slopes])(pose).full() for pose in poses])
     moves = np.abs(at - at[0]).max(axis=0) > 1e-12 * np.abs(at).max(initial=1e-300)
     rows: list[ca.SX] = [ca.SX()] * len(moves)
-    sums: list[tuple[NDArray[np.float64], ca.SX]] = []
+    sums: list[tuple[Floats, ca.SX]] = []
     for i in sorted(range(len(moves)), key=lambda i: np.linalg.norm(at[:, i, moves[i]])):
         pattern = np.where(moves[i], at[:, i], 0.0)
         total = _multiple(pattern, sums)
@@ -87,7 +88,7 @@ def collected(expression: ca.SX, q: ca.SX, f: ca.SX) -> ca.SX:
     return ca.vertcat(*rows)
 
 
-def _multiple(pattern: NDArray[np.float64], sums: list[tuple[NDArray[np.float64], ca.SX]]) -> ca.SX | None:
+def _multiple(pattern: Floats, sums: list[tuple[Floats, ca.SX]]) -> ca.SX | None:
     """The sum, times a number, that has this pattern; None if there is none."""
     for other, total in sums:
         largest = np.unravel_index(np.abs(other).argmax(), other.shape)

@@ -9,7 +9,9 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from plant.parts.fields import Floats
 
 T = TypeVar("T")
 C = TypeVar("C", bound=Callable[..., Any])
@@ -17,7 +19,7 @@ C = TypeVar("C", bound=Callable[..., Any])
 
 def array(
     name: str, value: ArrayLike, shape: tuple[int | str | None, ...], *, advice: str, finite: bool = True
-) -> NDArray[np.float64]:
+) -> Floats:
     """`value` as a new float64 array of exactly this shape, or a refusal in one line.
 
     A string or None in the shape stands for any length; `advice` is the last part of the message, what to do instead.
