@@ -57,15 +57,11 @@ def require_informative(record: Record, labels: Sequence[str]) -> None:
     if (share > _SATURATED).any() and not replays:  # of a replay the torque is known, also at the limit
         motor = int(np.argmax(share))
         hz = own_oscillation(record)
-        why, advice = (
-            "" if hz is None else f": its loop oscillates at {hz:.3g} Hz",
-            "Slow the reference down or lower the gains.",
-        )
+        why = "" if hz is None else f": its loop oscillates at {hz:.3g} Hz"
+        advice = "Slow the reference down or lower the gains."
         if record.reference is None and not record.reference_pulses.any():
-            why, advice = (
-                ": no reference came with it, so its law is taken to hold 0",
-                "Map reference_position, or give reference=.",
-            )
+            why = ": no reference came with it, so its law is taken to hold 0"
+            advice = "Map reference_position, or give reference=."
         raise ValueError(
             f"a log must be below the amplifier's limit; the motor of {labels[motor]}"
             f"{column_of(record, 'torque', motor)} is at it for {share[motor]:.0%} "

@@ -201,11 +201,8 @@ def _equation(arm: Arm, rig: Rig, law: Law) -> tuple[ca.Function, ca.Function]:
     q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
     unit = np.abs(arm.f) if dynamics.ranges is None else np.diff(dynamics.ranges, axis=1).ravel()
     unit = np.where(unit > 0, unit, unit.max())
-    scaled = (
-        dynamics.Y(q, qd, qdd)
-        * ca.repmat(ca.DM(unit).T, n, 1)
-        / ca.repmat(ca.DM(_torque_per_pulse(rig, law)), 1, dynamics.p)
-    )
+    per_pulse = ca.repmat(ca.DM(_torque_per_pulse(rig, law)), 1, dynamics.p)
+    scaled = dynamics.Y(q, qd, qdd) * ca.repmat(ca.DM(unit).T, n, 1) / per_pulse
     arguments, names = [q, qd, qdd], ["q", "qd", "qdd"]
     tau = dynamics.Y(q, qd, qdd) @ arm.f + rig.drive.joint_viscous() * qd - rig.spring_torque(q)
     return (
@@ -221,10 +218,10 @@ def _torque_per_pulse(rig: Rig, law: Law) -> Floats:
             f"law must be fast and without memory, like P; got {type(law).__name__}. Give that of the log."
         )
     block, zero = law.block(rig), np.zeros(rig.n)
-    commanded = [
+    without, with_error = (
         block.step([], zero, zero, zero, zero + e, zero, zero, rig.period, block.values)[0] for e in (0.0, 1.0)
-    ]
-    return np.abs((commanded[1] - commanded[0]).full().ravel())
+    )
+    return np.abs((with_error - without).full().ravel())
 
 
 def _diagonal(p: int) -> ca.Function:

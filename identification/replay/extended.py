@@ -132,12 +132,7 @@ class _Log:
     """One record, followed by a model whose gears can give and whose currents can lag."""
 
     def __init__(
-        self,
-        dynamics: Dynamics,
-        record: Record,
-        unknown: tuple[str, ...],
-        links: Floats | None,
-        options: dict[str, Any],
+        self, dynamics: Dynamics, record: Record, unknown: tuple[str, ...], links: Floats | None, own: dict[str, Any]
     ) -> None:
         self._links, self._damped = links, record.rig.drive.elasticity is not None
         self._springs: Prediction | None = None
@@ -155,7 +150,7 @@ class _Log:
         self._rigid = rig.drive.elasticity is not None and not self._damped
         plain = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=None)) if self._rigid else rig
         self._made = lambda rig, names: Prediction(
-            dynamics, dataclasses.replace(record, rig=rig), (*unknown, *names), **options
+            dynamics, dataclasses.replace(record, rig=rig), (*unknown, *names), **own
         )
         self._sprung, self.prediction = rig, self._made(plain, self._names(giving=False))
 

@@ -62,23 +62,15 @@ class Profile:
     """
 
     def __init__(
-        self,
-        prediction: Any,
-        best: Floats,
-        change: Floats,
-        step: Floats,
-        bounds: Floats,
-        place: int,
-        *,
-        final: bool = False,
+        self, view: Any, best: Floats, change: Floats, step: Floats, bounds: Floats, place: int, *, final: bool = False
     ) -> None:
-        self._prediction, self._step, self._bounds, self._place = prediction, step, bounds, place
+        self._prediction, self._step, self._bounds, self._place = view, step, bounds, place
         self._final = final
         varied = np.flatnonzero(step)
         self._own, self._others = int(np.flatnonzero(varied == place)[0]), varied != place
         self._places = varied[self._others]
-        self._names = [prediction.unknown[i] for i in self._places]
-        self._best = _Point(best, prediction.innovations(best), change)
+        self._names = [view.unknown[i] for i in self._places]
+        self._best = _Point(best, view.innovations(best), change)
         self.better: Floats | None = None
 
     def rise(self, value: float, level: float) -> float:

@@ -14,7 +14,7 @@ from plant.mechanics.lumping import STANDARD
 from plant.mechanics.mjcf_file import read_mjcf
 from plant.mechanics.model_tree import ModelFile
 from plant.mechanics.urdf_file import is_xacro, read_urdf
-from plant.mechanics.xml_file import Edit, Element, parsed, spliced
+from plant.mechanics.xml_file import Element, parsed, spliced
 from plant.models.edits import mjcf_inertial, mjcf_joint, mjcf_text, urdf_friction, urdf_inertial
 from plant.parts.arguments import known_options
 from plant.parts.fields import Floats
@@ -135,7 +135,8 @@ def write_model(
     got = bodies_of(found_or_arm, arm, model, _prior_bodies(prior), nearest, np.array([j.armature for j in joints]))
     levels = None if drive is None or drive.coupling.matrix else (drive.joint_viscous(), drive.joint_coulomb())
     if root.tag == "robot" and path.suffix not in _MJCF:
-        edits = _urdf_edits(model, got)
+        bodies = _changed(model, got)
+        edits = [edit for link, body in bodies for edit in urdf_inertial(model.data, model.links[link], body)]
         for i, joint in enumerate(joints):
             if joint.element is not None and levels is not None:
                 edits += urdf_friction(model.data, joint.element, float(levels[0][i]), float(levels[1][i]))
@@ -184,10 +185,6 @@ def _given(found_or_arm: Identification | Physical | Arm, friction: bool) -> tup
         got = type(found_or_arm).__name__
         raise ValueError(f"found_or_arm must be what identify gave, or an Arm; got a {got}. Pass found, or found.arm.")
     return arm, None
-
-
-def _urdf_edits(model: ModelFile, got: Realised) -> list[Edit]:
-    return [edit for link, body in _changed(model, got) for edit in urdf_inertial(model.data, model.links[link], body)]
 
 
 def _changed(model: ModelFile, got: Realised) -> list[tuple[str, Body]]:

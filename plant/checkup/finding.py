@@ -1,6 +1,7 @@
 """Findings of a checkup: one per check and joint, and the table of all of them."""
 
 import dataclasses
+import math
 from collections.abc import Iterable, Iterator
 from typing import Any, Self
 
@@ -46,20 +47,12 @@ class Finding(Shown):
 
     @classmethod
     def graded(
-        cls,
-        check: str,
-        joint: int | None,
-        value: float,
-        unit: str,
-        *,
-        look: float,
-        wrong: float = float("inf"),
-        advice: str,
+        cls, name: str, joint: int | None, value: float, unit: str, *, look: float, wrong: float = math.inf, advice: str
     ) -> Self:
         """Judge the size of a value: fine up to `look`, wrong above `wrong`."""
         size = abs(value)
         verdict = "wrong" if size > wrong else "look" if size > look else "fine"
-        return cls.of(check, joint, value, unit, verdict, "" if verdict == "fine" else advice)
+        return cls.of(name, joint, value, unit, verdict, "" if verdict == "fine" else advice)
 
     @classmethod
     def unknown(cls, check: str, joint: int | None, why: str, *, value: Any = None, unit: str = "") -> Self:

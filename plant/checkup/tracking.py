@@ -138,10 +138,8 @@ def _delay(signals, i):
         error = (signals.reference - signals.counts)[:, i]
         gain = (error @ signals.commanded[:, i]) / max(error @ error, 1e-300)
         per_sample = gain * signals.interval / rig.encoder.to_angle(np.ones(signals.n))[i]
-        late = (regression.viscous - rig.drive.viscous[i]) / per_sample
-        return _judged(
-            i, late, regression.viscous_std / per_sample, "The error grows with speed, beyond stated friction"
-        )
+        late, std = (regression.viscous - rig.drive.viscous[i]) / per_sample, regression.viscous_std / per_sample
+        return _judged(i, late, std, "The error grows with speed, beyond stated friction")
     shown = signals.regression(i)
     driven = signals.torque is not None and shown is not None
     driven = driven and shown.inertia[i] > _SURE * shown.inertia_std[i]

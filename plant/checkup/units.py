@@ -58,9 +58,8 @@ def _units(signals, i):
     if abs(shown.inertia[i]) < _SURE * shown.inertia_std[i]:
         return Finding.unknown(name, i, "no acceleration that torque explains, and no law that tells the torque")
     found = abs(shown.inertia[i]) / stated if stated else np.nan
-    rubs = (
-        _rubs(shown, drive.coulomb[i]) if signals.noise[i] <= signals.least_count[i] else None
-    )  # else chatter masks it
+    quiet = signals.noise[i] <= signals.least_count[i]  # else chatter masks friction
+    rubs = _rubs(shown, drive.coulomb[i]) if quiet else None
     if found < _LIGHT or found > _HEAVY:
         verdict = "look" if _HEAVY < found < _ABSURD else "wrong"
         size = f"{found:.2g} of" if found < _LIGHT else f"{found:.3g} times"

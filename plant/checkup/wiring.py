@@ -128,10 +128,8 @@ def _turned(signals: Signals, i: int, shown: Any) -> str:
 
 def _friction_drives(regression: Any, stated: float) -> bool:
     """Whether friction has the wrong sign: significantly, or with the size of the stated friction."""
-    sure = regression.coulomb < -_SURE * regression.coulomb_std
-    return sure or (
-        regression.coulomb < -2 * regression.coulomb_std and 0.5 * stated < -regression.coulomb < 1.5 * stated
-    )
+    found, std = -regression.coulomb, regression.coulomb_std
+    return found > _SURE * std or (found > 2 * std and 0.5 * stated < found < 1.5 * stated)
 
 
 def _swapped(signals, i):

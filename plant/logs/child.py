@@ -47,12 +47,9 @@ def main(order: dict[str, Any]) -> int:
             for column in arrays:
                 answer.write(np.ascontiguousarray(column).data.cast("B") if column.size else b"")
     except BaseException as error:  # the parent wants one line, whatever it was
-        text = str(error) if isinstance(error, refusal) else f"{type(error).__name__} {error}"
-        said = (
-            text
-            if isinstance(error, refusal)
-            else f"must be a sound file; reading it gave {text:.200}. Write it again."
-        )
+        said = str(error)
+        if not isinstance(error, refusal):
+            said = f"must be a sound file; reading it gave {f'{type(error).__name__} {said}':.200}. Write it again."
         with contextlib.suppress(ValueError):
             answer.write(said.encode(errors="replace"))
             answer.close()

@@ -5,7 +5,7 @@ import csv
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -19,10 +19,7 @@ _SECONDS = 60
 
 
 def read_rows(
-    path: str | Path,
-    *,
-    comment: Callable[[int, str], object] | None = None,
-    chosen: Callable[[str], bool] | None = None,
+    path: str | Path, *, comment: Callable[[int, str], Any] | None = None, chosen: Callable[[str], bool] | None = None
 ) -> tuple[list[str] | None, Floats]:
     """Names in the heading of a CSV file, or None, and its numbers (N, columns); refusals name the line, no path.
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.logs import child
-from plant.logs.formats.columns import require_real, require_size
+from plant.logs.formats.columns import choice_of, require_real, require_size
 
 _SECONDS = 4.5  # with what comes before and after, a failure takes less than 5
 _MESSAGES = 60  # of files that hold messages, which are decoded one by one
@@ -85,11 +85,8 @@ def read_npz(
     _require_small_directory(path)
     with zipfile.ZipFile(path) as archive:
         members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
-        wanted = {
-            name: info
-            for name, info in members.items()
-            if (name.startswith(prefix) if names is None else name in names)
-        }
+        chosen = choice_of(names, prefix)
+        wanted = {name: info for name, info in members.items() if chosen(name)}
         for name, info in wanted.items():
             if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                 raise ValueError(

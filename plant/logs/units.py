@@ -85,11 +85,8 @@ def require_span(name: str, q: Floats, unit: Unit, labels: Sequence[str]) -> Non
             continue
         other = {"rad": "deg", "m": "mm"}.get(own)
         fits = other is not None and span / per * (ANGLE | LENGTH)[other] <= most
-        advice = (
-            f"{other!r} would fit."
-            if fits
-            else "Are they counts ('pulses')? A joint that does turn so far is logged in counts."
-        )
+        counts = "Are they counts ('pulses')? A joint that does turn so far is logged in counts."
+        advice = f"{other!r} would fit." if fits else counts
         got = f"spans {span / per:.3g} {size} of {labels[joint]}; at most {most:g}"
         raise ValueError(f"{name} in {own!r} {got}. {advice}")
 

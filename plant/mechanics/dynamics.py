@@ -158,37 +158,35 @@ class Dynamics(Part):
             at_rest = ca.substitute(collected(unit, q, f), f, strength * f)
         return ca.tril2symm(ca.tril(D)), coriolis, at_rest
 
+    def _function(self, name: str, inputs: Sequence[str], result: ca.SX) -> CheckedFunction:
+        symbols = dict(zip(("q", "qd", "qdd", "f"), self._symbols, strict=True))
+        return CheckedFunction(ca.Function(name, [symbols[each] for each in inputs], [result], inputs, [name]))
+
     @cached_property
     def D(self) -> CheckedFunction:
         """Inertia matrix D(q, f) (n, n) [kg m^2], rotor inertias included. Source: paper eq. (2)."""
-        q, _, _, f = self._symbols
-        return CheckedFunction(ca.Function("D", [q, f], [self._equations[0]], ["q", "f"], ["D"]))
+        return self._function("D", ("q", "f"), self._equations[0])
 
     @cached_property
     def h(self) -> CheckedFunction:
         """Coriolis, centrifugal and gravity torque h(q, qd, f) (n, 1) [N m]. Source: paper eq. (2)."""
-        q, qd, _, f = self._symbols
         _, coriolis, gravity = self._equations
-        return CheckedFunction(ca.Function("h", [q, qd, f], [coriolis + gravity], ["q", "qd", "f"], ["h"]))
+        return self._function("h", ("q", "qd", "f"), coriolis + gravity)
 
     @cached_property
     def coriolis(self) -> CheckedFunction:
         """Coriolis and centrifugal torque C(q, qd, f) qd (n, 1) [N m], h without gravity."""
-        q, qd, _, f = self._symbols
-        return CheckedFunction(
-            ca.Function("coriolis", [q, qd, f], [self._equations[1]], ["q", "qd", "f"], ["coriolis"])
-        )
+        return self._function("coriolis", ("q", "qd", "f"), self._equations[1])
 
     @cached_property
     def gravity(self) -> CheckedFunction:
         """Gravity torque (q, f) -> (n, 1) [N m], h at rest. Source: paper eq. (2), last term."""
-        q, _, _, f = self._symbols
-        return CheckedFunction(ca.Function("gravity", [q, f], [self._equations[2]], ["q", "f"], ["gravity"]))
+        return self._function("gravity", ("q", "f"), self._equations[2])
 
     @cached_property
     def C(self) -> CheckedFunction:
         """Coriolis matrix C(q, qd, f) (n, n) from the Christoffel symbols of D: Ddot - 2 C is skew."""
-        q, qd, _, f = self._symbols
+        q, qd, *_ = self._symbols
         D = self._equations[0]
         dD = [ca.jacobian(D[:, k], q) for k in range(self.n)]  # dD[k][i, j] = dD_ik / dq_j
         rate = ca.reshape(ca.jacobian(ca.vec(D), q) @ qd, self.n, self.n)
@@ -196,14 +194,14 @@ class Dynamics(Part):
         for i in range(self.n):
             for j in range(self.n):
                 skewed[i, j] = sum(((dD[k][i, j] - dD[k][j, i]) * qd[k] for k in range(self.n)), ca.SX(0))
-        return CheckedFunction(ca.Function("C", [q, qd, f], [(rate + skewed) / 2], ["q", "qd", "f"], ["C"]))
+        return self._function("C", ("q", "qd", "f"), (rate + skewed) / 2)
 
     @cached_property
     def _regressor(self) -> CheckedFunction:
         q, qd, qdd, f = self._symbols
         D, coriolis, gravity = self._equations
         Y = ca.jacobian(D @ qdd + coriolis + gravity, f)
-        return CheckedFunction(ca.Function("Y", [q, qd, qdd], [ca.densify(Y)], ["q", "qd", "qdd"], ["Y"]))
+        return self._function("Y", ("q", "qd", "qdd"), ca.densify(Y))
 
     @cached_property
     def _passive_regressor(self) -> CheckedFunction:

@@ -146,10 +146,8 @@ def shape_of(link: Element) -> Shape | None:
                 (s.volume * (s.spread + np.outer(s.centre - centre, s.centre - centre)) for s in found),
                 np.zeros((3, 3)),
             )
-            corners = np.array([each.corners for each in found])
-            return Shape(
-                volume, centre, spread / volume, np.array([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
-            )
+            low, high = np.array([each.corners for each in found]).swapaxes(0, 1)
+            return Shape(volume, centre, spread / volume, np.array([low.min(axis=0), high.max(axis=0)]))
     return None
 
 

@@ -171,9 +171,8 @@ def _limited(
 ) -> ca.SX:
     """Constraints within ±1, over their bounds: torque, its rate, speeds of motors and joints (n, at N places)."""
     drive = needed.rig.drive
-    friction = [
-        drive.friction(ca.DM(along) * speed) for along, speed in zip(needed.along, ca.vertsplit(v), strict=True)
-    ]
+    speeds = zip(needed.along, ca.vertsplit(v), strict=True)
+    friction = [drive.friction(ca.DM(along) * speed) for along, speed in speeds]
     frictionless = needed.torque(a, v, 0.0)
     torque = frictionless + drive.coupling.shaft_torque(ca.horzcat(*friction)).T
     ends = frictionless[[0, -1], :]  # at rest, where Coulomb friction does not help to brake

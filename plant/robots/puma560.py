@@ -133,9 +133,5 @@ def p_law(gain: ArrayLike = (0.20, 0.15)) -> P:
 def reference(period: float = 3.65) -> Harmonics:
     """The test trajectory, `period` seconds long. Source: paper eq. (6)."""
     quarter = np.pi / 4
-    return Harmonics(
-        period=period,
-        offset=(-quarter, quarter),
-        cosine=((quarter, 0.0), (0.0, -quarter)),
-        sine=((0.0, 0.0), (0.0, 0.0)),
-    )
+    cosine = np.diag([quarter, -quarter])
+    return Harmonics(period=period, offset=(-quarter, quarter), cosine=cosine, sine=np.zeros((2, 2)))

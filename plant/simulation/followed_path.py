@@ -79,9 +79,8 @@ class Logged:
         following = np.minimum(row + 1, len(self.pulses) - 1)
         step = self.pulses[following] - self.pulses[row]
         pulses = self.pulses[row] + step * np.maximum(place - row, 0)[:, None]
-        motion = Motion(
-            self.rig.to_angle(pulses), self.rig.to_angle(step / self.clock.apart(row)), np.zeros_like(pulses)
-        )
+        speed = self.rig.to_angle(step / self.clock.apart(row))
+        motion = Motion(self.rig.to_angle(pulses), speed, np.zeros_like(pulses))
         return motion, self.rig.encoder.quantised(pulses) if self.whole else pulses
 
     def smoothed(self, t: Floats, finer: float = 1.0) -> Motion:

@@ -37,9 +37,8 @@ class LawRun(Frozen):
         ends = np.append(self.t, self.t[-1] + width + (self.t[-1] - self.t[-2] if len(self.t) > 1 else width))
         done = np.vstack([np.zeros(self.given.shape[1]), np.cumsum(np.diff(ends)[:, None] * self.given, axis=0)])
         low, high = np.maximum(t - width / 2, 0.0), t + width / 2
-        return np.column_stack(
-            [(np.interp(high, ends, own) - np.interp(low, ends, own)) / (high - low) for own in done.T]
-        )
+        means = [(np.interp(high, ends, own) - np.interp(low, ends, own)) / (high - low) for own in done.T]
+        return np.column_stack(means)
 
 
 def run_law(record: Record, finer: float = 1.0) -> LawRun:
