@@ -17,10 +17,8 @@ from plant.parts.fields import Floats
 
 T = TypeVar("T")
 
-_WINDOW = 0.02
-"""Length of the smoothing window [s], but never less than so many samples:"""
-
-_LEAST = 21
+_WINDOW, _LEAST = 0.02, 21
+"""Length of the smoothing window [s], but never less than so many samples."""
 
 _SHIFTS, _SHIFT_SURE, _WILD = 2, 400.0, 5.0
 """Rows by which stamps and counts may be shifted; squared deviation of the intervals [noise^2] from which on a shift is
@@ -52,17 +50,15 @@ class Signals:
     def __init__(self, record: Any) -> None:
         self.record, self.rig, self.n = record, record.rig, record.n
         self.joint_labels = self.rig.joint_labels if record.law is None else record.law.joint_labels(self.rig)
-        keep = record.valid > 0
+        self._keep = keep = record.valid > 0
         self.t, self.counts = record.t[keep], record.counts[keep]
         self.reference = record.reference_pulses[keep] if record.reference_pulses.any() else None
-        drive = record.rig.drive
-        torque = None
+        drive, torque = record.rig.drive, None
         if record.torque is not None:
             torque = drive.motor_torque(record.torque)
         elif record.current is not None:
             torque = drive.motor_gain * record.current
         self.torque = None if torque is None else torque[keep]
-        self._keep = keep
         self.interval = float(np.median(np.diff(record.t))) if len(record) > 1 else record.rig.period
 
     def each(self, *checks: Callable[[Any, int], T]) -> Iterator[T]:
@@ -88,9 +84,8 @@ class Signals:
     @functools.cached_property
     def commanded(self) -> Floats | None:
         """Motor torque (M, n) of a law without memory, and what was injected; None where the counts do not track."""
-        if self.reference is None or not self.tracks.all():
-            return None
-        commanded = commanded_torque(self.record)
+        tracked = self.reference is not None and self.tracks.all()
+        commanded = commanded_torque(self.record) if tracked else None
         if commanded is None:
             return None
         injected = 0.0 if self.record.injected is None else self.record.injected
