@@ -59,12 +59,7 @@ class Running:
     """
 
     def __init__(
-        self,
-        law: Any,
-        rig: Rig,
-        pulses: ArrayLike,
-        guards: Guards | None = None,
-        torque_limit: ArrayLike | None = None,
+        self, law: Any, rig: Rig, pulses: ArrayLike, guards: Guards | None = None, torque_limit: ArrayLike | None = None
     ) -> None:
         instance("rig", rig, Rig, "Pass found.rig.")
         if guards is not None:

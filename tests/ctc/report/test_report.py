@@ -234,7 +234,7 @@ def test_path_logs_and_conditions_are_named(found, tmp_path):
     assert "which no search saw" not in said
     assert "no search saw, two.csv, record 2, two.csv, record 3, they differ by 0.60 pulses" in said
     assert "SHA-256 of one.csv, as it was read" in said
-    assert "kept aside, and only repeated: two.csv, two.csv" in " ".join(str(named).split())
+    assert "validation, only simulated: two.csv, two.csv" in " ".join(str(named).split())
     write_report(named, evaluate(named.arm, named.rig, law, PATH, duration=0.5), tmp_path / "within.html")
     assert "leaves the log" not in words(tmp_path / "within.html")
 
