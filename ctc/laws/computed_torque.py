@@ -16,8 +16,8 @@ from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
 from plant.parts.part import number, part, structure
 
-_UNKNOWN, _KNOWN, _FRICTION_TOO = 300.0, 140.0, 95.0
-"""Bandwidth [rad/s] by what is known: nothing but f; f with a covariance; friction as well."""
+_UNKNOWN, _KNOWN, _FRICTION_TOO = (360.0, 0.0), (140.0, 0.2), (95.0, 0.2)
+"""Bandwidth [rad/s] and dead zone by what is known: nothing but f; f with a covariance; friction as well."""
 
 _SAMPLED = 0.3
 """Bandwidth times period, at most, of one that is chosen."""
@@ -38,8 +38,8 @@ _NEAR = 5.0
 _SWEEPS = 4
 """Over the joints, of the predicted friction; they start from the impulse of the sample before."""
 
-_MOST = 0.5
-"""Bandwidth times period, at most, of a regulator that is boosted."""
+_MOST, _SETTLES = 0.5, 10.0
+"""Bandwidth times period, at most, of a regulator that is boosted; time constants of one that is not, in which it is."""
 
 _SLOWEST = 5.0
 """Bandwidth [rad/s] below which none is tried."""
@@ -65,19 +65,19 @@ class ComputedTorque(ModelLaw):
         The identified rig, ``found.rig``: its friction is fed forward.
     bandwidth : float, optional
         Of the regulator [rad/s]: its poles have this magnitude. By default with an arm, which does not say how well it
-        is known, 300; with an identification 140, or 95 where friction was identified too; at most 0.3 over the
+        is known, 360; with an identification 140, or 95 where friction was identified too; at most 0.3 over the
         period, and on its elastic gears one of less that is stable with 40 % to spare; `tune` finds others.
     observer_ratio : float
         Bandwidth of the observer, as a multiple of the regulator's.
-    dead_zone : float
+    dead_zone : float, optional
         Share of the quantisation cell, 0 to 1, within which an innovation corrects nothing: more is less torque
-        chatter, and slower to see what the model lacks.
+        chatter, and slower to see what the model lacks. By default 0 with an arm, with an identification 0.2.
     friction : bool
         Know the friction of the rig: fed forward, and predicted.
     start_boost, start_time : float
         Where a joint begins to move or turns back, its regulator is `start_boost` times as fast, the observer the
-        square root of that, and both settle with the time constant `start_time` [s]: until it breaks loose, static
-        friction hides what gravity is off, and what friction is off changes its sign.
+        square root of that, and both settle with the time constant `start_time` [s], by default 10 over the bandwidth:
+        until it breaks loose, static friction hides what gravity is off, and what friction is off changes its sign.
     measured : bool
         Evaluate D-hat and h-hat at the observed q and qd instead of the reference.
     delay : int
@@ -108,16 +108,21 @@ class ComputedTorque(ModelLaw):
 
     bandwidth: float = number((), default=None)
     observer_ratio: float = number((), default=1.4)
-    dead_zone: float = number((), default=0.2)
+    dead_zone: float = number((), default=None)
     start_boost: float = number((), default=4.0)
-    start_time: float = number((), default=0.1)
+    start_time: float = number((), default=None)
     friction: bool = structure(bool, default=True)
     measured: bool = structure(bool, default=False)
     delay: int = structure(default=0)
 
     def __post_init__(self) -> None:
+        bandwidth, dead_zone = _known(self.arm)
         if self.bandwidth is None:
-            object.__setattr__(self, "bandwidth", _bandwidth(self.arm, self.rig))
+            object.__setattr__(self, "bandwidth", _bandwidth(self.arm, self.rig, bandwidth))
+        if self.dead_zone is None:
+            object.__setattr__(self, "dead_zone", dead_zone)
+        if self.start_time is None:
+            object.__setattr__(self, "start_time", _SETTLES / self.bandwidth)
         super().__post_init__()
         positive = ("bandwidth", "observer_ratio", "start_boost", "start_time")
         signs(self, positive=positive, not_negative=("dead_zone",))
@@ -182,7 +187,7 @@ class ComputedTorque(ModelLaw):
         limit = ca.fabs(drive.torque_limit())
         left = limit - ca.fabs(coupling.shaft_torque(needed + delta))
         braking = ca.fmax(left / 2, limit / 20) * mobility.diagonal
-        reach = 2 * braking * (damping / stiffness) ** 2
+        reach = 4 * braking / self.bandwidth**2
         error = error / ca.sqrt(ca.fmax(ca.fabs(error) / reach, 1))
         sliding = self._share(speed + bandwidth * error / 2, _SLIDES)
         feedback = mobility.alone * (stiffness * error + damping * error_rate) + level * sliding
@@ -198,15 +203,23 @@ class ComputedTorque(ModelLaw):
         return ca.fmin(ca.fmax(pulses, -1), 1)
 
 
-def _bandwidth(found: Any, rig: Rig | None) -> float:
-    """Bandwidth [rad/s] of a law that is given none."""
-    if not isinstance(found, Identification) or not isinstance(rig, (Rig, type(None))):
-        # What does not fit is refused with the other fields.
-        return min(_UNKNOWN, _SAMPLED / rig.period) if isinstance(rig, Rig) else _UNKNOWN
-    rig = found.rig if rig is None else rig
+def _known(found: Any) -> tuple[float, float]:
+    """Bandwidth [rad/s] and dead zone by what is known of an arm."""
+    if not isinstance(found, Identification) or found.covariance is None:
+        return _UNKNOWN
     friction = any(name.startswith(("drive.viscous", "drive.coulomb")) for name in found.fit.unknown)
-    known = _FRICTION_TOO if friction else _KNOWN
-    bandwidth = min(_UNKNOWN if found.covariance is None else known, _SAMPLED / rig.period)
+    return _FRICTION_TOO if friction else _KNOWN
+
+
+def _bandwidth(found: Any, rig: Rig | None, bandwidth: float) -> float:
+    """Bandwidth [rad/s] of a law that is given none: at most this, for the period and on the gears of its rig."""
+    if isinstance(found, Identification) and rig is None:
+        rig = found.rig
+    if not isinstance(rig, Rig):  # refused with the other fields
+        return bandwidth
+    bandwidth = min(bandwidth, _SAMPLED / rig.period)
+    if not isinstance(found, Identification):
+        return bandwidth
     if rig.drive.elasticity is None:
         return bandwidth
     pose = np.zeros(rig.n) if found.records[0].reference is None else found.records[0].reference(np.zeros(1)).q[0]
