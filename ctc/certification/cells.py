@@ -23,11 +23,8 @@ def clopper_pearson(failures: int, samples: int, confidence: float = 0.95) -> tu
     return float(low), float(high)
 
 
-_WIDTH = 1.1
-"""Ratio of the resonances at the ends of a cell, at most."""
-
-_DAMPINGS = 3
-"""Cells in the range of the damping ratio."""
+_WIDTH = 1.1  # ratio of the resonances at the ends of a cell, at most
+_DAMPINGS = 3  # cells in the range of the damping ratio
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,16 +82,10 @@ def cells(
         hz, ratio = (_place(names, values, *each) for each in ((name, edges), ("damping_ratio", dampings)))
         for j in range(len(edges) - 1):
             for k in range(len(dampings) - 1):
+                ends: Any = {"hz": (edges[j], edges[j + 1]), "damping_ratio": (dampings[k], dampings[k + 1])}
                 inside = (hz == j) & (ratio == k)
-                found.append(
-                    Cell(
-                        name=name,
-                        hz=(edges[j], edges[j + 1]),
-                        damping_ratio=(dampings[k], dampings[k + 1]),
-                        count=int(inside.sum()),
-                        failures=int(outside[inside].sum()),
-                    )
-                )
+                failures = int(outside[inside].sum())
+                found.append(Cell(name=name, count=int(inside.sum()), failures=failures, **ends))
     return found
 
 

@@ -89,13 +89,11 @@ def identified(
             "found.assumed().covariance(1.0) of an identification that follows its log, or plants=found.candidates."
         )
     k, plant = len(names), [i for i, name in enumerate(names) if not name.startswith("law.")]
+    given: Any = covariance if again is None else again.covariances
     if again is None:
-        given: Any = covariance
-        covariances = array("covariance", given, (k, k), advice="Give one row per name of found.fit.unknown.")[None]
-    else:
-        covariances = again.covariances
+        given = array("covariance", given, (k, k), advice="Give one row per name of found.fit.unknown.")[None]
     for name in (names[i] for i in plant):
-        if name.startswith(_KNOWN_TO_LAWS) and (covariances[:, names.index(name), names.index(name)] > 0).any():
+        if name.startswith(_KNOWN_TO_LAWS) and (given[:, names.index(name), names.index(name)] > 0).any():
             raise ValueError(f"{name} cannot be drawn: laws read their counts by it. Identify with it fixed.")
     names, values = tuple(names[i] for i in plant), np.asarray(values)[plant]
     if again is not None:
@@ -103,7 +101,7 @@ def identified(
         (values,) = again.centres(np.array([0.5]))
         middle = dict(zip(names, values.tolist(), strict=True))
         arm = arm.dynamics.arm([middle.get(name, f) for name, f in zip(arm.dynamics.names, arm.f, strict=True)])
-    roots = np.array([_root(each, plant) for each in covariances])
+    roots = np.array([_root(each, plant) for each in given])
     return Identified(arm=arm, names=names, values=values, refits=again, roots=roots)
 
 

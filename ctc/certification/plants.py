@@ -135,9 +135,8 @@ class Plants(Frozen):
         """Arm and rig of plant i, with its own lost samples; `width` and `steps` as for `lost`."""
         numbers = [*self.values[i].tolist(), *self.derived[i].tolist()]
         rig = self.rig.filled(dict(zip((*self.names, *self.derived_names), numbers, strict=True)))
-        if self.dropped:
+        if self.dropped and rig.transport is not None:
             block, lane = divmod(i, width)
             lost = tuple(np.flatnonzero(self.lost(block, width, steps)[:, lane]).tolist())
-            transport: Any = rig.transport
-            rig = dataclasses.replace(rig, transport=dataclasses.replace(transport, lost=lost))
+            rig = dataclasses.replace(rig, transport=dataclasses.replace(rig.transport, lost=lost))
         return self.arm.dynamics.arm(self.f[i]), rig

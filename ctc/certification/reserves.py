@@ -58,12 +58,9 @@ class Reserves(Shown):
         most = int(self.allowed * self.samples)
         upper = clopper_pearson(most, self.samples, 0.9)[1]
         yield f"allowed: at most {most} of {self.samples} plants may leave (95 % confidence: below {upper:.2%} of all)"
-        rows = [
-            (name, f"{value * scale:.4g} {unit}", f"{left}")
-            for name, scale, unit in (("bandwidth", 1, "rad/s"), ("period", 1e3, "ms"))
-            for kind, value, left in self.tried
-            if kind == name
-        ]
+        units = {"bandwidth": (1, "rad/s"), "period": (1e3, "ms")}
+        tried = sorted(self.tried, key=lambda each: each[0])
+        rows = [(kind, f"{value * units[kind][0]:.4g} {units[kind][1]}", f"{left}") for kind, value, left in tried]
         yield Table(("tried", "", "leave"), rows)
 
 
@@ -92,10 +89,10 @@ def reserves(certificate: Any, samples: int = 400, allowed: float = 0.0) -> Rese
         raise ValueError(f"samples must be a whole number from 1 to {len(plants)}; got {samples!r}. Draw more plants.")
     if not 0 <= real("allowed", allowed, "Give a share, such as 0.") < 1:
         raise ValueError(f"allowed must be from 0 to below 1; got {allowed}. Give a share.")
+    options = {name: certificate.settings[name] for name in ("steps_per_sample", "duration", "after")}
     plants, tried = plants.first(samples), []
 
     def left(kind: str, value: float, law: Law, plants: Plants) -> bool:
-        options = {name: certificate.settings[name] for name in ("steps_per_sample", "duration", "after")}
         population = plants.under(law, certificate.reference, within=certificate.within, **options)
         count = int((population.run(certificate.threads).outside > 0).sum())
         tried.append((kind, value, count))
@@ -121,14 +118,11 @@ def reserves(certificate: Any, samples: int = 400, allowed: float = 0.0) -> Rese
 
 
 def _slower(law: Any, factor: float) -> Any:
-    """The same design for a period that is longer by a factor."""
+    """The same design of a law, or the rig, for a period that is longer by a factor."""
     changes = {}
-    for field in dataclasses.fields(law):
-        value = getattr(law, field.name)
-        if isinstance(value, Rig):
-            changes[field.name] = dataclasses.replace(value, period=value.period * factor)
-        elif isinstance(value, Law):
-            changes[field.name] = _slower(value, factor)
-        elif field.name == "period" and value:
-            changes["period"] = value * factor
+    for name, value in ((field.name, getattr(law, field.name)) for field in dataclasses.fields(law)):
+        if isinstance(value, (Rig, Law)):
+            changes[name] = _slower(value, factor)
+        elif name == "period" and value:
+            changes[name] = value * factor
     return dataclasses.replace(law, **changes)

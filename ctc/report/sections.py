@@ -14,14 +14,13 @@ from identification.results.summary import doubts
 from plant.parts.markup import details, items, preformatted, table, text
 from plant.parts.shown import body
 
+_SEARCHED, _ASIDE = "searched", "kept aside"
+
 
 def sections(found: Any, evaluation: Any, certificate: Any) -> Iterator[str]:
     """All sections, the verdict first."""
     yield _verdict(found, evaluation, certificate)
-    yield _values(found)
-    yield _fit(found)
-    yield _logs(found)
-    yield _assumptions(found)
+    yield from (part(found) for part in (_values, _fit, _logs, _assumptions))
     if evaluation is not None:
         yield _controller(found, evaluation)
     if certificate is not None:
@@ -62,11 +61,9 @@ def _values(found: Any) -> str:
     names, units = found.short_names, units_of(found.arm.dynamics, found.fit.unknown)
     if found.covariance is None:
         why = found.fit.fallback_reason or "this method gives no intervals"
-        values = [
-            (name, f"{value:.5g}", unit) for name, value, unit in zip(names, found.fit.values, units, strict=True)
-        ]
+        own = [(name, f"{value:.5g}", unit) for name, value, unit in zip(names, found.fit.values, units, strict=True)]
         said = f"<p>Without intervals: {text(why)}.</p>"
-        return section("Parameters", said, table(("", "value", "unit"), values), _legend(found))
+        return section("Parameters", said, table(("", "value", "unit"), own), _legend(found))
     rows = []
     for name, value, s, unit in zip(names, found.fit.values, found.fit.std, units, strict=True):
         if s > 0:
@@ -83,14 +80,14 @@ def _values(found: Any) -> str:
 
 
 def _legend(found: Any) -> str:
-    lines = found.arm.dynamics.legend.splitlines()
-    return details("What the parameters mean", preformatted("\n".join(lines))) if lines else ""
+    legend = "\n".join(found.arm.dynamics.legend.splitlines())
+    return details("What the parameters mean", preformatted(legend)) if legend else ""
 
 
 def _fit(found: Any) -> str:
     apart, aside = found.diagnostics.difference, found.diagnostics.held_out_difference
     known = f"{apart:.2f} pulses (rms)" if np.isfinite(apart) else "an amount that is not known"
-    names = ", ".join(name for name, _ in _named(found, found.held_out))
+    names = ", ".join(name for use, name, _ in _named(found) if use == _ASIDE)
     kept = "No record was kept aside."
     if aside is not None:
         kept = f"In what was kept aside and no search saw, {names}, they differ by {aside:.2f} pulses."
@@ -108,16 +105,14 @@ def _fit(found: Any) -> str:
 
 def _logs(found: Any) -> str:
     rows, parts = [], []
-    for use, records in (("searched", found.records), ("kept aside", found.held_out)):
-        for name, record in _named(found, records):
-            law = type(record.law).__name__ if record.law is not None else "none"
-            seconds = f"{record.t[-1] - record.t[0]:.3g}"
-            rows.append((name, use, law, f"{len(record)}", seconds, f"{1e3 * record.rig.period:g}"))
-            checkup = record.check()
-            found_wrong = [f"{each.check}: {each.verdict}. {each.advice}" for each in checkup.problems]
-            if found_wrong:
-                parts += [f"<h3>Checkup of {text(name)}</h3>", items(found_wrong)]
-            parts.append(details(f"All checks of {name}", body(checkup)))
+    for use, name, record in _named(found):
+        law = type(record.law).__name__ if record.law is not None else "none"
+        seconds = f"{record.t[-1] - record.t[0]:.3g}"
+        rows.append((name, use, law, f"{len(record)}", seconds, f"{1e3 * record.rig.period:g}"))
+        checkup = record.check()
+        if problems := [f"{each.check}: {each.verdict}. {each.advice}" for each in checkup.problems]:
+            parts += [f"<h3>Checkup of {text(name)}</h3>", items(problems)]
+        parts.append(details(f"All checks of {name}", body(checkup)))
     head = ("log", "use", "law", "samples", "duration [s]", "period [ms]")
     return section("Logs", table(head, rows, words=range(3)), *parts)
 
@@ -153,12 +148,9 @@ def _controller(found: Any, evaluation: Any) -> str:
     drawn = figure(evaluation.plot(), "controller", caption)
     path, t = evaluation.record.reference, evaluation.record.t
     fastest = np.abs(path(t).qd).max(axis=0)
-    speeds = ", ".join(
-        f"{label} {speed:.2g} {'m' if link.prismatic else 'rad'}/s"
-        for label, speed, link in zip(
-            evaluation.joint_labels, fastest, evaluation.arm.dynamics.chain.links, strict=True
-        )
-    )
+    units = ["m" if link.prismatic else "rad" for link in evaluation.arm.dynamics.chain.links]
+    joints = zip(evaluation.joint_labels, fastest, units, strict=True)
+    speeds = ", ".join(f"{label} {speed:.2g} {unit}/s" for label, speed, unit in joints)
     bandwidth = getattr(evaluation.record.law, "bandwidth", None)
     said = "" if bandwidth is None else f"{law} with a bandwidth of {bandwidth:g} rad/s. "
     said += f"The path of this verdict ({type(path).__name__}), {t[-1]:.3g} s; greatest speeds: {speeds}."
@@ -174,14 +166,13 @@ def _beyond(found: Any, evaluation: Any) -> str:
     return f"<p>{text(said)}</p>" if places else ""
 
 
-def _named(found: Any, records: Any) -> Iterator[tuple[str, Any]]:
-    """Records with what to call them: their file, or their place among those given."""
-    everything = [*found.records, *found.held_out]
-    names = [each.name for each in everything]
-    for record in records:
-        place = next(i for i, each in enumerate(everything) if each is record)
-        name, numbered = record.name, f"record {place + 1}"
-        yield (name if names.count(name) == 1 else f"{name}, {numbered}") if name else numbered, record
+def _named(found: Any) -> Iterator[tuple[str, str, Any]]:
+    """Use of each record, what to call it (its file, or its place among those given), and it itself."""
+    used = [*((_SEARCHED, record) for record in found.records), *((_ASIDE, record) for record in found.held_out)]
+    names = [record.name for _, record in used]
+    for place, (use, record) in enumerate(used, 1):
+        numbered = f"record {place}" if names.count(record.name) > 1 or not record.name else ""
+        yield use, ", ".join(filter(None, (record.name, numbered))), record
 
 
 def _certificate(certificate: Any) -> str:
@@ -200,15 +191,13 @@ def _origin(found: Any, certificate: Any) -> str:
     provenance = found.provenance()
     rows = [(name, str(value)) for name, value in provenance["versions"].items()]
     rows += [("method", found.search.method), ("seed", str(found.search.seed)), ("evaluations", f"{found.evaluations}")]
-    for key, records in (("records", found.records), ("held_out", found.held_out)):
-        named = zip(_named(found, records), provenance[key], strict=True)
-        rows += [(f"SHA-256 of {name}, as it was read", digest) for (name, _), digest in named]
+    digests = zip(_named(found), (*provenance["records"], *provenance["held_out"]), strict=True)
+    rows += [(f"SHA-256 of {name}, as it was read", digest) for (_, name, _), digest in digests]
     if certificate is not None:
         rows.append(("seed of the certificate", str(certificate.provenance()["seed"])))
     settings = f"method={found.search.method!r}, seed={found.search.seed}"
     names = ", ".join(repr(name) for name in found.short_names)
-    indent = " " * 20
-    listed = textwrap.fill(names, 100, initial_indent=indent, subsequent_indent=indent)
+    listed = textwrap.indent(textwrap.fill(names, 80), " " * 20)
     code = (
         "from identification import Identification, identify\n\n"
         'found = Identification.load("found.json")            # where it was saved\n'

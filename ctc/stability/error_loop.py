@@ -68,12 +68,15 @@ def error_loop(
     """
     import control
 
-    A, B, C, dt = open_loops(arm, rig, law, pose)
+    instance("law", law, Law, "Give a law, such as ComputedTorque(arm, rig).")
+    loops = SampledLoops(controlled(arm, law), rig, law, pose)
+    A, B, C = loops.matrices()
     if not isinstance(joint, (int, np.integer)) or not 0 <= joint < rig.n:
         raise ValueError(f"joint must be a whole number from 0 to {rig.n - 1}; got {joint!r}. Joints count from 0.")
     A, b, c = opened(A, B, C, joint)
     name = f"loop of {controlled(arm, law).dynamics.chain.joint_labels[joint]}"
-    return control.StateSpace(A, b, -c, 0, dt, inputs=[f"pulses[{joint}]"], outputs=[f"position[{joint}]"], name=name)
+    ends = {"inputs": [f"pulses[{joint}]"], "outputs": [f"position[{joint}]"]}
+    return control.StateSpace(A, b, -c, 0, loops.period, name=name, **ends)
 
 
 def controlled(arm: Arm | Identification | None, law: Law) -> Arm:
@@ -85,16 +88,3 @@ def opened(A: Matrix, B: Matrix, C: Matrix, joint: int) -> tuple[Matrix, Matrix,
     """Matrices of one open loop, the others closed: A (m, m), b (m, 1), c (1, m)."""
     others = [i for i in range(len(C)) if i != joint]
     return A + B[:, others] @ C[others], B[:, [joint]], C[[joint]]
-
-
-def open_loops(
-    arm: Arm | Identification | None, rig: Rig, law: Law, pose: ArrayLike | None = None
-) -> tuple[Matrix, Matrix, Matrix, float]:
-    """Matrices A (m, m), B (m, n), C (n, m) from the counts read to the positions, in pulses, and the period [s].
-
-    States: q, qd (with elastic gears the motors', then the links'), currents that lag, the law's, and the torque
-    applied last. All loops are closed by A + B C.
-    """
-    instance("law", law, Law, "Give a law, such as ComputedTorque(arm, rig).")
-    loops = SampledLoops(controlled(arm, law), rig, law, pose)
-    return *loops.matrices(), loops.period

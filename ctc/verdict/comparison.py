@@ -15,6 +15,20 @@ from plant.parts.labels import joint_labels
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
+
+def require_laws(laws: Any) -> None:
+    """Refuse what is no dict of name -> Law.
+
+    Raises
+    ------
+    ValueError
+    """
+    if not isinstance(laws, dict) or not laws or not all(isinstance(name, str) for name in laws):
+        raise ValueError(f"laws must be a dict of name -> Law; got {laws!r:.60}. Pass {{'P': p_law, ...}}.")
+    for name, law in laws.items():
+        instance(f"law {name!r}", law, Law, "Pass {'P': p_law, ...}.")
+
+
 _COLUMNS = (
     ("within ±1", lambda e: e.share_within(1)),
     ("peak [pulses]", lambda e: _each(e.max_error_pulses, ".0f")),
@@ -25,11 +39,8 @@ _COLUMNS = (
 )
 
 
-_EACH = 3
-"""Joints up to which a cell has a number for each; with more it has the largest."""
-
-_SHORT = 70
-"""Letters of its `repr` that name each law."""
+_EACH = 3  # joints up to which a cell has a number for each; with more it has the largest
+_SHORT = 70  # letters of its `repr` that name each law
 
 
 def _each(values: NDArray[np.float64], form: str) -> str:
@@ -133,11 +144,8 @@ def compare(
     >>> list(compare(arm, rig, laws, puma560.reference(), duration=0.3).evaluations)
     ['P', 'computed torque']
     """
-    if not isinstance(laws, dict) or not laws or not all(isinstance(name, str) for name in laws):
-        raise ValueError(f"laws must be a dict of name -> Law; got {laws!r:.60}. Pass {{'P': p_law, ...}}.")
+    require_laws(laws)
     evaluations, diverged = {}, {}
-    for name, law in laws.items():
-        instance(f"law {name!r}", law, Law, "Pass {'P': p_law, ...}.")
     for name, law in laws.items():
         try:
             evaluations[name] = evaluate(

@@ -16,11 +16,8 @@ from plant import Arm, Law, Reference, Rig
 from plant.simulation.logged_run import DivergenceError
 from plant.simulation.simulator import run
 
-_LOOKED = 1.0
-"""Seconds within which an arm that stood should be back."""
-
-_STILL = 1e-9
-"""Share of the largest speed of a path that is none."""
+_LOOKED = 1.0  # seconds within which an arm that stood should be back
+_STILL = 1e-9  # share of the largest speed of a path that is none
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

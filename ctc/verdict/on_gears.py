@@ -23,14 +23,9 @@ from plant.parts.shown import Piece, Shown, Verdict
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Population, Runs
 
-LOWEST, HIGHEST = 10.0, 500.0
-"""Between which resonances are tried [Hz]."""
-
-SETTLED = 0.02
-"""Time before which samples do not count [s]."""
-
-RIGID = 1e5
-"""Resonance [Hz] of a gear that moves like a rigid one."""
+LOWEST, HIGHEST = 10.0, 500.0  # between which resonances are tried [Hz]
+SETTLED = 0.02  # time before which samples do not count [s]
+RIGID = 1e5  # resonance [Hz] of a gear that moves like a rigid one
 
 
 _FOLLOWED = 0.6
@@ -89,6 +84,11 @@ def arm_of(arm: Any, others: str = "") -> Arm:
     return given
 
 
+def with_gears(rig: Rig, elasticity: Any) -> Rig:
+    """A rig with such gears."""
+    return dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=elasticity))
+
+
 class HeavyMotorsError(ValueError):
     """Motors that weigh more than the arm: there is no link behind the gear."""
 
@@ -121,7 +121,7 @@ class OnGears:
         self._gears: Any = Elasticity.from_resonance(arm, RIGID, damping_ratio, q=reference(np.zeros(1)).q[0])
         self._drive = rig.drive
         try:
-            elastic = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=self._gears))
+            elastic = with_gears(rig, self._gears)
         except ValueError as error:
             raise HeavyMotorsError(str(error)) from None
         self._loop, self._options = (arm, elastic, law, reference), options | {"initial": given}
@@ -205,13 +205,10 @@ def lowest_resonance(
     ValueError
         A rig whose gears are elastic, a damping ratio that is not from above 0 to 1.
     """
-    options = {
-        "within": within, "steps_per_sample": steps_per_sample, "after": after, "initial": initial,
-        "duration": duration,
-    }  # fmt: skip
+    options = {"within": within, "steps_per_sample": steps_per_sample, "after": after, "duration": duration}
     ratio = damping_of(damping_ratio)
     try:
-        sweep = OnGears(arm, rig, law, reference, ratio, **options)
+        sweep = OnGears(arm, rig, law, reference, ratio, initial=initial, **options)
     except HeavyMotorsError as error:
         return LowestResonance(hz=np.nan, damping_ratio=ratio, within=within, reason=str(error))
 

@@ -9,9 +9,9 @@ from uncertain import with_uncertainty
 
 from ctc import ComputedTorque, Uncertainty, certify, evaluate, margins, sweep_resonance
 from ctc.certification.cells import cells, clopper_pearson
-from ctc.stability.error_loop import open_loops
 from ctc.verdict.on_gears import lowest_resonance
 from plant import Elasticity, puma560, simulate
+from plant.analysis.sampled_loops import SampledLoops
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 START = PATH([0.0]).q[0]
@@ -173,7 +173,7 @@ def test_the_linear_loop_is_unstable_just_below_its_lowest_resonance(bandwidth, 
     lowest = margins(ARM, RIG, law, pose=START, damping_ratio=ratio).lowest_resonance
     radius = [
         np.abs(np.linalg.eigvals(A + B @ C)).max()
-        for A, B, C, _ in (open_loops(ARM, on_gears(hz, ratio), law, START) for hz in (lowest, lowest / 1.05))
+        for A, B, C in (SampledLoops(ARM, on_gears(hz, ratio), law, START).matrices() for hz in (lowest, lowest / 1.05))
     ]
     assert radius[0] < 1 < radius[1]
     if bandwidth > 60:  # below 100 Hz viscous friction of the motors damps too
