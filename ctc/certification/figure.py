@@ -70,7 +70,7 @@ def _short(certificate: Any) -> dict[str, str]:
 
 
 def _peaks(axis: Any, certificate: Any, labels: list[str]) -> None:
-    """Share of the loops by their largest counted error."""
+    """Share of the loops by their largest encoder error."""
     within, peak = int(certificate.within), certificate.runs.peak
     last = within + _LARGEST
     highest = int(min(max(np.max(peak, where=np.isfinite(peak), initial=0), within + 1), last))
@@ -87,7 +87,7 @@ def _peaks(axis: Any, certificate: Any, labels: list[str]) -> None:
     axis.axvspan(within + 0.5, highest + 0.5, color=BAND, zorder=0)
     axis.set(xlim=(-0.5, highest + 0.5), ylim=(0, 100 / (1 - _headroom(labels))), yticks=range(0, 101, 20))
     axis.set_xticks(counts, [*(str(k) for k in counts[:-1]), f"{highest}+" if peak.max() > highest else str(highest)])
-    axis.set(xlabel="largest counted error of a loop [pulses]", ylabel="loops [%]")
+    axis.set(xlabel="largest encoder error of a loop [pulses]", ylabel="loops [%]")
     axis.legend(frameon=False, fontsize=8, loc="upper left")
     dressed(axis, f"{len(peak):,} closed loops; shaded: outside", 10)
 
@@ -121,7 +121,7 @@ def _sensitivities(axis: Any, certificate: Any, labels: list[str], found: list[A
     axis.set(xlabel="share of the variance [%]")
     axis.grid(visible=False, axis="y")
     if not found:
-        dressed(axis, "sensitivity: nothing that was drawn stands out", 10)
+        dressed(axis, "sensitivity: nothing that was sampled stands out", 10)
         axis.set(xticks=[], yticks=[])
         return
     dressed(axis, "sensitivity to", 10)
@@ -136,7 +136,7 @@ def _sensitivities(axis: Any, certificate: Any, labels: list[str], found: list[A
 
 
 def _resonances(axis: Any, certificate: Any, labels: list[str]) -> None:
-    """Share that leaves in each cell of the stated resonances, with its bound; the worst one stands out."""
+    """Share that exceeds the limit in each cell of the stated resonances, with its bound; the worst one stands out."""
     confidence, worst = certificate.confidence, certificate.worst_cell
     for i, name in enumerate(dict.fromkeys(cell.name for cell in certificate.cells)):
         own = [cell for cell in certificate.cells if cell.name == name]
@@ -146,7 +146,7 @@ def _resonances(axis: Any, certificate: Any, labels: list[str]) -> None:
             share = sum(cell.failures for cell in there) / max(sum(cell.count for cell in there), 1)
             colour, first = colour_of(i), bool(low == own[0].hz[0])
             whose = "" if name == "resonance" else f"{labels[int(name.partition('[')[2][:-1])]}: "
-            axis.plot((low, high), (100 * share,) * 2, color=colour, label=f"{whose}share that leaves" * first)
+            axis.plot((low, high), (100 * share,) * 2, color=colour, label=f"{whose}share outside the limit" * first)
             axis.plot((low, high), (100 * bound,) * 2, color=colour, linestyle=":",
                       label=f"{whose}{100 * confidence:g} % bound" * first)  # fmt: skip
             if worst.name == name and worst.hz == (low, high):
@@ -156,8 +156,8 @@ def _resonances(axis: Any, certificate: Any, labels: list[str]) -> None:
     ticks = np.unique(np.round(np.geomspace(lowest, highest, 7)))
     axis.set_xticks(ticks, [f"{hz:g}" for hz in ticks])
     axis.set_xticks([], minor=True)
-    axis.set_ylim(bottom=-0.03 * axis.get_ylim()[1])  # where no loop leaves, its line is seen
-    axis.set(xlabel="locked-rotor resonance [Hz]", ylabel="loops that leave [%]")
+    axis.set_ylim(bottom=-0.03 * axis.get_ylim()[1])  # where no loop is outside, its line is seen
+    axis.set(xlabel="locked-rotor resonance [Hz]", ylabel="loops outside the limit [%]")
     legend_above(axis, left=True, columns=5)
 
 

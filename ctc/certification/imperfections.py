@@ -1,4 +1,4 @@
-"""Imperfections of gears, motors, encoders and sampling that are drawn uniformly from stated ranges, one row each."""
+"""Imperfections of gears, motors, encoders and sampling that are sampled uniformly from stated ranges, one row each."""
 
 import dataclasses
 from collections.abc import Callable, Mapping

@@ -1,7 +1,7 @@
 """An identification on rigid gears, fitted again on elastic ones of stated resonances.
 
 A log of an elastic arm, identified with rigid gears, gives an f that makes up for them, off by many of its standard
-deviations. Where a range of resonances is stated, what the log says of f depends on the resonance; plants of a
+deviations. Where a range of resonances is stated, what the log shows of f depends on the resonance; plants of a
 resonance have the f that fits the log there.
 """
 

@@ -1,4 +1,4 @@
-"""Monte Carlo samples of arm and rig, drawn from what an `Uncertainty` states. A certificate covers nothing else."""
+"""Monte Carlo samples of arm and rig, from what an `Uncertainty` states. A certificate covers nothing else."""
 
 import dataclasses
 import re

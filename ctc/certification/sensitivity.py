@@ -1,4 +1,4 @@
-"""Sensitivity of the peak errors to each of the drawn numbers: the share of their variance that it explains alone.
+"""Sensitivity of the peak errors to each of the sampled numbers: the share of variance of its own (first-order index).
 
 Errors often grow with a deviation to either side, so no line is fitted. The loops are ranked by their peak, and cut in
 equal groups by one number; the share of the variance of the ranks that lies between the groups is what that number

@@ -21,7 +21,7 @@ Range = Any  # one number, or the two ends of a range
 
 @part
 class Uncertainty(Shown, Part):
-    """What is not known of an arm and its rig: `certify` and `tune` draw their Monte Carlo samples from it.
+    """What is not known of an arm and its rig: `certify` and `tune` take their Monte Carlo samples from it.
 
     Where two numbers may be given, they are the ends of a range, of which each sample has a place of its own
     (uniform); of joints, each joint its own. Print it for a table.
@@ -40,11 +40,11 @@ class Uncertainty(Shown, Part):
     load_position : (3,) array_like, optional
         Of the load, in the frame of the last link's body [m].
     phase : bool
-        Whether the encoders' zeros are drawn, uniform in ±1/2 pulse, each on its own.
+        Whether the encoders' offsets are sampled, uniform in ±1/2 pulse, each on its own.
     delay : float or (2,) array_like
-        Of the torque [s], constant during a run; at most one period of the law.
+        Of the torque [s], constant during a run; at most one period of the controller.
     dropped : float
-        Probability that the counts of a sample do not arrive; the law then reads those of the sample before.
+        Probability that the counts of a sample do not arrive; the controller then reads those of the sample before.
     resonance : (2,) or (n, 2) array_like, optional
         Lowest and highest locked-rotor resonance at the reference's first pose [Hz]: one pair for all joints alike, or
         one for each. None for the rig's own gears. It is a range, not a distribution: bounds hold for its worst cell

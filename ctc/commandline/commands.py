@@ -69,7 +69,7 @@ def run_check(given: Namespace) -> Answer:
 
 
 def run_identify(given: Namespace) -> Answer:
-    """The parameters that repeat the logs, with their intervals, in a file for `certify` and `report`."""
+    """The parameters that reproduce the logs, with their intervals, in a file for `certify` and `report`."""
     place, robot = _place(given), read_robot(given.robot)
     records = records_of(given.logs, robot, given.cut)
     held_out = records_of(given.held_out, robot, given.cut) if given.held_out else None
@@ -96,7 +96,7 @@ def _identified(found: Identification) -> dict[str, Any]:
 
 
 def run_certify(given: Namespace) -> Answer:
-    """The probability that computed torque on what was found leaves a pulse limit."""
+    """The probability that computed torque on what was found exceeds a pulse limit."""
     place, found = _place(given), Identification.load(given.found)
     law, path = _law(found, given), path_of(found, given.path)
     certificate = certify(found, found.rig, law, path, _uncertainty(given, found), **_run(given))
@@ -108,12 +108,12 @@ def run_certify(given: Namespace) -> Answer:
 
 
 def run_tune(given: Namespace) -> Answer:
-    """The quietest law that stays within the limit on what was found."""
+    """The controller of least activity that stays within the limit on what was found."""
     place, found = _place(given), Identification.load(given.found)
     tuning = tune(found, found.rig, path_of(found, given.path), _uncertainty(given, found), **_run(given))
     best = min(tuning.trials, key=lambda trial: trial.rank)
     kind = type(tuning.law).__name__
-    said = [str(tuning), f"the law: {kind} ({best.tuned}); in Python, Certificate.load(FILE).law"]
+    said = [str(tuning), f"the controller: {kind} ({best.tuned}); in Python, Certificate.load(FILE).law"]
     return _certified(found, tuning.certificate, said, {"law": kind, "numbers": best.numbers}, place)
 
 
@@ -139,7 +139,7 @@ def _uncertainty(given: Namespace, found: Identification) -> Uncertainty:
 
 
 def _run(given: Namespace) -> dict[str, Any]:
-    """How it is tried, as the options of `certify` and `tune`."""
+    """How it is simulated, as the options of `certify` and `tune`."""
     names = ("samples", "seed", "within", "checkpoint", *(["after"] if given.after is not None else []))
     return {name: getattr(given, name) for name in names} | {"progress": not given.quiet}
 
@@ -147,11 +147,11 @@ def _run(given: Namespace) -> dict[str, Any]:
 def _certified(
     found: Identification, certificate: Certificate, said: list[str], of_law: dict[str, Any], place: Path | None
 ) -> Answer:
-    """The answer that a certificate gives, kept in its file; no good one where what was found is in doubt."""
+    """The answer that a certificate gives, kept in its file; no good one where what was found is unreliable."""
     doubtful = doubts(found)
     if doubtful:
         count = "a warning" if len(doubtful) == 1 else f"{len(doubtful)} warnings"
-        said = [f"The identification is in doubt ({count} of identify); what follows takes it for right.", *said]
+        said = [f"The identification is unreliable ({count} of identify); what follows takes it for right.", *said]
     if place is not None:
         certificate.save(place)
     low, high = certificate.interval
@@ -180,7 +180,7 @@ def run_report(given: Namespace) -> Answer:
     place, found = _place(given), Identification.load(given.found)
     certificate = None if given.certificate is None else Certificate.load(given.certificate)
     if certificate is not None and given.bandwidth is not None:
-        raise ValueError("the law must be the certificate's; got --bandwidth beside it. Leave it out.")
+        raise ValueError("the controller must be the certificate's; got --bandwidth beside it. Leave it out.")
     law, evaluation = _law(found, given) if certificate is None else certificate.law, None
     try:
         own = certificate is not None and given.path is None

@@ -16,9 +16,9 @@ from identification.results.summary import IdentificationWarning
 from plant.parts.arguments import real
 from plant.version import __version__
 
-_CODES = """exit codes: 0 fine; 1 the verdict says no: a finding of the checkup, an identification in doubt, a plant
-that leaves the limit, a path that begins in motion; 2 bad input, said in one line; 3 a defect of the library;
-130 interrupted"""
+_CODES = """exit codes: 0 fine; 1 the verdict is negative: a finding of the checkup, an unreliable identification, a
+plant that exceeds the limit, a path that begins in motion; 2 bad input, reported in one line; 3 a defect of the
+library; 130 interrupted"""
 
 
 _PLACES = {"command", "found", "logs", "name"}  # arguments that are no options
@@ -43,7 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
     Returns
     -------
     int
-        0 fine; 1 the verdict says no; 2 bad input; 3 a defect; 130 interrupted.
+        0 fine; 1 the verdict is negative; 2 bad input; 3 a defect; 130 interrupted.
     """
     given = _parser().parse_args(arguments)
     try:
@@ -151,7 +151,7 @@ _LOGS = (
 _SEED = _option("--seed", type=_seed, default=0, help="same seed, same result")
 _FOUND = _option("found", help="file of identify -o")
 _PATH = _option("--path", metavar="FILE", help="to follow: t [s], q_1, ... [rad] (default: the log's)")
-_BANDWIDTH = _option("--bandwidth", type=float, help="of computed torque [rad/s] (default: the law's own)")
+_BANDWIDTH = _option("--bandwidth", type=float, help="of computed torque [rad/s] (default: the controller's own)")
 _CHECKPOINT = _option("--checkpoint", metavar="FILE", help="keep finished work there: called again, it goes on")
 _ROBOT: Any = {"metavar": "TOML"}
 _ENDS: Any = {"nargs": "+", "type": float, "action": _Ends, "metavar": "X"}
@@ -192,11 +192,11 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
         _option("--unknown", nargs="+", metavar="NAME",
                 help="beside f (default: f alone): friction, gains, or such as drive.viscous[0]"),
         _option("--elasticity", action="store_true", help="stiffness and damping of the gears, too"),
-        _option("--held-out", nargs="+", metavar="LOG", help="logs that are only repeated"),
+        _option("--held-out", nargs="+", metavar="LOG", help="logs for validation, only simulated"),
         *_output("file for certify and report"), _CHECKPOINT,
     )),
-    "certify": ("the probability that computed torque leaves the pulse limit", (*_UNCERTAIN, _BANDWIDTH, _PATH)),
-    "tune": ("the quietest law that stays within the pulse limit, and its certificate", (*_UNCERTAIN, _PATH)),
+    "certify": ("the probability that computed torque exceeds the pulse limit", (*_UNCERTAIN, _BANDWIDTH, _PATH)),
+    "tune": ("the controller of least activity within the pulse limit, and its certificate", (*_UNCERTAIN, _PATH)),
     "report": ("one page of an identification and its controller (HTML)", (
         _FOUND, _option("--certificate", metavar="FILE", help="file of certify -o or tune -o"),
         _BANDWIDTH, _PATH, *_output("the page, such as page.html"),

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from plant.parts.figures import BAND, axes_of, colour_of, dressed, legend_above, literal, row_by_row
 
-_ABREAST = 4  # laws beside each other at most; more stand below each other
+_ABREAST = 4  # controllers beside each other at most; more stand below each other
 _PHASES = 3  # phase plots beside each other at most
 _WIDEST = 22.0  # of a figure [inches]
 
 
 def draw_band(axis: Any, pulses: float = 1) -> None:
-    """The promised band, shaded, and whole pulses on the axis, which never ends at the band."""
+    """The specified band, shaded, and whole pulses on the axis, which never ends at the band."""
     from matplotlib.ticker import MaxNLocator
 
     axis.axhspan(-pulses, pulses, color=BAND, zorder=0)
@@ -112,10 +112,10 @@ def plot_phase(evaluation: Any, ax: Any = None) -> NDArray[Any]:
 
 @literal
 def plot_comparison(evaluations: dict[str, Any], ax: Any = None) -> NDArray[Any]:
-    """Tracking errors of several laws on the same arm."""
+    """Tracking errors of several controllers on the same arm."""
     if not isinstance(evaluations, dict) or not evaluations:
         given = f"{evaluations!r:.40}" if evaluations else "none"
-        raise ValueError(f"evaluations must be a dict, one per law; got {given}. Pass {{name: evaluate(...)}}.")
+        raise ValueError(f"evaluations must be a dict, one per controller; got {given}. Pass {{name: evaluate(...)}}.")
     for name, evaluation in evaluations.items():
         _require_evaluation(f"evaluation {name!r}", evaluation)
     n, laws = next(iter(evaluations.values())).record.n, len(evaluations)

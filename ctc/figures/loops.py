@@ -1,4 +1,4 @@
-"""Figures over frequency: the loops of a law, and on which gears a law holds."""
+"""Figures over frequency: the loops of a controller, and on which gears it holds."""
 
 from typing import Any
 
@@ -37,7 +37,7 @@ def plot_margins(margins: Any, ax: Any = None) -> NDArray[Any]:
 
 @literal
 def plot_sweep(sweep: Any, ax: Any = None) -> NDArray[Any]:
-    """Share of samples within the limit over the resonance of the gears, and bars where every sample is, law by law."""
+    """Share of samples within the limit over the resonance of the gears, and bars where every sample is."""
     names, hz = list(sweep.shares), sweep.hz
     edges = np.sqrt(hz[1:] * hz[:-1])
     edges = np.concatenate([[hz[0] ** 2 / edges[0]], edges, [hz[-1] ** 2 / edges[-1]]])

@@ -1,4 +1,4 @@
-"""The running controller of a payload estimator: the law at work, and the three stages around it."""
+"""The running controller of a payload estimator, and the three stages around it."""
 
 import dataclasses
 import math
@@ -33,7 +33,7 @@ class PayloadEvent(Shown):
     swapped : float
         When the model was swapped to it [s]; NaN until then.
     windows : int
-        That were looked at; of those before the last the message said why they were not used.
+        That were evaluated; of those before the last the message stated why they were not used.
     message : str
         Of the last window.
     """
@@ -55,7 +55,7 @@ class PayloadEvent(Shown):
 
 
 _SETTLE = 0.1  # from the start, in which nothing is collected and no change is looked for: the observers settle [s]
-_AGAIN = 0.25  # share of a window after which, where one said too little, the next one is looked at
+_AGAIN = 0.25  # share of a window after which, where one was not sufficient, the next one is evaluated
 _FRESH, _FRESH_TIME = 1.0, 0.05
 """By how much the alarm's limit is higher just after a swap, as a share, and how fast that passes [s]: friction that
 differs comes back into the observer."""
@@ -66,7 +66,7 @@ _EMPTY = 0.1  # share of the heaviest load below which a gripper counts as empty
 
 
 class PayloadController:
-    """A controller at work that estimates its load; made by `PayloadEstimator.start`.
+    """A running controller that estimates its load; made by `PayloadEstimator.start`.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class PayloadController:
     stage : str
         "settling", "collecting", "identifying" or "holding".
     running : Running
-        The law at work: ``.torque``, ``.status``, ``.stopped`` and the rest.
+        The running control law: ``.torque``, ``.status``, ``.stopped`` and the rest.
     change : float
         The statistic on which changes are detected; `PayloadEstimator.alarm` is its limit.
     """

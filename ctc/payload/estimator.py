@@ -1,4 +1,4 @@
-"""On-line identification of a load under a law with a model: the paper's three stages collect, identify, swap."""
+"""On-line identification of a load under a controller with a model: the paper's stages collect, identify, swap."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ _LEAST_WINDOW = 0.1  # [s]; the paper's shortest
 
 @known_options
 class PayloadEstimator:
-    """A law that finds the load in its gripper while it works.
+    """A controller that identifies the load in its gripper while it runs.
 
     At the start, and when a load is taken, dropped or changed, the controller holds a prior, collects counts and
     applied torque over a window, has the load identified beside it, and swaps its model bumplessly.
@@ -50,7 +50,7 @@ class PayloadEstimator:
     found : Identification, optional
         That gave arm and rig: its covariance goes into estimate and interval.
     friction : float
-        Standard deviation of the friction levels as a share of them, for the interval, where `found` says nothing.
+        Standard deviation of the friction levels as a share of them, for the interval, where `found` has none.
     tolerated : float
         Share by which friction may be off without a false alarm: see `alarm`.
     alarm : float

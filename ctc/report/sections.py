@@ -14,7 +14,7 @@ from identification.results.summary import doubts
 from plant.parts.markup import details, items, preformatted, table, text
 from plant.parts.shown import body
 
-_SEARCHED, _ASIDE = "searched", "kept aside"
+_SEARCHED, _ASIDE = "identification", "validation"
 
 
 def sections(found: Any, evaluation: Any, certificate: Any) -> Iterator[str]:
@@ -33,7 +33,7 @@ def _verdict(found: Any, evaluation: Any, certificate: Any) -> str:
     lines, doubtful = [], doubts(found)
     if doubtful:
         said = "One line under it says" if len(doubtful) == 1 else f"{len(doubtful)} lines under it say"
-        lines.append((False, "The identification is in doubt", f"{said} why, below: Warnings."))
+        lines.append((False, "The identification is unreliable", f"{said} why, below: Warnings."))
     else:
         lines.append((True, "Nothing in the log contradicts what was stated", "What was tested, and what would have "
                       "been seen, stands under Assumptions."))  # fmt: skip
@@ -42,10 +42,10 @@ def _verdict(found: Any, evaluation: Any, certificate: Any) -> str:
         said = f"{share} of {len(evaluation.record)} samples within ±1 pulse, simulated on the arm that was found."
         if certificate is None:  # else its verdict says them
             said += "".join(f" {line[:1].upper()}{line[1:]}." for line in evaluation.conditions)
-        nominal = "the nominal arm, which is in doubt" if doubtful else "the nominal arm"
+        nominal = "the nominal arm, which is unreliable" if doubtful else "the nominal arm"
         lines.append((evaluation.holds and not doubtful, f"{law} on {nominal}", said))
     if certificate is not None:
-        title = f"{type(certificate.law).__name__} on {len(certificate.plants)} possible arms"
+        title = f"{type(certificate.law).__name__} on {len(certificate.plants)} sampled arms"
         lines.append((certificate.holds and not doubtful, title, certificate.verdict))
     rows = "\n".join(
         f'<li class="{"good" if good else "bad"}"><b>{"✓" if good else "✗"} {text(title)}</b>{text(said)}</li>'
@@ -73,7 +73,7 @@ def _values(found: Any) -> str:
             said = f"{share:.2g} %" if share < 10 else f"{share:.0f} %"
             rows.append((name, middle, said, unit, f"{s:.2g}", low, high))
         else:
-            rows.append((name, f"{value:.5g}", "as stated", unit, "", "", ""))
+            rows.append((name, f"{value:.5g}", "assumed", unit, "", "", ""))
     head = ("", "value", "95 % half-width", "unit", "standard deviation", "95 % from", "to")
     counted = f"<p>{text(f'The intervals count noise and {found.search.tolerances}.')}</p>"
     return section("Parameters", table(head, rows), counted, _legend(found))
@@ -88,9 +88,9 @@ def _fit(found: Any) -> str:
     apart, aside = found.diagnostics.difference, found.diagnostics.held_out_difference
     known = f"{apart:.2f} pulses (rms)" if np.isfinite(apart) else "an amount that is not known"
     names = ", ".join(name for use, name, _ in _named(found) if use == _ASIDE)
-    kept = "No record was kept aside."
+    kept = "No record was held out for validation."
     if aside is not None:
-        kept = f"In what was kept aside and no search saw, {names}, they differ by {aside:.2f} pulses."
+        kept = f"In the validation data, {names}, they differ by {aside:.2f} pulses."
     said = (
         f"Errors measured and simulated with these values differ by {known}; two roundings alone give 0.58. {kept} "
         f"{found.message}"
@@ -113,7 +113,7 @@ def _logs(found: Any) -> str:
         if problems := [f"{each.check}: {each.verdict}. {each.advice}" for each in checkup.problems]:
             parts += [f"<h3>Checkup of {text(name)}</h3>", items(problems)]
         parts.append(details(f"All checks of {name}", body(checkup)))
-    head = ("log", "use", "law", "samples", "duration [s]", "period [ms]")
+    head = ("log", "use", "controller", "samples", "duration [s]", "period [ms]")
     return section("Logs", table(head, rows, words=range(3)), *parts)
 
 
@@ -128,15 +128,15 @@ def _assumptions(found: Any) -> str:
             for name, row, mark in zip(assumed.names, assumed.moves, strong, strict=True)
         ]
         told = (
-            "What no log of this kind reveals: how values move if a stated number is 1 % larger, from 0.05 standard "
+            "What no log of this kind reveals: how values move if an assumed number is 1 % larger, from 0.05 standard "
             "deviations on."
         )
-        head = ("1 % more of", "moves")
-        parts += ["<h3>Taken as stated</h3>", f"<p>{text(told)}</p>", table(head, rows, words=range(2))]
+        head = ("sensitivity to 1 % of", "moves")
+        parts += ["<h3>Assumed values</h3>", f"<p>{text(told)}</p>", table(head, rows, words=range(2))]
     stated = [*zip(found.rig.number_names(), found.rig.number_values(), strict=True)]
     stated += [*zip(found.law.number_names("law."), found.law.number_values(), strict=True)]
     shown_numbers = [(name, f"{value:.6g}") for name, value in stated if name not in found.fit.unknown]
-    parts.append(details("Numbers of rig and law, as stated", table(("motor side, SI", "value"), shown_numbers)))
+    parts.append(details("Assumed numbers of rig and controller", table(("motor side, SI", "value"), shown_numbers)))
     if found.fit.resonance is not None:
         parts += ["<h3>Gears</h3>", body(found.fit.resonance)]
     return section("Assumptions", *parts)
@@ -181,8 +181,8 @@ def _certificate(certificate: Any) -> str:
     return section(
         "Certificate",
         figure(certificate.plot(), "certificate", caption),
-        f"<p><b>Drawn</b>: {text(', '.join(drawn))}.</p>",
-        f"<p><b>Not drawn, and so not promised</b>: {text(', '.join(missing))}.</p>",
+        f"<p><b>Sampled</b>: {text(', '.join(drawn))}.</p>",
+        f"<p><b>Not sampled, and so not covered</b>: {text(', '.join(missing))}.</p>",
         details("Table", body(certificate)),
     )  # fmt: skip
 

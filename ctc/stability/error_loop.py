@@ -1,8 +1,8 @@
-"""Loop transfer function of each joint under a sampled law, linearised, with sampling, delay and observer.
+"""Loop transfer function of each joint under a sampled controller, linearised, with sampling, delay and observer.
 
-The loop of a joint is opened where its encoder is read, all other loops stay closed: input are the counts that the law
-reads, output is minus the position, in pulses, so that the sensitivity function is 1 / (1 + L). How the loops are
-linearised: `plant.analysis.sampled_loops`.
+The loop of a joint is opened where its encoder is read, all other loops stay closed: input are the counts that the
+controller reads, output is minus the position, in pulses, so that the sensitivity function is 1 / (1 + L). How the
+loops are linearised: `plant.analysis.sampled_loops`.
 """
 
 from __future__ import annotations

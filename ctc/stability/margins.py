@@ -21,7 +21,7 @@ from plant.parts.tables import Table
 _POINTS = 4000
 
 _RESONANCES, _GEAR = 60, ("stiffness", "damping")
-"""Resonances that are tried, and half as many in the last gap between them; and what makes one."""
+"""Resonances that are tested, and half as many in the last gap between them; and what makes one."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -101,7 +101,7 @@ def margins(
     arm: Arm | Identification | None, rig: Rig, law: Law, *, pose: ArrayLike | None = None,
     damping_ratio: float = DAMPING_RATIO,
 ) -> Margins:  # fmt: skip
-    """Stability margins of the loop of every joint under a sampled law.
+    """Stability margins of the loop of every joint under a sampled controller.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ from plant.parts.shown import Piece, Shown, Verdict
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Population, Runs
 
-LOWEST, HIGHEST = 10.0, 500.0  # between which resonances are tried [Hz]
+LOWEST, HIGHEST = 10.0, 500.0  # between which resonances are tested [Hz]
 SETTLED = 0.02  # time before which samples do not count [s]
 RIGID = 1e5  # resonance [Hz] of a gear that moves like a rigid one
 
@@ -31,8 +31,6 @@ RIGID = 1e5  # resonance [Hz] of a gear that moves like a rigid one
 _FOLLOWED = 0.6
 """Phase [rad] of a locked-rotor resonance in one sub-step up to which the vibration of motor against link, which is
 faster, is right to 1 % in its frequency: of the arms of `plant.puma560`, at 1.1 rad and to 0.3 %."""
-
-_CRITICAL = 1.0
 
 
 def require_followed(name: str, hz: ArrayLike, step: float) -> None:
@@ -51,21 +49,19 @@ def require_followed(name: str, hz: ArrayLike, step: float) -> None:
 
 
 def require_swinging(damping_ratio: float) -> None:
-    """Refuse a damping ratio with which nothing swings.
+    """Refuse a damping ratio with which nothing oscillates.
 
     Raises
     ------
     ValueError
     """
-    if damping_ratio > _CRITICAL:
-        raise ValueError(
-            f"damping_ratio must be at most {_CRITICAL:g}, critical damping; got {damping_ratio:g}. Gears have "
-            f"{DAMPING_RATIO:g} to 0.03, no percent."
-        )
+    if damping_ratio > 1:
+        advice = f"Gears have {DAMPING_RATIO:g} to 0.03, no percent."
+        raise ValueError(f"damping_ratio must be at most 1, critical damping; got {damping_ratio:g}. {advice}")
 
 
 def damping_of(damping_ratio: Any) -> float:
-    """A damping ratio with which gears swing, or its refusal.
+    """A damping ratio with which elastic joints oscillate, or its refusal.
 
     Raises
     ------
@@ -142,14 +138,14 @@ class LowestResonance(Shown, Frozen):
     Attributes
     ----------
     hz : float
-        Above which it stays at every resonance tried, all joints alike [Hz]; below, it leaves at some, not at all. 10
-        where the loop stays at every resonance tried, which are 10 to 500 Hz, and infinite where it leaves also at the
-        highest or when rigid; NaN where it cannot be told.
+        Above which it stays at every resonance tested, all joints alike [Hz]; below, it exceeds it at some, not at all.
+        10 where the loop stays at every resonance tested, which are 10 to 500 Hz, and infinite where it exceeds it also
+        at the highest or when rigid; NaN where it cannot be told.
     damping_ratio : float
     within : float or None
         Limit [pulses]; None where only stability is meant.
     reason : str
-        Why it cannot be told, or that the loop leaves when rigid; empty otherwise.
+        Why it cannot be told, or that the loop exceeds it when rigid; empty otherwise.
     """
 
     hz: float
@@ -159,7 +155,7 @@ class LowestResonance(Shown, Frozen):
 
     @classmethod
     def none(cls, damping_ratio: float, within: float) -> LowestResonance:
-        """Of a loop that leaves also on rigid gears."""
+        """Of a loop that exceeds the limit also on rigid gears."""
         return cls(hz=np.inf, damping_ratio=damping_ratio, within=within, reason="also on rigid gears")
 
     def __float__(self) -> float:
@@ -175,17 +171,17 @@ class LowestResonance(Shown, Frozen):
     def __str__(self) -> str:
         """On which gears the loop stays within its limit, in one line."""
         damped = f"(damping ratio {self.damping_ratio:g})"
-        stays, leaves = "stable", "is unstable"
+        stays, exceeds = "stable", "is unstable"
         if self.within is not None:
-            stays, leaves = f"stays within ±{self.within:g} pulse", f"leaves ±{self.within:g} pulse"
+            stays, exceeds = f"stays within ±{self.within:g} pulse", f"exceeds ±{self.within:g} pulse"
         if np.isnan(self.hz):
             return f"on elastic gears: cannot tell, {self.reason}"
         if self.reason:
-            return f"{leaves} {self.reason}"
+            return f"{exceeds} {self.reason}"
         if self.hz <= LOWEST:
             return f"{stays} on elastic gears too, at any resonance above {LOWEST:g} Hz {damped}"
         if self.hz > HIGHEST:
-            return f"{stays} on rigid gears only: at some resonances up to {HIGHEST:g} Hz it {leaves} {damped}"
+            return f"{stays} on rigid gears only: at some resonances up to {HIGHEST:g} Hz it {exceeds} {damped}"
         return f"{stays} on gears that resonate above {self.hz:.3g} Hz {damped}, not just below"
 
 

@@ -1,4 +1,4 @@
-"""Share of samples within a pulse limit over the resonance of the gears, law by law: on which gears each law holds."""
+"""Share of samples within a pulse limit over the resonance of the gears: on which gears each controller holds."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ _COLUMNS = 7  # resonances in the table
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ResonanceSweep(Shown, Frozen):
-    """Several laws on gears of many resonances. Print it for a table.
+    """Several controllers on gears of many resonances. Print it for a table.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class ResonanceSweep(Shown, Frozen):
     within : float
         Limit [pulses].
     shares : dict of str -> (H,) numpy.ndarray
-        By law, share of the samples at which every joint's counted error is within the limit; 0 where it diverged.
+        By name, share of the samples at which every joint's encoder error is within the limit; 0 where it diverged.
     rigid : dict of str -> float
         The same on rigid gears.
     """
@@ -51,7 +51,7 @@ class ResonanceSweep(Shown, Frozen):
         return plot_sweep(self, ax)
 
     def _short(self) -> str:
-        return f"{len(self.shares)} laws at {len(self.hz)} resonances, {self.hz[0]:.3g} to {self.hz[-1]:.3g} Hz"
+        return f"{len(self.shares)} controllers at {len(self.hz)} resonances, {self.hz[0]:.3g} to {self.hz[-1]:.3g} Hz"
 
     def _shown(self) -> Iterator[Piece]:
         gears = f"gears with a damping ratio of {self.damping_ratio:g}"
@@ -68,7 +68,7 @@ def sweep_resonance(
     damping_ratio: float = DAMPING_RATIO, within: float = 1, after: float = SETTLED, duration: float | None = None,
     steps_per_sample: int = 16, threads: int | None = None,
 ) -> ResonanceSweep:  # fmt: skip
-    """Simulate an arm on elastic gears of many resonances, under each of several laws.
+    """Simulate an arm on elastic gears of many resonances, under each of several controllers.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def sweep_resonance(
     damping_ratio : float
         Of each gear against its locked motor.
     within : float
-        Limit of the counted error of the motors [pulses].
+        Limit of the encoder error of the motors [pulses].
     after : float
         Samples before this time do not count [s].
     duration : float, optional
@@ -127,9 +127,8 @@ def sweep_resonance(
     options: dict[str, Any] = {"within": within, "steps_per_sample": steps_per_sample, "after": after}
     controlled, shares = arm_of(arm), {}
     for name, law in laws.items():
-        runs = OnGears(controlled, rig, law, reference, ratio, duration=duration, **options).runs(
-            [*tried, RIGID], int(threads or cores())
-        )
+        gears = OnGears(controlled, rig, law, reference, ratio, duration=duration, **options)
+        runs = gears.runs([*tried, RIGID], int(threads or cores()))
         shares[name] = 1 - runs.outside / runs.samples
     return ResonanceSweep(
         hz=tried, damping_ratio=ratio, within=within, shares={name: share[:-1] for name, share in shares.items()},
