@@ -116,7 +116,7 @@ class Uncertainty(Shown, Part):
         if not 0 <= self.dropped < 1:
             raise ValueError(f"dropped must be from 0 to below 1; got {self.dropped}. Give a probability.")
         if made["load"][1] > 0 and self.load_position is None:
-            raise ValueError("load_position must be given with a load; got None. Give x, y, z in the last frame [m].")
+            raise ValueError(f"load_position must be given with a load; got None. {_PLACE}")
         if self.covariance is not None and self.plants is not None:
             raise ValueError("one of covariance and plants must be given; got both. Leave one out.")
         for name, shape, advice in _ARRAYS:
@@ -179,10 +179,11 @@ _RANGES = {"load": ("kg", False), "delay": ("s", False)}
 _RANGES |= {name: (row.unit, row.signed) for name, row in IMPERFECTIONS.items()}
 """Name -> unit of each range, and whether it may be negative."""
 
+_PLACE = "Give x, y and z in the last frame [m]."
 _ARRAYS: tuple[tuple[str, tuple[int | str | None, ...], str], ...] = (
     ("covariance", ("k", "k"), "Give one row per name of found.fit.unknown."),
     ("plants", ("M", "p"), "Give f of one arm per row."),
-    ("load_position", (3,), "Give x, y and z in the last frame [m]."),
+    ("load_position", (3,), _PLACE),
 )
 
 

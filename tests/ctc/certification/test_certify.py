@@ -416,7 +416,7 @@ def test_a_gear_cannot_be_drawn(found):
         covariance=np.pad(found.covariance, (0, 1)) + np.diag([0.0] * 9 + [1.0]),
     )  # fmt: skip
     with_gear = dataclasses.replace(found, fit=gear)
-    with pytest.raises(ValueError, match="laws read their counts by it"):
+    with pytest.raises(ValueError, match="controllers read their counts by it"):
         certify(with_gear, RIG, LAW, PATH)
     curve = dataclasses.replace(
         found.fit, unknown=(*found.fit.unknown, "drive.curve.offset[0]"), values=np.append(found.fit.values, 0.01),
