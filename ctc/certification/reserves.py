@@ -87,9 +87,7 @@ def reserves(certificate: Any, samples: int = 400, allowed: float = 0.0) -> Rese
     """
     law, plants = certificate.law, certificate.plants
     if isinstance(samples, bool) or not isinstance(samples, int) or not 1 <= samples <= len(plants):
-        raise ValueError(
-            f"samples must be a whole number from 1 to {len(plants)}; got {samples!r}. Sample more plants."
-        )
+        raise ValueError(f"samples must be a whole number from 1 to {len(plants)}; got {samples!r}. Sample more.")
     if not 0 <= real("allowed", allowed, "Give a share, such as 0.") < 1:
         raise ValueError(f"allowed must be from 0 to below 1; got {allowed}. Give a share.")
     options = {name: certificate.settings[name] for name in ("steps_per_sample", "duration", "after")}

@@ -68,19 +68,18 @@ def error_loop(
     """
     import control
 
-    instance("law", law, Law, "Give a law, such as ComputedTorque(arm, rig).")
     loops = SampledLoops(controlled(arm, law), rig, law, pose)
-    A, B, C = loops.matrices()
     if not isinstance(joint, (int, np.integer)) or not 0 <= joint < rig.n:
         raise ValueError(f"joint must be a whole number from 0 to {rig.n - 1}; got {joint!r}. Joints count from 0.")
-    A, b, c = opened(A, B, C, joint)
+    A, b, c = opened(*loops.matrices(), joint)
     name = f"loop of {controlled(arm, law).dynamics.chain.joint_labels[joint]}"
     ends = {"inputs": [f"pulses[{joint}]"], "outputs": [f"position[{joint}]"]}
     return control.StateSpace(A, b, -c, 0, loops.period, name=name, **ends)
 
 
 def controlled(arm: Arm | Identification | None, law: Law) -> Arm:
-    """The arm itself, that of an identification, or of None that of the law."""
+    """The arm itself, that of an identification, or of None that of the law, which is one."""
+    instance("law", law, Law, "Give a law, such as ComputedTorque(arm, rig).")
     return arm_of(getattr(law, "arm", None) if arm is None else arm, ", or None for the law's own")
 
 

@@ -14,7 +14,7 @@ from identification import Identification
 from plant import Arm, Elasticity, Law, Rig
 from plant.analysis.sampled_loops import SampledLoops
 from plant.machine.elasticity import DAMPING_RATIO
-from plant.parts.arguments import instance, known_options
+from plant.parts.arguments import known_options
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
@@ -138,7 +138,6 @@ def margins(
     """
     import control
 
-    instance("law", law, Law, "Give a law, such as ComputedTorque(arm, rig).")
     loops = SampledLoops(controlled(arm, law), rig, law, pose)
     (A, B, C), period = loops.matrices(), loops.period
     omega = np.geomspace(1e-4, 1, _POINTS, endpoint=False) * np.pi / period
