@@ -1,4 +1,4 @@
-"""Several laws on one arm and one reference: one table, one figure."""
+"""Several controllers on one arm and one reference: one table, one figure."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -15,6 +15,20 @@ from plant.parts.labels import joint_labels
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
+
+def require_laws(laws: Any) -> None:
+    """Refuse what is no dict of name -> Law.
+
+    Raises
+    ------
+    ValueError
+    """
+    if not isinstance(laws, dict) or not laws or not all(isinstance(name, str) for name in laws):
+        raise ValueError(f"laws must be a dict of name -> Law; got {laws!r:.60}. Pass {{'P': p_law, ...}}.")
+    for name, law in laws.items():
+        instance(f"law {name!r}", law, Law, "Pass {'P': p_law, ...}.")
+
+
 _COLUMNS = (
     ("within ±1", lambda e: e.share_within(1)),
     ("peak [pulses]", lambda e: _each(e.max_error_pulses, ".0f")),
@@ -25,11 +39,8 @@ _COLUMNS = (
 )
 
 
-_EACH = 3
-"""Joints up to which a cell has a number for each; with more it has the largest."""
-
-_SHORT = 70
-"""Letters of its `repr` that name each law."""
+_EACH = 3  # joints up to which a cell has a number for each; with more it has the largest
+_SHORT = 70  # letters of its `repr` that name each controller
 
 
 def _each(values: NDArray[np.float64], form: str) -> str:
@@ -40,31 +51,31 @@ def _each(values: NDArray[np.float64], form: str) -> str:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Comparison(Shown):
-    """Evaluations of several laws on the same arm and reference.
+    """Evaluations of several controllers on the same arm and reference.
 
-    Print it for a table with one row per law and, in a cell, one number per joint, or of more than three joints the
-    largest; chatter is the mean change of the torque from one sample to the next, "at the limit" the share of the
+    Print it for a table with one row per controller and, in a cell, one number per joint, or of more than three joints
+    the largest; chatter is the mean change of the torque from one sample to the next, "at the limit" the share of the
     samples at the amplifier's limit, of the joint that is there most.
 
     Attributes
     ----------
     evaluations : dict of str -> Evaluation
-        By the name of the law, in the order given, without those that diverged.
+        By the name of the controller, in the order given, without those that diverged.
     diverged : dict of str -> str
-        By name, when and where the loop under a law diverged.
+        By name, when and where the loop under a controller diverged.
     """
 
     evaluations: dict[str, Evaluation]
     diverged: dict[str, str]
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
-        """Draw the errors of all laws that stayed bounded: (n, laws) Axes of up to four laws, (laws, n) of more."""
+        """Draw the errors of all controllers with bounded errors: (n, laws) Axes of up to four, (laws, n) of more."""
         return plot_comparison(self.evaluations, ax)
 
     def _short(self) -> str:
         shares = [f"{name} {evaluation.share_within(1)}" for name, evaluation in self.evaluations.items()]
         said = ", ".join([*shares, *(f"{name} diverges" for name in self.diverged)])
-        return said if len(said) <= _SHORT else f"{len(shares)} laws, {len(self.diverged)} diverged"
+        return said if len(said) <= _SHORT else f"{len(shares)} controllers, {len(self.diverged)} diverged"
 
     def _shown(self) -> Iterator[Piece]:
         inside = {name: evaluation for name, evaluation in self.evaluations.items() if evaluation.within(1)}
@@ -72,7 +83,7 @@ class Comparison(Shown):
         count = len(self.evaluations) + len(self.diverged)
         which = f": {', '.join(inside)}" if inside else ""
         yield Verdict(
-            f"{len(inside)} of {count} laws within ±1 pulse at every sample{which}", len(inside) > len(moving)
+            f"{len(inside)} of {count} controllers within ±1 pulse at every sample{which}", len(inside) > len(moving)
         )
         rows = [[name, *(cell(evaluation) for _, cell in _COLUMNS)] for name, evaluation in self.evaluations.items()]
         if rows:
@@ -83,7 +94,7 @@ class Comparison(Shown):
             cell = "a / b" if len(joints) <= _EACH else "largest of the joints, and which"
             yield f"{cell}: {', '.join(joint_labels(joints, len(joints)))}"
         if any(evaluation.record.rig.drive.elasticity is None for evaluation in self.evaluations.values()):
-            yield "rigid gears assumed; .evaluations[name].lowest_resonance [Hz] says from where on it holds"
+            yield "rigid gears assumed; .evaluations[name].lowest_resonance [Hz] is that from which on it holds"
 
 
 @known_options
@@ -91,7 +102,7 @@ def compare(
     arm: Arm, rig: Rig, laws: dict[str, Law], reference: Reference, *, backend: str = "numba",
     duration: float | None = None, steps_per_sample: int = 16, initial: ArrayLike | None = None,
 ) -> Comparison:  # fmt: skip
-    """Evaluate several laws on one arm and one reference.
+    """Evaluate several controllers on one arm and one reference.
 
     Parameters
     ----------
@@ -113,7 +124,7 @@ def compare(
     Returns
     -------
     Comparison
-        A law under which the loop diverges is a row of its table.
+        A controller under which the loop diverges is a row of its table.
 
     Raises
     ------
@@ -133,11 +144,8 @@ def compare(
     >>> list(compare(arm, rig, laws, puma560.reference(), duration=0.3).evaluations)
     ['P', 'computed torque']
     """
-    if not isinstance(laws, dict) or not laws or not all(isinstance(name, str) for name in laws):
-        raise ValueError(f"laws must be a dict of name -> Law; got {laws!r:.60}. Pass {{'P': p_law, ...}}.")
+    require_laws(laws)
     evaluations, diverged = {}, {}
-    for name, law in laws.items():
-        instance(f"law {name!r}", law, Law, "Pass {'P': p_law, ...}.")
     for name, law in laws.items():
         try:
             evaluations[name] = evaluate(

@@ -93,7 +93,7 @@ def test_what_start_refuses_is_said(bandwidth):
     try:
         law.start(RIG, evaluation.record.counts[0])
     except ValueError as error:
-        said = f"`start` refuses this law: {error}"
+        said = f"`start` refuses this controller: {error}"
     assert (said is None) == (bandwidth == 250)
     assert evaluation.refused == said
     assert evaluate(ARM, RIG, P(gain=(0.11, 0.17)), PATH, duration=0.05).refused is None
