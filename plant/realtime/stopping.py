@@ -7,8 +7,8 @@ import math
 
 from plant.realtime.memory import (
     AT_MOST, BAD_TIME, BEGUN, BRIDGED, CALLS, CAUSE, COUNTS, DRIVES, DT, EVENT, EVENT_AMOUNT, EVENT_CALL,
-    EVENT_JOINT, FRESH, FROM_Q, FROM_QD, FROM_TORQUE, HAD_GAPS, HOLDING, IS_DEAD, IS_OFF, IS_STUCK, JUMPS, LATCH,
-    LATCHED, LATCH_JOINT, LEAST_STEP, LIMITED, LIMIT_TIME, NO_COUNTS, OFF_BEAT, PLANNED, PUSHES, Q, QD, RAMPING,
+    EVENT_JOINT, FASTER, FRESH, FROM_Q, FROM_QD, FROM_TORQUE, HAD_GAPS, HOLDING, IS_DEAD, IS_OFF, IS_STUCK, JUMPS,
+    LATCH, LATCHED, LATCH_JOINT, LEAST_STEP, LIMITED, LIMIT_TIME, NO_COUNTS, OFF_BEAT, PLANNED, PUSHES, Q, QD, RAMPING,
     REFERENCE, RELEASED, RHYTHM, ROWS, RUNNING, RUNS, SCALARS, SINCE, SLACK, SPEED, STATES, STOP, TORQUE, WAS_LATE,
     WEIGHT, counted, limited, planned, standing,
 )  # fmt: skip
@@ -54,8 +54,9 @@ def begin_stop(own, joints, memory):
     own[SINCE] = own[JUMPS] = 0.0
     counted(memory)
     cause = own[CAUSE]
-    if own[STOP] != 0.0 or own[RELEASED] != HOLDING or cause in (IS_STUCK, IS_DEAD, NO_COUNTS):
-        release(own, joints)  # a law that sees no motion would push on
+    lost = cause == OFF_BEAT and own[RHYTHM] > own[FASTER]
+    if own[STOP] != 0.0 or own[RELEASED] != HOLDING or cause in (IS_STUCK, IS_DEAD, NO_COUNTS) or lost:
+        release(own, joints)  # a law that sees no motion would push on; one that is called too seldom, too
     elif cause in (WAS_LATE, HAD_GAPS, BAD_TIME, OFF_BEAT):
         copy(Q, FROM_Q, joints)
         copy(QD, FROM_QD, joints)

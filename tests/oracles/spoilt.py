@@ -161,7 +161,7 @@ def told(lie, when, gears="rigid", *, end=END, make=None, mujoco=False):
     model = puma560.literature_arm(1.5)
     arm = puma560.literature_arm(lie.load)
     rig = elastic(arm, None if gears == "rigid" else lie.hz)
-    law = ComputedTorque(model, RIG, bandwidth=lie.bandwidth or (250.0 if gears == "rigid" else 60.0))
+    law = ComputedTorque(model, RIG, bandwidth=lie.bandwidth or (145.0 if gears == "rigid" else 60.0))
     law = law if make is None else make(model)
     start = np.array([0.3, -0.4]) if when == "rest" else PATH(np.zeros(1)).q[0]
     speed = np.zeros(2) if when == "rest" else PATH(np.zeros(1)).qd[0]

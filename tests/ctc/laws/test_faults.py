@@ -117,7 +117,7 @@ def test_without_guards_the_same_faults_do_harm():
 
 @pytest.mark.parametrize("known", [True, False], ids=["known", "hidden"])
 def test_what_the_torque_limit_cuts_off_reaches_the_observer(known):
-    """From 0.02 rad (270 pulses) off the reference, with 30 N m more than the weight: it returns, and runs a pulse past.
+    """From 0.02 rad (270 pulses) off, with 30 N m more than the weight: it returns, and runs a pulse past.
 
     Where the same limit acts behind the controller's back, the observer takes what is missing for a disturbance, and
     the joint runs 4 pulses past.

@@ -148,8 +148,8 @@ FAR_OFF = np.array([[0.05, -0.1], [0.4, 0.3]])
 
 @pytest.mark.parametrize("name", ["observer", "integral"])
 def test_with_the_true_f_the_error_obeys_its_error_equation(name):
-    """D edd + J (sqrt(2) w ed + w^2 e) = 0 with J = 1 / (D^-1)_jj, or eddd + 3 w edd + 3 w^2 ed + w^3 e = 0 with integral
-    action, on a moving arm.
+    """On a moving arm, D edd + J (sqrt(2) w ed + w^2 e) = 0 with J = 1 / (D^-1)_jj; with integral action
+    eddd + 3 w edd + 3 w^2 ed + w^3 e = 0.
 
     f-hat = f, a smooth encoder, no friction and no limit. What is left is that the torque is held: a delay of half a
     period, so of first order, measured at periods of 0.4, 0.2 and 0.1 ms, w = 30 rad/s.
