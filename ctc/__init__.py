@@ -5,8 +5,8 @@ Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above
 =============== ====================================================================================================
 `commandline`   ``onepulse check | identify | certify | report | robots | demo``
 `report`        `write_report`: an identification and its controller as one page
-`tuning`        `tune`: the quietest law that keeps a pulse limit over stated uncertainty
-`certification` `certify`: Monte Carlo probability of leaving a pulse limit under parameter uncertainty
+`tuning`        `tune`: the controller of least chatter that keeps a pulse limit over stated uncertainty
+`certification` `certify`: Monte Carlo probability of exceeding a pulse limit under parameter uncertainty
 `stability`     the error loop linearised, its margins, gains by design (python-control)
 `verdict`       `evaluate` one arm under one law, `compare` several, animate
 `payload`       a load in the gripper, found and taken into the model while the arm works

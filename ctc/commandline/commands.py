@@ -6,12 +6,16 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
+
 from ctc.certification.certificate import Certificate
+from ctc.certification.certificates import Certificates
 from ctc.certification.certify import certify
 from ctc.certification.uncertainty import Uncertainty
 from ctc.commandline.demo import demo
 from ctc.commandline.inputs import (
     Answer,
+    motions_asked,
     new_place,
     path_of,
     plain_number,
@@ -118,11 +122,11 @@ def _identified(found: Identification) -> dict[str, Any]:
 
 
 def run_certify(given: Namespace) -> Answer:
-    """The probability that computed torque on what was found leaves a pulse limit."""
+    """The probability that computed torque on what was found exceeds a pulse limit."""
     place = None if given.output is None else new_place(given.output, given.force, _read(given))
     found = result_of(given.found)
-    law, path = _law(found, given), path_of(found, given.path)
-    certificate = certify(found, found.rig, law, path, _uncertainty(given, found), **_run(given))
+    law, motions = _law(found, given), motions_asked(found, given.path, given.everyday)
+    certificate = certify(found, found.rig, law, motions, _uncertainty(given, found), **_run(given))
     said = [str(certificate), f"computed torque with a bandwidth of {law.bandwidth:g} rad/s"]
     first = certificate.sensitivities[0].name if certificate.failures and certificate.sensitivities else ""
     if first.startswith(("drive.viscous", "drive.coulomb")) and first not in found.fit.unknown:
@@ -131,13 +135,14 @@ def run_certify(given: Namespace) -> Answer:
 
 
 def run_tune(given: Namespace) -> Answer:
-    """The quietest law that stays within the limit on what was found."""
+    """The controller of least chatter that stays within the limit on what was found."""
     place = None if given.output is None else new_place(given.output, given.force, _read(given))
     found = result_of(given.found)
-    tuning = tune(found, found.rig, path_of(found, given.path), _uncertainty(given, found), **_run(given))
+    motions = motions_asked(found, given.path, given.everyday)
+    tuning = tune(found, found.rig, motions, _uncertainty(given, found), **_run(given))
     best = min(tuning.trials, key=lambda trial: trial.rank)
     kind = type(tuning.law).__name__
-    said = [str(tuning), f"the law: {kind} ({best.tuned}); in Python, Certificate.load(FILE).law"]
+    said = [str(tuning), f"the controller: {kind} ({best.tuned}); in Python, Certificate.load(FILE).law"]
     return _certified(found, tuning.certificate, said, {"law": kind, "numbers": best.numbers}, place)
 
 
@@ -169,8 +174,9 @@ def _run(given: Namespace) -> dict[str, Any]:
 
 
 def _certified(
-    found: Identification, certificate: Certificate, said: list[str], of_law: dict[str, Any], place: Path | None
-) -> Answer:
+    found: Identification, certificate: Certificate | Certificates, said: list[str], of_law: dict[str, Any],
+    place: Path | None,
+) -> Answer:  # fmt: skip
     """The answer that a certificate gives, kept in its file; no good one where what was found is in doubt."""
     doubtful = doubts(found)
     if doubtful:
@@ -178,19 +184,32 @@ def _certified(
         said = [f"The identification is in doubt ({count} of identify); what follows takes it for right.", *said]
     if place is not None:
         certificate.save(place)
-    low, high = certificate.interval
-    data = {
-        "verdict": certificate.verdict, "failures": certificate.failures, "samples": len(certificate.plants),
-        "probability": certificate.probability, "interval": [low, high], "upper": certificate.upper,
-        "within": certificate.within, "after": certificate.settings["after"],
-        "failures_before": certificate.failures_before, "doubts": doubtful, **of_law,
-        "from_rest": None if certificate.from_rest is None else str(certificate.from_rest),
-        "lowest_resonance": plain_number(certificate.lowest_resonance),
-        "log_shows_below": None if certificate.seen is None else plain_number(certificate.seen.resonance),
-        "beyond_log": [] if certificate.seen is None else list(certificate.seen.beyond),
-    }  # fmt: skip
+    data = _data(certificate) | {"doubts": doubtful, **of_law}
+    if isinstance(certificate, Certificates):
+        data |= {"worst": certificate.worst, "motions": {name: _data(each) for name, each in certificate.items()}}
+    else:
+        data |= {"verdict": certificate.verdict, "lowest_resonance": plain_number(certificate.lowest_resonance)}
     text = "\n".join([*said, *([] if place is None else [f"\nwrote {place}"])])
     return Answer(text, data, certificate.holds and not doubtful)
+
+
+def _data(certificate: Certificate | Certificates) -> dict[str, Any]:
+    low, high = certificate.interval
+    data = {
+        "failures": certificate.failures, "samples": len(certificate.plants), "probability": certificate.probability,
+        "interval": [low, high], "upper": certificate.upper, "within": certificate.within,
+        "after": certificate.settings["after"], "failures_before": certificate.failures_before,
+        "failures_with_start": certificate.failures_with_start,
+        "chatter": plain_number(np.median(certificate.runs.chatter, axis=0).max()),
+    }  # fmt: skip
+    if isinstance(certificate, Certificates):
+        return data | {"verdict": certificate.verdict}
+    seen = certificate.seen
+    return data | {
+        "from_rest": None if certificate.from_rest is None else str(certificate.from_rest),
+        "log_shows_below": None if seen is None else plain_number(seen.resonance),
+        "beyond_log": [] if seen is None else list(seen.beyond),
+    }
 
 
 def _law(found: Identification, given: Namespace) -> ComputedTorque:
@@ -203,13 +222,15 @@ def run_report(given: Namespace) -> Answer:
     if not given.output.endswith((".html", ".htm")):
         raise ValueError(f"the page must be an .html file; got {given.output}. Name it so.")
     place, found = new_place(given.output, given.force, _read(given)), result_of(given.found)
-    certificate = None if given.certificate is None else Certificate.load(given.certificate)
+    certificate: Any = None if given.certificate is None else Certificate.load(given.certificate)
+    if isinstance(certificate, Certificates):  # a page is of one path
+        certificate = certificate[certificate.worst]
     if certificate is not None and given.bandwidth is not None:
         raise ValueError("the law must be the certificate's; got --bandwidth beside it. Leave it out.")
     law, evaluation = _law(found, given) if certificate is None else certificate.law, None
     try:
         own = certificate is not None and given.path is None
-        path = certificate.reference if own else path_of(found, given.path)  # type: ignore[union-attr]  # own
+        path = certificate.reference if own else path_of(found, given.path)
     except ValueError:
         if given.path is not None:
             raise

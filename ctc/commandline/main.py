@@ -16,7 +16,7 @@ from identification.results.summary import IdentificationWarning
 from plant.version import __version__
 
 _CODES = """exit codes: 0 fine; 1 the verdict says no: a finding of the checkup, an identification in doubt, a plant
-that leaves the limit, a path that begins in motion; 2 bad input, said in one line; 3 a defect of the library;
+that exceeds the limit, a path that begins in motion; 2 bad input, said in one line; 3 a defect of the library;
 130 interrupted"""
 
 
@@ -128,11 +128,13 @@ def _parser() -> argparse.ArgumentParser:
     _output(identify, "file for certify and report")
     _long(identify)
 
-    certify = _command(commands, "certify", "the probability that computed torque leaves the pulse limit")
+    certify = _command(commands, "certify", "the probability that computed torque exceeds the pulse limit")
     _uncertain(certify)
     _law(certify)
 
-    tune = _command(commands, "tune", "the quietest law that stays within the pulse limit, and its certificate")
+    tune = _command(
+        commands, "tune", "the controller of least chatter that stays within the pulse limit, and its certificate"
+    )
     _uncertain(tune)
     _path(tune)
 
@@ -173,7 +175,8 @@ def _uncertain(command: argparse.ArgumentParser) -> None:
         command.add_argument(f"--{name.replace('_', '-')}", **ends, help=f"{row.words} [{row.unit}]")
     command.add_argument("--dropped", type=float, metavar="SHARE", help="of the samples whose counts are lost")
     command.add_argument("--within", type=_positive, default=1.0, help="limit [pulses] (default 1)")
-    command.add_argument("--after", type=float, metavar="SECONDS", help="samples before it do not count")
+    command.add_argument("--after", type=float, metavar="SECONDS", help="instants before it are left out, and reported")
+    command.add_argument("--everyday", action="store_true", help="everyday motions, with --path one more; a row each")
     command.add_argument("--samples", type=int, default=10_000, help="Monte Carlo samples (default 10000)")
     _output(command, "file for report", required=False)
     _long(command)

@@ -1,20 +1,22 @@
-"""Tracking error in encoder pulses, torque and chatter of an arm under a law, by simulation."""
+"""Tracking error in encoder pulses, torque and chatter of an arm under a controller, by simulation."""
 
 import dataclasses
 import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from numbers import Real
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures.errors import plot_evaluation, plot_phase
 from ctc.verdict.conditions import FromRest, from_rest, refused
+from ctc.verdict.evaluations import Evaluations
 from ctc.verdict.on_gears import SETTLED, LowestResonance, lowest_resonance
 from plant import Arm, Law, Record, Reference, Rig
 from plant.machine.elasticity import DAMPING_RATIO
+from plant.motion.everyday import motions_of, naming
 from plant.parts.arguments import choice, known_options
 from plant.parts.labels import joint_labels
 from plant.parts.shown import Piece, Shown, Verdict
@@ -25,7 +27,7 @@ from plant.simulation.threads import cores
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Evaluation(Shown):
-    """Tracking error and torque of an arm that followed a reference under a law. Print it for a table.
+    """Tracking error and torque of an arm that followed a reference under a controller. Print it for a table.
 
     Attributes
     ----------
@@ -104,7 +106,7 @@ class Evaluation(Shown):
 
     @functools.cached_property
     def from_rest(self) -> FromRest | None:
-        """What an arm that stands does on this path, where the path begins in motion and leaves it behind."""
+        """What an arm at rest does on this path, where the path begins in motion and the arm exceeds the limit."""
         record: Any = self.record
         if record.injected is not None or (record.initial is not None and not record.initial[1].any()):
             return None
@@ -119,7 +121,7 @@ class Evaluation(Shown):
 
     @property
     def refused(self) -> str | None:
-        """Why `start` would refuse this law at the first sample; None where it would not."""
+        """Why `start` would refuse this controller at the first sample; None where it would not."""
         record: Any = self.record
         return refused(record.law, record.rig, record.counts[0])
 
@@ -209,44 +211,59 @@ class Evaluation(Shown):
         yield from self.conditions
 
 
+@overload
+def evaluate(
+    arm: Arm, rig: Rig, law: Law, reference: Reference, *, backend: str = ..., duration: float | None = ...,
+    steps_per_sample: int = ..., initial: ArrayLike | None = ..., injected: Injected | None = ...,
+) -> Evaluation: ...  # fmt: skip
+@overload
+def evaluate(
+    arm: Arm, rig: Rig, law: Law, reference: Mapping[str, Reference], *, backend: str = ...,
+    duration: float | None = ..., steps_per_sample: int = ..., initial: ArrayLike | None = ...,
+    injected: Injected | None = ...,
+) -> Evaluations: ...  # fmt: skip
 @known_options
 def evaluate(
-    arm: Arm, rig: Rig, law: Law, reference: Reference, *, backend: str = "casadi", duration: float | None = None,
-    steps_per_sample: int = 16, initial: ArrayLike | None = None, injected: Injected | None = None,
-) -> Evaluation:  # fmt: skip
-    """Simulate an arm under a law, and measure the tracking error in encoder pulses.
+    arm: Arm, rig: Rig, law: Law, reference: Reference | Mapping[str, Reference], *, backend: str = "casadi",
+    duration: float | None = None, steps_per_sample: int = 16, initial: ArrayLike | None = None,
+    injected: Injected | None = None,
+) -> Evaluation | Evaluations:  # fmt: skip
+    """Simulate an arm under a controller, and measure the tracking error in encoder pulses.
 
     Parameters
     ----------
     arm : Arm
-        The arm that is controlled; its f need not be the law's.
+        The arm that is controlled; its f need not be the controller's.
     rig : Rig
     law : Law
-    reference : Reference
+    reference : Reference, or mapping of str -> Reference
+        Or several motions by name, such as `plant.everyday_motions`, each inside limits and torque.
     backend : {"casadi", "numba"}
         casadi evaluates the closed-loop step by `mapaccum`; the compiled kernel must give the same verdict.
     duration : float, optional
-        [s]; by default one period of the reference.
+        Of each motion [s]; by default one period of the reference.
     steps_per_sample : int
         Integration steps between two samples.
     initial : (2, n) array_like, optional
         Position [rad] and velocity [rad/s] at t = 0; by default those of the reference.
     injected : (N, n) array_like or callable, optional
-        Known torque beside the law's, as for `plant.simulate`.
+        Known torque beside the controller's, as for `plant.simulate`.
 
     Returns
     -------
     Evaluation
-        Print it for a table; ``.within(1)`` is the verdict.
+        Print it for a table; ``.within(1)`` is the verdict. Of a mapping `Evaluations`: a row for each motion, an
+        `Evaluation` by name, and ``.worst``, its name.
 
     Raises
     ------
     ValueError
-        Bad input, or a loop that diverges.
+        Bad input, or a loop that diverges; a motion of a mapping that exceeds limits or torque, with the factor by
+        which to slow it down.
 
     See Also
     --------
-    ctc.Evaluation, ctc.compare, ctc.certify
+    ctc.Evaluation, ctc.compare, ctc.certify, plant.everyday_motions
 
     Examples
     --------
@@ -257,6 +274,15 @@ def evaluate(
     True
     """
     choice("backend", backend, ("casadi", "numba"))
+    if isinstance(reference, Mapping):
+        found = dict[str, Evaluation]()
+        for name, motion in motions_of(arm, rig, reference, "The order is arm, rig, law, reference.").items():
+            with naming(name):
+                found[name] = evaluate(
+                    arm, rig, law, motion, backend=backend, duration=duration, steps_per_sample=steps_per_sample,
+                    initial=initial, injected=injected,
+                )  # fmt: skip
+        return Evaluations(evaluations=found)
     trace = run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, injected=injected)
     joints = tuple(link.name for link in arm.dynamics.chain.links)
     return Evaluation(joints=joints, arm=arm, record=trace.record, true_error_pulses=trace.true_error_pulses)

@@ -109,7 +109,12 @@ def everyday_motions(arm: Arm, rig: Rig, *, limits: Limits | None = None) -> dic
         return Harmonics(period=3.0, offset=at + 0.375 * peak, **waves)
 
     def hold(part: float) -> Reference:
-        law = {"times": (0.0, 3.0), "places": (0.0, 3.0), "speeds": (1.0, 1.0), "accelerations": (0.0, 0.0)}
+        law: dict[str, Any] = {
+            "times": (0.0, 3.0),
+            "places": (0.0, 3.0),
+            "speeds": (1.0, 1.0),
+            "accelerations": (0.0, 0.0),
+        }
         return Scaled(path=move(0.6 * unit * turns, 1.5)(part), **law)
 
     alone = zip(chain.joint_labels, 0.5 * np.diag(unit), strict=True)

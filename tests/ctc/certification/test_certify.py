@@ -21,6 +21,7 @@ from ctc import ComputedTorque, certify, evaluate
 from ctc.certification.cells import clopper_pearson
 from ctc.certification.samples import draw
 from ctc.certification.sensitivity import influences, ranked
+from ctc.certification.statement import percent
 from ctc.certification.uncertainty import Uncertainty
 from identification import identify
 from plant import PD, Body, Elasticity, Harmonics, P, Phase, Transport, puma560, simulate
@@ -109,7 +110,10 @@ def test_samples_before_do_not_count():
         outside.append((np.abs(record.error_pulses[record.t < 0.03 - 1e-9]) > 1).any(axis=1).sum())
     np.testing.assert_array_equal(later.runs.before, outside)
     assert later.failures_before == every.failures
-    assert f"the first 0.03 s, which are left out, {every.failures} exceed it" in later.verdict
+    assert later.failures_with_start == every.failures
+    share = percent(every.failures / 200)
+    assert f"In the first 0.03 s, which are left out, {share} exceed it: {share} with the start." in later.verdict
+    assert f"exceed it with the start {every.failures} of 200" in " ".join(str(later).split())
 
 
 # -- what is counted ------------------------------------------------------------------------------------------------
@@ -303,7 +307,7 @@ def test_the_certificate_adds_up():
     assert certificate.share_outside == pytest.approx(runs.outside.sum() / (400 * 72), rel=1e-12)
     text = str(certificate)
     assert certificate.verdict in " ".join(text.split())
-    assert "possible plants leave ±1 pulse" in text
+    assert "Monte Carlo samples exceed ±1 pulse at some sampling instant" in text
     first = certificate.sensitivities[0]
     assert first.name == "encoder.phase.shift[0]"  # the joint that carries the other one
     assert first.sense == "decreasing"
