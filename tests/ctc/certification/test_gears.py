@@ -129,7 +129,7 @@ def test_no_verdict_on_rigid_gears_stands_without_the_gears_on_which_it_holds():
     stated = certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT, damping_ratio=0.03))
     assert stated.lowest_resonance < found.lowest_resonance
     assert "not sampled: elasticity, " in str(found)
-    assert "backlash" in str(found).split("not drawn:")[1]
+    assert "backlash" in str(found).split("not sampled:")[1]
     assert "resonance 60 to 90 Hz" in str(certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT, resonance=(60, 90))))
 
 

@@ -105,8 +105,8 @@ def test_a_path_that_leaves_the_log_is_named(found, certified):
     certificate = certified(wide)
     (line,) = certificate.seen.beyond
     assert line == "joint 2 (q[0]) 0.00 to 0.60 rad (log: -1.57 to 0.00) and 1.6 rad/s (log: 1.4)"
-    assert f"the path leaves the log: {line}" in " ".join(str(certificate).split())
-    assert "The path leaves what the log shows." in certificate.verdict
+    assert f"the path exceeds the log: {line}" in " ".join(str(certificate).split())
+    assert "The path exceeds what the log shows." in certificate.verdict
     within = certified(PATH)
     assert within.seen.beyond == ()
     assert "leaves what the log" not in within.verdict
