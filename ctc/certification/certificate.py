@@ -11,17 +11,16 @@ from numpy.typing import NDArray
 
 from ctc.certification.certified import Certified
 from ctc.certification.figure import plot_certificate
-from ctc.certification.plants import Plants, Worst
+from ctc.certification.plants import Worst
 from ctc.certification.reserves import Reserves, reserves
 from ctc.certification.statement import shown, verdict
 from ctc.verdict.conditions import FromRest, from_rest
 from ctc.verdict.on_gears import SETTLED, LowestResonance, lowest_resonance
 from identification.results.seen import Seen
-from plant import Law, Reference
+from plant import Reference
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import known_options
 from plant.parts.kinds import kept
-from plant.parts.saved import versions
 from plant.parts.shown import Piece
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Runs
@@ -71,17 +70,10 @@ class Certificate(Certified):
     (0, True)
     """
 
-    law: Law
     reference: Reference
-    plants: Plants
     runs: Runs
-    within: float
-    confidence: float
     settings: dict[str, Any]
     seen: Seen | None = None
-    threads: int = dataclasses.field(compare=False)
-    seconds: float = dataclasses.field(compare=False)
-    versions: dict[str, str] = dataclasses.field(compare=False, default_factory=versions)
 
     @functools.cached_property
     def on_gears(self) -> LowestResonance | None:

@@ -7,12 +7,10 @@ from typing import Any, ClassVar
 
 from ctc.certification.certificate import Certificate
 from ctc.certification.certified import Certified
-from ctc.certification.plants import Plants
 from ctc.certification.statement import shown_set, verdict_of_set
 from identification.results.seen import Seen
-from plant import Law, Reference
+from plant import Reference
 from plant.parts.kinds import kept
-from plant.parts.saved import versions
 from plant.parts.shown import Piece
 from plant.simulation.population import Runs
 
@@ -44,18 +42,11 @@ class Certificates(Certified, Mapping[str, Certificate]):
 
     _read_by: ClassVar[tuple[type, ...]] = (Certificate,)
 
-    law: Law
-    plants: Plants
-    within: float
-    confidence: float
     motions: dict[str, tuple[Reference, Runs, dict[str, Any], Seen | None]]
-    threads: int = dataclasses.field(compare=False)
-    seconds: float = dataclasses.field(compare=False)
-    versions: dict[str, str] = dataclasses.field(compare=False, default_factory=versions)
 
     @functools.cached_property
     def _each(self) -> dict[str, Certificate]:
-        same = {name: getattr(self, name) for name in _SAME}
+        same = {field.name: getattr(self, field.name) for field in dataclasses.fields(Certified)}
         return {
             name: Certificate(reference=path, runs=runs, settings=settings, seen=seen, **same)
             for name, (path, runs, settings, seen) in self.motions.items()
@@ -103,6 +94,3 @@ class Certificates(Certified, Mapping[str, Certificate]):
 
     def _shown(self) -> Iterator[Piece]:
         return shown_set(self)
-
-
-_SAME = "law", "plants", "within", "confidence", "threads", "seconds", "versions"

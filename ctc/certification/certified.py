@@ -3,6 +3,7 @@
 The bounds are those of Clopper and Pearson, exact whatever the distribution of the errors.
 """
 
+import dataclasses
 import functools
 from typing import Any
 
@@ -15,23 +16,29 @@ from ctc.certification.sensitivity import Influence, influences
 from ctc.certification.statement import percent
 from plant import Law
 from plant.parts.frozen import Frozen
-from plant.parts.saved import Saved
+from plant.parts.saved import Saved, versions
 from plant.parts.shown import Shown
 from plant.simulation.population import Runs
 
 
-class Certified(Shown, Saved, Frozen):
-    """Base of both: `plants` were run under `law`, with these `runs`; of a set each exceeds that does in any motion."""
+class _WithRuns:
+    """What one path has as fields, and a set works out of its motions."""
+
+    runs: Runs
+    settings: dict[str, Any]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Certified(_WithRuns, Shown, Saved, Frozen):
+    """Base of both: `plants` were run under `law`, with ``runs``; of a set each exceeds that does in any motion."""
 
     law: Law
     plants: Plants
-    runs: Runs
     within: float
     confidence: float
-    settings: dict[str, Any]
-    threads: int
-    seconds: float
-    versions: dict[str, str]
+    threads: int = dataclasses.field(compare=False)
+    seconds: float = dataclasses.field(compare=False)
+    versions: dict[str, str] = dataclasses.field(compare=False, default_factory=versions)
 
     def provenance(self) -> dict[str, Any]:
         """The seed of the samples, and the versions that made it."""
