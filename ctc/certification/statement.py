@@ -95,7 +95,7 @@ def verdict_of_set(certificates: Any) -> str:
     failing = sum(each.failures > 0 for each in certificates.values())
     if failing:
         most = percent(certificates[worst].probability)
-        sentence = f"{sentence} They do in {failing} of the motions, the most in {worst!r} ({most})."
+        sentence = f"{sentence} It happens in {failing} of them, most often in {worst!r} ({most})."
     return sentence
 
 
