@@ -48,7 +48,8 @@ from ctc.stability.margins import margins
 from ctc.tuning.tune import tune
 from ctc.verdict.animation import animate, plot_arm
 from ctc.verdict.comparison import compare
-from ctc.verdict.evaluation import Evaluation, evaluate
+from ctc.verdict.evaluation import Evaluation
+from ctc.verdict.evaluations import evaluate
 from ctc.verdict.resonance_sweep import sweep_resonance
 
 __all__ = [

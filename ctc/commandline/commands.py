@@ -27,7 +27,7 @@ from ctc.commandline.inputs import (
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.report.report import write_report
 from ctc.tuning.tune import tune
-from ctc.verdict.evaluation import evaluate
+from ctc.verdict.evaluations import evaluate
 from identification import Identification, identify
 from identification.results.summary import doubts
 from plant import Dynamics
@@ -184,32 +184,27 @@ def _certified(
         said = [f"The identification is in doubt ({count} of identify); what follows takes it for right.", *said]
     if place is not None:
         certificate.save(place)
-    data = _data(certificate) | {"doubts": doubtful, **of_law}
+    data = _data(certificate) | {"verdict": certificate.verdict, "doubts": doubtful, **of_law}
     if isinstance(certificate, Certificates):
         data |= {"worst": certificate.worst, "motions": {name: _data(each) for name, each in certificate.items()}}
     else:
-        data |= {"verdict": certificate.verdict, "lowest_resonance": plain_number(certificate.lowest_resonance)}
+        data["lowest_resonance"] = plain_number(certificate.lowest_resonance)
     text = "\n".join([*said, *([] if place is None else [f"\nwrote {place}"])])
     return Answer(text, data, certificate.holds and not doubtful)
 
 
 def _data(certificate: Certificate | Certificates) -> dict[str, Any]:
-    low, high = certificate.interval
-    data = {
-        "failures": certificate.failures, "samples": len(certificate.plants), "probability": certificate.probability,
-        "interval": [low, high], "upper": certificate.upper, "within": certificate.within,
-        "after": certificate.settings["after"], "failures_before": certificate.failures_before,
-        "failures_with_start": certificate.failures_with_start,
+    names = "failures", "failures_before", "failures_with_start", "probability", "upper", "within"
+    data: dict[str, Any] = {name: getattr(certificate, name) for name in names} | {
+        "samples": len(certificate.plants), "interval": [*certificate.interval], "after": certificate.settings["after"],
         "chatter": plain_number(np.median(certificate.runs.chatter, axis=0).max()),
     }  # fmt: skip
     if isinstance(certificate, Certificates):
-        return data | {"verdict": certificate.verdict}
-    seen = certificate.seen
-    return data | {
-        "from_rest": None if certificate.from_rest is None else str(certificate.from_rest),
-        "log_shows_below": None if seen is None else plain_number(seen.resonance),
-        "beyond_log": [] if seen is None else list(seen.beyond),
-    }
+        return data
+    seen, rest = certificate.seen, certificate.from_rest
+    data["from_rest"] = None if rest is None else str(rest)
+    data["log_shows_below"] = None if seen is None else plain_number(seen.resonance)
+    return data | {"beyond_log": [] if seen is None else list(seen.beyond)}
 
 
 def _law(found: Identification, given: Namespace) -> ComputedTorque:

@@ -7,8 +7,8 @@ from typing import Any
 from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures.errors import plot_comparison
-from ctc.verdict.evaluation import Evaluation, evaluate
-from ctc.verdict.evaluations import overview
+from ctc.verdict.evaluation import Evaluation
+from ctc.verdict.evaluations import evaluate, overview
 from plant import Arm, DivergenceError, Law, Reference, Rig
 from plant.parts.arguments import instance, known_options
 from plant.parts.shown import Piece, Shown, Verdict

@@ -98,7 +98,7 @@ def test_no_bound_is_not_called_one():
     assert "at most" not in left.verdict
     few = certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT | {"samples": 2}, resonance=(300, 400)))
     assert few.verdict.startswith("None of 2 Monte Carlo samples exceeds ±1 pulse; at the worst resonance (")
-    assert few.verdict.endswith("none was drawn, so nothing is said of it.")
+    assert few.verdict.endswith("there is no sample, so nothing is said of it.")
 
 
 def test_cells_are_narrow_and_hold_what_is_in_them():
