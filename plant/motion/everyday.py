@@ -25,8 +25,11 @@ from plant.parts.arguments import instance, known_options
 _SHARE, _ROOM = 0.8, 0.9
 """Share of torque and speed limits that a motion takes at most, and of the way to the limit of a joint's position."""
 
-_POSES, _HALF = 256, 0.5
-"""Poses of which that is taken whose holding torques are nearest to such a share of their largest."""
+_POSES, _HALF, _NEAR = 1024, 0.5, 0.25
+"""Poses of which the first is taken whose holding torques are such a share of their largest, as near as that."""
+
+_LOADED = 0.1
+"""Share of the largest holding torque of any joint above which gravity loads a joint."""
 
 _SHORTEST = 0.1
 """Part of a motion that is left at least where the drives cannot hold the arm along all of it."""
@@ -68,8 +71,9 @@ def everyday_motions(arm: Arm, rig: Rig, *, limits: Limits | None = None) -> dic
     Notes
     -----
     The pose at which they begin is the middle of a joint's limits. Of joints without limits, or that may turn once
-    around or more, 256 poses within a right angle of zero are compared: that is taken in which the holding torques of
-    the joints are nearest to half of their largest, so that gravity loads each drive and none is at its extreme.
+    around or more, 1,024 poses within a right angle of zero are tried, those near zero first, until the holding torque
+    of each joint that carries a weight is a quarter to three quarters of its largest: no drive is without load, and
+    none at its extreme.
     No motion takes more than 80 % of the torque and of the speed, nor 90 % of the way to the limit of a position.
 
     See Also
@@ -135,14 +139,13 @@ def _pose(arm: Arm, rig: Rig, limits: Limits) -> NDArray[np.float64]:
     middle[known] = (limits.lower[known] + limits.upper[known]) / 2
     spread = np.where(known | prismatic, 0.0, np.pi / 2)
     poses = middle + np.random.default_rng(0).uniform(-1, 1, (_POSES, rig.n)).round(2) * spread
-    poses = np.clip(poses, limits.lower, limits.upper)
+    poses = np.clip(poses[np.square(poses).sum(axis=1).argsort()], limits.lower, limits.upper)
     needed = demand(arm, rig, (poses, np.ones_like(poses), np.zeros_like(poses)))
     holding, dry = np.abs(needed.holding), np.abs(needed.dry_friction())
     largest, allowed = holding.max(axis=0), _SHARE * rig.drive.torque_limit()
-    share = holding[:, largest > 0] / largest[largest > 0]
-    away = (
-        np.abs(share - _HALF).sum(axis=1) + 1e-3 * np.square(poses).sum(axis=1) + (holding + dry > allowed).sum(axis=1)
-    )
+    loaded = largest > _LOADED * largest.max()
+    share = holding[:, loaded] / largest[loaded]
+    away = np.maximum(np.abs(share - _HALF), _NEAR).sum(axis=1) + (holding + dry > allowed).sum(axis=1)
     return poses[away.argmin()]
 
 

@@ -59,7 +59,17 @@ def test_gravity_loads_the_pose_of_an_arm_without_limits():
     poses = np.random.default_rng(5).uniform(-np.pi / 2, np.pi / 2, (2000, 2))
     largest = np.abs([ARM.h(pose, (0, 0)) for pose in poses]).max(axis=0)
     share = np.abs(ARM.h(MOTIONS["creep"]([0.0]).q[0], (0, 0))) / largest
-    assert (np.abs(share - 0.5) < 0.2).all()
+    assert (np.abs(share - 0.5) < 0.27).all()  # a quarter, and what the largest of other poses differs by
+
+
+def test_the_same_motions_whatever_the_log():
+    """Of f that differ by the deviations of an identification the rows of two tables are comparable."""
+    robot, random = read_robot("ur5e"), np.random.default_rng(0)
+    start = everyday_motions(robot.arm, robot.rig)["creep"]([0.0]).q
+    for _ in range(2):
+        f = robot.arm.f * (1 + 0.01 * random.standard_normal(len(robot.arm.f)))
+        found = everyday_motions(robot.dynamics.arm(f), robot.rig)["creep"]
+        np.testing.assert_array_equal(found([0.0]).q, start)
 
 
 def test_torques_by_pinocchio_and_limits_of_a_chain_of_six():
@@ -130,7 +140,7 @@ def test_limits_beyond_a_turn_are_no_middle():
     robot = read_robot("ur5e")
     start = next(iter(everyday_motions(robot.arm, robot.rig).values()))([0.0]).q[0]
     assert np.abs(start).max() <= np.pi / 2
-    assert np.abs(start[1:5]).min() > 0  # 0 is an arm stretched out, gravity at its largest
+    assert np.abs(start[1:3]).min() > 0.1  # 0 is an arm stretched out, gravity at its largest
 
 
 # -- what a user gives ----------------------------------------------------------------------------------------------
