@@ -18,7 +18,7 @@ from plant.mechanics.arm import Arm
 from plant.mechanics.link import Limits
 from plant.motion.demand import demand, sampled_demand, shortest_duration
 from plant.motion.fastest import require_inside
-from plant.motion.reference import Reference, Scaled
+from plant.motion.reference import Motion, Reference, Scaled
 from plant.motion.smooth import Harmonics, PointToPoint
 from plant.parts.arguments import instance, known_options
 
@@ -36,9 +36,6 @@ _SHORTEST = 0.1
 
 _LEAST = 1e-9
 """Speed limit [rad/s] of a joint that has zero."""
-
-_INSTANTS = 1000
-"""At which positions are held against their limits."""
 
 _METRES = 0.2
 """Travel of a prismatic joint [m] where others turn by 1 rad."""
@@ -165,13 +162,17 @@ def _possible(
 
 
 def slowing(arm: Arm, rig: Rig, motion: Reference, limits: Limits | None = None, share: float = 1.0) -> float:
-    """Factor, 1 or more, by which a motion is to be slowed down for this share of speed limits and amplifiers."""
-    _, (_, qd, _), needed = sampled_demand(arm, rig, motion)
+    """Factor, 1 or more, by which a motion is to be slowed down for this share of speed limits and amplifiers.
+
+    One that exceeds limits of positions, or that no factor would make possible, is refused.
+    """
+    _, sampled, needed = sampled_demand(arm, rig, motion)
     factor = 1.0
     if not (needed.share(1.0) <= share).all():
         factor = shortest_duration(arm, rig, motion, share) / motion.duration
     if limits is not None:
-        factor = max(factor, float((np.abs(qd) / np.maximum(share * limits.velocity, _LEAST)).max()))
+        require_inside(Motion(*sampled), limits, arm.dynamics.chain.joint_labels)
+        factor = max(factor, float((np.abs(sampled[1]) / np.maximum(share * limits.velocity, _LEAST)).max()))
     return factor
 
 
@@ -200,10 +201,7 @@ def motions_of(arm: Any, rig: Rig, reference: Any, order: str) -> dict[str, Refe
     for name, motion in motions.items():
         instance(f"motion {name!r}", motion, Reference, "Give {'mine': path, ...}.")
         with naming(name):
-            chain = instance("arm", arm, Arm, order).dynamics.chain
-            factor = slowing(arm, rig, motion, chain.limits)
-            if chain.limits is not None:
-                require_inside(motion(np.linspace(0, motion.duration, _INSTANTS)), chain.limits, chain.joint_labels)
+            factor = slowing(arm, rig, motion, instance("arm", arm, Arm, order).dynamics.chain.limits)
         if factor > 1:
             factor = math.ceil(1000 * factor) / 1000
             raise ValueError(
