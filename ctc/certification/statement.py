@@ -26,43 +26,35 @@ _MOST = 0.5
 
 def statement(uncertainty: Uncertainty, rig: Rig, known: Identified) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """What is sampled of an `Uncertainty` with these identified numbers, and what is not."""
-    u, drive = uncertainty, rig.drive
-    drawn, left = [], []
+    u, drawn = uncertainty, []
     identified = [name for name in known.names if name.startswith(("drive.viscous", "drive.coulomb"))]
-    friction = "friction that was not identified" if identified else "friction"
+    every = len(identified) == 2 * rig.n
+    friction = f"friction{' that was not identified' * bool(identified)} ±{100 * u.friction:g} % (standard deviation)"
+    if every:
+        friction = "friction as identified (friction= is of what was not)"
     if u.plants is not None:
         drawn.append("f of given arms")
     elif known.refits is not None:
         drawn.append(f"what the log says on gears of {len(known.refits.places)} resonances of the range")
     elif known.names:
         drawn.append("what was identified")
-    if u.resonance is not None:
-        alike = "all joints alike" if len(u.resonance) == 1 else "of each joint"
-        hz = ", ".join(f"{low:g} to {high:g}" for low, high in u.resonance)
-        drawn.append(f"resonance {hz} Hz ({alike}), damping ratio {spread(u.damping_ratio)}")
-    else:
-        left.append("elasticity" if drive.elasticity is None else "resonance (as the rig has it)")
-    for there, said, name in (
-        (u.friction > 0, f"{friction} ±{100 * u.friction:g} % (standard deviation)", "friction"),
+    hz = ", ".join(f"{low:g} to {high:g}" for low, high in u.resonance or ())
+    alike = "all joints alike" if len(u.resonance or ()) == 1 else "of each joint"
+    gears = f"resonance {hz} Hz ({alike}), damping ratio {spread(u.damping_ratio or (0.0, 0.0))}"
+    stiff = "elasticity" if rig.drive.elasticity is None else "resonance (as the rig has it)"
+    rows = [
+        (u.resonance is not None, gears, stiff),
+        (every or u.friction > 0, friction, "friction"),
         (u.load[1] > 0, f"load {spread(u.load)} kg", "load"),
         (u.phase, "encoder zeros", "encoder zeros"),
         (u.delay[1] > 0, f"delay {spread(u.delay)} s", "delay"),
         (u.dropped > 0, f"lost counts {100 * u.dropped:g} %", "lost counts"),
-    ):
-        if name == "friction" and len(identified) == 2 * rig.n:
-            drawn.append("friction as identified (friction= is of what was not)")
-            continue
-        if there:
-            drawn.append(said)
-        else:
-            left.append(name)
+    ]
     for name, row in IMPERFECTIONS.items():
-        ends = getattr(u, name)
-        if any(ends):
-            drawn.append(f"{row.words} {spread(ends)} {row.unit}")
-        else:
-            left.append(row.words if row.own(rig) is None else f"{row.words} (as the rig has it)")
-    return tuple(drawn), tuple(left)
+        own = "" if row.own(rig) is None else " (as the rig has it)"
+        rows.append((any(getattr(u, name)), f"{row.words} {spread(getattr(u, name))} {row.unit}", f"{row.words}{own}"))
+    drawn += [said for there, said, _ in rows if there]
+    return tuple(drawn), tuple(name for there, _, name in rows if not there)
 
 
 def _exceeding(certificate: Any, where: str, anywhere: str) -> str:
@@ -140,10 +132,9 @@ def shown(certificate: Any) -> Iterator[Piece]:
         (f"probability, {100 * certificate.confidence:g} % interval", f"{percent(low)} to {percent(high, up=True)}"),
         ("share of sampling instants beyond the limit", percent(certificate.share_outside)),
     ]
-    if certificate.settings["after"]:
+    if after := certificate.settings["after"]:
         of = f"of {len(certificate.plants)}"
-        before = f"exceed it in the first {certificate.settings['after']:g} s, left out"
-        rows.append((before, f"{certificate.failures_before} {of}"))
+        rows.append((f"exceed it in the first {after:g} s, left out", f"{certificate.failures_before} {of}"))
         rows.append(("exceed it with the start", f"{certificate.failures_with_start} {of}"))
     if np.isfinite(runs.first).any():  # not where all diverge
         rows.append(("time of the first violation, median [s]", f"{np.nanmedian(runs.first):.3f}"))
