@@ -39,7 +39,11 @@ class Task:
             if instance("law", law, Law, order).replays:
                 raise ValueError(f"the law must be a controller; {type(law).__name__} repeats a log. Use another.")
         motions = motions_of(getattr(found, "arm", found), rig, reference, order)
-        for name, value, least in (("samples", samples, 1), ("seed", seed, 0), ("threads", threads or 1, 1)):
+        for name, value, least in (
+            ("samples", samples, 1),
+            ("seed", seed, 0),
+            ("threads", 1 if threads is None else threads, 1),
+        ):
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
                 raise ValueError(f"{name} must be a whole number of at least {least}; got {value!r}. Leave it out.")
         self.within = real("within", within, "Give pulses, such as 1.")

@@ -397,6 +397,7 @@ WRONG = {
     ),
     "no arm": (lambda: certified(covariance=None, plants=-puma560.PUBLISHED[None]), "row 0 has D"),
     "no samples": (lambda: certified(samples=0), "samples must be a whole number of at least 1"),
+    "no thread": (lambda: certified(threads=0), "threads must be a whole number of at least 1"),
     "half a thread": (lambda: certified(threads=0.5), "threads must be a whole number"),
     "a negative seed": (lambda: certified(seed=-1), "seed must be a whole number"),
     "surely": (lambda: certified(confidence=1.0), "confidence between 0.5 and 1"),
