@@ -16,7 +16,7 @@ from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
 from plant.parts.part import number, part, structure
 
-_UNKNOWN, _KNOWN, _FRICTION_TOO = 300.0, 140.0, 120.0
+_UNKNOWN, _KNOWN, _FRICTION_TOO = 300.0, 140.0, 95.0
 """Bandwidth [rad/s] by what is known: nothing but f; f with a covariance; friction as well."""
 
 _SAMPLED = 0.3
@@ -65,7 +65,7 @@ class ComputedTorque(ModelLaw):
         The identified rig, ``found.rig``: its friction is fed forward.
     bandwidth : float, optional
         Of the regulator [rad/s]: its poles have this magnitude. By default with an arm, which does not say how well it
-        is known, 300; with an identification 140, or 120 where friction was identified too; at most 0.3 over the
+        is known, 300; with an identification 140, or 95 where friction was identified too; at most 0.3 over the
         period, and on its elastic gears one of less that is stable with 40 % to spare; `tune` finds others.
     observer_ratio : float
         Bandwidth of the observer, as a multiple of the regulator's.
@@ -107,10 +107,10 @@ class ComputedTorque(ModelLaw):
     """
 
     bandwidth: float = number((), default=None)
-    observer_ratio: float = number((), default=1.5)
+    observer_ratio: float = number((), default=1.4)
     dead_zone: float = number((), default=0.2)
     start_boost: float = number((), default=4.0)
-    start_time: float = number((), default=0.05)
+    start_time: float = number((), default=0.1)
     friction: bool = structure(bool, default=True)
     measured: bool = structure(bool, default=False)
     delay: int = structure(default=0)
@@ -178,6 +178,12 @@ class ComputedTorque(ModelLaw):
         bandwidth = ca.fmin(self.bandwidth * boost, ca.fmax(self.bandwidth, _MOST / dt))
         stiffness, damping = regulator_gains(bandwidth, dt)
         error, error_rate = (coupling.shaft(each) for each in ahead)
+        # Far off, it comes back no faster than half of the torque that is left can brake: v^2 = 2 a e.
+        limit = ca.fabs(drive.torque_limit())
+        left = limit - ca.fabs(coupling.shaft_torque(needed + delta))
+        braking = ca.fmax(left / 2, limit / 20) * mobility.diagonal
+        reach = 2 * braking * (damping / stiffness) ** 2
+        error = error / ca.sqrt(ca.fmax(ca.fabs(error) / reach, 1))
         sliding = self._share(speed + bandwidth * error / 2, _SLIDES)
         feedback = mobility.alone * (stiffness * error + damping * error_rate) + level * sliding
         wanted = needed + delta + coupling.joint_torque(feedback)

@@ -60,7 +60,7 @@ _SETTLE = 0.1
 _AGAIN = 0.25
 """Share of a window after which, where one said too little, the next one is looked at."""
 
-_FRESH, _FRESH_TIME = 1.0, 0.05
+_FRESH, _FRESH_TIME = 2.0, 0.05
 """By how much the alarm's limit is higher just after a swap, as a share, and how fast that passes [s]: friction that
 differs comes back into the observer."""
 

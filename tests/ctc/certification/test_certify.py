@@ -1,7 +1,7 @@
 """Probability of exceeding a pulse limit: what is sampled, how its loops run, and what is said about them.
 
-Short runs of (6), of 0.05 s: with half a pulse between the arm and its reference at the start, a slow PID exceeds ±1
-pulse about 20 ms later in 8 of 100 loops, which makes them a case for counting.
+Short runs of (6), of 0.05 s, with f uncertain by 2 %: computed torque of 62 rad/s, slower than any default, exceeds ±1
+pulse in about 10 of 100 loops, which makes them a case for counting.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ from scipy.stats import beta, binom, rankdata
 from uncertain import with_uncertainty
 
 import ctc.certification.reserves
-from ctc import ComputedTorque, ComputedTorquePID, certify, evaluate
+from ctc import ComputedTorque, certify, evaluate
 from ctc.certification.cells import clopper_pearson
 from ctc.certification.samples import draw
 from ctc.certification.sensitivity import influences, ranked
@@ -30,8 +30,7 @@ from plant.simulation import population
 from plant.simulation.loop_kernel import LANES
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
-DYNAMICS, LAW = ARM.dynamics, ComputedTorque(puma560.arm(), puma560.rig())
-SLOW = ComputedTorquePID(ARM, RIG, bandwidth=110.0, ratio=1.5, integral=40.0, roll_off=1000.0, roll_off_damping=0.8)
+DYNAMICS, LAW = ARM.dynamics, ComputedTorque(puma560.arm(), puma560.rig(), bandwidth=62)
 COVARIANCE = np.diag((0.02 * puma560.PUBLISHED) ** 2)
 EVERYTHING = {
     "load": (0.0, 0.5), "load_position": (0.0, -0.55, 0.0), "delay": (0.0, 3e-4), "dropped": 0.02,
@@ -78,9 +77,9 @@ def test_each_lane_is_a_simulation(options):
 
 
 def test_the_worst_runs_again():
-    certificate = certified(steps_per_sample=16, law=SLOW)
+    certificate = certified(steps_per_sample=16)
     worst = certificate.worst
-    again = evaluate(worst.arm, worst.rig, SLOW, PATH, duration=0.05)
+    again = evaluate(worst.arm, worst.rig, LAW, PATH, duration=0.05)
     assert again.max_error_pulses.max() == worst.peak == certificate.runs.peak.max() == 2
     peak, unrounded = certificate.runs.peak.max(axis=1), certificate.runs.unrounded.max(axis=1)
     assert unrounded[worst.index] == unrounded[peak == 2].max()
@@ -99,24 +98,23 @@ def test_a_loop_that_diverges_leaves_and_is_the_worst():
 
 
 def test_samples_before_do_not_count():
-    every, later = certified(samples=90, law=SLOW), certified(samples=90, law=SLOW, after=0.03)
-    assert every.failures > later.failures > 0 == every.failures_before
+    law = dataclasses.replace(LAW, bandwidth=70)
+    every, later = certified(law=law), certified(law=law, after=0.03)
+    assert every.failures > 0 == later.failures
     assert later.runs.samples == 72 - 43  # t = 0.0301 s is the first that counts
-    assert np.nanmin(later.runs.first) >= 0.03
-    before, after = np.zeros((2, len(every.plants)), int)
+    assert np.isnan(later.runs.first).all()
+    assert every.failures_before == 0
+    outside = []
     for i in range(len(every.plants)):
         worst = every.plant(i)
-        record = evaluate(worst.arm, worst.rig, SLOW, PATH, duration=0.05, steps_per_sample=4, backend="numba").record
-        exceeds = (np.abs(record.error_pulses) > 1).any(axis=1)
-        before[i], after[i] = (exceeds[when].sum() for when in (record.t < 0.03 - 1e-9, record.t >= 0.03 - 1e-9))
-    np.testing.assert_array_equal(later.runs.before, before)
-    np.testing.assert_array_equal(later.runs.outside, after)
-    assert later.failures_before == (before > 0).sum()
+        record = evaluate(worst.arm, worst.rig, law, PATH, duration=0.05, steps_per_sample=4, backend="numba").record
+        outside.append((np.abs(record.error_pulses[record.t < 0.03 - 1e-9]) > 1).any(axis=1).sum())
+    np.testing.assert_array_equal(later.runs.before, outside)
+    assert later.failures_before == every.failures
     assert later.failures_with_start == every.failures
-    shares = percent((before > 0).mean()), percent(every.probability)
-    said = "In the first 0.03 s, which are left out, {} exceed it: {} with the start.".format(*shares)
-    assert said in later.verdict
-    assert f"exceed it with the start {every.failures} of 90" in " ".join(str(later).split())
+    share = percent(every.failures / 200)
+    assert f"In the first 0.03 s, which are left out, {share} exceed it: {share} with the start." in later.verdict
+    assert f"exceed it with the start {every.failures} of 200" in " ".join(str(later).split())
 
 
 # -- what is counted ------------------------------------------------------------------------------------------------
@@ -137,7 +135,7 @@ def test_a_probability_known_beforehand():
 
 def test_brute_force_agrees_on_a_case_that_fails_one_time_in_ten():
     """Drawn by hand, with another seed, one `simulate` at a time."""
-    certificate = certified(samples=4000, law=SLOW)
+    certificate = certified(samples=4000)
     random, count, failures = np.random.default_rng(77), 150, 0
     for _ in range(count):
         f = random.multivariate_normal(puma560.PUBLISHED, COVARIANCE)
@@ -147,7 +145,7 @@ def test_brute_force_agrees_on_a_case_that_fails_one_time_in_ten():
         )
         encoder = dataclasses.replace(RIG.encoder, phase=Phase(shift=random.uniform(-0.5, 0.5, 2)))
         rig = dataclasses.replace(RIG, drive=drive, encoder=encoder)
-        record = simulate(DYNAMICS.arm(f), rig, SLOW, PATH, duration=0.05)
+        record = simulate(DYNAMICS.arm(f), rig, LAW, PATH, duration=0.05)
         failures += np.abs(record.error_pulses).max() > 1
     low, high = clopper_pearson(failures, count, 0.999)  # one seed in a thousand would fail
     assert 0.05 < certificate.probability < 0.15
@@ -300,9 +298,9 @@ def test_intervals_end_where_the_tails_are_half_of_what_is_left(samples, data):
 
 
 def test_the_certificate_adds_up():
-    certificate = certified(samples=400, law=SLOW)
+    certificate = certified(samples=400)
     runs = certificate.runs
-    assert 0 < certificate.failures == (runs.peak.max(axis=1) > 1).sum() == np.isfinite(runs.first).sum()
+    assert certificate.failures == (runs.peak.max(axis=1) > 1).sum() == np.isfinite(runs.first).sum()
     assert certificate.probability == certificate.failures / 400
     low, high = certificate.interval
     assert low < certificate.probability < certificate.upper < high
@@ -314,7 +312,7 @@ def test_the_certificate_adds_up():
     first = certificate.sensitivities[0]
     assert first.name == "f9"  # gravity of the joint that carries the other one
     assert first.sense == "either way"
-    assert "fewer than 0.75 % of all would" in certified(samples=400, after=0.03).verdict
+    assert "fewer than 0.75 % of all would" in certified(samples=400, after=0.045).verdict
 
 
 def test_a_sensitivity_is_found_whatever_its_shape():
@@ -345,28 +343,27 @@ def test_reserves(monkeypatch):
     """Bandwidth and period at which the same plants, run by hand, begin to leave."""
     monkeypatch.setattr(ctc.certification.reserves, "_BANDWIDTHS", (0.5, 0.1, 0.05))
     monkeypatch.setattr(ctc.certification.reserves, "_PERIODS", (8.0,))
-    certificate = certified(samples=40, after=0.05, duration=0.3)
+    law = ComputedTorque(ARM, RIG)
+    certificate = certified(law=law, samples=40, after=0.05, duration=0.3)
     found = certificate.reserves(samples=40)
     left = {
         share: certified(
-            law=dataclasses.replace(LAW, bandwidth=LAW.bandwidth * share), samples=40, after=0.05, duration=0.3
+            law=dataclasses.replace(law, bandwidth=law.bandwidth * share), samples=40, after=0.05, duration=0.3
         ).failures
         for share in (1.0, 0.5, 0.1)
     }
     assert left[1.0] == 0 < left[0.1]
     bandwidths = [(value, count) for kind, value, count in found.tried if kind == "bandwidth"]
-    expected = [(LAW.bandwidth * share, count) for share, count in left.items()]
+    expected = [(law.bandwidth * share, count) for share, count in left.items()]
     until = [bool(count) for _, count in expected].index(True) + 1
     assert bandwidths == expected[:until]
     assert found.bandwidth == bandwidths[-2][0]
     slow = dataclasses.replace(RIG, period=8 * RIG.period)
-    late = certified(
-        law=ComputedTorque(ARM, slow, bandwidth=LAW.bandwidth), rig=slow, samples=40, after=0.05, duration=0.3
-    ).failures
+    late = certified(law=ComputedTorque(ARM, slow), rig=slow, samples=40, after=0.05, duration=0.3).failures
     assert found.tried[-1] == ("period", slow.period, late)
     assert found.period == (RIG.period if late else slow.period)
     assert f"holds down to {found.bandwidth:.4g} rad/s" in str(found)
-    failing = certified(samples=40, law=SLOW).reserves(samples=40)
+    failing = certified(samples=40).reserves(samples=40)
     assert not failing.holds
     assert failing.bandwidth is failing.period is None
     assert "does not hold as it is" in str(failing)

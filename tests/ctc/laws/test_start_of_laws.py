@@ -28,13 +28,13 @@ def found(*more):
 
 
 def test_the_bandwidth_follows_what_is_known():
-    assert ComputedTorque(ARM, RIG).bandwidth == 250
-    assert ComputedTorque(found().arm, found().rig).bandwidth == 250
-    assert ComputedTorque(found()).bandwidth == 200
-    assert ComputedTorque(found("drive.coulomb[0]")).bandwidth == 150
+    assert ComputedTorque(ARM, RIG).bandwidth == 300
+    assert ComputedTorque(found().arm, found().rig).bandwidth == 300
+    assert ComputedTorque(found()).bandwidth == 140
+    assert ComputedTorque(found("drive.coulomb[0]")).bandwidth == 95
     assert ComputedTorque(found(), bandwidth=90).bandwidth == 90
     unknown = dataclasses.replace(found(), fit=dataclasses.replace(found().fit, covariance=None))
-    assert ComputedTorque(unknown).bandwidth == 250
+    assert ComputedTorque(unknown).bandwidth == 300
     slow = dataclasses.replace(RIG, period=5e-3)
     assert ComputedTorque(found(), slow).bandwidth == pytest.approx(60)
 
@@ -42,15 +42,15 @@ def test_the_bandwidth_follows_what_is_known():
 @pytest.mark.parametrize("hz", [40, 120])
 def test_on_elastic_gears_it_is_stable_with_something_to_spare(hz):
     law = ComputedTorque(found(), on_gears(hz))
-    assert law.bandwidth < 1.1 * hz
+    assert law.bandwidth < 1.2 * hz
     for factor, stable in ((1.39, True), (2.5, False)):
         faster = dataclasses.replace(law, bandwidth=factor * law.bandwidth)
         assert margins(found(), on_gears(hz), faster, pose=START).stable == stable
 
 
 @pytest.mark.parametrize(("law", "rig", "hz"), [
-    (ComputedTorque(ARM, RIG, bandwidth=150), on_gears(60), 106),
-    (ComputedTorque(ARM, RIG, bandwidth=1500), RIG, 714),
+    (ComputedTorque(ARM, RIG, bandwidth=150), on_gears(60), 89.6),
+    (ComputedTorque(ARM, RIG, bandwidth=5000), RIG, 714),
     (FeedForward(ARM, on_gears(60), feedback=PD(gain=(5.0, 4.0), derivative=(0.0, 0.0), filter=3e3, period=0.7e-3)),
      RIG, None),
 ], ids=["observer", "sampling", "stated by the law's rig"])  # fmt: skip
@@ -65,7 +65,7 @@ def test_a_loop_that_swings_up_is_not_started(law, rig, hz):
 
 @pytest.mark.parametrize(("law", "rig"), [
     (ComputedTorque(ARM, RIG, bandwidth=150), on_gears(300)),
-    (ComputedTorque(ARM, RIG, bandwidth=1300), RIG),
+    (ComputedTorque(ARM, RIG, bandwidth=2500), RIG),
     (ComputedTorquePID(ARM, RIG, bandwidth=206, ratio=1.28, integral=24.0, roll_off=2124, roll_off_damping=0.96),
      on_gears(25)),
 ], ids=["stiff enough", "just sampled enough", "one that rolls off"])  # fmt: skip

@@ -17,7 +17,7 @@ ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 ONE = Body(mass=1.0, com=(0.0, -0.4, 0.0)).standard_parameters
 LAWS = {
     "observer": ComputedTorque(ARM, RIG, bandwidth=150),
-    "delayed": ComputedTorque(ARM, RIG, bandwidth=100, delay=1),
+    "delayed": ComputedTorque(ARM, RIG, bandwidth=150, delay=1),
     "PID": ComputedTorquePID(ARM, RIG, bandwidth=179, ratio=1.44, integral=66.4, roll_off=1085, roll_off_damping=0.99),
     "integral": ComputedTorqueIntegral(ARM, RIG, bandwidth=45, filter=800),
 }
