@@ -110,7 +110,7 @@ def test_weak_drives_make_them_slow_and_short():
 def test_the_amplifiers_stay_below_their_limits_in_a_simulation():
     from ctc import ComputedTorque
 
-    law = ComputedTorque(ARM, RIG)
+    law = ComputedTorque(ARM, RIG, bandwidth=95)
     log = simulate(ARM, RIG, law, MOTIONS["far and fast"])
     assert (np.abs(log.current) < RIG.drive.current_limit).all()
     assert np.abs(log.error_pulses).max() <= 2
