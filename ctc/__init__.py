@@ -8,8 +8,8 @@ Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above
 `tuning`        `tune`: the controller of least chatter that keeps a pulse limit over stated uncertainty
 `certification` `certify`: Monte Carlo probability of exceeding a pulse limit under parameter uncertainty
 `stability`     the error loop linearised, its margins, gains by design (python-control)
-`verdict`       `evaluate` one arm under one law, `compare` several, animate
-`payload`       a load in the gripper, found and taken into the model while the arm works
+`verdict`       `evaluate` one arm under one controller, `compare` several, animate
+`payload`       a load in the gripper, identified and taken into the model while the arm runs
 `laws`          computed torque (observer, PID, integral, flexible joints), feed-forward, adaptive ...
 `figures`       figures of records and results, in one style
 =============== ====================================================================================================

@@ -1,10 +1,10 @@
-"""What a method is given: informative records, searched and kept aside, their unknowns, and no bad input."""
+"""What a method is given: informative records, searched and held out, their unknowns, and no bad input."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from identification.equation_error import naming
 from identification.equation_error.law_memory import along_log
@@ -20,6 +20,7 @@ from identification.search.problem import Problem, Tolerances
 from plant import Dynamics, Record
 from plant.checkup.oscillation import own_oscillation
 from plant.parts.arguments import array, choice, instance
+from plant.parts.fields import Floats
 from plant.parts.room import require_room
 from plant.simulation.followed_path import with_path
 
@@ -56,15 +57,11 @@ def require_informative(record: Record, labels: Sequence[str]) -> None:
     if (share > _SATURATED).any() and not replays:  # of a replay the torque is known, also at the limit
         motor = int(np.argmax(share))
         hz = own_oscillation(record)
-        why, advice = (
-            "" if hz is None else f": its loop swings by itself at {hz:.3g} Hz",
-            "Slow the reference down or lower the gains.",
-        )
+        why = "" if hz is None else f": its loop oscillates at {hz:.3g} Hz"
+        advice = "Slow the reference down or lower the gains."
         if record.reference is None and not record.reference_pulses.any():
-            why, advice = (
-                ": no reference came with it, so its law is taken to hold 0",
-                "Map reference_position, or give reference=.",
-            )
+            why = ": no reference came with it, so its law is taken to hold 0"
+            advice = "Map reference_position, or give reference=."
         raise ValueError(
             f"a log must be below the amplifier's limit; the motor of {labels[motor]}"
             f"{column_of(record, 'torque', motor)} is at it for {share[motor]:.0%} "
@@ -73,8 +70,8 @@ def require_informative(record: Record, labels: Sequence[str]) -> None:
     seconds, mode = len(record) * record.rig.period, mode_in(record)
     if not mode > 0:
         raise ValueError(
-            f"a log must show how its loop swings; sampled every {record.rig.period:g} s it does not. State rig.period "
-            "in seconds, or log faster."
+            f"a log must show the oscillation of its loop; sampled every {record.rig.period:g} s it does not. State "
+            "rig.period in seconds, or log faster."
         )
     if seconds < _PERIODS / mode:
         raise ValueError(
@@ -108,9 +105,7 @@ def prepare(
     objective = Objective(dynamics, searched, unknown, **options)
     of_law = any(name.startswith("law.") for name in objective.unknown)
     followed = tuple(along_log(record, unknown_law=of_law) for record in objective.records)
-    for record, about in naming.each_named(followed):
-        with about:
-            require_informative(record, dynamics.chain.joint_labels)
+    naming.of_each(lambda record: require_informative(record, dynamics.chain.joint_labels), followed)
     settings = GeneticSettings.paper() if settings is None else settings
     if not isinstance(settings, GeneticSettings):
         given = type(settings).__name__
@@ -150,14 +145,12 @@ def _require_different(searched: Sequence[Record], kept: Sequence[Record]) -> No
         for k, before in enumerate(every[:i]):
             if np.array_equal(record.t, before.t) and np.array_equal(record.counts, before.counts):
                 aside = k < len(searched) <= i
-                told = "a log kept aside must not be among those searched" if aside else "each log must come once"
+                told = "a validation log must not be among those searched" if aside else "each log must come once"
                 first, second = (naming.record_label(every, place) for place in (k, i))
                 raise ValueError(f"{told}; {second} is {first} again. Leave one out.")
 
 
-def _require_room(
-    dynamics: Dynamics, records: Sequence[Record], unknown: Iterable[str] | None, method: str
-) -> None:  # fmt: skip
+def _require_room(dynamics: Dynamics, records: Sequence[Record], unknown: Iterable[str] | None, method: str) -> None:
     """Refuse logs that memory does not hold.
 
     What a sample takes at the peak was measured for two and for six joints: tables and replays, and, of methods that
@@ -180,7 +173,7 @@ def with_gears(
     method: str,
     ranges: ArrayLike | None,
 ) -> tuple[tuple[Record, ...], tuple[Record, ...], tuple[str, ...]]:
-    """Records that are searched and kept aside, on elastic gears, and the unknowns with those of the gears."""
+    """Records that are searched and held out, on elastic gears, and the unknowns with those of the gears."""
     if ranges is not None:
         raise ValueError("ranges need every unknown by name; got elasticity=True. Name stiffness and damping instead.")
     _, unknown = as_records(dynamics, records, unknown)
@@ -196,7 +189,7 @@ def _set_aside(
     held_out: Record | Sequence[Record] | None,
     method: str,
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
-    """Records that are searched, and records that are kept aside."""
+    """Records that are searched, and records that are held out."""
     searched, _ = as_records(dynamics, records, unknown)
     if method != "paper":  # which follows the straight lines between counts
         searched = tuple(map(with_path, searched))
@@ -207,7 +200,7 @@ def _set_aside(
     return searched, tuple(map(with_path, as_records(dynamics, held_out, unknown)[0]))
 
 
-def _validated_ranges(ranges: ArrayLike, unknown: tuple[str, ...]) -> NDArray[np.float64]:
+def _validated_ranges(ranges: ArrayLike, unknown: tuple[str, ...]) -> Floats:
     pairs = array("ranges", ranges, (len(unknown), 2), advice="Give (low, high) for each unknown.")
     for name, (low, high) in zip(unknown, pairs, strict=True):
         if low > high:
@@ -215,7 +208,7 @@ def _validated_ranges(ranges: ArrayLike, unknown: tuple[str, ...]) -> NDArray[np
     return pairs
 
 
-def _nominal(objective: Objective) -> NDArray[np.float64]:
+def _nominal(objective: Objective) -> Floats:
     """The unknowns (k,) as rig and law of the first record have them; NaN for f."""
     rig, law = objective.records[0].rig, objective.records[0].law
     known = dict(zip(rig.number_names(), rig.number_values(), strict=True))

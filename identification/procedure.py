@@ -114,7 +114,7 @@ def identify(
     Warns
     -----
     IdentificationWarning
-        What was found is in doubt: its ``.warnings``.
+        What was found is unreliable: its ``.warnings``.
 
     See Also
     --------
@@ -174,9 +174,9 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
         lines = of_statements(problem.records[0].rig, problem.records, problem.dynamics.chain)
         told = "".join(f" Of the rig: {line}" for line in itertools.islice(lines, 1))
         raise ValueError(
-            f"some candidate must repeat the experiment; all {outcome.evaluations} diverged or had no sound inertia. "
-            "Widen or correct the ranges, and check gains, gears and signs of rig and law, and axes, lengths and "
-            f"gravity of the chain.{told}"
+            f"some candidate must reproduce the experiment; all {outcome.evaluations} diverged or had no sound "
+            "inertia. Widen or correct the ranges, and check gains, gears and signs of rig and law, and axes, lengths "
+            f"and gravity of the chain.{told}"
         )
     arm, rig, law = problem.parts(fit.values)
     diagnostics = problem.checkpoint.stage(

@@ -6,19 +6,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from identification.procedure import identify
 from identification.results.identification import Identification
 from plant import Dynamics, Record
 from plant.parts.arguments import array
 from plant.parts.checkpoint import Checkpoint
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Aside, Piece, Shown, Verdict
 from plant.parts.tables import Table
 
 
-def alteration(f: ArrayLike) -> NDArray[np.float64]:
+def alteration(f: ArrayLike) -> Floats:
     """(max - min) / (2 abs(mean)) of each column of f (S, p), as a fraction. Source: paper 4.2."""
     f = np.asarray(f, float)
     return (f.max(axis=0) - f.min(axis=0)) / (2 * np.abs(f.mean(axis=0)))
@@ -41,9 +42,9 @@ class Spread(Shown, Frozen):
 
     names: tuple[str, ...]
     runs: tuple[Identification, ...]
-    f: NDArray[np.float64]
-    alteration: NDArray[np.float64]
-    published: NDArray[np.float64] | None
+    f: Floats
+    alteration: Floats
+    published: Floats | None
 
     def _short(self) -> str:
         return f"{len(self.runs)} runs of {len(self.names)} values, alteration up to {self.alteration.max():.0%}"

@@ -252,7 +252,7 @@ def test_a_list_of_results_is_a_list_of_lines():
 def test_a_comparison_of_many_laws_is_still_one_line():
     one = compared({"P": LAW}).evaluations["P"]
     many = Comparison(evaluations={f"a law of a long name {i}": one for i in range(9)}, diverged={"x": "why"})
-    assert repr(many) == "Comparison(9 laws, 1 diverged)"
+    assert repr(many) == "Comparison(9 controllers, 1 diverged)"
 
 
 def test_a_repr_simulates_nothing():

@@ -1,4 +1,4 @@
-"""Stated ranges of resonance and damping in small parts, so that what is said of a range holds for its worst part."""
+"""Stated ranges of resonance and damping in small parts, so that a bound of a range holds for its worst part."""
 
 import dataclasses
 from typing import Any
@@ -23,11 +23,8 @@ def clopper_pearson(failures: int, samples: int, confidence: float = 0.95) -> tu
     return float(low), float(high)
 
 
-_WIDTH = 1.1
-"""Ratio of the resonances at the ends of a cell, at most."""
-
-_DAMPINGS = 3
-"""Cells in the range of the damping ratio."""
+_WIDTH = 1.1  # ratio of the resonances at the ends of a cell, at most
+_DAMPINGS = 3  # cells in the range of the damping ratio
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,7 +38,7 @@ class Cell(Frozen):
     hz, damping_ratio : tuple of float
         Lowest and highest.
     count, failures : int
-        Plants in it, and those that left the limit.
+        Plants in it, and those that exceed the limit.
     """
 
     name: str
@@ -51,11 +48,11 @@ class Cell(Frozen):
     failures: int
 
     def upper(self, confidence: float) -> float:
-        """One-sided upper bound of the probability to leave, at a confidence; 1 for a cell without plants."""
+        """Upper bound of the probability to exceed the limit, one-sided, at a confidence; 1 without plants."""
         return clopper_pearson(self.failures, self.count, 2 * confidence - 1)[1] if self.count else 1.0
 
     def __repr__(self) -> str:
-        return f"Cell({self.name}: {self}; {self.failures} of {self.count} leave)"
+        return f"Cell({self.name}: {self}; {self.failures} of {self.count} exceed the limit)"
 
     def __str__(self) -> str:
         (low, high), (least, most) = self.hz, self.damping_ratio
@@ -74,7 +71,7 @@ def cells(
     names, values
         Of the plants: names (K), values (P, K). What does not vary is not among them.
     outside : (P,) numpy.ndarray of bool
-        Which of them left the limit.
+        Which of them exceed the limit.
     """
     found, pairs = [], ranges.resonance or ()
     least, most = ranges.damping_ratio or (0.0, 0.0)
@@ -85,16 +82,10 @@ def cells(
         hz, ratio = (_place(names, values, *each) for each in ((name, edges), ("damping_ratio", dampings)))
         for j in range(len(edges) - 1):
             for k in range(len(dampings) - 1):
+                ends: Any = {"hz": (edges[j], edges[j + 1]), "damping_ratio": (dampings[k], dampings[k + 1])}
                 inside = (hz == j) & (ratio == k)
-                found.append(
-                    Cell(
-                        name=name,
-                        hz=(edges[j], edges[j + 1]),
-                        damping_ratio=(dampings[k], dampings[k + 1]),
-                        count=int(inside.sum()),
-                        failures=int(outside[inside].sum()),
-                    )
-                )
+                failures = int(outside[inside].sum())
+                found.append(Cell(name=name, count=int(inside.sum()), failures=failures, **ends))
     return found
 
 

@@ -6,43 +6,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ctc.certification.imperfections import IMPERFECTIONS
 from ctc.figures.errors import draw_band
 from ctc.verdict.evaluations import evaluate
 from plant import DivergenceError
 from plant.parts.figures import BAND, axes_of, colour_of, dressed, legend_above, literal
 
-_NAMES = 8
-"""Sensitivities in the figure."""
+_NAMES = 8  # sensitivities in the figure
+_LARGEST = 4  # pulses beyond the limit that have a bar of their own
+_HEIGHT = 3.9  # of the figure [inches], for few joints
+_STRIP = 2.3  # height of the resonances below [inches]
+_NUMBERED = 3  # joints up to which bars have numbers
+_LINE = 200  # letters of a line below the panels
+_TITLE = 125  # of a line of the title
 
-_LARGEST = 4
-"""Pulses beyond the limit that have a bar of their own."""
-
-_HEIGHT = 3.9
-"""Of the figure [inches], for few joints."""
-
-_STRIP = 2.3
-"""Height of the resonances below [inches]."""
-
-_NUMBERED = 3
-"""Joints up to which bars have numbers."""
-
-_LINE = 200
-"""Letters of a line below the panels."""
-
-_TITLE = 125
-"""Of a line of the title."""
-
-_WORDS = {
-    "drive.viscous": "viscous friction",
-    "drive.coulomb": "dry friction",
-    "encoder.phase.shift": "encoder's zero",
-    "transport.delay": "delay of the torque",
-    "load": "load in the hand",
-    "resonance": "resonance",
-    "damping_ratio": "damping ratio",
-    "drive.elasticity.backlash": "backlash",
-    "drive.current_lag.time": "current lag",
-}
+_WORDS = {row.number: row.words for row in IMPERFECTIONS.values()} | {
+    "drive.viscous": "viscous friction", "drive.coulomb": "dry friction", "encoder.phase.shift": "encoder offset",
+    "transport.delay": "delay of the torque", "load": "load in the gripper", "damping_ratio": "damping ratio",
+}  # fmt: skip
 
 
 @literal
@@ -89,7 +70,7 @@ def _short(certificate: Any) -> dict[str, str]:
 
 
 def _peaks(axis: Any, certificate: Any, labels: list[str]) -> None:
-    """Share of the loops by their largest counted error."""
+    """Share of the loops by their largest encoder error."""
     within, peak = int(certificate.within), certificate.runs.peak
     last = within + _LARGEST
     highest = int(min(max(np.max(peak, where=np.isfinite(peak), initial=0), within + 1), last))
@@ -104,12 +85,9 @@ def _peaks(axis: Any, certificate: Any, labels: list[str]) -> None:
                 axis.annotate(f"{y:.2g}" if y < 99.5 else f"{y:.0f}", (x, y), (0, 3), textcoords="offset points",
                               ha="center", fontsize=7)  # fmt: skip
     axis.axvspan(within + 0.5, highest + 0.5, color=BAND, zorder=0)
-    axis.set_xlim(-0.5, highest + 0.5)
-    axis.set_ylim(0, 100 / (1 - _headroom(labels)))
-    axis.set_yticks(range(0, 101, 20))
+    axis.set(xlim=(-0.5, highest + 0.5), ylim=(0, 100 / (1 - _headroom(labels))), yticks=range(0, 101, 20))
     axis.set_xticks(counts, [*(str(k) for k in counts[:-1]), f"{highest}+" if peak.max() > highest else str(highest)])
-    axis.set_xlabel("largest counted error of a loop [pulses]")
-    axis.set_ylabel("loops [%]")
+    axis.set(xlabel="largest encoder error of a loop [pulses]", ylabel="loops [%]")
     axis.legend(frameon=False, fontsize=8, loc="upper left")
     dressed(axis, f"{len(peak):,} closed loops; shaded: outside", 10)
 
@@ -118,8 +96,7 @@ def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
     """Error of the worst loop over time; what is outside stands out."""
     worst, settings, within = certificate.worst, certificate.settings, certificate.within
     options = {name: settings[name] for name in ("steps_per_sample", "duration")}
-    axis.set_xlabel("time [s]")
-    axis.set_ylabel("error [pulses]")
+    axis.set(xlabel="time [s]", ylabel="error [pulses]")
     try:
         run = evaluate(worst.arm, worst.rig, certificate.law, certificate.reference, backend="numba", **options)
     except DivergenceError:
@@ -141,10 +118,10 @@ def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
 
 def _sensitivities(axis: Any, certificate: Any, labels: list[str], found: list[Any]) -> None:
     """Share of the variance of the peaks that each number explains, the largest on top."""
-    axis.set_xlabel("share of the variance [%]")
+    axis.set(xlabel="share of the variance [%]")
     axis.grid(visible=False, axis="y")
     if not found:
-        dressed(axis, "sensitivity: nothing that was drawn stands out", 10)
+        dressed(axis, "sensitivity: nothing that was sampled stands out", 10)
         axis.set(xticks=[], yticks=[])
         return
     dressed(axis, "sensitivity to", 10)
@@ -154,13 +131,12 @@ def _sensitivities(axis: Any, certificate: Any, labels: list[str], found: list[A
     for place, influence in enumerate(found):
         axis.annotate(influence.sense, (shares[place], place), (3, 0), textcoords="offset points", va="center",
                       fontsize=8)  # fmt: skip
-    axis.set_xlim(0, 1.35 * max(shares))
-    axis.set_ylim(-0.6, max(len(found), 4) - 0.4)
+    axis.set(xlim=(0, 1.35 * max(shares)), ylim=(-0.6, max(len(found), 4) - 0.4))
     axis.tick_params(axis="y", labelsize=8)
 
 
 def _resonances(axis: Any, certificate: Any, labels: list[str]) -> None:
-    """Share that leaves in each cell of the stated resonances, with its bound; the worst one stands out."""
+    """Share that exceeds the limit in each cell of the stated resonances, with its bound; the worst one stands out."""
     confidence, worst = certificate.confidence, certificate.worst_cell
     for i, name in enumerate(dict.fromkeys(cell.name for cell in certificate.cells)):
         own = [cell for cell in certificate.cells if cell.name == name]
@@ -170,24 +146,19 @@ def _resonances(axis: Any, certificate: Any, labels: list[str]) -> None:
             share = sum(cell.failures for cell in there) / max(sum(cell.count for cell in there), 1)
             colour, first = colour_of(i), bool(low == own[0].hz[0])
             whose = "" if name == "resonance" else f"{labels[int(name.partition('[')[2][:-1])]}: "
-            axis.plot((low, high), (100 * share,) * 2, color=colour, label=f"{whose}share that leaves" * first)
+            axis.plot((low, high), (100 * share,) * 2, color=colour, label=f"{whose}share outside the limit" * first)
             axis.plot((low, high), (100 * bound,) * 2, color=colour, linestyle=":",
                       label=f"{whose}{100 * confidence:g} % bound" * first)  # fmt: skip
             if worst.name == name and worst.hz == (low, high):
                 axis.axvspan(low, high, color=BAND, zorder=0, label="worst part")
     axis.set_xscale("log")
-    ticks = np.unique(np.round(np.geomspace(*_ends(certificate), 7)))
+    lowest, highest = min(cell.hz[0] for cell in certificate.cells), max(cell.hz[1] for cell in certificate.cells)
+    ticks = np.unique(np.round(np.geomspace(lowest, highest, 7)))
     axis.set_xticks(ticks, [f"{hz:g}" for hz in ticks])
     axis.set_xticks([], minor=True)
-    axis.set_ylim(bottom=-0.03 * axis.get_ylim()[1])  # where no loop leaves, its line is seen
-    axis.set_xlabel("locked-rotor resonance [Hz]")
-    axis.set_ylabel("loops that leave [%]")
+    axis.set_ylim(bottom=-0.03 * axis.get_ylim()[1])  # where no loop is outside, its line is seen
+    axis.set(xlabel="locked-rotor resonance [Hz]", ylabel="loops outside the limit [%]")
     legend_above(axis, left=True, columns=5)
-
-
-def _ends(certificate: Any) -> tuple[float, float]:
-    """Lowest and highest of the stated resonances [Hz]."""
-    return min(cell.hz[0] for cell in certificate.cells), max(cell.hz[1] for cell in certificate.cells)
 
 
 def _headroom(labels: list[str]) -> float:

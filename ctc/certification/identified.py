@@ -15,12 +15,12 @@ from plant.parts.checkpoint import Checkpoint
 from plant.parts.sums import product
 
 _KNOWN_TO_LAWS = ("drive.gear", "encoder.resolution")
-"""Numbers of the rig by which a law reads its counts: law and plant have the same."""
+"""Numbers of the rig by which a controller reads its counts: it and the plant have the same."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Identified:
-    """Distribution of the identified numbers of a plant, ready to be drawn from.
+    """Distribution of the identified numbers of a plant, ready to be sampled.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ def identified(
     uncertainty: Uncertainty, found: Identification | Arm, pose: ArrayLike, progress: bool = False,
     checkpoint: Checkpoint | None = None,
 ) -> Identified:  # fmt: skip
-    """What an `Uncertainty` draws of what was identified.
+    """What an `Uncertainty` samples of what was identified.
 
     With a stated range of resonances the records of an identification on rigid gears are fitted again on such gears.
 
@@ -89,21 +89,19 @@ def identified(
             "found.assumed().covariance(1.0) of an identification that follows its log, or plants=found.candidates."
         )
     k, plant = len(names), [i for i, name in enumerate(names) if not name.startswith("law.")]
+    given: Any = covariance if again is None else again.covariances
     if again is None:
-        given: Any = covariance
-        covariances = array("covariance", given, (k, k), advice="Give one row per name of found.fit.unknown.")[None]
-    else:
-        covariances = again.covariances
+        given = array("covariance", given, (k, k), advice="Give one row per name of found.fit.unknown.")[None]
     for name in (names[i] for i in plant):
-        if name.startswith(_KNOWN_TO_LAWS) and (covariances[:, names.index(name), names.index(name)] > 0).any():
-            raise ValueError(f"{name} cannot be drawn: laws read their counts by it. Identify with it fixed.")
+        if name.startswith(_KNOWN_TO_LAWS) and (given[:, names.index(name), names.index(name)] > 0).any():
+            raise ValueError(f"{name} cannot be sampled: controllers read their counts by it. Identify with it fixed.")
     names, values = tuple(names[i] for i in plant), np.asarray(values)[plant]
     if again is not None:
         again = dataclasses.replace(again, values=again.values[:, plant])
         (values,) = again.centres(np.array([0.5]))
         middle = dict(zip(names, values.tolist(), strict=True))
         arm = arm.dynamics.arm([middle.get(name, f) for name, f in zip(arm.dynamics.names, arm.f, strict=True)])
-    roots = np.array([_root(each, plant) for each in covariances])
+    roots = np.array([_root(each, plant) for each in given])
     return Identified(arm=arm, names=names, values=values, refits=again, roots=roots)
 
 

@@ -1,4 +1,4 @@
-"""Imperfections of gears, motors, encoders and sampling that are drawn uniformly from stated ranges, one row each."""
+"""Imperfections of gears, motors, encoders and sampling that are sampled uniformly from stated ranges, one row each."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -10,11 +10,8 @@ from numpy.typing import NDArray
 from plant import FrictionDrift, Jitter, Presliding, QuadratureError, Rig, TorqueRipple
 from plant.parts.arguments import array, real
 
-_DRIFTS = 1.0
-"""Time constant of drifting friction [s]."""
-
-_CYCLES = 6.0
-"""Of torque ripple, per turn of the motor."""
+_DRIFTS = 1.0  # time constant of drifting friction [s]
+_CYCLES = 6.0  # of torque ripple, per turn of the motor
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,14 +41,14 @@ class Imperfection:
     words : str
         What a certificate calls it.
     unit : str
+    place : str
+        Of what the rig has of it, or None, as ``drive.ripple``.
     number : str
         Of the closed loop; of each joint with ``[i]`` behind it.
-    own : callable
-        Rig -> the part of it that has the number, or None.
-    placed : callable
-        (rig, value, values of the joints (n,), all alike) -> the rig with it; it is there also where it does not vary.
+    made : callable
+        Value, with `each` that of each joint (n,) -> what stands at the place; by default the value itself.
     each : bool
-        Whether each joint has its own, drawn on its own.
+        Whether each joint has its own, sampled on its own.
     signed : bool
         Whether it may be negative.
     follows : callable, optional
@@ -60,78 +57,73 @@ class Imperfection:
 
     words: str
     unit: str
+    place: str
     number: str
-    own: Callable[[Rig], Any]
-    placed: Callable[[Rig, float, Any], Rig]
+    made: Callable[[Any], Any] = lambda value: value
     each: bool = True
     signed: bool = False
     follows: Callable[[Any, int, int], tuple[list[str], NDArray[np.float64]]] | None = None
 
+    def own(self, rig: Rig) -> Any:
+        """What a rig has of it, or None."""
+        part: Any = rig
+        for name in self.place.split("."):
+            part = getattr(part, name, None)
+        return part
 
-def _drive(rig: Rig, **changes: Any) -> Rig:
-    return dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, **changes))
+    def placed(self, rig: Rig, value: float) -> Rig:
+        """The rig with it, all joints alike; it is there also where it does not vary."""
+        if self.place.startswith("drive.elasticity") and rig.drive.elasticity is None:
+            raise ValueError(
+                f"{self.words} needs elastic joints; got a rigid rig. State their resonance= as well [Hz]."
+            )
+        return _replaced(rig, self.place.split("."), self.made(np.full(rig.n, value) if self.each else value))
 
 
-def _played(rig: Rig, value: float, each: Any) -> Rig:
-    if rig.drive.elasticity is None:
-        raise ValueError("backlash needs gears that give; got a rigid rig. State their resonance= as well [Hz].")
-    return _drive(rig, elasticity=dataclasses.replace(rig.drive.elasticity, backlash=each))
+def _replaced(part: Any, path: list[str], value: Any) -> Any:
+    """A part with another value at the end of a path of fields."""
+    name, *rest = path
+    return dataclasses.replace(part, **{name: _replaced(getattr(part, name), rest, value) if rest else value})
 
 
 def _phases(number: str) -> Callable[[Any, int, int], tuple[list[str], NDArray[np.float64]]]:
     """Phases of a periodic error, anywhere in the period."""
-    return lambda random, count, n: (
-        [f"{number}[{i}]" for i in range(n)],
-        random.uniform(0, 2 * np.pi, (count, n)),
-    )
-
-
-def _sloppy_encoder(rig: Rig, value: float, each: Any) -> Rig:
-    error = QuadratureError(amplitude=each, phase=0 * each)
-    return dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, quadrature=error))
+    return lambda random, count, n: ([f"{number}[{i}]" for i in range(n)], random.uniform(0, 2 * np.pi, (count, n)))
 
 
 IMPERFECTIONS: dict[str, Imperfection] = {
     "backlash": Imperfection(
-        words="backlash", unit="rad", number="drive.elasticity.backlash", placed=_played,
-        own=lambda rig: None if rig.drive.elasticity is None else rig.drive.elasticity.backlash,
+        words="backlash", unit="rad", place="drive.elasticity.backlash", number="drive.elasticity.backlash",
     ),
     "lag": Imperfection(
-        words="current lag", unit="s", number="drive.current_lag.time", each=False,
-        own=lambda rig: rig.drive.current_lag, placed=lambda rig, value, each: _drive(rig, current_lag=value),
+        words="current lag", unit="s", place="drive.current_lag", number="drive.current_lag.time", each=False,
     ),
     "jitter": Imperfection(
-        words="jitter", unit="of the period", number="jitter.share", each=False,
-        own=lambda rig: rig.jitter,
-        placed=lambda rig, value, each: dataclasses.replace(rig, jitter=Jitter(share=value)),
+        words="jitter", unit="of the period", place="jitter", number="jitter.share", each=False,
+        made=lambda value: Jitter(share=value),
         follows=lambda random, count, n: (["jitter.stream"], np.arange(float(count))[:, None]),
     ),
     "friction_drift": Imperfection(
-        words="drift of friction", unit="of it", number="drive.friction_drift.amount", signed=True,
-        own=lambda rig: rig.drive.friction_drift,
-        placed=lambda rig, value, each: _drive(
-            rig, friction_drift=FrictionDrift(amount=each, time=np.full(len(each), _DRIFTS))
-        ),
+        words="drift of friction", unit="of it", place="drive.friction_drift", number="drive.friction_drift.amount",
+        made=lambda value: FrictionDrift(amount=value, time=np.full(len(value), _DRIFTS)), signed=True,
     ),
     "presliding": Imperfection(
-        words="presliding", unit="rad of the motor", number="drive.presliding.distance",
-        own=lambda rig: rig.drive.presliding,
-        placed=lambda rig, value, each: _drive(rig, presliding=Presliding(distance=each)),
+        words="presliding", unit="rad of the motor", place="drive.presliding", number="drive.presliding.distance",
+        made=lambda value: Presliding(distance=value),
     ),
     "load_friction": Imperfection(
-        words="load-dependent friction", unit="of the load", number="drive.load_friction.share",
-        own=lambda rig: rig.drive.load_friction, placed=lambda rig, value, each: _drive(rig, load_friction=each),
+        words="load-dependent friction", unit="of the load", place="drive.load_friction",
+        number="drive.load_friction.share",
     ),
     "ripple": Imperfection(
-        words="torque ripple", unit="N m of the motor", number="drive.ripple.amplitude",
-        own=lambda rig: rig.drive.ripple, follows=_phases("drive.ripple.phase"),
-        placed=lambda rig, value, each: _drive(
-            rig, ripple=TorqueRipple(amplitude=each, cycles=np.full(len(each), _CYCLES), phase=0 * each)
-        ),
+        words="torque ripple", unit="N m of the motor", place="drive.ripple", number="drive.ripple.amplitude",
+        made=lambda value: TorqueRipple(amplitude=value, cycles=np.full(len(value), _CYCLES), phase=0 * value),
+        follows=_phases("drive.ripple.phase"),
     ),
     "quadrature": Imperfection(
-        words="error within an encoder's period", unit="pulses", number="encoder.quadrature.amplitude",
-        own=lambda rig: rig.encoder.quadrature, placed=_sloppy_encoder, follows=_phases("encoder.quadrature.phase"),
+        words="error within an encoder's period", unit="pulses", place="encoder.quadrature",
+        number="encoder.quadrature.amplitude", made=lambda value: QuadratureError(amplitude=value, phase=0 * value),
+        follows=_phases("encoder.quadrature.phase"),
     ),
 }  # fmt: skip
 
@@ -140,8 +132,7 @@ def placed_in(rig: Rig, ranges: Mapping[str, tuple[float, float]]) -> Rig:
     """The rig with each imperfection whose range is not zero, at that end of it which is farther from zero."""
     for name, ends in ranges.items():
         if any(ends):
-            most = max(ends, key=abs)
-            rig = IMPERFECTIONS[name].placed(rig, most, np.full(rig.n, most))
+            rig = IMPERFECTIONS[name].placed(rig, max(ends, key=abs))
     return rig
 
 
@@ -150,19 +141,16 @@ def drawn_of(ranges: Mapping[str, tuple[float, float]], random: Any, count: int,
     names: list[str] = []
     derived_names: list[str] = []
     values, derived = [np.empty((count, 0))], [np.empty((count, 0))]
-    for name, ends in ranges.items():
-        if not any(ends):
-            continue
-        row = IMPERFECTIONS[name]
-        names += [f"{row.number}[{i}]" for i in range(n)] if row.each else [row.number]
-        values.append(random.uniform(*ends, (count, n if row.each else 1)))
+    for row, ends in ((IMPERFECTIONS[name], ends) for name, ends in ranges.items() if any(ends)):
+        own = [f"{row.number}[{i}]" for i in range(n)] if row.each else [row.number]
+        names += own
+        values.append(random.uniform(*ends, (count, len(own))))
         if row.follows:
             more, follow = row.follows(random, count, n)
             derived_names += more
             derived.append(follow)
-    return Drawn(
-        names=tuple(names), values=np.hstack(values), derived_names=tuple(derived_names), derived=np.hstack(derived)
-    )
+    made = {"values": np.hstack(values), "derived": np.hstack(derived)}
+    return Drawn(names=tuple(names), derived_names=tuple(derived_names), **made)
 
 
 def between(name: str, value: Any, unit: str, signed: bool = False) -> tuple[float, float]:

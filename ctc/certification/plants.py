@@ -1,4 +1,4 @@
-"""Plants drawn from what is uncertain: arms, rigs, and the samples that they lose."""
+"""Plants sampled from what is uncertain: arms, rigs, and the samples that they lose."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class Worst(Shown):
     arm, rig : Arm, Rig
         The rig with its friction, phase, delay and lost samples; the arm with its load.
     peak : float
-        Largest counted error [pulses]; inf if the loop diverged.
+        Largest encoder error [pulses]; inf if the loop diverged.
     index : int
         Which of the plants it is.
     values : dict
-        Of the numbers drawn for it, by name.
+        Of the numbers sampled for it, by name.
     """
 
     arm: Arm
@@ -45,38 +45,38 @@ class Worst(Shown):
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(self._short())
-        yield Table(("drawn", ""), [(name, f"{value:.5g}") for name, value in self.values.items()])
+        yield Table(("sampled", ""), [(name, f"{value:.5g}") for name, value in self.values.items()])
 
 
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Plants(Frozen):
-    """Plants drawn from an `Uncertainty`.
+    """Plants sampled from an `Uncertainty`.
 
     Attributes
     ----------
     arm, rig : Arm, Rig
-        The nominal ones; the rig has a place for all that is drawn.
+        The nominal ones; the rig has a place for all that is sampled.
     f : (P, p) numpy.ndarray
         Parameters of each, with its load.
     names : tuple of str
-        Names of the numbers that differ; ``load`` [kg] is the mass in the hand.
+        Names of the numbers that differ; ``load`` [kg] is the mass in the gripper.
     values : (P, K) numpy.ndarray
         Their values; f without the load.
     dropped : float
         Probability that the counts of a sample are lost.
     redrawn : int
-        How many draws were no arm, and were drawn again.
+        How many samples were no arm, and were drawn again.
     seed : int
     own : Rig
-        The nominal rig without what is drawn of gears and drives.
+        The nominal rig without what is sampled of gears and drives.
     uncertainty : Uncertainty
         What was stated.
     derived_names : tuple of str
     derived : (P, L) numpy.ndarray
-        Numbers of the loop that follow from those drawn.
+        Numbers of the loop that follow from those sampled.
     said : (tuple of str, tuple of str)
-        What is drawn, and what is not.
+        What is sampled, and what is not.
     expected : (P, K) numpy.ndarray
         Of the values, what follows from the resonance: the centres of f fitted there; zero of all others.
     """
@@ -104,7 +104,7 @@ class Plants(Frozen):
 
     @property
     def nominal(self) -> Rig:
-        """The rig without the encoders' zeros, where these are drawn about zero."""
+        """The rig without the encoders' offsets, where these are sampled about zero."""
         if not self.uncertainty.phase:
             return self.rig
         return dataclasses.replace(self.rig, encoder=dataclasses.replace(self.rig.encoder, phase=None))
@@ -121,12 +121,12 @@ class Plants(Frozen):
         return names, np.hstack([self.f, self.values[:, own], self.derived])
 
     def under(self, law: Law, reference: Reference, **options: Any) -> Population:
-        """All of them under a law on a reference, ready to run; options as of `Population`."""
+        """All of them under a controller on a reference, ready to run; options as of `Population`."""
         lost = self.lost if self.dropped else None
         return Population(self.arm, self.rig, law, reference, *self.numbers(), lost=lost, **options)
 
     def lost(self, block: int, width: int, steps: int) -> NDArray[np.bool_]:
-        """Whether the counts of each step of the law are lost, (steps, width), in a block of so many loops."""
+        """Whether the counts of each step of the controller are lost, (steps, width), in a block of so many loops."""
         lost = np.random.default_rng((self.seed, 1, block)).random((steps, width)) < self.dropped
         lost[:1] = False  # there is nothing before
         return lost
@@ -135,9 +135,8 @@ class Plants(Frozen):
         """Arm and rig of plant i, with its own lost samples; `width` and `steps` as for `lost`."""
         numbers = [*self.values[i].tolist(), *self.derived[i].tolist()]
         rig = self.rig.filled(dict(zip((*self.names, *self.derived_names), numbers, strict=True)))
-        if self.dropped:
+        if self.dropped and rig.transport is not None:
             block, lane = divmod(i, width)
             lost = tuple(np.flatnonzero(self.lost(block, width, steps)[:, lane]).tolist())
-            transport: Any = rig.transport
-            rig = dataclasses.replace(rig, transport=dataclasses.replace(transport, lost=lost))
+            rig = dataclasses.replace(rig, transport=dataclasses.replace(rig.transport, lost=lost))
         return self.arm.dynamics.arm(self.f[i]), rig

@@ -1,11 +1,9 @@
 """An identification on rigid gears, fitted again on elastic ones of stated resonances.
 
 A log of an elastic arm, identified with rigid gears, gives an f that makes up for them, off by many of its standard
-deviations. Where a range of resonances is stated, what the log says of f depends on the resonance; plants of a
+deviations. Where a range of resonances is stated, what the log shows of f depends on the resonance; plants of a
 resonance have the f that fits the log there.
 """
-
-from __future__ import annotations
 
 import dataclasses
 import functools
@@ -15,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ctc.verdict.on_gears import with_gears
 from identification import Identification
 from identification.preparation import prepare
 from identification.procedure import search
@@ -32,11 +31,7 @@ _ROUNDS = 2
 """Fits of the first resonance: its stiffness follows from the inertia, which the fit before gave. The next take it from
 their neighbour."""
 
-_REMEMBERED = 8
-"""Ranges of one identification whose fits are kept, the last ones."""
-
-_KEPT: weakref.WeakKeyDictionary[Identification, dict[Any, Refits | None]] = weakref.WeakKeyDictionary()
-"""Fits of an identification by stated range, while it exists; an equal one, bit for bit, has the same."""
+_REMEMBERED = 8  # ranges of one identification whose fits are kept, the last ones
 
 
 @kept
@@ -64,6 +59,10 @@ class Refits(Frozen):
     def nearest(self, places: NDArray[np.float64]) -> NDArray[np.intp]:
         """Which fit (P,) is nearest to each place (P,)."""
         return np.abs(places[:, None] - self.places).argmin(axis=1)
+
+
+_KEPT: weakref.WeakKeyDictionary[Identification, dict[Any, Refits | None]] = weakref.WeakKeyDictionary()
+"""Fits of an identification by stated range, while it exists; an equal one, bit for bit, has the same."""
 
 
 def refits(
@@ -95,7 +94,7 @@ def refits(
     kept = _KEPT.setdefault(found, {})
     made = kept.pop(key) if key in kept else _fitted(found, ranges, ratio, pose, progress, Checkpoint(checkpoint, ""))
     kept[key] = made
-    while len(kept) > _REMEMBERED:
+    if len(kept) > _REMEMBERED:
         del kept[next(iter(kept))]
     return made
 
@@ -108,8 +107,7 @@ def _fitted(
     low, high = np.log(ranges).T
     count = int(np.clip(np.ceil((high - low).max() / np.log(_APART)) + 1, 1 if (high == low).all() else 2, _MOST))
     arm, fits = found.arm, dict[float, Fit]()
-    total = count + _ROUNDS - 1
-    with progress_bar(total, "fits on gears", "fit", progress) as bar:
+    with progress_bar(count + _ROUNDS - 1, "fits on gears", "fit", progress) as bar:
         for place in np.linspace(0, 1, count) if count > 1 else [0.5]:
             hz = np.exp(low + place * (high - low))
             for again in range(1 if fits else _ROUNDS):
@@ -133,17 +131,10 @@ def _on_gears(found: Identification, arm: Arm, hz: Any, ratio: float, pose: Arra
     """Arm and fit of the records on gears with which an arm has this resonance; None where they cannot be fitted."""
     try:
         gears = Elasticity.from_resonance(arm, hz, ratio, drive=found.rig.drive, q=pose)
-        records = [
-            dataclasses.replace(
-                record,
-                rig=dataclasses.replace(record.rig, drive=dataclasses.replace(record.rig.drive, elasticity=gears)),
-            )
-            for record in found.records
-        ]
+        records = [dataclasses.replace(record, rig=with_gears(record.rig, gears)) for record in found.records]
         problem = prepare(
             found.arm.dynamics, records, found.fit.unknown, (), "prediction_error", found.search.ranges, None,
-            found.search.seed,
-            False, {},
+            found.search.seed, False, {},
         )  # fmt: skip
         fit = search(problem, False).fit
     except ValueError:  # no fit on such gears: the log contradicts them, or they cannot carry the arm

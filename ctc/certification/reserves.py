@@ -1,7 +1,7 @@
 """Robustness reserves of a certificate: lowest bandwidth and longest sampling period at which it holds.
 
-The same plants are run again. The sampling period is that of rig and law together: the law is designed for it (its
-observer and its limits know of it), it is not the old one called late.
+The same plants are run again. The sampling period is that of rig and controller together: the controller is designed
+for it (its observer and its limits know of it), it is not the old one called late.
 """
 
 import dataclasses
@@ -28,15 +28,15 @@ class Reserves(Shown):
     samples : int
         Plants that were run at each setting.
     allowed : float
-        Share of them that may leave.
+        Share of them that may exceed the limit.
     holds : bool
-        Whether the law as it is holds with these plants; where not, there are no reserves.
+        Whether the controller as it is holds with these plants; where not, there are no reserves.
     bandwidth : float or None
-        Lowest bandwidth at which it still holds [rad/s], of those tried from above; None for a law without.
+        Lowest bandwidth at which it still holds [rad/s], of those tested from above; None for a controller without.
     period : float or None
-        Longest sampling period at which it still holds [s], of those tried from below; None for a law without.
+        Longest sampling period at which it still holds [s], of those tested from below; None for a controller without.
     tried : list of (str, float, int)
-        Everything that was run: ``bandwidth`` or ``period``, its value, and how many left.
+        Everything that was run: ``bandwidth`` or ``period``, its value, and how many exceed the limit.
     """
 
     samples: int
@@ -57,18 +57,16 @@ class Reserves(Shown):
         yield Verdict(f"It {self._short()}.", self.holds)
         most = int(self.allowed * self.samples)
         upper = clopper_pearson(most, self.samples, 0.9)[1]
-        yield f"allowed: at most {most} of {self.samples} plants may leave (95 % confidence: below {upper:.2%} of all)"
-        rows = [
-            (name, f"{value * scale:.4g} {unit}", f"{left}")
-            for name, scale, unit in (("bandwidth", 1, "rad/s"), ("period", 1e3, "ms"))
-            for kind, value, left in self.tried
-            if kind == name
-        ]
-        yield Table(("tried", "", "leave"), rows)
+        exceed = f"at most {most} of {self.samples} plants may exceed the limit"
+        yield f"allowed: {exceed} (95 % confidence: below {upper:.2%} of all)"
+        units = {"bandwidth": (1, "rad/s"), "period": (1e3, "ms")}
+        tried = sorted(self.tried, key=lambda each: each[0])
+        rows = [(kind, f"{value * units[kind][0]:.4g} {units[kind][1]}", f"{left}") for kind, value, left in tried]
+        yield Table(("tested", "", "violations"), rows)
 
 
 def reserves(certificate: Any, samples: int = 400, allowed: float = 0.0) -> Reserves:
-    """Lowest bandwidth and longest sampling period at which at most a share `allowed` of the plants leaves the limit.
+    """Lowest bandwidth and longest sampling period at which at most a share `allowed` of the plants exceeds the limit.
 
     Parameters
     ----------
@@ -76,7 +74,7 @@ def reserves(certificate: Any, samples: int = 400, allowed: float = 0.0) -> Rese
     samples : int
         How many of its plants are run at each setting.
     allowed : float
-        Share of them that may leave.
+        Share of them that may exceed the limit.
 
     Returns
     -------
@@ -89,13 +87,13 @@ def reserves(certificate: Any, samples: int = 400, allowed: float = 0.0) -> Rese
     """
     law, plants = certificate.law, certificate.plants
     if isinstance(samples, bool) or not isinstance(samples, int) or not 1 <= samples <= len(plants):
-        raise ValueError(f"samples must be a whole number from 1 to {len(plants)}; got {samples!r}. Draw more plants.")
+        raise ValueError(f"samples must be a whole number from 1 to {len(plants)}; got {samples!r}. Sample more.")
     if not 0 <= real("allowed", allowed, "Give a share, such as 0.") < 1:
         raise ValueError(f"allowed must be from 0 to below 1; got {allowed}. Give a share.")
+    options = {name: certificate.settings[name] for name in ("steps_per_sample", "duration", "after")}
     plants, tried = plants.first(samples), []
 
     def left(kind: str, value: float, law: Law, plants: Plants) -> bool:
-        options = {name: certificate.settings[name] for name in ("steps_per_sample", "duration", "after")}
         population = plants.under(law, certificate.reference, within=certificate.within, **options)
         count = int((population.run(certificate.threads).outside > 0).sum())
         tried.append((kind, value, count))
@@ -121,14 +119,11 @@ def reserves(certificate: Any, samples: int = 400, allowed: float = 0.0) -> Rese
 
 
 def _slower(law: Any, factor: float) -> Any:
-    """The same design for a period that is longer by a factor."""
+    """The same design of a law, or the rig, for a period that is longer by a factor."""
     changes = {}
-    for field in dataclasses.fields(law):
-        value = getattr(law, field.name)
-        if isinstance(value, Rig):
-            changes[field.name] = dataclasses.replace(value, period=value.period * factor)
-        elif isinstance(value, Law):
-            changes[field.name] = _slower(value, factor)
-        elif field.name == "period" and value:
-            changes["period"] = value * factor
+    for name, value in ((field.name, getattr(law, field.name)) for field in dataclasses.fields(law)):
+        if isinstance(value, (Rig, Law)):
+            changes[name] = _slower(value, factor)
+        elif name == "period" and value:
+            changes[name] = value * factor
     return dataclasses.replace(law, **changes)

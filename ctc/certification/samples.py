@@ -1,17 +1,17 @@
-"""Monte Carlo samples of arm and rig, drawn from what an `Uncertainty` states. A certificate covers nothing else."""
+"""Monte Carlo samples of arm and rig, from what an `Uncertainty` states. A certificate covers nothing else."""
 
 import dataclasses
 import re
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from ctc.certification.identified import identified
 from ctc.certification.imperfections import Drawn, drawn_of, placed_in
 from ctc.certification.plants import Plants
 from ctc.certification.statement import statement
 from ctc.certification.uncertainty import Uncertainty
+from ctc.verdict.on_gears import with_gears
 from identification import Identification
 from plant import Arm, Body, Elasticity, Phase, Rig, Transport
 from plant.machine.elasticity import gears
@@ -20,65 +20,7 @@ from plant.parts.arguments import array, instance
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.sums import product
 
-
-def require_possible(uncertainty: Uncertainty, rig: Rig) -> None:
-    """Refuse what this rig cannot have, before anything is fitted or drawn.
-
-    Raises
-    ------
-    ValueError
-    """
-    if uncertainty.resonance is not None:
-        if len(uncertainty.resonance) not in (1, rig.n):
-            raise ValueError(
-                f"resonance must be one pair, or {rig.n}; got {len(uncertainty.resonance)}. Give (low, high)."
-            )
-        some = Elasticity(stiffness=np.ones(rig.n), damping=np.zeros(rig.n))
-        rig = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=some))
-    for ends in zip(*uncertainty.imperfections.values(), strict=True):
-        placed_in(rig, {name: (0.0, end) for name, end in zip(uncertainty.imperfections, ends, strict=True)})
-
-
-def prepared(uncertainty: Uncertainty, arm: Arm, rig: Rig, pose: ArrayLike) -> Rig:
-    """The rig with a place for each number that is drawn; elastic gears in the middle of their range."""
-    drive = rig.drive
-    if uncertainty.resonance is not None:
-        middle = np.sqrt(np.prod(uncertainty.resonance, axis=1))
-        elasticity = Elasticity.from_resonance(arm, middle, np.mean(uncertainty.damping_ratio), drive=drive, q=pose)
-        rig = dataclasses.replace(rig, drive=dataclasses.replace(drive, elasticity=elasticity))
-    return placed_in(rig, uncertainty.imperfections)
-
-
-def places_of(uncertainty: Uncertainty, random: Any, count: int) -> NDArray[np.float64]:
-    """Where in their ranges resonances and damping ratio of each plant are (P, m + 1), from 0 to 1."""
-    return random.uniform(0, 1, (count, 1 + len(uncertainty.resonance or ())))
-
-
-def draw_gears(
-    uncertainty: Uncertainty, random: Any, arm: Arm, rig: Rig, f: NDArray[np.float64], pose: ArrayLike,
-    places: NDArray[np.float64],
-) -> Drawn:  # fmt: skip
-    """What gears and drives do of arms with these f (P, p), at these `places_of`, on a rig that is `prepared`."""
-    count, n = len(f), rig.n
-    others = drawn_of(uncertainty.imperfections, random, count, n)
-    if uncertainty.resonance is None:
-        return others
-    low, high = np.log(uncertainty.resonance).T
-    hz = np.exp(low + places[:, :-1] * (high - low))
-    ratio = uncertainty.damping_ratio[0] + places[:, -1:] * np.ptp(uncertainty.damping_ratio)
-    links = product(f, shaft_inertias(arm.dynamics, rig, pose)) - rig.drive.reflected_inertia()
-    found = gears(np.broadcast_to(hz, (count, n)), ratio, links)
-    names = ["resonance"] if len(low) == 1 else [f"resonance[{i}]" for i in range(n)]
-    own = [f"drive.elasticity.{name}[{i}]" for name in ("stiffness", "damping") for i in range(n)]
-    return Drawn(
-        names=(*names, "damping_ratio", *others.names), values=np.hstack([hz, ratio, others.values]),
-        derived_names=(*own, *others.derived_names), derived=np.hstack([*found, others.derived]),
-    )  # fmt: skip
-
-
-_PATIENCE = 20
-"""Draws per plant at most, until one is an arm."""
-
+_PATIENCE = 20  # draws per plant at most, until one is an arm
 _NOT_NEGATIVE = re.compile(r"drive\.(viscous|coulomb|curve\.breakaway|elasticity)|springs(\[\d+\])?\.stiffness")
 
 
@@ -88,35 +30,65 @@ def draw(
 ) -> Plants:  # fmt: skip
     """Monte Carlo samples of the arm `found` and its rig, as an `Uncertainty` states them.
 
-    Drawn are the identified numbers (from their covariance, or from given arms), friction that was not identified, and
-    what else is stated; resonances are those of the gears at `pose` (n,) [rad], zeros by default. A progress bar and
-    the stages of a checkpoint are those of the records that are fitted again on elastic gears.
+    Sampled are the identified numbers (from their covariance, or from given arms), friction that was not identified,
+    and what else is stated; resonances are those of the gears at `pose` (n,) [rad], zeros by default. A progress bar
+    and the stages of a checkpoint are those of the records that are fitted again on elastic gears.
 
     Raises
     ------
     ValueError
-        No covariance to draw from, or one so large that hardly a draw is an arm.
+        No covariance to sample from, or one so large that hardly a sample is an arm.
     """
     instance("rig", rig, Rig, "The order is found, rig, law, reference.")
     pose = np.zeros(rig.n) if pose is None else pose
-    require_possible(uncertainty, rig)
+    _require_possible(uncertainty, rig)
     known = identified(uncertainty, found, pose, progress, checkpoint)
-    arm, unknown, dynamics, random = known.arm, known.names, known.arm.dynamics, np.random.default_rng(seed)
-    places = places_of(uncertainty, np.random.default_rng((seed, 2)), samples)
-    rig = _with_found(rig, {n: v for n, v in zip(unknown, known.values, strict=True) if n not in dynamics.names})
+    arm, unknown, random = known.arm, known.names, np.random.default_rng(seed)
+    places = np.random.default_rng((seed, 2)).uniform(0, 1, (samples, 1 + len(uncertainty.resonance or ())))
+    rig = _with_found(rig, {n: v for n, v in zip(unknown, known.values, strict=True) if n not in arm.dynamics.names})
+    of_arms, numbers, f, redrawn = _arms(uncertainty, known, rig, random, places)
+    own, of_hardware, others = _hardware(uncertainty, random, rig, samples)
+    rig = placed_in(_with_middle(uncertainty, arm, own, pose), uncertainty.imperfections)
+    gears = _gears(uncertainty, random, arm, rig, f, pose, places)
+    names, values = (*of_arms, *of_hardware, *gears.names), np.hstack([numbers, others, gears.values])
+    varying = np.flatnonzero(np.ptp(values, axis=0) > 0)
+    expected = np.zeros_like(values)
+    if known.refits is not None:
+        expected[:, [names.index(name) for name in unknown]] = known.centres(places[:, :-1])
+    return Plants(
+        arm=arm, rig=rig, f=f, names=tuple(names[i] for i in varying), values=values[:, varying],
+        dropped=float(uncertainty.dropped), redrawn=redrawn, seed=seed, own=own, uncertainty=uncertainty,
+        derived_names=gears.derived_names, derived=gears.derived, said=statement(uncertainty, own, known),
+        expected=expected[:, varying],
+    )  # fmt: skip
+
+
+def _require_possible(uncertainty: Uncertainty, rig: Rig) -> None:
+    """Refuse what this rig cannot have, before anything is fitted or sampled."""
+    if uncertainty.resonance is not None:
+        if (given := len(uncertainty.resonance)) not in (1, rig.n):
+            raise ValueError(f"resonance must be one pair, or {rig.n}; got {given}. Give (low, high).")
+        rig = with_gears(rig, Elasticity(stiffness=np.ones(rig.n), damping=np.zeros(rig.n)))
+    for ends in zip(*uncertainty.imperfections.values(), strict=True):
+        placed_in(rig, {name: (0.0, end) for name, end in zip(uncertainty.imperfections, ends, strict=True)})
+
+
+def _arms(uncertainty, known, rig, random, places):
+    """Names (K) and values (P, K) of numbers of arms, their f with the load (P, p), and how many were drawn again."""
+    dynamics, samples = known.arm.dynamics, len(places)
     given = None if uncertainty.plants is None else _possible(dynamics, rig, uncertainty.plants)
-    direction, friction = _load_direction(uncertainty, dynamics), _friction(uncertainty, rig, unknown)
+    direction, friction = _load_direction(uncertainty, dynamics), _friction(uncertainty, rig, known.names)
 
     def some(rows):
         """Draws (count, K), their f with the load (count, p), whether each is an arm, and the names."""
         count = len(rows)
-        values = dict(zip(unknown, known.draw(random, places[rows, :-1]).T, strict=True))
+        values = dict(zip(known.names, known.draw(random, places[rows, :-1]).T, strict=True))
         if given is not None:
             values = dict(zip(dynamics.names, given[rows % len(given)].T, strict=True))
         for name, level in friction.items():
             values[name] = level * (1 + uncertainty.friction * random.standard_normal(count))
-        values["load"] = random.uniform(uncertainty.load[0], uncertainty.load[1], count)
-        f = np.tile(arm.f, (count, 1))
+        values["load"] = random.uniform(*uncertainty.load, count)
+        f = np.tile(known.arm.f, (count, 1))
         for i, name in enumerate(dynamics.names):
             f[:, i] = values.get(name, f[:, i])
         f = f + values["load"][:, None] * direction
@@ -132,31 +104,51 @@ def draw(
         redrawn += len(again)
         if redrawn > _PATIENCE * samples:
             raise ValueError(
-                f"draws must be arms; {redrawn} were not (D(q) indefinite, or negative friction), and "
+                f"samples must be arms; {redrawn} were not (D(q) indefinite, or negative friction), and "
                 f"{samples - len(again)} were. Give a smaller covariance, or identify with a better experiment."
             )
         values[again], f[again], sound[again], _ = some(again)
+    return names, values, f, redrawn
+
+
+def _hardware(uncertainty, random, rig, samples):
+    """The rig with a place for encoder offsets and delay, the names (K) of those sampled, and their values (P, K)."""
+    names, values, changes = [], [np.empty((samples, 0))], {}
     if uncertainty.phase:
-        names += tuple(f"encoder.phase.shift[{i}]" for i in range(rig.n))
-        values = np.hstack([values, random.uniform(-0.5, 0.5, (samples, rig.n))])
-        encoder = dataclasses.replace(rig.encoder, phase=Phase(shift=(0.0,) * rig.n))
-        rig = dataclasses.replace(rig, encoder=encoder)
+        names += [f"encoder.phase.shift[{i}]" for i in range(rig.n)]
+        values.append(random.uniform(-0.5, 0.5, (samples, rig.n)))
+        changes["encoder"] = dataclasses.replace(rig.encoder, phase=Phase(shift=(0.0,) * rig.n))
     if uncertainty.delay[1] or uncertainty.dropped:
-        names += ("transport.delay",)
-        values = np.column_stack([values, random.uniform(uncertainty.delay[0], uncertainty.delay[1], samples)])
-        rig = dataclasses.replace(rig, transport=Transport(delay=uncertainty.delay[1]))
-    own, said = rig, statement(uncertainty, rig, known)
-    rig = prepared(uncertainty, arm, rig, pose)
-    gears = draw_gears(uncertainty, random, arm, rig, f, pose, places)
-    names, values = names + gears.names, np.hstack([values, gears.values])
-    varying = np.flatnonzero(np.ptp(values, axis=0) > 0)
-    expected = np.zeros_like(values)
-    if known.refits is not None:
-        expected[:, [names.index(name) for name in unknown]] = known.centres(places[:, :-1])
-    return Plants(
-        arm=arm, rig=rig, f=f, names=tuple(names[i] for i in varying), values=values[:, varying],
-        dropped=float(uncertainty.dropped), redrawn=redrawn, seed=seed, own=own, uncertainty=uncertainty,
-        derived_names=gears.derived_names, derived=gears.derived, said=said, expected=expected[:, varying],
+        names.append("transport.delay")
+        values.append(random.uniform(*uncertainty.delay, (samples, 1)))
+        changes["transport"] = Transport(delay=uncertainty.delay[1])
+    return dataclasses.replace(rig, **changes), names, np.hstack(values)
+
+
+def _with_middle(uncertainty, arm, rig, pose):
+    """The rig with elastic gears in the middle of the range that is stated."""
+    if uncertainty.resonance is None:
+        return rig
+    middle, damping = np.sqrt(np.prod(uncertainty.resonance, axis=1)), np.mean(uncertainty.damping_ratio)
+    return with_gears(rig, Elasticity.from_resonance(arm, middle, damping, drive=rig.drive, q=pose))
+
+
+def _gears(uncertainty, random, arm, rig, f, pose, places):
+    """Gears and drives of arms with these f (P, p), at these places (P, m + 1) of the ranges of resonance, damping."""
+    count, n = len(f), rig.n
+    others = drawn_of(uncertainty.imperfections, random, count, n)
+    if uncertainty.resonance is None:
+        return others
+    low, high = np.log(uncertainty.resonance).T
+    hz = np.exp(low + places[:, :-1] * (high - low))
+    ratio = uncertainty.damping_ratio[0] + places[:, -1:] * np.ptp(uncertainty.damping_ratio)
+    links = product(f, shaft_inertias(arm.dynamics, rig, pose)) - rig.drive.reflected_inertia()
+    found = gears(np.broadcast_to(hz, (count, n)), ratio, links)
+    names = ["resonance"] if len(low) == 1 else [f"resonance[{i}]" for i in range(n)]
+    own = [f"drive.elasticity.{name}[{i}]" for name in ("stiffness", "damping") for i in range(n)]
+    return Drawn(
+        names=(*names, "damping_ratio", *others.names), values=np.hstack([hz, ratio, others.values]),
+        derived_names=(*own, *others.derived_names), derived=np.hstack([*found, others.derived]),
     )  # fmt: skip
 
 
@@ -185,14 +177,12 @@ def _with_found(rig, values):
 
 def _possible(dynamics, rig, plants):
     """Given arms (M, p), all validated."""
-    plants = array(
-        "plants", plants, ("M", dynamics.p), advice=f"Give f of one arm per row: {', '.join(dynamics.names)}."
-    )
+    advice = f"Give f of one arm per row: {', '.join(dynamics.names)}."
+    plants = array("plants", plants, ("M", dynamics.p), advice=advice)
     if not len(plants):
         raise ValueError("plants must hold at least one arm; got none. Give f of one arm per row.")
     wrong = np.flatnonzero(least_inertia_margin(dynamics, rig, plants) < 0)
     if len(wrong):
-        raise ValueError(
-            f"plants must all be arms; row {wrong[0]} has D(q) below the motors' own inertia. Leave it out."
-        )
+        row = f"row {wrong[0]} has D(q) below the motors' own inertia"
+        raise ValueError(f"plants must all be arms; {row}. Leave it out.")
     return plants

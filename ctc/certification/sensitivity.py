@@ -1,4 +1,4 @@
-"""Sensitivity of the peak errors to each of the drawn numbers: the share of their variance that it explains alone.
+"""Sensitivity of the peak errors to each of the sampled numbers: the share of variance of its own (first-order index).
 
 Errors often grow with a deviation to either side, so no line is fitted. The loops are ranked by their peak, and cut in
 equal groups by one number; the share of the variance of the ranks that lies between the groups is what that number
@@ -13,9 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-_GROUPS, _LEAST = 10, 20
-"""Groups, and how many loops a group must have at least."""
-
+_GROUPS, _LEAST = 10, 20  # groups, and how many loops a group must have at least
 _LITTLE, _CLEAR = 0.005, 0.1
 """Share below which a number has no direction, and rank correlation from which on it has one."""
 
@@ -52,13 +50,15 @@ def influences(names: Sequence[str], values: NDArray[np.float64], peaks: NDArray
     -------
     list of Influence
     """
-    ranks, count = ranked(peaks), len(peaks)
+    from scipy.stats import rankdata
+
+    ranks, count = rankdata(peaks), len(peaks)
     groups = min(_GROUPS, count // _LEAST)
     if groups < 2 or np.ptp(ranks) == 0:
         return [Influence(name, 0.0, 0.0) for name in names]
     total, found = ranks.var() * count, []
     for name, column in zip(names, values.T, strict=True):
-        own = ranked(column)
+        own = rankdata(column)
         group = np.minimum((own - 0.5) * groups / count, groups - 1).astype(int)
         size = np.bincount(group, minlength=groups)
         means = np.bincount(group, weights=ranks, minlength=groups) / np.maximum(size, 1)
@@ -66,9 +66,3 @@ def influences(names: Sequence[str], values: NDArray[np.float64], peaks: NDArray
         share = 1 - (1 - between) * (count - 1) / (count - groups)
         found.append(Influence(name, max(0.0, float(share)), float(np.corrcoef(own, ranks)[0, 1])))
     return sorted(found, key=lambda influence: -influence.share)
-
-
-def ranked(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Ranks (N,) from 1; equal values share the mean of theirs."""
-    _, place, size = np.unique(values, return_inverse=True, return_counts=True)
-    return (np.cumsum(size) - (size - 1) / 2)[place]

@@ -14,19 +14,14 @@ from plant.parts.arguments import array
 from plant.parts.shown import Piece, Shown
 from plant.parts.tables import Table
 
-_SLOWEST = 1.0
-"""Resonance [Hz] below which no gear of an arm has its own."""
-
-_USUAL = (DAMPING_RATIO, 0.03)
-"""Damping ratio unless stated."""
-
-Range = Any
-"""One number, or the two ends of a range."""
+_SLOWEST = 1.0  # resonance [Hz] below which no gear of an arm has its own
+_USUAL = (DAMPING_RATIO, 0.03)  # damping ratio unless stated
+Range = Any  # one number, or the two ends of a range
 
 
 @part
 class Uncertainty(Shown, Part):
-    """What is not known of an arm and its rig: `certify` and `tune` draw their Monte Carlo samples from it.
+    """What is not known of an arm and its rig: `certify` and `tune` take their Monte Carlo samples from it.
 
     Where two numbers may be given, they are the ends of a range, of which each sample has a place of its own
     (uniform); of joints, each joint its own. Print it for a table.
@@ -45,11 +40,11 @@ class Uncertainty(Shown, Part):
     load_position : (3,) array_like, optional
         Of the load, in the frame of the last link's body [m].
     phase : bool
-        Whether the encoders' zeros are drawn, uniform in ±1/2 pulse, each on its own.
+        Whether the encoders' offsets are sampled, uniform in ±1/2 pulse, each on its own.
     delay : float or (2,) array_like
-        Of the torque [s], constant during a run; at most one period of the law.
+        Of the torque [s], constant during a run; at most one period of the controller.
     dropped : float
-        Probability that the counts of a sample do not arrive; the law then reads those of the sample before.
+        Probability that the counts of a sample do not arrive; the controller then reads those of the sample before.
     resonance : (2,) or (n, 2) array_like, optional
         Lowest and highest locked-rotor resonance at the reference's first pose [Hz]: one pair for all joints alike, or
         one for each. None for the rig's own gears. It is a range, not a distribution: bounds hold for its worst cell
@@ -115,17 +110,13 @@ class Uncertainty(Shown, Part):
     __repr__ = Shown.__repr__
 
     def __post_init__(self) -> None:
-        made: dict[str, Any] = {name: between(name, getattr(self, name), unit) for name, unit in _OWN.items()}
-        for name, row in IMPERFECTIONS.items():
-            made[name] = between(name, getattr(self, name), row.unit, row.signed)
+        made: dict[str, Any] = {name: between(name, getattr(self, name), *of) for name, of in _RANGES.items()}
         if not 0 <= self.friction <= 1:
             raise ValueError(f"friction must be a share from 0 to 1; got {self.friction}. 0.1 is 10 %.")
         if not 0 <= self.dropped < 1:
             raise ValueError(f"dropped must be from 0 to below 1; got {self.dropped}. Give a probability.")
         if made["load"][1] > 0 and self.load_position is None:
-            raise ValueError(
-                "load_position must be given with a load; got None. Give x, y and z in the last frame [m]."
-            )
+            raise ValueError(f"load_position must be given with a load; got None. {_PLACE}")
         if self.covariance is not None and self.plants is not None:
             raise ValueError("one of covariance and plants must be given; got both. Leave one out.")
         for name, shape, advice in _ARRAYS:
@@ -133,7 +124,8 @@ class Uncertainty(Shown, Part):
                 made[name] = array(name, getattr(self, name), shape, advice=advice)
         made["resonance"] = None if self.resonance is None else _pairs(self.resonance)
         stated = _USUAL if self.damping_ratio is None and self.resonance is not None else self.damping_ratio
-        made["damping_ratio"] = None if stated is None else _damping(stated)
+        made["damping_ratio"] = None if stated is None else between("damping_ratio", stated, "a ratio")
+        require_swinging(max(made["damping_ratio"] or (0.0,)))
         for name, value in made.items():
             object.__setattr__(self, name, value)
 
@@ -175,7 +167,7 @@ class Uncertainty(Shown, Part):
             yield "resonance" if len(self.resonance) == 1 else f"resonance[{i}]", spread(pair), "Hz"
         if self.resonance is not None:
             yield "damping_ratio", spread(self.damping_ratio), ""
-        for name, unit in _OWN.items() | {name: row.unit for name, row in IMPERFECTIONS.items()}.items():
+        for name, (unit, _) in _RANGES.items():
             if any(getattr(self, name)):
                 yield name, spread(getattr(self, name)), unit
 
@@ -183,13 +175,15 @@ class Uncertainty(Shown, Part):
         yield Table(("uncertain", "from, to", "unit"), list(self._rows()), words=(2,))
 
 
-_OWN = {"load": "kg", "delay": "s"}
-"""Name -> unit of ranges that are no imperfection."""
+_RANGES = {"load": ("kg", False), "delay": ("s", False)}
+_RANGES |= {name: (row.unit, row.signed) for name, row in IMPERFECTIONS.items()}
+"""Name -> unit of each range, and whether it may be negative."""
 
+_PLACE = "Give x, y and z in the last frame [m]."
 _ARRAYS: tuple[tuple[str, tuple[int | str | None, ...], str], ...] = (
     ("covariance", ("k", "k"), "Give one row per name of found.fit.unknown."),
     ("plants", ("M", "p"), "Give f of one arm per row."),
-    ("load_position", (3,), "Give x, y and z in the last frame [m]."),
+    ("load_position", (3,), _PLACE),
 )
 
 
@@ -208,14 +202,6 @@ def _pairs(resonance: Any) -> tuple[tuple[float, float], ...]:
         low, high = pairs[np.flatnonzero(~good)[0]]
         raise ValueError(f"resonance must be (lowest, highest), above 0 Hz; got ({low:g}, {high:g}). Swap or correct.")
     if pairs[:, 0].min() < _SLOWEST:
-        raise ValueError(
-            f"resonance must be {_SLOWEST:g} Hz or more; got {pairs.min():g}. No gear is so soft: is it in kHz?"
-        )
+        soft = f"got {pairs.min():g}. No gear is so soft: is it in kHz?"
+        raise ValueError(f"resonance must be {_SLOWEST:g} Hz or more; {soft}")
     return tuple(map(tuple, pairs.tolist()))
-
-
-def _damping(ratio: Any) -> tuple[float, float]:
-    """Lowest and highest damping ratio of one or two."""
-    ends = between("damping_ratio", ratio, "a ratio")
-    require_swinging(ends[1])
-    return ends

@@ -13,17 +13,7 @@ from ctc.certification.certificates import Certificates
 from ctc.certification.certify import certify
 from ctc.certification.uncertainty import Uncertainty
 from ctc.commandline.demo import demo
-from ctc.commandline.inputs import (
-    Answer,
-    motions_asked,
-    new_place,
-    path_of,
-    plain_number,
-    records_of,
-    result_of,
-    robot_of,
-    unknowns_of,
-)
+from ctc.commandline.inputs import Answer, motions_asked, new_place, path_of, plain_number, records_of, unknowns_of
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.report.report import write_report
 from ctc.tuning.tune import tune
@@ -34,17 +24,9 @@ from plant import Dynamics
 from plant.models.robot_file import FOLDER, read_robot
 from plant.parts.files import write_whole
 
-_COLUMNS = """
-# Which columns of your log are what, and in which units; without these two tables, what Record.to_csv wrote.
-# [columns]
-# t = "time"
-# counts = ["count_1", "count_2"]          # or position = [...], of the joints; torque, current: if they were logged
-# reference_position = ["asked_1", "asked_2"]
-
-# [units]
-# t = "s"
-# reference_position = "rad"
-"""
+_COLUMNS = Path(__file__).with_name("columns.toml")  # what a robot file says of the logs' columns, to be filled in
+_OF_FINDINGS = ("check", "joint", "value", "unit", "verdict", "advice")
+"""What the JSON has of each finding of a checkup."""
 
 
 def run_demo(given: Namespace) -> Answer:
@@ -64,7 +46,7 @@ def run_robots(given: Namespace) -> Answer:
         return Answer("\n".join(f"{name:{width}}  {title}" for name, title in titles.items()), {"robots": titles})
     if given.name not in names:
         raise ValueError(f"a robot of the package is one of {', '.join(names)}; got {given.name!r}. Choose one.")
-    text = (FOLDER / f"{given.name}.toml").read_text(encoding="utf-8") + _COLUMNS
+    text = (FOLDER / f"{given.name}.toml").read_text(encoding="utf-8") + _COLUMNS.read_text(encoding="utf-8")
     if given.output is None:
         return Answer(text.rstrip(), {"robot": given.name, "toml": text})
     model = read_robot(given.name).model
@@ -78,25 +60,20 @@ def run_robots(given: Namespace) -> Answer:
 
 def run_check(given: Namespace) -> Answer:
     """Logs examined before anything is identified."""
-    robot = None if given.robot is None else robot_of(given.robot)
+    robot = None if given.robot is None else read_robot(given.robot)
     texts, data, good = [], {}, True
     for record in records_of(given.logs, robot, given.cut):
         checkup = record.check()
         texts.append(f"{record}\n{checkup}")
-        data[record.name] = [
-            {
-                "check": each.check, "joint": each.joint, "value": plain_number(each.value), "unit": each.unit,
-                "verdict": each.verdict, "advice": each.advice,
-            }
-            for each in checkup.findings
-        ]  # fmt: skip
+        findings = [{name: getattr(each, name) for name in _OF_FINDINGS} for each in checkup.findings]
+        data[record.name] = [each | {"value": plain_number(each["value"])} for each in findings]
         good &= checkup.ok
     return Answer("\n\n".join(texts), {"good": good, "logs": data}, good)
 
 
 def run_identify(given: Namespace) -> Answer:
-    """The parameters that repeat the logs, with their intervals, in a file for `certify` and `report`."""
-    place, robot = new_place(given.output, given.force, _read(given)), robot_of(given.robot)
+    """The parameters that reproduce the logs, with their intervals, in a file for `certify` and `report`."""
+    place, robot = _place(given), read_robot(given.robot)
     records = records_of(given.logs, robot, given.cut)
     held_out = records_of(given.held_out, robot, given.cut) if given.held_out else None
     found = identify(
@@ -123,8 +100,7 @@ def _identified(found: Identification) -> dict[str, Any]:
 
 def run_certify(given: Namespace) -> Answer:
     """The probability that computed torque on what was found exceeds a pulse limit."""
-    place = None if given.output is None else new_place(given.output, given.force, _read(given))
-    found = result_of(given.found)
+    place, found = _place(given), Identification.load(given.found)
     law, motions = _law(found, given), motions_asked(found, given.path, given.everyday)
     certificate = certify(found, found.rig, law, motions, _uncertainty(given, found), **_run(given))
     said = [str(certificate), f"computed torque with a bandwidth of {law.bandwidth:g} rad/s"]
@@ -136,8 +112,7 @@ def run_certify(given: Namespace) -> Answer:
 
 def run_tune(given: Namespace) -> Answer:
     """The controller of least chatter that stays within the limit on what was found."""
-    place = None if given.output is None else new_place(given.output, given.force, _read(given))
-    found = result_of(given.found)
+    place, found = _place(given), Identification.load(given.found)
     motions = motions_asked(found, given.path, given.everyday)
     tuning = tune(found, found.rig, motions, _uncertainty(given, found), **_run(given))
     best = min(tuning.trials, key=lambda trial: trial.rank)
@@ -146,21 +121,21 @@ def run_tune(given: Namespace) -> Answer:
     return _certified(found, tuning.certificate, said, {"law": kind, "numbers": best.numbers}, place)
 
 
-def _read(given: Namespace) -> list[str]:
-    """Files that a command reads."""
+def _place(given: Namespace) -> Any:
+    """Where the answer is to be written, none of the files that the command reads; None to print it alone."""
     every = [vars(given).get(name) for name in ("logs", "held_out", "robot", "found", "certificate", "path")]
-    return [path for each in every if each for path in (each if isinstance(each, list) else [each])]
+    read = [path for each in every if each for path in (each if isinstance(each, list) else [each])]
+    return None if given.output is None else new_place(given.output, given.force, read)
 
 
 def _uncertainty(given: Namespace, found: Identification) -> Uncertainty:
     """What the robot file states, with what the options state in its place."""
-    stated = None if given.robot is None else robot_of(given.robot).uncertainty
+    stated = None if given.robot is None else read_robot(given.robot).uncertainty
     if given.robot is not None and stated is None:
         raise ValueError(f"{given.robot} must have a table [uncertainty]; it has none. Add it, or leave out --robot.")
-    names = [field.name for field in dataclasses.fields(Uncertainty) if getattr(given, field.name, None) is not None]
-    uncertainty = dataclasses.replace(
-        cast(Uncertainty, stated or Uncertainty()), **{name: getattr(given, name) for name in names}
-    )
+    fields = {field.name: getattr(given, field.name, None) for field in dataclasses.fields(Uncertainty)}
+    named: Any = {name: value for name, value in fields.items() if value is not None}
+    uncertainty = dataclasses.replace(cast(Uncertainty, stated or Uncertainty()), **named)
     if found.covariance is None and uncertainty.resonance is None:
         why = found.fit.fallback_reason or f"--method {found.search.method} gives none"
         raise ValueError(f"{given.found} must have intervals; it has none: {why}. Identify with --method seeded.")
@@ -168,7 +143,7 @@ def _uncertainty(given: Namespace, found: Identification) -> Uncertainty:
 
 
 def _run(given: Namespace) -> dict[str, Any]:
-    """How it is tried, as the options of `certify` and `tune`."""
+    """How it is simulated, as the options of `certify` and `tune`."""
     names = ("samples", "seed", "within", "checkpoint", *(["after"] if given.after is not None else []))
     return {name: getattr(given, name) for name in names} | {"progress": not given.quiet}
 
@@ -177,11 +152,11 @@ def _certified(
     found: Identification, certificate: Certificate | Certificates, said: list[str], of_law: dict[str, Any],
     place: Path | None,
 ) -> Answer:  # fmt: skip
-    """The answer that a certificate gives, kept in its file; no good one where what was found is in doubt."""
+    """The answer that a certificate gives, kept in its file; no good one where what was found is unreliable."""
     doubtful = doubts(found)
     if doubtful:
         count = "a warning" if len(doubtful) == 1 else f"{len(doubtful)} warnings"
-        said = [f"The identification is in doubt ({count} of identify); what follows takes it for right.", *said]
+        said = [f"The identification is unreliable ({count} of identify); what follows takes it for right.", *said]
     if place is not None:
         certificate.save(place)
     data = _data(certificate) | {"verdict": certificate.verdict, "doubts": doubtful, **of_law}
@@ -208,20 +183,19 @@ def _data(certificate: Certificate | Certificates) -> dict[str, Any]:
 
 
 def _law(found: Identification, given: Namespace) -> ComputedTorque:
-    stated = {} if given.bandwidth is None else {"bandwidth": given.bandwidth}
-    return ComputedTorque(found, **stated)
+    return ComputedTorque(found, **({} if given.bandwidth is None else {"bandwidth": given.bandwidth}))
 
 
 def run_report(given: Namespace) -> Answer:
     """One page of an identification, and of computed torque on it where there is a path to follow."""
     if not given.output.endswith((".html", ".htm")):
         raise ValueError(f"the page must be an .html file; got {given.output}. Name it so.")
-    place, found = new_place(given.output, given.force, _read(given)), result_of(given.found)
+    place, found = _place(given), Identification.load(given.found)
     certificate: Any = None if given.certificate is None else Certificate.load(given.certificate)
     if isinstance(certificate, Certificates):  # a page is of one path
         certificate = certificate[certificate.worst]
     if certificate is not None and given.bandwidth is not None:
-        raise ValueError("the law must be the certificate's; got --bandwidth beside it. Leave it out.")
+        raise ValueError("the controller must be the certificate's; got --bandwidth beside it. Leave it out.")
     law, evaluation = _law(found, given) if certificate is None else certificate.law, None
     try:
         own = certificate is not None and given.path is None
@@ -237,12 +211,7 @@ def run_report(given: Namespace) -> Answer:
 
 
 COMMANDS = {
-    "demo": run_demo,
-    "robots": run_robots,
-    "check": run_check,
-    "identify": run_identify,
-    "certify": run_certify,
-    "tune": run_tune,
-    "report": run_report,
-}
+    "demo": run_demo, "robots": run_robots, "check": run_check, "identify": run_identify, "certify": run_certify,
+    "tune": run_tune, "report": run_report,
+}  # fmt: skip
 """Name of each command -> what it does."""

@@ -24,10 +24,8 @@ def demo(seed: int, figures: Path) -> bool:
     print("2. identify: f1..f9 from those pulses alone, by the genetic algorithm of the paper and by the default")
     paper, found = (identify(puma560.dynamics(), measured, seed=seed, method=method) for method in ("paper", "seeded"))
     for run in (paper, found):
-        print(
-            f"   {run.search.method}: objective (4) {run.initial_objective:.0f} -> {run.objective:.0f} pulses^2 in "
-            f"{run.seconds:.1f} s"
-        )
+        costs = f"{run.initial_objective:.0f} -> {run.objective:.0f} pulses^2"
+        print(f"   {run.search.method}: objective (4) {costs} in {run.seconds:.1f} s")
     print("   " + "".join(f"{name:>8}" for name in found.arm.dynamics.names))
     print("   " + "".join(f"{value:8.2f}" for value in puma560.PUBLISHED) + "   of the robot")
     print("   " + "".join(f"{value:8.2f}" for value in paper.f) + "   by the paper's method")

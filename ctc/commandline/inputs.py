@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from identification import Identification
-from plant import Record, Reference, Robot, Spline, Table, everyday_motions, read_records, read_robot
+from plant import Record, Reference, Robot, Spline, Table, everyday_motions, read_records
 from plant.parts.user_warning import warn
 from plant.simulation.clock import Clock
 from plant.simulation.followed_path import Logged
@@ -34,27 +34,15 @@ def plain_number(value: Any) -> float | None:
 _GROUPS = {"friction": ("drive.viscous", "drive.coulomb"), "gains": ("law.gain",)}
 """What one word stands for, a number per joint each."""
 
-_KNOTS = 0.02
-"""Time between the points of a logged path that a spline goes through [s]."""
-
-_LONGER, _WIDER = 100.0, 10.0
-"""Times the log's duration, and its angles, from which on a path looks like other units."""
-
-_AT_REST = 0.02
-"""Speed of a joint [rad/s] below which a path begins at rest."""
-
-
-def robot_of(path: str) -> Robot:
-    """A robot from its file, or one of the package."""
-    return read_robot(path)
+_KNOTS = 0.02  # time between the points of a logged path that a spline goes through [s]
+_LONGER, _WIDER = 100.0, 10.0  # times the log's duration, and its angles, from which on a path looks like other units
+_AT_REST = 0.02  # speed of a joint [rad/s] below which a path begins at rest
 
 
 def records_of(paths: list[str], robot: Robot | None, cut: tuple[float, float] | None = None) -> tuple[Record, ...]:
     """Logs as records: with the columns of a robot's file, or such as the library wrote."""
-    if robot is None:
-        records = read_records(paths)
-    else:
-        records = read_records(paths, rig=robot.rig, law=robot.law, columns=robot.columns, units=robot.units)
+    of_robot: Any = {} if robot is None else {name: getattr(robot, name) for name in ("rig", "law", "columns", "units")}
+    records = read_records(paths, **of_robot)
     return records if cut is None else tuple(record.cut(*cut) for record in records)
 
 
@@ -71,19 +59,12 @@ def unknowns_of(named: list[str] | None, robot: Robot) -> list[str] | None:
     for word in named:
         near = difflib.get_close_matches(word, _GROUPS, n=1)
         if near and word not in _GROUPS:
-            raise ValueError(
-                f"--unknown takes {', '.join(_GROUPS)} and names such as drive.viscous[0]; got {word!r}. "
-                f"Did you mean {near[0]!r}?"
-            )
+            takes = f"--unknown takes {', '.join(_GROUPS)} and names such as drive.viscous[0]"
+            raise ValueError(f"{takes}; got {word!r}. Did you mean {near[0]!r}?")
     given = [name for word in named for name in _GROUPS.get(word, (word,)) if word != "f"]
     grouped = [name for names in _GROUPS.values() for name in names]
     every = [f"{name}[{i}]" if name in grouped else name for name in given for i in range(robot.rig.n)]
     return list(dict.fromkeys([*robot.dynamics.names, *every]))
-
-
-def result_of(path: str) -> Identification:
-    """An identification from the file that ``identify -o`` wrote."""
-    return Identification.load(path)
 
 
 def path_of(found: Identification, given: str | None = None) -> Reference:
@@ -98,9 +79,8 @@ def path_of(found: Identification, given: str | None = None) -> Reference:
         A log without a path.
     """
     if given is not None and not Path(given).is_file():
-        raise ValueError(
-            f"the path to follow must be a CSV file that is there; {given} is not. Its columns: t, q_1, ..."
-        )
+        there = "a CSV file that is there"
+        raise ValueError(f"the path to follow must be {there}; {given} is not. Its columns: t, q_1, ...")
     record = found.records[0]
     path = _table(given, found) if given is not None else record.reference
     if path is None:

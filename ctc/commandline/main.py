@@ -13,15 +13,15 @@ from typing import Any, NoReturn
 from ctc.certification.imperfections import IMPERFECTIONS
 from ctc.commandline.commands import COMMANDS
 from identification.results.summary import IdentificationWarning
+from plant.parts.arguments import real
 from plant.version import __version__
 
-_CODES = """exit codes: 0 fine; 1 the verdict says no: a finding of the checkup, an identification in doubt, a plant
-that exceeds the limit, a path that begins in motion; 2 bad input, said in one line; 3 a defect of the library;
-130 interrupted"""
+_CODES = """exit codes: 0 fine; 1 the verdict is negative: a finding of the checkup, an unreliable identification, a
+plant that exceeds the limit, a path that begins in motion; 2 bad input, reported in one line; 3 a defect of the
+library; 130 interrupted"""
 
 
-_PLACES = {"command", "found", "logs", "name"}
-"""Arguments that are no options."""
+_PLACES = {"command", "found", "logs", "name"}  # arguments that are no options
 
 
 class _Parser(argparse.ArgumentParser):
@@ -43,7 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
     Returns
     -------
     int
-        0 fine; 1 the verdict says no; 2 bad input; 3 a defect; 130 interrupted.
+        0 fine; 1 the verdict is negative; 2 bad input; 3 a defect; 130 interrupted.
     """
     given = _parser().parse_args(arguments)
     try:
@@ -101,85 +101,21 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="onepulse", description=about, epilog=_CODES)
     parser.add_argument("--version", action="version", version=f"onepulse {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
-
-    demo = _command(commands, "demo", "the paper from end to end: measure, identify, control")
-    demo.add_argument("--figures", type=Path, default=Path("figures"), help="folder for the figures")
-
-    robots = _command(commands, "robots", "robot files of the package, to start from")
-    robots.add_argument("name", nargs="?", help="one of them; without a name, a list")
-    _output(robots, "write it there (default: print it)", required=False)
-
-    check = _command(commands, "check", "examine logs before anything is identified")
-    _logs(check)
-    check.add_argument("--robot", metavar="TOML", help="robot file, or the name of one of the package")
-
-    identify = _command(commands, "identify", "find the parameters, with intervals, from logs")
-    _logs(identify)
-    identify.add_argument("--robot", metavar="TOML", required=True, help="robot file, or the name of one")
-    identify.add_argument("--method", default="seeded", help="seeded (default), paper, genetic, prediction_error, ...")
-    identify.add_argument(
-        "--unknown",
-        nargs="+",
-        metavar="NAME",
-        help="beside f (default: f alone): friction, gains, or such as drive.viscous[0]",
-    )
-    identify.add_argument("--elasticity", action="store_true", help="stiffness and damping of the gears, too")
-    identify.add_argument("--held-out", nargs="+", metavar="LOG", help="logs that are only repeated")
-    _output(identify, "file for certify and report")
-    _long(identify)
-
-    certify = _command(commands, "certify", "the probability that computed torque exceeds the pulse limit")
-    _uncertain(certify)
-    _law(certify)
-
-    tune = _command(
-        commands, "tune", "the controller of least chatter that stays within the pulse limit, and its certificate"
-    )
-    _uncertain(tune)
-    _path(tune)
-
-    report = _command(commands, "report", "one page of an identification and its controller (HTML)")
-    report.add_argument("found", help="file of identify -o")
-    report.add_argument("--certificate", metavar="FILE", help="file of certify -o or tune -o")
-    _law(report)
-    _output(report, "the page, such as page.html")
+    for name, (said, options) in _COMMANDS.items():
+        command = commands.add_parser(name, help=said, description=said.capitalize() + ".")
+        for names, settings in (*_EVERY, *options):
+            command.add_argument(*names, **settings)
     return parser
 
 
-def _command(commands: Any, name: str, about: str) -> argparse.ArgumentParser:
-    command: argparse.ArgumentParser = commands.add_parser(name, help=about, description=about.capitalize() + ".")
-    command.add_argument("--json", action="store_true", help="answer in JSON, for programs")
-    command.add_argument("--quiet", action="store_true", help="no progress bars (they are drawn on terminals alone)")
-    if name in ("demo", "identify", "certify", "tune"):
-        command.add_argument("--seed", type=_seed, default=1 if name == "demo" else 0, help="same seed, same result")
-    return command
+def _option(*names: str, **settings: Any) -> tuple[tuple[str, ...], dict[str, Any]]:
+    """One argument of a command, as `add_argument` takes it."""
+    return names, settings
 
 
-def _logs(command: argparse.ArgumentParser) -> None:
-    command.add_argument("logs", nargs="+", metavar="LOG", help="CSV, NPZ, MAT, HDF5, Parquet, MCAP, rosbag2")
-    command.add_argument("--cut", nargs=2, type=float, metavar=("BEGIN", "END"), help="this part alone [s]")
-
-
-def _uncertain(command: argparse.ArgumentParser) -> None:
-    command.add_argument("found", help="file of identify -o")
-    command.add_argument("--robot", metavar="TOML", help="robot file with a table [uncertainty]; options go before it")
-    command.add_argument("--friction", type=float, metavar="SHARE", help="by which it may differ (default 0.1)")
-    command.add_argument("--resonance", nargs=2, type=float, metavar=("LOW", "HIGH"), help="of the gears [Hz]")
-    ends: dict[str, Any] = {"nargs": "+", "type": float, "action": _Ends, "metavar": "X"}
-    command.add_argument("--damping-ratio", **ends, help="of that resonance, as all below one number or two ends")
-    command.add_argument("--load", **ends, help="in the gripper [kg]")
-    place = "its centre in the last link's frame [m]"
-    command.add_argument("--load-position", nargs=3, type=float, metavar=("X", "Y", "Z"), help=place)
-    command.add_argument("--delay", **ends, help="of the torque [s]")
-    for name, row in IMPERFECTIONS.items():
-        command.add_argument(f"--{name.replace('_', '-')}", **ends, help=f"{row.words} [{row.unit}]")
-    command.add_argument("--dropped", type=float, metavar="SHARE", help="of the samples whose counts are lost")
-    command.add_argument("--within", type=_positive, default=1.0, help="limit [pulses] (default 1)")
-    command.add_argument("--after", type=float, metavar="SECONDS", help="instants before it are left out, and reported")
-    command.add_argument("--everyday", action="store_true", help="everyday motions, with --path one more; a row each")
-    command.add_argument("--samples", type=int, default=10_000, help="Monte Carlo samples (default 10000)")
-    _output(command, "file for report", required=False)
-    _long(command)
+def _output(about: str, *, required: bool = True) -> Any:
+    force = _option("--force", action="store_true", help="overwrite output files")
+    return _option("-o", "--output", metavar="FILE", required=required, help=about), force
 
 
 class _Ends(argparse.Action):
@@ -191,35 +127,80 @@ class _Ends(argparse.Action):
         setattr(given, self.dest, values[0] if len(values) == 1 else tuple(values))
 
 
-def _law(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--bandwidth", type=float, help="of computed torque [rad/s] (default: the law's own)")
-    _path(command)
-
-
-def _path(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--path", metavar="FILE", help="to follow: t [s], q_1, ... [rad] (default: the log's)")
-
-
-def _output(command: argparse.ArgumentParser, about: str, *, required: bool = True) -> None:
-    command.add_argument("-o", "--output", metavar="FILE", required=required, help=about)
-    command.add_argument("--force", action="store_true", help="overwrite output files")
-
-
-def _long(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--checkpoint", metavar="FILE", help="keep finished work there: called again, it goes on")
-
-
 def _positive(text: str) -> float:
     try:
-        value = float(text)
+        return real("a limit", float(text), "", positive=True)
     except ValueError:
-        value = 0.0
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"a limit is a number above 0; got {text!r}")
-    return value
+        raise argparse.ArgumentTypeError(f"a limit is a number above 0; got {text!r}") from None
 
 
 def _seed(text: str) -> int:
     if not (text.isascii() and text.isdecimal()):
         raise argparse.ArgumentTypeError(f"a seed is a whole number from 0; got {text!r}")
     return int(text)
+
+
+_EVERY = (
+    _option("--json", action="store_true", help="answer in JSON, for programs"),
+    _option("--quiet", action="store_true", help="no progress bars (they are drawn on terminals alone)"),
+)
+_LOGS = (
+    _option("logs", nargs="+", metavar="LOG", help="CSV, NPZ, MAT, HDF5, Parquet, MCAP, rosbag2"),
+    _option("--cut", nargs=2, type=float, metavar=("BEGIN", "END"), help="this part alone [s]"),
+)
+_SEED = _option("--seed", type=_seed, default=0, help="same seed, same result")
+_FOUND = _option("found", help="file of identify -o")
+_PATH = _option("--path", metavar="FILE", help="to follow: t [s], q_1, ... [rad] (default: the log's)")
+_BANDWIDTH = _option("--bandwidth", type=float, help="of computed torque [rad/s] (default: the controller's own)")
+_CHECKPOINT = _option("--checkpoint", metavar="FILE", help="keep finished work there: called again, it goes on")
+_ROBOT: Any = {"metavar": "TOML"}
+_ENDS: Any = {"nargs": "+", "type": float, "action": _Ends, "metavar": "X"}
+_PLACE: Any = {"nargs": 3, "type": float, "metavar": ("X", "Y", "Z")}
+_UNCERTAIN = (
+    _SEED, _FOUND,
+    _option("--robot", **_ROBOT, help="robot file with a table [uncertainty]; options go before it"),
+    _option("--friction", type=float, metavar="SHARE", help="by which it may differ (default 0.1)"),
+    _option("--resonance", nargs=2, type=float, metavar=("LOW", "HIGH"), help="of the gears [Hz]"),
+    _option("--damping-ratio", **_ENDS, help="of that resonance, as all below one number or two ends"),
+    _option("--load", **_ENDS, help="in the gripper [kg]"),
+    _option("--load-position", **_PLACE, help="its centre in the last link's frame [m]"),
+    _option("--delay", **_ENDS, help="of the torque [s]"),
+    *(_option(f"--{name.replace('_', '-')}", **_ENDS, help=f"{row.words} [{row.unit}]")
+      for name, row in IMPERFECTIONS.items()),
+    _option("--dropped", type=float, metavar="SHARE", help="of the samples whose counts are lost"),
+    _option("--within", type=_positive, default=1.0, help="limit [pulses] (default 1)"),
+    _option("--after", type=float, metavar="SECONDS", help="instants before it are left out, and reported"),
+    _option("--everyday", action="store_true", help="everyday motions, with --path one more; a row each"),
+    _option("--samples", type=int, default=10_000, help="Monte Carlo samples (default 10000)"),
+    *_output("file for report", required=False), _CHECKPOINT,
+)  # fmt: skip
+
+_COMMANDS: dict[str, tuple[str, Any]] = {
+    "demo": ("the paper from end to end: measure, identify, control", (
+        _option("--seed", **_SEED[1] | {"default": 1}),
+        _option("--figures", type=Path, default=Path("figures"), help="folder for the figures"),
+    )),
+    "robots": ("robot files of the package, to start from", (
+        _option("name", nargs="?", help="one of them; without a name, a list"),
+        *_output("write it there (default: print it)", required=False),
+    )),
+    "check": ("examine logs before anything is identified", (
+        *_LOGS, _option("--robot", **_ROBOT, help="robot file, or the name of one of the package"),
+    )),
+    "identify": ("find the parameters, with intervals, from logs", (
+        _SEED, *_LOGS, _option("--robot", **_ROBOT, required=True, help="robot file, or the name of one"),
+        _option("--method", default="seeded", help="seeded (default), paper, genetic, prediction_error, ..."),
+        _option("--unknown", nargs="+", metavar="NAME",
+                help="beside f (default: f alone): friction, gains, or such as drive.viscous[0]"),
+        _option("--elasticity", action="store_true", help="stiffness and damping of the gears, too"),
+        _option("--held-out", nargs="+", metavar="LOG", help="logs for validation, only simulated"),
+        *_output("file for certify and report"), _CHECKPOINT,
+    )),
+    "certify": ("the probability that computed torque exceeds the pulse limit", (*_UNCERTAIN, _BANDWIDTH, _PATH)),
+    "tune": ("the controller of least activity within the pulse limit, and its certificate", (*_UNCERTAIN, _PATH)),
+    "report": ("one page of an identification and its controller (HTML)", (
+        _FOUND, _option("--certificate", metavar="FILE", help="file of certify -o or tune -o"),
+        _BANDWIDTH, _PATH, *_output("the page, such as page.html"),
+    )),
+}  # fmt: skip
+"""Name of each command -> what it is for, and its arguments."""

@@ -12,16 +12,13 @@ from numpy.typing import NDArray
 
 from plant.parts.figures import BAND, axes_of, colour_of, dressed, legend_above, literal, row_by_row
 
-_ABREAST = 4
-"""Laws beside each other at most; more stand below each other."""
-_PHASES = 3
-"""Phase plots beside each other at most."""
-_WIDEST = 22.0
-"""Of a figure [inches]."""
+_ABREAST = 4  # controllers beside each other at most; more stand below each other
+_PHASES = 3  # phase plots beside each other at most
+_WIDEST = 22.0  # of a figure [inches]
 
 
 def draw_band(axis: Any, pulses: float = 1) -> None:
-    """The promised band, shaded, and whole pulses on the axis, which never ends at the band."""
+    """The specified band, shaded, and whole pulses on the axis, which never ends at the band."""
     from matplotlib.ticker import MaxNLocator
 
     axis.axhspan(-pulses, pulses, color=BAND, zorder=0)
@@ -107,8 +104,7 @@ def plot_phase(evaluation: Any, ax: Any = None) -> NDArray[Any]:
         axis.plot(error[:, joint], rate[:, joint], color=colour_of(joint), linewidth=0.5, alpha=0.8)
         axis.plot(error[0, joint], rate[0, joint], "o", color="0.2", markersize=4, label="start")
         reach = 1.1 * max(np.abs(error[:, joint]).max(), 2.0)
-        axis.set_xlim(-reach, reach)
-        axis.set_xlabel("true error [pulses]; shaded: ±1 pulse")
+        axis.set(xlim=(-reach, reach), xlabel="true error [pulses]; shaded: ±1 pulse")
         axis.set_ylabel("rate of the error [pulses/s]")
     legend_above(axes[0])
     return axes
@@ -116,15 +112,14 @@ def plot_phase(evaluation: Any, ax: Any = None) -> NDArray[Any]:
 
 @literal
 def plot_comparison(evaluations: dict[str, Any], ax: Any = None) -> NDArray[Any]:
-    """Tracking errors of several laws on the same arm."""
+    """Tracking errors of several controllers on the same arm."""
     if not isinstance(evaluations, dict) or not evaluations:
         given = f"{evaluations!r:.40}" if evaluations else "none"
-        raise ValueError(f"evaluations must be a dict, one per law; got {given}. Pass {{name: evaluate(...)}}.")
+        raise ValueError(f"evaluations must be a dict, one per controller; got {given}. Pass {{name: evaluate(...)}}.")
     for name, evaluation in evaluations.items():
         _require_evaluation(f"evaluation {name!r}", evaluation)
     n, laws = next(iter(evaluations.values())).record.n, len(evaluations)
-    abreast = laws <= _ABREAST
-    if abreast:
+    if abreast := laws <= _ABREAST:
         drawn = axes = row_by_row(ax, n, laws, width=5.2 * laws)
     else:
         drawn = row_by_row(ax, laws, n, width=min(5.2 * n, _WIDEST), height=1.5)

@@ -1,4 +1,4 @@
-"""Figures over frequency: the loops of a law, and on which gears a law holds."""
+"""Figures over frequency: the loops of a controller, and on which gears it holds."""
 
 from typing import Any
 
@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from plant.parts.figures import axes_of, colour_of, dressed, legend_above, literal, row_by_row
 
 _DASHES = ("-", "--", ":", "-.")
-_TICKS = (5, 10, 15, 25, 40, 60, 100, 150, 250, 500, 1000)
-"""Resonances [Hz] at which an axis has ticks."""
+_TICKS = (5, 10, 15, 25, 40, 60, 100, 150, 250, 500, 1000)  # resonances [Hz] at which an axis has ticks
 
 
 @literal
@@ -22,20 +21,14 @@ def plot_margins(margins: Any, ax: Any = None) -> NDArray[Any]:
         phase -= 2 * np.pi * np.ceil(phase[np.abs(np.abs(loop) - 1).argmin()] / (2 * np.pi))
         options = {"color": colour_of(joint), "linewidth": 1.4, "label": margins.joint_labels[joint]}
         options["linestyle"] = _DASHES[joint % len(_DASHES)]  # joints under one law often lie on one another
-        for axis, values in zip(
-            axes, (20 * np.log10(np.abs(loop)), np.rad2deg(phase), 20 * np.log10(np.abs(1 / (1 + loop)))), strict=True
-        ):
+        curves = 20 * np.log10(np.abs(loop)), np.rad2deg(phase), 20 * np.log10(np.abs(1 / (1 + loop)))
+        for axis, values in zip(axes, curves, strict=True):
             axis.plot(f, values, **options)
     begin = f[np.searchsorted(f, f[-1] / 1000)]
-    for axis, name, level, ends in zip(
-        axes, ("loop gain [dB]", "phase [°]", "sensitivity [dB]"), (0, -180, 0), ((-40, 60), (-400, 10), (-60, 15)),
-        strict=True,
-    ):  # fmt: skip
+    panels = ("loop gain [dB]", 0, (-40, 60)), ("phase [°]", -180, (-400, 10)), ("sensitivity [dB]", 0, (-60, 15))
+    for axis, (name, level, ends) in zip(axes, panels, strict=True):
         axis.axhline(level, color="0.35", linewidth=0.6, linestyle="--")
-        axis.set_ylabel(name)
-        axis.set_xscale("log")
-        axis.set_xlim(begin, f[-1])
-        axis.set_ylim(*ends)
+        axis.set(ylabel=name, xscale="log", xlim=(begin, f[-1]), ylim=ends)
     axes[1].set_yticks(np.arange(-360, 1, 90))
     legend_above(axes[0], left=True)
     axes[-1].set_xlabel("frequency [Hz]")
@@ -44,7 +37,7 @@ def plot_margins(margins: Any, ax: Any = None) -> NDArray[Any]:
 
 @literal
 def plot_sweep(sweep: Any, ax: Any = None) -> NDArray[Any]:
-    """Share of samples within the limit over the resonance of the gears, and bars where every sample is, law by law."""
+    """Share of samples within the limit over the resonance of the gears, and bars where every sample is."""
     names, hz = list(sweep.shares), sweep.hz
     edges = np.sqrt(hz[1:] * hz[:-1])
     edges = np.concatenate([[hz[0] ** 2 / edges[0]], edges, [hz[-1] ** 2 / edges[-1]]])
@@ -61,11 +54,9 @@ def plot_sweep(sweep: Any, ax: Any = None) -> NDArray[Any]:
     for place, name in enumerate(names):
         own = sweep.shares[name]
         share.plot(hz, 100 * own, color=colour_of(place), linewidth=1.6, linestyle=_DASHES[place % 4], label=name)
-        for low, high, inside in zip(edges[:-1], edges[1:], own >= 1, strict=True):
-            if inside:
-                bars.barh(-place, high - low, 0.62, left=low, color=colour_of(place), linewidth=0)
-    share.set_ylabel(f"samples within ±{sweep.within:g} pulse [%]")
-    share.set_ylim(-2, 104)
+        wide, left = np.diff(edges)[own >= 1], edges[:-1][own >= 1]
+        bars.barh(np.full(len(left), -place), wide, 0.62, left=left, color=colour_of(place), linewidth=0)
+    share.set(ylabel=f"samples within ±{sweep.within:g} pulse [%]", ylim=(-2, 104))
     legend_above(share, left=True)
     bars.set_yticks([-place for place in range(len(names))], names)
     bars.set_ylim(-len(names) + 0.4, 0.6)
@@ -82,8 +73,7 @@ def _along_resonances(axis: Any, low: float, high: float) -> None:
     """A logarithmic axis of frequencies [Hz] with numbers that are read at once."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
-    axis.set_xscale("log")
-    axis.set_xlim(low, high)
+    axis.set(xscale="log", xlim=(low, high))
     axis.xaxis.set_major_locator(FixedLocator([hz for hz in _TICKS if low <= hz <= high]))
     axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.xaxis.set_minor_formatter(NullFormatter())

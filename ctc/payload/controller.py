@@ -1,4 +1,4 @@
-"""The running controller of a payload estimator: the law at work, and the three stages around it."""
+"""The running controller of a payload estimator, and the three stages around it."""
 
 import dataclasses
 import math
@@ -33,7 +33,7 @@ class PayloadEvent(Shown):
     swapped : float
         When the model was swapped to it [s]; NaN until then.
     windows : int
-        That were looked at; of those before the last the message said why they were not used.
+        That were evaluated; of those before the last the message stated why they were not used.
     message : str
         Of the last window.
     """
@@ -54,28 +54,19 @@ class PayloadEvent(Shown):
         yield f"{self.windows} windows; the last: {self.message}"
 
 
-_SETTLE = 0.1
-"""From the start, in which nothing is collected and no change is looked for: the observers settle [s]."""
-
-_AGAIN = 0.25
-"""Share of a window after which, where one said too little, the next one is looked at."""
-
+_SETTLE = 0.1  # from the start, in which nothing is collected and no change is looked for: the observers settle [s]
+_AGAIN = 0.25  # share of a window after which, where one was not sufficient, the next one is evaluated
 _FRESH, _FRESH_TIME = 2.0, 0.05
 """By how much the alarm's limit is higher just after a swap, as a share, and how fast that passes [s]: friction that
 differs comes back into the observer."""
 
-_AHEAD = 5e-3
-"""A loop that is so far ahead of the clock is a simulation, and waits for its answer [s]."""
-
-_PATIENCE = 60.0
-"""For how long it would [s]."""
-
-_EMPTY = 0.1
-"""Share of the heaviest load below which a gripper counts as empty."""
+_AHEAD = 5e-3  # a loop that is so far ahead of the clock is a simulation, and waits for its answer [s]
+_PATIENCE = 60.0  # for how long it would [s]
+_EMPTY = 0.1  # share of the heaviest load below which a gripper counts as empty
 
 
 class PayloadController:
-    """A controller at work that estimates its load; made by `PayloadEstimator.start`.
+    """A running controller that estimates its load; made by `PayloadEstimator.start`.
 
     Parameters
     ----------
@@ -93,17 +84,15 @@ class PayloadController:
     stage : str
         "settling", "collecting", "identifying" or "holding".
     running : Running
-        The law at work: ``.torque``, ``.status``, ``.stopped`` and the rest.
+        The running control law: ``.torque``, ``.status``, ``.stopped`` and the rest.
     change : float
         The statistic on which changes are detected; `PayloadEstimator.alarm` is its limit.
     """
 
     def __init__(self, estimator: Any, running: Running) -> None:
         self.estimator, self.running = estimator, running
-        places = estimator.loop_law.places(running.n)
-        state = running.core.law_state(running.n)
-        self._wanted = state[places["wanted"].start : places["wanted"].stop]
-        self._change = state[places["change"].start : places["change"].stop]
+        places, state = estimator.loop_law.places(running.n), running.core.law_state(running.n)
+        self._wanted, self._change = (state[places[name].start : places[name].stop] for name in ("wanted", "change"))
         self._samples, self.period = estimator.specification.samples, running.period
         self._counts, self._torque = np.zeros((2, self._samples + 1, running.n))
         self._worker: Worker | None = None
@@ -161,7 +150,7 @@ class PayloadController:
                 self._detected(float(self._change[0]))
         elif self.stage == "settling":
             if self._calls > self._from:
-                self.events.append(PayloadEvent(time=0.0, kind="start", before=self._mass_in_model))
+                self.events.append(PayloadEvent(time=0.0, kind="start", before=float(self._wanted[0])))
                 self._collect(self._samples)
         elif self.stage == "collecting":
             if self.running.bridged != self._bridged:  # a sample was late or lost: the window would lie
@@ -171,10 +160,6 @@ class PayloadController:
         else:
             self._await()
 
-    @property
-    def _mass_in_model(self) -> float:
-        return float(self._wanted[0])
-
     def _collect(self, samples: int) -> None:
         self.stage, self._full, self._bridged = "collecting", self._calls + samples, self.running.bridged
 
@@ -182,7 +167,7 @@ class PayloadController:
         """A change: the model goes back to the prior, and a window begins."""
         kind = "taken" if change > 0 else "dropped"
         now = (self._calls - 1) * self.period
-        self.events.append(PayloadEvent(time=now, kind=kind, before=self._mass_in_model))
+        self.events.append(PayloadEvent(time=now, kind=kind, before=float(self._wanted[0])))
         self.load = self.estimator.prior
         self._wanted[:] = self.load.parameters
         self._collect(self._samples)

@@ -1,4 +1,4 @@
-"""On-line identification of a load under a law with a model: the paper's three stages collect, identify, swap."""
+"""On-line identification of a load under a controller with a model: the paper's stages collect, identify, swap."""
 
 from typing import Any
 
@@ -17,13 +17,12 @@ from identification.payload.worker import Specification
 from plant import Law, Rig
 from plant.parts.arguments import choice, instance, known_options, real
 
-_LEAST_WINDOW = 0.1
-"""[s]; the paper's shortest."""
+_LEAST_WINDOW = 0.1  # [s]; the paper's shortest
 
 
 @known_options
 class PayloadEstimator:
-    """A law that finds the load in its gripper while it works.
+    """A controller that identifies the load in its gripper while it runs.
 
     At the start, and when a load is taken, dropped or changed, the controller holds a prior, collects counts and
     applied torque over a window, has the load identified beside it, and swaps its model bumplessly.
@@ -51,7 +50,7 @@ class PayloadEstimator:
     found : Identification, optional
         That gave arm and rig: its covariance goes into estimate and interval.
     friction : float
-        Standard deviation of the friction levels as a share of them, for the interval, where `found` says nothing.
+        Standard deviation of the friction levels as a share of them, for the interval, where `found` has none.
     tolerated : float
         Share by which friction may be off without a false alarm: see `alarm`.
     alarm : float
@@ -115,14 +114,12 @@ class PayloadEstimator:
         tolerated = real("tolerated", tolerated, "Give a share, such as 0.05.", positive=True)
         floor = np.abs(known.rig.to_angle(np.ones(known.rig.n))) * np.diag(known.arm.D(np.zeros(known.rig.n)))
         unknown, root = uncertainty(known.arm, known.rig, found, friction)
+        rigid = known.rig.drive.elasticity is None
+        noise = (1.0 if rigid else _SWINGING) * (tolerated * known.rig.drive.joint_coulomb() + _ROUNDING * floor)
         self.loop_law = PayloadLaw(
-            law=known,
-            start_with=start,
-            stiffened=known.rig.drive.elasticity is None or bool(getattr(known, "delay", 0)),
-            per_kg=shape.per_kg[len(shape.places) // 2],
-            noise=(1.0 if known.rig.drive.elasticity is None else _SWINGING)
-            * (tolerated * known.rig.drive.joint_coulomb() + _ROUNDING * floor),
-        )
+            law=known, start_with=start, stiffened=rigid or bool(getattr(known, "delay", 0)),
+            per_kg=shape.per_kg[len(shape.places) // 2], noise=noise,
+        )  # fmt: skip
         self.specification = Specification(
             method=self.method, arm=known.arm, rig=known.rig, shape=shape, unknown=unknown, root=root, samples=samples,
             seed=seed,
@@ -176,8 +173,6 @@ class PayloadEstimator:
         return f"PayloadEstimator({type(self.law).__name__}, {low:g} to {high:g} kg, {self.method}, {self.window:g} s)"
 
 
-_SWINGING = 2.0
-"""What elastic gears add to the disturbance after a change, as a factor."""
-
+_SWINGING = 2.0  # what elastic gears add to the disturbance after a change, as a factor
 _ROUNDING = 200.0
 """Disturbance acceleration [1/s^2] per angle of one count, which the rounding of counts alone makes of it."""

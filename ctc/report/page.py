@@ -3,71 +3,23 @@
 import io
 import re
 from collections.abc import Iterable
+from pathlib import Path
+from string import Template
 from typing import Any
 
 import numpy as np
 
 from plant.parts.markup import text
 
-_LINE = 0.14
-"""Height of a line below the Axes of a figure [inch]."""
-
-_PLACES = 40
-"""Along an axis, per inch."""
-
-_STYLE = """
-:root { color-scheme: light; }
-* { box-sizing: border-box; }
-body { margin: 0 auto; padding: 1.5rem 1rem 4rem; max-width: 62rem; background: #fff; color: #1c2326;
-  font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; }
-h1 { font-size: 1.7rem; line-height: 1.2; margin: 0 0 .3rem; }
-h2 { font-size: 1.2rem; margin: 2.4rem 0 .6rem; padding-bottom: .25rem; border-bottom: 1px solid #d8dcdd; }
-h3 { font-size: 1rem; margin: 1.4rem 0 .4rem; }
-p { margin: .5rem 0; max-width: 46rem; }
-.sub { color: #59666b; margin: 0; }
-ul { margin: .4rem 0; padding-left: 1.2rem; max-width: 50rem; }
-li { margin: .25rem 0; overflow-wrap: anywhere; }
-.verdict { list-style: none; padding: 0; margin: 1.2rem 0; max-width: none; }
-.verdict li { margin: 0 0 .5rem; padding: .6rem .9rem; border-left: 5px solid #8a979c; background: #f4f6f6; }
-.verdict li.good { border-color: #2c7a4b; }
-.verdict li.bad { border-color: #b3401f; background: #fbf2ee; }
-.verdict b { display: block; }
-.wide { overflow-x: auto; margin: .6rem 0; }
-table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums; }
-th, td { padding: .28rem .7rem .28rem 0; text-align: left; vertical-align: top; border-bottom: 1px solid #e6e9ea; }
-th { font-weight: 600; white-space: nowrap; }
-td.number, th.number { text-align: right; white-space: nowrap; }
-figure { margin: 1rem 0; }
-figure svg { width: 100%; height: auto; display: block; }
-figcaption { color: #59666b; font-size: .9rem; max-width: 46rem; }
-.drawing { overflow-x: auto; }
-.drawing svg { min-width: 42rem; }
-pre { overflow-x: auto; background: #f4f6f6; padding: .8rem; font: 13px/1.45 ui-monospace, Menlo, Consolas, monospace; }
-details { margin: .6rem 0; }
-summary { cursor: pointer; color: #1f6f8b; }
-@media (max-width: 36rem) {
-  table { font-size: .8rem; }
-  th, th.number { white-space: normal; }
-}
-@media print {
-  body { max-width: none; padding: 0; font-size: 10.5pt; }
-  h2 { break-after: avoid; }
-  figure, tr, .verdict li { break-inside: avoid; }
-  .wide, .drawing { overflow: visible; }
-  .drawing svg { min-width: 0; }
-  pre { white-space: pre-wrap; overflow-wrap: anywhere; }
-}
-"""
+_LINE = 0.14  # height of a line below the Axes of a figure [inch]
+_PLACES = 40  # along an axis, per inch
+_PAGE = Path(__file__).with_suffix(".html")  # template of it, with its style
 
 
 def page(title: str, subtitle: str, parts: Iterable[str]) -> str:
     """The whole page."""
-    return (
-        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{text(title)}</title>\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<style>{_STYLE}</style>\n</head>\n<body>\n<header>\n<h1>{text(title)}</h1>\n"
-        f'<p class="sub">{text(subtitle)}</p>\n</header>\n<main>\n' + "\n".join(parts) + "\n</main>\n</body>\n</html>\n"
-    )
+    template = Template(_PAGE.read_text(encoding="utf-8"))
+    return template.substitute(title=text(title), subtitle=text(subtitle), parts="\n".join(parts))
 
 
 def section(title: str, *parts: str) -> str:

@@ -16,12 +16,9 @@ from plant.parts.files import require_new, write_whole
 
 @known_options
 def write_report(
-    found: Identification,
-    *results: Evaluation | Certificate | str | Path,
-    path: str | Path | None = None,
-    title: str = "Identification of a robot arm",
-    overwrite: bool = False,
-) -> None:
+    found: Identification, *results: Evaluation | Certificate | str | Path, path: str | Path | None = None,
+    title: str = "Identification of a robot arm", overwrite: bool = False,
+) -> None:  # fmt: skip
     """Write one self-contained HTML page: verdict, parameters, fit, logs, assumptions, controller, provenance.
 
     It needs no network and no script, and is readable on a phone and on paper.
@@ -74,10 +71,8 @@ def write_report(
     others = [name for name, arm in arms if arm is not None and not np.array_equal(arm.f, found.arm.f)]
     if others:
         both = f"{' and '.join(others)} {'have' if len(others) > 1 else 'has'} another"
-        raise ValueError(
-            f"results must be of laws with this identification's f; {both}. Make it again from found, or give the "
-            "identification that they are of."
-        )
+        advice = "Make it again from found, or give the identification that they are of"
+        raise ValueError(f"results must be of laws with this identification's f; {both}. {advice}.")
     place = require_new(path, overwrite)
     today = datetime.date.today().isoformat()
     subtitle = f"{', '.join(found.arm.dynamics.chain.joint_labels)}; {found.search.method}; written on {today}"

@@ -14,14 +14,13 @@ from identification.results.summary import doubts
 from plant.parts.markup import details, items, preformatted, table, text
 from plant.parts.shown import body
 
+_SEARCHED, _ASIDE = "identification", "validation"
+
 
 def sections(found: Any, evaluation: Any, certificate: Any) -> Iterator[str]:
     """All sections, the verdict first."""
     yield _verdict(found, evaluation, certificate)
-    yield _values(found)
-    yield _fit(found)
-    yield _logs(found)
-    yield _assumptions(found)
+    yield from (part(found) for part in (_values, _fit, _logs, _assumptions))
     if evaluation is not None:
         yield _controller(found, evaluation)
     if certificate is not None:
@@ -34,7 +33,7 @@ def _verdict(found: Any, evaluation: Any, certificate: Any) -> str:
     lines, doubtful = [], doubts(found)
     if doubtful:
         said = "One line under it says" if len(doubtful) == 1 else f"{len(doubtful)} lines under it say"
-        lines.append((False, "The identification is in doubt", f"{said} why, below: Warnings."))
+        lines.append((False, "The identification is unreliable", f"{said} why, below: Warnings."))
     else:
         lines.append((True, "Nothing in the log contradicts what was stated", "What was tested, and what would have "
                       "been seen, stands under Assumptions."))  # fmt: skip
@@ -43,10 +42,10 @@ def _verdict(found: Any, evaluation: Any, certificate: Any) -> str:
         said = f"{share} of {len(evaluation.record)} samples within ±1 pulse, simulated on the arm that was found."
         if certificate is None:  # else its verdict says them
             said += "".join(f" {line[:1].upper()}{line[1:]}." for line in evaluation.conditions)
-        nominal = "the nominal arm, which is in doubt" if doubtful else "the nominal arm"
+        nominal = "the nominal arm, which is unreliable" if doubtful else "the nominal arm"
         lines.append((evaluation.holds and not doubtful, f"{law} on {nominal}", said))
     if certificate is not None:
-        title = f"{type(certificate.law).__name__} on {len(certificate.plants)} possible arms"
+        title = f"{type(certificate.law).__name__} on {len(certificate.plants)} sampled arms"
         lines.append((certificate.holds and not doubtful, title, certificate.verdict))
     rows = "\n".join(
         f'<li class="{"good" if good else "bad"}"><b>{"✓" if good else "✗"} {text(title)}</b>{text(said)}</li>'
@@ -62,11 +61,9 @@ def _values(found: Any) -> str:
     names, units = found.short_names, units_of(found.arm.dynamics, found.fit.unknown)
     if found.covariance is None:
         why = found.fit.fallback_reason or "this method gives no intervals"
-        values = [
-            (name, f"{value:.5g}", unit) for name, value, unit in zip(names, found.fit.values, units, strict=True)
-        ]
+        own = [(name, f"{value:.5g}", unit) for name, value, unit in zip(names, found.fit.values, units, strict=True)]
         said = f"<p>Without intervals: {text(why)}.</p>"
-        return section("Parameters", said, table(("", "value", "unit"), values), _legend(found))
+        return section("Parameters", said, table(("", "value", "unit"), own), _legend(found))
     rows = []
     for name, value, s, unit in zip(names, found.fit.values, found.fit.std, units, strict=True):
         if s > 0:
@@ -76,24 +73,24 @@ def _values(found: Any) -> str:
             said = f"{share:.2g} %" if share < 10 else f"{share:.0f} %"
             rows.append((name, middle, said, unit, f"{s:.2g}", low, high))
         else:
-            rows.append((name, f"{value:.5g}", "as stated", unit, "", "", ""))
+            rows.append((name, f"{value:.5g}", "assumed", unit, "", "", ""))
     head = ("", "value", "95 % half-width", "unit", "standard deviation", "95 % from", "to")
     counted = f"<p>{text(f'The intervals count noise and {found.search.tolerances}.')}</p>"
     return section("Parameters", table(head, rows), counted, _legend(found))
 
 
 def _legend(found: Any) -> str:
-    lines = found.arm.dynamics.legend.splitlines()
-    return details("What the parameters mean", preformatted("\n".join(lines))) if lines else ""
+    legend = "\n".join(found.arm.dynamics.legend.splitlines())
+    return details("What the parameters mean", preformatted(legend)) if legend else ""
 
 
 def _fit(found: Any) -> str:
     apart, aside = found.diagnostics.difference, found.diagnostics.held_out_difference
     known = f"{apart:.2f} pulses (rms)" if np.isfinite(apart) else "an amount that is not known"
-    names = ", ".join(name for name, _ in _named(found, found.held_out))
-    kept = "No record was kept aside."
+    names = ", ".join(name for use, name, _ in _named(found) if use == _ASIDE)
+    kept = "No record was held out for validation."
     if aside is not None:
-        kept = f"In what was kept aside and no search saw, {names}, they differ by {aside:.2f} pulses."
+        kept = f"In the validation data, {names}, they differ by {aside:.2f} pulses."
     said = (
         f"Errors measured and simulated with these values differ by {known}; two roundings alone give 0.58. {kept} "
         f"{found.message}"
@@ -108,17 +105,15 @@ def _fit(found: Any) -> str:
 
 def _logs(found: Any) -> str:
     rows, parts = [], []
-    for use, records in (("searched", found.records), ("kept aside", found.held_out)):
-        for name, record in _named(found, records):
-            law = type(record.law).__name__ if record.law is not None else "none"
-            seconds = f"{record.t[-1] - record.t[0]:.3g}"
-            rows.append((name, use, law, f"{len(record)}", seconds, f"{1e3 * record.rig.period:g}"))
-            checkup = record.check()
-            found_wrong = [f"{each.check}: {each.verdict}. {each.advice}" for each in checkup.problems]
-            if found_wrong:
-                parts += [f"<h3>Checkup of {text(name)}</h3>", items(found_wrong)]
-            parts.append(details(f"All checks of {name}", body(checkup)))
-    head = ("log", "use", "law", "samples", "duration [s]", "period [ms]")
+    for use, name, record in _named(found):
+        law = type(record.law).__name__ if record.law is not None else "none"
+        seconds = f"{record.t[-1] - record.t[0]:.3g}"
+        rows.append((name, use, law, f"{len(record)}", seconds, f"{1e3 * record.rig.period:g}"))
+        checkup = record.check()
+        if problems := [f"{each.check}: {each.verdict}. {each.advice}" for each in checkup.problems]:
+            parts += [f"<h3>Checkup of {text(name)}</h3>", items(problems)]
+        parts.append(details(f"All checks of {name}", body(checkup)))
+    head = ("log", "use", "controller", "samples", "duration [s]", "period [ms]")
     return section("Logs", table(head, rows, words=range(3)), *parts)
 
 
@@ -133,15 +128,15 @@ def _assumptions(found: Any) -> str:
             for name, row, mark in zip(assumed.names, assumed.moves, strong, strict=True)
         ]
         told = (
-            "What no log of this kind reveals: how values move if a stated number is 1 % larger, from 0.05 standard "
+            "What no log of this kind reveals: how values move if an assumed number is 1 % larger, from 0.05 standard "
             "deviations on."
         )
-        head = ("1 % more of", "moves")
-        parts += ["<h3>Taken as stated</h3>", f"<p>{text(told)}</p>", table(head, rows, words=range(2))]
+        head = ("sensitivity to 1 % of", "moves")
+        parts += ["<h3>Assumed values</h3>", f"<p>{text(told)}</p>", table(head, rows, words=range(2))]
     stated = [*zip(found.rig.number_names(), found.rig.number_values(), strict=True)]
     stated += [*zip(found.law.number_names("law."), found.law.number_values(), strict=True)]
     shown_numbers = [(name, f"{value:.6g}") for name, value in stated if name not in found.fit.unknown]
-    parts.append(details("Numbers of rig and law, as stated", table(("motor side, SI", "value"), shown_numbers)))
+    parts.append(details("Assumed numbers of rig and controller", table(("motor side, SI", "value"), shown_numbers)))
     if found.fit.resonance is not None:
         parts += ["<h3>Gears</h3>", body(found.fit.resonance)]
     return section("Assumptions", *parts)
@@ -153,12 +148,9 @@ def _controller(found: Any, evaluation: Any) -> str:
     drawn = figure(evaluation.plot(), "controller", caption)
     path, t = evaluation.record.reference, evaluation.record.t
     fastest = np.abs(path(t).qd).max(axis=0)
-    speeds = ", ".join(
-        f"{label} {speed:.2g} {'m' if link.prismatic else 'rad'}/s"
-        for label, speed, link in zip(
-            evaluation.joint_labels, fastest, evaluation.arm.dynamics.chain.links, strict=True
-        )
-    )
+    units = ["m" if link.prismatic else "rad" for link in evaluation.arm.dynamics.chain.links]
+    joints = zip(evaluation.joint_labels, fastest, units, strict=True)
+    speeds = ", ".join(f"{label} {speed:.2g} {unit}/s" for label, speed, unit in joints)
     bandwidth = getattr(evaluation.record.law, "bandwidth", None)
     said = "" if bandwidth is None else f"{law} with a bandwidth of {bandwidth:g} rad/s. "
     said += f"The path of this verdict ({type(path).__name__}), {t[-1]:.3g} s; greatest speeds: {speeds}."
@@ -174,14 +166,13 @@ def _beyond(found: Any, evaluation: Any) -> str:
     return f"<p>{text(said)}</p>" if places else ""
 
 
-def _named(found: Any, records: Any) -> Iterator[tuple[str, Any]]:
-    """Records with what to call them: their file, or their place among those given."""
-    everything = [*found.records, *found.held_out]
-    names = [each.name for each in everything]
-    for record in records:
-        place = next(i for i, each in enumerate(everything) if each is record)
-        name, numbered = record.name, f"record {place + 1}"
-        yield (name if names.count(name) == 1 else f"{name}, {numbered}") if name else numbered, record
+def _named(found: Any) -> Iterator[tuple[str, str, Any]]:
+    """Use of each record, what to call it (its file, or its place among those given), and it itself."""
+    used = [*((_SEARCHED, record) for record in found.records), *((_ASIDE, record) for record in found.held_out)]
+    names = [record.name for _, record in used]
+    for place, (use, record) in enumerate(used, 1):
+        numbered = f"record {place}" if names.count(record.name) > 1 or not record.name else ""
+        yield use, ", ".join(filter(None, (record.name, numbered))), record
 
 
 def _certificate(certificate: Any) -> str:
@@ -190,8 +181,8 @@ def _certificate(certificate: Any) -> str:
     return section(
         "Certificate",
         figure(certificate.plot(), "certificate", caption),
-        f"<p><b>Drawn</b>: {text(', '.join(drawn))}.</p>",
-        f"<p><b>Not drawn, and so not promised</b>: {text(', '.join(missing))}.</p>",
+        f"<p><b>Sampled</b>: {text(', '.join(drawn))}.</p>",
+        f"<p><b>Not sampled, and so not covered</b>: {text(', '.join(missing))}.</p>",
         details("Table", body(certificate)),
     )  # fmt: skip
 
@@ -200,15 +191,13 @@ def _origin(found: Any, certificate: Any) -> str:
     provenance = found.provenance()
     rows = [(name, str(value)) for name, value in provenance["versions"].items()]
     rows += [("method", found.search.method), ("seed", str(found.search.seed)), ("evaluations", f"{found.evaluations}")]
-    for key, records in (("records", found.records), ("held_out", found.held_out)):
-        named = zip(_named(found, records), provenance[key], strict=True)
-        rows += [(f"SHA-256 of {name}, as it was read", digest) for (name, _), digest in named]
+    digests = zip(_named(found), (*provenance["records"], *provenance["held_out"]), strict=True)
+    rows += [(f"SHA-256 of {name}, as it was read", digest) for (_, name, _), digest in digests]
     if certificate is not None:
         rows.append(("seed of the certificate", str(certificate.provenance()["seed"])))
     settings = f"method={found.search.method!r}, seed={found.search.seed}"
     names = ", ".join(repr(name) for name in found.short_names)
-    indent = " " * 20
-    listed = textwrap.fill(names, 100, initial_indent=indent, subsequent_indent=indent)
+    listed = textwrap.indent(textwrap.fill(names, 80), " " * 20)
     code = (
         "from identification import Identification, identify\n\n"
         'found = Identification.load("found.json")            # where it was saved\n'

@@ -1,8 +1,8 @@
-"""Loop transfer function of each joint under a sampled law, linearised, with sampling, delay and observer.
+"""Loop transfer function of each joint under a sampled controller, linearised, with sampling, delay and observer.
 
-The loop of a joint is opened where its encoder is read, all other loops stay closed: input are the counts that the law
-reads, output is minus the position, in pulses, so that the sensitivity function is 1 / (1 + L). How the loops are
-linearised: `plant.analysis.sampled_loops`.
+The loop of a joint is opened where its encoder is read, all other loops stay closed: input are the counts that the
+controller reads, output is minus the position, in pulses, so that the sensitivity function is 1 / (1 + L). How the
+loops are linearised: `plant.analysis.sampled_loops`.
 """
 
 from __future__ import annotations
@@ -68,16 +68,18 @@ def error_loop(
     """
     import control
 
-    A, B, C, dt = open_loops(arm, rig, law, pose)
+    loops = SampledLoops(controlled(arm, law), rig, law, pose)
     if not isinstance(joint, (int, np.integer)) or not 0 <= joint < rig.n:
         raise ValueError(f"joint must be a whole number from 0 to {rig.n - 1}; got {joint!r}. Joints count from 0.")
-    A, b, c = opened(A, B, C, joint)
+    A, b, c = opened(*loops.matrices(), joint)
     name = f"loop of {controlled(arm, law).dynamics.chain.joint_labels[joint]}"
-    return control.StateSpace(A, b, -c, 0, dt, inputs=[f"pulses[{joint}]"], outputs=[f"position[{joint}]"], name=name)
+    ends = {"inputs": [f"pulses[{joint}]"], "outputs": [f"position[{joint}]"]}
+    return control.StateSpace(A, b, -c, 0, loops.period, name=name, **ends)
 
 
 def controlled(arm: Arm | Identification | None, law: Law) -> Arm:
-    """The arm itself, that of an identification, or of None that of the law."""
+    """The arm itself, that of an identification, or of None that of the law, which is one."""
+    instance("law", law, Law, "Give a law, such as ComputedTorque(arm, rig).")
     return arm_of(getattr(law, "arm", None) if arm is None else arm, ", or None for the law's own")
 
 
@@ -85,16 +87,3 @@ def opened(A: Matrix, B: Matrix, C: Matrix, joint: int) -> tuple[Matrix, Matrix,
     """Matrices of one open loop, the others closed: A (m, m), b (m, 1), c (1, m)."""
     others = [i for i in range(len(C)) if i != joint]
     return A + B[:, others] @ C[others], B[:, [joint]], C[[joint]]
-
-
-def open_loops(
-    arm: Arm | Identification | None, rig: Rig, law: Law, pose: ArrayLike | None = None
-) -> tuple[Matrix, Matrix, Matrix, float]:
-    """Matrices A (m, m), B (m, n), C (n, m) from the counts read to the positions, in pulses, and the period [s].
-
-    States: q, qd (with elastic gears the motors', then the links'), currents that lag, the law's, and the torque
-    applied last. All loops are closed by A + B C.
-    """
-    instance("law", law, Law, "Give a law, such as ComputedTorque(arm, rig).")
-    loops = SampledLoops(controlled(arm, law), rig, law, pose)
-    return *loops.matrices(), loops.period

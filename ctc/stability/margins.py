@@ -9,19 +9,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures.loops import plot_margins
 from ctc.stability.error_loop import controlled, opened
-from ctc.verdict.on_gears import HIGHEST, LowestResonance, above, damping_of
+from ctc.verdict.on_gears import HIGHEST, LowestResonance, above, damping_of, with_gears
 from identification import Identification
 from plant import Arm, Elasticity, Law, Rig
 from plant.analysis.sampled_loops import SampledLoops
 from plant.machine.elasticity import DAMPING_RATIO
-from plant.parts.arguments import instance, known_options
+from plant.parts.arguments import known_options
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
 _POINTS = 4000
 
 _RESONANCES, _GEAR = 60, ("stiffness", "damping")
-"""Resonances that are tried, and half as many in the last gap between them; and what makes one."""
+"""Resonances that are tested, and half as many in the last gap between them; and what makes one."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -98,14 +98,10 @@ class Margins(Shown):
 
 @known_options
 def margins(
-    arm: Arm | Identification | None,
-    rig: Rig,
-    law: Law,
-    *,
-    pose: ArrayLike | None = None,
+    arm: Arm | Identification | None, rig: Rig, law: Law, *, pose: ArrayLike | None = None,
     damping_ratio: float = DAMPING_RATIO,
-) -> Margins:
-    """Stability margins of the loop of every joint under a sampled law.
+) -> Margins:  # fmt: skip
+    """Stability margins of the loop of every joint under a sampled controller.
 
     Parameters
     ----------
@@ -142,7 +138,6 @@ def margins(
     """
     import control
 
-    instance("law", law, Law, "Give a law, such as ComputedTorque(arm, rig).")
     loops = SampledLoops(controlled(arm, law), rig, law, pose)
     (A, B, C), period = loops.matrices(), loops.period
     omega = np.geomspace(1e-4, 1, _POINTS, endpoint=False) * np.pi / period
@@ -153,26 +148,18 @@ def margins(
         response = -(c @ np.linalg.solve(z - a, b + 0j))[:, 0, 0]
         gain, phase, _, _, crossing, _ = control.stability_margins(control.frd(response, omega), returnall=True)
         lag = np.mod(phase, 360)  # what is missing to -180 degrees, counted as a lag
-        found.append(
-            {
-                "gain_down": gain[gain < 1].max(initial=0.0),
-                "gain_up": gain[gain > 1].min(initial=np.inf),
-                "phase": lag.min(initial=np.inf),
-                "delay": (np.deg2rad(lag) / crossing).min(initial=np.inf),
-                "crossover": crossing.max(initial=0.0) / (2 * np.pi),
-                "sensitivity": np.abs(1 / (1 + response)).max(),
-                "response": response,
-            }
-        )
+        found.append({
+            "gain_down": gain[gain < 1].max(initial=0.0), "gain_up": gain[gain > 1].min(initial=np.inf),
+            "phase": lag.min(initial=np.inf), "delay": (np.deg2rad(lag) / crossing).min(initial=np.inf),
+            "crossover": crossing.max(initial=0.0) / (2 * np.pi),
+            "sensitivity": np.abs(1 / (1 + response)).max(), "response": response,
+        })  # fmt: skip
     return Margins(
-        stable=loops.unstable_pole() is None,
-        period=period,
-        joint_labels=controlled(arm, law).dynamics.chain.joint_labels,
+        stable=loops.unstable_pole() is None, period=period, frequency=omega / (2 * np.pi),
+        joint_labels=controlled(arm, law).dynamics.chain.joint_labels, damping_ratio=damping_ratio,
         lowest_resonance=_lowest_resonance(arm, rig, law, pose, damping_ratio),
-        damping_ratio=damping_ratio,
-        frequency=omega / (2 * np.pi),
         **{name: np.array([each[name] for each in found]) for name in found[0]},
-    )
+    )  # fmt: skip
 
 
 def _lowest_resonance(
@@ -184,7 +171,7 @@ def _lowest_resonance(
         return None
     try:
         known: Any = Elasticity.from_resonance(controlled(arm, law), HIGHEST, ratio, q=pose)
-        elastic = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=known))
+        elastic = with_gears(rig, known)
     except ValueError:  # motors that weigh more than the arm
         return np.nan
     loops = SampledLoops(controlled(arm, law), elastic, law, pose)

@@ -16,8 +16,7 @@ from plant.mechanics.newton_euler import joint_positions
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.figures import axes_of, colour_of, dressed
 
-_POSES = 200
-"""From which the plane of a planar arm, and the space that a motion takes, are found."""
+_POSES = 200  # from which the plane of a planar arm, and the space that a motion takes, are found
 
 
 @known_options
@@ -145,9 +144,8 @@ def animate(
             for line, values in cursors:
                 line.set_data(record.t[: k + 1], values[: k + 1])
             worst = np.abs(record.error_pulses[: k + 1]).max()
-            title.set_text(
-                f"{type(record.law).__name__}, t = {record.t[k]:.2f} s, largest error so far [pulses]: {worst:.0f}"
-            )
+            now = f"{type(record.law).__name__}, t = {record.t[k]:.2f} s"
+            title.set_text(f"{now}, largest error so far [pulses]: {worst:.0f}")
             writer.grab_frame()
     plt.close(figure)
     return len(shown)
@@ -176,10 +174,8 @@ class _Scene:
     def __init__(self, arm: Arm, tip: ArrayLike | None) -> None:
         chain = arm.dynamics.chain
         if tip is None and not chain.bodies:
-            raise ValueError(
-                f"tip must be given, as no body says where link {chain.links[-1].name} ends. "
-                "Pass tip=(x, y, z) in its frame [m]."
-            )
+            end = f"no body says where link {chain.links[-1].name} ends"
+            raise ValueError(f"tip must be given, as {end}. Pass tip=(x, y, z) in its frame [m].")
         if tip is None:
             frame, com = chain.links[-1].frame, np.array(chain.bodies[-1].com)
             tip = 2 * (np.array(frame.position) + np.array(frame.rotation) @ com)
@@ -200,10 +196,8 @@ class _Scene:
         axis.plot(*points[:, -1].T, color=colour_of(1), linewidth=1, alpha=0.6)
         low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
         middle, half = (low + high) / 2, 0.55 * max((high - low).max(), 1e-3)
-        for name, centre in zip("xyz", middle, strict=False):
-            getattr(axis, f"set_{name}lim")(centre - half, centre + half)
-        for name, direction in zip("xyz", self.view, strict=False):
-            getattr(axis, f"set_{name}label")(f"{_called(direction)} [m]")
+        for name, centre, direction in zip("xyz", middle, self.view, strict=False):
+            axis.set(**{f"{name}lim": (centre - half, centre + half), f"{name}label": f"{_called(direction)} [m]"})
         axis.set_aspect("equal")
         if self.projection:
             axis.set_box_aspect(None, zoom=0.88)  # or the labels are cut off

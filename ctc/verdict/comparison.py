@@ -1,4 +1,4 @@
-"""Several laws on one arm and one reference: one table, one figure."""
+"""Several controllers on one arm and one reference: one table, one figure."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -13,37 +13,50 @@ from plant import Arm, DivergenceError, Law, Reference, Rig
 from plant.parts.arguments import instance, known_options
 from plant.parts.shown import Piece, Shown, Verdict
 
-_SHORT = 70
-"""Letters of its `repr` that name each law."""
+
+def require_laws(laws: Any) -> None:
+    """Refuse what is no dict of name -> Law.
+
+    Raises
+    ------
+    ValueError
+    """
+    if not isinstance(laws, dict) or not laws or not all(isinstance(name, str) for name in laws):
+        raise ValueError(f"laws must be a dict of name -> Law; got {laws!r:.60}. Pass {{'P': p_law, ...}}.")
+    for name, law in laws.items():
+        instance(f"law {name!r}", law, Law, "Pass {'P': p_law, ...}.")
+
+
+_SHORT = 70  # letters of its `repr` that name each controller
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Comparison(Shown):
-    """Evaluations of several laws on the same arm and reference.
+    """Evaluations of several controllers on the same arm and reference.
 
-    Print it for a table with one row per law and, in a cell, one number per joint, or of more than three joints the
-    largest; chatter is the mean change of the torque from one sample to the next, "at the limit" the share of the
+    Print it for a table with one row per controller and, in a cell, one number per joint, or of more than three joints
+    the largest; chatter is the mean change of the torque from one sample to the next, "at the limit" the share of the
     samples at the amplifier's limit, of the joint that is there most.
 
     Attributes
     ----------
     evaluations : dict of str -> Evaluation
-        By the name of the law, in the order given, without those that diverged.
+        By the name of the controller, in the order given, without those that diverged.
     diverged : dict of str -> str
-        By name, when and where the loop under a law diverged.
+        By name, when and where the loop under a controller diverged.
     """
 
     evaluations: dict[str, Evaluation]
     diverged: dict[str, str]
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
-        """Draw the errors of all laws that stayed bounded: (n, laws) Axes of up to four laws, (laws, n) of more."""
+        """Draw the errors of all controllers with bounded errors: (n, laws) Axes of up to four, (laws, n) of more."""
         return plot_comparison(self.evaluations, ax)
 
     def _short(self) -> str:
         shares = [f"{name} {evaluation.share_within(1)}" for name, evaluation in self.evaluations.items()]
         said = ", ".join([*shares, *(f"{name} diverges" for name in self.diverged)])
-        return said if len(said) <= _SHORT else f"{len(shares)} laws, {len(self.diverged)} diverged"
+        return said if len(said) <= _SHORT else f"{len(shares)} controllers, {len(self.diverged)} diverged"
 
     def _shown(self) -> Iterator[Piece]:
         inside = {name: evaluation for name, evaluation in self.evaluations.items() if evaluation.within(1)}
@@ -51,7 +64,7 @@ class Comparison(Shown):
         count = len(self.evaluations) + len(self.diverged)
         which = f": {', '.join(inside)}" if inside else ""
         yield Verdict(
-            f"{len(inside)} of {count} laws within ±1 pulse at every sample{which}", len(inside) > len(moving)
+            f"{len(inside)} of {count} controllers within ±1 pulse at every sample{which}", len(inside) > len(moving)
         )
         notes = {**self.diverged, **{name: str(why) for name, why in moving.items()}}
         yield from overview("law", self.evaluations, notes)
@@ -62,7 +75,7 @@ def compare(
     arm: Arm, rig: Rig, laws: dict[str, Law], reference: Reference, *, backend: str = "numba",
     duration: float | None = None, steps_per_sample: int = 16, initial: ArrayLike | None = None,
 ) -> Comparison:  # fmt: skip
-    """Evaluate several laws on one arm and one reference.
+    """Evaluate several controllers on one arm and one reference.
 
     Parameters
     ----------
@@ -84,7 +97,7 @@ def compare(
     Returns
     -------
     Comparison
-        A law under which the loop diverges is a row of its table.
+        A controller under which the loop diverges is a row of its table.
 
     Raises
     ------
@@ -104,11 +117,8 @@ def compare(
     >>> list(compare(arm, rig, laws, puma560.reference(), duration=0.3).evaluations)
     ['P', 'computed torque']
     """
-    if not isinstance(laws, dict) or not laws or not all(isinstance(name, str) for name in laws):
-        raise ValueError(f"laws must be a dict of name -> Law; got {laws!r:.60}. Pass {{'P': p_law, ...}}.")
+    require_laws(laws)
     evaluations, diverged = {}, {}
-    for name, law in laws.items():
-        instance(f"law {name!r}", law, Law, "Pass {'P': p_law, ...}.")
     for name, law in laws.items():
         try:
             evaluations[name] = evaluate(

@@ -1,6 +1,6 @@
-"""What a verdict by simulation does not say of a machine: an arm that stands on a moving path, a law that cannot start.
+"""What a verdict by simulation does not state: an arm at rest on a moving path, a controller that cannot start.
 
-A path gives the simulator its first speed, too; a real arm stands until the first sample of its controller.
+A path gives the simulator its first speed, too; a real arm is at rest until the first sample of its controller.
 """
 
 import dataclasses
@@ -16,11 +16,8 @@ from plant import Arm, Law, Reference, Rig
 from plant.simulation.logged_run import DivergenceError
 from plant.simulation.simulator import run
 
-_LOOKED = 1.0
-"""Seconds within which an arm that stood should be back."""
-
-_STILL = 1e-9
-"""Share of the largest speed of a path that is none."""
+_LOOKED = 1.0  # seconds within which an arm that began at rest should be back
+_STILL = 1e-9  # share of the largest speed of a path that is none
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -32,7 +29,7 @@ class FromRest:
     begins : str
         Speed at which the path begins, and the joint.
     peak : float
-        Largest counted error [pulses]; infinite where the run diverges.
+        Largest encoder error [pulses]; infinite where the run diverges.
     back : float
         Time from which on the arm is within the limit [s]; NaN where that is later than was simulated.
     within : float
@@ -50,8 +47,7 @@ class FromRest:
             until = f"within ±{self.within:g} pulse from {self.back:.2g} s on"
         stands = f"is up to {self.peak:.0f} pulses off, {until}" if np.isfinite(self.peak) else "diverges"
         return (
-            f"the path begins in motion ({self.begins}), and so did what was simulated; an arm that stands "
-            f"there {stands}"
+            f"the path begins in motion ({self.begins}), and so did what was simulated; an arm at rest there {stands}"
         )
 
 
@@ -91,7 +87,7 @@ def refused(law: Law, rig: Rig, counts: ArrayLike) -> str | None:
         try:
             law.require_stable(rig, counts)
         except ValueError as error:
-            return f"`start` refuses this law: {error}"
+            return f"`start` refuses this controller: {error}"
     return None
 
 

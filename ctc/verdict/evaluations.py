@@ -46,7 +46,7 @@ def overview(title: str, evaluations: Mapping[str, Evaluation], notes: Mapping[s
         cell = "a / b" if len(joints) <= _EACH else "largest of the joints, and which"
         yield f"{cell}: {', '.join(joint_labels(joints, len(joints)))}"
     if any(evaluation.record.rig.drive.elasticity is None for evaluation in evaluations.values()):
-        yield "rigid gears assumed; .evaluations[name].lowest_resonance [Hz] says from where on it holds"
+        yield "rigid gears assumed; .evaluations[name].lowest_resonance [Hz] is that from which on it holds"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -23,21 +23,14 @@ from plant.parts.shown import Piece, Shown, Verdict
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Population, Runs
 
-LOWEST, HIGHEST = 10.0, 500.0
-"""Between which resonances are tried [Hz]."""
-
-SETTLED = 0.02
-"""Time before which samples do not count [s]."""
-
-RIGID = 1e5
-"""Resonance [Hz] of a gear that moves like a rigid one."""
+LOWEST, HIGHEST = 10.0, 500.0  # between which resonances are tested [Hz]
+SETTLED = 0.02  # time before which samples do not count [s]
+RIGID = 1e5  # resonance [Hz] of a gear that moves like a rigid one
 
 
 _FOLLOWED = 0.6
 """Phase [rad] of a locked-rotor resonance in one sub-step up to which the vibration of motor against link, which is
 faster, is right to 1 % in its frequency: of the arms of `plant.puma560`, at 1.1 rad and to 0.3 %."""
-
-_CRITICAL = 1.0
 
 
 def require_followed(name: str, hz: ArrayLike, step: float) -> None:
@@ -56,21 +49,19 @@ def require_followed(name: str, hz: ArrayLike, step: float) -> None:
 
 
 def require_swinging(damping_ratio: float) -> None:
-    """Refuse a damping ratio with which nothing swings.
+    """Refuse a damping ratio with which nothing oscillates.
 
     Raises
     ------
     ValueError
     """
-    if damping_ratio > _CRITICAL:
-        raise ValueError(
-            f"damping_ratio must be at most {_CRITICAL:g}, critical damping; got {damping_ratio:g}. Gears have "
-            f"{DAMPING_RATIO:g} to 0.03, no percent."
-        )
+    if damping_ratio > 1:
+        advice = f"Gears have {DAMPING_RATIO:g} to 0.03, no percent."
+        raise ValueError(f"damping_ratio must be at most 1, critical damping; got {damping_ratio:g}. {advice}")
 
 
 def damping_of(damping_ratio: Any) -> float:
-    """A damping ratio with which gears swing, or its refusal.
+    """A damping ratio with which elastic joints oscillate, or its refusal.
 
     Raises
     ------
@@ -87,6 +78,11 @@ def arm_of(arm: Any, others: str = "") -> Arm:
     given: Any = arm.arm if isinstance(arm, Identification) else arm
     instance("arm", given, Arm, f"Pass the arm that is controlled, or an identification{others}.")
     return given
+
+
+def with_gears(rig: Rig, elasticity: Any) -> Rig:
+    """A rig with such gears."""
+    return dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=elasticity))
 
 
 class HeavyMotorsError(ValueError):
@@ -121,7 +117,7 @@ class OnGears:
         self._gears: Any = Elasticity.from_resonance(arm, RIGID, damping_ratio, q=reference(np.zeros(1)).q[0])
         self._drive = rig.drive
         try:
-            elastic = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=self._gears))
+            elastic = with_gears(rig, self._gears)
         except ValueError as error:
             raise HeavyMotorsError(str(error)) from None
         self._loop, self._options = (arm, elastic, law, reference), options | {"initial": given}
@@ -142,14 +138,14 @@ class LowestResonance(Shown, Frozen):
     Attributes
     ----------
     hz : float
-        Above which it stays at every resonance tried, all joints alike [Hz]; below, it leaves at some, not at all. 10
-        where the loop stays at every resonance tried, which are 10 to 500 Hz, and infinite where it leaves also at the
-        highest or when rigid; NaN where it cannot be told.
+        Above which it stays at every resonance tested, all joints alike [Hz]; below, it exceeds it at some, not at all.
+        10 where the loop stays at every resonance tested, which are 10 to 500 Hz, and infinite where it exceeds it also
+        at the highest or when rigid; NaN where it cannot be told.
     damping_ratio : float
     within : float or None
         Limit [pulses]; None where only stability is meant.
     reason : str
-        Why it cannot be told, or that the loop leaves when rigid; empty otherwise.
+        Why it cannot be told, or that the loop exceeds it when rigid; empty otherwise.
     """
 
     hz: float
@@ -159,7 +155,7 @@ class LowestResonance(Shown, Frozen):
 
     @classmethod
     def none(cls, damping_ratio: float, within: float) -> LowestResonance:
-        """Of a loop that leaves also on rigid gears."""
+        """Of a loop that exceeds the limit also on rigid gears."""
         return cls(hz=np.inf, damping_ratio=damping_ratio, within=within, reason="also on rigid gears")
 
     def __float__(self) -> float:
@@ -175,17 +171,17 @@ class LowestResonance(Shown, Frozen):
     def __str__(self) -> str:
         """On which gears the loop stays within its limit, in one line."""
         damped = f"(damping ratio {self.damping_ratio:g})"
-        stays, leaves = "stable", "is unstable"
+        stays, exceeds = "stable", "is unstable"
         if self.within is not None:
-            stays, leaves = f"stays within ±{self.within:g} pulse", f"leaves ±{self.within:g} pulse"
+            stays, exceeds = f"stays within ±{self.within:g} pulse", f"exceeds ±{self.within:g} pulse"
         if np.isnan(self.hz):
             return f"on elastic gears: cannot tell, {self.reason}"
         if self.reason:
-            return f"{leaves} {self.reason}"
+            return f"{exceeds} {self.reason}"
         if self.hz <= LOWEST:
             return f"{stays} on elastic gears too, at any resonance above {LOWEST:g} Hz {damped}"
         if self.hz > HIGHEST:
-            return f"{stays} on rigid gears only: at some resonances up to {HIGHEST:g} Hz it {leaves} {damped}"
+            return f"{stays} on rigid gears only: at some resonances up to {HIGHEST:g} Hz it {exceeds} {damped}"
         return f"{stays} on gears that resonate above {self.hz:.3g} Hz {damped}, not just below"
 
 
@@ -205,13 +201,10 @@ def lowest_resonance(
     ValueError
         A rig whose gears are elastic, a damping ratio that is not from above 0 to 1.
     """
-    options = {
-        "within": within, "steps_per_sample": steps_per_sample, "after": after, "initial": initial,
-        "duration": duration,
-    }  # fmt: skip
+    options = {"within": within, "steps_per_sample": steps_per_sample, "after": after, "duration": duration}
     ratio = damping_of(damping_ratio)
     try:
-        sweep = OnGears(arm, rig, law, reference, ratio, **options)
+        sweep = OnGears(arm, rig, law, reference, ratio, initial=initial, **options)
     except HeavyMotorsError as error:
         return LowestResonance(hz=np.nan, damping_ratio=ratio, within=within, reason=str(error))
 

@@ -1,4 +1,4 @@
-"""Share of samples within a pulse limit over the resonance of the gears, law by law: on which gears each law holds."""
+"""Share of samples within a pulse limit over the resonance of the gears: on which gears each controller holds."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -8,26 +8,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures.loops import plot_sweep
+from ctc.verdict.comparison import require_laws
 from ctc.verdict.on_gears import HIGHEST, LOWEST, RIGID, SETTLED, OnGears, arm_of, damping_of, require_followed
 from identification import Identification
 from plant import Arm, Law, Reference, Rig
 from plant.machine.elasticity import DAMPING_RATIO
-from plant.parts.arguments import array, instance, known_options
+from plant.parts.arguments import array, known_options
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 from plant.simulation.threads import cores
 
-_POINTS = 79
-"""Resonances of a sweep unless given."""
-
-_COLUMNS = 7
-"""Resonances in the table."""
+_POINTS = 79  # resonances of a sweep unless given
+_COLUMNS = 7  # resonances in the table
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ResonanceSweep(Shown, Frozen):
-    """Several laws on gears of many resonances. Print it for a table.
+    """Several controllers on gears of many resonances. Print it for a table.
 
     Attributes
     ----------
@@ -37,7 +35,7 @@ class ResonanceSweep(Shown, Frozen):
     within : float
         Limit [pulses].
     shares : dict of str -> (H,) numpy.ndarray
-        By law, share of the samples at which every joint's counted error is within the limit; 0 where it diverged.
+        By name, share of the samples at which every joint's encoder error is within the limit; 0 where it diverged.
     rigid : dict of str -> float
         The same on rigid gears.
     """
@@ -53,16 +51,14 @@ class ResonanceSweep(Shown, Frozen):
         return plot_sweep(self, ax)
 
     def _short(self) -> str:
-        return f"{len(self.shares)} laws at {len(self.hz)} resonances, {self.hz[0]:.3g} to {self.hz[-1]:.3g} Hz"
+        return f"{len(self.shares)} controllers at {len(self.hz)} resonances, {self.hz[0]:.3g} to {self.hz[-1]:.3g} Hz"
 
     def _shown(self) -> Iterator[Piece]:
         gears = f"gears with a damping ratio of {self.damping_ratio:g}"
         yield Verdict(f"samples within ±{self.within:g} pulse, {gears}")
         columns = np.unique(np.linspace(0, len(self.hz) - 1, _COLUMNS).round().astype(int))
-        rows = [
-            (name, *(_percent(share[i]) for i in columns), _percent(self.rigid[name]))
-            for name, share in self.shares.items()
-        ]
+        shares = [(name, *share[columns], self.rigid[name]) for name, share in self.shares.items()]
+        rows = [(name, *map(_percent, own)) for name, *own in shares]
         yield Table(("", *(f"{self.hz[i]:.3g} Hz" for i in columns), "rigid"), rows)
 
 
@@ -72,7 +68,7 @@ def sweep_resonance(
     damping_ratio: float = DAMPING_RATIO, within: float = 1, after: float = SETTLED, duration: float | None = None,
     steps_per_sample: int = 16, threads: int | None = None,
 ) -> ResonanceSweep:  # fmt: skip
-    """Simulate an arm on elastic gears of many resonances, under each of several laws.
+    """Simulate an arm on elastic gears of many resonances, under each of several controllers.
 
     Parameters
     ----------
@@ -89,7 +85,7 @@ def sweep_resonance(
     damping_ratio : float
         Of each gear against its locked motor.
     within : float
-        Limit of the counted error of the motors [pulses].
+        Limit of the encoder error of the motors [pulses].
     after : float
         Samples before this time do not count [s].
     duration : float, optional
@@ -121,22 +117,18 @@ def sweep_resonance(
     >>> sweep.shares["60 rad/s"].shape
     (2,)
     """
-    if not isinstance(laws, dict) or not laws or not all(isinstance(name, str) for name in laws):
-        raise ValueError(f"laws must be a dict of name -> Law; got {laws!r:.60}. Pass {{'P': p_law, ...}}.")
-    for name, law in laws.items():
-        instance(f"law {name!r}", law, Law, "Pass {'P': p_law, ...}.")
+    require_laws(laws)
     ratio = damping_of(damping_ratio)
     tried = np.geomspace(LOWEST, HIGHEST, _POINTS) if hz is None else array("hz", hz, ("H",), advice="Give [Hz].")
     if not len(tried) or tried[0] <= 0 or (np.diff(tried) <= 0).any():
         raise ValueError(f"hz must be positive and rising; got {tried!r:.60}. Give resonances [Hz].")
     require_followed("hz", tried, rig.period / steps_per_sample)
-    options: dict[str, Any] = {
-        "within": within, "steps_per_sample": steps_per_sample, "after": after,
-        "duration": reference.duration if duration is None else duration,
-    }  # fmt: skip
+    duration = reference.duration if duration is None else duration
+    options: dict[str, Any] = {"within": within, "steps_per_sample": steps_per_sample, "after": after}
     controlled, shares = arm_of(arm), {}
     for name, law in laws.items():
-        runs = OnGears(controlled, rig, law, reference, ratio, **options).runs([*tried, RIGID], int(threads or cores()))
+        gears = OnGears(controlled, rig, law, reference, ratio, duration=duration, **options)
+        runs = gears.runs([*tried, RIGID], int(threads or cores()))
         shares[name] = 1 - runs.outside / runs.samples
     return ResonanceSweep(
         hz=tried, damping_ratio=ratio, within=within, shares={name: share[:-1] for name, share in shares.items()},

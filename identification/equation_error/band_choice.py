@@ -1,38 +1,40 @@
-"""Pass band and least speeds of a torque fit, chosen by cross-validation over stretches of the logs.
+"""Pass band and least speeds of a torque fit, chosen by cross-validation over segments of the logs.
 
 A narrow band and high speeds hold the equations that can be trusted: rounding of the counts, elasticity and uncertain
 signs of friction are outside. They alone tell inertias and offsets poorly. A wide band holds more, until noise in the
 accelerations makes every value too small; its own residual does not show that. So a fit is judged by the torques of
-stretches that it has not seen, in all *narrower* bands: it may use its band as long as it predicts these no worse than
+segments that it has not seen, in all *narrower* bands: it may use its band as long as it predicts these no worse than
 their own fits do. Least speeds likewise, judged at higher speeds. Of those that are no worse by more than one standard
-error over the stretches, or by ten per cent, the most inclusive is taken.
+error over the segments, or by ten per cent, the most inclusive is taken.
 
 Sources: O. V. Lepskii, On a problem of adaptive estimation in Gaussian white noise, Theory of Probability and its
 Applications 35 (1990) (the widest that agrees with all narrower ones); L. Breiman et al., Classification and Regression
 Trees (1984), ch. 3 (one standard error); P. Burman, E. Chow, D. Nolan, A cross-validatory method for dependent data,
-Biometrika 81 (1994) (stretches left out, with a gap on both sides).
+Biometrika 81 (1994) (segments left out, with a gap on both sides).
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+import operator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.regressor import Places, System
+from plant.parts.fields import Floats
 from plant.parts.shown import Piece, Shown
 from plant.parts.sums import least, product
 
-STRETCHES = 10
-"""Stretches of all logs together, at least; and of each log, at most."""
+SEGMENTS = 10
+"""Segments of all logs together, at least; and of each log, at most."""
 
 SHARES = (0.1, 0.05, 0.02, 0.01, 0.0)
-"""Least speeds that are tried, in the usual speed of each joint, the most cautious first."""
+"""Least speeds that are tested, in the usual speed of each joint, the most cautious first."""
 
 _WORSE, _FAR = 1.0, 3.0
-"""Standard errors over the stretches by which the squared errors of prediction may be larger, and from which on
+"""Standard errors over the segments by which the squared errors of prediction may be larger, and from which on
 nothing more inclusive is tried."""
 
 _SMALL = 0.1
@@ -41,7 +43,7 @@ _SMALL = 0.1
 _SPEED = "of the usual speed"
 
 _ENOUGH, _LEAST = 10, 4
-"""Equations per unknown, and stretches, below which a band says too little to judge others."""
+"""Equations per unknown, and segments, below which a band says too little to judge others."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -57,7 +59,7 @@ class FitTrial(Shown):
     rows : int
         Equations of its fit.
     worse : float
-        By how many standard errors this fit predicts the stretches left out worse than a more cautious one's own fit
+        By how many standard errors this fit predicts the segments left out worse than a more cautious one's own fit
         does, among that one's equations, where it does worst; -inf of the most cautious.
     against : float or None
         That more cautious one.
@@ -100,19 +102,19 @@ class FitTrial(Shown):
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class _Tried:
-    """Equations in a band at least speeds, their fit, and the fits without each stretch."""
+    """Equations in a band at least speeds, their fit, and the fits without each segment."""
 
-    rows: NDArray[np.float64]
-    target: NDArray[np.float64]
-    weight: NDArray[np.float64]
-    stretch: NDArray[np.intp]
-    without: NDArray[np.float64]
+    rows: Floats
+    target: Floats
+    weight: Floats
+    segment: NDArray[np.intp]
+    without: Floats
 
-    def losses(self, fits: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Mean squared error (S,) with which fits without each stretch (S, k) predict it; NaN of one without rows."""
+    def losses(self, fits: Floats) -> Floats:
+        """Mean squared error (S,) with which fits without each segment (S, k) predict it; NaN of one without rows."""
         found = np.full(len(fits), np.nan)
-        for s in np.unique(self.stretch):
-            some = self.stretch == s
+        for s in np.unique(self.segment):
+            some = self.segment == s
             missed = (self.target[some] - product(self.rows[some], fits[s])) * self.weight[some]
             found[s] = np.mean(missed**2)
         return found
@@ -129,10 +131,40 @@ class _Tried:
         return score if mean > _SMALL * own[kept].mean() else min(score, _WORSE)
 
 
+class _Choice:
+    """Settings that are tested in turn, each against those of before that are more cautious.
+
+    `trials`: what came of each.
+    """
+
+    def __init__(
+        self, unit: str, cautious: Callable[[float, float], bool], seconds: Floats, weights: Floats | None
+    ) -> None:
+        self._unit, self._cautious, self._seconds, self._weights = unit, cautious, seconds, weights
+        self._tried, self.trials = dict[float, _Tried](), dict[float, FitTrial]()
+
+    def worse(self, at: float, systems: Sequence[System], gap: float) -> float:
+        """By how many standard errors it predicts worse than a more cautious one; -inf if there are too few yet."""
+        found = _tried(systems, self._seconds, gap, self._weights)
+        if found is None:
+            return -np.inf
+        scores = {other: each.worse(found) for other, each in self._tried.items() if self._cautious(other, at)}
+        against = max(scores, key=scores.__getitem__, default=None)
+        most, rows = -np.inf if against is None else scores[against], len(found.target)
+        self._tried[at] = found
+        self.trials[at] = FitTrial(
+            at=at, unit=self._unit, rows=rows, worse=most, against=against, passed=most <= _WORSE
+        )  # fmt: skip
+        return most
+
+    def said(self, best: float, order: Iterable[float]) -> tuple[FitTrial, ...]:
+        """All trials in this order, with the chosen one marked."""
+        return tuple(dataclasses.replace(self.trials[at], chosen=at == best) for at in order)
+
+
 def choose_band(
-    bands: Sequence[float], equations: Callable[[float], Sequence[System]], seconds: NDArray[np.float64],
-    weights: NDArray[np.float64] | None,
-) -> tuple[float, tuple[FitTrial, ...]]:  # fmt: skip
+    bands: Sequence[float], equations: Callable[[float], Sequence[System]], seconds: Floats, weights: Floats | None
+) -> tuple[float, tuple[FitTrial, ...]]:
     """The widest pass band of some, none of the narrower ones contradicting.
 
     Octaves first, until one is too wide, then the bands before it.
@@ -140,87 +172,59 @@ def choose_band(
     `bands`: increasing, half an octave apart [Hz]. `equations`: band -> the logs' systems, cautious in speed. `seconds`
     (R,): length of each log. `weights` (R, n) or None: of logs and joints, if stated.
     """
-    tried, trials = dict[float, _Tried](), dict[float, FitTrial]()
-
-    def worse(band: float) -> float:
-        found = _tried(equations(band), seconds, 1 / band, weights)
-        if found is None:
-            return -np.inf  # too few yet
-        tried[band] = found
-        narrower = [b for b in tried if b < band]
-        scores = [tried[b].worse(tried[band]) for b in narrower]
-        worst = int(np.argmax(scores)) if scores else None
-        most, against = (-np.inf, None) if worst is None else (scores[worst], narrower[worst])
-        rows, passed = len(tried[band].target), most <= _WORSE
-        trials[band] = FitTrial(at=band, unit="Hz", rows=rows, worse=most, against=against, passed=passed)
-        return trials[band].worse
-
+    choice = _Choice("Hz", operator.lt, seconds, weights)
     for octave in bands[::2]:
-        if worse(octave) > _FAR:
+        if choice.worse(octave, equations(octave), 1 / octave) > _FAR:
             break
-    if not trials:
+    if not choice.trials:
         raise ValueError(
-            "some band must hold enough equations to leave stretches out; none does. Log longer, or state band, cutoff "
+            "some band must hold enough equations to leave segments out; none does. Log longer, or state band, cutoff "
             "and least_speed."
         )
-    best = max(trial.at for trial in trials.values() if trial.passed)
+    best = max(trial.at for trial in choice.trials.values() if trial.passed)
     for between in bands[1::2]:
-        if best < between < 2 * best and worse(between) <= _WORSE:
+        if best < between < 2 * best and choice.worse(between, equations(between), 1 / between) <= _WORSE:
             best = between
-    said = tuple(dataclasses.replace(trials[band], chosen=band == best) for band in sorted(trials))
-    return best, said
+    return best, choice.said(best, sorted(choice.trials))
 
 
 def choose_speed(
-    shares: Sequence[float], equations: Callable[[float], Sequence[System]], seconds: NDArray[np.float64],
-    gap: float, weights: NDArray[np.float64] | None,
+    shares: Sequence[float], equations: Callable[[float], Sequence[System]], seconds: Floats,
+    gap: float, weights: Floats | None,
 ) -> tuple[float, tuple[FitTrial, ...]]:  # fmt: skip
     """The least share of the usual speeds, the higher ones not contradicting; arguments as for `choose_band`."""
-    tried, trials = dict[float, _Tried](), list[FitTrial]()
+    choice = _Choice(_SPEED, operator.gt, seconds, weights)
     for share in shares:
-        found = _tried(equations(share), seconds, gap, weights)
-        if found is None:
-            continue
-        tried[share] = found
-        scores = {other: tried[other].worse(tried[share]) for other in tried if other > share}
-        against = max(scores, key=lambda other: scores[other]) if scores else None
-        worse = -np.inf if against is None else scores[against]
-        rows, passed = len(tried[share].target), worse <= _WORSE
-        trials.append(FitTrial(at=share, unit=_SPEED, rows=rows, worse=worse, against=against, passed=passed))
-        if worse > _FAR:
+        if choice.worse(share, equations(share), gap) > _FAR:
             break
-    if not trials:
+    if not choice.trials:
         return 0.0, ()
-    best = min(trial.at for trial in trials if trial.passed)
-    return best, tuple(dataclasses.replace(trial, chosen=trial.at == best) for trial in trials)
+    best = min(trial.at for trial in choice.trials.values() if trial.passed)
+    return best, choice.said(best, choice.trials)
 
 
-def _tried(
-    systems: Sequence[System], seconds: NDArray[np.float64], gap: float, weights: NDArray[np.float64] | None
-) -> _Tried | None:
-    """Fits without each stretch, and without what is within a gap [s] of it; None of too few equations."""
+def _tried(systems: Sequence[System], seconds: Floats, gap: float, weights: Floats | None) -> _Tried | None:
+    """Fits without each segment, and without what is within a gap [s] of it; None of too few equations."""
     places = Places.of(systems)
     rows, target = (np.concatenate([getattr(each, part)[each.used] for each in systems])
                     for part in ("regressor", "torque"))  # fmt: skip
     k = rows.shape[1]
     if len(target) < _ENOUGH * k:
         return None
-    stretch, stretches = places.stretches(seconds, STRETCHES)
+    segment, segments = places.segments(seconds, SEGMENTS)
     weight = _weight(rows, target, places, weights)
     weighted_rows, weighted_target = rows * weight[:, None], target * weight
-    without = np.full((stretches, k), np.nan)
-    for s in np.unique(stretch):
-        own = stretch == s
+    without = np.full((segments, k), np.nan)
+    for s in np.unique(segment):
+        own = segment == s
         record, t = places.record[own][0], places.t[own]
         near = (places.record == record) & (places.t > t.min() - gap) & (places.t < t.max() + gap)
         if (~near).sum() > 2 * k:
             without[s] = _solved(weighted_rows[~near], weighted_target[~near])
-    return _Tried(rows=rows, target=target, weight=weight, stretch=stretch, without=without)
+    return _Tried(rows=rows, target=target, weight=weight, segment=segment, without=without)
 
 
-def _weight(
-    rows: NDArray[np.float64], target: NDArray[np.float64], places: Places, weights: NDArray[np.float64] | None
-) -> NDArray[np.float64]:
+def _weight(rows: Floats, target: Floats, places: Places, weights: Floats | None) -> Floats:
     """Of each equation: as stated, or 1 over its joint's residual in an unweighted fit."""
     if weights is not None:
         return np.asarray(weights[places.record, places.joint])
@@ -229,7 +233,7 @@ def _weight(
     return np.asarray(1 / np.maximum(np.sqrt(squares), 1e-9 * np.abs(target).max())[places.joint])
 
 
-def _solved(rows: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+def _solved(rows: Floats, target: Floats) -> Floats:
     """Least squares with columns of one length; what the rows do not show stays small."""
     lengths = np.sqrt((rows * rows).sum(axis=0))
     lengths = np.where(lengths > 0, lengths, 1.0)

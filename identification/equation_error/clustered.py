@@ -1,7 +1,7 @@
-"""Covariance of a least-squares fit from how it differs between stretches, or between runs: cluster-robust.
+"""Covariance of a least-squares fit from how it differs between segments, or between runs: cluster-robust.
 
-Residuals of one stretch may be correlated in any way; those of different stretches must not be. What a model lacks in
-one stretch and not in another shows, and what it lacks everywhere alike does not. Stretches are left out one by one
+Residuals of one segment may be correlated in any way; those of different segments must not be. What a model lacks in
+one segment and not in another shows, and what it lacks everywhere alike does not. Segments are left out one by one
 (the delete-a-group jackknife). Of a few runs, of which one may tell most, each one's share in the equations is
 corrected by what of it the fit has taken away (bias-reduced linearisation).
 
@@ -13,10 +13,11 @@ D. F. McCaffrey, Bias reduction in standard errors for linear regression with mu
 import numpy as np
 from numpy.typing import NDArray
 
+from plant.parts.fields import Floats
 from plant.parts.sums import products
 
-RUNS, STRETCHES = 3, 10
-"""From how many runs on, and of how many stretches of all runs at least, values are compared."""
+RUNS, SEGMENTS = 3, 10
+"""From how many runs on, and of how many segments of all runs at least, values are compared."""
 
 _NORMAL = 1.96
 
@@ -24,9 +25,7 @@ _OWN = 1e-9
 """Share of a direction below which one run alone determines it: of that nothing is known."""
 
 
-def group_std(
-    rows: NDArray[np.float64], residual: NDArray[np.float64], groups: NDArray[np.intp]
-) -> NDArray[np.float64]:
+def group_std(rows: Floats, residual: Floats, groups: NDArray[np.intp]) -> Floats:
     """Standard deviations (k,) of the values of a fit, for intervals of 1.96 of them.
 
     `rows` (M, k): change of the residual with the values. `residual` (M,): of the fit. `groups` (M,): number of the
@@ -34,8 +33,6 @@ def group_std(
 
     Inf where the rest of the groups does not determine all values.
     """
-    from scipy.special import stdtrit
-
     count, k = int(groups.max()) + 1, rows.shape[1]
     scale = np.sqrt((rows * rows).sum(axis=0))
     whole, moves = products(rows / scale), np.empty((count, k))
@@ -45,14 +42,11 @@ def group_std(
             moves[i] = np.linalg.solve(whole - products(own), (own * residual[groups == i, None]).sum(axis=0))
         except np.linalg.LinAlgError:
             return np.full(k, np.inf)
-    spread = (count - 1) / count * ((moves - moves.mean(axis=0)) ** 2).sum(axis=0)
-    return np.asarray(np.sqrt(spread) / scale * stdtrit(count - 1, 0.975) / _NORMAL)
+    return _student((count - 1) / count * ((moves - moves.mean(axis=0)) ** 2).sum(axis=0), scale, count)
 
 
-def run_std(rows: NDArray[np.float64], residual: NDArray[np.float64], runs: NDArray[np.intp]) -> NDArray[np.float64]:
+def run_std(rows: Floats, residual: Floats, runs: NDArray[np.intp]) -> Floats:
     """The same for a few groups of unequal weight, such as runs; parameters as for `group_std`."""
-    from scipy.special import stdtrit
-
     count, scale = int(runs.max()) + 1, np.sqrt((rows * rows).sum(axis=0))
     inverse, scores = np.linalg.inv(products(rows / scale)), np.zeros((count, rows.shape[1]))
     for i in range(count):
@@ -64,11 +58,17 @@ def run_std(rows: NDArray[np.float64], residual: NDArray[np.float64], runs: NDAr
         left = np.where(taken < 1 - _OWN, 1 - np.minimum(taken, 1 - _OWN), np.inf)
         score = directions.T @ (unroot.T @ (own * residual[runs == i, None]).sum(axis=0))
         scores[i] = root @ (directions @ (score / np.sqrt(left)))
-    spread = ((scores @ inverse) ** 2).sum(axis=0)
-    return np.asarray(np.sqrt(spread) / scale * stdtrit(count - 1, 0.975) / _NORMAL)
+    return _student(((scores @ inverse) ** 2).sum(axis=0), scale, count)
 
 
-def at_least(covariance: NDArray[np.float64], std: NDArray[np.float64]) -> NDArray[np.float64]:
+def _student(variance: Floats, scale: Floats, count: int) -> Floats:
+    """Standard deviations of values in these scales, as wide as Student's quantile of so many groups has them."""
+    from scipy.special import stdtrit
+
+    return np.asarray(np.sqrt(variance) / scale * stdtrit(count - 1, 0.975) / _NORMAL)
+
+
+def at_least(covariance: Floats, std: Floats) -> Floats:
     """A covariance (k, k) with the same correlations and standard deviations of at least these (k,)."""
     own = np.sqrt(np.diag(covariance))
     wider = np.where((own > 0) & np.isfinite(std), np.maximum(std, own) / np.where(own > 0, own, 1.0), 1.0)

@@ -16,15 +16,15 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.least_squares import least_squares
-from identification.equation_error.pulse_fit import CUTOFF, fit_systems, mode_in, speed_noise
+from identification.equation_error.pulse_fit import CUTOFF, filtering_of, fit_systems, mode_in
 from identification.equation_error.regressor import System, compared, derivatives, linear, low_pass, regressor_along
 from identification.equation_error.torque_fit import TorqueFit
 from identification.equation_error.torque_logs import torque_of
 from plant import Dynamics, Record
 from plant.motion.reference import Motion
+from plant.parts.fields import Floats
 from plant.parts.sums import dot, product
 
 _BAND = 1.4
@@ -41,8 +41,8 @@ class Deflection:
     `compliance`, `std` (n,): on the shafts [rad/(N m)]. `torque`: of f and linear numbers of the drive.
     """
 
-    compliance: NDArray[np.float64]
-    std: NDArray[np.float64]
+    compliance: Floats
+    std: Floats
     torque: TorqueFit
 
 
@@ -61,7 +61,7 @@ class _Seen:
         regressor, given = regressor_along(dynamics, self.rig, unknown, self.links, self.motors)
         return self._compared([torque_of(self.record) - given, *np.moveaxis(regressor, 2, 0)], True)
 
-    def wound(self, dynamics: Dynamics, f: NDArray[np.float64]) -> System:
+    def wound(self, dynamics: Dynamics, f: Floats) -> System:
         """Deflections on the shafts, against the torque on the links, its rate and one."""
         coupling, period = self.rig.drive.coupling, self.rig.period
         Y, _ = regressor_along(dynamics, self.rig, dynamics.names, self.links, self.links)
@@ -72,12 +72,10 @@ class _Seen:
         rate = np.gradient(torque, period, axis=0)
         return self._compared([deflection, torque, rate, np.ones_like(torque)], False)
 
-    def _compared(self, signals: list[NDArray[np.float64]], moving: bool) -> System:
-        rig, band = self.rig, self.band
-        slowest = speed_noise(rig, band) if moving else np.zeros(rig.n)
-        every = max(1, int(1 / (2 * band * rig.period)))
-        valid = self.record.valid
-        return compared(signals, self.motors.qd, rig.period, CUTOFF * band, band, every, slowest, valid)
+    def _compared(self, signals: list[Floats], moving: bool) -> System:
+        filtering = filtering_of(self.rig, self.band)
+        filtering = filtering if moving else filtering._replace(slowest=np.zeros(self.rig.n))
+        return compared(signals, self.motors.qd, self.rig.period, filtering, self.record.valid)
 
 
 def fit_deflection(
@@ -111,7 +109,7 @@ def _fitted(systems: Sequence[System], joint: int) -> tuple[float, float]:
 
 
 _BANDS = (0.5, 0.7, 1.0, 1.4)
-"""Pass bands that are tried, in frequencies of the strongest oscillation."""
+"""Pass bands that are tested, in frequencies of the strongest oscillation."""
 
 _REPLAYED = (4.0, 8.0, 16.0, 32.0)
 """The same of logs that replay their torque [Hz]."""
@@ -131,7 +129,7 @@ class GearFit:
     these compliances.
     """
 
-    compliance: NDArray[np.float64]
+    compliance: Floats
     torque: TorqueFit
 
 
@@ -151,35 +149,31 @@ class _Wound:
         self.torque = low_pass(torque, rig.period, cutoff)[rows]
         self.valid = np.minimum.reduceat(record.valid, rows)
 
-    def system(self, dynamics: Dynamics, unknown: Sequence[str], compliance: NDArray[np.float64]) -> System:
+    def system(self, dynamics: Dynamics, unknown: Sequence[str], compliance: Floats) -> System:
         """The torque equation along the motion of the links."""
-        joint, cutoff, period = self.rig.drive.coupling.joint, CUTOFF * self.band, self.period
+        joint, filtering = self.rig.drive.coupling.joint, filtering_of(self.rig, self.band)
         moved = zip(self.motors, self.wind_up, strict=True)
         links = Motion(*(motor - joint(compliance * passed) for motor, passed in moved))
         regressor, given = regressor_along(dynamics, self.rig, unknown, links, self.motors)
         signals = [self.torque - given, *np.moveaxis(regressor, 2, 0)]
-        every, slowest = max(1, int(1 / (2 * self.band * period))), speed_noise(self.rig, self.band)
-        kept = compared(signals, self.motors.qd, period, cutoff, self.band, every, slowest, self.valid)
+        filtering = filtering._replace(every=max(1, int(1 / (2 * self.band * self.period))))
+        kept = compared(signals, self.motors.qd, self.period, filtering, self.valid)
         return dataclasses.replace(kept, sample=kept.sample * self.every, period=self.rig.period)
 
 
-def _motion(x: NDArray[np.float64], period: float) -> tuple[NDArray[np.float64], ...]:
+def _motion(x: Floats, period: float) -> tuple[Floats, ...]:
     """Samples (N, n), and their first and second derivatives by central differences."""
     rate = np.gradient(x, period, axis=0)
     return x, rate, np.gradient(rate, period, axis=0)
 
 
 def fit_gears(
-    dynamics: Dynamics,
-    records: Sequence[Record],
-    unknown: Sequence[str],
-    known: Mapping[str, float],
-    grid: NDArray[np.float64],
+    dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known: Mapping[str, float], grid: Floats
 ) -> list[GearFit]:
     """Fits with the best compliances of a grid, one for each pass band in which there is one.
 
     `dynamics`, `records`, `unknown`, `known`: as for `equation_error`; rigs may have elasticity or not. `grid` (m, n):
-    compliances of each gear that are tried [rad/(N m)]: rows of all gears together first, then each on its own. A
+    compliances of each gear that are tested [rad/(N m)]: rows of all gears together first, then each on its own. A
     column of one value keeps that gear as it is.
     """
     names, fits = linear(dynamics, records[0].rig, unknown), []
@@ -198,15 +192,11 @@ def _band(record: Record, i: int) -> float:
 
 
 def _best(
-    dynamics: Dynamics,
-    wound: Sequence[_Wound],
-    names: tuple[str, ...],
-    known: Mapping[str, float],
-    grid: NDArray[np.float64],
+    dynamics: Dynamics, wound: Sequence[_Wound], names: tuple[str, ...], known: Mapping[str, float], grid: Floats
 ) -> GearFit:
     """The best fit in a band: of all gears together, then of each while the others stay."""
 
-    def fitted(compliance: NDArray[np.float64]) -> GearFit:
+    def fitted(compliance: Floats) -> GearFit:
         systems = [each.system(dynamics, names, compliance) for each in wound]
         return GearFit(compliance=compliance, torque=fit_systems(dynamics, names, known, systems))
 

@@ -10,13 +10,13 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from identification.equation_error.pulse_fit import BAND_MOST, BANDS, CUTOFF, ENOUGH, speed_noise
+from identification.equation_error.pulse_fit import BAND_MOST, BANDS, ENOUGH, filtering_of
 from identification.equation_error.regressor import linear, regressor_and_torque
 from identification.equation_error.torque_fit import weighted
-from identification.equation_error.torque_logs import driven
+from identification.equation_error.torque_logs import law_torque
 from plant import Dynamics, LoggedCurrent, LoggedTorque, Record, Resumed
+from plant.parts.fields import Floats
 from plant.parts.sums import least, norm, product, triangle
 from plant.simulation.clock import Clock
 from plant.simulation.law_run import LawRun, run_law
@@ -58,11 +58,11 @@ class Memory:
     states are apart in the log, along each [N m], with torques of no more than its largest.
     """
 
-    state: NDArray[np.float64]
-    directions: NDArray[np.float64]
-    usual: NDArray[np.float64]
+    state: Floats
+    directions: Floats
+    usual: Floats
 
-    def at(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, coordinates: Floats) -> Floats:
         """State (s,) at coordinates (r,) [N m]."""
         return np.asarray(self.state + self.directions @ coordinates)
 
@@ -70,8 +70,8 @@ class Memory:
 class Resumption(NamedTuple):
     """Where a record's law and arm were at its first sample: the law's state (s,), and q and qd (2, n)."""
 
-    state: NDArray[np.float64]
-    initial: NDArray[np.float64]
+    state: Floats
+    initial: Floats
 
 
 def along_log(record: Record, *, unknown_law: bool = False) -> Record:
@@ -125,7 +125,7 @@ def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tu
     return dataclasses.replace(record, law=dataclasses.replace(given, state=memory.state)), memory
 
 
-def at_work(record: Record, law: Resumed) -> tuple[Record, NDArray[np.float64]]:
+def at_work(record: Record, law: Resumed) -> tuple[Record, Floats]:
     """The record with its law reading the log as if it had been at work before, and usual magnitudes (s,) of its state.
 
     Raises a ValueError: a law whose torque hangs on what the rounding of its reference hides.
@@ -170,7 +170,7 @@ def _moved(record: Record, change: Any) -> Record:
     return dataclasses.replace(record, law=dataclasses.replace(law, state=law.state + change))
 
 
-def state_directions(record: Record, run: LawRun, scale: NDArray[np.float64]) -> tuple[Memory, NDArray[np.float64]]:
+def state_directions(record: Record, run: LawRun, scale: Floats) -> tuple[Memory, Floats]:
     """Directions of states of these magnitudes (s,), and the torques (r, N, n) at the samples that each makes."""
     clock, period, law = Clock.of(record), record.rig.period, record.law
     t = clock.t[clock.rows]
@@ -196,19 +196,16 @@ def state_directions(record: Record, run: LawRun, scale: NDArray[np.float64]) ->
 
 
 def _fitted(
-    dynamics: Dynamics, record: Record, unknown: tuple[str, ...], run: LawRun, columns: NDArray[np.float64],
-    usual: NDArray[np.float64],
-) -> NDArray[np.float64]:  # fmt: skip
+    dynamics: Dynamics, record: Record, unknown: tuple[str, ...], run: LawRun, columns: Floats, usual: Floats
+) -> Floats:
     """Coordinates (r,) [N m] with which the torque equation holds best, of such as are usual."""
-    rig, clock = record.rig, Clock.of(record)
+    rig, torque, fits = record.rig, law_torque(record, run), []
     extra = {f"state[{i}]": lambda *_, column=column: -column for i, column in enumerate(columns)}
-    torque, fits = driven(record, run.around(clock.t[clock.rows], rig.period)), []
     for band in BANDS[BAND_MOST / rig.period > BANDS]:
-        every = max(1, int(1 / (2 * band * rig.period)))
         try:
             system = regressor_and_torque(
-                dynamics, rig.cell_centre(record.counts), torque, rig, CUTOFF * band, band, every, unknown,
-                speed_noise(rig, band), extra, record.valid,
+                dynamics, rig.cell_centre(record.counts), torque, rig, filtering_of(rig, band), unknown, extra,
+                record.valid,
             )  # fmt: skip
             fit = weighted(dynamics, (*unknown, *extra), [system])
         except ValueError:  # too few equations in this band, or unknowns that are not separately identifiable

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from plant.parts.fields import Floats
 from plant.parts.sums import least, norm, product, products
 
 _EXACT_ENOUGH = 1e-5
@@ -31,8 +31,8 @@ class NotIdentifiableError(ValueError):
 
 
 def least_squares(
-    names: Sequence[str], rows: NDArray[np.float64], target: NDArray[np.float64], *, dependent: float = 1e-9
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    names: Sequence[str], rows: Floats, target: Floats, *, dependent: float = 1e-9
+) -> tuple[Floats, Floats, float]:
     """Solve rows x = target.
 
     `names`: of the columns, for messages. `rows` (N, k). `target` (N,). `dependent`: a column of which less than this
@@ -69,7 +69,7 @@ class _Told(NamedTuple):
     names: Sequence[str]
     dependent: float
 
-    def apart(self, triangle: NDArray[np.float64], i: int) -> None:
+    def apart(self, triangle: Floats, i: int) -> None:
         """Raise where column i is a combination of those before it."""
         if triangle[i, i] < self.dependent:
             shares = np.linalg.solve(triangle[:i, :i], triangle[:i, i])
@@ -81,9 +81,7 @@ class _Told(NamedTuple):
             )
 
 
-def _by_rows(
-    rows: NDArray[np.float64], lengths: NDArray[np.float64], target: NDArray[np.float64], told: _Told
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _by_rows(rows: Floats, lengths: Floats, target: Floats, told: _Told) -> tuple[Floats, Floats]:
     """R (k, k) of rows (N, k) over the lengths (k,) of columns = Q R, and Q^T target (k,): Gram-Schmidt, twice."""
     k = rows.shape[1]
     basis, triangle, work = np.ascontiguousarray((rows / lengths).T), np.zeros((k, k)), np.empty(len(rows))
@@ -102,9 +100,7 @@ def _by_rows(
     return triangle, (turned * target[:, None]).sum(axis=0)
 
 
-def _by_products(
-    rows: NDArray[np.float64], lengths: NDArray[np.float64], target: NDArray[np.float64], told: _Told
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _by_products(rows: Floats, lengths: Floats, target: Floats, told: _Told) -> tuple[Floats, Floats]:
     """The same from the products of columns: Cholesky's factorisation of rows^T rows = R^T R."""
     together, triangle = products(rows) / np.outer(lengths, lengths), np.zeros((rows.shape[1],) * 2)
     along = np.einsum("mi,m->i", rows, target) / lengths
@@ -117,9 +113,7 @@ def _by_products(
     return triangle, along
 
 
-def dependent_columns(
-    names: Sequence[str], rows: NDArray[np.float64], *, dependent: float = 1e-9
-) -> dict[str, tuple[str, ...]]:
+def dependent_columns(names: Sequence[str], rows: Floats, *, dependent: float = 1e-9) -> dict[str, tuple[str, ...]]:
     """Columns (N, k) that are combinations of those before them: name -> names of these, () of a column of zeros."""
     lengths = np.sqrt((rows * rows).sum(axis=0))
     found, kept = dict[str, tuple[str, ...]](), list[int]()

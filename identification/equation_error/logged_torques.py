@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from identification.equation_error.band_choice import SHARES, choose_band, choose_speed
 from identification.equation_error.least_squares import NotIdentifiableError, dependent_columns
@@ -13,7 +13,8 @@ from identification.equation_error.regressor import System
 from identification.equation_error.torque_equations import Columns, TorqueEquations, cutoff_of, equations_of, every_of
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from plant import Dynamics, Record, Rig
-from plant.parts.arguments import array, known_options, real
+from plant.parts.arguments import array, known_options, real, whole
+from plant.parts.fields import Floats
 
 
 @known_options
@@ -36,7 +37,7 @@ def fit_torque(
     """Fit f, and linear numbers of the drive, to logged positions and torques.
 
     ``fit_torque(dynamics, records)`` is all that is needed; what is stated is taken as stated, the rest is chosen by
-    how well it predicts stretches of the logs that the fit has not seen, and reported.
+    how well it predicts segments of the logs that the fit has not seen, and reported.
 
     Parameters
     ----------
@@ -99,8 +100,8 @@ def fit_torque(
     """
     task = equations_of(dynamics, q, torque, rig, unknown, extra, known, joints)
     stated, slowest = _weights(weights, task), _slowest(least_speed, task.dynamics.n)
-    if every is not None and (not isinstance(every, (int, np.integer)) or isinstance(every, bool) or every < 1):
-        raise ValueError(f"every must be a whole number of at least 1; got {every!r}. 1 uses every row.")
+    if every is not None:
+        whole("every", every, "1 uses every row.")
     if cutoff is not None:
         real("cutoff", cutoff, "Give Hz.", positive=True)
     report: dict[str, Any] = {"known": dict(task.known), "left_out": task.left_out(joints is not None)}
@@ -122,9 +123,8 @@ def fit_torque(
 
 
 def _chosen(
-    task: TorqueEquations, bands: list[float], cutoff: float | None, slowest: NDArray[np.float64] | None,
-    weights: NDArray[np.float64] | None,
-) -> tuple[float, NDArray[np.float64], dict[str, Any]]:  # fmt: skip
+    task: TorqueEquations, bands: list[float], cutoff: float | None, slowest: Floats | None, weights: Floats | None
+) -> tuple[float, Floats, dict[str, Any]]:
     """Band, least speeds, and what these choices rest on."""
     usual = task.usual_speed()
 
@@ -146,7 +146,7 @@ def _chosen(
 
 
 def _freed(
-    task: TorqueEquations, settings: tuple[Any, ...], weights: NDArray[np.float64] | None
+    task: TorqueEquations, settings: tuple[Any, ...], weights: Floats | None
 ) -> Iterator[tuple[str, tuple[float, float]]]:
     """Each known number that the torques tell from the unknowns: what they ask for, and its standard deviation."""
     for name in task.known:
@@ -159,7 +159,7 @@ def _freed(
         yield name, (fit[name], float(fit.std[names.index(name)]))
 
 
-def _weights(weights: ArrayLike | None, task: TorqueEquations) -> NDArray[np.float64] | None:
+def _weights(weights: ArrayLike | None, task: TorqueEquations) -> Floats | None:
     if weights is None:
         return None
     shape = (len(task.logs), task.dynamics.n)
@@ -171,7 +171,7 @@ def _weights(weights: ArrayLike | None, task: TorqueEquations) -> NDArray[np.flo
     return found
 
 
-def _slowest(least_speed: ArrayLike | None, n: int) -> NDArray[np.float64] | None:
+def _slowest(least_speed: ArrayLike | None, n: int) -> Floats | None:
     if least_speed is None:
         return None
     slowest = np.full(n, least_speed) if np.ndim(least_speed) == 0 else least_speed

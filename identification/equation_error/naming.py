@@ -1,13 +1,15 @@
 """What messages, tables and figures call things: records by place and file, parameters by short names, with units."""
 
 import contextlib
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
 from plant import Dynamics, Record
 from plant.mechanics.lumping import STANDARD
+
+T = TypeVar("T")
 
 _OF_RIG = {
     "drive.motor_inertia": "kg m²", "drive.viscous": "N m s/rad", "drive.coulomb": "N m", "drive.motor_gain": "N m/A",
@@ -116,6 +118,15 @@ def each_named(records: Sequence[Record], what: str = "records") -> Iterator[tup
         yield record, _about(record, record_label(records, k, what))
 
 
+def of_each(make: Callable[..., T], records: Sequence[Record], *others: Iterable[Any]) -> list[T]:
+    """What a function makes of each record, and of what belongs to it; a ValueError names the record."""
+    found = list[T]()
+    for (record, about), *more in zip(each_named(records), *others, strict=True):
+        with about:
+            found.append(make(record, *more))
+    return found
+
+
 @contextlib.contextmanager
 def _about(record: Record, label: str) -> Iterator[None]:
     try:
@@ -128,7 +139,7 @@ def _about(record: Record, label: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def held_out(kept: Sequence[Record], searched: int, among: bool) -> Iterator[None]:
-    """A context in which refusals of records that were kept aside call them so.
+    """A context in which refusals of records that were held out call them so.
 
     `searched`: number of the others. `among`: whether they are the last of the same list.
     """

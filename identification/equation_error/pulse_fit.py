@@ -10,14 +10,15 @@ import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from identification.equation_error.naming import each_named
-from identification.equation_error.regressor import System, linear, regressor_and_torque
+from identification.equation_error.naming import of_each
+from identification.equation_error.regressor import Filtering, System, linear, regressor_and_torque
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from identification.equation_error.torque_logs import torque_of
 from plant import Arm, Dynamics, Record, Rig
 from plant.analysis.linearise import modes
+from plant.checkup.oscillation import spectrum
+from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
 from plant.simulation.jacobians import jacobians
 
@@ -38,18 +39,17 @@ _LOWEST, _HIGHEST = 3.0, 0.1
 
 _POSES = 8
 
+NO_BAND = "the unknowns must be identifiable in some band; they are in none. Log a motion that excites more."
 ENOUGH = 5
 """Equations per unknown below which a band says too little."""
 
 BANDS = 2.0 ** np.arange(-1, 6, 0.5)
-"""Bands that are tried where a torque was logged [Hz]."""
+"""Bands that are tested where a torque was logged [Hz]."""
 
 
 def mode_in(record: Record) -> float:
     """Frequency [Hz] of the strongest oscillation in the tracking errors of a record, by their accelerations."""
-    error = record.error_pulses - record.error_pulses.mean(axis=0)
-    power = np.abs(np.fft.rfft(error * np.hanning(len(error))[:, None], axis=0)) ** 2
-    frequency = np.fft.rfftfreq(len(error), record.rig.period)
+    frequency, power = spectrum(record.error_pulses, record.rig.period)
     power = np.convolve((power * frequency[:, None] ** 2).sum(axis=1), np.ones(5) / 5, mode="same")
     power[(frequency < _LOWEST) | (frequency > _HIGHEST / record.rig.period)] = 0
     return float(frequency[power.argmax()])
@@ -57,10 +57,9 @@ def mode_in(record: Record) -> float:
 
 def path_in(record: Record) -> float:
     """Highest frequency [Hz] at which the counts of a record hold far more than their rounding."""
-    counts = record.counts
-    power = np.abs(np.fft.rfft((counts - counts.mean(axis=0)) * np.hanning(len(counts))[:, None], axis=0)) ** 2
+    frequency, power = spectrum(record.counts, record.rig.period)
     rows = np.flatnonzero((power > _FAR_MORE * np.median(power[len(power) // 2 :], axis=0)).any(axis=1))
-    return float(np.fft.rfftfreq(len(counts), record.rig.period)[rows.max(initial=1)])
+    return float(frequency[rows.max(initial=1)])
 
 
 def pass_band(record: Record, arm: Arm | None = None) -> float:
@@ -92,10 +91,7 @@ def equation_error(
     records = [_without_gaps(record) for record in records]
 
     def fitted(bands: list[float]) -> TorqueFit:
-        systems = []
-        for (record, about), band in zip(each_named(records), bands, strict=True):
-            with about:
-                systems.append(system_of(dynamics, record, band, unknown))
+        systems = of_each(lambda record, band: system_of(dynamics, record, band, unknown), records, bands)
         return fit_systems(dynamics, unknown, known, systems)
 
     first = fitted([pass_band(record) for record in records])
@@ -129,11 +125,8 @@ def over_bands(
     what the torque does not drive: every value comes out too small. In between the equation holds best.
     """
     unknown, fits = linear(dynamics, records[0].rig, unknown), dict[float, TorqueFit]()
-    even = []
-    for record, about in each_named(records):
-        with about:
-            torque_of(record)
-            even.append(record.resampled(record.rig.period))
+    of_each(torque_of, records)  # refuses those without
+    even = of_each(lambda record: record.resampled(record.rig.period), records)
     highest = min(BAND_MOST / record.rig.period for record in even)
     for band in BANDS[highest > BANDS]:
         try:
@@ -144,17 +137,12 @@ def over_bands(
         if fit.rows >= ENOUGH * len(fit.names):
             fits[float(band)] = fit
     if not fits:
-        raise ValueError(
-            "the unknowns must be identifiable in some band; they are in none. Log a motion that excites more."
-        )
+        raise ValueError(NO_BAND)
     return fits
 
 
 def fit_systems(
-    dynamics: Dynamics,
-    unknown: Sequence[str],
-    known: Mapping[str, float],
-    systems: Iterable[System],
+    dynamics: Dynamics, unknown: Sequence[str], known: Mapping[str, float], systems: Iterable[System]
 ) -> TorqueFit:
     """Weighted fit of what is not known to systems of equations in all the unknowns."""
     names, less = without_known(unknown, known, systems)
@@ -180,20 +168,21 @@ def without_known(
 
 
 def system_of(
-    dynamics: Dynamics, record: Record, band: float, unknown: Sequence[str], q: NDArray[np.float64] | None = None
+    dynamics: Dynamics, record: Record, band: float, unknown: Sequence[str], q: Floats | None = None
 ) -> System:
     """The torque equation of a record in a band [Hz], along a motion q (N, n) [rad]; by default the counted one."""
     rig = record.rig
     q = rig.cell_centre(record.counts) if q is None else q
-    band = min(band, BAND_MOST / rig.period)
-    every = max(1, int(1 / (2 * band * rig.period)))
-    slowest = speed_noise(rig, band)
-    return regressor_and_torque(
-        dynamics, q, torque_of(record), rig, CUTOFF * band, band, every, unknown, slowest, {}, record.valid
-    )
+    filtering = filtering_of(rig, min(band, BAND_MOST / rig.period))
+    return regressor_and_torque(dynamics, q, torque_of(record), rig, filtering, unknown, {}, record.valid)
 
 
-def speed_noise(rig: Rig, band: float) -> NDArray[np.float64]:
+def filtering_of(rig: Rig, band: float) -> Filtering:
+    """Of counts, in a band [Hz]: no more equations than are independent in it, at speeds that stand out of rounding."""
+    return Filtering(CUTOFF * band, band, max(1, int(1 / (2 * band * rig.period))), speed_noise(rig, band))
+
+
+def speed_noise(rig: Rig, band: float) -> Floats:
     """Three standard deviations (n,) of the joint speed that rounding makes in a band [rad/s]."""
     pulse = np.abs(rig.to_angle(np.eye(rig.n))).max(axis=0)
     return 3 * pulse / np.sqrt(12) * np.sqrt(2 * band * rig.period) * 2 * np.pi * band / np.sqrt(3)

@@ -8,13 +8,10 @@ differences. Regressor and measured torque then pass the same zero-phase filter 
 and every k-th row is kept, counted from the first sample.
 """
 
-from __future__ import annotations
-
 import dataclasses
-import difflib
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import casadi as ca
 import numpy as np
@@ -22,13 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from plant import Dynamics, Rig
 from plant.motion.reference import Motion
-from plant.parts.arguments import array, real
+from plant.parts.arguments import array, near, real
+from plant.parts.fields import Floats
 
 _ORDER = 4
 """Of the Butterworth low-pass; run forwards and backwards it has no phase, and the attenuation of twice the order."""
 
 
-def low_pass(x: ArrayLike, period: float, cutoff: float) -> NDArray[np.float64]:
+def low_pass(x: ArrayLike, period: float, cutoff: float) -> Floats:
     """Zero-phase low-pass of the columns of x (N, ...), sampled every `period` [s]; `cutoff` in Hz.
 
     Raises a ValueError: a cutoff that is not below half of the sample rate, or fewer samples than the filter needs.
@@ -72,12 +70,12 @@ class System:
     magnitude.
     """
 
-    regressor: NDArray[np.float64]
-    torque: NDArray[np.float64]
+    regressor: Floats
+    torque: Floats
     used: NDArray[np.bool_]
     sample: NDArray[np.intp]
     period: float
-    speed: NDArray[np.float64]
+    speed: Floats
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,10 +89,10 @@ class Places:
     record: NDArray[np.intp]
     joint: NDArray[np.intp]
     sample: NDArray[np.intp]
-    t: NDArray[np.float64]
+    t: Floats
 
     @classmethod
-    def of(cls, systems: Sequence[System]) -> Places:
+    def of(cls, systems: Sequence[System]) -> Self:
         """Of the equations that count, of one system per record."""
         rows, joint = (np.concatenate(each) for each in zip(*(np.nonzero(each.used) for each in systems), strict=True))
         counts = [int(each.used.sum()) for each in systems]
@@ -105,8 +103,8 @@ class Places:
         sample = sample[first + rows]
         return cls(record=record, joint=joint, sample=sample, t=sample * period)
 
-    def stretches(self, seconds: NDArray[np.float64], least: int) -> tuple[NDArray[np.intp], int]:
-        """Stretch (M,) of each equation, and the number of all: logs of these lengths (R,) in equal parts, at least so
+    def segments(self, seconds: Floats, least: int) -> tuple[NDArray[np.intp], int]:
+        """Segment (M,) of each equation, and the number of all: logs of these lengths (R,) in equal parts, at least so
         many together.
         """
         each = -(-least // len(seconds))
@@ -114,41 +112,39 @@ class Places:
         return each * self.record + np.minimum((each * share).astype(int), each - 1), each * len(seconds)
 
 
+class Filtering(NamedTuple):
+    """Which equations of a log are compared, and in which band.
+
+    `cutoff`: of the low-pass before differentiation [Hz]. `band`: in which torques are compared [Hz]. `every`: rows of
+    the log from one equation to the next. `slowest` (n,): speeds [rad/s] below which equations of a joint do not count.
+    """
+
+    cutoff: float
+    band: float
+    every: int
+    slowest: Floats
+
+
 def regressor_and_torque(
-    dynamics: Dynamics,
-    q: NDArray[np.float64],
-    torque: NDArray[np.float64],
-    rig: Rig,
-    cutoff: float,
-    band: float,
-    every: int,
-    unknown: Sequence[str],
-    slowest: NDArray[np.float64],
-    extra: Mapping[str, Callable[..., ArrayLike]],
-    valid: NDArray[np.float64] | None = None,
-) -> System:
+    dynamics: Dynamics, q: Floats, torque: Floats, rig: Rig, filtering: Filtering,
+    unknown: Sequence[str], extra: Mapping[str, Callable[..., ArrayLike]], valid: Floats | None = None,
+) -> System:  # fmt: skip
     """Regressor of the unknowns and measured torque less that of what is known, both filtered.
 
     Rows whose filters feel the ends of the log, or a sample without weight in `valid` (N,), do not count.
     """
-    motion = derivatives(q, rig.period, cutoff)
+    motion = derivatives(q, rig.period, filtering.cutoff)
     regressor, given = regressor_along(dynamics, rig, unknown, motion)
     more = [array(name, column(*motion), q.shape, advice="Give (N, n).") for name, column in extra.items()]
     signals = [torque - given, *np.moveaxis(regressor, 2, 0), *more]
-    return compared(signals, motion.qd, rig.period, cutoff, band, every, slowest, valid)
+    return compared(signals, motion.qd, rig.period, filtering, valid)
 
 
 def compared(
-    signals: Sequence[NDArray[np.float64]],
-    qd: NDArray[np.float64],
-    period: float,
-    cutoff: float,
-    band: float,
-    every: int,
-    slowest: NDArray[np.float64],
-    valid: NDArray[np.float64] | None = None,
+    signals: Sequence[Floats], qd: Floats, period: float, filtering: Filtering, valid: Floats | None = None
 ) -> System:
     """Torque and columns, each (N, n), in the band in which they are compared, at the speeds qd (N, n)."""
+    cutoff, band, every, slowest = filtering
     margin = int(np.ceil(1 / (min(cutoff, band) * period)))  # where the filters still feel the ends of the log
     rows = slice(-(-margin // every) * every, len(qd) - margin, every)
     measured, *columns = (low_pass(signal, period, band)[rows] for signal in signals)
@@ -166,7 +162,7 @@ def compared(
 
 def regressor_along(
     dynamics: Dynamics, rig: Rig, unknown: Sequence[str], motion: Motion, motors: Motion | None = None
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Floats, Floats]:
     """Regressor of the unknowns (N, n, k), and the torque of what is known (N, n).
 
     `motion`: of the links. `motors`: of the motors, as joints on rigid gears would have it, where gears are elastic.
@@ -216,10 +212,9 @@ def balance(dynamics: Dynamics, rig: Rig, unknown: tuple[str, ...], elastic: boo
     of_drive = [name for name in names if name.startswith((*LINEAR, SPRINGS))]
     for name in unknown:
         if name not in names:
-            near = difflib.get_close_matches(name, [*dynamics.names, *of_drive], n=1, cutoff=0.4)
             raise ValueError(
                 f"unknown must be names of f, friction and springs, with the joint's index; got {name!r}. "
-                f"{f'Did you mean {near[0]!r}?' if near else ''} Of the rig: {', '.join(of_drive)}."
+                f"{near(name, [*dynamics.names, *of_drive])} Of the rig: {', '.join(of_drive)}."
             )
     missing = [name for name in dynamics.names if name not in unknown]
     twice = [name for i, name in enumerate(unknown) if name in unknown[:i]]

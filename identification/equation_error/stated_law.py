@@ -4,13 +4,12 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.law_memory import FADED, at_work, reading, state_directions
-from identification.equation_error.torque_logs import driven, logged_torque
+from identification.equation_error.torque_logs import driven, law_torque, logged_torque
 from plant import Record, Resumed
 from plant.laws.replayed import commanded_torque
-from plant.simulation.clock import Clock
+from plant.parts.fields import Floats
 from plant.simulation.followed_path import path_of, start_of
 from plant.simulation.law_run import run_law
 
@@ -22,7 +21,7 @@ _ROUNDS = 2
 """Fits of the state; a law that saturates is not linear in it."""
 
 
-def torque_apart(record: Record) -> NDArray[np.float64] | None:
+def torque_apart(record: Record) -> Floats | None:
     """How far the logged torque of each joint (n,) is from what the stated law gives, as a share of it (rms).
 
     None where that cannot be told: nothing logged, counts that were moved, no law or one that repeats the log, fast
@@ -59,7 +58,7 @@ def begun(record: Record) -> Record:
         return record
     logged, rows = logged_torque(record), np.flatnonzero(record.valid > 0)
     anew, found = reading(record, Resumed(law=law, state=law.initial_state(record.n))), _nearest(record, logged)
-    off = [np.sqrt(np.mean((_torque(each) - logged)[rows[rows >= FADED]] ** 2)) for each in (anew, found)]
+    off = [np.sqrt(np.mean((law_torque(each) - logged)[rows[rows >= FADED]] ** 2)) for each in (anew, found)]
     if off[0] <= _BEGAN * off[1] + _EQUAL * np.abs(logged).max():
         return record
     state: Any = found.law.state  # type: ignore[union-attr]  # AlongLog
@@ -67,36 +66,29 @@ def begun(record: Record) -> Record:
     return dataclasses.replace(record, law=Resumed(law=law, state=state), initial=start)
 
 
-def _along(record: Record, logged: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def _along(record: Record, logged: Floats) -> Floats | None:
     """Torque (N, n) of a law with a memory, from the state with which it is nearest to the logged one."""
     law = record.law
     if isinstance(law, Resumed):  # in a stated state
-        return _torque(dataclasses.replace(record, law=law.along(record.rig)))
+        return law_torque(dataclasses.replace(record, law=law.along(record.rig)))
     try:
-        return _torque(_nearest(record, logged))
+        return law_torque(_nearest(record, logged))
     except ValueError:  # its reference does not tell its torque
         return None
 
 
-def _nearest(record: Record, logged: NDArray[np.float64]) -> Record:
+def _nearest(record: Record, logged: Floats) -> Record:
     """The record with its law reading the log, from the state with which it is nearest to the logged torque (N, n)."""
     law: Any = record.law
     followed, usual = at_work(record, Resumed(law=law, state=law.initial_state(record.n)))
-    clock, period, rows = Clock.of(followed), record.rig.period, slice(FADED, None)
     for _ in range(_ROUNDS):
         run = run_law(followed)
         memory, columns = state_directions(followed, run, usual)
         if not len(columns):
             break
-        missing = (logged - driven(followed, run.around(clock.t[clock.rows], period)))[rows].ravel()
+        missing = (logged - law_torque(followed, run))[FADED:].ravel()
         own: Any = followed.law
-        change = np.linalg.lstsq(columns[:, rows].reshape(len(columns), -1).T, missing, rcond=None)[0]
+        change = np.linalg.lstsq(columns[:, FADED:].reshape(len(columns), -1).T, missing, rcond=None)[0]
         state = memory.at(np.asarray(change, float))
         followed = dataclasses.replace(followed, law=dataclasses.replace(own, state=state))
     return followed
-
-
-def _torque(followed: Record) -> NDArray[np.float64]:
-    """Torque (N, n) of a law that reads its log, at the motors."""
-    clock = Clock.of(followed)
-    return driven(followed, run_law(followed).around(clock.t[clock.rows], followed.rig.period))

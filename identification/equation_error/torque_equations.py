@@ -8,16 +8,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.pulse_fit import BAND_MOST, CUTOFF, speed_noise, without_known
-from identification.equation_error.regressor import LINEAR, System, derivatives, regressor_and_torque
+from identification.equation_error.regressor import LINEAR, Filtering, System, derivatives, regressor_and_torque
 from identification.equation_error.torque_logs import TorqueLog, dead_columns, thinned, torque_logs
 from plant import Dynamics, Rig
 from plant.parts.arguments import choice, instance, real
+from plant.parts.fields import Floats
 
 Columns = Mapping[str, Callable[..., ArrayLike]]
 """Further columns by name: (q, qd, qdd) -> torque (N, n) per unit."""
 
 _LOWEST = 0.5
-"""Narrowest pass band that is tried [Hz]; then by half octaves."""
+"""Narrowest pass band that is tested [Hz]; then by half octaves."""
 
 _PERIODS = 4.0
 """Periods of a band that the longest log must hold."""
@@ -52,7 +53,7 @@ class TorqueEquations:
     used: NDArray[np.bool_]
 
     def systems(
-        self, band: float, cutoff: float | None, every: int | None, slowest: NDArray[np.float64], *, thin: bool = False
+        self, band: float, cutoff: float | None, every: int | None, slowest: Floats, *, thin: bool = False
     ) -> tuple[tuple[str, ...], list[System]]:
         """Names of what is unknown, and one system per log in these alone."""
         found, names = [], (*self.names, *self.extra)
@@ -62,14 +63,14 @@ class TorqueEquations:
             if every is not None and kept is not log:
                 step = max(1, round(every * log.rig.period / kept.rig.period))
             system = regressor_and_torque(
-                self.dynamics, kept.q, kept.torque, kept.rig, cutoff_of(band, cutoff), band, step, self.names, slowest,
-                self.extra, kept.valid,
+                self.dynamics, kept.q, kept.torque, kept.rig, Filtering(cutoff_of(band, cutoff), band, step, slowest),
+                self.names, self.extra, kept.valid,
             )  # fmt: skip
             found.append(dataclasses.replace(system, used=system.used & used))
         return without_known(names, self.known, found)
 
     @property
-    def seconds(self) -> NDArray[np.float64]:
+    def seconds(self) -> Floats:
         """Length (R,) of each log."""
         return np.array([len(log.q) * log.rig.period for log in self.logs])
 
@@ -80,7 +81,7 @@ class TorqueEquations:
         octaves = (float(f"{band:.3g}") for band in _LOWEST * 2 ** np.arange(0, 30, 0.5))
         return [band for band in octaves if least < band < most]
 
-    def usual_speed(self) -> NDArray[np.float64]:
+    def usual_speed(self) -> Floats:
         """Root mean square of each joint's speed (n,) [rad/s] in all logs, without what is faster than motions are."""
         speeds = []
         for log in self.logs:
@@ -88,7 +89,7 @@ class TorqueEquations:
             speeds.append(derivatives(log.q, period, min(_MOTION, BAND_MOST / period)).qd)
         return np.asarray(np.sqrt(np.mean(np.concatenate(speeds) ** 2, axis=0)))
 
-    def least(self, usual: NDArray[np.float64], share: float, band: float) -> NDArray[np.float64]:
+    def least(self, usual: Floats, share: float, band: float) -> Floats:
         """Least speeds (n,) [rad/s]: a share of the usual ones, and more than the rounding of counts makes."""
         noise = [speed_noise(log.rig, band) for log in self.logs if log.counted]
         return np.max([share * usual, *noise], axis=0)

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.band_choice import FitTrial
-from identification.equation_error.clustered import RUNS, STRETCHES, at_least, group_std, run_std
+from identification.equation_error.clustered import RUNS, SEGMENTS, at_least, group_std, run_std
 from identification.equation_error.least_squares import least_squares
 from identification.equation_error.naming import short_names
 from identification.equation_error.regressor import Places, System
 from plant import Dynamics
 from plant.parts.arguments import choice
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Aside, Piece, Shown, Verdict, Warned
 from plant.parts.sums import norm, product
@@ -45,7 +46,7 @@ class TorqueFit(Shown, Frozen):
     names : tuple of str
     values : (k,) numpy.ndarray
     covariance : (k, k) numpy.ndarray
-        Of the values: of white noise, and no less than how they differ between stretches, or runs, of the logs (`spread
+        Of the values: of white noise, and no less than how they differ between segments, or runs, of the logs (`spread
         <../background/intervals>`). What the model lacks everywhere alike comes on top.
     noise_covariance : (k, k) numpy.ndarray
         From the variance of each joint's residual alone, taken as white after decimation.
@@ -79,10 +80,10 @@ class TorqueFit(Shown, Frozen):
 
     dynamics: Dynamics
     names: tuple[str, ...]
-    values: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    noise_covariance: NDArray[np.float64]
-    sigma: NDArray[np.float64]
+    values: Floats
+    covariance: Floats
+    noise_covariance: Floats
+    sigma: Floats
     relative_error: float
     rows: int
     condition: float
@@ -92,17 +93,17 @@ class TorqueFit(Shown, Frozen):
     cutoff: float | None = None
     band: float | None = None
     every: tuple[int, ...] = ()
-    least_speed: NDArray[np.float64] | None = None
+    least_speed: Floats | None = None
     bands: tuple[FitTrial, ...] = ()
     least_speeds: tuple[FitTrial, ...] = ()
 
     @property
-    def f(self) -> NDArray[np.float64]:
+    def f(self) -> Floats:
         """All of f (p,), found or known, in the order of the dynamics."""
         return np.array([self[name] for name in self.dynamics.names])
 
     @property
-    def std(self) -> NDArray[np.float64]:
+    def std(self) -> Floats:
         """Standard deviations (k,) of the values."""
         return np.sqrt(np.diag(self.covariance))
 
@@ -155,7 +156,7 @@ class TorqueFit(Shown, Frozen):
 def choices(fit: TorqueFit) -> Iterator[Piece]:
     """How band and least speeds were chosen; nothing where they were stated."""
     if fit.bands:
-        yield f"band {fit.band:g} Hz, chosen by torques of stretches left out, compared in narrower bands:"
+        yield f"band {fit.band:g} Hz, chosen by torques of segments left out, compared in narrower bands:"
         yield _trials(fit.bands)
     if fit.least_speeds and fit.least_speed is not None:
         speeds = ", ".join(f"{speed:.3g}" for speed in fit.least_speed)
@@ -171,15 +172,15 @@ def weighted(
     dynamics: Dynamics,
     names: tuple[str, ...],
     systems: Iterable[System],
-    weights: NDArray[np.float64] | None = None,
-    seconds: NDArray[np.float64] | None = None,
+    weights: Floats | None = None,
+    seconds: Floats | None = None,
     **report: Any,
 ) -> TorqueFit:
     """Least squares of one or more logs' equations.
 
     `dynamics`, `names`: names of the columns. `systems`: one per record. `weights` (R, n): of each record and joint, up
     to a common factor; by default 1 over a joint's residual in an unweighted fit. `seconds` (R,): length of each log:
-    the covariance counts how its stretches, and logs, differ. `report`: further fields of the result.
+    the covariance counts how its segments, and logs, differ. `report`: further fields of the result.
     """
     systems = tuple(systems)
     regressor, torque, used = (
@@ -208,7 +209,7 @@ def weighted(
     noise = covariance
     if seconds is not None:
         by_weight = rows * weight[:, None], residual * weight
-        covariance = at_least(covariance, group_std(*by_weight, places.stretches(seconds, STRETCHES)[0]))
+        covariance = at_least(covariance, group_std(*by_weight, places.segments(seconds, SEGMENTS)[0]))
         if len(seconds) >= RUNS:
             covariance = at_least(covariance, run_std(*by_weight, places.record))
     return TorqueFit(
@@ -225,9 +226,7 @@ def weighted(
     )
 
 
-def _deviations(
-    residual: NDArray[np.float64], group: NDArray[np.intp], groups: int, freedom: float
-) -> NDArray[np.float64]:
+def _deviations(residual: Floats, group: NDArray[np.intp], groups: int, freedom: float) -> Floats:
     """Standard deviation of the residual in each group (groups,); NaN of an empty one."""
     found = np.full(groups, np.nan)
     for g in np.unique(group):

@@ -5,36 +5,34 @@ from collections.abc import Sequence
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from identification.equation_error.naming import each_named, record_label
 from identification.equation_error.regressor import low_pass
 from plant import Dynamics, Record, Resumed, Rig
 from plant.laws.replayed import commanded_torque
 from plant.parts.arguments import array, instance
+from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
-from plant.simulation.law_run import run_law
+from plant.simulation.law_run import LawRun, run_law
 from plant.simulation.simulator import injected_beside
 
 
-def torque_of(record: Record) -> NDArray[np.float64]:
+def torque_of(record: Record) -> Floats:
     """Joint torques (N, n) [N m] of a record: commanded by its law, or logged where the law has a memory.
 
     A torque that a sampled law holds counts half at both ends of its sample, and so does one that was injected, which
     is added to what the law commanded. A law along its log is run.
     """
-    law, rig = record.law, record.rig
-    if isinstance(law, Resumed):
-        clock = Clock.of(record)
-        own = run_law(dataclasses.replace(record, law=law.along(rig))).around(clock.t[clock.rows], rig.period)
-        return driven(record, own)
+    if isinstance(record.law, Resumed):
+        return law_torque(dataclasses.replace(record, law=record.law.along(record.rig)))
     commanded = commanded_torque(record)
     if commanded is not None:
-        return driven(record, rig.drive.limited(commanded))
+        return driven(record, record.rig.drive.limited(commanded))
     return logged_torque(record)
 
 
-def logged_torque(record: Record) -> NDArray[np.float64]:
+def logged_torque(record: Record) -> Floats:
     """Joint torques (N, n) [N m] that a record has logged, half at both ends of a sample that holds them."""
     law, rig = record.law, record.rig
     if record.torque is not None:
@@ -51,13 +49,19 @@ def logged_torque(record: Record) -> NDArray[np.float64]:
     return _held(logged)
 
 
-def driven(record: Record, own: NDArray[np.float64]) -> NDArray[np.float64]:
+def law_torque(record: Record, run: LawRun | None = None) -> Floats:
+    """Torque (N, n) [N m] of the motors around each sample under a law that reads its log; `run`: of it."""
+    clock, run = Clock.of(record), run_law(record) if run is None else run
+    return driven(record, run.around(clock.t[clock.rows], record.rig.period))
+
+
+def driven(record: Record, own: Floats) -> Floats:
     """Torque (N, n) [N m] of the motors: its law's own, and what was injected, within the amplifier's limit."""
     added = injected_beside(record)
     return own if added is None else record.rig.drive.limited(own + _held(added))
 
 
-def _held(torque: NDArray[np.float64]) -> NDArray[np.float64]:
+def _held(torque: Floats) -> Floats:
     """Mean (N, n) around each sample of a torque that is held to the next: at a sample, both act."""
     return (torque + np.vstack([torque[:1], torque[:-1]])) / 2
 
@@ -82,10 +86,10 @@ class TorqueLog:
     """
 
     label: str
-    q: NDArray[np.float64]
-    torque: NDArray[np.float64]
+    q: Floats
+    torque: Floats
     rig: Rig
-    valid: NDArray[np.float64] | None = None
+    valid: Floats | None = None
     counted: bool = False
 
 

@@ -13,7 +13,6 @@ import functools
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.payload.posterior import PayloadEstimate
 from identification.payload.shape import LoadShape
@@ -21,6 +20,7 @@ from identification.payload.torque_window import Smoothing, Window
 from identification.search.genetic import GeneticSettings, minimize_genetic
 from plant import Arm, LoggedTorque, Rig
 from plant.machine.rig import smooth_rig
+from plant.parts.fields import Floats
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.layout import Correction
 from plant.simulation.loop_kernel import LANES, loop_kernel
@@ -63,12 +63,12 @@ class GeneticEstimator:
         self._kernel = loop_kernel(self._loop, range(arm.dynamics.p))
 
     @property
-    def bounds(self) -> NDArray[np.float64]:
+    def bounds(self) -> Floats:
         """Of mass [kg] and, where it is unknown, place along the line (0 to 1), (1 or 2, 2)."""
         rows = [self.shape.mass, *([(0.0, 1.0)] if len(self.shape.places) > 1 else [])]
         return np.array(rows, dtype=float)
 
-    def parameters(self, candidates: NDArray[np.float64]) -> NDArray[np.float64]:
+    def parameters(self, candidates: Floats) -> Floats:
         """Standard parameters (P, 10) of the loads of candidates (P, 1 or 2)."""
         per_kg = self.shape.per_kg
         if candidates.shape[1] == 1:
@@ -120,7 +120,7 @@ class GeneticEstimator:
         uniform = self._numbers[list(self._kernel.uniform)]
         state = np.repeat(loop.initial_state(q[0], qd[0], self._numbers)[:, None], LANES, axis=1)
 
-        def costs(candidates: NDArray[np.float64]) -> NDArray[np.float64]:
+        def costs(candidates: Floats) -> Floats:
             f = self.arm.f + self.parameters(candidates) @ self._matrix.T
             blocks = [self._block(f[i : i + LANES], state, tables, uniform) for i in range(0, len(f), LANES)]
             return np.concatenate(blocks)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from identification.payload.posterior import PayloadEstimate, information, posterior
 from identification.payload.shape import LoadShape
@@ -11,13 +11,14 @@ from identification.payload.torque_window import Smoothing, TorqueWindow, Window
 from identification.results.identification import Identification
 from plant import Arm, Rig
 from plant.parts.arguments import array, instance, real
+from plant.parts.fields import Floats
 
 KERNEL = 0.04
 """Length of the smooth kernel [s]."""
 
 
 _RIGID, _ELASTIC = 2.0, 20.0
-"""Misfit from which on no load explains a window: on rigid gears, and on elastic ones, which swing."""
+"""Misfit from which on no load explains a window: on rigid gears, and on elastic ones, which oscillate."""
 
 
 def kernel_length(arm: Arm, rig: Rig, shape: LoadShape) -> float:
@@ -40,9 +41,7 @@ def friction_names(rig: Rig) -> list[str]:
     return [f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in range(rig.n)]
 
 
-def uncertainty(
-    arm: Arm, rig: Rig, found: Identification | None, friction: float
-) -> tuple[tuple[str, ...], NDArray[np.float64]]:
+def uncertainty(arm: Arm, rig: Rig, found: Identification | None, friction: float) -> tuple[tuple[str, ...], Floats]:
     """Names of what is uncertain beside the load, and a root (u, v) of its covariance.
 
     `arm`, `rig`: as the law has them. `found`: that gave them, for its covariance. `friction`: standard deviation of

@@ -4,12 +4,12 @@ import dataclasses
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.payload.load_search import LoadSearch
 from identification.search.outcome import Fit
 from identification.search.problem import Problem
 from plant import Arm, Rig
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict, Warned
 from plant.parts.tables import Table
@@ -36,7 +36,7 @@ def birge(runs: Sequence[tuple[float, float]]) -> float:
 
 
 def warnings_of(
-    search: LoadSearch, fit: Fit, problem: Problem, std: NDArray[np.float64], runs: tuple[tuple[float, float], ...],
+    search: LoadSearch, fit: Fit, problem: Problem, std: Floats, runs: tuple[tuple[float, float], ...],
     friction: float | None, square: float, freedom: int,
 ) -> Iterator[str]:  # fmt: skip
     """Lines about a fit."""
@@ -54,13 +54,13 @@ def warnings_of(
         )
     hidden = [name for name, own in zip(fit.unknown, std, strict=True) if own == 0 and name.startswith("drive.")]
     if friction is None and hidden:
-        yield f"{', '.join(hidden)} does not show in these logs, and was taken from the rig."
+        yield f"{', '.join(hidden)} is not identifiable from these logs, and was taken from the rig."
     if friction is not None:
         said = "as exact" if friction == 0 else f"within {friction:.0%}"
         yield f"friction was taken from the rig, {said}; leave friction out to find it beside the load."
     if square > freedom + _BY_CHANCE * np.sqrt(2 * freedom):
         yield (
-            f"no load makes of this arm what the logs show: chi-square {square:.0f} of {freedom}; arm, gears or "
+            f"no load on this arm explains the logs: chi-square {square:.0f} of {freedom}; arm, gears or "
             "friction differ from the model. The deviation counts that as if it were noise."
         )
     if search.covariance.any() and not freedom:
@@ -87,8 +87,8 @@ class Load(Shown, Frozen):
     rms_innovation : float
         Root mean square of the innovations [pulses]; rounding alone gives 0.289.
     com, com_std : (3,) numpy.ndarray
-        Centre of mass in the frame of the link's body [m]; NaN along an axis that does not show in the torques. Of a
-        given position it is that, with a deviation of 0.
+        Centre of mass in the frame of the link's body [m]; NaN along an axis that is not identifiable from the
+        torques. Of a given position it is that, with a deviation of 0.
     names : tuple of str
         Of all that was unknown: ``mass``, ``com[i]``, numbers of friction.
     values : (k,) numpy.ndarray
@@ -108,11 +108,11 @@ class Load(Shown, Frozen):
     std: float
     arm: Arm
     rms_innovation: float
-    com: NDArray[np.float64]
-    com_std: NDArray[np.float64]
+    com: Floats
+    com_std: Floats
     names: tuple[str, ...]
-    values: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    values: Floats
+    covariance: Floats
     rig: Rig
     runs: tuple[tuple[float, float], ...] = ()
     chi_square: float = np.nan
@@ -120,7 +120,7 @@ class Load(Shown, Frozen):
     warnings: tuple[str, ...] = ()
 
     @property
-    def interval(self) -> NDArray[np.float64]:
+    def interval(self) -> Floats:
         """That holds the mass with 95 % (2,) [kg]."""
         return self.mass + _QUANTILE * self.std * np.array([-1.0, 1.0])
 
@@ -132,7 +132,7 @@ class Load(Shown, Frozen):
         low, high = self.interval
         said = f"mass {self.mass:.4g} +- {self.std:.2g} kg, 95 % from {low:.4g} to {high:.4g}"
         yield Verdict(said, not self.warnings)
-        where = [f"{axis} {at:.4g} +- {std:.2g}" if np.isfinite(at) else f"{axis} does not show"
+        where = [f"{axis} {at:.4g} +- {std:.2g}" if np.isfinite(at) else f"{axis} is not identifiable"
                  for axis, at, std in zip("xyz", self.com, self.com_std, strict=True)]  # fmt: skip
         yield f"centre of mass [m]: {', '.join(where)}"
         std = np.sqrt(np.diag(self.covariance))

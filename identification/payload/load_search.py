@@ -5,13 +5,10 @@ whose memory may be unknown; the start from the torque equation; Gauss-Newton on
 known arm and a function of a few numbers of the load.
 """
 
-from __future__ import annotations
-
 import dataclasses
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.least_squares import NotIdentifiableError
 from identification.equation_error.naming import each_named
@@ -19,11 +16,11 @@ from identification.equation_error.pulse_fit import pass_band, system_of
 from identification.equation_error.regressor import LINEAR
 from identification.equation_error.torque_fit import weighted
 from identification.payload.loaded_prediction import AnyLoad, WithLoad, spoken
-from identification.replay.prediction import Prediction
-from identification.search.outcome import Fit, Outcome
+from identification.search.outcome import Outcome, fit_of
 from identification.search.problem import Problem
 from plant import Body, Dynamics
 from plant.mechanics.base_parameters import independent_columns
+from plant.parts.fields import Floats
 
 _SAME = 1e-7
 """Share of its own below which what a direction does to f is a combination of what others do."""
@@ -38,15 +35,13 @@ class UnknownLoad:
     axes of the link's frame along which the place of the centre is unknown.
     """
 
-    matrix: NDArray[np.float64]
-    position: NDArray[np.float64]
-    inertia: NDArray[np.float64]
+    matrix: Floats
+    position: Floats
+    inertia: Floats
     shown: tuple[int, ...]
 
     @classmethod
-    def of(
-        cls, dynamics: Dynamics, link: int | str, position: NDArray[np.float64] | None, inertia: NDArray[np.float64]
-    ) -> UnknownLoad:
+    def of(cls, dynamics: Dynamics, link: int | str, position: Floats | None, inertia: Floats) -> Self:
         """Of a load on a link, whose place may be unknown."""
         matrix = dynamics.load_matrix(link)
         if position is not None:
@@ -55,7 +50,8 @@ class UnknownLoad:
         moments = matrix[:, [*(1 + axis for axis in shown), 0]]
         if not moments.any() or len(independent_columns(moments, range(len(shown) + 1), _SAME)[0]) <= len(shown):
             raise ValueError(
-                "mass and centre of the load must show separately; on this arm or link they do not. Give position."
+                "mass and centre of the load must be separately identifiable; on this arm or link they are not. "
+                "Give position."
             )
         return cls(matrix=matrix, position=np.zeros(3), inertia=inertia, shown=shown)
 
@@ -64,13 +60,13 @@ class UnknownLoad:
         """Of the unknown numbers."""
         return ("mass", *(f"com[{axis}]" for axis in self.shown))
 
-    def com(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def com(self, values: Floats) -> Floats:
         """Centre of mass (3,) [m]; 0 along axes that do not show."""
         com = self.position.copy()
         com[list(self.shown)] = values[1 : len(self.names)]
         return com
 
-    def increments(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def increments(self, values: Floats) -> Floats:
         """Of f (p,), by mass and centre (k,)."""
         unit = Body(mass=1.0, com=self.com(values)).standard_parameters
         own = np.concatenate([np.zeros(4), self.inertia]) if values[0] else np.zeros(10)
@@ -108,8 +104,8 @@ class FreeArm:
 
     square: float = np.nan
     freedom: int = 0
-    shares: NDArray[np.float64] | float = 0.0
-    covariance: NDArray[np.float64] | None = None
+    shares: Floats | float = 0.0
+    covariance: Floats | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -122,17 +118,17 @@ class LoadSearch:
     `f`; 0 of an exact arm.
     """
 
-    f: NDArray[np.float64]
+    f: Floats
     load: Any
     mass: tuple[float, float]
-    friction: NDArray[np.float64]
-    deviation: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    friction: Floats
+    deviation: Floats
+    covariance: Floats
 
     def fitted(self, problem: Problem) -> Outcome:
         """The prediction error's fit of mass, centre and friction, as a method of identification.
 
-        Friction that does not show, such as that of a joint at rest, stays as the rig states it.
+        Friction that is not identifiable, such as that of a joint at rest, stays as the rig states it.
         """
         friction = problem.unknown[len(self.f) :]
         try:
@@ -145,19 +141,13 @@ class LoadSearch:
 
     def _fitted(self, problem: Problem) -> Outcome:
         start, std = self.start(problem)
-        view = WithLoad(self, Prediction(problem.dynamics, problem.records, problem.unknown, memories=problem.memories,
-                                          **problem.options), problem.unknown[len(self.f) :])  # fmt: skip
+        view = WithLoad(self, problem.prediction(memories=problem.memories), problem.unknown[len(self.f) :])
         k, loads = len(start), len(self.load.names)
         steps = np.concatenate([[_STEPS[0]], [_STEPS[1]] * (loads - 1), _SMALL * std[loads:]])
         solution = view.followed(start, steps, self.bounds(problem), bool(problem.memories))
-        fit = Fit(
-            unknown=(*self.load.names, *problem.unknown[len(self.f) :]),
-            values=solution.values[:k],
-            candidates=solution.values[None, :k],
-            covariance=solution.covariance[:k, :k],
-            rms_innovation=solution.rms_innovation,
-            resumptions=view.prediction.resumptions(view.whole(solution.values)) if problem.memories else (),
-        )
+        resumptions = view.prediction.resumptions(view.whole(solution.values)) if problem.memories else ()
+        unknown = (*self.load.names, *problem.unknown[len(self.f) :])
+        fit = fit_of(solution, unknown, solution.values[:k], resumptions=resumptions)
         stages = {"prediction error": solution.values, "steps": steps[loads:]}
         return Outcome(fit=fit, evaluations=view.prediction.evaluations, stages=stages)
 
@@ -169,8 +159,7 @@ class LoadSearch:
         fit, loads, p = outcome.fit, len(self.load.names), len(self.f)
         found, more = fit.values[:loads], self.load.increments(fit.values)
         free = dataclasses.replace(self, load=AnyLoad(names=problem.dynamics.names))
-        view = WithLoad(free, Prediction(problem.dynamics, problem.records, problem.unknown, memories=problem.memories,
-                                          **problem.options), problem.unknown[p:])  # fmt: skip
+        view = WithLoad(free, problem.prediction(memories=problem.memories), problem.unknown[p:])
         size = np.maximum(np.abs(self.f + more), 0.05 * np.abs(self.f).max())
         steps = np.append(_RELATIVE * size, outcome.stages["steps"])
         start = np.concatenate([more, outcome.stages["prediction error"][loads:]])
@@ -190,11 +179,11 @@ class LoadSearch:
         told: dict[str, Any] = {"shares": shares, "covariance": covariance} if self.covariance.any() else {}
         return FreeArm(square=float(left @ weight @ left), freedom=p - loads, **told)
 
-    def bounds(self, problem: Problem) -> NDArray[np.float64]:
+    def bounds(self, problem: Problem) -> Floats:
         """Of mass, centre and friction (k, 2)."""
         return np.vstack([self.mass, *[(-_REACH, _REACH)] * len(self.load.shown), problem.bounds[len(self.f) :]])
 
-    def start(self, problem: Problem) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def start(self, problem: Problem) -> tuple[Floats, Floats]:
         """Values (k,) from the torque equation of the counts, and standard deviations."""
         systems, p = [], len(self.f)
         linear = [name for name in problem.unknown if name in problem.dynamics.names or name.startswith(LINEAR)]
@@ -220,7 +209,7 @@ class LoadSearch:
         values[loads:] = np.where(near, values[loads:], self.friction)
         return np.clip(values, *self.bounds(problem).T), std
 
-    def _columns(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _columns(self) -> tuple[Floats, Floats]:
         """Increments of f (p, l) by mass and first moments, their inertia left aside; and by the stated inertia."""
         matrix, load = self.load.matrix, self.load
         offset = matrix[:, 4:] @ load.inertia

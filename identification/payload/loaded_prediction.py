@@ -5,15 +5,15 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from identification.replay.gauss_newton import Solution, gauss_newton, variance_inflation
+from identification.replay.gauss_newton import Solution, gauss_newton, reweighed, variance_inflation
 from identification.replay.prediction import Prediction
 from identification.search.polish import by_stages
+from plant.parts.fields import Floats
 
-_ROUNDING, _WEIGHINGS, _CHANGED = 0.289, 2, 0.05
-"""RMS of rounding [pulses]; how often records and joints are weighted anew; and relative change of what an innovation
-tells from which on stated friction is weighed anew."""
+_ROUNDING, _CHANGED = 0.289, 0.05
+"""RMS of rounding [pulses]; and relative change of what an innovation tells from which on stated friction is weighed
+anew."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -22,7 +22,7 @@ class AnyLoad:
 
     names: tuple[str, ...]
 
-    def increments(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def increments(self, values: Floats) -> Floats:
         return values[: len(self.names)]
 
 
@@ -43,49 +43,42 @@ class WithLoad:
         self.weights = np.append(prediction.weights, np.zeros(len(self._stated)))
 
     @property
-    def scales(self) -> NDArray[np.float64]:
+    def scales(self) -> Floats:
         """What each innovation is divided by."""
         return np.append(self.prediction.scales, np.ones(len(self._stated)))
 
-    def whole(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def whole(self, values: Floats) -> Floats:
         """What the prediction takes, of values of this."""
         return np.append(self.search.f + self.search.load.increments(values), values[self._first :])
 
-    def followed(
-        self, start: NDArray[np.float64], steps: NDArray[np.float64], bounds: NDArray[np.float64], by_stage: bool
-    ) -> Solution:
+    def followed(self, start: Floats, steps: Floats, bounds: Floats, by_stage: bool) -> Solution:
         """Least sum of squares from a start of what is unknown, or of that and of the nuisances."""
         k, own = len(steps), self.prediction
         first = np.append(start, own.nuisances) if len(start) == k else start
         steps, bounds = np.append(steps, own.nuisance_steps), np.vstack([bounds, own.nuisance_bounds])
         if by_stage:
-            gains = slice(k, k + self._gains)
-            solution = by_stages(self, first, steps, bounds, gains)
+            solution = by_stages(self, first, steps, bounds, slice(k, k + self._gains))
         else:
             solution = gauss_newton(self, first, steps, bounds)
-        for _ in range(_WEIGHINGS):
-            if not (self.reweigh(solution.values) | self.trust(solution)):
-                break
-            solution = gauss_newton(self, solution.values, steps, bounds)
-        return solution
+        return reweighed(self, solution, steps, bounds, lambda found: self.reweigh(found.values) | self.trust(found))
 
-    def _with_stated(self, innovations: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _with_stated(self, innovations: Floats, values: Floats) -> Floats:
         friction = values[self._first :][self._stated]
         off = (friction - self.search.friction[self._stated]) / self.search.deviation[self._stated]
         return np.append(innovations, self._trust * off)
 
-    def innovations(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def innovations(self, values: Floats) -> Floats:
         return self._with_stated(self.prediction.innovations(self.whole(values)), values)
 
-    def all_innovations(self, many: Iterable[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+    def all_innovations(self, many: Iterable[Floats]) -> list[Floats]:
         many = list(many)
         found = self.prediction.all_innovations([self.whole(values) for values in many])
         return [self._with_stated(each, values) for each, values in zip(found, many, strict=True)]
 
-    def lost(self, values: NDArray[np.float64]) -> str:
+    def lost(self, values: Floats) -> str:
         return self.prediction.lost(self.whole(values))
 
-    def reweigh(self, values: NDArray[np.float64]) -> bool:
+    def reweigh(self, values: Floats) -> bool:
         return self.prediction.reweigh(self.whole(values))
 
     def trust(self, solution: Solution) -> bool:

@@ -17,10 +17,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from identification.equation_error.law_memory import along_log
-from identification.equation_error.naming import each_named
+from identification.equation_error.naming import of_each
 from identification.payload.load import Load, birge, warnings_of
 from identification.payload.load_search import LoadSearch, UnknownLoad
 from identification.replay.experiment import as_records
@@ -33,6 +33,7 @@ from identification.search.outcome import Outcome
 from identification.search.problem import Problem
 from plant import Arm, FrictionCurve, Record, Rig
 from plant.parts.arguments import array, instance, known_options, real
+from plant.parts.fields import Floats
 
 _HEAVIEST, _LIGHTEST = 1e3, 1e-3
 """[kg]; the lightest where the centre is unknown, of which nothing has none."""
@@ -122,7 +123,7 @@ def find_load(
     return _assessed(arm, search, outcome, problem, runs, ratio, friction)
 
 
-def _covariance(found: Identification | None, arm: Arm) -> NDArray[np.float64]:
+def _covariance(found: Identification | None, arm: Arm) -> Floats:
     """Of f, in the order of the arm's; none of an exact arm."""
     if found is None:
         return np.zeros((len(arm.f),) * 2)
@@ -146,9 +147,8 @@ def _with_offsets(record: Record) -> Record:
 
 
 def _search(
-    arm: Arm, rig: Rig, load: UnknownLoad, mass: tuple[float, float], friction: float | None,
-    covariance: NDArray[np.float64],
-) -> LoadSearch:  # fmt: skip
+    arm: Arm, rig: Rig, load: UnknownLoad, mass: tuple[float, float], friction: float | None, covariance: Floats
+) -> LoadSearch:
     drive = rig.drive
     offset = np.zeros(rig.n) if drive.curve is None else drive.curve.offset
     stated = [drive.viscous, drive.coulomb, offset]
@@ -168,10 +168,8 @@ def _followed(
     """The fit, and the problem that it is of: laws began with their logs, or before."""
     kinds = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
     unknown = (*arm.dynamics.names, *(f"{kind}[{i}]" for kind in kinds for i in range(arm.n)))
-    objective, followed = Objective(arm.dynamics, records, unknown, **options), []
-    for record, about in each_named(objective.records):
-        with about:
-            followed.append(along_log(record))
+    objective = Objective(arm.dynamics, records, unknown, **options)
+    followed = of_each(along_log, objective.records)
     problem = Problem(
         dynamics=arm.dynamics, records=tuple(followed), unknown=unknown, objective=objective, held_out=None,
         nominal=np.append(arm.f, search.friction), ranges=None, method="prediction_error",

@@ -4,9 +4,9 @@ import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.payload.shape import LoadShape
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
@@ -48,9 +48,9 @@ class PayloadEstimate(Shown, Frozen):
 
     mass: float
     std: float
-    interval: NDArray[np.float64]
-    parameters: NDArray[np.float64]
-    position: NDArray[np.float64]
+    interval: Floats
+    parameters: Floats
+    position: Floats
     sufficient: bool
     explained: bool
     misfit: float
@@ -68,9 +68,7 @@ class PayloadEstimate(Shown, Frozen):
         yield Table((), [*([] if self.sufficient else [("mass [kg]", f"{self.mass:.3g}")]), *rows])
 
 
-def information(
-    load: NDArray[np.float64], uncertain: NDArray[np.float64], torque: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+def information(load: Floats, uncertain: Floats, torque: Floats) -> tuple[Floats, Floats, float]:
     """Information matrix (b, b) and vector (b,) of the load's columns, and the sum of squares without a load.
 
     Each uncertain column is scaled such that its number has a standard deviation of 1; their numbers are estimated
@@ -86,9 +84,8 @@ def information(
 
 
 def posterior(
-    shape: LoadShape, matrix: NDArray[np.float64], vector: NDArray[np.float64], square: float, rows: int,
-    misfit_limit: float = 2.0,
-) -> PayloadEstimate:  # fmt: skip
+    shape: LoadShape, matrix: Floats, vector: Floats, square: float, rows: int, misfit_limit: float = 2.0
+) -> PayloadEstimate:
     """Estimate from `information`; mass and place are evenly likely beforehand.
 
     `matrix`, `vector`, `square`: from `information`. `rows`: of the window. `misfit_limit`: root mean square of what
@@ -148,7 +145,7 @@ def _nothing(shape: LoadShape, message: str) -> PayloadEstimate:
     )  # fmt: skip
 
 
-def _log_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def _log_between(a: Floats, b: Floats) -> Floats:
     """Logarithm of the normal probability between a and b, also far out."""
     from scipy.special import log_ndtr
 
@@ -158,10 +155,7 @@ def _log_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.f
     return np.asarray(top + np.log1p(-np.exp(np.minimum(log_ndtr(low) - top, -1e-300))))
 
 
-def _interval(
-    odds: NDArray[np.float64], centre: NDArray[np.float64], sigma: NDArray[np.float64], inside: NDArray[np.float64],
-    ends: tuple[float, float],
-) -> NDArray[np.float64]:  # fmt: skip
+def _interval(odds: Floats, centre: Floats, sigma: Floats, inside: Floats, ends: tuple[float, float]) -> Floats:
     """The likeliest 95 % of the mixture, which is negligible outside these ends; a bound of the range can be in it."""
     grid = np.linspace(*ends, _GRID)[:, None]
     log_density = -(((grid - centre) / sigma) ** 2) / 2 - np.log(sigma) - inside

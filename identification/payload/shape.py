@@ -6,11 +6,12 @@ import dataclasses
 import functools
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant import Arm, Body
 from plant.mechanics.lumping import LOAD, STANDARD
 from plant.parts.arguments import array, real
+from plant.parts.fields import Floats
 
 _PLACES = 61
 """Along the line where the centre may be."""
@@ -24,9 +25,9 @@ class LoadShape:
     [m]; one where it is known. `inertia` (6,): own inertia about the centre, per kg [m^2]; zero for a point mass.
     """
 
-    mass: NDArray[np.float64]
-    places: NDArray[np.float64]
-    inertia: NDArray[np.float64]
+    mass: Floats
+    places: Floats
+    inertia: Floats
 
     @classmethod
     def of(
@@ -56,29 +57,29 @@ class LoadShape:
         return cls(limits, np.linspace(ends[0], ends[1], _PLACES)[:, None] * direction / length, own)
 
     @functools.cached_property
-    def per_kg(self) -> NDArray[np.float64]:
+    def per_kg(self) -> Floats:
         """Standard parameters (K, 10) of 1 kg at each place."""
         bodies = (Body(mass=1.0, com=place, inertia=self.inertia) for place in self.places)
         return np.array([body.standard_parameters for body in bodies])
 
     @functools.cached_property
-    def basis(self) -> NDArray[np.float64]:
+    def basis(self) -> Floats:
         """Standard parameters (b, 10) of which those of all places are combinations: one, or of a parabola three."""
         chosen = [0] if len(self.places) == 1 else [0, len(self.places) // 2, len(self.places) - 1]
         return self.per_kg[chosen]
 
     @functools.cached_property
-    def shares(self) -> NDArray[np.float64]:
+    def shares(self) -> Floats:
         """Shares (K, b) of the basis at each place."""
         return np.asarray(np.linalg.lstsq(self.basis.T, self.per_kg.T, rcond=None)[0].T)
 
     @property
-    def prior(self) -> NDArray[np.float64]:
+    def prior(self) -> Floats:
         """Standard parameters (10,) of half the heaviest load, in the middle of the places."""
         return self.mass[1] / 2 * self.per_kg[len(self.places) // 2]
 
 
-def _outwards(arm: Arm) -> NDArray[np.float64]:
+def _outwards(arm: Arm) -> Floats:
     """Axis of the last link's frame along which its own centre of mass lies, as far as f says it by itself."""
     matrix = np.array(arm.dynamics.lumping.matrix)
     alone = ~matrix[:, : -len(STANDARD)].any(axis=1)

@@ -10,11 +10,11 @@ import functools
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.regressor import balance
 from plant import Arm, Rig
 from plant.compiler.map_kernel import MapKernel
+from plant.parts.fields import Floats
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Smoothing:
     period: float
 
     @functools.cached_property
-    def _kernels(self) -> NDArray[np.float64]:
+    def _kernels(self) -> Floats:
         """Value, rate and acceleration (3, L + 2), for `numpy.convolve`."""
         count = max(3, round(self.length / self.period))
         hann = np.sin(np.pi * (np.arange(count) + 0.5) / count) ** 2
@@ -42,11 +42,11 @@ class Smoothing:
         """Of the kernel, with one more at each end for the differences."""
         return self._kernels.shape[1]
 
-    def value(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def value(self, x: Floats) -> Floats:
         """Smoothed samples (N - samples + 1, n) of x (N, n)."""
         return self._convolved(x, 0)
 
-    def motion(self, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def motion(self, q: Floats) -> tuple[Floats, Floats, Floats]:
         """Smoothed position, its rate and its acceleration, each (N - samples + 1, n), of q (N, n)."""
         return self._convolved(q, 0), self._convolved(q, 1), self._convolved(q, 2)
 
@@ -63,7 +63,7 @@ class Smoothing:
         """
         return max(1.0, (self.samples - 2) / (2 * np.pi))
 
-    def _convolved(self, x: NDArray[np.float64], which: int) -> NDArray[np.float64]:
+    def _convolved(self, x: Floats, which: int) -> Floats:
         return np.column_stack([np.convolve(column, self._kernels[which], "valid") for column in x.T])
 
 
@@ -73,21 +73,21 @@ _SLOW = 0.05
 
 @dataclasses.dataclass(frozen=True)
 class Window:
-    """What a controller saw of a stretch of time.
+    """What a controller saw of a segment of time.
 
     `counts` (N, n): encoder counts at each sample. `torque` (N, n): applied joint torque [N m], each from its sample to
     the next. `before` (n,): applied up to the first sample [N m].
     """
 
-    counts: NDArray[np.float64]
-    torque: NDArray[np.float64]
-    before: NDArray[np.float64]
+    counts: Floats
+    torque: Floats
+    before: Floats
 
     def __len__(self) -> int:
         return len(self.counts)
 
     @property
-    def at_samples(self) -> NDArray[np.float64]:
+    def at_samples(self) -> Floats:
         """Torque (N, n) around each sample: the mean of those on both sides of it."""
         return (self.torque + np.vstack([self.before[None], self.torque[:-1]])) / 2
 
@@ -112,12 +112,10 @@ class TorqueWindow:
         self._of_f = [self.unknown.index(name) for name in arm.dynamics.names]
 
     @functools.cached_property
-    def _load(self) -> NDArray[np.float64]:
+    def _load(self) -> Floats:
         return self.arm.dynamics.load_matrix()
 
-    def rows(
-        self, window: Window, basis: NDArray[np.float64], loaded: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def rows(self, window: Window, basis: Floats, loaded: Floats) -> tuple[Floats, Floats, Floats]:
         """Columns of the load, columns of what is uncertain, and torque that the empty arm does not explain.
 
         Each row is divided by its standard deviation: that of the rounded counts, through the inertia, with a row
@@ -150,7 +148,7 @@ class TorqueWindow:
         return self.smoothing.of_rounding * np.sqrt(share * self.smoothing.per_independent / 12)
 
     @functools.cached_property
-    def _per_count(self) -> NDArray[np.float64]:
+    def _per_count(self) -> Floats:
         """Angle of one count of each joint (n,) [rad]."""
         steps = self.rig.to_angle(np.eye(self.arm.n))
         return np.asarray(np.abs(np.diagonal(steps)) if steps.ndim == 2 else np.abs(steps))

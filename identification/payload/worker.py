@@ -16,7 +16,6 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.payload.genetic_estimate import GeneticEstimator
 from identification.payload.kernel_estimate import KernelEstimator
@@ -24,6 +23,7 @@ from identification.payload.posterior import PayloadEstimate
 from identification.payload.shape import LoadShape
 from identification.payload.torque_window import Window
 from plant import Arm, Rig
+from plant.parts.fields import Floats
 
 FORGETTING = 0.02
 """Over which a replay of the genetic algorithm forgets [s]; with 0.04 its errors were three times as large."""
@@ -42,7 +42,7 @@ class Specification:
     rig: Rig
     shape: LoadShape
     unknown: tuple[str, ...]
-    root: NDArray[np.float64]
+    root: Floats
     samples: int
     seed: int
 

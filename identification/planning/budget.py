@@ -1,4 +1,4 @@
-"""Pulse budget: how much a motion shows of each parameter, and the Cramer-Rao bound, before the experiment.
+"""Pulse budget: how much a motion excites each parameter, and the Cramer-Rao bound, before the experiment.
 
 The closed loop, without rounding, is simulated with each number a little larger and a little smaller: by how many
 pulses the tracking error changes is all that a log can hold of it. With readings that err by rounding alone, uniformly
@@ -9,7 +9,6 @@ import dataclasses
 from collections.abc import Iterable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.least_squares import least_squares
 from identification.equation_error.naming import short_names
@@ -17,6 +16,7 @@ from identification.replay.gauss_newton import slopes
 from identification.replay.prediction import Prediction
 from plant import Arm, Dynamics, Law, Reference, Rig, simulate
 from plant.parts.arguments import known_options
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Aside, Piece, Shown
 from plant.parts.tables import Table
@@ -27,7 +27,7 @@ _STEP = 1e-4
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Budget(Shown, Frozen):
-    """How much a motion shows of each parameter.
+    """How much a motion excites each parameter.
 
     Attributes
     ----------
@@ -45,16 +45,16 @@ class Budget(Shown, Frozen):
 
     dynamics: Dynamics
     names: tuple[str, ...]
-    values: NDArray[np.float64]
-    peak: NDArray[np.float64]
-    rms: NDArray[np.float64]
-    bound: NDArray[np.float64]
-    bound_alone: NDArray[np.float64]
+    values: Floats
+    peak: Floats
+    rms: Floats
+    bound: Floats
+    bound_alone: Floats
 
     def _short(self) -> str:
         least = int(self.peak.argmin())
         name = short_names(self.dynamics, self.names)[least]
-        return f"{len(self.names)} numbers; {name} shows least, {self.peak[least]:.2g} pulses for 1 %"
+        return f"{len(self.names)} numbers; {name} is excited least, {self.peak[least]:.2g} pulses for 1 %"
 
     def _shown(self) -> Iterator[Piece]:
         columns = (self.values, self.peak, self.rms, self.bound, self.bound_alone)
@@ -63,7 +63,9 @@ class Budget(Shown, Frozen):
             for name, value, peak, rms, bound, alone in
             zip(short_names(self.dynamics, self.names), *columns, strict=True)
         ]  # fmt: skip
-        yield Table(("", "value", "1 % is worth [pulses]", "rms [pulses]", "bound", "alone"), rows)
+        yield Table(
+            ("", "value", "sensitivity to 1 % [pulses]", "rms [pulses]", "Cramér-Rao bound", "conditional std"), rows
+        )
         yield Aside("What the parameters mean", self.dynamics.legend.splitlines())
 
 

@@ -14,11 +14,12 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant import Arm, Harmonics, Law, Rig
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import array, instance, known_options, real
+from plant.parts.fields import Floats
 
 _SAMPLES = 120
 """Of a period, at which the equation is set up and the limits hold."""
@@ -149,9 +150,7 @@ class _Problem:
         variance = _diagonal(p)(total / _SAMPLES + 1e-9 * ca.DM.eye(p))
         self.opti.minimize(ca.log(ca.sum1(variance**_SHARPNESS)) / _SHARPNESS)
 
-    def limit(
-        self, position: NDArray[np.float64], velocity: NDArray[np.float64], acceleration: NDArray[np.float64]
-    ) -> None:
+    def limit(self, position: Floats, velocity: Floats, acceleration: Floats) -> None:
         """Keep motion and torque within limits at every sample."""
         for value, low, high in (
             (self.q, position[:, 0], position[:, 1]),
@@ -164,7 +163,7 @@ class _Problem:
                     margin = _MARGIN * (high[i] - low[i])
                     self.opti.subject_to(self.opti.bounded(low[i] + margin, value[i, :].T, high[i] - margin))
 
-    def solved(self, starts: Iterable[tuple[NDArray[np.float64], ...]], iterations: int) -> Harmonics | None:
+    def solved(self, starts: Iterable[tuple[Floats, ...]], iterations: int) -> Harmonics | None:
         """The best end from these starts that keeps the limits."""
         opti = self.opti
         quiet = {"print_time": False, "error_on_fail": False}
@@ -186,9 +185,8 @@ class _Problem:
 
 
 def _starts(
-    random: np.random.Generator, starts: int, rate: NDArray[np.float64], position: NDArray[np.float64],
-    velocity: NDArray[np.float64], acceleration: NDArray[np.float64],
-) -> Iterator[tuple[NDArray[np.float64], ...]]:  # fmt: skip
+    random: np.random.Generator, starts: int, rate: Floats, position: Floats, velocity: Floats, acceleration: Floats
+) -> Iterator[tuple[Floats, ...]]:
     """Random amplitudes: offset (n,), cosine and sine (n, harmonics)."""
     middle, half = position.mean(axis=1), np.diff(position, axis=1).ravel() / 2
     reach = np.minimum(half, np.minimum(velocity / rate[0], acceleration / rate[0] ** 2))
@@ -203,11 +201,8 @@ def _equation(arm: Arm, rig: Rig, law: Law) -> tuple[ca.Function, ca.Function]:
     q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
     unit = np.abs(arm.f) if dynamics.ranges is None else np.diff(dynamics.ranges, axis=1).ravel()
     unit = np.where(unit > 0, unit, unit.max())
-    scaled = (
-        dynamics.Y(q, qd, qdd)
-        * ca.repmat(ca.DM(unit).T, n, 1)
-        / ca.repmat(ca.DM(_torque_per_pulse(rig, law)), 1, dynamics.p)
-    )
+    per_pulse = ca.repmat(ca.DM(_torque_per_pulse(rig, law)), 1, dynamics.p)
+    scaled = dynamics.Y(q, qd, qdd) * ca.repmat(ca.DM(unit).T, n, 1) / per_pulse
     arguments, names = [q, qd, qdd], ["q", "qd", "qdd"]
     tau = dynamics.Y(q, qd, qdd) @ arm.f + rig.drive.joint_viscous() * qd - rig.spring_torque(q)
     return (
@@ -216,17 +211,17 @@ def _equation(arm: Arm, rig: Rig, law: Law) -> tuple[ca.Function, ca.Function]:
     )
 
 
-def _torque_per_pulse(rig: Rig, law: Law) -> NDArray[np.float64]:
+def _torque_per_pulse(rig: Rig, law: Law) -> Floats:
     """Joint torque [N m] (n,) that one pulse of error on every motor makes, magnitude."""
     if law.has_memory(rig.n):
         raise ValueError(
             f"law must be fast and without memory, like P; got {type(law).__name__}. Give that of the log."
         )
     block, zero = law.block(rig), np.zeros(rig.n)
-    commanded = [
+    without, with_error = (
         block.step([], zero, zero, zero, zero + e, zero, zero, rig.period, block.values)[0] for e in (0.0, 1.0)
-    ]
-    return np.abs((commanded[1] - commanded[0]).full().ravel())
+    )
+    return np.abs((with_error - without).full().ravel())
 
 
 def _diagonal(p: int) -> ca.Function:

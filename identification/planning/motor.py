@@ -9,11 +9,12 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from identification.equation_error.least_squares import least_squares
 from plant import Record
 from plant.parts.arguments import array, instance, known_options, real
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown
 from plant.parts.sums import dot
@@ -34,8 +35,8 @@ class MotorFit(Shown, Frozen):
     """
 
     names: tuple[str, ...]
-    values: NDArray[np.float64]
-    std: NDArray[np.float64]
+    values: Floats
+    std: Floats
 
     def _rows(self) -> list[tuple[str, str, str]]:
         rows = zip(self.names, self.values, self.std, strict=True)
@@ -148,9 +149,7 @@ def _friction(speed: Any, current: Any, motor_gain: Any) -> MotorFit:
     return MotorFit(names=names, values=values, std=std)
 
 
-def _line(
-    names: Sequence[str], columns: Sequence[NDArray[np.float64]], target: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _line(names: Sequence[str], columns: Sequence[Floats], target: Floats) -> tuple[Floats, Floats]:
     """Least squares and its standard deviations, from the residual."""
     rows = np.column_stack(columns)
     if len(rows) <= len(names):

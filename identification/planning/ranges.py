@@ -9,10 +9,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant import Drive, puma560
-from plant.parts.arguments import array, known_options
+from plant.parts.arguments import array, known_options, whole
+from plant.parts.fields import Floats
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,8 +50,7 @@ class Interval:
         return Interval(min(products), max(products))
 
     def __pow__(self, exponent: int) -> Interval:
-        if not isinstance(exponent, int) or exponent < 1:
-            raise ValueError(f"exponent must be a whole number of at least 1; got {exponent!r}. Multiply otherwise.")
+        whole("exponent", exponent, "Multiply otherwise.")
         ends = [self.low**exponent, self.high**exponent]
         inside = [0.0] if exponent % 2 == 0 and self.low < 0 < self.high else []
         return Interval(min(ends + inside), max(ends))
@@ -140,7 +140,7 @@ def ranges(
     sizes: Sequence[LinkSize] = PUMA560,
     drive: Drive | None = None,
     **lengths: ArrayLike,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Ranges (p, 2) of f from sizes and masses; without arguments, those of f1..f9 from what 3.6 says of its robot.
 
     Parameters

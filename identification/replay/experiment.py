@@ -3,23 +3,20 @@
 And the log that the loop makes itself, with encoders that round, where `Prediction`'s model does not.
 """
 
-from __future__ import annotations
-
 import dataclasses
-import difflib
 import functools
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant import Law, Phase
 from plant.logs.record import Record
 from plant.machine.rig import smooth_rig
 from plant.mechanics.dynamics import Dynamics
 from plant.motion.reference import Motion
-from plant.parts.arguments import instance
+from plant.parts.arguments import instance, near
+from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop, bounded
 from plant.simulation.followed_path import Logged, path_of, start_of
@@ -50,8 +47,8 @@ def as_records(
     return records, unknown
 
 
-def with_zeros(records: Iterable[Record], zeros: NDArray[np.float64]) -> list[Record]:
-    """The same records with their counters' zeros (R, n) [rad] where they are."""
+def with_zeros(records: Iterable[Record], zeros: Floats) -> list[Record]:
+    """The same records with their encoder offsets (R, n) [rad] where they are."""
     pairs = zip(records, zeros, strict=True)
     return [dataclasses.replace(r, error_pulses=r.error_pulses - r.rig.position_in_pulses(zero)) for r, zero in pairs]
 
@@ -79,15 +76,13 @@ class Experiment:
         names = self.loop.number_names
         for name in unknown:
             if name not in names:
-                near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.6)
-                hint = f"Did you mean {near[0]!r}? " if near else ""
+                hint = near(name, names, cutoff=0.6)
                 if str(name).startswith("drive.curve"):
-                    hint = "Give the drive a FrictionCurve first. "
+                    hint = "Give the drive a FrictionCurve first."
                 if str(name).startswith("springs") and record.rig.springs is None:
-                    hint = "Give the rig its springs first, such as a JointSpring. "
-                raise ValueError(
-                    f"unknown must name numbers of this experiment; got {name!r}. {hint}Known: {', '.join(names)}."
-                )
+                    hint = "Give the rig its springs first, such as a JointSpring."
+                known = f"{hint} Known: {', '.join(names)}.".lstrip()
+                raise ValueError(f"unknown must name numbers of this experiment; got {name!r}. {known}")
         open_f = [name for name in dynamics.names if name not in unknown]
         if open_f:
             raise ValueError(
@@ -106,7 +101,7 @@ class Experiment:
         """The commanded path; smooth: not rounded to pulses."""
         return path_of(self.record, self.clock, smooth=smooth)
 
-    def began(self, numbers: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def began(self, numbers: Floats) -> tuple[Floats, Floats]:
         """Position and speed (n,) at the start with these numbers (k,), or (n, P) with (k, P): where the counts say.
 
         Rows of numbers that no rig can have begin as by the record's rig.
@@ -130,7 +125,7 @@ class Experiment:
         """The compiled loop; `lanes` are the numbers that differ between individuals."""
         return loop_kernel(self.loop, lanes, uneven=self.clock.even is None)
 
-    def data(self, measured: NDArray[np.float64]) -> NDArray[np.float64]:
+    def data(self, measured: Floats) -> Floats:
         """What was measured (N, n), with the root of each sample's weight behind it, for all samples (M, n + 1)."""
         return self.clock.measured(np.column_stack([measured, np.sqrt(self.record.valid)]))
 
@@ -146,6 +141,15 @@ _STEPS = 16
 
 _AT_ONCE = 1 << 13
 """Samples that are simulated at once: the tables of so many sub-steps are large."""
+
+
+@dataclasses.dataclass
+class _Run:
+    """Where a run has come to: state (s,), its numbers, and errors (M, n) [pulses] up to there."""
+
+    state: Floats
+    numbers: Floats
+    errors: Floats
 
 
 class Rounding(Experiment):
@@ -168,9 +172,8 @@ class Rounding(Experiment):
         return _Rounded(path) if isinstance(path, Logged) and path.whole else path
 
     def counts(
-        self, start: Any, numbers: NDArray[np.float64], names: Sequence[str], shifts: Sequence[NDArray[np.float64]],
-        threads: int,
-    ) -> list[NDArray[np.float64]]:  # fmt: skip
+        self, start: Any, numbers: Floats, names: Sequence[str], shifts: Sequence[Floats], threads: int
+    ) -> list[Floats]:
         """Counts (N, n) from a start, with numbers (k,) of these names, for encoders shifted by so many pulses (n,).
 
         Raises a ValueError: an arm that diverges.
@@ -203,25 +206,16 @@ class Rounding(Experiment):
         run.state, run.errors[rows] = final[:, 0], log[:, : self.loop.n]
 
 
-@dataclasses.dataclass
-class _Run:
-    """Where a run has come to: state (s,), its numbers, and errors (M, n) [pulses] up to there."""
-
-    state: NDArray[np.float64]
-    numbers: NDArray[np.float64]
-    errors: NDArray[np.float64]
-
-
 class _Rounded:
     """A smooth motion through logged counts, in counts."""
 
     def __init__(self, logged: Logged) -> None:
         self.logged = logged
 
-    def __call__(self, t: NDArray[np.float64]) -> tuple[Motion, NDArray[np.float64]]:
+    def __call__(self, t: Floats) -> tuple[Motion, Floats]:
         motion = self.logged.smoothed(t)
         return motion, self.logged.rig.counts(motion.q)
 
-    def setpoint(self, t: NDArray[np.float64], law: Law) -> Motion:
+    def setpoint(self, t: Floats, law: Law) -> Motion:
         """What a law is given at times t (N,)."""
         return self.logged.setpoint(t, law)

@@ -1,8 +1,9 @@
-"""A model with what its rig leaves out: gears that give, backlash, lagging currents, other friction, late counts.
+"""A model with what its rig leaves out: elastic gears, backlash, lagging currents, other friction, late counts.
 
 Each is a number that is zero where the rig is right. The innovations are those of `Prediction`, of one compiled loop
-whose currents are prompt where they do not lag. Where gears give it is another, with springs: at coarse sub-steps even
-the stiffest do not stick quite like rigid ones where a joint turns back, which a log would be taken to contradict.
+whose currents are prompt where they do not lag. Where gears are elastic it is another, with springs: at coarse
+sub-steps even the stiffest do not stick quite like rigid ones where a joint turns back, which a log would be taken to
+contradict.
 """
 
 from __future__ import annotations
@@ -14,27 +15,25 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.replay.followed import joined
 from identification.replay.prediction import Prediction
 from identification.replay.timing import without_delay
 from plant import Dynamics, Elasticity, FrictionCurve, Law, Record, Rig
 from plant.parts.arguments import instance
+from plant.parts.fields import Floats
 from plant.simulation.threads import cores
 
 _RIGID = 1e5
-"""Locked-rotor resonance of a gear that does not give [Hz]."""
+"""Locked-rotor resonance of a rigid gear [Hz]."""
 
 _PROMPT = 1e-9
 """Lag of currents that do not lag [s]."""
 
 _DAMPING = 0.02
-"""Damping ratio of gears that are tried: the middle of the usual range, at which the detection is measured."""
+"""Damping ratio of gears that are tested: the middle of the usual range, at which the detection is measured."""
 
-_PLACES = {
-    "backlash": "drive.elasticity.backlash", "lag": "drive.current_lag.time", "offset": "drive.curve.offset"
-}  # fmt: skip
+_PLACES = {"backlash": "drive.elasticity.backlash", "lag": "drive.current_lag.time", "offset": "drive.curve.offset"}
 
 _FRICTION = ("viscous", "coulomb")
 
@@ -67,7 +66,7 @@ class Extended:
         dynamics: Dynamics,
         records: Sequence[Record],
         unknown: Sequence[str],
-        f: NDArray[np.float64],
+        f: Floats,
         *,
         threads: int | None = None,
         **options: Any,
@@ -79,31 +78,24 @@ class Extended:
         self._again = lambda others: Extended(dynamics, others, unknown, f, threads=threads, **options)
         first = self._logs[0].prediction
         self.gains, self.gain_steps, self.gain_bounds = first.nuisances, first.nuisance_steps, first.nuisance_bounds
-        names = [
-            *(() if links is None else ("compliance", "backlash")),
-            "viscous",
-            "coulomb",
-            "offset",
-            "gear",
-            "motor_gain",
-        ]
+        names = (*(() if links is None else _GIVING), *_FRICTION, "offset", "gear", "motor_gain")
         self.extra = (*(f"{name}[{i}]" for name in names for i in range(n)), "lag", *self._logs[0].law)
         self.least = np.array([self._logs[0].least(name) for name in self.extra])
         self.unknown = (*unknown, *first.unknown[len(first.unknown) - len(self.gains) :], *self.extra)
         self.weights = np.concatenate([log.prediction.weights for log in self._logs])
         self.scales = np.ones(len(self.weights))
 
-    def innovations(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def innovations(self, values: Floats) -> Floats:
         """Weighted innovations (M,), scaled, with these values (k,) of the unknowns; inf where the run diverges."""
         return self.all_innovations([values])[0]
 
-    def all_innovations(self, many: Iterable[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+    def all_innovations(self, many: Iterable[Floats]) -> list[Floats]:
         """The same for several vectors of values, side by side."""
         many = list(many)
         of_record = [log.all_innovations([self._apart(values) for values in many]) for log in self._logs]
         return [joined(row, self.scales) for row in zip(*of_record, strict=True)]
 
-    def _apart(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], dict[str, float]]:
+    def _apart(self, values: Floats) -> tuple[Floats, dict[str, float]]:
         """Unknowns and observer gains, and the extra numbers by name."""
         count = len(values) - len(self.extra)
         return values[:count], dict(zip(self.extra, values[count:], strict=True))
@@ -129,7 +121,7 @@ class Extended:
         return [slice(*pair) for pair in itertools.pairwise(ends)]
 
 
-def _link_inertia(dynamics: Dynamics, record: Record, f: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def _link_inertia(dynamics: Dynamics, record: Record, f: Floats) -> Floats | None:
     """Inertia (n,) of what each gear drives where a log begins [kg m^2]; None where none is left beside the motor's."""
     pose, rotors = record.rig.cell_centre(record.counts[0]), record.rig.drive.reflected_inertia()
     links = np.diag(dynamics.chain.coupling.shaft_inertia(ca.DM(dynamics.arm(f).D(pose))).full()) - rotors
@@ -140,12 +132,7 @@ class _Log:
     """One record, followed by a model whose gears can give and whose currents can lag."""
 
     def __init__(
-        self,
-        dynamics: Dynamics,
-        record: Record,
-        unknown: tuple[str, ...],
-        links: NDArray[np.float64] | None,
-        options: dict[str, Any],
+        self, dynamics: Dynamics, record: Record, unknown: tuple[str, ...], links: Floats | None, own: dict[str, Any]
     ) -> None:
         self._links, self._damped = links, record.rig.drive.elasticity is not None
         self._springs: Prediction | None = None
@@ -163,7 +150,7 @@ class _Log:
         self._rigid = rig.drive.elasticity is not None and not self._damped
         plain = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=None)) if self._rigid else rig
         self._made = lambda rig, names: Prediction(
-            dynamics, dataclasses.replace(record, rig=rig), (*unknown, *names), **options
+            dynamics, dataclasses.replace(record, rig=rig), (*unknown, *names), **own
         )
         self._sprung, self.prediction = rig, self._made(plain, self._names(giving=False))
 
@@ -171,9 +158,7 @@ class _Log:
         """Of what is stated, in a loop with springs or without."""
         return [name for name in self._stated if giving or not (self._rigid and name.startswith("drive.elasticity"))]
 
-    def all_innovations(
-        self, many: Iterable[tuple[NDArray[np.float64], dict[str, float]]]
-    ) -> list[NDArray[np.float64]]:
+    def all_innovations(self, many: Iterable[tuple[Floats, dict[str, float]]]) -> list[Floats]:
         many = list(many)
         gives = [self._rigid and any(extra[name] for name in extra if name.startswith(_GIVING)) for _, extra in many]
         if any(gives) and self._springs is None:
@@ -184,7 +169,7 @@ class _Log:
             of_loop[giving] = iter(prediction.all_innovations(some) if prediction is not None and some else ())
         return [next(of_loop[giving]) for giving in gives]
 
-    def _numbers(self, values: NDArray[np.float64], extra: dict[str, float], *, giving: bool) -> NDArray[np.float64]:
+    def _numbers(self, values: Floats, extra: dict[str, float], *, giving: bool) -> Floats:
         """All that the prediction is given."""
         numbers = {name: self._stated[name] for name in self._names(giving=giving)}
         for name, value in extra.items():
@@ -215,8 +200,8 @@ class _Log:
                 numbers[f"drive.elasticity.damping{joint}"] = 2 * _DAMPING * float(np.sqrt(numbers[place] * link))
 
 
-def _with_springs(rig: Rig, links: NDArray[np.float64] | None) -> Rig:
-    """A rig that behaves alike, and has the numbers by which gears give, currents lag and torques are offset."""
+def _with_springs(rig: Rig, links: Floats | None) -> Rig:
+    """A rig that behaves alike, and has the numbers by which gears are elastic, currents lag and torques are offset."""
     drive, gears = rig.drive, rig.drive.elasticity
     if gears is None and links is not None:
         stiffness = links * (2 * np.pi * _RIGID) ** 2

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.law_memory import FADED, Memory, Resumption
 from identification.replay.experiment import Experiment, Rounding
 from plant import Dynamics, Record
+from plant.parts.fields import Floats
 from plant.simulation.closed_loop import bounded
 from plant.simulation.loop_kernel import LOGGED, logged_kernel
 
@@ -42,12 +42,12 @@ class Followed(Experiment):
         self._tables = self._kernel.along(self.loop, **self.driven, data=self._measured(record.counts))
         self._weigh(record.counts)
 
-    def _measured(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _measured(self, counts: Floats) -> Floats:
         """What the kernel is given of counts (N, n)."""
         encoder = self.record.rig.encoder
         return self.data(encoder.position_in_pulses(encoder.cell_centre(counts)))
 
-    def _weigh(self, counts: NDArray[np.float64]) -> None:
+    def _weigh(self, counts: Floats) -> None:
         """Weigh samples by how counts (N, n) move."""
         record = self.record
         before = np.maximum(np.arange(len(counts)) - _WINDOW, 0)
@@ -58,7 +58,7 @@ class Followed(Experiment):
         if self._steady and not self.loop.law.replays:
             self.weight *= _steady(moved)[:, None]
 
-    def _settled(self) -> NDArray[np.float64]:
+    def _settled(self) -> Floats:
         """0 (N,) while a replay has not converged to the log: after a gap, or a start at an unknown speed; else 1."""
         settled, record = np.ones(len(self.record)), self.record
         if self.memory is not None:
@@ -73,14 +73,14 @@ class Followed(Experiment):
             settled[row : row + _SETTLING] = 0
         return settled
 
-    def resumption(self, values: NDArray[np.float64]) -> Resumption | None:
+    def resumption(self, values: Floats) -> Resumption | None:
         """Where law and arm were at the first sample, of values; None where it is known."""
         if self.memory is None:
             return None
         state = self.memory.at(values[self._given :][: self.memory.usual.size])
         return Resumption(state, np.add(self.begin, values[-2 * self.loop.n :].reshape(2, -1)))
 
-    def _start(self, values: NDArray[np.float64]) -> tuple[Any, NDArray[np.float64]]:
+    def _start(self, values: Floats) -> tuple[Any, Floats]:
         """Position and speed at the start, and all numbers of the loop, of values."""
         numbers, resumed = self.numbers.copy(), self.resumption(values)
         if resumed is not None:
@@ -93,9 +93,7 @@ class Followed(Experiment):
         """Whether the arm of the log felt the rounding of its counts, which the model leaves out."""
         return not (self.loop.law.replays or self.record.rig.encoder.smooth)
 
-    def rounded(
-        self, values: NDArray[np.float64], shifts: Sequence[NDArray[np.float64]], threads: int
-    ) -> list[NDArray[np.float64]]:
+    def rounded(self, values: Floats, shifts: Sequence[Floats], threads: int) -> list[Floats]:
         """Counts (N, n) of the logs that the model itself makes with values, its encoders shifted (n,) and rounding.
 
         Raises a ValueError: an arm that diverges.
@@ -105,14 +103,14 @@ class Followed(Experiment):
         start, numbers = self._start(values)
         return self._rounding.counts(start, numbers, self.loop.number_names, shifts, threads)
 
-    def innovations_of(self, values: NDArray[np.float64], counts: NDArray[np.float64]) -> NDArray[np.float64]:
+    def innovations_of(self, values: Floats, counts: Floats) -> Floats:
         """Weighted innovations (N n,) with values (k,), of a log with these counts (N, n)."""
         other = copy.copy(self)
         other._tables = self._kernel.with_data(self._tables, self._measured(counts))
         other._weigh(counts)
         return other.innovations(values)
 
-    def motion(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def motion(self, values: Floats) -> Floats:
         """Joint positions (N, n) [rad] of a run with these values; NaN after it has diverged."""
         (q, qd), numbers, n, kernel = *self._start(values), self.loop.n, self.kernel()
         state = self.loop.initial_state(q + numbers[-n:], qd, numbers)
@@ -121,16 +119,16 @@ class Followed(Experiment):
         kernel.run(tables, state[:, None], np.empty((0, 1)), numbers, (log, errors))
         return log[self.clock.rows, 2 * n : 3 * n]
 
-    def innovations(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def innovations(self, values: Floats) -> Floats:
         """Weighted innovations (N n,) with values (k,) of the unknowns; inf where the run diverges."""
         return self.block([values])[0]
 
-    def block(self, some: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+    def block(self, some: Sequence[Floats]) -> list[Floats]:
         """The same for at most `LOGGED` vectors of values, side by side; empty lanes repeat the last."""
         n, loop, states, lanes = self.loop.n, self.loop, [], []
         for values in some:
             (q, qd), numbers = self._start(values)
-            states.append(loop.initial_state(q + numbers[-n:], qd, numbers))  # where the counters' zero is
+            states.append(loop.initial_state(q + numbers[-n:], qd, numbers))  # where the encoder offset is
             lanes.append(numbers[self.places])
         empty = LOGGED - len(states)
         state, lane = (np.array(rows + rows[-1:] * empty).T.copy() for rows in (states, lanes))
@@ -150,7 +148,7 @@ class Followed(Experiment):
         return [weighted.ravel() for weighted in found]
 
 
-def _steady(moved: NDArray[np.float64]) -> NDArray[np.float64]:
+def _steady(moved: Floats) -> Floats:
     """1 (N,) while all joints pass counts (N, n) fast enough, and 0 while one is slow and for a while after it.
 
     A slow joint's counts change one by one; the torque of each, which a model without rounding lacks, excites elastic
@@ -161,7 +159,7 @@ def _steady(moved: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(felt[rows + 1] == felt[np.maximum(rows - _RINGING, 0)], dtype=float)
 
 
-def joined(parts: Sequence[NDArray[np.float64]], scales: NDArray[np.float64]) -> NDArray[np.float64]:
+def joined(parts: Sequence[Floats], scales: Floats) -> Floats:
     """Parts one behind another (M,), divided by scales (M,); a single one in place."""
     parts = [part for part in parts if part.size]
     whole = parts[0] if len(parts) == 1 else np.concatenate(parts)

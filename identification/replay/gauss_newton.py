@@ -4,13 +4,15 @@ Slopes are central differences of whole runs: friction and a quantiser have no d
 """
 
 import dataclasses
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.least_squares import least_squares
+from plant.parts.fields import Floats
 from plant.parts.sums import dot, norm
 from plant.simulation.threads import cores
 
@@ -29,6 +31,9 @@ _PER_CORE = 4
 _LAGS = 50
 """Samples over which the autocorrelation of the innovations is added up."""
 
+_WEIGHINGS = 2
+"""How often, at most, records and joints are weighted anew."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Solution:
@@ -39,22 +44,16 @@ class Solution:
     scaled innovations, by these.
     """
 
-    values: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    residual: NDArray[np.float64]
+    values: Floats
+    covariance: Floats
+    residual: Floats
     rms_innovation: float
     varied: NDArray[np.intp]
-    slopes: NDArray[np.float64]
+    slopes: Floats
 
 
 def gauss_newton(
-    prediction: Any,
-    start: ArrayLike,
-    step: ArrayLike,
-    bounds: ArrayLike,
-    *,
-    rounds: int = 15,
-    tolerance: float = 1e-5,
+    prediction: Any, start: ArrayLike, step: ArrayLike, bounds: ArrayLike, *, rounds: int = 15, tolerance: float = 1e-5
 ) -> Solution:
     """Least sum of squared innovations.
 
@@ -79,7 +78,8 @@ def gauss_newton(
     moved = True
     for left in reversed(range(rounds)):
         change_per_step = slopes(prediction, values, step, varied, residual)
-        change = _change(names, change_per_step, values, residual, step, bounds)
+        solved = functools.partial(_solved, names, change_per_step, residual)
+        change = within_bounds(solved, values, step, bounds)
         cost, lengths = dot(residual, residual), 0.5 ** np.arange(8)
         tried = np.clip(values + lengths[:, None] * change, *bounds.T)
         for i in range(0, len(lengths), 4):
@@ -97,9 +97,7 @@ def gauss_newton(
         change_per_step = np.empty((0, 0))
         change_per_step = slopes(prediction, values, step, varied, residual)
     covariance, unscaled = np.zeros((len(values), len(values))), residual * prediction.scales
-    part = least_squares(names, change_per_step, residual, dependent=DEPENDENT)[1] * np.outer(
-        step[varied], step[varied]
-    )
+    part = least_squares(names, change_per_step, residual, dependent=DEPENDENT)[1] * np.outer(*[step[varied]] * 2)
     covariance[np.ix_(varied, varied)] = part * noise(prediction, residual)
     rms = float(np.sqrt(dot(unscaled, unscaled) / dot(prediction.weights, prediction.weights)))
     change_per_step /= step[varied]
@@ -109,39 +107,50 @@ def gauss_newton(
     )  # fmt: skip
 
 
-def _change(
-    names: Sequence[str],
-    change_per_step: NDArray[np.float64],
-    values: NDArray[np.float64],
-    residual: NDArray[np.float64],
-    step: NDArray[np.float64],
-    bounds: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Gauss-Newton's change (k,) of the values; one that would leave its bounds stays, the others make up for it."""
-    varied, change = np.flatnonzero(step), np.zeros(len(values))
+def reweighed(
+    view: Any, solution: Solution, step: ArrayLike, bounds: ArrayLike, changed: Callable[[Solution], bool] | None = None
+) -> Solution:
+    """The solution with records and joints weighted anew by what it leaves, while that changes their weights.
+
+    `view`: as for `gauss_newton`, with a `reweigh`. `changed`: weighs anew in place of that.
+    """
+    for _ in range(_WEIGHINGS):
+        if not (view.reweigh(solution.values) if changed is None else changed(solution)):
+            break
+        solution = gauss_newton(view, solution.values, step, bounds)
+    return solution
+
+
+def within_bounds(
+    solved: Callable[[NDArray[np.bool_]], Floats], values: Floats, step: Floats, bounds: Floats
+) -> Floats:
+    """Gauss-Newton's change (k,) of the values; one that would leave its bounds stays, the others make up for it.
+
+    `solved`: which of the varied unknowns move (v,) -> their least squares, to be subtracted, in steps.
+    """
+    varied, change, (low, high) = np.flatnonzero(step), np.zeros(len(values)), bounds.T
     moving = np.ones(len(varied), bool)
     while moving.any():
-        some, left = varied[moving], [name for name, moves in zip(names, moving, strict=True) if moves]
-        columns = change_per_step if moving.all() else change_per_step[:, moving]
-        solved = least_squares(left, columns, residual, dependent=DEPENDENT)[0]
+        some = varied[moving]
         change[:] = 0
-        change[some] = -solved * step[some]
-        low, high = bounds[some].T
-        pushed = ((values[some] <= low) & (change[some] < 0)) | ((values[some] >= high) & (change[some] > 0))
+        change[some] = -solved(moving) * step[some]
+        pushed = ((values <= low) & (change < 0)) | ((values >= high) & (change > 0))
         if not pushed.any():
             break
-        change[some[pushed]] = 0
-        moving[np.flatnonzero(moving)[pushed]] = False
+        change[pushed] = 0
+        moving &= ~pushed[varied]
     return change
 
 
+def _solved(names: Sequence[str], change_per_step: Floats, residual: Floats, moving: NDArray[np.bool_]) -> Floats:
+    left = [name for name, moves in zip(names, moving, strict=True) if moves]
+    columns = change_per_step if moving.all() else change_per_step[:, moving]
+    return least_squares(left, columns, residual, dependent=DEPENDENT)[0]
+
+
 def slopes(
-    prediction: Any,
-    values: NDArray[np.float64],
-    step: NDArray[np.float64],
-    varied: NDArray[np.intp],
-    residual: NDArray[np.float64] | None = None,
-) -> NDArray[np.float64]:
+    prediction: Any, values: Floats, step: Floats, varied: NDArray[np.intp], residual: Floats | None = None
+) -> Floats:
     """Change of the innovations per step (M, v), by central differences of the varied unknowns (v,).
 
     Steps that lose the log are shortened in place; with the innovations (M,) of the values themselves, also those on
@@ -172,18 +181,18 @@ def slopes(
     raise ValueError(f"every unknown must keep the arm on the log; any change of {names} loses it. Narrow the ranges.")
 
 
-def _jumps(up: NDArray[np.float64], residual: NDArray[np.float64], down: NDArray[np.float64]) -> bool:
+def _jumps(up: Floats, residual: Floats, down: Floats) -> bool:
     """Whether innovations change to one side alone, and by much: there an arm's links lose their inertia."""
     bent = norm(up - 2 * residual + down)
     return bool(bent > max(norm(up - down) / 2, _JUMP * norm(residual)))
 
 
-def noise(prediction: Any, residual: NDArray[np.float64]) -> float:
+def noise(prediction: Any, residual: Floats) -> float:
     """Variance of weighted innovations (M,) per independent reading, inflated by their autocorrelation."""
     return float(dot(residual, residual) / dot(prediction.weights, prediction.weights) * variance_inflation(residual))
 
 
-def variance_inflation(residual: NDArray[np.float64]) -> float:
+def variance_inflation(residual: Floats) -> float:
     """By how much autocorrelation makes the variance of a mean exceed that of independent samples: 1 without any."""
     spectrum = np.fft.rfft(residual, 1 << (len(residual) + _LAGS).bit_length())
     own = np.fft.irfft(spectrum.real**2 + spectrum.imag**2)[: _LAGS + 1]

@@ -6,13 +6,14 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from identification.equation_error.naming import each_named
+from identification.equation_error.naming import of_each
 from identification.replay.experiment import Experiment, as_records
 from plant import Dynamics, Record
 from plant.machine.motor_inertia import least_inertia_margin
-from plant.parts.arguments import array, known_options
+from plant.parts.arguments import array, known_options, whole
+from plant.parts.fields import Floats
 from plant.simulation.closed_loop import bounded
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.threads import cores, shared_out
@@ -110,23 +111,18 @@ class Objective:
         threads: int | None = None,
         ignoring: ArrayLike | None = None,
     ) -> None:
-        if threads is not None and (not isinstance(threads, (int, np.integer)) or threads < 1):
-            raise ValueError(f"threads must be a whole number of at least 1; got {threads!r}. Leave it out for all.")
+        self.threads = cores() if threads is None else whole("threads", threads, "Leave it out for all.")
         self.dynamics = dynamics
         self.records, self.unknown = as_records(dynamics, records, unknown)
-        self.threads = int(threads or cores())
         settings = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "ignoring": ignoring}
-        self._experiments = []
-        for record, about in each_named(self.records):
-            with about:
-                self._experiments.append(_Scored(dynamics, record, self.unknown, settings))
+        self._experiments = of_each(lambda record: _Scored(dynamics, record, self.unknown, settings), self.records)
 
     @property
     def p(self) -> int:
         """Length of a candidate."""
         return len(self.unknown)
 
-    def __call__(self, population: ArrayLike) -> NDArray[np.float64]:
+    def __call__(self, population: ArrayLike) -> Floats:
         """Costs (P,) [pulses^2] of candidates (P, p).
 
         Raises
@@ -151,7 +147,7 @@ class _Scored(Experiment):
         self._kernel = self.kernel(self.places)
         self._tables = self._kernel.along(self.loop, **self.driven, data=self.data(record.error_pulses))
 
-    def costs(self, population: NDArray[np.float64], threads: int) -> NDArray[np.float64]:
+    def costs(self, population: Floats, threads: int) -> Floats:
         """Costs (P,), inf for what cannot be."""
         numbers = np.repeat(self.numbers[None], len(population), axis=0)
         numbers[:, self.places] = population
@@ -164,7 +160,7 @@ class _Scored(Experiment):
         costs[sound] = np.concatenate([np.empty(0), *results])
         return costs
 
-    def _all_margins(self, numbers: NDArray[np.float64], threads: int) -> NDArray[np.float64]:
+    def _all_margins(self, numbers: Floats, threads: int) -> Floats:
         """What `_margins` says, of as many joints as are worth another thread by several."""
         if self.loop.n <= _FEW or threads == 1:
             return self._margins(numbers)
@@ -172,7 +168,7 @@ class _Scored(Experiment):
         some = [numbers[i : i + size] for i in range(0, len(numbers), size)]
         return np.concatenate([np.empty(0), *shared_out(self._margins, some, threads)])
 
-    def _margins(self, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _margins(self, numbers: Floats) -> Floats:
         """Smallest pivot (P,) of D less the motors' own inertia, of candidates given by all their numbers (P, k)."""
         p, f = self.loop.dynamics.p, numbers[:, : self.loop.dynamics.p]
         if max(self.places) < p:
@@ -187,7 +183,7 @@ class _Scored(Experiment):
             margins[i] = least_inertia_margin(self.loop.dynamics, rig, f[i : i + 1])[0]
         return margins
 
-    def _block(self, candidates: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _block(self, candidates: Floats) -> Floats:
         """Costs of at most `LANES` candidates; empty lanes repeat the last."""
         lanes = np.empty((len(self.places), LANES))
         lanes[:, : len(candidates)] = candidates.T

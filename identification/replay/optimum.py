@@ -1,13 +1,14 @@
 """Where a model with what its rig leaves out follows a log best, and what its unknowns cannot do there."""
 
 import dataclasses
-from functools import cached_property
+import functools
 
 import numpy as np
 from numpy.typing import NDArray
 
 from identification.replay.extended import Extended
-from identification.replay.gauss_newton import slopes, variance_inflation
+from identification.replay.gauss_newton import slopes, variance_inflation, within_bounds
+from plant.parts.fields import Floats
 from plant.parts.sums import dot, product, products
 
 _ROUNDS, _SETTLED = 6, 1e-4
@@ -30,10 +31,10 @@ class Optimum:
     """
 
     model: Extended
-    values: NDArray[np.float64]
-    innovations: NDArray[np.float64]
-    rates: NDArray[np.float64]
-    made: NDArray[np.float64]
+    values: Floats
+    innovations: Floats
+    rates: Floats
+    made: Floats
     unknown: int
 
     @property
@@ -41,27 +42,25 @@ class Optimum:
         """Sum of the squared innovations [pulses^2]."""
         return float((self.innovations**2).sum())
 
-    @cached_property
-    def before(self) -> NDArray[np.float64]:
+    @functools.cached_property
+    def before(self) -> Floats:
         """What of the innovations the varied unknowns cannot do."""
         return self.left(self.innovations)
 
-    def left(self, direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    def left(self, direction: Floats) -> Floats:
         """What of a direction (M,) the varied unknowns cannot do as well."""
         return np.asarray(direction - np.einsum("v,vm->m", along(self.made, self.rates, direction), self.rates))
 
-    def unit(self, left: NDArray[np.float64]) -> float:
+    def unit(self, left: Floats) -> float:
         """Variance of what is left, inflated by its autocorrelation."""
         return float((left**2).sum() / (self.model.weights**2).sum() * variance_inflation(left))
 
-    def chi_square(self, after: NDArray[np.float64]) -> float:
+    def chi_square(self, after: Floats) -> float:
         """Decrease of the sum of squares from here to what is left afterwards (M,), in its unit."""
         return float(((self.before**2).sum() - (after**2).sum()) / self.unit(after))
 
 
-def fitted(
-    model: Extended, values: NDArray[np.float64], step: NDArray[np.float64], bounds: NDArray[np.float64]
-) -> Optimum:
+def fitted(model: Extended, values: Floats, step: Floats, bounds: Floats) -> Optimum:
     """Gauss-Newton from values (k,), with steps (k,) of the central differences; zero leaves an unknown as it is.
 
     Raises a ValueError: values with which the model does not follow the log.
@@ -74,10 +73,10 @@ def fitted(
     for left in reversed(range(_ROUNDS)):
         rates = slopes(model, values, step, varied).T
         made = directions(rates)
-        free = along(made, rates, innovations)
-        move, before = _move(values, rates, free, innovations, step, varied, bounds), (innovations**2).sum()
+        before, solved = (innovations**2).sum(), functools.partial(_solved, made, rates, innovations)
+        change = within_bounds(solved, values, step, bounds)
         for length in _LENGTHS:
-            trial = np.clip(values - length * move, *bounds.T)
+            trial = np.clip(values + length * change, *bounds.T)
             result = model.innovations(trial)
             if np.isfinite(result).all() and (result**2).sum() < before:
                 values, innovations = trial, result
@@ -85,37 +84,17 @@ def fitted(
         if not left or not (innovations**2).sum() < (1 - _SETTLED) * before:
             break
         rates = np.empty((0, 0))  # not beside the next ones
-    return Optimum(
-        model=model, values=values, innovations=innovations, rates=rates, made=made, unknown=unknown
-    )  # fmt: skip
+    return Optimum(model=model, values=values, innovations=innovations, rates=rates, made=made, unknown=unknown)
 
 
-def _move(
-    values: NDArray[np.float64],
-    rates: NDArray[np.float64],
-    free: NDArray[np.float64],
-    innovations: NDArray[np.float64],
-    step: NDArray[np.float64],
-    varied: NDArray[np.intp],
-    bounds: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Gauss-Newton's change (k,), to be subtracted; what is pushed over its bound stays, the others make up for it.
-
-    Free are the coefficients (v,) of the rates while nothing is pushed.
-    """
-    moving, found = np.ones(len(varied), bool), free
-    while True:
-        move, some = np.zeros(len(values)), varied[moving]
-        move[some] = found * step[some]
-        low, high = bounds.T
-        pushed = ((values <= low) & (move > 0)) | ((values >= high) & (move < 0))
-        if not pushed[some].any():
-            return move
-        moving &= ~pushed[varied]
-        found = along(directions(rates[moving]), rates[moving], innovations)
+def _solved(made: Floats, rates: Floats, innovations: Floats, moving: NDArray[np.bool_]) -> Floats:
+    """Coefficients of the rates that move; `made`: directions of all of them."""
+    if not moving.all():
+        made, rates = directions(rates[moving]), rates[moving]
+    return along(made, rates, innovations)
 
 
-def directions(rates: NDArray[np.float64]) -> NDArray[np.float64]:
+def directions(rates: Floats) -> Floats:
     """What orthonormal directions are of rates (v, M): (r, v), none for a rate that is a combination of others.
 
     By Gram-Schmidt on the products of the rates.
@@ -134,6 +113,6 @@ def directions(rates: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(made / lengths)
 
 
-def along(made: NDArray[np.float64], rates: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+def along(made: Floats, rates: Floats, target: Floats) -> Floats:
     """Coefficients (v,) of rates (v, M) that make the target; zero of a rate that is a combination of others."""
     return product(made.T, product(made, np.einsum("vm,m->v", rates, target)))

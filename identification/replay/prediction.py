@@ -16,13 +16,13 @@ import functools
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.law_memory import Memory, Resumption
-from identification.equation_error.naming import each_named, record_label
+from identification.equation_error.naming import of_each, record_label
 from identification.replay.experiment import as_records
 from identification.replay.followed import Followed, joined
 from plant import Dynamics, Record
+from plant.parts.fields import Floats
 from plant.simulation.layout import Correction
 from plant.simulation.loop_kernel import LOGGED
 from plant.simulation.threads import cores, shared_out
@@ -44,7 +44,7 @@ _ROUNDING, _AT_MOST = 0.289, 2.0
 """RMS of rounding [pulses]; and how far off a law's memory is expected to be, in its magnitudes in the log."""
 
 _ZERO_STEP, _ZERO_LIMIT = 1e-4, 0.5
-"""Step of a counter's zero, and its largest magnitude [rad]."""
+"""Step of a encoder offset, and its largest magnitude [rad]."""
 
 _UNEQUAL = 1.5
 """Ratio of RMS innovations from which on records and joints are weighted by them."""
@@ -114,17 +114,16 @@ class Prediction:
             self.nuisance_bounds[: len(gains), 1] = self.nuisances[: len(gains)]
         names = (*unknown, *gains, *(correction.number_names("correction.")[2 * n :] if zeros else ()))
         options = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "correction": correction}
-        self._followed = list[Followed]()
-        for (record, about), memory in zip(each_named(records), self._memories, strict=True):
-            with about:
-                self._followed.append(Followed(dynamics, record, names, options, steady, memory))
+        self._followed = of_each(
+            lambda record, memory: Followed(dynamics, record, names, options, steady, memory), records, self._memories
+        )
         weights = [followed.weight.ravel() for followed in self._followed]
         self.weights = np.concatenate([*weights, np.zeros(count)])
         self.scales = np.ones(len(self.weights))
         self.threads = int(threads or cores())
         self.evaluations = 0
 
-    def _each(self, values: NDArray[np.float64]) -> Iterator[tuple[Followed, NDArray[np.float64]]]:
+    def _each(self, values: Floats) -> Iterator[tuple[Followed, Floats]]:
         """Each record's loop, and what it is given of values (k,)."""
         place = self._own + self._zeros
         for followed, zero in zip(self._followed, self.zeros_in(values), strict=True):
@@ -132,26 +131,26 @@ class Prediction:
             place += followed.remembered
             yield followed, np.concatenate([values[: self._own], zero, rest])
 
-    def zeros_in(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def zeros_in(self, values: Floats) -> Floats:
         """Where the joints of each record are when their counters say zero (R, n) [rad], of values (k,)."""
         return np.reshape(values[self._own : self._own + self._zeros], (len(self._followed), -1))
 
-    def resumptions(self, values: NDArray[np.float64]) -> tuple[Resumption | None, ...]:
+    def resumptions(self, values: Floats) -> tuple[Resumption | None, ...]:
         """Where law and arm of each record were at its first sample, of values (k,); None where that is known."""
         return tuple(followed.resumption(own) for followed, own in self._each(values))
 
-    def innovations(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def innovations(self, values: Floats) -> Floats:
         """Weighted innovations (M,), scaled, with these values (k,) of the unknowns; inf where the run diverges."""
         return self.all_innovations([values])[0]
 
-    def lost(self, values: NDArray[np.float64]) -> str:
+    def lost(self, values: Floats) -> str:
         """What messages call the first record whose run with these values diverges; "" where none is told apart."""
         for k, (followed, own) in enumerate(self._each(values)):
             if not np.isfinite(followed.innovations(own)).all():
                 return record_label([each.record for each in self._followed], k)
         return ""
 
-    def reweigh(self, values: NDArray[np.float64]) -> bool:
+    def reweigh(self, values: Floats) -> bool:
         """Weight each joint of each record by its RMS innovation.
 
         What the model lacks differs between records; the one that it follows worst must not dominate the sum.
@@ -180,7 +179,7 @@ class Prediction:
         """Whether the arm of any record felt the rounding of its counts, which the model leaves out."""
         return any(followed.rounds for followed in self._followed)
 
-    def of_rounded(self, values: NDArray[np.float64], shifts: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    def of_rounded(self, values: Floats, shifts: Floats) -> list[Floats]:
         """Weighted innovations (M,) of the logs that the model makes itself with these values, its encoders rounding.
 
         Shifts (L, R, n) [pulses] are those of the encoders of each record, for L logs of each. Innovations of records
@@ -188,7 +187,7 @@ class Prediction:
 
         Raises a ValueError: an arm that diverges.
         """
-        of_record = list[list[NDArray[np.float64]]]()
+        of_record = list[list[Floats]]()
         for (followed, own), moved in zip(self._each(values), np.swapaxes(shifts, 0, 1), strict=True):
             self.evaluations += 2 * len(shifts)
             of_record.append([np.zeros(followed.weight.size) for _ in shifts])
@@ -198,24 +197,24 @@ class Prediction:
         known = np.zeros(len(self._expected))
         return [joined([*rows, known], self.scales) for rows in zip(*of_record, strict=True)]
 
-    def all_innovations(self, many: Iterable[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+    def all_innovations(self, many: Iterable[Floats]) -> list[Floats]:
         """The same for several vectors of values, side by side."""
         many = list(many)
         self.evaluations += len(many)
         given = [[own for _, own in self._each(values)] for values in many]
         blocks = [(k, i) for k in range(len(self._followed)) for i in range(0, len(many), LOGGED)]
 
-        def run(block: tuple[int, int]) -> list[NDArray[np.float64]]:
+        def run(block: tuple[int, int]) -> list[Floats]:
             k, i = block
             return self._followed[k].block([own[k] for own in given[i : i + LOGGED]])
 
-        of_record: list[list[NDArray[np.float64]]] = [[] for _ in self._followed]
+        of_record: list[list[Floats]] = [[] for _ in self._followed]
         for (k, _), found in zip(blocks, shared_out(run, blocks, self.threads), strict=True):
             of_record[k] += found
         known = (self._expected * values[len(values) - len(self._expected) :] for values in many)
         return [joined(row, self.scales) for row in zip(*of_record, known, strict=True)]
 
-    def motions(self, values: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    def motions(self, values: Floats) -> list[Floats]:
         """Joint positions (N, n) [rad] of each record's arm with these values."""
         self.evaluations += 1
         return [followed.motion(own) for followed, own in self._each(values)]

@@ -12,10 +12,10 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.least_squares import least_squares
 from identification.replay.gauss_newton import DEPENDENT, slopes
+from plant.parts.fields import Floats
 from plant.parts.sums import dot, product
 
 _ROUNDS, _CLOSE = 8, 0.02
@@ -25,7 +25,7 @@ _AGAIN = 3
 """How often, at most, slopes are taken anew where a walk begins."""
 
 _TRIES, _NEAR = 7, 0.1
-"""Values of a coordinate that are tried for an end, and the relative distance from the level that is near enough."""
+"""Values of a coordinate that are tested for an end, and the relative distance from the level that is near enough."""
 
 _LOWER = 0.25
 """By how much, as a share of the level, a lower sum must be lower."""
@@ -41,9 +41,9 @@ _LEAST, _MOST = 0.4, 2.5
 class _Point:
     """Coordinates, their innovations, and the slopes of these per step of the varied coordinates."""
 
-    z: NDArray[np.float64]
-    residual: NDArray[np.float64]
-    slopes: NDArray[np.float64]
+    z: Floats
+    residual: Floats
+    slopes: Floats
 
     @property
     def cost(self) -> float:
@@ -62,24 +62,16 @@ class Profile:
     """
 
     def __init__(
-        self,
-        prediction: Any,
-        best: NDArray[np.float64],
-        change: NDArray[np.float64],
-        step: NDArray[np.float64],
-        bounds: NDArray[np.float64],
-        place: int,
-        *,
-        final: bool = False,
+        self, view: Any, best: Floats, change: Floats, step: Floats, bounds: Floats, place: int, *, final: bool = False
     ) -> None:
-        self._prediction, self._step, self._bounds, self._place = prediction, step, bounds, place
+        self._prediction, self._step, self._bounds, self._place = view, step, bounds, place
         self._final = final
         varied = np.flatnonzero(step)
         self._own, self._others = int(np.flatnonzero(varied == place)[0]), varied != place
         self._places = varied[self._others]
-        self._names = [prediction.unknown[i] for i in self._places]
-        self._best = _Point(best, prediction.innovations(best), change)
-        self.better: NDArray[np.float64] | None = None
+        self._names = [view.unknown[i] for i in self._places]
+        self._best = _Point(best, view.innovations(best), change)
+        self.better: Floats | None = None
 
     def rise(self, value: float, level: float) -> float:
         """By how much the least sum exceeds that of the best fit, with the coordinate held at a value."""
@@ -149,7 +141,7 @@ class Profile:
         z[self._place] = value
         return self._fitted(_Point(z, self._prediction.innovations(z), point.slopes), level)
 
-    def _change(self, change: NDArray[np.float64], residual: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _change(self, change: Floats, residual: Floats) -> Floats:
         """Gauss-Newton's change of the other coordinates; none where their slopes do not tell them apart."""
         try:
             solved = least_squares(self._names, change[:, self._others], residual, dependent=DEPENDENT)[0]

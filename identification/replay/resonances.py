@@ -12,11 +12,12 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from identification.replay.gauss_newton import variance_inflation
 from identification.replay.prediction import Prediction
 from plant import Dynamics, Elasticity, Record, Rig
+from plant.parts.fields import Floats
 from plant.parts.sums import dot
 from plant.simulation.threads import shared_out
 
@@ -48,7 +49,7 @@ _DIFFERENCE = 1e-6
 """Relative step of the derivative of values by coordinates."""
 
 
-def link_inertia(dynamics: Dynamics, rig: Rig, pose: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def link_inertia(dynamics: Dynamics, rig: Rig, pose: ArrayLike) -> tuple[Floats, Floats]:
     """(A, rotors), (n, p) and (n,): A f - rotors is the inertia behind each gear at a pose, others held [kg m^2]."""
     f = ca.SX.sym("f", dynamics.p)
     own = ca.diag(dynamics.chain.coupling.shaft_inertia(dynamics.D(np.asarray(pose), f)))
@@ -77,9 +78,9 @@ class Start(NamedTuple):
     `coordinates`, `steps` (k,): steps of central differences, zero where a coordinate is not varied. `bounds` (k, 2).
     """
 
-    coordinates: NDArray[np.float64]
-    steps: NDArray[np.float64]
-    bounds: NDArray[np.float64]
+    coordinates: Floats
+    steps: Floats
+    bounds: Floats
 
 
 class Resonances:
@@ -115,7 +116,7 @@ class Resonances:
         self._measured = None if measured is None else np.asarray(measured, dtype=float)
 
     # -- coordinates ---------------------------------------------------------------------------------------------
-    def resonances(self, coordinates: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def resonances(self, coordinates: Floats) -> tuple[Floats, Floats]:
         """Frequency [Hz] and damping ratio (n,) of each gear."""
         values, m = self.values(coordinates), self.inertia(coordinates)
         stiffness, damping = self._stiffness(values), np.array(self._elasticity.damping)
@@ -123,11 +124,11 @@ class Resonances:
             damping[i] = values[place]
         return np.sqrt(stiffness / m) / (2 * np.pi), damping / (2 * np.sqrt(m * stiffness))
 
-    def inertia(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    def inertia(self, vector: Floats) -> Floats:
         """Inertia (n,) behind each gear, of values or coordinates."""
         return self._slope @ vector[self._f] - self._rotors
 
-    def values(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+    def values(self, coordinates: Floats) -> Floats:
         """Values (k,) of the unknowns; NaN where no link is left behind a gear, or no compliance in it."""
         values, m = coordinates.copy(), self.inertia(coordinates)
         m = np.where(m > 0, m, np.nan)
@@ -137,7 +138,7 @@ class Resonances:
             values[place] = 2 * np.exp(coordinates[place]) * np.sqrt(m[i] * self._stiffness(values)[i])
         return values
 
-    def start(self, values: NDArray[np.float64], step: NDArray[np.float64], bounds: NDArray[np.float64]) -> Start:
+    def start(self, values: Floats, step: Floats, bounds: Floats) -> Start:
         """Coordinates, steps and bounds (k, 2) of those of values; damping starts at what is expected."""
         z, steps, bounds, m = values.copy(), step.copy(), bounds.copy(), self.inertia(values)
         root = 2 * np.sqrt(np.maximum(m, 0) * self._stiffness(values))
@@ -155,13 +156,13 @@ class Resonances:
                 steps[place] = _RATIO
         return Start(z, steps, bounds)
 
-    def slopes(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+    def slopes(self, coordinates: Floats) -> Floats:
         """Derivative (k, k) of the values by the coordinates."""
         steps = _DIFFERENCE * np.maximum(np.abs(coordinates), np.where(coordinates == 0, 1.0, 0.0))
         moved = [(self.values(coordinates + row), self.values(coordinates - row)) for row in np.diag(steps)]
         return np.column_stack([(up - down) / (2 * step) for (up, down), step in zip(moved, steps, strict=True)])
 
-    def _stiffness(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _stiffness(self, values: Floats) -> Floats:
         """Stiffness (n,), with what is unknown of it."""
         stiffness = np.array(self._elasticity.stiffness)
         for i, place in self.stiffness.items():
@@ -170,12 +171,12 @@ class Resonances:
 
     # -- what gauss_newton asks for ------------------------------------------------------------------------------
     @property
-    def weights(self) -> NDArray[np.float64]:
+    def weights(self) -> Floats:
         """Weight of each innovation; of what is expected, none: it is no reading."""
         return np.append(self.prediction.weights, np.zeros(self._more))
 
     @property
-    def scales(self) -> NDArray[np.float64]:
+    def scales(self) -> Floats:
         """What each innovation is divided by."""
         return np.append(self.prediction.scales, np.ones(self._more))
 
@@ -184,7 +185,7 @@ class Resonances:
         """What is known beside the innovations."""
         return len(self.damping) + (0 if self._measured is None else len(self.stiffness))
 
-    def innovations(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+    def innovations(self, coordinates: Floats) -> Floats:
         """Innovations, and after them how far damping ratios are from what is expected, compliances from measured."""
         values = self.values(coordinates)
         if not np.isfinite(values).all():
@@ -195,22 +196,22 @@ class Resonances:
             known += [(1 / values[place] - compliance[i]) / std[i] for i, place in self.stiffness.items()]
         return np.append(self.prediction.innovations(values), self.noise * np.array(known))
 
-    def lost(self, coordinates: NDArray[np.float64]) -> str:
+    def lost(self, coordinates: Floats) -> str:
         """What messages call the first record whose run with these coordinates diverges."""
         return self.prediction.lost(self.values(coordinates))
 
-    def all_innovations(self, many: Iterable[NDArray[np.float64]]) -> list[Any]:
+    def all_innovations(self, many: Iterable[Floats]) -> list[Any]:
         """The same for several vectors, side by side."""
         return shared_out(self.innovations, list(many), self.prediction.threads)
 
-    def reweigh(self, coordinates: NDArray[np.float64]) -> bool:
+    def reweigh(self, coordinates: Floats) -> bool:
         """As `Prediction.reweigh`."""
         changed = self.prediction.reweigh(self.values(coordinates))
         if changed:
             self.settle(coordinates)
         return changed
 
-    def settle(self, coordinates: NDArray[np.float64]) -> float:
+    def settle(self, coordinates: Floats) -> float:
         """Weigh what is known by what innovations scatter, and give their variance as it counts for coordinates."""
         residual = self.innovations(coordinates)
         readings = dot(self.weights, self.weights)

@@ -10,12 +10,12 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.replay.gauss_newton import variance_inflation
 from identification.replay.prediction import Prediction
 from plant import Dynamics, Record
 from plant.parts.arguments import instance, known_options, real
+from plant.parts.fields import Floats
 from plant.parts.sums import dot
 
 _LATE, _SURE = 0.02, 3.0
@@ -26,7 +26,7 @@ _WINDOW = 5
 
 
 def delay_of(
-    dynamics: Dynamics, records: Iterable[Record], unknown: Iterable[str], values: NDArray[np.float64], **options: Any
+    dynamics: Dynamics, records: Iterable[Record], unknown: Iterable[str], values: Floats, **options: Any
 ) -> tuple[float, float]:
     """How many samples late the counts of records are, against a simulation with these values; and its deviation.
 
@@ -89,7 +89,7 @@ def without_delay(record: Record, samples: float) -> Record:
     return dataclasses.replace(record, error_pulses=record.error_pulses - samples * _speed(counts))
 
 
-def _speed(counts: NDArray[np.float64]) -> NDArray[np.float64]:
+def _speed(counts: Floats) -> Floats:
     """Counts that pass in a sample (N, n), over a few of them."""
     rows = np.arange(len(counts))
     before, after = np.maximum(rows - _WINDOW, 0), np.minimum(rows + _WINDOW, len(counts) - 1)

@@ -13,11 +13,11 @@ import dataclasses
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, along, directions
 from identification.results.trials import Trial, backlash, compliance
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict
@@ -91,7 +91,7 @@ class Sign(Shown, Frozen):
         yield Verdict(f"{self._short()}{': significant' * self.significant}", not self.significant)
 
 
-def signs(at: Optimum, effects: dict[str, NDArray[np.float64]]) -> list[Sign]:
+def signs(at: Optimum, effects: dict[str, Floats]) -> list[Sign]:
     """All alternatives, where the sum of squares is least; of lag and delay nothing where the path is rounded.
 
     `effects`: from `effects_of`.
@@ -109,7 +109,7 @@ def signs(at: Optimum, effects: dict[str, NDArray[np.float64]]) -> list[Sign]:
     return found + list(_disagreement(at))
 
 
-def effects_of(at: Optimum, efforts: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+def effects_of(at: Optimum, efforts: Floats) -> dict[str, Floats]:
     """Change of the innovations (M,) with each of what a rig leaves out and with ``delay``, by name; where it is small.
 
     Compliance and backlash do not act linearly: of compliance the change is that from rigid to stiff, none of backlash.
@@ -132,7 +132,7 @@ def delay_sign(at: Optimum) -> Sign | None:
     return next(_linear(at, "delay", {"delay": change}), None) if np.isfinite(change).all() else None
 
 
-def _steps(model: Extended, efforts: NDArray[np.float64]) -> dict[str, float]:
+def _steps(model: Extended, efforts: Floats) -> dict[str, float]:
     """By how much each of what acts linearly is changed."""
     torque, speed = efforts
     sizes = {"compliance": np.full(len(torque), _HERTZ**-2), "lag": np.array([_LAG]),
@@ -160,7 +160,7 @@ def _threshold(freedom: int) -> float:
     return float(chdtri(freedom, _BY_CHANCE))
 
 
-def _linear(at: Optimum, name: str, changes: dict[str, NDArray[np.float64]]) -> Iterator[Sign]:
+def _linear(at: Optimum, name: str, changes: dict[str, Floats]) -> Iterator[Sign]:
     """The sign of what acts linearly; of compliance and lag, only what is positive."""
     own = {each: at.left(change) for each, change in changes.items()}
     own = {each: row for each, row in own.items() if (row**2).sum() > _OWN**2 * (changes[each] ** 2).sum()}
@@ -177,10 +177,16 @@ def _linear(at: Optimum, name: str, changes: dict[str, NDArray[np.float64]]) -> 
         if name in _SIGNED or not (size < 0).any():
             break
         own, after = {each: row for (each, row), x in zip(own.items(), size, strict=True) if x > 0}, before
-    values = dict(zip(own, size.tolist(), strict=False))
-    yield Sign(
+    yield _sign(at, name, freedom, after, dict(zip(own, size.tolist(), strict=False)), visible)
+
+
+def _sign(
+    at: Optimum, name: str, freedom: int, after: Floats, values: dict[str, float], visible: dict[str, float]
+) -> Sign:
+    """Of an alternative that leaves so much (M,) of the innovations."""
+    return Sign(
         name=name, chi_square=at.chi_square(after), freedom=freedom, threshold=_threshold(freedom),
-        explained=float((before**2).sum() - (after**2).sum()), values=values, visible=visible,
+        explained=float((at.before**2).sum() - (after**2).sum()), values=values, visible=visible,
     )  # fmt: skip
 
 
@@ -193,16 +199,17 @@ def _best(sign: Sign, trials: Sequence[Trial]) -> Sign:
 
 
 def _of_backlash(trials: Sequence[Trial]) -> Sign:
-    """The trial that lowers the sum of squares most; the narrowest of each joint whose effect would be seen."""
+    """The trial that lowers the sum of squares most; the narrowest of each joint whose effect is detectable."""
     visible, threshold = dict[str, float](), _threshold(2)
     for trial in trials:
         for name, value in trial.values.items():
             if name.startswith("backlash") and trial.effect > threshold:
                 visible.setdefault(name, value)
-    best = max(trials, key=lambda trial: trial.chi_square, default=None)
+    none = Trial(values={}, chi_square=-np.inf, explained=0.0, effect=0.0)
+    best = max(trials, key=lambda trial: trial.chi_square, default=none)
     return Sign(
-        name="backlash", chi_square=-np.inf if best is None else best.chi_square, freedom=2, threshold=threshold,
-        explained=0.0 if best is None else best.explained, values={} if best is None else best.values, visible=visible,
+        name="backlash", chi_square=best.chi_square, freedom=2, threshold=threshold, explained=best.explained,
+        values=best.values, visible=visible,
     )  # fmt: skip
 
 
@@ -211,15 +218,12 @@ def _disagreement(at: Optimum) -> Iterator[Sign]:
     records = at.model.rows()
     if len(records) < 2:
         return
-    apart: list[NDArray[np.float64]] = []
+    apart: list[Floats] = []
     for record in records[1:]:
         alone = np.zeros((at.unknown, len(at.innovations)))
         alone[:, record] = at.rates[: at.unknown, record]
         apart += [at.left(row) for row in alone]
     before, rows = at.before, np.array(apart)
     made = directions(rows)
-    after, freedom = before - np.einsum("i,im->m", along(made, rows, before), rows), len(made)
-    yield Sign(
-        name="disagreement", chi_square=at.chi_square(after), freedom=freedom, threshold=_threshold(freedom),
-        explained=float((before**2).sum() - (after**2).sum()), values={}, visible={},
-    )  # fmt: skip
+    after = before - np.einsum("i,im->m", along(made, rows, before), rows)
+    yield _sign(at, "disagreement", len(made), after, {}, {})

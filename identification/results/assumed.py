@@ -9,13 +9,14 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from identification.equation_error.pulse_fit import BAND_MOST, CUTOFF, path_in
 from identification.equation_error.regressor import derivatives, linear, regressor_along
 from plant import Arm, Chain, Record
 from plant.mechanics.newton_euler import lumped_torque
 from plant.parts.arguments import real
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown
 from plant.parts.sums import products
@@ -28,7 +29,7 @@ _SHARE = 0.01
 """Change of a length, relative."""
 
 
-def moved_by_lengths(arm: Arm, record: Record, unknown: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+def moved_by_lengths(arm: Arm, record: Record, unknown: Sequence[str]) -> dict[str, Floats]:
     """Change (k,) of the unknowns if one length of a link is 1 % larger, by its name, ``links[1].a`` or ``links[1].d``.
 
     `arm`: as found. `unknown`: names of f, and numbers of rig and law; of these, friction takes part.
@@ -61,7 +62,7 @@ def _longer(chain: Chain) -> dict[str, Chain]:
     return found
 
 
-def _regressor(chain: Chain, arm: Arm, motion: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+def _regressor(chain: Chain, arm: Arm, motion: Sequence[Floats]) -> Floats:
     """Regressor of f (N, n, p) of another chain."""
     n, p, count = chain.n, arm.dynamics.p, len(motion[0])
     q, qd, qdd, f = (ca.SX.sym(name, size) for name, size in (("q", n), ("qd", n), ("qdd", n), ("f", p)))
@@ -93,10 +94,10 @@ class Assumed(Shown, Frozen):
 
     names: tuple[str, ...]
     unknown: tuple[str, ...]
-    moves: NDArray[np.float64]
-    std: NDArray[np.float64]
+    moves: Floats
+    std: Floats
 
-    def covariance(self, percent: ArrayLike = 1.0) -> NDArray[np.float64]:
+    def covariance(self, percent: ArrayLike = 1.0) -> Floats:
         """Covariance (k, k) of the values by assumed numbers that are right within standard deviations of percent.
 
         Parameters
@@ -133,9 +134,7 @@ class Assumed(Shown, Frozen):
         yield Table((), rows, words=(1,))
 
 
-def moved(
-    rates: NDArray[np.float64], effects: Mapping[str, NDArray[np.float64]], names: Sequence[str]
-) -> dict[str, NDArray[np.float64]]:
+def moved(rates: Floats, effects: Mapping[str, Floats], names: Sequence[str]) -> dict[str, Floats]:
     """Change (v,) of the unknowns, in their steps, with each of these numbers, relative; none of what does not act.
 
     `rates` (v, M): change of the innovations with a step of each unknown. `effects`: change of the innovations (at

@@ -1,7 +1,7 @@
 """What a log says against the rig that it came with: compliance, backlash, lag, other friction, late counts.
 
 Without being asked, every identification tests whether one of them explains the innovations of all its records, those
-kept aside too, where the model follows them best. What explains most is fitted, and the rest tested again beside it,
+held out too, where the model follows them best. What explains most is fitted, and the rest tested again beside it,
 until nothing is left that is significant.
 """
 
@@ -9,9 +9,9 @@ import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.results.alternatives import Sign
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict, Warned
@@ -29,7 +29,7 @@ _SAID = {
     "compliance": "the joints are elastic: locked-rotor resonance near {each} ({chance}), which biases f. Give the "
     "drive an Elasticity, and identify its stiffness too.",
     "backlash": "the gear of {joint} has backlash, about {degrees:.1g} degrees ({chance}): where its load changes "
-    "sign, the model holds no better than that.",
+    "sign, that is the model's accuracy floor.",
     "lag": "torques lag behind commands by {lag:.2g} ms ({chance}). Give the drive current_lag, and compare.",
     "delay": "the counts are {late} ({chance}), which biases f. Identify without_delay(record, {value:.2g}) and "
     "compare.",
@@ -69,7 +69,7 @@ class Detection(Shown, Frozen):
     doubt : (k, k) numpy.ndarray or None
         What is added to the covariance of the unknowns for what the model may lack; see `model_error`.
     grouped : (k,) numpy.ndarray or None
-        Their least standard deviations, from how they differ between stretches or runs; see `clustered`.
+        Their least standard deviations, from how they differ between segments or runs; see `clustered`.
     assumed : dict
         Their change (k,) if a gear, a motor's gain, or a gain of the law is 1 % larger, by its name.
     """
@@ -79,9 +79,9 @@ class Detection(Shown, Frozen):
     stated: dict[str, float] = dataclasses.field(default_factory=dict)
     joints: tuple[str, ...] = ()
     reason: str | None = None
-    doubt: NDArray[np.float64] | None = None
-    grouped: NDArray[np.float64] | None = None
-    assumed: dict[str, NDArray[np.float64]] = dataclasses.field(default_factory=dict)
+    doubt: Floats | None = None
+    grouped: Floats | None = None
+    assumed: dict[str, Floats] = dataclasses.field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -104,8 +104,8 @@ class Detection(Shown, Frozen):
     def _short(self) -> str:
         if self.reason is not None:
             return "not tested"
-        tested = f"{len(self.signs)} tests, no contradiction"
-        return f"contradicted by {', '.join(self.names)}" if self.named else tested
+        tested = f"{len(self.signs)} tests, none significant"
+        return f"significant: {', '.join(self.names)}" if self.named else tested
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(str(self), None if self.reason is not None else not self.named)
@@ -130,7 +130,7 @@ class Detection(Shown, Frozen):
         if "compliance" not in found and "compliance" not in self.names:
             untested = "compliance and backlash not tested (no inertia beside the motors')"
             parts.append("compliance cannot be told from the unknowns" if "backlash" in found else untested)
-        return ". ".join([f"contradicted by {', '.join(self.names)}"] * bool(self.names) + parts)
+        return ". ".join([f"significant: {', '.join(self.names)}"] * bool(self.names) + parts)
 
     def warnings(self) -> Iterator[str]:
         """A line for each that contradicts the model; of backlash for each joint."""
@@ -152,17 +152,17 @@ class Detection(Shown, Frozen):
         """An alternative, and the least of it that would have been seen."""
         limits, kind = list(sign.visible.items()), sign.name
         if kind == "compliance":
-            return f"compliance (seen below {_span([value**-0.5 for _, value in limits])} Hz)"
+            return f"compliance (detectable below {_span([value**-0.5 for _, value in limits])} Hz)"
         if kind == "friction":
             shares = [100 * value / self.stated[name] for name, value in limits if self.stated.get(name)]
-            return f"other friction (seen from {_span(shares)} %)" if shares else "other friction"
+            return f"other friction (detectable from {_span(shares)} %)" if shares else "other friction"
         if not limits:
-            return f"{kind} (none would be seen)"
+            return f"{kind} (none is detectable)"
         scale, unit = _LIMITS[kind]
         kind = {"gear": "another gear", "offset": "an offset of the torque"}.get(kind, kind)
         values = [scale * value for _, value in limits]
         seen = _span(values) if max(values) > _LEAST else f"less than {_LEAST:g}"
-        return f"{kind} (seen from {seen} {unit})"
+        return f"{kind} (detectable from {seen} {unit})"
 
     def _joint(self, name: str) -> str:
         return self.joints[int(name.partition("[")[2][:-1])]

@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.pulse_fit import over_bands
 from identification.equation_error.stated_law import torque_apart
@@ -17,6 +16,7 @@ from identification.results.stepwise import detect
 from identification.search.memory import repeating
 from identification.search.outcome import Fit
 from identification.search.problem import Problem
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown
@@ -33,7 +33,7 @@ class Diagnostics(Shown, Frozen):
         Objective (4) in the records that were searched [pulses^2].
     difference, held_out_difference : float, float or None
         Root mean square, per sample and joint, between the errors measured and simulated with what was found [pulses]:
-        in the records, and in those kept aside. Two roundings alone give 0.58.
+        in the records, and in those held out. Two roundings alone give 0.58.
     bands : dict
         Of logged torques: pass band [Hz] -> mean ratio of least squares in that band to f as found, each weighted by
         its precision.
@@ -54,7 +54,7 @@ class Diagnostics(Shown, Frozen):
     delay: float
     delay_std: float
     detection: Detection
-    law_apart: tuple[NDArray[np.float64] | None, ...] = ()
+    law_apart: tuple[Floats | None, ...] = ()
 
     def _short(self) -> str:
         return f"differ by {self.difference:.2f} pulses (rms), {self.detection._short()}"
@@ -63,14 +63,12 @@ class Diagnostics(Shown, Frozen):
         known = np.isfinite(self.difference)
         by = f"{self.difference:.2f} pulses (rms)" if known else "an unknown amount"
         aside = self.held_out_difference
-        kept = "" if aside is None else f", in the record(s) kept aside by {aside:.2f}"
+        kept = "" if aside is None else f", in the validation record(s) by {aside:.2f}"
         yield f"simulated and measured errors differ by {by}{kept}"
         yield str(self.detection)
 
     @classmethod
-    def of(
-        cls, problem: Problem, fit: Fit, objective: Objective, cost: float, rounding: NDArray[np.float64] | None
-    ) -> Diagnostics:  # fmt: skip
+    def of(cls, problem: Problem, fit: Fit, objective: Objective, cost: float, rounding: Floats | None) -> Diagnostics:
         """Of a fit to a problem; its objective is that of the records with their zeros in place, its value the cost."""
         delay, delay_std = np.nan, np.inf
         kept = None if problem.held_out is None else repeating(problem, problem.held_out)
@@ -93,7 +91,7 @@ def _difference(cost: float, objective: Objective) -> float:
     return float(np.sqrt(cost / sum(record.error_pulses.size for record in objective.records)))
 
 
-def _bands(problem: Problem, values: NDArray[np.float64]) -> dict[float, float]:
+def _bands(problem: Problem, values: Floats) -> dict[float, float]:
     """Least squares on logged torques in bands of their own, in what was found: band [Hz] -> mean ratio."""
     if not all(problem.replays):
         return {}

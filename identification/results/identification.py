@@ -17,6 +17,7 @@ from identification.results.summary import doubts, said_of
 from identification.results.trust import warnings_of
 from identification.search.outcome import Fit, Search
 from plant import Arm, Law, Record, Rig
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.saved import Saved, fingerprint
@@ -35,7 +36,7 @@ class Identification(Shown, Saved, Frozen):
     rig, law : Rig, Law
         Those of the (first) record, with whatever else was unknown filled in.
     records, held_out : tuple of Record
-        Those that were searched, and those that were kept aside.
+        Those that were searched, and those that were held out.
     versions : dict
         Of the library, numpy, casadi and Python that found it.
     fit : Fit
@@ -80,17 +81,17 @@ class Identification(Shown, Saved, Frozen):
 
     # -- the everyday attributes of the groups -------------------------------------------------------------------
     @property
-    def f(self) -> NDArray[np.float64]:
+    def f(self) -> Floats:
         """Parameters (p,) of the arm."""
         return self.arm.f
 
     @property
-    def candidates(self) -> NDArray[np.float64]:
+    def candidates(self) -> Floats:
         """Vectors (C, k) that repeat the records as well; see `Fit`."""
         return self.fit.candidates
 
     @property
-    def covariance(self) -> NDArray[np.float64] | None:
+    def covariance(self) -> Floats | None:
         """Covariance (k, k) of the values; None where the method provides none."""
         return self.fit.covariance
 
@@ -105,12 +106,12 @@ class Identification(Shown, Saved, Frozen):
         return self.search.initial_objective
 
     @property
-    def initial_population(self) -> NDArray[np.float64]:
+    def initial_population(self) -> Floats:
         """The first generation (P, k)."""
         return self.search.initial_population
 
     @property
-    def history(self) -> NDArray[np.float64]:
+    def history(self) -> Floats:
         """Best, mean and worst finite objective of each generation (generations + 1, 3)."""
         return self.search.history
 
@@ -135,7 +136,7 @@ class Identification(Shown, Saved, Frozen):
         """Names (k) of the unknowns for tables and figures; ``arm.dynamics.legend`` says what they mean."""
         return short_names(self.arm.dynamics, self.fit.unknown)
 
-    def bound(self) -> NDArray[np.float64]:
+    def bound(self) -> Floats:
         """Cramer-Rao bound (k,): the least standard deviation of any method on the first record, from rounding alone.
 
         From simulated sensitivities (`pulse_budget`); of what was kept fixed, zero.

@@ -12,12 +12,12 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from identification.equation_error.clustered import RUNS, STRETCHES, group_std, run_std
+from identification.equation_error.clustered import RUNS, SEGMENTS, group_std, run_std
 from identification.replay.optimum import Optimum
 from identification.results.assumed import moved
 from identification.search.problem import Tolerances
+from plant.parts.fields import Floats
 from plant.parts.sums import products
 
 _ASSUMED = ("gear", "motor_gain", "law.")
@@ -43,15 +43,15 @@ class Doubt:
 
     at: Optimum
     first: Optimum
-    step: NDArray[np.float64]
+    step: Floats
     keep: Sequence[int]
     unknown: int
     searched: int
-    effects: Mapping[str, NDArray[np.float64]]
-    efforts: NDArray[np.float64]
+    effects: Mapping[str, Floats]
+    efforts: Floats
     apart: bool
 
-    def assumed(self) -> dict[str, NDArray[np.float64]]:
+    def assumed(self) -> dict[str, Floats]:
         """Change (k,) of the unknowns if a gear, a motor's gain or a gain of the law is 1 % larger, by its name."""
         varied = np.flatnonzero(self.step)
         names = [name for name in self.effects if name.startswith(_ASSUMED)]
@@ -63,7 +63,7 @@ class Doubt:
             found[name if name.startswith("law.") else f"drive.{name}"] = whole
         return found
 
-    def added(self, tolerances: Tolerances, rounding: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    def added(self, tolerances: Tolerances, rounding: Floats | None) -> Floats:
         """What is added to the covariance (k, k) of the unknowns, by tolerances and by what was named.
 
         Of what was named nothing is known beforehand; what the unknowns change by, if it is fitted, is a bias.
@@ -86,15 +86,15 @@ class Doubt:
         whole[np.ix_(self.keep, self.keep)] = total + np.outer(bias, bias)
         return whole
 
-    def grouped(self) -> NDArray[np.float64]:
-        """Standard deviations (k,) of the unknowns, from how they differ between stretches.
+    def grouped(self) -> Floats:
+        """Standard deviations (k,) of the unknowns, from how they differ between segments.
 
         Runs that contradict each other are what differs, from three on.
         """
         at, varied, whole = self.at, np.flatnonzero(self.step), np.zeros(self.unknown)
         lengths = [rows.stop - rows.start for rows in at.model.rows() if rows.stop <= self.searched]
         by_runs = len(lengths) >= RUNS and self.apart
-        each = 1 if by_runs else -(-STRETCHES // len(lengths))
+        each = 1 if by_runs else -(-SEGMENTS // len(lengths))
         groups = np.concatenate([each * i + np.arange(n) * each // n for i, n in enumerate(lengths)])
         differ = run_std if by_runs else group_std
         std = differ(at.rates[:, : self.searched].T, at.innovations[: self.searched], groups)
@@ -103,7 +103,7 @@ class Doubt:
         return whole
 
 
-def priors(tolerances: Tolerances, names: Sequence[str], efforts: NDArray[np.float64]) -> dict[str, float]:
+def priors(tolerances: Tolerances, names: Sequence[str], efforts: Floats) -> dict[str, float]:
     """Standard deviation of each of these numbers of `Extended` before the log; none of what has no tolerance.
 
     `efforts` (2, n): torque [N m] and speed [rad/s] of each motor (rms).
@@ -121,12 +121,8 @@ def priors(tolerances: Tolerances, names: Sequence[str], efforts: NDArray[np.flo
 
 
 def consider(
-    rates: NDArray[np.float64],
-    residual: NDArray[np.float64],
-    prior: Mapping[str, float],
-    effects: Mapping[str, NDArray[np.float64]],
-    unit: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    rates: Floats, residual: Floats, prior: Mapping[str, float], effects: Mapping[str, Floats], unit: float
+) -> tuple[Floats, Floats]:
     """Change (v,) of the unknowns if what is in `prior` were fitted too, and what that adds to their covariance (v, v).
 
     `rates` (v, M): change of the innovations with each unknown. `residual` (M',): innovations of the first M' rows,
@@ -149,7 +145,7 @@ def consider(
     return alone @ slope[:count] - inverse[:count] @ slope, inverse[:count, :count] - alone
 
 
-def _inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def _inverse(matrix: Floats) -> Floats:
     scale = np.sqrt(np.diag(matrix))
     scale = np.where(scale > 0, scale, 1.0)
     return np.asarray(np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale))

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.results.identification import Identification
 from identification.results.physical import Physical
@@ -15,9 +14,10 @@ from plant.mechanics.lumping import STANDARD
 from plant.mechanics.mjcf_file import read_mjcf
 from plant.mechanics.model_tree import ModelFile
 from plant.mechanics.urdf_file import is_xacro, read_urdf
-from plant.mechanics.xml_file import Edit, Element, parsed, spliced
+from plant.mechanics.xml_file import Element, parsed, spliced
 from plant.models.edits import mjcf_inertial, mjcf_joint, mjcf_text, urdf_friction, urdf_inertial
 from plant.parts.arguments import known_options
+from plant.parts.fields import Floats
 from plant.parts.files import require_new, write_whole
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
@@ -52,9 +52,9 @@ class WrittenModel(Shown, Frozen):
 
     path: Path
     bodies: dict[str, Body]
-    rotors: NDArray[np.float64]
+    rotors: Floats
     arm: Arm
-    difference: NDArray[np.float64]
+    difference: Floats
 
     def _short(self) -> str:
         return f"{self.path.name}, {len(self.bodies)} inertials, f within {np.abs(self.difference).max():.3g}"
@@ -135,7 +135,8 @@ def write_model(
     got = bodies_of(found_or_arm, arm, model, _prior_bodies(prior), nearest, np.array([j.armature for j in joints]))
     levels = None if drive is None or drive.coupling.matrix else (drive.joint_viscous(), drive.joint_coulomb())
     if root.tag == "robot" and path.suffix not in _MJCF:
-        edits = _urdf_edits(model, got)
+        bodies = _changed(model, got)
+        edits = [edit for link, body in bodies for edit in urdf_inertial(model.data, model.links[link], body)]
         for i, joint in enumerate(joints):
             if joint.element is not None and levels is not None:
                 edits += urdf_friction(model.data, joint.element, float(levels[0][i]), float(levels[1][i]))
@@ -184,10 +185,6 @@ def _given(found_or_arm: Identification | Physical | Arm, friction: bool) -> tup
         got = type(found_or_arm).__name__
         raise ValueError(f"found_or_arm must be what identify gave, or an Arm; got a {got}. Pass found, or found.arm.")
     return arm, None
-
-
-def _urdf_edits(model: ModelFile, got: Realised) -> list[Edit]:
-    return [edit for link, body in _changed(model, got) for edit in urdf_inertial(model.data, model.links[link], body)]
 
 
 def _changed(model: ModelFile, got: Realised) -> list[tuple[str, Body]]:

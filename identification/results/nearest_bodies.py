@@ -20,7 +20,8 @@ short of bodies that exist; give a better one then.
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
+
+from plant.parts.fields import Floats
 
 _STEPS = 100
 _CONVERGED, _ROUNDING = 1e-12, 1e-9
@@ -41,8 +42,8 @@ _HARDEST, _HARDER = 1e-9, 0.2
 class Block:
     """One body or rotor: the factor L (d, d) of its prior, and what f gets of each x, (p, d (d + 1) / 2)."""
 
-    factor: NDArray[np.float64]
-    columns: NDArray[np.float64]
+    factor: Floats
+    columns: Floats
 
     @property
     def size(self) -> int:
@@ -50,7 +51,7 @@ class Block:
         return len(self.factor)
 
 
-def basis(d: int) -> NDArray[np.float64]:
+def basis(d: int) -> Floats:
     """Orthonormal basis of the symmetric matrices (d, d): (d (d + 1) / 2, d, d)."""
     found = []
     for i in range(d):
@@ -62,8 +63,8 @@ def basis(d: int) -> NDArray[np.float64]:
 
 
 def nearest_realisation(
-    blocks: list[Block], f: NDArray[np.float64], scale: NDArray[np.float64] | None = None
-) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]] | None:
+    blocks: list[Block], f: Floats, scale: Floats | None = None
+) -> tuple[list[Floats], Floats] | None:
     """Pseudo-inertias with this f, nearest to their priors.
 
     `f` (p,). `scale` (p, p): whitening matrix of f: what is nearest where bodies cannot have f. Without it f must be
@@ -89,9 +90,7 @@ def nearest_realisation(
     return matrices, A @ found
 
 
-def _independent(
-    A: NDArray[np.float64], f: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+def _independent(A: Floats, f: Floats) -> tuple[Floats, Floats] | None:
     """The same equations as independent, orthonormal rows; None where they contradict each other."""
     size = np.linalg.norm(A, axis=1)
     size[size == 0] = 1.0
@@ -113,11 +112,11 @@ class _Problem:
         self.places = [slice(end - len(each), end) for end, each in zip(ends, self.bases, strict=True)]
         self.prior = np.concatenate([np.einsum("kii->k", each) for each in self.bases])
 
-    def matrices(self, x: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    def matrices(self, x: Floats) -> list[Floats]:
         """X of each block."""
         return [np.einsum("k,kij->ij", x[at], each) for each, at in zip(self.bases, self.places, strict=True)]
 
-    def gradient(self, x: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    def gradient(self, x: Floats) -> Floats | None:
         """Gradient, 1 - X^-1, of the divergence; None outside of its domain."""
         result = np.empty(len(x))
         for X, each, at in zip(self.matrices(x), self.bases, self.places, strict=True):
@@ -126,7 +125,7 @@ class _Problem:
             result[at] = np.einsum("kij,ij->k", each, np.eye(len(X)) - np.linalg.inv(X))
         return result
 
-    def inverse_hessian(self, x: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    def inverse_hessian(self, x: Floats, columns: Floats) -> Floats:
         """The inverse of the divergence's Hessian, X . X, times columns (k, m)."""
         result = np.empty_like(columns)
         for X, each, at in zip(self.matrices(x), self.bases, self.places, strict=True):
@@ -134,12 +133,12 @@ class _Problem:
             result[at] = np.einsum("kij,hij->kh", each, turned) @ columns[at]
         return result
 
-    def value(self, x: NDArray[np.float64]) -> float:
+    def value(self, x: Floats) -> float:
         """The divergence, infinite outside of its domain; up to a constant."""
         values = [np.linalg.eigvalsh(X) for X in self.matrices(x)]
         return sum(float(v.sum() - np.log(v).sum()) if v[0] > 0 else np.inf for v in values)
 
-    def longest(self, x: NDArray[np.float64], dx: NDArray[np.float64]) -> float:
+    def longest(self, x: Floats, dx: Floats) -> float:
         """The longest step, at most 1, in which no X loses more than a share in any direction."""
         most = 1.0
         for X, step in zip(self.matrices(x), self.matrices(dx), strict=True):
@@ -149,13 +148,11 @@ class _Problem:
             most = min(most, _LOSS / -least) if least < -_LOSS else most
         return most
 
-    def exact(
-        self, A: NDArray[np.float64], f: NDArray[np.float64], x: NDArray[np.float64]
-    ) -> NDArray[np.float64] | None:
+    def exact(self, A: Floats, f: Floats, x: Floats) -> Floats | None:
         """The x of least divergence with A x = f; None where Newton's steps end at the border of what bodies have."""
         y = np.zeros(len(f))
 
-        def residual(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        def residual(x: Floats, y: Floats) -> Floats:
             gradient = self.gradient(x)
             return np.array([np.inf]) if gradient is None else np.concatenate([gradient + A.T @ y, A @ x - f])
 
@@ -175,12 +172,12 @@ class _Problem:
                 return x
         return None
 
-    def nearest(self, A: NDArray[np.float64], f: NDArray[np.float64]) -> NDArray[np.float64]:
+    def nearest(self, A: Floats, f: Floats) -> Floats:
         """The x with the least |A x - f|, as the limit of softness to zero."""
         x = self.prior
         softness = max(1.0, float(np.sum((A @ x - f) ** 2)))
 
-        def cost(x: NDArray[np.float64]) -> float:
+        def cost(x: Floats) -> float:
             return self.value(x) + float(np.sum((A @ x - f) ** 2)) / (2 * softness)
 
         while softness >= _HARDEST:
@@ -197,9 +194,7 @@ class _Problem:
             softness *= _HARDER
         return x
 
-    def step(
-        self, A: NDArray[np.float64], softness: float, x: NDArray[np.float64], residual: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def step(self, A: Floats, softness: float, x: Floats, residual: Floats) -> tuple[Floats, Floats]:
         """Newton's step of x and multipliers, by the Schur complement of the Hessian."""
         left = self.inverse_hessian(x, np.column_stack([A.T, residual[: len(x)]]))
         schur = A @ left[:, :-1] + softness * np.eye(len(A))

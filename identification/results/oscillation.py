@@ -19,6 +19,7 @@ from identification.results.plots import plot_oscillation
 from plant import Arm, Law, Record
 from plant.analysis.linearise import modes
 from plant.parts.arguments import array, instance, known_options
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
@@ -56,13 +57,13 @@ class Oscillation(Shown, Frozen):
     """
 
     frequency: float
-    amplitude: NDArray[np.float64]
+    amplitude: Floats
     modes: tuple[tuple[float, float], ...]
     own: bool | None
     record: Record
     joints: tuple[str, ...]
 
-    def removed(self, errors: ArrayLike) -> NDArray[np.float64]:
+    def removed(self, errors: ArrayLike) -> Floats:
         """Errors (N, n) without the oscillation, by a band-stop run forwards and backwards: no phase."""
         from scipy.signal import butter, sosfiltfilt
 
@@ -80,9 +81,9 @@ class Oscillation(Shown, Frozen):
         found = ", ".join(f"{low:.1f}-{high:.1f}" for low, high in self.modes)
         said = f"oscillation at {self.frequency:.1f} Hz"
         if self.own is None:
-            yield Verdict(f"{said}; pass an arm to learn whether it is the loop's own")
+            yield Verdict(f"{said}; pass an arm to determine whether it is the loop's own")
         elif self.own:
-            yield Verdict(f"{said}; the position loop's own mode ({found} Hz): it shows the inertias, keep it", True)
+            yield Verdict(f"{said}; the position loop's own mode ({found} Hz): it excites the inertias, keep it", True)
         else:
             none = f"no mode of this arm's position loop ({found} Hz)"
             yield Verdict(f"{said}; {none}: a disturbance, unless the arm is known badly", False)

@@ -15,13 +15,14 @@ import itertools
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from identification.results.identification import Identification
 from plant import Arm, Body
 from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA
 from plant.mechanics.lumping import STANDARD, standard_parameters
-from plant.parts.arguments import array, instance, known_options
+from plant.parts.arguments import array, instance, known_options, whole
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
@@ -106,8 +107,7 @@ def nearest_physical(found: Identification, boxes: ArrayLike, *, points: int = 5
     for label, box in zip(dynamics.chain.joint_labels, boxes, strict=True):
         if (box[:, 0] > box[:, 1]).any():
             raise ValueError(f"boxes must have low <= high in x, y and z; that of {label} is reversed. Swap its ends.")
-    if not isinstance(points, (int, np.integer)) or points < 2:
-        raise ValueError(f"points must be a whole number of at least 2; got {points!r}. The default is 5.")
+    whole("points", points, "The default is 5.", least=2)
     whiten = whitening(found)
     width, matrix = len(STANDARD), np.array(dynamics.lumping.matrix)
     places, columns = [], []
@@ -131,7 +131,7 @@ def nearest_physical(found: Identification, boxes: ArrayLike, *, points: int = 5
     return Physical(arm=dynamics.arm(dynamics.f(bodies)), bodies=bodies, distance=float(distance))
 
 
-def _body(masses: list[tuple[float, NDArray[np.float64]]], rotor: float) -> Body:
+def _body(masses: list[tuple[float, Floats]], rotor: float) -> Body:
     """One body of point masses (mass, place), with its motor."""
     body = Body(mass=0.0, com=(0, 0, 0))
     for mass, place in masses:
@@ -139,7 +139,7 @@ def _body(masses: list[tuple[float, NDArray[np.float64]]], rotor: float) -> Body
     return dataclasses.replace(body, rotor=rotor)
 
 
-def whitening(found: Identification) -> NDArray[np.float64]:
+def whitening(found: Identification) -> Floats:
     """W with W C W' = 1, C the covariance of f; refused without one."""
     _ = found.fit.std  # refuses
     covariance = found.fit.covariance_of(found.arm.dynamics.names)

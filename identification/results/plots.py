@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from identification.replay.prediction import Prediction
 from identification.search.memory import as_repeated
 from plant import Record, Resumed, replay
+from plant.checkup.oscillation import spectrum
+from plant.parts.fields import Floats
 from plant.parts.figures import BAND, LOGS, axes_of, colour_of, dressed, legend_above, literal
 from plant.simulation.logged_run import DivergenceError
 
@@ -39,7 +41,7 @@ def plot_identification(found: Any, ax: Any = None) -> NDArray[Any]:
     """Draw the first record of an `Identification`.
 
     Three panels per joint: tracking errors measured and simulated with what was found, the whole record and a short
-    stretch of it, and the innovations. Then the spectrum of tracking errors and innovations, and half-widths of the
+    segment of it, and the innovations. Then the spectrum of tracking errors and innovations, and half-widths of the
     95 % intervals, as shares of the values. A figure of its own says below what short names of parameters mean.
 
     `ax` (3 n + 2,): where to draw, joint by joint; a new figure by default.
@@ -52,8 +54,8 @@ def plot_identification(found: Any, ax: Any = None) -> NDArray[Any]:
     left = prediction.innovations(np.append(found.fit.values, prediction.nuisances)).reshape(-1, n)
     model = repeated(found)
     for joint, label in enumerate(dynamics.chain.joint_labels):
-        whole, stretch, rest = axes[3 * joint : 3 * joint + 3]
-        for axis, start, end in ((whole, 0.0, 1.0), (stretch, 0.30, 0.36)):
+        whole, segment, rest = axes[3 * joint : 3 * joint + 3]
+        for axis, start, end in ((whole, 0.0, 1.0), (segment, 0.30, 0.36)):
             some = slice(int(start * len(record)), int(end * len(record)))
             for log, (name, style) in zip((record, model), LOGS, strict=True):
                 if log is not None:
@@ -61,8 +63,8 @@ def plot_identification(found: Any, ax: Any = None) -> NDArray[Any]:
             axis.set_ylabel("error [pulses]")
         rest.plot(record.t, left[:, joint], color=colour_of(0), linewidth=0.5)
         rest.set_ylabel("innovation [pulses]")
-        titles = (label, *(("a stretch", "innovation: counted minus predicted") if joint == 0 else ("", "")))
-        for axis, title in zip((whole, stretch, rest), titles, strict=True):
+        titles = (label, *(("a segment", "innovation: measured minus predicted") if joint == 0 else ("", "")))
+        for axis, title in zip((whole, segment, rest), titles, strict=True):
             dressed(axis, title)
             axis.set_xlabel("time [s]" if joint == n - 1 else "")
     legend_above(axes[1])
@@ -163,8 +165,7 @@ def plot_oscillation(found: Any, ax: Any = None) -> NDArray[Any]:
     return axes
 
 
-def _spectrum(signal: NDArray[np.float64], period: float) -> tuple[NDArray[Any], NDArray[Any]]:
+def _spectrum(signal: Floats, period: float) -> tuple[NDArray[Any], NDArray[Any]]:
     """Frequencies [Hz] and amplitudes [pulses] of a signal (N, n), joints together."""
-    centred = (signal - signal.mean(axis=0)) * np.hanning(len(signal))[:, None]
-    amplitude = np.sqrt((np.abs(np.fft.rfft(centred, axis=0)) ** 2).sum(axis=1)) * 4 / len(signal)
-    return np.fft.rfftfreq(len(signal), period)[1:], amplitude[1:]
+    frequency, power = spectrum(signal, period)
+    return frequency[1:], np.sqrt(power.sum(axis=1))[1:] * 4 / len(signal)

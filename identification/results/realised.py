@@ -17,6 +17,7 @@ from plant.mechanics.lumping import STANDARD
 from plant.mechanics.model_tree import ModelFile, ModelJoint, fixed_to, links_of_chain
 from plant.mechanics.placement import Placement
 from plant.parts.arguments import choice, instance
+from plant.parts.fields import Floats
 from plant.parts.user_warning import warn
 
 _THIN = 0.03
@@ -33,8 +34,8 @@ class Realised:
     """Bodies by link, in the links' frames; rotors (n,) [kg m^2]; the f (p,) that they have; whether it was met."""
 
     bodies: dict[str, Body]
-    rotors: NDArray[np.float64]
-    f: NDArray[np.float64]
+    rotors: Floats
+    f: Floats
     exact: bool
 
 
@@ -48,7 +49,7 @@ class _Inertial:
     body: Body
 
     @property
-    def matrix(self) -> NDArray[np.float64]:
+    def matrix(self) -> Floats:
         """Homogeneous matrix of the pose, under which a pseudo-inertia is congruent."""
         result = np.eye(4)
         result[:3, :3], result[:3, 3] = self.pose.rotation, self.pose.position
@@ -61,7 +62,7 @@ def bodies_of(
     model: ModelFile,
     prior: Mapping[str, Body],
     nearest: bool,
-    armature: NDArray[np.float64],
+    armature: Floats,
 ) -> Realised:
     """What is to be written, or a refusal."""
     rotors, scale = armature, None
@@ -87,13 +88,7 @@ def bodies_of(
     return got
 
 
-def realised(
-    arm: Arm,
-    model: ModelFile,
-    rotors: NDArray[np.float64],
-    prior: Mapping[str, Body],
-    scale: NDArray[np.float64] | None,
-) -> Realised:
+def realised(arm: Arm, model: ModelFile, rotors: Floats, prior: Mapping[str, Body], scale: Floats | None) -> Realised:
     """The bodies that have f of an arm, nearest to a prior; where none have it, those of the nearest f.
 
     `rotors` (n,): prior of the reflected rotor inertias [kg m^2]. `prior`: bodies of links, in their frames, instead of
@@ -146,7 +141,7 @@ def matching_joints(arm: Arm, model: ModelFile) -> list[ModelJoint]:
     return model.chain_joints(names)
 
 
-def _poses(link: Link) -> NDArray[np.float64]:
+def _poses(link: Link) -> Floats:
     """Rotation and position of a link at two positions, (2, 12)."""
     return np.array([np.concatenate([ca.DM(part).full().ravel() for part in link.rotation(ca.SX(q))]) for q in (0, 1)])
 
@@ -165,7 +160,7 @@ def _inertials(model: ModelFile, joints: list[ModelJoint], prior: Mapping[str, B
     return found
 
 
-def _block(each: _Inertial, columns: NDArray[np.float64]) -> Block:
+def _block(each: _Inertial, columns: Floats) -> Block:
     """The prior's factor, and the columns of f; a prior without extent is made a little thick."""
     P = pseudo_inertia(each.body.standard_parameters)
     if not P[3, 3] > 0:
@@ -181,13 +176,7 @@ def _block(each: _Inertial, columns: NDArray[np.float64]) -> Block:
 
 
 def _result(
-    inertials: list[_Inertial],
-    turning: NDArray[np.int64],
-    arm: Arm,
-    matrices: list[NDArray[np.float64]],
-    f: NDArray[np.float64],
-    *,
-    exact: bool,
+    inertials: list[_Inertial], turning: NDArray[np.int64], arm: Arm, matrices: list[Floats], f: Floats, *, exact: bool
 ) -> Realised:
     pairs = zip(inertials, matrices, strict=False)  # behind the bodies come the rotors
     bodies = {each.link: Body.from_standard_parameters(from_pseudo_inertia(P)) for each, P in pairs}

@@ -4,9 +4,9 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant import Record, Reference
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 
@@ -73,7 +73,7 @@ def _beyond(found: Any, reference: Reference, duration: float) -> list[str]:
     return lines
 
 
-def motion_of(record: Record) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def motion_of(record: Record) -> tuple[Floats, Floats]:
     """Positions (N, n) and speeds (M, n) of a log, from its counts."""
     q = record.rig.to_angle(record.counts)
     every = slice(None, None, min(APART, len(q) - 1))

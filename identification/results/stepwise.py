@@ -4,7 +4,6 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.torque_logs import torque_of
 from identification.replay.extended import Extended
@@ -17,6 +16,7 @@ from identification.search.outcome import Fit
 from identification.search.polish import start_of_fit, torque_fit
 from identification.search.problem import Problem
 from plant import Record
+from plant.parts.fields import Floats
 
 _NAMED = 3
 """Alternatives that are named, at most."""
@@ -50,12 +50,10 @@ _LATE, _SHIFTS = 1.0, 2
 """Delay [samples] beyond which counts are not late, but something else; and how often it is estimated anew."""
 
 
-def detect(
-    problem: Problem, fit: Fit, delay: float = 0.0, rounding: NDArray[np.float64] | None = None
-) -> Detection:  # fmt: skip
+def detect(problem: Problem, fit: Fit, delay: float = 0.0, rounding: Floats | None = None) -> Detection:
     """Test a fit to a problem.
 
-    `fit`: where to begin; the model is fitted anew, to the records kept aside as well. `delay`: of the counts, if it is
+    `fit`: where to begin; the model is fitted anew, to the records held out as well. `delay`: of the counts, if it is
     known already that one of this size [samples] is worth a trial. `rounding` (M,): innovations of the records that
     were searched, as far as rounding makes them; see `Outcome`.
     """
@@ -90,7 +88,7 @@ class _Refit(NamedTuple):
 
     sign: Sign
     at: Optimum
-    step: NDArray[np.float64]
+    step: Floats
 
 
 class _Search:
@@ -196,7 +194,7 @@ class _Search:
             sign = delay_sign(at) or sign
         return self._compared(dataclasses.replace(sign, values={"delay": delay}), at, self.step)
 
-    def _compared(self, sign: Sign, at: Optimum, step: NDArray[np.float64]) -> _Refit:
+    def _compared(self, sign: Sign, at: Optimum, step: Floats) -> _Refit:
         explained = self.at.squares - at.squares
         if sign.name == "backlash":  # it moves in and out of contact: the fit may end beside what was tried
             explained = max(explained, sign.explained)
@@ -226,7 +224,7 @@ def _may_follow(sign: Sign, named: list[Sign]) -> bool:
     return sign.name not in names and not (sign.name in ("lag", "delay") and names & {"lag", "delay"})
 
 
-def _efforts(record: Record) -> NDArray[np.float64]:
+def _efforts(record: Record) -> Floats:
     """Torque [N m] and speed [rad/s] of each motor (2, n), rms over a record; a little where there is none."""
     drive = record.rig.drive
     torque = np.array([drive.motor_torque(row) for row in torque_of(record)])

@@ -12,7 +12,7 @@ from plant.parts.user_warning import warn
 
 
 class IdentificationWarning(UserWarning):
-    """What was found is in doubt.
+    """What was found has warnings: it is unreliable.
 
     Given once by `identify`, and by each law that is built on the identification; ``found.warnings`` has the lines.
     ``warnings.simplefilter("error", IdentificationWarning)`` makes it an error. An arm and a rig, as in
@@ -26,7 +26,7 @@ class IdentificationWarning(UserWarning):
     --------
     >>> import warnings
     >>> from identification import IdentificationWarning
-    >>> warnings.simplefilter("error", IdentificationWarning)    # what is in doubt stops a script
+    >>> warnings.simplefilter("error", IdentificationWarning)    # an unreliable result stops a script
     >>> warnings.simplefilter("default", IdentificationWarning)
     """
 
@@ -37,7 +37,7 @@ def doubts(found: Any) -> list[str]:
 
 
 def warn_of_doubts(found: Any, user: str) -> None:
-    """Warn if an `Identification` is in doubt; `user` is what takes it."""
+    """Warn if an `Identification` is unreliable; `user` is what takes it."""
     lines = doubts(found)
     if lines:
         what = "1 warning" if len(lines) == 1 else f"{len(lines)} warnings"
@@ -60,11 +60,11 @@ def said_of(found: Any, full: bool) -> Iterator[Piece]:
     doubtful = len(doubts(found))
     count = f"{doubtful} warning{'s' * (doubtful > 1)}"
     clear = "Nothing in the log contradicts what was stated."
-    yield Verdict(f"In doubt: {count}, below." if doubtful else clear, not doubtful)
+    yield Verdict(f"Unreliable: {count}, below." if doubtful else clear, not doubtful)
     yield f"{found.search.method}, {len(found.records)} record(s): {found.message}"
     if found.held_out:
         named = ", ".join(record.name or f"a record of {len(record)} samples" for record in found.held_out)
-        yield f"kept aside, and only repeated: {named}"
+        yield f"validation, only simulated: {named}"
     yield from [_values(found)] if full else _abreast(found)
     yield from inside(found.diagnostics)
     if found.fit.noise_covariance is not None:
@@ -150,7 +150,7 @@ def _values(found: Any) -> Table:
         interval = f"[{value - 1.96 * std:.5g}, {value + 1.96 * std:.5g}]"
         together = f"{names[most]} ({others[i, most]:+.2f})"
         rows.append((names[i], values[i], f"{std:.2g}", f"{bounds[i]:.2g}", interval, together))
-    head: tuple[str, ...] = ("", "value", "std", "bound", "95 % interval", "largest correlation")
+    head: tuple[str, ...] = ("", "value", "std", "Cramér-Rao bound", "95 % interval", "largest correlation")
     if not np.isfinite(bounds).all():
         head, rows = head[:3] + head[4:], [row[:3] + row[4:] for row in rows]
     return Table(head, rows, words=(len(head) - 1,))

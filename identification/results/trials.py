@@ -3,9 +3,9 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.replay.optimum import Optimum
+from plant.parts.fields import Floats
 
 _LOWEST, _HIGHEST = 15.0, 250.0
 """Resonances between which compliance is tried [Hz]."""
@@ -14,7 +14,7 @@ _RATIO, _FINE = 1.25, 1.1
 """Of one to the next: under a law that follows the counts, and where torques are repeated, whose effect is narrow."""
 
 _WIDTHS = (1, 2, 4, 8, 16)
-"""Backlash that is tried [pulses], in a gear that else has a resonance at:"""
+"""Backlash that is tested [pulses], in a gear that else has a resonance at:"""
 
 CONTACT = 300.0
 """[Hz]"""
@@ -63,7 +63,7 @@ def backlash(at: Optimum) -> list[Trial]:
 
 def _tried(at: Optimum, tried: list[dict[str, float]]) -> list[Trial]:
     """The trials that follow the log."""
-    many: list[NDArray[np.float64]] = []
+    many: list[Floats] = []
     for values in tried:
         many.append(at.values.copy())
         for name, value in values.items():

@@ -45,7 +45,7 @@ def of_rotors(found: Any) -> Iterator[str]:
             if abs(value - rotors[i]) > _SURE * own_std + _OTHER * rotors[i] > 0:
                 yield (
                     f"the rotor of {label} is not as stated: {name} is {value:.3g} {unit}, {stated}. The law has what "
-                    "was found; what is said of gears that give has what is stated. Check motor_inertia and gear."
+                    "was found; what is said of elastic joints has what is stated. Check motor_inertia and gear."
                 )
 
 
@@ -67,7 +67,7 @@ _FAR, _FAR_ROUNDED = 0.9, 1.5
 path as well."""
 
 _WORSE, _ROUNDINGS = 1.5, 0.58
-"""How much worse a record kept aside may be repeated, and the difference [pulses] that two roundings alone give."""
+"""How much worse a record held out may be repeated, and the difference [pulses] that two roundings alone give."""
 
 _BIASED = 0.08
 """Relative bias of least squares in a band that is tolerated."""
@@ -129,18 +129,18 @@ def _of_torques(found: Any) -> Iterator[str]:
     right = [band for band, ratio in bands.items() if abs(ratio - 1) < _BIASED]
     if bands and not right:
         yield (
-            "least squares on these torques agrees in no band with what repeats the motion; ask record.check() for "
+            "least squares on these torques agrees in no band with what reproduces the motion; ask record.check() for "
             "order, signs and units of torques and positions."
         )
     elif any(band > max(right) for band in bands):
         small = ", ".join(f"{ratio:.2f} at {band:.3g}" for band, ratio in bands.items() if band > max(right))
         yield (
             f"least squares on these torques is biased in bands above {max(right):.3g} Hz: it finds {small} Hz of what "
-            "repeats the motion."
+            "reproduces the motion."
         )
     if zeros is not None and np.abs(zeros).max() > _ZERO:
         joint = found.arm.dynamics.chain.joint_labels[int(np.abs(zeros).max(axis=0).argmax())]
-        yield f"a counter's zero of {joint} ends half a radian away; was it set to zero at the start of the run?"
+        yield f"the encoder offset of {joint} ends half a radian away; was it set to zero at the start of the run?"
 
 
 def _of_law(found: Any) -> Iterator[str]:
@@ -184,12 +184,12 @@ def _of_unknowns(found: Any) -> Iterator[str]:
 
 
 def _of_loops(found: Any) -> Iterator[str]:
-    """Loops that swing by themselves, each record once, at the frequency of its first joint that does."""
+    """Loops that oscillate by themselves, each record once, at the frequency of its first joint that does."""
     for i, record in enumerate(found.records):
         if (hz := own_oscillation(record)) is not None:
             which = f"records[{i}]" if len(found.records) > 1 else "the log"
             yield (
-                f"the loop of {which} swings by itself at {hz:.3g} Hz, where the model's may not: it is "
+                f"the loop of {which} oscillates at {hz:.3g} Hz, where the model's may not: it is "
                 "unstable, or nearly. Lower the gains and log again, or state its cause (current_lag=, elasticity=)."
             )
 
@@ -219,7 +219,7 @@ def _of_repeats(found: Any, replayed: bool) -> Iterator[str]:
         )
     if held_out is not None and held_out > _WORSE * max(difference, _ROUNDINGS):
         yield (
-            f"a record kept aside differs by {held_out:.2f} pulses, those searched by "
+            f"a validation record differs by {held_out:.2f} pulses, those searched by "
             f"{difference:.2f}: the values do not hold for both."
         )
 
@@ -241,8 +241,8 @@ def _of_pairs(found: Any) -> Iterator[str]:
     if len(pairs) > _MANY:
         those = sorted({name for pair in pairs for name in pair}, key=names.index)
         yield (
-            f"{', '.join(those)} are not separately identifiable ({len(pairs)} pairs): the log tells too little of "
-            "them, or the model is not its robot's."
+            f"{', '.join(those)} are not separately identifiable ({len(pairs)} pairs): the log excites "
+            "them too little, or the model is not its robot's."
         )
         return
     for one, other in pairs:

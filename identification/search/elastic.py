@@ -10,18 +10,18 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.gear_fit import Deflection, GearFit, fit_deflection, fit_gears
-from identification.replay.gauss_newton import Solution, gauss_newton, slopes
-from identification.replay.prediction import Prediction
+from identification.equation_error.pulse_fit import NO_BAND
+from identification.replay.gauss_newton import Solution, gauss_newton, reweighed, slopes
 from identification.replay.profile_likelihood import Profile
 from identification.replay.resonances import INFLATION, STIFFNESS, Resonances, Start, link_inertia
 from identification.search.gear_resonance import GearResonance
-from identification.search.outcome import Fit, Outcome
+from identification.search.outcome import Outcome, fit_of
 from identification.search.polish import start_of_fit
 from identification.search.problem import Problem
 from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA, least_inertia_margin
+from plant.parts.fields import Floats
 from plant.parts.sums import dot
 from plant.simulation.followed_path import path_of, start_of
 
@@ -45,7 +45,7 @@ class Intervals:
         self._unit = view.settle(solution.values)
         n = len(view.inertia(solution.values))
         self._periods, self._rigid = np.zeros((n, 2)), np.zeros(n, bool)
-        self.better: NDArray[np.float64] | None = None
+        self.better: Floats | None = None
         steps = start.steps.copy()
         varied = np.flatnonzero(steps) if view.stiffness else np.empty(0, int)
         change = slopes(view, solution.values, steps, varied, view.innovations(solution.values))
@@ -68,14 +68,14 @@ class Intervals:
     def _std(self, place: int) -> float:
         return float(np.sqrt(INFLATION * self._solution.covariance[place, place]))
 
-    def covariance(self) -> NDArray[np.float64]:
+    def covariance(self) -> Floats:
         """Of the values (k, k); zero for stiffness and damping of a gear that may be rigid."""
         change = self._view.slopes(self._solution.values)
         for places in (self._view.stiffness, self._view.damping):
             change[[place for i, place in places.items() if self._rigid[i]]] = 0.0
         return INFLATION * change @ self._solution.covariance @ change.T
 
-    def resonance(self, joints: Sequence[str], pose: NDArray[np.float64]) -> GearResonance:
+    def resonance(self, joints: Sequence[str], pose: Floats) -> GearResonance:
         """The table of what was found."""
         view, solution = self._view, self._solution
         hz, ratio = view.resonances(solution.values)
@@ -110,11 +110,11 @@ _MIDDLE = 2
 _LEAST_SHARE = 0.1
 """Share of D_ii that a link has at least, for the first grid."""
 
-_WEIGHINGS, _BETTER = 2, 3
-"""How often, at most, records and joints are weighted anew, and a better fit that a profile meets is taken up."""
+_BETTER = 3
+"""How often, at most, a better fit that a profile meets is taken up."""
 
 
-def pose_of(problem: Problem) -> NDArray[np.float64]:
+def pose_of(problem: Problem) -> Floats:
     """Where the motors of the first record begin (n,) [rad]."""
     return np.asarray(start_of(problem.records[0], path_of(problem.records[0]))[0], dtype=float)
 
@@ -131,9 +131,7 @@ def gear_fits(problem: Problem) -> list[GearFit]:
     stiff = np.full((1, dynamics.n), _RIGID)
     rigid = fit_gears(dynamics, records, problem.unknown, problem.known, stiff)
     if not rigid:
-        raise ValueError(
-            "the unknowns must be identifiable in some band; they are in none. Log a motion that excites more."
-        )
+        raise ValueError(NO_BAND)
     first = rigid[min(len(rigid) - 1, _MIDDLE)]
     fit = first.torque
     values = dict(zip(fit.names, fit.values, strict=True)) | problem.known
@@ -149,10 +147,7 @@ def gear_fits(problem: Problem) -> list[GearFit]:
 
 def elastic(problem: Problem, *, simulated: bool = False) -> Outcome:
     """Prediction error (output error, if simulated) of an arm on elastic gears, with what is unknown of them."""
-    prediction = Prediction(
-        problem.dynamics, problem.records, problem.unknown, simulated=simulated, zeros=problem.zeros, steady=True,
-        **problem.options,
-    )  # fmt: skip
+    prediction = problem.prediction(simulated=simulated, zeros=problem.zeros, steady=True)
     seen = _deflection(problem)
     view = Resonances(
         prediction, problem.dynamics, problem.records[0].rig, pose_of(problem), problem.known,
@@ -161,10 +156,7 @@ def elastic(problem: Problem, *, simulated: bool = False) -> Outcome:
     starts = _starts(problem, view, gear_fits(problem) if seen is None else [seen])
     stages = {"equation error": view.values(starts[0].coordinates)[: len(problem.unknown)]}
     start, solution = _followed(view, starts)
-    for _ in range(_WEIGHINGS):
-        if not view.reweigh(solution.values):
-            break
-        solution = gauss_newton(view, solution.values, start.steps, start.bounds)
+    solution = reweighed(view, solution, start.steps, start.bounds)
     for left in reversed(range(_BETTER + 1)):
         intervals = Intervals(view, solution, start, final=not left)
         if intervals.better is None:
@@ -222,7 +214,7 @@ def _followed(view: Resonances, starts: list[Start]) -> tuple[Start, Solution]:
 
 
 def _outcome(
-    problem: Problem, view: Resonances, solution: Solution, intervals: Intervals, stages: dict[str, NDArray[np.float64]]
+    problem: Problem, view: Resonances, solution: Solution, intervals: Intervals, stages: dict[str, Floats]
 ) -> Outcome:
     k, prediction = len(problem.unknown), view.prediction
     values = view.values(solution.values)
@@ -234,12 +226,11 @@ def _outcome(
             "D(q) of the fit less the motors' own inertia, Jm k^2, leaves no sound link behind some gear; check "
             "motor_inertia and gears, or log longer"
         )
-    fit = Fit(
-        unknown=problem.unknown,
-        values=values[:k],
-        candidates=values[None, :k],
+    fit = fit_of(
+        solution,
+        problem.unknown,
+        values[:k],
         covariance=intervals.covariance()[:k, :k],
-        rms_innovation=solution.rms_innovation,
         fallback_reason=reason,
         zeros=prediction.zeros_in(values) if problem.zeros else None,
         resonance=intervals.resonance(problem.dynamics.chain.joint_labels, pose_of(problem)),

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict, Warned
@@ -39,13 +40,13 @@ class GearResonance(Shown, Frozen):
     """
 
     joints: tuple[str, ...]
-    pose: NDArray[np.float64]
-    hz: NDArray[np.float64]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
-    damping_ratio: NDArray[np.float64]
-    damping_low: NDArray[np.float64]
-    damping_high: NDArray[np.float64]
+    pose: Floats
+    hz: Floats
+    low: Floats
+    high: Floats
+    damping_ratio: Floats
+    damping_low: Floats
+    damping_high: Floats
     searched: NDArray[np.bool_]
     played: tuple[str, ...] = ()
 
@@ -78,6 +79,6 @@ class GearResonance(Shown, Frozen):
         yield Table(("", "[Hz]", "interval", "damping ratio"), rows, words=(2, 3))
         if self.played and self.searched.any():
             yield Warned([
-                f"bounds alone: the log shows backlash at {', '.join(self.played)} that the rig does not state, and "
+                f"bounds alone: backlash was found at {', '.join(self.played)} that the rig does not state, and "
                 "the search takes it for compliance. State it in the Elasticity, and identify again."
             ])  # fmt: skip

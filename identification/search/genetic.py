@@ -6,12 +6,10 @@ L bits per chromosome, p variables. Read `minimize_genetic`, `_next_generation`,
 one file: the operators are short and mean little apart, hence more than 250 lines.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from numbers import Integral, Real
-from typing import Any, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -84,7 +82,7 @@ class GeneticSettings:
         _code([(0, 1)] * max(np.size(self.bits_per_variable), 1), self.bits_per_variable, self.coding)
 
     @classmethod
-    def paper(cls, **changes: Any) -> GeneticSettings:
+    def paper(cls, **changes: Any) -> Self:
         """Return the settings of the paper with `changes` by name. Source: paper section 3.7."""
         return cls(**changes)
 
@@ -422,13 +420,7 @@ def reinsert(
 
 
 def migrate(
-    chromosomes: Bits,
-    costs: Floats,
-    subpopulations: int,
-    rate: float,
-    rng: np.random.Generator,
-    *,
-    safe: bool = True,
+    chromosomes: Bits, costs: Floats, subpopulations: int, rate: float, rng: np.random.Generator, *, safe: bool = True
 ) -> tuple[Bits, Floats]:
     """Return chromosomes (P, L), costs (P,) after migration in a complete net, of copies, all at the same time.
 

@@ -15,12 +15,10 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.pulse_fit import fit_systems, pass_band, system_of
 from identification.equation_error.regressor import linear
 from identification.equation_error.torque_fit import TorqueFit
-from identification.replay.prediction import Prediction
 from identification.replay.timing import delay_of, is_late
 from identification.search.elastic import elastic
 from identification.search.genetic import GeneticResult, minimize_genetic
@@ -28,6 +26,7 @@ from identification.search.memory import with_memory
 from identification.search.outcome import Fit, Outcome
 from identification.search.polish import polished, start_of_fit, torque_fit
 from identification.search.problem import Problem
+from plant.parts.fields import Floats
 
 _BOX = 4.0
 """Half width of the box around the equation error, in its standard deviations."""
@@ -64,7 +63,7 @@ def paper(problem: Problem) -> Outcome:
     return Outcome(fit=fit, evaluations=result.evaluations, message=result.message, genetic=result)
 
 
-def _as_good(vectors: NDArray[np.float64], costs: NDArray[np.float64]) -> NDArray[np.float64]:
+def _as_good(vectors: Floats, costs: Floats) -> Floats:
     """Those within the noise of the best, once each, best first."""
     order = np.argsort(costs, kind="stable")
     order = order[costs[order] <= (1 + _NOISE) * costs[order[0]]]
@@ -72,7 +71,7 @@ def _as_good(vectors: NDArray[np.float64], costs: NDArray[np.float64]) -> NDArra
     return vectors[order[np.sort(first)]]
 
 
-def _genetic(problem: Problem, ranges: NDArray[np.float64]) -> GeneticResult:
+def _genetic(problem: Problem, ranges: Floats) -> GeneticResult:
     costs, show = problem.checkpoint.remembered("costs", problem.objective), problem.show
     shown = None if show is None else lambda state: show(state.best_cost)
     return minimize_genetic(costs, ranges, problem.settings, problem.seed, callback=shown)
@@ -91,7 +90,7 @@ def didim(problem: Problem) -> Outcome:
     """
     fit = torque_fit(problem)
     stages = {"equation error": start_of_fit(problem, fit)[0]}
-    simulated = Prediction(problem.dynamics, problem.records, problem.unknown, simulated=True, **problem.options)
+    simulated = problem.prediction(simulated=True)
     unknown = linear(problem.dynamics, problem.records[0].rig, problem.unknown)
     bands = [_BELOW * pass_band(record) for record in problem.records]
     while simulated.evaluations < _ROUNDS:
@@ -167,21 +166,15 @@ def seeded(problem: Problem) -> Outcome:
     if fit.fallback_reason is None and is_late(*delayed):
         return outcome  # only another arm repeats errors of late counts; this one's intervals count the delay
     reason = fit.fallback_reason or (
-        "the fit that follows the counts does not repeat the errors when simulated; check rig, law and signs"
+        "the fit that follows the counts does not reproduce the errors when simulated; check rig, law and signs"
     )
     message = "The genetic algorithm's best, in a box around the equation error."
     fit = Fit(unknown=problem.unknown, values=result.x, candidates=result.x[None], fallback_reason=reason)
     return dataclasses.replace(outcome, fit=fit, message=message)
 
 
-METHODS: dict[str, Callable[[Problem], Outcome]] = {
-    "seeded": seeded,
-    "paper": paper,
-    "equation_error": equation_error,
-    "didim": didim,
-    "output_error": output_error,
-    "prediction_error": prediction_error,
-}
+_EVERY: tuple[Callable[..., Outcome], ...] = (seeded, paper, equation_error, didim, output_error, prediction_error)
+METHODS: dict[str, Callable[[Problem], Outcome]] = {method.__name__: method for method in _EVERY}
 
 
 def _of_fit(problem: Problem, fit: TorqueFit) -> Outcome:
@@ -194,7 +187,7 @@ def _of_fit(problem: Problem, fit: TorqueFit) -> Outcome:
     return Outcome(fit=found, message=message)
 
 
-def _root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+def _root(covariance: Floats) -> Floats:
     """A lower triangle L with L L^T = covariance, in plain sums; zero rows stay zero."""
     root = np.zeros_like(covariance)
     for i in range(len(root)):

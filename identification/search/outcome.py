@@ -1,98 +1,21 @@
 """What a method of identification gives back: the fit, how it came about, and what a result keeps of the search."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator, Sequence
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.law_memory import Resumption
+from identification.replay.gauss_newton import Solution
 from identification.search.gear_resonance import GearResonance
 from identification.search.genetic import GeneticResult, GeneticSettings
 from identification.search.problem import Problem, Tolerances
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown
 from plant.parts.tables import Table
-
-
-@kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Search(Shown, Frozen):
-    """How the unknowns were searched.
-
-    Attributes
-    ----------
-    method : str
-    seed : int
-    settings : GeneticSettings
-    tolerances : Tolerances
-        Within which the rigs are right, as the intervals count them.
-    ranges : (k, 2) numpy.ndarray or None
-        Those that were given.
-    stages : dict
-        What each stage before the last found: name -> (k,) values.
-    initial_objective : float
-        Objective (4) of the best candidate of the first generation [pulses^2]; of a method without generations, that
-        of the result.
-    initial_population : (P, k) numpy.ndarray
-    initial_costs : (P,) numpy.ndarray
-        Objective (4) of each of them, inf for one that is no arm or diverges.
-    history : (generations + 1, 3) numpy.ndarray
-        Best, mean and worst finite objective of each generation.
-    evaluations : int
-        Simulated experiments.
-    seconds : float
-        Of the whole identification.
-    message : str
-        Why the search ended.
-    """
-
-    method: str
-    seed: int
-    settings: GeneticSettings
-    tolerances: Tolerances
-    ranges: NDArray[np.float64] | None
-    stages: dict[str, NDArray[np.float64]]
-    initial_objective: float
-    initial_population: NDArray[np.float64]
-    initial_costs: NDArray[np.float64]
-    history: NDArray[np.float64]
-    evaluations: int
-    seconds: float = dataclasses.field(compare=False)
-    message: str
-
-    def _short(self) -> str:
-        return f"{self.method}, seed {self.seed}, {self.evaluations} evaluations in {self.seconds:.1f} s"
-
-    def _shown(self) -> Iterator[Piece]:
-        yield f"{self.message}"
-        rows = [("method", self.method), ("seed", f"{self.seed}"), ("evaluations", f"{self.evaluations}")]
-        rows += [("generations", f"{max(len(self.history) - 1, 0)}"), ("time [s]", f"{self.seconds:.1f}")]
-        yield Table((), rows)
-
-    @classmethod
-    def of(cls, problem: Problem, outcome: Outcome, objective: float, seconds: float) -> Search:
-        """The search of a problem that had this outcome, with the result's objective (4)."""
-        genetic = outcome.genetic
-        return cls(
-            method=problem.method,
-            seed=problem.seed,
-            settings=problem.settings,
-            tolerances=problem.tolerances,
-            ranges=problem.ranges,
-            stages=outcome.stages,
-            initial_objective=objective if genetic is None else genetic.initial_cost,
-            initial_population=np.empty((0, len(problem.unknown))) if genetic is None else genetic.initial_population,
-            initial_costs=np.empty(0) if genetic is None else genetic.initial_costs,
-            history=np.empty((0, 3)) if genetic is None else genetic.history,
-            evaluations=outcome.evaluations,
-            seconds=seconds,
-            message=outcome.message,
-        )
-
 
 for _each in (GeneticSettings, GeneticResult, Resumption):  # they know nothing of files
     kept(_each)
@@ -132,15 +55,15 @@ class Fit(Shown, Frozen):
     """
 
     unknown: tuple[str, ...]
-    values: NDArray[np.float64]
-    candidates: NDArray[np.float64]
-    covariance: NDArray[np.float64] | None = None
-    noise_covariance: NDArray[np.float64] | None = None
+    values: Floats
+    candidates: Floats
+    covariance: Floats | None = None
+    noise_covariance: Floats | None = None
     rms_innovation: float | None = None
     fallback_reason: str | None = None
-    zeros: NDArray[np.float64] | None = None
+    zeros: Floats | None = None
     resumptions: tuple[Resumption | None, ...] = ()
-    gains: NDArray[np.float64] | None = None
+    gains: Floats | None = None
     resonance: GearResonance | None = None
 
     def _short(self) -> str:
@@ -155,7 +78,7 @@ class Fit(Shown, Frozen):
             yield f"a fallback: {self.fallback_reason}"
 
     @property
-    def std(self) -> NDArray[np.float64]:
+    def std(self) -> Floats:
         """Standard deviations (k,) of the values.
 
         Raises
@@ -166,12 +89,12 @@ class Fit(Shown, Frozen):
         return np.sqrt(np.diag(self._required_covariance))
 
     @property
-    def correlation(self) -> NDArray[np.float64]:
+    def correlation(self) -> Floats:
         """Correlations (k, k) of the values; of what was kept fixed, zero."""
         std = np.where(self.std > 0, self.std, np.inf)
         return self._required_covariance / np.outer(std, std)
 
-    def covariance_of(self, names: Sequence[str]) -> NDArray[np.float64]:
+    def covariance_of(self, names: Sequence[str]) -> Floats:
         """Covariance (m, m) of numbers by their names; zero of what was not unknown, or where there is none."""
         found = np.zeros((len(names),) * 2)
         if self.covariance is not None:
@@ -181,11 +104,18 @@ class Fit(Shown, Frozen):
         return found
 
     @property
-    def _required_covariance(self) -> NDArray[np.float64]:
+    def _required_covariance(self) -> Floats:
         if self.covariance is None:
             why = self.fallback_reason or "its method has none; use the default method"
             raise ValueError(f"standard deviations need a covariance; this fit provides none: {why}.")
         return self.covariance
+
+
+def fit_of(solution: Solution, unknown: tuple[str, ...], values: Floats, **more: Any) -> Fit:
+    """Of the first unknowns of a Gauss-Newton, with these values (k,); `more`: further fields, in place of its own."""
+    k = len(values)
+    own: dict[str, Any] = {"covariance": solution.covariance[:k, :k], "rms_innovation": solution.rms_innovation}
+    return Fit(unknown=unknown, values=values, candidates=values[None], **own | more)
 
 
 @kept
@@ -203,5 +133,81 @@ class Outcome(Frozen):
     message: str = ""
     evaluations: int = 0
     genetic: GeneticResult | None = None
-    rounding: NDArray[np.float64] | None = None
-    stages: dict[str, NDArray[np.float64]] = dataclasses.field(default_factory=dict)
+    rounding: Floats | None = None
+    stages: dict[str, Floats] = dataclasses.field(default_factory=dict)
+
+
+@kept
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Search(Shown, Frozen):
+    """How the unknowns were searched.
+
+    Attributes
+    ----------
+    method : str
+    seed : int
+    settings : GeneticSettings
+    tolerances : Tolerances
+        Within which the rigs are right, as the intervals count them.
+    ranges : (k, 2) numpy.ndarray or None
+        Those that were given.
+    stages : dict
+        What each stage before the last found: name -> (k,) values.
+    initial_objective : float
+        Objective (4) of the best candidate of the first generation [pulses^2]; of a method without generations, that
+        of the result.
+    initial_population : (P, k) numpy.ndarray
+    initial_costs : (P,) numpy.ndarray
+        Objective (4) of each of them, inf for one that is no arm or diverges.
+    history : (generations + 1, 3) numpy.ndarray
+        Best, mean and worst finite objective of each generation.
+    evaluations : int
+        Simulated experiments.
+    seconds : float
+        Of the whole identification.
+    message : str
+        Why the search ended.
+    """
+
+    method: str
+    seed: int
+    settings: GeneticSettings
+    tolerances: Tolerances
+    ranges: Floats | None
+    stages: dict[str, Floats]
+    initial_objective: float
+    initial_population: Floats
+    initial_costs: Floats
+    history: Floats
+    evaluations: int
+    seconds: float = dataclasses.field(compare=False)
+    message: str
+
+    def _short(self) -> str:
+        return f"{self.method}, seed {self.seed}, {self.evaluations} evaluations in {self.seconds:.1f} s"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield f"{self.message}"
+        rows = [("method", self.method), ("seed", f"{self.seed}"), ("evaluations", f"{self.evaluations}")]
+        rows += [("generations", f"{max(len(self.history) - 1, 0)}"), ("time [s]", f"{self.seconds:.1f}")]
+        yield Table((), rows)
+
+    @classmethod
+    def of(cls, problem: Problem, outcome: Outcome, objective: float, seconds: float) -> Self:
+        """The search of a problem that had this outcome, with the result's objective (4)."""
+        genetic = outcome.genetic
+        return cls(
+            method=problem.method,
+            seed=problem.seed,
+            settings=problem.settings,
+            tolerances=problem.tolerances,
+            ranges=problem.ranges,
+            stages=outcome.stages,
+            initial_objective=objective if genetic is None else genetic.initial_cost,
+            initial_population=np.empty((0, len(problem.unknown))) if genetic is None else genetic.initial_population,
+            initial_costs=np.empty(0) if genetic is None else genetic.initial_costs,
+            history=np.empty((0, 3)) if genetic is None else genetic.history,
+            evaluations=outcome.evaluations,
+            seconds=seconds,
+            message=outcome.message,
+        )

@@ -4,7 +4,6 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.least_squares import least_squares
 from identification.equation_error.naming import first_problem
@@ -12,11 +11,12 @@ from identification.equation_error.pulse_fit import equation_error as fit_pulses
 from identification.equation_error.pulse_fit import over_bands
 from identification.equation_error.regressor import SPRINGS
 from identification.equation_error.torque_fit import TorqueFit
-from identification.replay.gauss_newton import DEPENDENT, Solution, gauss_newton, noise
+from identification.replay.gauss_newton import DEPENDENT, Solution, gauss_newton, noise, reweighed
 from identification.replay.prediction import Prediction
-from identification.search.outcome import Fit, Outcome
+from identification.search.outcome import Outcome, fit_of
 from identification.search.problem import Problem
 from plant.machine.motor_inertia import least_inertia_margin
+from plant.parts.fields import Floats
 
 _SMALL = 0.01
 """Step of the central differences, in standard deviations of the equation error."""
@@ -30,15 +30,12 @@ _ROUNDED = 8
 _OF_ZERO = 0.02
 """Step of a spring's number, such as an angle, that is 0 in the record [SI]."""
 
-_WEIGHINGS = 2
-"""How often records and joints are weighted anew."""
-
 
 def torque_fit(problem: Problem) -> TorqueFit:
     """The torque equation's fit; of logged torques, in the band where it holds best and gives an arm."""
     if not any(problem.replays):
         return fit_pulses(problem.dynamics, problem.records, problem.unknown, problem.known)
-    prediction = Prediction(problem.dynamics, problem.records, problem.unknown, **problem.options)
+    prediction = problem.prediction()
     fits = over_bands(problem.dynamics, problem.records, problem.unknown, problem.known).values()
     for fit in sorted(fits, key=lambda fit: fit.relative_error):
         values, _ = start_of_fit(problem, fit)
@@ -51,7 +48,7 @@ def torque_fit(problem: Problem) -> TorqueFit:
     )
 
 
-def start_of_fit(problem: Problem, fit: TorqueFit) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def start_of_fit(problem: Problem, fit: TorqueFit) -> tuple[Floats, Floats]:
     """Values (k,) of all unknowns, those that the fit lacks as range or record have them; and a step for each."""
     values, step = problem.nominal.copy(), np.abs(problem.nominal) * 0.02
     step[[i for i, name in enumerate(problem.unknown) if name.startswith(SPRINGS) and not step[i]]] = _OF_ZERO
@@ -68,21 +65,13 @@ def start_of_fit(problem: Problem, fit: TorqueFit) -> tuple[NDArray[np.float64],
 
 
 def polished(
-    problem: Problem,
-    start: NDArray[np.float64],
-    step: NDArray[np.float64],
-    stages: dict[str, NDArray[np.float64]],
-    *,
-    simulated: bool = False,
+    problem: Problem, start: Floats, step: Floats, stages: dict[str, Floats], *, simulated: bool = False
 ) -> Outcome:
     """The prediction error's fit from a start (the output error's, if simulated); the start where no arm comes of it.
 
     An arm is refused where D(q) leaves less than the motors' own inertia.
     """
-    prediction = Prediction(
-        problem.dynamics, problem.records, problem.unknown, simulated=simulated, zeros=problem.zeros,
-        memories=problem.memories, **problem.options,
-    )  # fmt: skip
+    prediction = problem.prediction(simulated=simulated, zeros=problem.zeros, memories=problem.memories)
     k, bounds = len(start), np.vstack([problem.bounds, prediction.nuisance_bounds])
     steps = np.append(_SMALL * step, prediction.nuisance_steps)
     first = np.append(start, prediction.nuisances)
@@ -90,10 +79,7 @@ def polished(
         solution = by_stages(prediction, first, steps, bounds, slice(k, k + 2 * problem.dynamics.n))
     else:
         solution = gauss_newton(prediction, first, steps, bounds)
-    for _ in range(_WEIGHINGS):
-        if not prediction.reweigh(solution.values):
-            break
-        solution = gauss_newton(prediction, solution.values, steps, bounds)
+    solution = reweighed(prediction, solution, steps, bounds)
     rounding = None
     if prediction.rounds:
         solution, rounding = _unbiased(prediction, solution, bounds, problem.seed)
@@ -104,12 +90,10 @@ def polished(
             "D(q) of the fit falls short of the motors' own inertia, Jm k^2; check motor_inertia, gears and motor_gain"
         )
         values = start
-    fit = Fit(
-        unknown=problem.unknown,
-        values=values,
-        candidates=values[None],
-        covariance=solution.covariance[:k, :k],
-        rms_innovation=solution.rms_innovation,
+    fit = fit_of(
+        solution,
+        problem.unknown,
+        values,
         fallback_reason=reason,
         zeros=prediction.zeros_in(solution.values) if problem.zeros else None,
         resumptions=prediction.resumptions(solution.values) if problem.memories else (),
@@ -119,9 +103,7 @@ def polished(
     return Outcome(fit=fit, message=message, evaluations=prediction.evaluations, stages=stages, rounding=rounding)
 
 
-def _unbiased(
-    prediction: Prediction, solution: Solution, bounds: NDArray[np.float64], seed: int
-) -> tuple[Solution, NDArray[np.float64] | None]:
+def _unbiased(prediction: Prediction, solution: Solution, bounds: Floats, seed: int) -> tuple[Solution, Floats | None]:
     """A solution less its bias by the rounding of counts, found on logs that the model makes itself and that round.
 
     At low speeds a loop feels single counts. That moves some unknowns by as much as their standard deviation. How far
@@ -134,7 +116,7 @@ def _unbiased(
     shifts = random.uniform(-0.5, 0.5, (_ROUNDED, *prediction.shape))
     try:
         logs = prediction.of_rounded(values, shifts)
-    except ValueError:  # what follows the counts does not repeat the log by itself
+    except ValueError:  # what follows the counts does not reproduce the log by itself
         return solution, None
     if not np.isfinite(logs).all():
         return solution, None
@@ -153,10 +135,7 @@ def _unbiased(
     return unbiased, np.mean(logs, axis=0) * prediction.scales
 
 
-def by_stages(
-    prediction: Any, values: NDArray[np.float64], steps: NDArray[np.float64], bounds: NDArray[np.float64],
-    gains: slice,
-) -> Solution:  # fmt: skip
+def by_stages(prediction: Any, values: Floats, steps: Floats, bounds: Floats, gains: slice) -> Solution:
     """Least sum of squares with observer gains that go down by stages, then are free.
 
     With high gains the innovations are nearly linear in what is unknown of a law's memory; low ones tell most.

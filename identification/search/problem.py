@@ -1,21 +1,20 @@
 """What a method of identification is given: experiments, unknowns, and where to look."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.law_memory import Memory
 from identification.replay.objective import Objective
+from identification.replay.prediction import Prediction
 from identification.search.genetic import GeneticSettings
 from plant import Arm, Dynamics, Law, Record, Resumed, Rig
 from plant.parts.arguments import real
 from plant.parts.checkpoint import Checkpoint
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 
@@ -78,7 +77,7 @@ class Tolerances(Frozen):
         return f"a rig that is right within {', '.join(said)}, and links of exactly the stated lengths"
 
     @classmethod
-    def none(cls) -> Tolerances:
+    def none(cls) -> Self:
         """All that the rig states taken for exact."""
         return cls(**dict.fromkeys((field.name for field in dataclasses.fields(cls)), 0.0))
 
@@ -105,8 +104,8 @@ class Problem:
     unknown: tuple[str, ...]
     objective: Objective
     held_out: Objective | None
-    nominal: NDArray[np.float64]
-    ranges: NDArray[np.float64] | None
+    nominal: Floats
+    ranges: Floats | None
     method: str
     settings: GeneticSettings
     seed: int
@@ -139,7 +138,7 @@ class Problem:
         return any(record.rig.drive.elasticity is not None for record in self.records)
 
     @property
-    def everywhere(self) -> NDArray[np.float64] | None:
+    def everywhere(self) -> Floats | None:
         """Ranges (k, 2), or those of the dynamics; None where there are neither."""
         if self.ranges is None and self.unknown == self.dynamics.names and self.dynamics.ranges is not None:
             return np.array(self.dynamics.ranges)
@@ -153,14 +152,18 @@ class Problem:
         return {name: low for name, (low, high) in zip(self.unknown, self.ranges.tolist(), strict=True) if low == high}
 
     @property
-    def bounds(self) -> NDArray[np.float64]:
+    def bounds(self) -> Floats:
         """Ranges (k, 2), or what physics says where there are none."""
         if self.ranges is not None:
             return self.ranges
         low = [0.0 if _POSITIVE.match(name) else -np.inf for name in self.unknown]
         return np.column_stack([low, np.full(len(low), np.inf)])
 
-    def parts(self, values: NDArray[np.float64]) -> tuple[Arm, Rig, Law]:
+    def prediction(self, **settings: Any) -> Prediction:
+        """Of these unknowns in these records; `settings`: those of `Prediction` beside its options."""
+        return Prediction(self.dynamics, self.records, self.unknown, **settings, **self.options)
+
+    def parts(self, values: Floats) -> tuple[Arm, Rig, Law]:
         """Arm, rig and law of the first record with these values (k,) of the unknowns."""
         named, first = dict(zip(self.unknown, values, strict=True)), self.objective.records[0]
         law = first.law.filled(named, "law.")  # type: ignore[union-attr]  # an Objective refuses records without a law

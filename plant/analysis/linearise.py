@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant.laws.law import Law
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
+from plant.parts.fields import Floats
 from plant.simulation.jacobians import jacobians
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def linearise(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> control.StateSpa
     )  # fmt: skip
 
 
-def modes(system: Any) -> NDArray[np.float64]:
+def modes(system: Any) -> Floats:
     """Frequency [Hz] and damping ratio of each oscillating mode of a linear model, or its A, slowest first: (k, 2).
 
     See Also

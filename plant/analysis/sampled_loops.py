@@ -113,15 +113,17 @@ def held(arm: Arm, rig: Rig, law: Law, block: Block, pose: Matrix) -> tuple[Matr
     counts, pulses = rig.counts(pose), rig.position_in_pulses(q)
     commanded, following = block.step(s, pose, 0, 0, counts, pulses, torque, block.period or 0.0, block.values)
     x, rest = ca.vertcat(q, s), ca.vertcat(commanded - torque, following - s)
-    newton = ca.Function("newton", [x], [rest, ca.jacobian(rest, x), torque])
+    newton = ca.Function("newton", [x], [rest, ca.jacobian(rest, x), torque, following])
     point = np.concatenate([pose, block.initial])
+    for _ in range(2):  # the first samples, of which a state may say that they are
+        point[n:] = newton(point)[-1].full().ravel()
     for _ in range(50):
-        left, slope, _ = (each.full() for each in newton(point))
+        left, slope = (each.full() for each in newton(point)[:2])
         change = np.linalg.lstsq(slope, left[:, 0], rcond=None)[0]
         point = point - change
         if np.abs(change).max() <= 1e-10 * (1 + np.abs(point).max()):
             break
-    left, _, torque = (each.full().ravel() for each in newton(point))
+    left, _, torque, _ = (each.full().ravel() for each in newton(point))
     if not np.abs(left).max() <= 1e-6 * (1 + np.abs(torque).max()):
         raise ValueError(f"{type(law).__name__} must hold the arm at rest at {pose}; it cannot. Give another pose.")
     return point[:n], point[n:], torque, rig.position_in_pulses(point[:n])

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from plant.checkup.counts import counts_findings
-from plant.checkup.finding import NO_TORQUE, Checkup, Finding
-from plant.checkup.oscillation import averaged, oscillation_findings, power
+from plant.checkup.finding import Checkup, Finding, unless
+from plant.checkup.oscillation import averaged, oscillation_findings, spectrum
 from plant.checkup.quantisation import quantisation_findings
 from plant.checkup.signals import Signals
 from plant.checkup.stamps import time_findings
@@ -37,22 +37,16 @@ _REVERSALS, _PLAY, _PLAY_SURE = 6, 0.5, 3.5
 
 def torque_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about torque and current, check by check."""
-    if signals.motor_torque is None:
-        for name in ("saturation", "clipped torque", "backlash"):
-            yield Finding.unknown(name, None, NO_TORQUE)
-    else:
-        yield from signals.each(_saturated, _clipped, _backlash)
-
-
-def _current(signals, i):
-    return signals.motor_torque[:, i] / signals.rig.drive.motor_gain[i]
+    why, names = signals.no_torque, ("saturation", "clipped torque", "backlash")
+    yield from unless(why, names, signals.each(_saturated, _clipped, _backlash))
 
 
 def _saturated(signals, i):
     limit = signals.rig.drive.current_limit[i]
     if not np.isfinite(limit):
         return Finding.unknown("saturation", i, "no current limit stated")
-    share = 100 * np.mean(np.abs(_current(signals, i)) >= _AT_LIMIT * limit)
+    current = signals.motor_torque[:, i] / signals.rig.drive.motor_gain[i]
+    share = 100 * np.mean(np.abs(current) >= _AT_LIMIT * limit)
     return Finding.graded(
         "saturation", i, share, "%", look=_SATURATED, wrong=_LOST,
         advice=f"The amplifier is at its limit of {limit:g} A: slow the motion down, or lower the gains.",
@@ -165,7 +159,8 @@ def _compliance(signals, i, fastest):
 def _spectrum(signals, i):
     """Frequencies [Hz], and power of the error there, averaged over neighbours."""
     error = signals.even((signals.reference - signals.counts)[:, i])
-    return np.fft.rfftfreq(len(error), signals.interval), averaged(power(error), _AVERAGED)
+    frequency, power = spectrum(error, signals.interval)
+    return frequency, averaged(power, _AVERAGED)
 
 
 _LEAST = 50

@@ -1,16 +1,13 @@
 """Findings of a checkup: one per check and joint, and the table of all of them."""
 
-from __future__ import annotations
-
 import dataclasses
-from collections.abc import Iterator
-from typing import Any
+import math
+from collections.abc import Iterable, Iterator
+from typing import Any, Self
 
 from plant.parts.labels import joint_label
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
-
-NO_TORQUE = "neither torque nor current, and no law that tells it"
 
 _ROUNDING = 1e-9
 """Printed as 0."""
@@ -43,32 +40,22 @@ class Finding(Shown):
     advice: str = ""
 
     @classmethod
-    def of(
-        cls, check: str, joint: int | None, value: Any, unit: str, verdict: str = "fine", advice: str = ""
-    ) -> Finding:
+    def of(cls, check: str, joint: int | None, value: Any, unit: str, verdict: str = "fine", advice: str = "") -> Self:
         """What a check measured, and its verdict."""
         value = None if value is None else float(value)
         return cls(check=check, joint=joint, value=value, unit=unit, verdict=verdict, advice=advice)
 
     @classmethod
     def graded(
-        cls,
-        check: str,
-        joint: int | None,
-        value: float,
-        unit: str,
-        *,
-        look: float,
-        wrong: float = float("inf"),
-        advice: str,
-    ) -> Finding:
+        cls, name: str, joint: int | None, value: float, unit: str, *, look: float, wrong: float = math.inf, advice: str
+    ) -> Self:
         """Judge the size of a value: fine up to `look`, wrong above `wrong`."""
         size = abs(value)
         verdict = "wrong" if size > wrong else "look" if size > look else "fine"
-        return cls.of(check, joint, value, unit, verdict, "" if verdict == "fine" else advice)
+        return cls.of(name, joint, value, unit, verdict, "" if verdict == "fine" else advice)
 
     @classmethod
-    def unknown(cls, check: str, joint: int | None, why: str, *, value: Any = None, unit: str = "") -> Finding:
+    def unknown(cls, check: str, joint: int | None, why: str, *, value: Any = None, unit: str = "") -> Self:
         """A check that this record does not allow."""
         return cls.of(check, joint, value, unit, f"cannot tell: {why}")
 
@@ -86,6 +73,11 @@ class Finding(Shown):
         yield Verdict(self._short(), self.ok)
         if self.advice:
             yield self.advice
+
+
+def unless(why: str, names: Iterable[str], findings: Iterable[Finding]) -> Iterator[Finding]:
+    """What checks of these names find; where there is a reason why they cannot tell, that."""
+    yield from (Finding.unknown(name, None, why) for name in names) if why else findings
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
@@ -122,7 +114,7 @@ class Checkup(Shown):
         for finding in self.findings:
             own = finding.joint if not finding.ok else None
             groups.setdefault((finding.check, finding.verdict, finding.unit, own), []).append(finding)
-        yield Verdict(f"{len(self.problems)} of {len(self.findings)} checks ask for a look: {self._short()}", self.ok)
+        yield Verdict(f"{len(self.problems)} of {len(self.findings)} checks need attention: {self._short()}", self.ok)
         rows, reasons = [], []
         for (name, verdict, unit, _), group in groups.items():
             label, *more = self._labels([finding.joint for finding in group])

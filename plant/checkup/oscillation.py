@@ -1,23 +1,23 @@
-"""Oscillation of the loop itself: errors that swing at a frequency which the reference does not contain, and go on.
+"""Oscillation of the loop itself: errors that oscillate at a frequency which the reference does not contain, and go on.
 
 A stable loop rings after each reversal of friction, and stays below its tracking error. One that is unstable, by a lag
-of its currents or by gears that give, swings ever wider, or until friction or the amplifier limit it.
+of its currents or by elastic gears, oscillates ever wider, or until friction or the amplifier limit it.
 """
 
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from plant.checkup.finding import Finding
+from plant.checkup.finding import Finding, unless
 from plant.checkup.signals import Signals
+from plant.parts.fields import Floats
 
 _CONTAINED, _BEYOND, _SLOWEST = 0.999, 5.0, 3.0
 """Share of the reference's power below the highest of its frequencies; and how many times that, and [Hz], is above."""
 
 _PARTS = 6
-"""Of the log, in whose median the error swings."""
+"""Of the log, in whose median the error oscillates."""
 
 _SWINGS, _LEAST = 0.8, 2.0
 """How much wider, RMS, than the slow part of the error: stable P loops come to 0.55; and in counts."""
@@ -31,23 +31,22 @@ _GROWN = 1.5
 _NAME, _UNIT = "oscillation", "Hz"
 
 
-def power(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Power spectrum of values (G,) about their mean, in a Hann window."""
-    return np.asarray(np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2)
+def spectrum(values: Floats, period: float) -> tuple[Floats, Floats]:
+    """Frequencies [Hz] and power of values (N,) or (N, n) about their mean, in a Hann window."""
+    window = np.hanning(len(values)).reshape(-1, *[1] * (values.ndim - 1))
+    power = np.abs(np.fft.rfft((values - values.mean(axis=0)) * window, axis=0)) ** 2
+    return np.asarray(np.fft.rfftfreq(len(values), period), dtype=np.float64), np.asarray(power, dtype=np.float64)
 
 
-def averaged(spectrum: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+def averaged(power: Floats, count: int) -> Floats:
     """A power spectrum, averaged over so many neighbours."""
-    return np.convolve(spectrum, np.ones(count) / count, mode="same")
+    return np.convolve(power, np.ones(count) / count, mode="same")
 
 
 def oscillation_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about oscillations of the loop, joint by joint."""
-    if signals.reference is None or not signals.long_enough or not signals.tracks.all():
-        why = "no reference" if signals.reference is None else "too short, or counts that do not track"
-        yield Finding.unknown(_NAME, None, why)
-        return
-    yield from signals.each(_oscillation)
+    why = "" if signals.long_enough and signals.tracks.all() else "too short, or counts that do not track"
+    yield from unless("no reference" if signals.reference is None else why, (_NAME,), signals.each(_oscillation))
 
 
 def own_oscillation(record: Any) -> float | None:
@@ -57,17 +56,16 @@ def own_oscillation(record: Any) -> float | None:
 
 def _oscillation(signals, i):
     error = signals.even((signals.reference - signals.counts)[:, i])
-    frequency = np.fft.rfftfreq(len(error), signals.interval)
-    contained = np.cumsum(power(signals.even(signals.reference[:, i])))
+    frequency, of_error = spectrum(error, signals.interval)
+    contained = np.cumsum(spectrum(signals.even(signals.reference[:, i]), signals.interval)[1])
     highest = frequency[np.searchsorted(contained, _CONTAINED * contained[-1])]
     fast = frequency > max(_BEYOND * highest, _SLOWEST)
     if fast.sum() < 10 * _AVERAGED:
         return Finding.unknown(_NAME, i, "the reference is as fast as the samples show")
-    of_error = power(error)
     around = averaged(of_error, _AVERAGED)
     own = frequency[np.argmax(of_error * fast)]
-    spectrum = np.fft.rfft(error - error.mean())
-    swinging, slow = (np.fft.irfft(spectrum * kept, len(error)) for kept in (fast, ~fast))
+    transform = np.fft.rfft(error - error.mean())
+    swinging, slow = (np.fft.irfft(transform * kept, len(error)) for kept in (fast, ~fast))
     parts = np.array([_rms(part) for part in np.array_split(swinging, _PARTS)])
     size, tracking = np.median(parts), _rms(slow)
     clear = around[fast].max() > _PEAK * np.median(around[fast])

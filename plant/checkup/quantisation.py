@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.checkup.finding import Finding
 from plant.checkup.signals import Signals
+from plant.parts.fields import Floats
 
 _COMB = 0.8
 """Amplitude (0 to 1) of a spectral line of the counts above which they are on a coarser grid."""
@@ -79,7 +79,7 @@ def _off(counts, step):
     return counts - step * np.round(counts / step)
 
 
-def comb(counts: NDArray[np.float64]) -> tuple[float, bool]:
+def comb(counts: Floats) -> tuple[float, bool]:
     """Step of the grid of whole counts (N,), and whether the motion is ever slow enough to tell.
 
     Counts of a coarser encoder, whole or rounded again, leave a comb in the histogram. Its period is that of the

@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from plant.checkup.torque_regression import AveragedRegression, TorqueRegression
 from plant.laws.replayed import commanded_torque
+from plant.parts.fields import Floats
 
 T = TypeVar("T")
 
-_WINDOW = 0.02
-"""Length of the smoothing window [s], but never less than so many samples:"""
-
-_LEAST = 21
+_WINDOW, _LEAST = 0.02, 21
+"""Length of the smoothing window [s], but never less than so many samples."""
 
 _SHIFTS, _SHIFT_SURE, _WILD = 2, 400.0, 5.0
 """Rows by which stamps and counts may be shifted; squared deviation of the intervals [noise^2] from which on a shift is
@@ -51,17 +50,15 @@ class Signals:
     def __init__(self, record: Any) -> None:
         self.record, self.rig, self.n = record, record.rig, record.n
         self.joint_labels = self.rig.joint_labels if record.law is None else record.law.joint_labels(self.rig)
-        keep = record.valid > 0
+        self._keep = keep = record.valid > 0
         self.t, self.counts = record.t[keep], record.counts[keep]
         self.reference = record.reference_pulses[keep] if record.reference_pulses.any() else None
-        drive = record.rig.drive
-        torque = None
+        drive, torque = record.rig.drive, None
         if record.torque is not None:
             torque = drive.motor_torque(record.torque)
         elif record.current is not None:
             torque = drive.motor_gain * record.current
         self.torque = None if torque is None else torque[keep]
-        self._keep = keep
         self.interval = float(np.median(np.diff(record.t))) if len(record) > 1 else record.rig.period
 
     def each(self, *checks: Callable[[Any, int], T]) -> Iterator[T]:
@@ -69,7 +66,7 @@ class Signals:
         for check in checks:
             yield from (check(self, i) for i in range(self.n))
 
-    def even(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def even(self, values: Floats) -> Floats:
         """Values (M,) at evenly spaced times."""
         return np.interp(np.arange(self.t[0], self.t[-1], self.interval), self.t, values)
 
@@ -85,11 +82,10 @@ class Signals:
         return ~(np.abs(self.tracking_slope - 1) > TRACKING)
 
     @functools.cached_property
-    def commanded(self) -> NDArray[np.float64] | None:
+    def commanded(self) -> Floats | None:
         """Motor torque (M, n) of a law without memory, and what was injected; None where the counts do not track."""
-        if self.reference is None or not self.tracks.all():
-            return None
-        commanded = commanded_torque(self.record)
+        tracked = self.reference is not None and self.tracks.all()
+        commanded = commanded_torque(self.record) if tracked else None
         if commanded is None:
             return None
         injected = 0.0 if self.record.injected is None else self.record.injected
@@ -103,9 +99,14 @@ class Signals:
         return broken & small & (not self.rig.encoder.smooth)
 
     @property
-    def motor_torque(self) -> NDArray[np.float64] | None:
+    def motor_torque(self) -> Floats | None:
         """Motor torque (M, n) as logged, or else as commanded; None without either."""
         return self.commanded if self.torque is None else self.torque
+
+    @property
+    def no_torque(self) -> str:
+        """Why nothing can be said of torques; empty where there are some."""
+        return "neither torque nor current, and no law that tells it" if self.motor_torque is None else ""
 
     @functools.cached_property
     def window(self) -> int:
@@ -134,17 +135,17 @@ class Signals:
         """Rows (G,) of `smooth` and `rates` that are valid: clear of gaps and ends."""
         return self._grid[1]
 
-    def smooth(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def smooth(self, values: Floats) -> Floats:
         """Values (M, n) at evenly spaced times, averaged over the window."""
         grid, _ = self._grid
         return np.column_stack([self.smooth_even(np.interp(grid, self.t, column)) for column in values.T])
 
-    def smooth_even(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def smooth_even(self, values: Floats) -> Floats:
         """Evenly spaced values (G,), averaged over the window."""
         kernel = np.hanning(self.window + 2)
         return np.convolve(values, kernel / kernel.sum(), mode="same")
 
-    def rates(self, smoothed: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def rates(self, smoothed: Floats) -> tuple[Floats, Floats]:
         """First and second derivative in time of smoothed values (G, n)."""
         rate = np.gradient(smoothed, self.interval, axis=0)
         second = np.zeros_like(smoothed)
@@ -152,13 +153,13 @@ class Signals:
         return rate, second
 
     @functools.cached_property
-    def motion(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def motion(self) -> tuple[Floats, Floats, Floats]:
         """Smoothed counts, their speeds and accelerations, each (G, n) [pulses, 1/s, 1/s^2]."""
         smoothed = self.smooth(self.counts)
         return smoothed, *self.rates(smoothed)
 
     @functools.cached_property
-    def local_speed(self) -> NDArray[np.float64]:
+    def local_speed(self) -> Floats:
         """Median speed of the counts over seven intervals, (M - 1, n) [pulses/s]: robust against single odd counts."""
         speed = np.diff(self.counts, axis=0) / np.diff(self.t)[:, None]
         wide = np.pad(speed, ((3, 3), (0, 0)), mode="edge")
@@ -186,7 +187,7 @@ class Signals:
         return shifts[best], float(np.clip(slopes[best], 0.0, 1.0))
 
     @functools.cached_property
-    def smooth_reference(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    def smooth_reference(self) -> tuple[Floats, Floats] | None:
         """Smoothed reference and its speed, each (G, n) [pulses, 1/s]; None without a reference."""
         if self.reference is None:
             return None
@@ -194,7 +195,7 @@ class Signals:
         return smoothed, self.rates(smoothed)[0]
 
     @functools.cached_property
-    def tracking_slope(self) -> NDArray[np.float64]:
+    def tracking_slope(self) -> Floats:
         """Regression (n,) of the counts' speed on the reference's: 1 in a loop that tracks, NaN without a motion."""
         if self.smooth_reference is None:
             return np.full(self.n, np.nan)
@@ -227,7 +228,7 @@ class Signals:
         return max(fits, key=lambda fit: abs(fit.inertia[i]) / max(fit.inertia_std[i], 1e-300))
 
     @functools.cached_property
-    def noise(self) -> NDArray[np.float64]:
+    def noise(self) -> Floats:
         """Standard deviation (n,) of the counts from parabolas of 9 samples, where the arm is slowest [pulses]."""
         if len(self.t) < 90:
             return np.full(self.n, np.nan)
@@ -240,7 +241,7 @@ class Signals:
         return np.sqrt(np.array(median) / _MEDIAN)
 
     @functools.cached_property
-    def least_count(self) -> NDArray[np.float64]:
+    def least_count(self) -> Floats:
         """Smallest significant difference of counts (n,) [pulses]: a pulse, or of unrounded counts their own."""
         if not self.rig.encoder.smooth:
             return np.ones(self.n)

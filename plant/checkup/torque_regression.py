@@ -5,13 +5,12 @@ and sines and cosines of the joint angles and of their sums: all of a planar arm
 coefficients are averages over the log; their signs and sizes tell whether a log can be an arm's.
 """
 
-from __future__ import annotations
-
 import dataclasses
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+
+from plant.parts.fields import Floats
 
 _SLOW = 0.05
 """Share of the RMS speed below which a joint may stick, and its friction is unknown."""
@@ -34,8 +33,8 @@ class TorqueRegression:
     number of such reversals.
     """
 
-    inertia: NDArray[np.float64]
-    inertia_std: NDArray[np.float64]
+    inertia: Floats
+    inertia_std: Floats
     viscous: float
     viscous_std: float
     coulomb: float
@@ -47,7 +46,7 @@ class TorqueRegression:
     reversals: int
 
     @classmethod
-    def of(cls, signals: Any, torque: NDArray[np.float64], i: int) -> TorqueRegression | None:
+    def of(cls, signals: Any, torque: Floats, i: int) -> Self | None:
         """Fit the torque (M, n) [N m] of motor i; None for too few rows, or a constant torque."""
         n, encoder = signals.n, signals.rig.encoder
         counts, speed, acceleration = signals.motion
@@ -64,7 +63,7 @@ class TorqueRegression:
         ])  # fmt: skip
         measured = signals.smooth(torque)[:, i]
 
-        def fitted(*more: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        def fitted(*more: Floats) -> tuple[Floats, Floats]:
             return least_squares(np.column_stack([columns, *more])[rows], measured[rows], memory=_PER_WINDOW)
 
         # Late counts: the torque correlates with the jerk, too.
@@ -87,9 +86,7 @@ class TorqueRegression:
         )  # fmt: skip
 
 
-def least_squares(
-    columns: NDArray[np.float64], measured: NDArray[np.float64], memory: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def least_squares(columns: Floats, measured: Floats, memory: int) -> tuple[Floats, Floats]:
     """Coefficients and standard deviations (k,) of a regression with correlated residuals and a model error.
 
     Residuals count as independent only every `memory` rows; a jackknife over tenths of the log covers what changes
@@ -129,17 +126,17 @@ class AveragedRegression:
     [samples].
     """
 
-    inertia: NDArray[np.float64]
-    inertia_std: NDArray[np.float64]
-    cross_coulomb: NDArray[np.float64]
-    cross_coulomb_std: NDArray[np.float64]
+    inertia: Floats
+    inertia_std: Floats
+    cross_coulomb: Floats
+    cross_coulomb_std: Floats
     coulomb: float
     coulomb_std: float
     delay: float
     delay_std: float
 
     @classmethod
-    def all_of(cls, signals: Any, torque: NDArray[np.float64]) -> list[AveragedRegression] | None:
+    def all_of(cls, signals: Any, torque: Floats) -> list[Self] | None:
         """Fit the torques (M, n) [N m] of all motors; None where the log is too short for that many unknowns."""
         n, encoder, interval = signals.n, signals.rig.encoder, signals.interval
         counts, *rates = signals.motion
@@ -162,7 +159,7 @@ class AveragedRegression:
         if len(rows) < _PER_WINDOW * unknown:
             return None
 
-        def means(columns: Any) -> NDArray[np.float64]:
+        def means(columns: Any) -> Floats:
             return np.column_stack([np.convolve(x, kernel / kernel.sum(), mode="same") for x in columns])
 
         common, smooth = means(shared)[rows], signals.smooth(torque)

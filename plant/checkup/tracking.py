@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from plant.checkup.finding import Finding
+from plant.checkup.finding import Finding, unless
 from plant.checkup.signals import TRACKING, Signals
 from plant.checkup.torque_regression import least_squares
 from plant.machine.rig import Rig
@@ -33,16 +33,10 @@ _EXPLAINED = 0.8
 
 def reference_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about counts and reference."""
-    if not signals.long_enough:
-        for name in ("gear sign", "swapped joints", "delay"):
-            yield Finding.unknown(name, None, "too short to compare speeds")
-        return
-    if signals.reference is None:
-        for name in ("gear sign", "swapped joints"):
-            yield Finding.unknown(name, None, "no reference")
-    else:
-        yield from signals.each(_sign, _swapped)
-    yield from signals.each(_delay)
+    short = "" if signals.long_enough else "too short to compare speeds"
+    why = short or ("no reference" if signals.reference is None else "")
+    yield from unless(why, ("gear sign", "swapped joints"), signals.each(_sign, _swapped))
+    yield from unless(short, ("delay",), signals.each(_delay))
 
 
 def _sign(signals, i):
@@ -144,10 +138,8 @@ def _delay(signals, i):
         error = (signals.reference - signals.counts)[:, i]
         gain = (error @ signals.commanded[:, i]) / max(error @ error, 1e-300)
         per_sample = gain * signals.interval / rig.encoder.to_angle(np.ones(signals.n))[i]
-        late = (regression.viscous - rig.drive.viscous[i]) / per_sample
-        return _judged(
-            i, late, regression.viscous_std / per_sample, "The error grows with speed, beyond stated friction"
-        )
+        late, std = (regression.viscous - rig.drive.viscous[i]) / per_sample, regression.viscous_std / per_sample
+        return _judged(i, late, std, "The error grows with speed, beyond stated friction")
     shown = signals.regression(i)
     driven = signals.torque is not None and shown is not None
     driven = driven and shown.inertia[i] > _SURE * shown.inertia_std[i]

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from plant.checkup.finding import NO_TORQUE, Finding
+from plant.checkup.finding import Finding, unless
 from plant.checkup.quantisation import comb
 from plant.checkup.signals import Signals
 from plant.checkup.tracking import correlation, law_slope
@@ -35,10 +35,7 @@ _RUBS = 2.0
 
 def unit_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about the unit of torque."""
-    if signals.motor_torque is None:
-        yield Finding.unknown("units of torque", None, NO_TORQUE)
-    else:
-        yield from signals.each(_units)
+    yield from unless(signals.no_torque, ("units of torque",), signals.each(_units))
 
 
 def _units(signals, i):
@@ -61,9 +58,8 @@ def _units(signals, i):
     if abs(shown.inertia[i]) < _SURE * shown.inertia_std[i]:
         return Finding.unknown(name, i, "no acceleration that torque explains, and no law that tells the torque")
     found = abs(shown.inertia[i]) / stated if stated else np.nan
-    rubs = (
-        _rubs(shown, drive.coulomb[i]) if signals.noise[i] <= signals.least_count[i] else None
-    )  # else chatter masks it
+    quiet = signals.noise[i] <= signals.least_count[i]  # else chatter masks friction
+    rubs = _rubs(shown, drive.coulomb[i]) if quiet else None
     if found < _LIGHT or found > _HEAVY:
         verdict = "look" if _HEAVY < found < _ABSURD else "wrong"
         size = f"{found:.2g} of" if found < _LIGHT else f"{found:.3g} times"

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from plant.checkup.finding import NO_TORQUE, Finding
+from plant.checkup.finding import Finding, unless
 from plant.checkup.signals import Signals
 from plant.checkup.torque_regression import AveragedRegression
 from plant.checkup.tracking import correlation, law_slope
@@ -39,11 +39,7 @@ _UNEVEN, _EVEN = 4.0, 3.0
 def wiring_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about columns, signs and order of counts and torques."""
     yield from signals.each(_copied)
-    if signals.motor_torque is None:
-        for name in ("drive sign", "swapped torques"):
-            yield Finding.unknown(name, None, NO_TORQUE)
-    else:
-        yield from signals.each(_sign, _swapped)
+    yield from unless(signals.no_torque, ("drive sign", "swapped torques"), signals.each(_sign, _swapped))
 
 
 def _copied(signals, i):
@@ -132,10 +128,8 @@ def _turned(signals: Signals, i: int, shown: Any) -> str:
 
 def _friction_drives(regression: Any, stated: float) -> bool:
     """Whether friction has the wrong sign: significantly, or with the size of the stated friction."""
-    sure = regression.coulomb < -_SURE * regression.coulomb_std
-    return sure or (
-        regression.coulomb < -2 * regression.coulomb_std and 0.5 * stated < -regression.coulomb < 1.5 * stated
-    )
+    found, std = -regression.coulomb, regression.coulomb_std
+    return found > _SURE * std or (found > 2 * std and 0.5 * stated < found < 1.5 * stated)
 
 
 def _swapped(signals, i):

@@ -29,11 +29,7 @@ class Line(NamedTuple):
 
 
 def cut(
-    lines: list[Line],
-    stores: Mapping[int | str, str],
-    rows: Mapping[str, int],
-    fresh: Callable[[], int],
-    size: int,
+    lines: list[Line], stores: Mapping[int | str, str], rows: Mapping[str, int], fresh: Callable[[], int], size: int
 ) -> list[list[str]]:
     """Pieces of about `size` instructions, as texts in which ``{row}`` stands for that row of the work array.
 

@@ -185,6 +185,10 @@ class Law(Part, abc.ABC):
             raise ValueError(f"a law at work must be a controller; {type(self).__name__} repeats a log. Use another.")
         return Running(self, rig, pulses, guards, torque_limit)
 
+    def friction_in(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Friction (2, n) as learnt in a state of the law; of a law that learns none a ValueError."""
+        raise ValueError(f"friction must be that of a law that learns it; {type(self).__name__} learns none.")
+
     @known_options
     def to_c(
         self, folder: str | Path, rig: Rig | None = None, *, name: str = "controller", output: str = "torque",

@@ -40,22 +40,16 @@ def main(order: dict[str, Any]) -> int:
 
         arrays = [np.asarray(column) for column in columns.values()]
         for name, column in zip(columns, arrays, strict=True):
-            if column.dtype.kind not in "biuf":
-                raise refusal(
-                    f"must hold real numbers; got {column.dtype} in column {name!r}. Leave it out with names=."
-                )
+            _part("columns").require_real(name, column.dtype, column.dtype.kind in "biuf")
         shapes = [[column.dtype.str, list(column.shape)] for column in arrays]
         with answer:
             answer.write(json.dumps([known, list(columns), shapes]).encode() + b"\n")
             for column in arrays:
                 answer.write(np.ascontiguousarray(column).data.cast("B") if column.size else b"")
     except BaseException as error:  # the parent wants one line, whatever it was
-        text = str(error) if isinstance(error, refusal) else f"{type(error).__name__} {error}"
-        said = (
-            text
-            if isinstance(error, refusal)
-            else f"must be a sound file; reading it gave {text:.200}. Write it again."
-        )
+        said = str(error)
+        if not isinstance(error, refusal):
+            said = f"must be a sound file; reading it gave {f'{type(error).__name__} {said}':.200}. Write it again."
         with contextlib.suppress(ValueError):
             answer.write(said.encode(errors="replace"))
             answer.close()

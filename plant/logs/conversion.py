@@ -9,6 +9,7 @@ from plant.logs.units import ANGLE, CURRENT, LENGTH, Unit, factors, on_grid, req
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
 from plant.motion.smooth import Spline
+from plant.parts.fields import Floats
 from plant.parts.user_warning import warn
 
 REFERENCE = ("reference_pulses", "reference_position", "reference_motor_position")
@@ -18,7 +19,7 @@ _SMOOTH = 0.5  # of a pulse: between two samples, a smooth path is as far from a
 _NEAR = 0.02  # of a pulse: a step that was meant to be one
 
 
-def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str, NDArray[np.float64]]:
+def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str, Floats]:
     """One field of the record, in its units and on its side."""
     if field in ("torque", "injected"):
         limit, gear = rig.drive.torque_limit(), rig.drive.gear
@@ -41,7 +42,7 @@ def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str
     return {name: _counted(field, value, unit, rig)}
 
 
-def converted_angle(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> NDArray[np.float64]:
+def converted_angle(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> Floats:
     """Joint position [rad] that was asked for, without rounding."""
     if unit == "pulses":
         return rig.to_angle(value.astype(float))
@@ -49,9 +50,7 @@ def converted_angle(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> ND
     return rig.drive.joint_angle(angle) if "motor" in field else angle
 
 
-def path_through(
-    t: NDArray[np.float64], q: NDArray[np.float64], counts: NDArray[np.float64], rig: Rig
-) -> Reference | None:
+def path_through(t: Floats, q: Floats, counts: Floats, rig: Rig) -> Reference | None:
     """The path through positions (N, n) [rad] at times (N,), whose counts are these; None where they tell no more.
 
     That is so of positions that are whole pulses already, of motions that are not smooth from sample to sample, and of
@@ -67,7 +66,7 @@ def path_through(
     return path if alike and (bent < _SMOOTH * apart[:, None] ** 2).all() else None
 
 
-def _whole(field: str, value: NDArray[Any], rig: Rig) -> NDArray[np.float64]:
+def _whole(field: str, value: NDArray[Any], rig: Rig) -> Floats:
     value = value.astype(float)
     if rig.encoder.smooth:
         return value
@@ -81,7 +80,7 @@ def _whole(field: str, value: NDArray[Any], rig: Rig) -> NDArray[np.float64]:
     return value
 
 
-def _counted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> NDArray[np.float64]:
+def _counted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> Floats:
     """Counts of angles: those on a grid of whole pulses as they are, others as the rig's encoder would count them."""
     motor = "motor" in field
     angle = value * factors(unit)

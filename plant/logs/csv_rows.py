@@ -5,12 +5,12 @@ import csv
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.parts.arguments import decimal
+from plant.parts.fields import Floats
 from plant.parts.files import require_bounded
 
 _LONGEST = 1 << 20  # characters of a line
@@ -19,11 +19,8 @@ _SECONDS = 60
 
 
 def read_rows(
-    path: str | Path,
-    *,
-    comment: Callable[[int, str], object] | None = None,
-    chosen: Callable[[str], bool] | None = None,
-) -> tuple[list[str] | None, NDArray[np.float64]]:
+    path: str | Path, *, comment: Callable[[int, str], Any] | None = None, chosen: Callable[[str], bool] | None = None
+) -> tuple[list[str] | None, Floats]:
     """Names in the heading of a CSV file, or None, and its numbers (N, columns); refusals name the line, no path.
 
     `comment` is called with the number and the text of every line that starts with #. For a foreign log `chosen` says

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.logs import child
+from plant.logs.formats.columns import choice_of, require_real, require_size
 
 _SECONDS = 4.5  # with what comes before and after, a failure takes less than 5
 _MESSAGES = 60  # of files that hold messages, which are decoded one by one
@@ -84,22 +85,15 @@ def read_npz(
     _require_small_directory(path)
     with zipfile.ZipFile(path) as archive:
         members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
-        wanted = {
-            name: info
-            for name, info in members.items()
-            if (name.startswith(prefix) if names is None else name in names)
-        }
+        chosen = choice_of(names, prefix)
+        wanted = {name: info for name, info in members.items() if chosen(name)}
         for name, info in wanted.items():
             if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                 raise ValueError(
                     f"must be compressed as numpy does; column {name!r} has ZIP method {info.compress_type}. Save it "
                     "with numpy.savez_compressed."
                 )
-        size = sum(info.file_size for info in wanted.values())
-        if size > most:
-            raise ValueError(
-                f"must hold at most {most >> 20} MiB; it declares {size >> 20}. Cut the log into several files."
-            )
+        require_size(sum(info.file_size for info in wanted.values()), most)
         return list(members), {name: _array(archive, name, info) for name, info in wanted.items()}
 
 
@@ -123,8 +117,7 @@ def _array(archive: zipfile.ZipFile, name: str, info: zipfile.ZipInfo) -> NDArra
         if version not in _HEADERS:
             raise ValueError(f"must be NPY version 1 or 2; got {version} in column {name!r}. Save it with numpy.savez.")
         shape, fortran, dtype = _HEADERS[version](file)
-        if dtype.kind not in "biuf":
-            raise ValueError(f"must hold real numbers; got {dtype} in column {name!r}. Leave it out with names=.")
+        require_real(name, dtype, dtype.kind in "biuf")
         body = file.read()  # at most file_size, and its checksum is compared
     if len(body) != math.prod(shape) * dtype.itemsize:
         raise ValueError(

@@ -1,7 +1,6 @@
 """A log file as a table of named columns, whatever its format; every failure to read it is one `LoadError`."""
 
 import contextlib
-import difflib
 import os
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from plant.logs.csv_rows import read_rows
 from plant.logs.isolation import read_isolated, read_npz
-from plant.parts.arguments import known_options
+from plant.parts.arguments import known_options, near, whole
 from plant.parts.files import require_bounded
 
 _SUFFIXES = {
@@ -132,8 +131,8 @@ def options_of(kind: str, episode: int | None = None, clock: str | None = None) 
         options = {"episode": 0 if episode is None else episode} if kind == "lerobot" else {}
     if episode is not None and kind != "lerobot":
         raise ValueError(f"has no episodes, as a LeRobot data set does; got episode={episode!r:.20}. Leave it out.")
-    if episode is not None and (not isinstance(episode, int) or isinstance(episode, bool) or episode < 0):
-        raise ValueError(f"episode must be a whole number of at least 0; got {episode!r:.20}. Count from 0.")
+    if episode is not None:
+        whole("episode", episode, "Count from 0.", least=0)
     return options
 
 
@@ -162,10 +161,8 @@ def require_columns(names: Iterable[str], columns: Mapping[str, Any], known: Ite
     known = list(dict.fromkeys(columns if known is None else known))
     for name in names:
         if name not in columns:
-            near = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
-            hint = f"Did you mean {near[0]!r}?" if near else "Correct the mapping."
-            some = ", ".join(repr(other) for other in known[:6]) + (", ..." if len(known) > 6 else "")
-            some = f"{len(known)} others: {some}" if known else "none"
+            some, hint = ", ".join(repr(other) for other in known[:6]), near(name, known, "Correct the mapping.")
+            some = f"{len(known)} others: {some}{', ...' * (len(known) > 6)}" if known else "none"
             raise ValueError(f"column {name!r} must be there; got {some:.220}. {hint}")
 
 

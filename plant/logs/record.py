@@ -4,11 +4,9 @@ A record keeps the rig, the law and the reference that made it, so that the same
 another arm. A file from a real robot enters exactly where a simulation does.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +19,7 @@ from plant.logs.resampling import resampled_fields
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
 from plant.parts.arguments import array, instance, known_options, real
-from plant.parts.fields import Vector
+from plant.parts.fields import Floats, Vector
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 
@@ -151,7 +149,7 @@ class Record(FromFiles, Frozen):
         return self.rig.n
 
     @property
-    def counts(self) -> NDArray[np.float64]:
+    def counts(self) -> Floats:
         """Encoder counts, (N, n) [pulses]."""
         return self.reference_pulses - self.error_pulses
 
@@ -180,7 +178,7 @@ class Record(FromFiles, Frozen):
         made = type(self.law).__name__ if self.law is not None else "an unknown law"
         return f"Record({len(self)} samples of {self.n} joints, {self.t[-1] - self.t[0]:.3f} s, under {made})"
 
-    def cut(self, begin: float, end: float = np.inf) -> Record:
+    def cut(self, begin: float, end: float = np.inf) -> Self:
         """The stretch from `begin` to before `end` [s], on its own time from 0; its reference goes on.
 
         Raises
@@ -206,7 +204,7 @@ class Record(FromFiles, Frozen):
         )
 
     @known_options
-    def resampled(self, period: float) -> Record:
+    def resampled(self, period: float) -> Self:
         """The same experiment at uniform times, its counts interpolated linearly and rounded to whole pulses.
 
         The true motion likewise. Torques and current are means over each new period, of a zero-order hold, or of a line
@@ -222,4 +220,4 @@ class Record(FromFiles, Frozen):
         ValueError
             A period more than 20 times longer or shorter than the nominal interval: it is in another unit.
         """
-        return Record(**resampled_fields(self, real("period", period, "Give seconds.", positive=True)))
+        return type(self)(**resampled_fields(self, real("period", period, "Give seconds.", positive=True)))

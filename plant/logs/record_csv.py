@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant.laws.law import Law
 from plant.logs.csv_rows import read_rows
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
+from plant.parts.fields import Floats
 from plant.parts.plain import from_plain
 
 _COLUMNS = (
@@ -28,13 +29,9 @@ _COLUMNS = (
 
 def write(record: Any, path: str | Path) -> None:
     """Write a record. Line 1 is ``#`` and a JSON object, line 2 names columns and units."""
-    header = {
-        "onepulse": 1,
-        "rig": record.rig.describe(),
-        "law": None if record.law is None else record.law.describe(),
-        "reference": None if record.reference is None else record.reference.describe(),
-        "initial": None if record.initial is None else record.initial.tolist(),
-    }
+    parts = {name: getattr(record, name) for name in ("rig", "law", "reference")}
+    header = {"onepulse": 1, **{name: None if part is None else part.describe() for name, part in parts.items()}}
+    header["initial"] = None if record.initial is None else record.initial.tolist()
     names, columns = ["t [s]"], [record.t[:, None]]
     for field, name, unit in _COLUMNS:
         value = getattr(record, field)
@@ -72,7 +69,7 @@ def read(
     }
 
 
-def _plain(table: NDArray[np.float64], rig: Rig) -> dict[str, NDArray[np.float64]]:
+def _plain(table: Floats, rig: Rig) -> dict[str, Floats]:
     n = rig.n
     if table.shape[1] != 1 + 2 * n:
         got = f"got {table.shape[1]} columns"
@@ -87,10 +84,10 @@ def _plain(table: NDArray[np.float64], rig: Rig) -> dict[str, NDArray[np.float64
     return {"reference_pulses": table[:, 1 : 1 + n], "error_pulses": table[:, 1 + n :]}
 
 
-def _named(names: list[str], table: NDArray[np.float64], n: int) -> dict[str, NDArray[np.float64]]:
+def _named(names: list[str], table: Floats, n: int) -> dict[str, Floats]:
     known = {f"{name}_{i + 1} [{unit}]": (field, i) for field, name, unit in _COLUMNS for i in range(n)}
     known["valid [1]"] = "valid", 0
-    fields: dict[str, NDArray[np.float64]] = {}
+    fields: dict[str, Floats] = {}
     for column, name in enumerate(names[1:], 1):
         if name not in known:
             raise ValueError(f"has an unknown column {name!r:.40}; known are {', '.join(known)}. Rename it.")

@@ -4,7 +4,8 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from plant.parts.fields import Floats
 
 _GAP = 1.5  # nominal intervals
 _FACTOR = 20  # between the new period and the nominal interval
@@ -29,7 +30,7 @@ def resampled_fields(record: Any, period: float) -> dict[str, Any]:
 
     gap = np.diff(t, append=t[-1]) > _GAP * nominal
 
-    def between(value: NDArray[np.float64]) -> NDArray[np.float64]:
+    def between(value: Floats) -> Floats:
         return value[left] + share[:, None] * (value[right] - value[left])
 
     weight = np.where(share == 0, record.valid[left], np.where(share == 1, record.valid[right], 0.0))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from plant.machine.unlikely import SLOWEST
 from plant.parts.arguments import choice
+from plant.parts.fields import Floats
 
 Unit: TypeAlias = str | tuple[str, ...]
 """Of a field: one unit, or one per joint where some joints turn and others slide."""
@@ -32,7 +33,7 @@ _LIMIT = 2.0  # times what the amplifier can drive; measured currents overshoot
 _LEAST = 10  # pulses of motion from which a grid is no accident
 
 
-def factors(unit: Unit) -> float | NDArray[np.float64]:
+def factors(unit: Unit) -> float | Floats:
     """Radians or metres of a unit of position, or (n,) of one unit per joint."""
     scale = ANGLE | LENGTH
     return scale[unit] if isinstance(unit, str) else np.array([scale[each] for each in unit])
@@ -58,7 +59,7 @@ def require_units(columns: Collection[str], units: Mapping[str, Unit]) -> None:
             )
 
 
-def require_period(t: NDArray[np.float64], unit: str, period: float) -> None:
+def require_period(t: Floats, unit: str, period: float) -> None:
     """Refuse times [s] whose step is far from the rig's period."""
     step = float(np.median(np.diff(t))) if len(t) > 1 else period
     if step <= 0 or period / _FACTOR <= step <= period * _FACTOR:
@@ -75,7 +76,7 @@ def require_period(t: NDArray[np.float64], unit: str, period: float) -> None:
     raise ValueError(f"t in {unit!r} has a step of {step:g} s; rig.period is {period:g} s. Give the rig the log's.")
 
 
-def require_span(name: str, q: NDArray[np.float64], unit: Unit, labels: Sequence[str]) -> None:
+def require_span(name: str, q: Floats, unit: Unit, labels: Sequence[str]) -> None:
     """Refuse joint angles [rad] that span more turns than a joint makes, and positions [m] that span a hall."""
     of_joints = [unit] * len(labels) if isinstance(unit, str) else list(unit)
     for joint, (span, own) in enumerate(zip(np.ptp(q, axis=0), of_joints, strict=True)):
@@ -84,16 +85,13 @@ def require_span(name: str, q: NDArray[np.float64], unit: Unit, labels: Sequence
             continue
         other = {"rad": "deg", "m": "mm"}.get(own)
         fits = other is not None and span / per * (ANGLE | LENGTH)[other] <= most
-        advice = (
-            f"{other!r} would fit."
-            if fits
-            else "Are they counts ('pulses')? A joint that does turn so far is logged in counts."
-        )
+        counts = "Are they counts ('pulses')? A joint that does turn so far is logged in counts."
+        advice = f"{other!r} would fit." if fits else counts
         got = f"spans {span / per:.3g} {size} of {labels[joint]}; at most {most:g}"
         raise ValueError(f"{name} in {own!r} {got}. {advice}")
 
 
-def require_grid(name: str, unit: Unit, readings: Mapping[tuple[str, Unit], NDArray[np.float64]]) -> bool:
+def require_grid(name: str, unit: Unit, readings: Mapping[tuple[str, Unit], Floats]) -> bool:
     """Whether angles as stated are whole pulses, up to one shift per joint; refused if those of another unit are.
 
     `readings` are positions in pulses (N, n) by column and unit, were they those.
@@ -110,7 +108,7 @@ def require_grid(name: str, unit: Unit, readings: Mapping[tuple[str, Unit], NDAr
     return False
 
 
-def on_grid(position: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def on_grid(position: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     """Position in pulses (N, n) -> shift (n,) from whole pulses, and whether all samples have it within a tenth.
 
     Zero is always on the grid: it is the middle of its quantisation cell, which is two pulses wide.
@@ -122,12 +120,7 @@ def on_grid(position: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray
 
 
 def require_limit(
-    name: str,
-    value: NDArray[np.float64],
-    limit: NDArray[np.float64],
-    unit: Unit,
-    others: Mapping[str, NDArray[np.float64] | float],
-    labels: Sequence[str],
+    name: str, value: Floats, limit: Floats, unit: Unit, others: Mapping[str, Floats | float], labels: Sequence[str]
 ) -> None:
     """Refuse torques or currents (N, n) far above the amplifier's limit (n,), in the same unit and on the same side.
 

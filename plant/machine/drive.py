@@ -6,14 +6,12 @@ holds on its gear's output, the shaft (`plant.mechanics.coupling`), which otherw
 neglected (paper 3.3, 4.2: its time constant is far below the mechanical one): the motor torque is the commanded torque.
 """
 
-from __future__ import annotations
-
 import dataclasses
-from typing import Any
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant.machine.drive_effects import CurrentLag, FrictionDrift, LoadFriction, TorqueRipple
 from plant.machine.elasticity import Elasticity, Resonance
@@ -21,7 +19,7 @@ from plant.machine.friction import FrictionCurve
 from plant.machine.presliding import Presliding
 from plant.mechanics.coupling import Coupling
 from plant.parts.arguments import instance, real, signs
-from plant.parts.fields import ArrayOrSymbols, Vector
+from plant.parts.fields import ArrayOrSymbols, Floats, Vector
 from plant.parts.labels import joint_labels
 from plant.parts.part import Part, number, part, structure
 
@@ -152,11 +150,11 @@ class Drive(Part):
         """Motor current [A] of a joint torque [N m]."""
         return self.motor_torque(tau) / self.motor_gain
 
-    def torque_limit(self) -> NDArray[np.float64]:
+    def torque_limit(self) -> Floats:
         """Largest torque that the amplifier allows [N m], on the joint (of coupled motors: on the shaft)."""
         return self.motor_gain * self.current_limit * _magnitude(self.gear)
 
-    def limited_to(self, torque: ArrayLike) -> Drive:
+    def limited_to(self, torque: ArrayLike) -> Self:
         """This drive with an amplifier that allows at most these torques [N m], on the joint (or shaft)."""
         current = np.minimum(self.current_limit, np.asarray(torque) / (self.motor_gain * np.abs(self.gear)))
         return dataclasses.replace(self, current_limit=current)
@@ -170,7 +168,7 @@ class Drive(Part):
         limit = ca.fabs(limit)
         return self.coupling.joint_torque(ca.fmin(ca.fmax(shaft, -limit), limit))
 
-    def joint_viscous(self) -> NDArray[np.float64]:
+    def joint_viscous(self) -> Floats:
         """Viscous friction b k^2 [N m s/rad], on the joint (of coupled motors: on the shaft)."""
         return self.viscous * self.gear * self.gear
 
@@ -205,7 +203,7 @@ class Drive(Part):
         """Torque that accelerates the rotors alone [N m], joint side; qdd as joints on rigid gears would have it."""
         return self.coupling.joint_torque(self.reflected_inertia() * self.coupling.shaft(qdd))
 
-    def reflected_inertia(self, motor_inertia: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    def reflected_inertia(self, motor_inertia: Floats | None = None) -> Floats:
         """Rotor inertia reflected to the joint (or shaft), Jm k^2 [kg m^2]; of this drive's Jm, or of another."""
         return (self.motor_inertia if motor_inertia is None else motor_inertia) * self.gear * self.gear
 

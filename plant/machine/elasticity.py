@@ -68,7 +68,7 @@ class Elasticity(Part):
         cls, arm: Arm, hz: ArrayLike, damping_ratio: ArrayLike, *, drive: Any = None,
         q: ArrayLike | None = None, backlash: ArrayLike | None = None,
     ) -> Elasticity | Resonance:  # fmt: skip
-        """The gears whose links swing at so many Hz against their locked motors.
+        """The gears of these locked-rotor resonances [Hz].
 
         Hz of joint i: sqrt(k_i / (D_ii - Jm_i k_i^2)) / 2 pi, every other joint held.
 
@@ -112,14 +112,13 @@ class Resonance(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if (self.hz <= 0).any():
-            raise ValueError(f"hz must be positive; got {self.hz.min():g}. Leave elasticity out of a rigid drive.")
+        signs(self, positive=("hz",), advice="Leave elasticity out of a rigid drive.")
         if (self.damping_ratio < 0).any():
             least, usual = self.damping_ratio.min(), DAMPING_RATIO
             raise ValueError(f"damping_ratio must not be negative; got {least:g}. Gears have {usual:g} to 0.03.")
         if (self.damping_ratio > _CRITICAL).any():
             most = self.damping_ratio.max()
-            warn(f"damping_ratio {most:g} is above critical: such a gear does not swing.")
+            warn(f"damping_ratio {most:g} is above critical: such a joint does not oscillate.")
 
     def of(self, drive: Any) -> Elasticity:
         """The elasticity of a drive; motors that weigh more than the arm's whole inertia are refused."""
@@ -136,7 +135,7 @@ class Resonance(Part):
 
 
 def gears(hz: Any, damping_ratio: Any, inertia: Any) -> tuple[Any, Any]:
-    """Stiffness [N m/rad] and damping [N m s/rad] of gears behind which an inertia [kg m^2] swings, motors locked."""
+    """Stiffness [N m/rad] and damping [N m s/rad] of gears of a locked-rotor resonance, with an inertia [kg m^2]."""
     omega = 2 * np.pi * hz
     return inertia * omega**2, 2 * damping_ratio * inertia * omega
 

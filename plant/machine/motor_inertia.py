@@ -9,7 +9,7 @@ import functools
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant.compiler.map_kernel import MapKernel
 from plant.machine.rig import Rig
@@ -17,6 +17,7 @@ from plant.mechanics.arm import Arm
 from plant.mechanics.coupling import Coupling
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.symmetric_inverse import pivots
+from plant.parts.fields import Floats
 
 LEAST_MOTOR_INERTIA = 0.5
 """Jm_min over the drive's motor inertia. Source: paper 3.6, 1e-4 of 2e-4 kg m^2."""
@@ -31,7 +32,7 @@ _BATCH = 16384
 """Poses of candidates in one batch: they stay in the processor's cache."""
 
 
-def least_inertia_margin(dynamics: Dynamics, rig: Rig, f: ArrayLike) -> NDArray[np.float64]:
+def least_inertia_margin(dynamics: Dynamics, rig: Rig, f: ArrayLike) -> Floats:
     """Smallest pivot (P,) of D(q) - diag(Jm_min k^2) over all poses q, for each candidate f (P, p) [kg m^2].
 
     Negative where the matrix is indefinite somewhere.
@@ -47,7 +48,7 @@ def least_inertia_margin(dynamics: Dynamics, rig: Rig, f: ArrayLike) -> NDArray[
     return margins
 
 
-def shaft_inertias(dynamics: Dynamics, rig: Rig, q: ArrayLike) -> NDArray[np.float64]:
+def shaft_inertias(dynamics: Dynamics, rig: Rig, q: ArrayLike) -> Floats:
     """Diagonal (p, n) of D on the motors' shafts at a pose (n,), of each parameter alone: D is linear in f."""
     own = [rig.drive.coupling.shaft_inertia(dynamics.D(q, unit)) for unit in np.eye(dynamics.p)]
     return np.array([np.diag(matrix.full()) for matrix in own])
@@ -66,7 +67,7 @@ def require_inertia(arm: Arm, rig: Rig) -> None:
 
 
 @functools.lru_cache(maxsize=32)
-def _smallest_pivot(dynamics: Dynamics, coupling: Coupling) -> tuple[MapKernel, NDArray[np.float64]]:
+def _smallest_pivot(dynamics: Dynamics, coupling: Coupling) -> tuple[MapKernel, Floats]:
     """Compiled (q, least, f) -> smallest pivot, and the poses at which it is taken."""
     n = dynamics.n
     q, least, f = ca.SX.sym("q", n), ca.SX.sym("least", n), ca.SX.sym("f", dynamics.p)

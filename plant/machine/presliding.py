@@ -11,9 +11,7 @@ of `plant.machine.friction`. That is stable for any distance, also none, where i
 damps the bristles like a damping of stiffness h / 2, so only what a stated damping has beyond that is added.
 """
 
-from __future__ import annotations
-
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import casadi as ca
 
@@ -74,7 +72,7 @@ class Bristles(NamedTuple):
         """Impulse per change of deflection in a step with this largest impulse of friction [N m s]."""
         return bound if self.damping is None else ca.fmax(bound, 2 * self.distance * self.damping)
 
-    def bent(self, speed: ca.SX, time: ca.SX) -> Bristles:
+    def bent(self, speed: ca.SX, time: ca.SX) -> Self:
         """The bristles a short time later, at this speed."""
         path = time * ca.fabs(speed)
         change = (time * speed - path * self.deflection) / ca.fmax(self.distance + path, _TINY)

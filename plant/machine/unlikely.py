@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.machine.rig import Rig
+from plant.parts.fields import Floats
 
 SLOWEST = 0.1
 """Sampling period [s] that no controller of an arm has."""
@@ -17,9 +17,7 @@ _SLUGGISH = 30.0
 """Acceleration [rad/s^2] that any motor of an arm gives its rotor alone."""
 
 
-def unlikely_statements(
-    rig: Rig, q: NDArray[np.float64], qd: NDArray[np.float64], prismatic: Sequence[bool]
-) -> Iterator[str]:
+def unlikely_statements(rig: Rig, q: Floats, qd: Floats, prismatic: Sequence[bool]) -> Iterator[str]:
     """Lines on what cannot be meant, along positions and velocities (N, n) of the joints [rad, rad/s]."""
     drive, labels = rig.drive, rig.joint_labels
     if rig.period > SLOWEST:

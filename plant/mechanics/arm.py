@@ -3,10 +3,10 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant.parts.arguments import array
-from plant.parts.fields import Vector
+from plant.parts.fields import Floats, Vector
 from plant.parts.part import Part, number, part, structure
 
 
@@ -57,19 +57,19 @@ class Arm(Part):
         """Number of joints."""
         return self.dynamics.n
 
-    def D(self, q: ArrayLike) -> NDArray[np.float64]:
+    def D(self, q: ArrayLike) -> Floats:
         """Inertia matrix (n, n) [kg m^2], the D of `Dynamics` with this f."""
         return self.dynamics.D(q, self.f).full()
 
-    def h(self, q: ArrayLike, qd: ArrayLike) -> NDArray[np.float64]:
+    def h(self, q: ArrayLike, qd: ArrayLike) -> Floats:
         """Coriolis, centrifugal and gravity torque (n,) [N m], the h of `Dynamics` with this f."""
         return self.dynamics.h(q, qd, self.f).full().ravel()
 
-    def inverse(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> NDArray[np.float64]:
+    def inverse(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Floats:
         """Inverse dynamics without friction: torque (n,) [N m] of a motion, tau = Y(q, qd, qdd) f."""
         return (self.dynamics.Y(q, qd, qdd).full() @ self.f).ravel()
 
-    def forward(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> NDArray[np.float64]:
+    def forward(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Floats:
         """Forward dynamics without friction: acceleration (n,) [rad/s^2] under a torque; D(q) has to be positive."""
         tau = array("tau", tau, (self.n,), advice="One torque per joint [N m].")
         self.require_positive(q)

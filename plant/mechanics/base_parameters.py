@@ -18,18 +18,16 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.mechanics.lumping import STANDARD, Lumping, parameter_name
 from plant.mechanics.newton_euler import torque
+from plant.parts.fields import Floats
 
 if TYPE_CHECKING:
     from plant.mechanics.chain import Chain
 
 
-def independent_columns(
-    regressor: NDArray[np.float64], order: Iterable[int], tolerance: float
-) -> tuple[list[int], NDArray[np.float64]]:
+def independent_columns(regressor: Floats, order: Iterable[int], tolerance: float) -> tuple[list[int], Floats]:
     """The independent columns (r,), preferred in this order, and all columns as combinations (r, columns) of them."""
     lengths = np.linalg.norm(regressor, axis=0)
     order = [column for column in order if lengths[column] > tolerance * lengths.max()]
@@ -75,7 +73,7 @@ def base_lumping(chain: Chain, *, rotors: bool = True) -> Lumping:
     return Lumping(names=names, matrix=matrix, inertial=everywhere, gravitational=everywhere)
 
 
-def _regressor(chain: Chain) -> NDArray[np.float64]:
+def _regressor(chain: Chain) -> Floats:
     """Regressor of the standard parameters at random states, stacked: (states n, 11 n)."""
     n, random = chain.n, np.random.default_rng(0)
     q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
@@ -85,7 +83,7 @@ def _regressor(chain: Chain) -> NDArray[np.float64]:
     return np.vstack([function(*random.uniform(-2, 2, (3, n))).full() for _ in range(_STATES)])
 
 
-def _name(chain: Chain, row: NDArray[np.float64], kept: int) -> str:
+def _name(chain: Chain, row: Floats, kept: int) -> str:
     """A row of B as a sum, its own parameter first."""
     terms = []
     for column in sorted(np.flatnonzero(row), key=lambda column: (column != kept, column)):

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant.parts.arguments import array, signs
-from plant.parts.fields import Vector
+from plant.parts.fields import Floats, Vector
 from plant.parts.part import Part, number, part
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class Body(Part):
         return Body(mass=mass, com=com, inertia=inertia, rotor=self.rotor + other.rotor)
 
     @property
-    def standard_parameters(self) -> NDArray[np.float64]:
+    def standard_parameters(self) -> Floats:
         """Its standard parameters phi (10,): m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz, without the rotor's.
 
         Mass [kg], first moments [kg m], and inertia about the *origin* of the frame [kg m^2].
@@ -87,20 +87,17 @@ class Body(Part):
 
     def seen_from(self, placement: Placement) -> Body:
         """The same body, given in the frame in which its own frame has this pose."""
-        rotation, matrix = np.array(placement.rotation), np.zeros((3, 3))
-        matrix[np.triu_indices(3)] = self.inertia
-        matrix = rotation @ (matrix + np.triu(matrix, 1).T) @ rotation.T
+        rotation = np.array(placement.rotation)
+        matrix = rotation @ inertia_matrix(self.inertia) @ rotation.T
         com = np.array(placement.position) + rotation @ self.com
-        return Body(mass=self.mass, com=com, inertia=matrix[np.triu_indices(3)], rotor=self.rotor)
+        return Body(mass=self.mass, com=com, inertia=matrix[_UPPER], rotor=self.rotor)
 
     def require_physical(self, name: str) -> None:
         """Refuse a body that is not physically consistent.
 
         Consistent: positive mass, positive semidefinite inertia, no principal moment above the sum of the others.
         """
-        matrix = np.zeros((3, 3))
-        matrix[np.triu_indices(3)] = self.inertia
-        moments = np.linalg.eigvalsh(matrix + np.triu(matrix, 1).T)
+        moments = np.linalg.eigvalsh(inertia_matrix(self.inertia))
         slack = 1e-9 * max(1e-300, np.abs(moments).max())
         if not self.mass > 0:
             raise ValueError(f"link {name} must have a positive mass; got {self.mass}. Give it in kg.")
@@ -116,7 +113,7 @@ class Body(Part):
             )
 
 
-def parallel_axis(r: NDArray[np.float64]) -> NDArray[np.float64]:
+def parallel_axis(r: Floats) -> Floats:
     """Inertia (6,) about a point of a unit mass at r (3,): the parallel-axis theorem."""
     x, y, z = r
     return np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
@@ -125,7 +122,14 @@ def parallel_axis(r: NDArray[np.float64]) -> NDArray[np.float64]:
 _UPPER = np.triu_indices(3)
 
 
-def pseudo_inertia(parameters: ArrayLike) -> NDArray[np.float64]:
+def inertia_matrix(entries: ArrayLike) -> Floats:
+    """The symmetric matrix (3, 3) with these Ixx, Ixy, Ixz, Iyy, Iyz, Izz (6,)."""
+    upper = np.zeros((3, 3))
+    upper[_UPPER] = entries
+    return np.asarray(upper + np.triu(upper, 1).T)
+
+
+def pseudo_inertia(parameters: ArrayLike) -> Floats:
     """Pseudo-inertia P = [[S, m c], [m c', m]] (4, 4) of a body's standard parameters (10,), S the integral of r r' dm.
 
     A body of positive density exists exactly where P is positive definite: positive mass, positive inertia about the
@@ -134,16 +138,14 @@ def pseudo_inertia(parameters: ArrayLike) -> NDArray[np.float64]:
     (2018).
     """
     m, *rest = np.asarray(parameters, float)
-    inertia, result = np.zeros((3, 3)), np.zeros((4, 4))
-    inertia[_UPPER] = rest[3:]
-    inertia += np.triu(inertia, 1).T
+    inertia, result = inertia_matrix(rest[3:]), np.zeros((4, 4))
     result[:3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
     result[:3, 3] = result[3, :3] = rest[:3]
     result[3, 3] = m
     return result
 
 
-def from_pseudo_inertia(P: ArrayLike) -> NDArray[np.float64]:
+def from_pseudo_inertia(P: ArrayLike) -> Floats:
     """Standard parameters (10,) of a pseudo-inertia; the way back from `pseudo_inertia`."""
     P = np.asarray(P, float)
     moments = P[:3, :3]

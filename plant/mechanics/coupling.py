@@ -8,11 +8,10 @@ import functools
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.mechanics.placement import exact
 from plant.parts.arguments import array
-from plant.parts.fields import ArrayOrSymbols, Nested
+from plant.parts.fields import ArrayOrSymbols, Floats, Nested
 from plant.parts.part import Part, part, structure
 
 _NEARLY_SINGULAR = 1e6
@@ -86,10 +85,10 @@ class Coupling(Part):
         return self.shaft_torque(self.shaft_torque(D).T)
 
     @functools.cached_property
-    def _inverse(self) -> NDArray[np.float64]:
+    def _inverse(self) -> Floats:
         return exact(np.linalg.inv(self.matrix)) if self.matrix else np.empty(0)
 
-    def _times(self, matrix: NDArray[np.float64], x: ArrayOrSymbols) -> ArrayOrSymbols:
+    def _times(self, matrix: Floats, x: ArrayOrSymbols) -> ArrayOrSymbols:
         if not self.matrix:
             return x
         if isinstance(x, (ca.SX, ca.DM, ca.MX)):

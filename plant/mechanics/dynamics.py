@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant.mechanics.arm import Arm
 from plant.mechanics.base_parameters import base_lumping
@@ -22,7 +22,7 @@ from plant.mechanics.lumping import STANDARD, Lumping, standard_parameters
 from plant.mechanics.newton_euler import by_speeds, collected, lumped_torque, torque
 from plant.parts.arguments import array, instance
 from plant.parts.checked_function import CheckedFunction
-from plant.parts.fields import ArrayOrSymbols, Nested
+from plant.parts.fields import ArrayOrSymbols, Floats, Nested
 from plant.parts.part import Part, part, structure
 
 _FEW = 3
@@ -115,7 +115,7 @@ class Dynamics(Part):
         width = len(self.short_names[-1])
         return "\n".join(f"{s:<{width}} = {name}" for s, name in zip(self.short_names, self.names, strict=True))
 
-    def f(self, bodies: Sequence[Body] | None = None) -> NDArray[np.float64]:
+    def f(self, bodies: Sequence[Body] | None = None) -> Floats:
         """Parameters f (p,) of an arm with these bodies, one per link; by default those of the chain."""
         bodies = self.chain.bodies if bodies is None else tuple(bodies)
         if not bodies:
@@ -127,7 +127,7 @@ class Dynamics(Part):
         in_place = [body.seen_from(link.frame) for body, link in zip(bodies, self.chain.links, strict=True)]
         return np.array(self.lumping.matrix) @ standard_parameters(in_place)
 
-    def load_matrix(self, link: int | str = -1) -> NDArray[np.float64]:
+    def load_matrix(self, link: int | str = -1) -> Floats:
         """Increments B (p, 10) of f by a load on a link: f of the empty arm + B ``body.standard_parameters``.
 
         The link is given by its place in the chain from 0, or its name; by default it is the last.
@@ -158,37 +158,35 @@ class Dynamics(Part):
             at_rest = ca.substitute(collected(unit, q, f), f, strength * f)
         return ca.tril2symm(ca.tril(D)), coriolis, at_rest
 
+    def _function(self, name: str, inputs: Sequence[str], result: ca.SX) -> CheckedFunction:
+        symbols = dict(zip(("q", "qd", "qdd", "f"), self._symbols, strict=True))
+        return CheckedFunction(ca.Function(name, [symbols[each] for each in inputs], [result], inputs, [name]))
+
     @cached_property
     def D(self) -> CheckedFunction:
         """Inertia matrix D(q, f) (n, n) [kg m^2], rotor inertias included. Source: paper eq. (2)."""
-        q, _, _, f = self._symbols
-        return CheckedFunction(ca.Function("D", [q, f], [self._equations[0]], ["q", "f"], ["D"]))
+        return self._function("D", ("q", "f"), self._equations[0])
 
     @cached_property
     def h(self) -> CheckedFunction:
         """Coriolis, centrifugal and gravity torque h(q, qd, f) (n, 1) [N m]. Source: paper eq. (2)."""
-        q, qd, _, f = self._symbols
         _, coriolis, gravity = self._equations
-        return CheckedFunction(ca.Function("h", [q, qd, f], [coriolis + gravity], ["q", "qd", "f"], ["h"]))
+        return self._function("h", ("q", "qd", "f"), coriolis + gravity)
 
     @cached_property
     def coriolis(self) -> CheckedFunction:
         """Coriolis and centrifugal torque C(q, qd, f) qd (n, 1) [N m], h without gravity."""
-        q, qd, _, f = self._symbols
-        return CheckedFunction(
-            ca.Function("coriolis", [q, qd, f], [self._equations[1]], ["q", "qd", "f"], ["coriolis"])
-        )
+        return self._function("coriolis", ("q", "qd", "f"), self._equations[1])
 
     @cached_property
     def gravity(self) -> CheckedFunction:
         """Gravity torque (q, f) -> (n, 1) [N m], h at rest. Source: paper eq. (2), last term."""
-        q, _, _, f = self._symbols
-        return CheckedFunction(ca.Function("gravity", [q, f], [self._equations[2]], ["q", "f"], ["gravity"]))
+        return self._function("gravity", ("q", "f"), self._equations[2])
 
     @cached_property
     def C(self) -> CheckedFunction:
         """Coriolis matrix C(q, qd, f) (n, n) from the Christoffel symbols of D: Ddot - 2 C is skew."""
-        q, qd, _, f = self._symbols
+        q, qd, *_ = self._symbols
         D = self._equations[0]
         dD = [ca.jacobian(D[:, k], q) for k in range(self.n)]  # dD[k][i, j] = dD_ik / dq_j
         rate = ca.reshape(ca.jacobian(ca.vec(D), q) @ qd, self.n, self.n)
@@ -196,14 +194,14 @@ class Dynamics(Part):
         for i in range(self.n):
             for j in range(self.n):
                 skewed[i, j] = sum(((dD[k][i, j] - dD[k][j, i]) * qd[k] for k in range(self.n)), ca.SX(0))
-        return CheckedFunction(ca.Function("C", [q, qd, f], [(rate + skewed) / 2], ["q", "qd", "f"], ["C"]))
+        return self._function("C", ("q", "qd", "f"), (rate + skewed) / 2)
 
     @cached_property
     def _regressor(self) -> CheckedFunction:
         q, qd, qdd, f = self._symbols
         D, coriolis, gravity = self._equations
         Y = ca.jacobian(D @ qdd + coriolis + gravity, f)
-        return CheckedFunction(ca.Function("Y", [q, qd, qdd], [ca.densify(Y)], ["q", "qd", "qdd"], ["Y"]))
+        return self._function("Y", ("q", "qd", "qdd"), ca.densify(Y))
 
     @cached_property
     def _passive_regressor(self) -> CheckedFunction:
@@ -242,7 +240,7 @@ class Dynamics(Part):
 
 
 @lru_cache(maxsize=32)
-def _load_matrix(dynamics: Dynamics, link: int | str) -> NDArray[np.float64]:
+def _load_matrix(dynamics: Dynamics, link: int | str) -> Floats:
     """B, from point masses at ten places whose standard parameters are independent."""
     empty = dataclasses.replace(dynamics.chain, bodies=(Body(mass=0.0, com=(0, 0, 0)),) * dynamics.n)
     places = [np.zeros(3), *np.eye(3), *-np.eye(3)]

@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.mechanics.body import Body
-from plant.parts.fields import Nested
+from plant.parts.fields import Floats, Nested
 from plant.parts.part import Part, part, structure
 
 if TYPE_CHECKING:
@@ -40,7 +39,7 @@ def parameter_name(kind: str, link: Link) -> str:
     return f"{kind}{link.name}" if link.name[:1].isdigit() else f"{kind}_{link.name}"
 
 
-def standard_parameters(bodies: Iterable[Body]) -> NDArray[np.float64]:
+def standard_parameters(bodies: Iterable[Body]) -> Floats:
     """Standard parameters (11 n,) of bodies, which are given by mass, centre of mass and inertia about it."""
     return np.concatenate([[*body.standard_parameters, body.rotor] for body in bodies])
 
@@ -138,15 +137,15 @@ class Lumping(Part):
             gravitational=tuple(name in gravitational for name in names),
         )
 
-    def inertial_section(self) -> NDArray[np.float64]:
+    def inertial_section(self) -> Floats:
         """Standard parameters (11 n, p) of links with the inertial torque of each f."""
         return self._section(self.inertial)
 
-    def gravity_section(self) -> NDArray[np.float64]:
+    def gravity_section(self) -> Floats:
         """Standard parameters (11 n, p) of links with the gravity torque of each f."""
         return self._section(self.gravitational)
 
-    def _section(self, rows: tuple[bool, ...]) -> NDArray[np.float64]:
+    def _section(self, rows: tuple[bool, ...]) -> Floats:
         """Fewest parameters S with B S = 1 on these rows: as many columns of B as rows, found by pivoted QR."""
         from scipy.linalg import qr  # 0.1 s, which no log needs; its choice among equal columns is in all results
 

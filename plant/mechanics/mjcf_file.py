@@ -144,14 +144,8 @@ class _Reader:
         if joints:
             joint = self._joint(joints[0], name, parent, origin, inherited)
         else:
-            joint = ModelJoint(
-                name=f"weld of {name}",
-                kind="fixed",
-                parent=parent,
-                child=name,
-                origin=origin,
-                axis=np.array([0, 0, 1.0]),
-            )
+            weld, up = f"weld of {name}", np.eye(3)[2]
+            joint = ModelJoint(name=weld, kind="fixed", parent=parent, child=name, origin=origin, axis=up)
         if joint.name in self.model.joints:
             raise ValueError(f"joints must have names of their own; got {joint.name!r} twice. Rename one.")
         self.model.joints[joint.name] = joint

@@ -7,13 +7,13 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.mechanics.body import Body
 from plant.mechanics.link import Limits, Link
 from plant.mechanics.placement import Placement
 from plant.mechanics.xml_file import Element
 from plant.parts.arguments import choice
+from plant.parts.fields import Floats
 from plant.parts.labels import joint_labels
 
 HERE = Placement()
@@ -35,7 +35,7 @@ class ModelJoint:
     parent: str
     child: str
     origin: Placement
-    axis: NDArray[np.float64]
+    axis: Floats
     mimics: bool = False
     anchor: tuple[float, float, float] = (0.0, 0.0, 0.0)
     zero: float = 0.0
@@ -66,7 +66,7 @@ class ModelFile:
         return _chosen(self.joints, names)
 
 
-def body_in(mass: float, inertia: NDArray[np.float64], name: str, pose: Placement) -> Body | None:
+def body_in(mass: float, inertia: Floats, name: str, pose: Placement) -> Body | None:
     """The body of an element at this pose in its link's frame, checked; None of one that has no mass and no inertia."""
     if mass < 0:
         raise ValueError(f"link {name} must have a positive mass; got {mass}. Correct it.")
@@ -200,9 +200,7 @@ def _hanging_on(every: dict[str, ModelJoint]) -> dict[str, list[ModelJoint]]:
     return hanging
 
 
-def _moving_with(
-    hanging: dict[str, list[ModelJoint]], link: str, moving: Collection[str]
-) -> dict[str, Placement]:  # fmt: skip
+def _moving_with(hanging: dict[str, list[ModelJoint]], link: str, moving: Collection[str]) -> dict[str, Placement]:
     found, waiting = {}, [(link, Placement())]
     while waiting:
         name, placement = waiting.pop()
@@ -227,7 +225,7 @@ def _lumped(
     return found
 
 
-def _axis_frame(axis: NDArray[np.float64]) -> NDArray[np.float64]:
+def _axis_frame(axis: Floats) -> Floats:
     """A rotation whose z axis is this axis; the smallest turn that takes z there."""
     z = axis / np.linalg.norm(axis)
     if abs(z[0]) < 1e-12 and abs(z[1]) < 1e-12:

@@ -3,19 +3,18 @@
 Source: paper eq. (1); Craig, Introduction to Robotics, ch. 6.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant.mechanics.chain import Chain
 from plant.mechanics.lumping import STANDARD, Lumping
 from plant.parts.arguments import array
 from plant.parts.checked_function import CheckedFunction
+from plant.parts.fields import Floats
 
 
 def torque(chain: Chain, q: ca.SX, qd: ca.SX, qdd: ca.SX, pi: ca.SX, gravity: Iterable[float]) -> ca.SX:
@@ -53,9 +52,7 @@ def torque(chain: Chain, q: ca.SX, qd: ca.SX, qdd: ca.SX, pi: ca.SX, gravity: It
     return tau + chain.coupling.joint_torque(rotors * chain.coupling.shaft(qdd))
 
 
-def lumped_torque(
-    chain: Chain, lumping: Lumping, q: ca.SX, qd: ca.SX, qdd: ca.SX, f: ca.SX
-) -> tuple[ca.SX, ca.SX]:  # fmt: skip
+def lumped_torque(chain: Chain, lumping: Lumping, q: ca.SX, qd: ca.SX, qdd: ca.SX, f: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Inertial torque (n, 1) and gravity torque (n, 1) [N m] of f (p, 1), each by the fewest links' parameters."""
     rest, strength = ca.SX.zeros(chain.n), float(np.linalg.norm(chain.gravity))
     moving = torque(chain, q, qd, qdd, ca.SX(lumping.inertial_section()) @ f, (0, 0, 0))
@@ -80,7 +77,7 @@ def collected(expression: ca.SX, q: ca.SX, f: ca.SX) -> ca.SX:
     at = np.array([ca.Function("slopes", [q], [slopes])(pose).full() for pose in poses])
     moves = np.abs(at - at[0]).max(axis=0) > 1e-12 * np.abs(at).max(initial=1e-300)
     rows: list[ca.SX] = [ca.SX()] * len(moves)
-    sums: list[tuple[NDArray[np.float64], ca.SX]] = []
+    sums: list[tuple[Floats, ca.SX]] = []
     for i in sorted(range(len(moves)), key=lambda i: np.linalg.norm(at[:, i, moves[i]])):
         pattern = np.where(moves[i], at[:, i], 0.0)
         total = _multiple(pattern, sums)
@@ -91,7 +88,7 @@ def collected(expression: ca.SX, q: ca.SX, f: ca.SX) -> ca.SX:
     return ca.vertcat(*rows)
 
 
-def _multiple(pattern: NDArray[np.float64], sums: list[tuple[NDArray[np.float64], ca.SX]]) -> ca.SX | None:
+def _multiple(pattern: Floats, sums: list[tuple[Floats, ca.SX]]) -> ca.SX | None:
     """The sum, times a number, that has this pattern; None if there is none."""
     for other, total in sums:
         largest = np.unravel_index(np.abs(other).argmax(), other.shape)

@@ -5,21 +5,21 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant.parts.arguments import array
-from plant.parts.fields import Nested
+from plant.parts.fields import Floats, Nested
 from plant.parts.part import Part, part, structure
 
 
-def turn(axis: ArrayLike, angle: float) -> NDArray[np.float64]:
+def turn(axis: ArrayLike, angle: float) -> Floats:
     """Rotation matrix (3, 3) by an angle [rad] about an axis (3,) of any length."""
     x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + exact(np.sin(angle)) * cross + (1 - exact(np.cos(angle))) * (cross @ cross)
 
 
-def exact(x: Any) -> NDArray[np.float64]:
+def exact(x: Any) -> Floats:
     """Sines and cosines with those of right angles made whole, which keeps the equations short."""
     return np.where(np.abs(x - np.round(x)) < 1e-15, np.round(x), x)
 

@@ -10,9 +10,9 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.mechanics.placement import turn
+from plant.parts.fields import Floats
 from plant.parts.files import read_bounded
 
 Edit = tuple[int, int, bytes]
@@ -131,9 +131,7 @@ def _tag_end(data: bytes, start: int) -> int:
     return match.end() if match else start
 
 
-def numbers_of(
-    element: Element | None, attribute: str, count: int, default: str | None, where: str
-) -> NDArray[np.float64]:
+def numbers_of(element: Element | None, attribute: str, count: int, default: str | None, where: str) -> Floats:
     """So many finite numbers of an attribute."""
     text = default if element is None else element.attributes.get(attribute, default)
     if text is None:
@@ -158,7 +156,7 @@ def spliced(data: bytes, edits: Iterable[Edit]) -> bytes:
 ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 
 
-def rotation_of(element: Element, where: str, *, degrees: bool, sequence: str) -> NDArray[np.float64]:
+def rotation_of(element: Element, where: str, *, degrees: bool, sequence: str) -> Floats:
     """Rotation matrix (3, 3) of an MJCF element: its axes as columns, in the parent's frame.
 
     ``sequence`` is ``eulerseq``: three of xyz, axes that turn along, or of XYZ, fixed axes. Two orientations at once

@@ -4,9 +4,9 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.models.hypotheses import Shape, Stated
+from plant.parts.fields import Floats
 
 _DENSITY, _TIMES = 1500.0, 1.2
 """Usual density [kg/m^3] of a link over the volume of its primitives, and the deviation of its logarithm."""
@@ -40,11 +40,11 @@ class CheckedLink:
     name: str
     stated: Stated | None
     shape: Shape | None
-    places: NDArray[np.float64]
-    partners: Sequence[tuple[Stated, NDArray[np.float64]]] = ()
+    places: Floats
+    partners: Sequence[tuple[Stated, Floats]] = ()
 
 
-def mirrored(given: Stated, plane: NDArray[np.float64]) -> Stated:
+def mirrored(given: Stated, plane: Floats) -> Stated:
     """The inertial on the other side of a plane."""
     turned = given.rotation @ given.inertia @ given.rotation.T
     return Stated(given.mass, plane @ given.com, np.eye(3), plane @ turned @ plane)
@@ -128,7 +128,7 @@ def _reach(links: dict[str, CheckedLink]) -> float:
     )
 
 
-def _divergence(spread: NDArray[np.float64], scale: NDArray[np.float64]) -> float:
+def _divergence(spread: Floats, scale: Floats) -> float:
     """Log-det divergence of second moments from those of a shape; a flat body is as thick as a hundredth of it."""
     ratio = np.linalg.solve(scale, spread)
     sign, logarithm = np.linalg.slogdet(ratio + 1e-4 * np.eye(3))

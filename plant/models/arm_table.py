@@ -84,6 +84,7 @@ def _chain(table: dict[str, Any], folder: Path) -> Chain:
     sources = [key for key in ("links", "urdf", "mjcf") if key in table]
     if len(sources) != 1:
         raise ValueError(f"[arm] must have one of links, urdf, mjcf; got {' and '.join(sources) or 'none'}. Give one.")
+    changes: dict[str, Any] = {key: table[key] for key in ("gravity",) if key in table}
     if sources != ["links"]:
         if unused := [key for key in ("table", "bodies", "limits") if key in table]:
             raise ValueError(f"[arm] must not have {unused[0]!r} beside a model file, which holds it. Remove one.")
@@ -92,7 +93,6 @@ def _chain(table: dict[str, Any], folder: Path) -> Chain:
             raise ValueError(f"{sources[0]} of [arm] must name a file; {path} is not there. Put it beside this one.")
         read = Chain.from_urdf if sources == ["urdf"] else Chain.from_mjcf
         chain = read(path, table.get("joints"))
-        changes: dict[str, Any] = {key: table[key] for key in ("gravity",) if key in table}
     else:
         kept: dict[str, Any] = {
             key: table[key] for key in ("links", "gravity", "bodies", "coupling", "limits") if key in table
@@ -100,13 +100,10 @@ def _chain(table: dict[str, Any], folder: Path) -> Chain:
         if choice("table of [arm]", table.get("table", "modified"), ("modified", "standard")) == "modified":
             made: Chain = part_of(kept, "plant.Chain", "arm")
             return made
-        rest = {key: value for key, value in table.items() if key in ("gravity", "limits")}
         bodies = tuple(part_of(each, "plant.Body", "arm.bodies") for each in kept.get("bodies", ()))
         chain = Chain.standard(kept["links"], bodies=bodies)
-        changes = {
-            key: part_of(value, "plant.Limits", "arm.limits") if key == "limits" else value
-            for key, value in rest.items()
-        }
+        if "limits" in table:
+            changes["limits"] = part_of(table["limits"], "plant.Limits", "arm.limits")
     if "coupling" in table:
         changes["coupling"] = part_of(table["coupling"], "plant.Coupling", "arm.coupling")
     return dataclasses.replace(chain, **changes)

@@ -14,20 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from plant.mechanics.body import Body
+from plant.mechanics.body import Body, inertia_matrix
 from plant.mechanics.model_tree import MOVING
 from plant.mechanics.urdf_file import INERTIA, origin_of
 from plant.mechanics.xml_file import Element, numbers_of, parsed, spliced
-from plant.models.agreement import (
-    HEAVIEST,
-    CheckedLink,
-    agrees,
-    apart,
-    coincides,
-    cost_of,
-    impossible,
-    mirrored,
-)
+from plant.models.agreement import HEAVIEST, CheckedLink, agrees, apart, coincides, cost_of, impossible, mirrored
 from plant.models.edits import body_of, guess, only, urdf_inertial
 from plant.models.hypotheses import Stated, joint_places, mirrors, partner_of, shape_of, without_mistakes
 from plant.parts.arguments import known_options
@@ -184,9 +175,7 @@ def _own_gain(link: CheckedLink, finding: ModelFinding, links: dict[str, Checked
     alone = dataclasses.replace(link, partners=())
     if link.stated is None or finding.repair is None:
         return 0.0
-    inertia = np.zeros((3, 3))
-    inertia[np.triu_indices(3)] = finding.repair.inertia
-    repaired = Stated(finding.repair.mass, finding.repair.com, np.eye(3), inertia + np.triu(inertia, 1).T)
+    repaired = Stated(finding.repair.mass, finding.repair.com, np.eye(3), inertia_matrix(finding.repair.inertia))
     return cost_of(link.stated, alone, links) - cost_of(repaired, alone, links)
 
 
@@ -197,9 +186,8 @@ def _stated(link: Element, name: str) -> Stated | None:
         return None
     where, pose = f"link {name}", origin_of(inertial, f"link {name}")
     mass = numbers_of(inertial.find("mass"), "value", 1, "0", where)[0]
-    matrix, inertia = inertial.find("inertia"), np.zeros((3, 3))
-    inertia[np.triu_indices(3)] = [numbers_of(matrix, key, 1, "0", where)[0] for key in INERTIA]
-    inertia = inertia + np.triu(inertia, 1).T
+    entries = [numbers_of(inertial.find("inertia"), key, 1, "0", where)[0] for key in INERTIA]
+    inertia = inertia_matrix(entries)
     if not mass and not inertia.any():
         return None
     return Stated(float(mass), np.array(pose.position), np.array(pose.rotation), inertia)

@@ -57,17 +57,13 @@ def urdf_inertial(data: bytes, link: Element, body: Body) -> list[Edit]:
         parts = f'<origin xyz="{_text(body.com)}"/><mass value="{_text(body.mass)}"/>'
         return [link.child_edit(data, f"<inertial>{parts}{_matrix(body)}</inertial>", first=True)]
     edits: list[Edit] = []
-    origin, mass, matrix = (inertial.find(tag) for tag in ("origin", "mass", "inertia"))
+    for tag, name, value in (("origin", "xyz", body.com), ("mass", "value", body.mass)):
+        if (element := inertial.find(tag)) is None:
+            edits.append(inertial.child_edit(data, f'<{tag} {name}="{_text(value)}"/>', first=tag == "origin"))
+        else:
+            edits.append(element.attribute_edit(data, name, _text(value)))
     turned = body.seen_from(Placement(rotation=origin_of(inertial, "inertial").rotation).inverse())
-    if origin is None:
-        edits.append(inertial.child_edit(data, f'<origin xyz="{_text(body.com)}"/>', first=True))
-    else:
-        edits.append(origin.attribute_edit(data, "xyz", _text(body.com)))
-    if mass is None:
-        edits.append(inertial.child_edit(data, f'<mass value="{_text(body.mass)}"/>'))
-    else:
-        edits.append(mass.attribute_edit(data, "value", _text(body.mass)))
-    if matrix is None:
+    if (matrix := inertial.find("inertia")) is None:
         edits.append(inertial.child_edit(data, _matrix(turned)))
     else:
         pairs = zip(INERTIA, turned.inertia, strict=True)

@@ -6,10 +6,10 @@ import re
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.mechanics.urdf_file import origin_of
 from plant.mechanics.xml_file import Element, numbers_of
+from plant.parts.fields import Floats
 
 
 @dataclasses.dataclass(frozen=True)
@@ -17,12 +17,12 @@ class Stated:
     """An inertial as the file states it: mass, centre of mass and rotation in the link's frame, inertia in its own."""
 
     mass: float
-    com: NDArray[np.float64]
-    rotation: NDArray[np.float64]
-    inertia: NDArray[np.float64]
+    com: Floats
+    rotation: Floats
+    inertia: Floats
 
     @property
-    def spread(self) -> NDArray[np.float64]:
+    def spread(self) -> Floats:
         """Second moments about the centre of mass (3, 3), in the link's axes [kg m^2]."""
         turned = self.rotation @ self.inertia @ self.rotation.T
         return np.asarray(np.trace(turned) / 2 * np.eye(3) - turned)
@@ -97,14 +97,11 @@ def without_mistakes(given: Stated) -> Iterator[tuple[str, Stated]]:
         plane = np.eye(3)
         plane[axis, axis] = -1.0
         turned = plane @ given.rotation @ plane
-        yield (
-            f"a link mirrored in {'xyz'[axis]}",
-            Stated(m, plane @ c, turned, plane @ I @ plane),
-        )
+        yield (f"a link mirrored in {'xyz'[axis]}", Stated(m, plane @ c, turned, plane @ I @ plane))
         yield f"a centre of mass mirrored in {'xyz'[axis]}", dataclasses.replace(given, com=plane @ c)
 
 
-def _with(given: Stated, products: NDArray[np.float64]) -> Stated:
+def _with(given: Stated, products: Floats) -> Stated:
     inertia = given.inertia.copy()
     for (i, j), value in zip(_PRODUCTS, products, strict=True):
         inertia[i, j] = inertia[j, i] = value
@@ -123,11 +120,11 @@ class Shape:
     """
 
     volume: float
-    centre: NDArray[np.float64]
-    spread: NDArray[np.float64]
-    corners: NDArray[np.float64]
+    centre: Floats
+    spread: Floats
+    corners: Floats
 
-    def holds(self, com: NDArray[np.float64], spread: NDArray[np.float64], slack: float) -> bool:
+    def holds(self, com: Floats, spread: Floats, slack: float) -> bool:
         """Whether mass within the box can have this centre and these second moments per unit mass about it.
 
         Of anything between a and b the variance is at most (b - mean)(mean - a) (R. Bhatia, C. Davis, 2000). The box is
@@ -149,10 +146,8 @@ def shape_of(link: Element) -> Shape | None:
                 (s.volume * (s.spread + np.outer(s.centre - centre, s.centre - centre)) for s in found),
                 np.zeros((3, 3)),
             )
-            corners = np.array([each.corners for each in found])
-            return Shape(
-                volume, centre, spread / volume, np.array([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
-            )
+            low, high = np.array([each.corners for each in found]).swapaxes(0, 1)
+            return Shape(volume, centre, spread / volume, np.array([low.min(axis=0), high.max(axis=0)]))
     return None
 
 
@@ -181,7 +176,7 @@ def _primitive(element: Element) -> Shape | None:
     return Shape(volume, centre, rotation @ spread @ rotation.T, np.array([centre - reach, centre + reach]))
 
 
-def joint_places(robot: Element, name: str) -> NDArray[np.float64]:
+def joint_places(robot: Element, name: str) -> Floats:
     """Where the joints sit that a link carries, (k, 3) in its frame [m]."""
     found = []
     for joint in robot.all("joint"):
@@ -204,9 +199,7 @@ def partner_of(name: str, names: list[str]) -> str | None:
     return None
 
 
-def mirrors(
-    shapes: tuple[Shape | None, Shape | None], places: tuple[NDArray[np.float64], NDArray[np.float64]]
-) -> list[NDArray[np.float64]]:
+def mirrors(shapes: tuple[Shape | None, Shape | None], places: tuple[Floats, Floats]) -> list[Floats]:
     """Reflections (3, 3) that take the partner's shape and joints to the link's own; several where nothing tells."""
     kept = []
     for plane in _PLANES:

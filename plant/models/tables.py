@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from plant.parts.arguments import near
 from plant.parts.kinds import PARTS, kind_of
 from plant.parts.part import Part
 from plant.parts.plain import from_plain
@@ -65,8 +66,7 @@ def class_of(kind: Any, where: str) -> type[Part]:
     if isinstance(kind, str) and kind in PARTS:
         return PARTS[kind]
     package = str(kind).split(".")[0]
-    near = difflib.get_close_matches(str(kind), PARTS, n=1, cutoff=0.6)
-    hint = f"Did you mean {near[0]!r}?" if near else "Write it like 'plant.P'."
+    hint = near(kind, PARTS, "Write it like 'plant.P'.", cutoff=0.6)
     if package in ("identification", "ctc") and not any(name.startswith(f"{package}.") for name in PARTS):
         hint = f"Import {package} first."
     raise ValueError(f"kind in [{where}] must be that of a part; got {kind!r:.60}. {hint}")
@@ -79,8 +79,8 @@ def check_keys(table: Any, cls: type[Part], where: str) -> None:
     fields = {field.name: field for field in dataclasses.fields(cls)}
     for key in table:
         if key not in fields and key != "kind":
-            near = difflib.get_close_matches(key, fields, n=1, cutoff=0.5)
-            said = f"Did you mean {near[0]!r}{_said(cls, near[0])}?" if near else f"It has {', '.join(fields)}."
+            close = difflib.get_close_matches(key, fields, n=1, cutoff=0.5)
+            said = f"Did you mean {close[0]!r}{_said(cls, close[0])}?" if close else f"It has {', '.join(fields)}."
             raise ValueError(f"[{where}] must have keys of {cls.__name__}; got {key!r}. {said}")
     for name, field in fields.items():
         needed = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING

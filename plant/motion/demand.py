@@ -12,12 +12,11 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.parts.arguments import instance, real
-from plant.parts.fields import ArrayOrSymbols
+from plant.parts.fields import ArrayOrSymbols, Floats
 
 _POINTS = 4000
 """At which a motion is evaluated, at least; otherwise once per sampling period."""
@@ -38,10 +37,10 @@ class Demand:
     """
 
     rig: Rig
-    along: NDArray[np.float64]
-    inertial: NDArray[np.float64]
-    centrifugal: NDArray[np.float64]
-    holding: NDArray[np.float64]
+    along: Floats
+    inertial: Floats
+    centrifugal: Floats
+    holding: Floats
 
     def torque(self, a: ArrayOrSymbols, v: ArrayOrSymbols, friction: ArrayOrSymbols) -> ArrayOrSymbols:
         """Torque (N, n) [N m] at an acceleration and a speed along the path: numbers, arrays (N, 1) or casadi."""
@@ -51,17 +50,17 @@ class Demand:
         """Friction torque (N, n) [N m] at a speed along the path."""
         return self.rig.drive.coupling.shaft_torque(self.rig.drive.friction(self.along * v))
 
-    def dry_friction(self) -> NDArray[np.float64]:
+    def dry_friction(self) -> Floats:
         """Coulomb friction (N, n) [N m] of a very slow motion along the path."""
         return np.asarray(self.friction(_TINY))
 
-    def share(self, v: float) -> NDArray[np.float64]:
+    def share(self, v: float) -> Floats:
         """Peak torque over the limits (n,) at a constant speed along the path."""
-        peak: NDArray[np.float64] = np.abs(self.torque(0.0, v, self.friction(v))).max(axis=0)
+        peak: Floats = np.abs(self.torque(0.0, v, self.friction(v))).max(axis=0)
         return peak / self.rig.drive.torque_limit()
 
 
-def demand(arm: Arm, rig: Rig, motion: Sequence[NDArray[np.float64]]) -> Demand:
+def demand(arm: Arm, rig: Rig, motion: Sequence[Floats]) -> Demand:
     """Torque demand of a path, given by its motion (q, qd, qdd) at its own speed (v = 1, a = 0)."""
     values = _coefficients(arm, rig).map(len(motion[0]))(*(x.T for x in motion))
     return Demand(rig, motion[1], *(rig.drive.coupling.shaft_torque(value.full().T) for value in values))
@@ -77,9 +76,7 @@ def _coefficients(arm: Arm, rig: Rig) -> ca.Function:
     return ca.Function("demand", [q, along, bend], [ca.densify(part) for part in ca.cse(parts)])
 
 
-def sampled_demand(
-    arm: Arm, rig: Rig, reference: Any
-) -> tuple[NDArray[np.float64], Sequence[NDArray[np.float64]], Demand]:
+def sampled_demand(arm: Arm, rig: Rig, reference: Any) -> tuple[Floats, Sequence[Floats], Demand]:
     """Closely spaced times, the motion of a reference there, and its demand."""
     instance("arm", arm, Arm, "The order is arm, rig.")
     instance("rig", rig, Rig, "The order is arm, rig.")

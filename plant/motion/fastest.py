@@ -19,7 +19,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
@@ -27,7 +27,8 @@ from plant.mechanics.link import Limits
 from plant.motion.demand import Demand, demand, shortest_duration
 from plant.motion.reference import Motion, Reference, Scaled
 from plant.motion.table import Table
-from plant.parts.arguments import array, instance, known_options
+from plant.parts.arguments import array, instance, known_options, whole
+from plant.parts.fields import Floats
 
 _INSIDE, _AT_ENDS = 4, 24
 """Points per interval of the spline at which the torque is limited and the time integrated; and in the first and the
@@ -114,8 +115,7 @@ def fastest(
         return reference.slowed(shortest_duration(arm, rig, reference, share) / reference.duration)
     if isinstance(reference, Table):
         raise ValueError("reference must be smooth; a Table has corners. Use Spline(times=..., points=...).")
-    if not isinstance(intervals, (int, np.integer)) or intervals < 4:
-        raise ValueError(f"intervals must be a whole number of at least 4; got {intervals!r}. The default is 120.")
+    whole("intervals", intervals, "The default is 120.", least=4)
     if limits is not None:
         instance("limits", limits, Limits, "Pass chain.limits.")
         if limits.n != rig.n:
@@ -161,19 +161,18 @@ def fastest(
 
 def _limited(
     needed: Demand,
-    places: NDArray[np.float64],
+    places: Floats,
     a: ca.SX,
     v: ca.SX,
-    limit: NDArray[np.float64],
-    torque_rate: NDArray[np.float64],
-    motor_speed: NDArray[np.float64],
-    joint_speed: NDArray[np.float64],
+    limit: Floats,
+    torque_rate: Floats,
+    motor_speed: Floats,
+    joint_speed: Floats,
 ) -> ca.SX:
     """Constraints within ±1, over their bounds: torque, its rate, speeds of motors and joints (n, at N places)."""
     drive = needed.rig.drive
-    friction = [
-        drive.friction(ca.DM(along) * speed) for along, speed in zip(needed.along, ca.vertsplit(v), strict=True)
-    ]
+    speeds = zip(needed.along, ca.vertsplit(v), strict=True)
+    friction = [drive.friction(ca.DM(along) * speed) for along, speed in speeds]
     frictionless = needed.torque(a, v, 0.0)
     torque = frictionless + drive.coupling.shaft_torque(ca.horzcat(*friction)).T
     ends = frictionless[[0, -1], :]  # at rest, where Coulomb friction does not help to brake
@@ -198,7 +197,7 @@ def require_inside(motion: Motion, limits: Limits, labels: list[str]) -> None:
         )
 
 
-def _bound(name: str, value: ArrayLike | None, n: int) -> NDArray[np.float64]:
+def _bound(name: str, value: ArrayLike | None, n: int) -> Floats:
     if value is None:
         return np.full(n, np.inf)
     bound = array(name, value, (n,), advice="Give one per joint.", finite=False)
@@ -227,7 +226,7 @@ class _Spline:
         """Values (N, count) of the splines, or of their derivatives, at `places`."""
         return ca.sparsify(ca.DM(self._of(np.eye(self.count)).derivative(derivative)(self.places)))
 
-    def law(self, path: Reference, coefficients: NDArray[np.float64]) -> Scaled:
+    def law(self, path: Reference, coefficients: Floats) -> Scaled:
         """The time law of a path with these coefficients of b."""
         b = self._of(coefficients)
         s = np.linspace(0.0, self.edges[-1], _NODES * (len(self.edges) - 1) + 1)

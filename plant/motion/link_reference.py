@@ -5,13 +5,13 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.machine.gear_torque import gear_torque, require_elastic, wound
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.motion.reference import Derived, Reference
 from plant.parts.arguments import instance
+from plant.parts.fields import Floats
 from plant.parts.part import part, structure
 
 
@@ -27,7 +27,7 @@ class LinkReference(Derived):
     Where the jerk of q_r jumps (both ends of `PointToPoint` and `Spline`, the points of `Scaled`), the speed of the
     motors jumps by the links' inertia over k times as much; where its acceleration jumps, the motors would have to jump
     themselves. A simulation starts with the motors on theta_r and the links as they hang at rest: if the motion begins
-    with an acceleration, they are off by what it adds to tau_link / k, and swing.
+    with an acceleration, they are off by what it adds to tau_link / k, and oscillate.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class LinkReference(Derived):
         motion = [theta, speed, ca.jtimes(speed, state, rate)]
         return ca.Function("motors", along, ca.cse([ca.densify(each) for each in motion]))
 
-    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
         """Motion of the motors at times (N,), as joints on rigid gears would have it."""
         links = [*self.reference.motion(t), *self.reference.higher(t)]
         if not len(t):

@@ -11,22 +11,22 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.motion.demand import sampled_demand
 from plant.parts.arguments import array, known_options, real
-from plant.parts.fields import Nested
+from plant.parts.fields import Floats, Nested
 from plant.parts.part import Part, declared, number, part, structure
 
 
 class Motion(NamedTuple):
     """Position [rad], velocity [rad/s] and acceleration [rad/s^2], each (N, n), joint side."""
 
-    q: NDArray[np.float64]
-    qd: NDArray[np.float64]
-    qdd: NDArray[np.float64]
+    q: Floats
+    qd: Floats
+    qdd: Floats
 
 
 class Reference(Part, abc.ABC):
@@ -56,10 +56,10 @@ class Reference(Part, abc.ABC):
     duration: float = declared("How long the motion takes, or one period of it [s].")
 
     @abc.abstractmethod
-    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
         """Position [rad], velocity [rad/s], acceleration [rad/s^2], each (N, n), joint side, at times t (N,) [s]."""
 
-    def higher(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def higher(self, t: Floats) -> tuple[Floats, Floats]:
         """Jerk [rad/s^3] and snap [rad/s^4], third and fourth derivative of q, each (N, n), at times t (N,) [s]."""
         name = type(self).__name__
         raise ValueError(
@@ -88,7 +88,7 @@ class Reference(Part, abc.ABC):
         return Later(reference=self, time=time)
 
     @known_options
-    def torque_share(self, arm: Arm, rig: Rig) -> NDArray[np.float64]:
+    def torque_share(self, arm: Arm, rig: Rig) -> Floats:
         """Peak torque of each joint (n,), over its amplifier's limit, to follow this motion exactly, friction included.
 
         During one duration, of coupled motors per shaft. Above 1 no controller can follow; feedback torque comes on
@@ -101,7 +101,7 @@ class Reference(Part, abc.ABC):
         times = array("t", t, ("N",), advice="Give times in seconds from the start.")
         return Motion(*(np.ascontiguousarray(x, dtype=float) for x in self.motion(times)))
 
-    def _keep(self, name: str, shape: tuple[int | str | None, ...], advice: str) -> NDArray[np.float64]:
+    def _keep(self, name: str, shape: tuple[int | str | None, ...], advice: str) -> Floats:
         """Check a field and hold it as nested tuples, so that the reference can be compared and written."""
         value = array(name, getattr(self, name), shape, advice=advice)
         object.__setattr__(self, name, _nested(value))
@@ -194,20 +194,20 @@ class Scaled(Timed):
         )
 
     @functools.cached_property
-    def _law(self) -> tuple[Callable[[NDArray[np.float64]], NDArray[np.float64]], ...]:
+    def _law(self) -> tuple[Callable[[Floats], Floats], ...]:
         """Functions of time: s and its four derivatives."""
         from scipy.interpolate import BPoly  # 0.2 s, for those who use it
 
         law = BPoly.from_derivatives(self.times, np.column_stack([self.places, self.speeds, self.accelerations]))
         return law, *(law.derivative(k) for k in range(1, 5))
 
-    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
         """Motion at times (N,), by the chain rule."""
         place, (speed, acceleration, *_) = self._places(t)
         q, along, bend = self.path.motion(place)
         return q, along * speed, bend * speed**2 + along * acceleration
 
-    def higher(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def higher(self, t: Floats) -> tuple[Floats, Floats]:
         """Jerk and snap at times (N,), by the chain rule; both jump at the points of the time law."""
         place, (v, a, j, s) = self._places(t)
         _, first, second = self.path.motion(place)
@@ -217,7 +217,7 @@ class Scaled(Timed):
             fourth * v**4 + 6 * third * v**2 * a + second * (3 * a**2 + 4 * v * j) + first * s,
         )
 
-    def _places(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+    def _places(self, t: Floats) -> tuple[Floats, list[Floats]]:
         """The path's own time at times (N,), and its four derivatives, each (N, 1)."""
         inside = np.clip(t, 0.0, self.duration)
         s, speed, *higher = (derivative(inside) for derivative in self._law)
@@ -255,10 +255,10 @@ class Later(Derived):
         """The links' motion, from the same instant on."""
         return self if self.reference.links is self.reference else self.reference.links.later(self.time)
 
-    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
         """Motion at times (N,)."""
         return self.reference.motion(t + self.time)
 
-    def higher(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def higher(self, t: Floats) -> tuple[Floats, Floats]:
         """Jerk and snap at times (N,)."""
         return self.reference.higher(t + self.time)

@@ -4,11 +4,10 @@ import abc
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.motion.reference import Reference, Timed
 from plant.parts.arguments import real
-from plant.parts.fields import Nested
+from plant.parts.fields import Floats, Nested
 from plant.parts.part import part, structure
 
 _FREE = 6
@@ -19,15 +18,15 @@ class _Smooth(Reference):
     """Base of references whose derivatives of any order are one formula; where one jumps, it is that of one side."""
 
     @abc.abstractmethod
-    def _derivatives(self, t: NDArray[np.float64], orders: Sequence[int]) -> list[NDArray[np.float64]]:
+    def _derivatives(self, t: Floats, orders: Sequence[int]) -> list[Floats]:
         """Derivatives of q of these orders, 0 for q itself, each (N, n), at times t (N,)."""
 
-    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
         """Motion at times (N,)."""
         q, qd, qdd = self._derivatives(t, range(3))
         return q, qd, qdd
 
-    def higher(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def higher(self, t: Floats) -> tuple[Floats, Floats]:
         """Jerk and snap at times (N,)."""
         jerk, snap = self._derivatives(t, (3, 4))
         return jerk, snap
@@ -83,7 +82,7 @@ class Harmonics(_Smooth):
         """One period [s]."""
         return self.period
 
-    def _derivatives(self, t: NDArray[np.float64], orders: Sequence[int]) -> list[NDArray[np.float64]]:
+    def _derivatives(self, t: Floats, orders: Sequence[int]) -> list[Floats]:
         """Of exp(i j w t)."""
         rate = 2j * np.pi / self.period * np.arange(1, np.shape(self.cosine)[1] + 1)
         amplitude = np.asarray(self.cosine) - 1j * np.asarray(self.sine)
@@ -129,7 +128,7 @@ class PointToPoint(_Smooth):
         """Number of joints."""
         return len(self.start)
 
-    def _derivatives(self, t: NDArray[np.float64], orders: Sequence[int]) -> list[NDArray[np.float64]]:
+    def _derivatives(self, t: Floats, orders: Sequence[int]) -> list[Floats]:
         """From the third on they jump at the ends."""
         path = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
         s = np.clip(t / self.duration, 0.0, 1.0)[:, None]
@@ -173,7 +172,7 @@ class Spline(Timed, _Smooth):
         if not self.at_rest and len(self.times) < _FREE:
             raise ValueError(f"points must be {_FREE} or more if at_rest is False; got {len(self.times)}. Give more.")
 
-    def _derivatives(self, t: NDArray[np.float64], orders: Sequence[int]) -> list[NDArray[np.float64]]:
+    def _derivatives(self, t: Floats, orders: Sequence[int]) -> list[Floats]:
         """From the third on they jump at the ends; between, the fifth is the first that does."""
         rest = [(1, np.zeros(self.n)), (2, np.zeros(self.n))]
         from scipy.interpolate import make_interp_spline  # 0.2 s, for those who use it

@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.motion.reference import Timed
 from plant.parts.arguments import decimal, known_options
-from plant.parts.fields import Nested
+from plant.parts.fields import Floats, Nested
 from plant.parts.files import require_bounded
 from plant.parts.part import part, structure
 
@@ -96,7 +95,7 @@ class Table(Timed):
         table = np.array(rows)
         return cls(times=table[:, 0], points=table[:, 1:])
 
-    def motion(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
         """Motion at times (N,)."""
         times, points = np.asarray(self.times), np.asarray(self.points)
         row = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)

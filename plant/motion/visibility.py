@@ -4,13 +4,13 @@ import dataclasses
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.mechanics.base_parameters import independent_columns
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.lumping import LOAD
 from plant.motion.reference import Reference
 from plant.parts.arguments import instance, real
+from plant.parts.fields import Floats
 from plant.parts.shown import Piece, Shown, Verdict
 
 
@@ -89,7 +89,7 @@ def visibility(
     return _identifiable(regressor @ dynamics.load_matrix(load), LOAD, 1e-3 if tolerance is None else tolerance)
 
 
-def _along(dynamics: Dynamics, reference: Reference, start: float, duration: float | None) -> NDArray[np.float64]:
+def _along(dynamics: Dynamics, reference: Reference, start: float, duration: float | None) -> Floats:
     """Regressor along a segment of a reference, stacked: (states n, p)."""
     instance("dynamics", dynamics, Dynamics, "The order is dynamics, reference; Dynamics.from_chain(chain) makes one.")
     instance("reference", reference, Reference, "The order is dynamics, reference.")
@@ -104,7 +104,7 @@ def _along(dynamics: Dynamics, reference: Reference, start: float, duration: flo
     return np.vstack([dynamics.Y(*state).full() for state in zip(*motion, strict=True)])
 
 
-def _identifiable(regressor: NDArray[np.float64], parameters: Sequence[str], tolerance: float) -> Visibility:
+def _identifiable(regressor: Floats, parameters: Sequence[str], tolerance: float) -> Visibility:
     lengths = np.linalg.norm(regressor, axis=0)
     kept, matrix = independent_columns(regressor, range(len(parameters)), tolerance)
     sums = [f"({name})" if " " in name else name for name in parameters]

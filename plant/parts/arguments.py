@@ -9,7 +9,9 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from plant.parts.fields import Floats
 
 T = TypeVar("T")
 C = TypeVar("C", bound=Callable[..., Any])
@@ -17,7 +19,7 @@ C = TypeVar("C", bound=Callable[..., Any])
 
 def array(
     name: str, value: ArrayLike, shape: tuple[int | str | None, ...], *, advice: str, finite: bool = True
-) -> NDArray[np.float64]:
+) -> Floats:
     """`value` as a new float64 array of exactly this shape, or a refusal in one line.
 
     A string or None in the shape stands for any length; `advice` is the last part of the message, what to do instead.
@@ -45,9 +47,14 @@ def choice(name: str, value: T, allowed: Collection[T]) -> T:
     """Return `value` if it is one of `allowed`, or refuse it and offer the nearest."""
     if value in allowed:
         return value
-    near = difflib.get_close_matches(str(value), [str(a) for a in allowed], n=1, cutoff=0.4)
-    hint = f"Did you mean {near[0]!r}?" if near else f"Use {next(iter(allowed))!r}."
+    hint = near(value, allowed, f"Use {next(iter(allowed))!r}.")
     raise ValueError(f"{name} must be one of {', '.join(repr(a) for a in allowed)}; got {value!r}. {hint}")
+
+
+def near(value: Any, known: Iterable[Any], otherwise: str = "", *, cutoff: float = 0.4) -> str:
+    """The last part of a message: whether the nearest of what is known was meant; `otherwise` where none is near."""
+    found = difflib.get_close_matches(str(value), [str(each) for each in known], n=1, cutoff=cutoff)
+    return f"Did you mean {found[0]!r}?" if found else otherwise
 
 
 def instance(name: str, value: T, kind: type[Any], advice: str) -> T:
@@ -64,6 +71,13 @@ def real(name: str, value: Any, advice: str, *, positive: bool = False) -> float
     if sound and (value > 0 or not positive):
         return float(value)
     raise ValueError(f"{name} must be a {'positive' if positive else 'finite'} number; got {value!r:.60}. {advice}")
+
+
+def whole(name: str, value: Any, advice: str, *, least: int = 1) -> int:
+    """Return `value` if it is a whole number of at least so much, or refuse it."""
+    if isinstance(value, (int, np.integer)) and not isinstance(value, bool) and value >= least:
+        return int(value)
+    raise ValueError(f"{name} must be a whole number of at least {least}; got {value!r:.60}. {advice}")
 
 
 _MAGNITUDES = "Gains and poles are magnitudes; the sign of the gear is in the drive."

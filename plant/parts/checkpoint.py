@@ -18,8 +18,9 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 from llvmlite.binding import get_host_cpu_name
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from plant.parts.fields import Floats
 from plant.parts.files import read_bounded, remove_remains, write_whole
 from plant.parts.plain import from_plain, to_plain
 from plant.parts.saved import FORMAT, MOST, fingerprint, parsed, versions, written
@@ -90,10 +91,10 @@ class Checkpoint:
         logging.getLogger(f"onepulse.{self._work}").info("%s%s: %.1f s", self._prefix, name, time.monotonic() - began)
         return made
 
-    def remembered(self, name: str, function: Callable[[NDArray[np.float64]], ArrayLike]) -> Callable[..., ArrayLike]:
+    def remembered(self, name: str, function: Callable[[Floats], ArrayLike]) -> Callable[..., ArrayLike]:
         """A function of one array, each of whose values is a stage."""
 
-        def remembering(x: NDArray[np.float64]) -> ArrayLike:
+        def remembering(x: Floats) -> ArrayLike:
             own = hashlib.sha256(repr(x.shape).encode() + np.ascontiguousarray(x).tobytes()).hexdigest()
             return self.stage(f"{name} {own[:24]}", lambda: function(x))
 

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Any, Generic, Self, TypeAlias, TypeVar, overlo
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+Floats: TypeAlias = NDArray[np.float64]
+
 ArrayOrSymbols: TypeAlias = Any
 """A numpy array, or a casadi expression of that shape; what comes out is of the kind that went in."""
 

@@ -15,10 +15,9 @@ from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Self, TypeVar, dataclass_transform
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.parts.arguments import array, instance, known_options, real
-from plant.parts.fields import ArrayOrSymbols
+from plant.parts.fields import ArrayOrSymbols, Floats
 from plant.parts.kinds import PARTS, kind_of
 from plant.parts.saved import Saved
 
@@ -157,7 +156,7 @@ class Part(Saved):
             names += [name] if np.ndim(value) == 0 else [f"{name}[{i}]" for i in range(len(value))]
         return names
 
-    def number_values(self) -> NDArray[np.float64]:
+    def number_values(self) -> Floats:
         """Values of all numbers, (k,), in the order of `number_names`."""
         return np.concatenate([np.atleast_1d(np.asarray(v, float)) for *_, v in self._leaves()] or [np.empty(0)])
 

@@ -47,11 +47,8 @@ def to_plain(value: Any, *, compared: bool = False) -> Any:
     if cls is list:
         return {"list": [to_plain(each, compared=compared) for each in value]}
     if isinstance(value, dict):
-        return {
-            "dict": [
-                [to_plain(key, compared=compared), to_plain(each, compared=compared)] for key, each in value.items()
-            ]
-        }
+        pairs = [[to_plain(key, compared=compared), to_plain(each, compared=compared)] for key, each in value.items()]
+        return {"dict": pairs}
     require_public(cls)
     raise ValueError(f"a file cannot hold a {cls.__name__}; got {value!r:.60}. Leave it out.")
 

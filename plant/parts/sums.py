@@ -5,9 +5,8 @@ long as a log is summed here; small matrices go to `numpy.linalg`, which does th
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from plant.parts.fields import Floats
 
 
 def dot(a: Floats, b: Floats) -> float:

@@ -56,15 +56,13 @@ class Running:
         Number of calls with a bridged sample.
     status : Status
         A str: "running", with what was bridged last, or "safe stop" and why; ``status.brake`` asks for the brakes.
+    friction : (2, n) numpy.ndarray
+        Coulomb [N m] and viscous [N m s/rad] friction, motor side, as a law that learns it has it now; to be saved, and
+        given to its next start. Of other laws a ValueError.
     """
 
     def __init__(
-        self,
-        law: Any,
-        rig: Rig,
-        pulses: ArrayLike,
-        guards: Guards | None = None,
-        torque_limit: ArrayLike | None = None,
+        self, law: Any, rig: Rig, pulses: ArrayLike, guards: Guards | None = None, torque_limit: ArrayLike | None = None
     ) -> None:
         instance("rig", rig, Rig, "Pass found.rig.")
         if guards is not None:
@@ -176,6 +174,18 @@ class Running:
     @property
     def state(self) -> NDArray[np.float64]:
         return self.core.law_state(self.n).copy()
+
+    @property
+    def friction(self) -> NDArray[np.float64]:
+        learnt: NDArray[np.float64] = self.law.friction_in(self.state)
+        return learnt
+
+    def begin(self, state: NDArray[np.float64]) -> None:
+        """Begin with a state (s,) of the law; also what `reset` begins with."""
+        self.core.law_state(self.n)[:] = state
+        counts = self.pulses
+        self._initial[:] = self._memory
+        self._set(counts)
 
     @property
     def stopped(self) -> bool:

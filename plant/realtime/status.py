@@ -1,9 +1,7 @@
 """What a running controller says of itself: running, or stopped and why, and whether it asks for the brakes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,7 +43,7 @@ class Status(str):
     __slots__ = ("brake",)
 
     @classmethod
-    def of(cls, memory: NDArray[np.float64], labels: Sequence[str], gravity: bool) -> Status:
+    def of(cls, memory: NDArray[np.float64], labels: Sequence[str], gravity: bool) -> Self:
         """Status of a controller by its memory and joints' labels; `gravity`: its ramps end with that compensated."""
         event, joint, amount, call = memory[layout.EVENT : layout.EVENT_CALL + 1]
         released, over = memory[layout.RELEASED], RAMP * memory[layout.DURATION]

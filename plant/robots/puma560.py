@@ -65,10 +65,7 @@ def equation_3(link2: Any, link3: Any, a3: Any) -> dict[str, Any]:
 def dynamics() -> Dynamics:
     """Equations (1)-(2) of links 2 and 3 with f1..f9 open, and their printed search ranges."""
     chain = Chain(
-        links=(
-            Link(name="2", alpha=-np.pi / 2, a=0.0, d=0.0),
-            Link(name="3", alpha=0.0, a=LINK_LENGTH, d=0.0),
-        )
+        links=(Link(name="2", alpha=-np.pi / 2, a=0.0, d=0.0), Link(name="3", alpha=0.0, a=LINK_LENGTH, d=0.0))
     )
     lumping = Lumping.from_equation(
         lambda link2, link3: equation_3(link2, link3, LINK_LENGTH),
@@ -136,9 +133,5 @@ def p_law(gain: ArrayLike = (0.20, 0.15)) -> P:
 def reference(period: float = 3.65) -> Harmonics:
     """The test trajectory, `period` seconds long. Source: paper eq. (6)."""
     quarter = np.pi / 4
-    return Harmonics(
-        period=period,
-        offset=(-quarter, quarter),
-        cosine=((quarter, 0.0), (0.0, -quarter)),
-        sine=((0.0, 0.0), (0.0, 0.0)),
-    )
+    cosine = np.diag([quarter, -quarter])
+    return Harmonics(period=period, offset=(-quarter, quarter), cosine=cosine, sine=np.zeros((2, 2)))

@@ -4,12 +4,12 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.laws.law import Law
 from plant.machine.elasticity import FOLLOWED, reduced
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
+from plant.parts.fields import Floats
 from plant.parts.labels import joint_label
 from plant.parts.user_warning import warn
 from plant.simulation.jacobians import jacobians
@@ -18,7 +18,7 @@ _MANY = 100
 """Steps per sample above which none are advised."""
 
 
-def warn_of_stiff_gears(arm: Arm, rig: Rig, pose: NDArray[np.float64], steps_per_sample: int) -> None:
+def warn_of_stiff_gears(arm: Arm, rig: Rig, pose: Floats, steps_per_sample: int) -> None:
     """Warn of gears whose vibration at a pose, motor against link, is wrong by more than 1 % in its frequency."""
     drive = rig.drive
     if drive.elasticity is None:
@@ -43,7 +43,7 @@ _COUNTS = 0.1
 """Share of a joint's inertia above which its rotor matters."""
 
 
-def warn_of_missing_rotors(arm: Arm, rig: Rig, q: NDArray[np.float64]) -> None:
+def warn_of_missing_rotors(arm: Arm, rig: Rig, q: Floats) -> None:
     """Warn of an arm whose bodies say that there are no rotors, under a drive that has them, at pose q (n,).
 
     The inertia matrix holds the rotors (f1 and f7 of the paper hold Jm k^2); a drive does not add them. Without them an
@@ -69,7 +69,7 @@ _ZERO = 1e-6
 """Growth of a pole, relative to its size, that may be rounding."""
 
 
-def warn_of_unstable_lag(arm: Arm, rig: Rig, law: Law, pose: NDArray[np.float64]) -> None:
+def warn_of_unstable_lag(arm: Arm, rig: Rig, law: Law, pose: Floats) -> None:
     """Warn of a fast law whose loop, linearised at a pose, is unstable with the currents' lag and stable without it."""
     if rig.drive.current_lag is None or law.has_memory(rig.n):
         return
@@ -80,12 +80,12 @@ def warn_of_unstable_lag(arm: Arm, rig: Rig, law: Law, pose: NDArray[np.float64]
     lag, name = rig.drive.current_lag.time, type(law).__name__
     warn(
         f"with a current_lag of {lag:g} s the loop of {name} is unstable: linearised "
-        f"at the start it swings up at {abs(growing.imag) / (2 * math.pi):.3g} Hz with the time constant "
+        f"at the start it oscillates at {abs(growing.imag) / (2 * math.pi):.3g} Hz with the time constant "
         f"{1 / growing.real:.2g} s; without lag it is stable. Lower the gains, or take a law with damping."
     )
 
 
-def _growing(arm: Arm, rig: Rig, law: Law, pose: NDArray[np.float64]) -> complex | None:
+def _growing(arm: Arm, rig: Rig, law: Law, pose: Floats) -> complex | None:
     """The pole [1/s] that grows fastest; None where none does, or where the law holds no pose."""
     try:
         poles = np.linalg.eigvals(jacobians(arm, rig, law, pose)[0])

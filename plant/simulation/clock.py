@@ -1,12 +1,12 @@
 """Sampling times of a loop: even, or the time stamps of a log."""
 
-from __future__ import annotations
-
 import dataclasses
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from plant.parts.fields import Floats
 
 _EVEN = 0.01
 """Jitter [periods] up to which time stamps count as even."""
@@ -32,12 +32,12 @@ class Clock:
     even: float | None
 
     @classmethod
-    def regular(cls, samples: int, period: float) -> Clock:
+    def regular(cls, samples: int, period: float) -> Self:
         """So many samples at k period."""
         return cls(np.arange(samples) * period, np.full(samples, period), np.arange(samples), period)
 
     @classmethod
-    def of(cls, record: Any) -> Clock:
+    def of(cls, record: Any) -> Self:
         """The clock of a record: its time stamps, or k period where they are that.
 
         A gap of more than 1.5 periods is divided by samples without measurement, so that no sub-step is longer than
@@ -64,29 +64,29 @@ class Clock:
     def __len__(self) -> int:
         return len(self.t)
 
-    def place(self, t: NDArray[Any]) -> NDArray[np.float64]:
+    def place(self, t: NDArray[Any]) -> Floats:
         """Index (K,) of times in the log, with the fraction between two samples; whole ones are exact."""
         if self.even is not None:
             place = np.asarray(t) / self.even
             return np.where(np.abs(place - np.round(place)) < 1e-9, np.round(place), place)
         return np.interp(t, self.t[self.rows], np.arange(len(self.rows)))
 
-    def apart(self, rows: NDArray[np.int_]) -> NDArray[np.float64] | float:
+    def apart(self, rows: NDArray[np.int_]) -> Floats | float:
         """Intervals from samples of the log to the next, (K, 1) [s]; one number where they are even."""
         if self.even is not None:
             return self.even
         return np.append(np.diff(self.t[self.rows]), self.lengths[-1])[rows][:, None]
 
-    def bridged(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def bridged(self, values: Floats) -> Floats:
         """Values (N, m) of the log's samples for all samples (M, m), on straight lines across gaps."""
         return np.column_stack([np.interp(np.arange(len(self)), self.rows, column) for column in values.T])
 
-    def between(self, values: NDArray[np.float64], t: NDArray[Any]) -> NDArray[np.float64]:
+    def between(self, values: Floats, t: NDArray[Any]) -> Floats:
         """Values (N, m) of the log's samples at times t (K,) [s], (K, m), on straight lines."""
         place, rows = self.place(t), np.arange(len(self.rows))
         return np.column_stack([np.interp(place, rows, column) for column in values.T])
 
-    def measured(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def measured(self, values: Floats) -> Floats:
         """Values (N, m) of the log's samples for all samples (M, m), zero between."""
         filled = np.zeros((len(self), values.shape[1]))
         filled[self.rows] = values

@@ -10,13 +10,13 @@ import os
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.laws.law import Law
 from plant.logs.record import Record
 from plant.machine.rig import Rig, smooth_rig
 from plant.motion.reference import Motion, Reference
 from plant.motion.smooth import Spline
+from plant.parts.fields import Floats
 from plant.parts.user_warning import warn
 from plant.simulation.clock import Clock
 
@@ -24,7 +24,7 @@ _QUINTIC = 5
 """Degree of the splines through commanded counts: accelerations are smooth."""
 
 _MORE_KNOTS, _SAMPLES_PER_KNOT = 1.3, 8
-"""Ratio of the numbers of knots that are tried, and samples that each has at least."""
+"""Ratio of the numbers of knots that are tested, and samples that each has at least."""
 
 _FEW, _MOST, _MISSED = 50, 100_000, 0.05
 """Samples of a path that is found from its counts, and the share of them that may have another count."""
@@ -51,15 +51,15 @@ class Path:
             raise ValueError(f"reference must have {rig.n} joints like the rig; got {reference.n}. Use a matching one.")
         self.reference, self.rig = reference, rig
 
-    def __call__(self, t: NDArray[np.float64]) -> tuple[Motion, NDArray[np.float64]]:
+    def __call__(self, t: Floats) -> tuple[Motion, Floats]:
         motion = self.reference(t)
         return motion, self.rig.counts(motion.q)
 
-    def setpoint(self, t: NDArray[np.float64], law: Law) -> Motion:
+    def setpoint(self, t: Floats, law: Law) -> Motion:
         """What a law is given at times t (N,): the motion of the motors, or that of the links."""
         return (self.reference.links if law.of_links else self.reference)(t)
 
-    def start(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def start(self) -> tuple[Floats, Floats]:
         """Position and velocity (n,) of the reference at t = 0."""
         motion = self.reference(np.zeros(1))
         return motion.q[0], motion.qd[0]
@@ -68,23 +68,22 @@ class Path:
 class Logged:
     """Commanded counts of a log (N, n), at the samples of a clock, as a path."""
 
-    def __init__(self, reference_pulses: NDArray[np.float64], rig: Rig, clock: Clock) -> None:
+    def __init__(self, reference_pulses: Floats, rig: Rig, clock: Clock) -> None:
         self.pulses, self.rig, self.clock = reference_pulses, rig, clock
         self.whole = bool((reference_pulses == np.trunc(reference_pulses)).all())
         self._splines: dict[float, list[Any]] = {}
 
-    def __call__(self, t: NDArray[np.float64]) -> tuple[Motion, NDArray[np.float64]]:
+    def __call__(self, t: Floats) -> tuple[Motion, Floats]:
         place = self.clock.place(t)
         row = np.clip(np.floor(place).astype(int), 0, len(self.pulses) - 1)
         following = np.minimum(row + 1, len(self.pulses) - 1)
         step = self.pulses[following] - self.pulses[row]
         pulses = self.pulses[row] + step * np.maximum(place - row, 0)[:, None]
-        motion = Motion(
-            self.rig.to_angle(pulses), self.rig.to_angle(step / self.clock.apart(row)), np.zeros_like(pulses)
-        )
+        speed = self.rig.to_angle(step / self.clock.apart(row))
+        motion = Motion(self.rig.to_angle(pulses), speed, np.zeros_like(pulses))
         return motion, self.rig.encoder.quantised(pulses) if self.whole else pulses
 
-    def smoothed(self, t: NDArray[np.float64], finer: float = 1.0) -> Motion:
+    def smoothed(self, t: Floats, finer: float = 1.0) -> Motion:
         """The smoothest motion that the rounding of the counts allows; through all of them where they have fractions.
 
         A `finer` one has so many times as many knots: where the two differ, rounding hides the motion.
@@ -96,16 +95,16 @@ class Logged:
         within, splines = np.clip(t, 0, self.clock.t[self.clock.rows[-1]]), self._splines[finer]
         return Motion(*(self.rig.to_angle(np.column_stack([each(within, nu) for each in splines])) for nu in range(3)))
 
-    def setpoint(self, t: NDArray[np.float64], law: Law) -> Motion:
+    def setpoint(self, t: Floats, law: Law) -> Motion:
         """What a law is given at times t (N,)."""
         return self.smoothed(t)
 
-    def start(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def start(self) -> tuple[Floats, Floats]:
         """Position at t = 0, at rest: two counts give no velocity."""
         return self.rig.to_angle(self.pulses[0]), np.zeros(self.rig.n)
 
 
-def _smooth_spline(t: NDArray[np.float64], column: NDArray[np.float64], rounded: bool, finer: float) -> Any:
+def _smooth_spline(t: Floats, column: Floats, rounded: bool, finer: float) -> Any:
     """A quintic spline through values (N,) at times t (N,) [s]; of rounded ones, through the middles of their cells.
 
     Its even knots are as few as leave no more than rounding does, a mean square of 1/12.
@@ -196,7 +195,7 @@ def start_of(record: Record, path: Path | Logged) -> Any:
     return q, qd if record.reference is not None else _first_speed(record)
 
 
-def _first_speed(record: Record) -> NDArray[np.float64]:
+def _first_speed(record: Record) -> Floats:
     """Initial speed (n,) [rad/s] of a parabola through the first counts.
 
     Zero where they hardly move, or where a controller was switched on: there they are on no parabola.

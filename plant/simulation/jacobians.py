@@ -4,7 +4,7 @@ import functools
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant.laws.law import Law
 from plant.machine.friction_step import DRY_FRICTION
@@ -12,15 +12,14 @@ from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.mechanics.dynamics import Dynamics
 from plant.parts.arguments import array
+from plant.parts.fields import Floats
 from plant.simulation.closed_loop import ClosedLoop
 
 _STEP = 1e-7
 """Of the derivative [s]: d(following)/d(joint) = 1 + A step + O(step^2)."""
 
 
-def jacobians(
-    arm: Arm, rig: Rig, law: Law, pose: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], list[str]]:
+def jacobians(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> tuple[Floats, Floats, Floats, list[str]]:
     """The matrices A (m, m), B (m, n) and C (n, m) of `plant.linearise`, and the names of its m states."""
     n = arm.n
     q = array("pose", pose, (n,), advice="Give one angle per joint [rad].")

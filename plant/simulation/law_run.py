@@ -8,10 +8,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.laws.resumed import AlongLog
 from plant.logs.record import Record
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.simulation.clock import Clock
 from plant.simulation.followed_path import Logged, path_of
@@ -28,18 +28,17 @@ class LawRun(Frozen):
     with the memory `states` (K, s).
     """
 
-    t: NDArray[np.float64]
-    given: NDArray[np.float64]
-    states: NDArray[np.float64]
+    t: Floats
+    given: Floats
+    states: Floats
 
-    def around(self, t: NDArray[np.float64], width: float) -> NDArray[np.float64]:
+    def around(self, t: Floats, width: float) -> Floats:
         """Mean (N, n) [N m] of the torque given over a time `width` [s] around each of the times t (N,) [s]."""
         ends = np.append(self.t, self.t[-1] + width + (self.t[-1] - self.t[-2] if len(self.t) > 1 else width))
         done = np.vstack([np.zeros(self.given.shape[1]), np.cumsum(np.diff(ends)[:, None] * self.given, axis=0)])
         low, high = np.maximum(t - width / 2, 0.0), t + width / 2
-        return np.column_stack(
-            [(np.interp(high, ends, own) - np.interp(low, ends, own)) / (high - low) for own in done.T]
-        )
+        means = [(np.interp(high, ends, own) - np.interp(low, ends, own)) / (high - low) for own in done.T]
+        return np.column_stack(means)
 
 
 def run_law(record: Record, finer: float = 1.0) -> LawRun:

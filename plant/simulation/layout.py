@@ -7,12 +7,12 @@ from typing import Any, Self
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.laws.law import Block, Law
 from plant.machine.rig import Rig, punctual_rig
 from plant.mechanics.dynamics import Dynamics
-from plant.parts.fields import Vector
+from plant.parts.arguments import whole
+from plant.parts.fields import Floats, Vector
 from plant.parts.part import Part, number, part
 
 _SETTLED = 20
@@ -64,10 +64,7 @@ class Layout:
 
     def __post_init__(self) -> None:
         for name in ("steps_per_sample", "sweeps"):
-            value = getattr(self, name)
-            if not isinstance(value, (int, np.integer)) or value < 1:
-                given = f"{name} must be a whole number of at least 1; got {value!r}"
-                raise ValueError(f"{given}. The defaults are 4 and 3.")
+            whole(name, getattr(self, name), "The defaults are 4 and 3.")
         self.rig.require_fit(self.dynamics.chain)
         if self.smooth:
             encoder = dataclasses.replace(self.rig.encoder, smooth=True)
@@ -177,14 +174,12 @@ class Layout:
         more = [] if self.correction is None else self.correction.number_names("correction.")
         return [*self.dynamics.names, *self._block.names, *more]
 
-    def number_values(self, f: NDArray[np.float64]) -> NDArray[np.float64]:
+    def number_values(self, f: Floats) -> Floats:
         """Values (k,) of `number_names` with these f (p,)."""
         more = np.empty(0) if self.correction is None else self.correction.number_values()
         return np.concatenate([f, self._block.values, more])
 
-    def initial_state(
-        self, q: NDArray[np.float64], qd: NDArray[np.float64], numbers: NDArray[np.float64] | None = None
-    ) -> NDArray[np.float64]:
+    def initial_state(self, q: Floats, qd: Floats, numbers: Floats | None = None) -> Floats:
         """State (s,) of an arm at q, qd (n,) with no torque applied yet.
 
         With its numbers (k,), links hang in elastic gears; with those of many arms (k, P), their states (s, P).

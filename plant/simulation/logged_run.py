@@ -6,33 +6,28 @@ from typing import Any, NoReturn
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.mechanics.arm import Arm
-from plant.simulation.clock import Clock
+from plant.parts.fields import Floats
 from plant.simulation.closed_loop import ClosedLoop, bounded
 from plant.simulation.loop_kernel import Structure, loop_kernel
 from plant.simulation.time_tables import time_tables
 
 
 def by_casadi(
-    loop: ClosedLoop,
-    tables: tuple[NDArray[np.float64], ...],
-    clock: Clock,
-    state: NDArray[np.float64],
-    numbers: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], int, NDArray[np.float64], NDArray[np.float64]]:
+    loop: ClosedLoop, tables: tuple[Floats, ...], state: Floats, numbers: Floats
+) -> tuple[Floats, int, Floats, Floats]:
     """Final state, steps done, log and true errors: `mapaccum` over whole periods of law and log, then the rest."""
     law_time, sample_time, step_time = tables
     per_sample, per_law = loop.steps_per_sample, loop.steps_per_law
     chunk = math.lcm(per_sample, per_law or per_sample)
     chunks, n = len(step_time) // chunk, loop.n
     law_rows, sample_rows = (chunk // per_law if per_law else 0), chunk // per_sample
-    logs: list[NDArray[np.float64]] = []
-    errors: list[NDArray[np.float64]] = []
+    logs: list[Floats] = []
+    errors: list[Floats] = []
     done = 0
 
-    def accumulate(count: int, state: NDArray[np.float64]) -> NDArray[np.float64]:
+    def accumulate(count: int, state: Floats) -> Floats:
         nonlocal done
         start = done // chunk
         arguments = [
@@ -66,7 +61,7 @@ def _repeated(key: Structure, chunk: int, count: int) -> ca.Function:
     return _chunk(key.loop, chunk).mapaccum("loop", count, {"base": 2})
 
 
-def _columns(table: NDArray[np.float64], start: int, count: int) -> NDArray[np.float64]:
+def _columns(table: Floats, start: int, count: int) -> Floats:
     return np.ascontiguousarray(table[start : start + count].T)
 
 
@@ -89,9 +84,7 @@ def _chunk(loop: ClosedLoop, chunk: int) -> ca.Function:
     return ca.Function("chunk", inputs, [state, ca.horzcat(*logs), ca.horzcat(*errors)]).expand()
 
 
-def logged_run(
-    loop: ClosedLoop, arm: Arm, driven: tuple[Any, ...], start: Any, backend: str
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def logged_run(loop: ClosedLoop, arm: Arm, driven: tuple[Any, ...], start: Any, backend: str) -> tuple[Floats, Floats]:
     """Log and true errors of a run from a start, or a refusal where it diverges.
 
     It is driven by a path, a clock, what is replayed and what is injected, as for `time_tables`.
@@ -101,18 +94,15 @@ def logged_run(
     if backend == "numba":
         final, log, true_error = _by_kernel(loop, driven, state, numbers)
     else:
-        final, _, log, true_error = by_casadi(loop, time_tables(loop, *driven), driven[1], state, numbers)
+        final, _, log, true_error = by_casadi(loop, time_tables(loop, *driven), state, numbers)
     if not (final[-1] > 0 and bounded(final[: 2 * loop.n])):
         refuse_divergence(loop, arm, log, final)
     return log, true_error
 
 
 def _by_kernel(
-    loop: ClosedLoop,
-    driven: tuple[Any, ...],
-    state: NDArray[np.float64],
-    numbers: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    loop: ClosedLoop, driven: tuple[Any, ...], state: Floats, numbers: Floats
+) -> tuple[Floats, Floats, Floats]:
     path, clock, replayed, injected = driven
     samples, steps = len(clock), len(clock) * loop.steps_per_sample
     log, true_error = np.full((samples, loop.n_log), np.nan), np.full((steps, loop.n), np.nan)
@@ -144,7 +134,7 @@ class DivergenceError(ValueError):
     """
 
 
-def refuse_divergence(loop: ClosedLoop, arm: Arm, log: NDArray[np.float64], final: NDArray[np.float64]) -> NoReturn:
+def refuse_divergence(loop: ClosedLoop, arm: Arm, log: Floats, final: Floats) -> NoReturn:
     """Say when and where a simulation diverged."""
     n = loop.n
     q = log[:, 2 * n : 3 * n]

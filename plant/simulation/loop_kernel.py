@@ -5,9 +5,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.compiler.kernel_cache import Kernel
+from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import Logged, Path
@@ -49,7 +49,7 @@ class _Compiled:
         )
         self._kernel = Kernel(source, list(self._columns))
 
-    def prepared(self, tables: Sequence[NDArray[np.float64]], *, logged: bool = False) -> tuple[Any, ...]:
+    def prepared(self, tables: Sequence[Floats], *, logged: bool = False) -> tuple[Any, ...]:
         """The columns of the tables (law_time, sample_time, step_time, data) that a run reads; and h.
 
         `logged` is for a run of one individual with its log.
@@ -57,8 +57,8 @@ class _Compiled:
         return self._prepared(tables, self._columns["single" if logged else self.many])
 
     def along(
-        self, loop: ClosedLoop, path: Path | Logged, clock: Clock, data: NDArray[np.float64], *, logged: bool = False,
-        replayed: NDArray[np.float64] | None = None, injected: NDArray[np.float64] | None = None,
+        self, loop: ClosedLoop, path: Path | Logged, clock: Clock, data: Floats, *, logged: bool = False,
+        replayed: Floats | None = None, injected: Floats | None = None,
     ) -> tuple[Any, ...]:  # fmt: skip
         """What a run of a loop along a path reads, as from `prepared`; columns that it does not read are never made.
 
@@ -68,7 +68,7 @@ class _Compiled:
         narrow, places = _narrow(self._columns["single" if logged else self.many])
         return self._prepared((*time_tables(loop, path, clock, replayed, injected, narrow), data), places)
 
-    def _prepared(self, tables: Sequence[NDArray[np.float64]], columns: dict[str, list[int]]) -> tuple[Any, ...]:
+    def _prepared(self, tables: Sequence[Floats], columns: dict[str, list[int]]) -> tuple[Any, ...]:
         """The columns of the tables, and the length of a step."""
         lengths = np.concatenate([table[:, -1] for table in tables[:3]])
         if not self._uneven and len(lengths) and np.ptp(lengths) > 0:
@@ -81,8 +81,8 @@ class LoopKernel(_Compiled):
     """A closed loop compiled: one individual with its log, or `width` individuals without."""
 
     def blocks(
-        self, loop: ClosedLoop, path: Path | Logged, clock: Clock, replayed: NDArray[np.float64] | None = None,
-        injected: NDArray[np.float64] | None = None, *, samples: int,
+        self, loop: ClosedLoop, path: Path | Logged, clock: Clock, replayed: Floats | None = None,
+        injected: Floats | None = None, *, samples: int,
     ) -> Iterator[tuple[Any, ...]]:  # fmt: skip
         """The same of a logged run without data, in blocks of about so many samples one after another."""
         narrow, places = _narrow(self._columns["single"])
@@ -92,11 +92,11 @@ class LoopKernel(_Compiled):
     def run(
         self,
         tables: tuple[Any, ...],
-        initial: NDArray[np.float64],
-        lanes: NDArray[np.float64],
-        uniform: NDArray[np.float64],
-        logs: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
-    ) -> tuple[NDArray[np.float64], int]:
+        initial: Floats,
+        lanes: Floats,
+        uniform: Floats,
+        logs: tuple[Floats, Floats] | None = None,
+    ) -> tuple[Floats, int]:
         """Final states (s, W), and the number of sub-steps done: fewer than wanted if every individual has diverged.
 
         Tables are from `prepared`, initial states (s, W), own numbers `lanes` (L, W), all others `uniform` (U,). With
@@ -122,7 +122,7 @@ class LoggedKernel(_Compiled):
     usual = LOGGED
     many = "logged"
 
-    def with_data(self, tables: tuple[Any, ...], data: NDArray[np.float64]) -> tuple[Any, ...]:
+    def with_data(self, tables: tuple[Any, ...], data: Floats) -> tuple[Any, ...]:
         """The same tables with other data (M, m)."""
         return *tables[:3], np.ascontiguousarray(data[:, self._columns["logged"]["data"]]), tables[4]
 
@@ -137,9 +137,8 @@ class LoggedKernel(_Compiled):
             yield rows[1], (*(table[some] for table, some in zip(tables, rows, strict=False)), tables[-1])
 
     def run(
-        self, tables: tuple[Any, ...], samples: int, initial: NDArray[np.float64], lanes: NDArray[np.float64],
-        uniform: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # fmt: skip
+        self, tables: tuple[Any, ...], samples: int, initial: Floats, lanes: Floats, uniform: Floats
+    ) -> tuple[Floats, Floats]:
         """Final states (s, W), and errors (N, n, W) [pulses] at so many samples; NaN after all have diverged.
 
         What it is given is as of `LoopKernel`.

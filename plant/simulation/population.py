@@ -32,10 +32,10 @@ from plant.simulation.time_tables import time_tables
 
 @functools.lru_cache(maxsize=32)
 def tally(rig: Rig) -> ca.Function:
-    """What one sample adds, (log, data, memory) -> 1 if a joint's counted error is outside, memory.
+    """What one sample adds, (log, data, memory) -> 1 if a joint's encoder error is outside, memory.
 
     The data are the limit [pulses], whether the sample counts (1 or 0), its time after the start of the one before
-    the first [s], and q_r. The memory holds, per joint, the largest counted error, the highest and lowest error of the
+    the first [s], and q_r. The memory holds, per joint, the largest encoder error, the highest and lowest error of the
     joint before rounding [pulses], the largest motor current [A], the sum of the torque's changes from sample to sample
     and the last torque [N m]; and the time of the first sample outside, and how many of those that do not count are.
     """
@@ -68,7 +68,7 @@ class Runs(Frozen):
     Attributes
     ----------
     peak : (P, n) numpy.ndarray
-        Largest counted error, magnitude [pulses]; inf where the loop diverged.
+        Largest encoder error, magnitude [pulses]; inf where the loop diverged.
     unrounded : (P, n) numpy.ndarray
         The same before the encoder rounds, seen from its own zero, at the samples.
     outside : (P,) numpy.ndarray
@@ -99,7 +99,7 @@ class Runs(Frozen):
 
     def __repr__(self) -> str:
         left = int((self.outside > 0).sum())
-        return f"Runs({len(self.outside)} of {self.samples} samples, {left} leave)"
+        return f"Runs({len(self.outside)} of {self.samples} samples, {left} violations)"
 
     @classmethod
     def joined(cls, several: Sequence[Runs]) -> Runs:

@@ -15,6 +15,7 @@ from plant.machine.unlikely import unlikely_statements
 from plant.mechanics.arm import Arm
 from plant.motion.reference import Reference
 from plant.parts.arguments import array, choice, instance, known_options, real
+from plant.parts.fields import Floats
 from plant.parts.room import require_room
 from plant.parts.user_warning import warn
 from plant.simulation.cautions import warn_of_missing_rotors, warn_of_stiff_gears, warn_of_unstable_lag
@@ -99,7 +100,7 @@ class Trace:
     """A record, and the true error (N steps_per_sample, n) [pulses], unrounded, at the middle of every sub-step."""
 
     record: Record
-    true_error_pulses: NDArray[np.float64]
+    true_error_pulses: Floats
 
 
 def run(
@@ -140,21 +141,15 @@ def run(
     warn_of_unstable_lag(arm, rig, law, start[0])
     added = injected_at(injected, clock.t, rig.n)
     log, true_error = logged_run(loop, arm, (path, clock, None, added), start, backend)
-    error, torque, q, qd = np.hsplit(log[:, : 4 * rig.n], 4)
     record = Record(
         t=clock.t,
         reference_pulses=path(clock.t)[1],
-        error_pulses=error,
-        torque=torque,
-        current=rig.drive.current(torque),
         rig=rig,
         law=law,
         reference=reference,
         initial=given,
         injected=added,
-        link_counts=_link_counts(rig, q),
-        true_q=q,
-        true_qd=qd,
+        **_columns(rig, log),
     )
     return Trace(record, true_error)
 
@@ -218,19 +213,18 @@ def replay(
     path = path_of(record, clock)
     driven = path, clock, law.replayed(record), added
     log, _ = logged_run(loop, arm, driven, start_of(record, path), backend)
-    error, torque, q, qd = np.hsplit(log[clock.rows, : 4 * rig.n], 4)
-    return dataclasses.replace(
-        record, error_pulses=error, torque=torque, current=rig.drive.current(torque), link_counts=_link_counts(rig, q),
-        true_q=q, true_qd=qd,
-    )  # fmt: skip
+    return dataclasses.replace(record, **_columns(rig, log[clock.rows]))
 
 
-def _link_counts(rig: Rig, q: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """What encoders on the links count at q (N, n) [rad], if there are some beside those of the motors."""
-    return rig.true_counts(q) if rig.encoder.side == "both" else None
+def _columns(rig: Rig, log: Floats) -> dict[str, Any]:
+    """Columns of a record, of the rows of a run: errors, torques, counts of the links beside motors, the true state."""
+    error, torque, q, qd = np.hsplit(log[:, : 4 * rig.n], 4)
+    counts = rig.true_counts(q) if rig.encoder.side == "both" else None
+    measured = {"error_pulses": error, "torque": torque, "current": rig.drive.current(torque), "link_counts": counts}
+    return measured | {"true_q": q, "true_qd": qd}
 
 
-def injected_at(given: Injected | None, t: NDArray[Any], n: int) -> NDArray[np.float64] | None:
+def injected_at(given: Injected | None, t: NDArray[Any], n: int) -> Floats | None:
     """Injected torque (N, n) [N m] at the samples t (N,), or None."""
     if given is None:
         return None
@@ -239,6 +233,6 @@ def injected_at(given: Injected | None, t: NDArray[Any], n: int) -> NDArray[np.f
     return array(what, values, (len(t), n), advice="Give one row per sample, one joint torque per column [N m].")
 
 
-def injected_beside(record: Any) -> NDArray[np.float64] | None:
+def injected_beside(record: Any) -> Floats | None:
     """Torque (N, n) [N m] that acts beside what a record's law commands; None where it repeats the motors' own."""
     return None if record.law is not None and record.law.replays in _OF_MOTORS else record.injected

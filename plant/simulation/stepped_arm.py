@@ -3,13 +3,14 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant.laws.replayed import LoggedTorque
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.mechanics.body import Body
 from plant.parts.arguments import array, instance, known_options
+from plant.parts.fields import Floats
 from plant.simulation.closed_loop import ClosedLoop, bounded
 from plant.simulation.logged_run import DivergenceError
 from plant.simulation.loop_kernel import loop_kernel
@@ -79,15 +80,15 @@ class SteppedArm:
         self._nothing: tuple[Any, ...] = row[None][:0], np.empty((1, 0)), np.empty((0, 1))
 
     @property
-    def q(self) -> NDArray[np.float64]:
+    def q(self) -> Floats:
         return self._joint("link", 0)
 
     @property
-    def qd(self) -> NDArray[np.float64]:
+    def qd(self) -> Floats:
         return self._joint("link_speed", self.n)
 
     @property
-    def pulses(self) -> NDArray[np.float64]:
+    def pulses(self) -> Floats:
         """What the encoders count now, (n,)."""
         seen = self.q if self.rig.encoder.side == "link" else self._state[: self.n]
         return self.rig.true_counts(seen)
@@ -108,7 +109,7 @@ class SteppedArm:
             f = f + self.arm.dynamics.load_matrix(link) @ load.standard_parameters
         self._numbers[: len(f)] = f
 
-    def step(self, torque: ArrayLike) -> NDArray[np.float64]:
+    def step(self, torque: ArrayLike) -> Floats:
         """Apply a joint torque for one sample of the rig.
 
         Parameters
@@ -135,7 +136,7 @@ class SteppedArm:
             raise DivergenceError("the arm must stay bounded; it does not under this torque. Lower the gains.")
         return self.pulses
 
-    def _joint(self, name: str, otherwise: int) -> NDArray[np.float64]:
+    def _joint(self, name: str, otherwise: int) -> Floats:
         loop = self._loop
         start = loop.state_names.index(f"{name}[0]") if name in loop.giving else otherwise
         return self._state[start : start + self.n].copy()

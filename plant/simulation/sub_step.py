@@ -30,9 +30,8 @@ class Following(NamedTuple):
 
 
 def rigid(
-    dynamics: Dynamics, rig: Rig, f: ca.SX, middle: ca.SX, qd: ca.SX, torque: ca.SX, h: ca.SX,
-    friction: FrictionStep,
-) -> Following:  # fmt: skip
+    dynamics: Dynamics, rig: Rig, f: ca.SX, middle: ca.SX, qd: ca.SX, torque: ca.SX, h: ca.SX, friction: FrictionStep
+) -> Following:
     """The step, of length h [s], of an arm on rigid gears.
 
     q (n, 1) [rad] at its middle, qd (n, 1) [rad/s] at its start, and the torque (n, 1) that acts on the joints [N m].

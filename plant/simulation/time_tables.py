@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import Logged, Path
@@ -20,15 +21,15 @@ _ROWS = 1 << 17
 
 
 def time_tables(
-    loop: ClosedLoop, path: Path | Logged, clock: Clock, logged: NDArray[np.float64] | None = None,
-    injected: NDArray[np.float64] | None = None, columns: Sequence[Sequence[int]] | None = None,
-) -> tuple[NDArray[np.float64], ...]:  # fmt: skip
+    loop: ClosedLoop, path: Path | Logged, clock: Clock, logged: Floats | None = None,
+    injected: Floats | None = None, columns: Sequence[Sequence[int]] | None = None,
+) -> tuple[Floats, ...]:  # fmt: skip
     """Rows of `loop.time_names` for every step of the law, the log and the plant.
 
     The law replays what was `logged` (N, n); the `injected` torque (N, n) acts beside it [N m], if the loop has one.
     Each table gets its `columns`, by default all, with the length of a step behind them.
     """
-    steps, tables, done = loop.steps_per_sample, list[NDArray[np.float64]](), [0, 0, 0]
+    steps, tables, done = loop.steps_per_sample, list[Floats](), [0, 0, 0]
     of_law = -(-len(clock) * steps // loop.steps_per_law) if loop.steps_per_law else 0
     for block in in_blocks(loop, path, clock, logged, injected, columns, samples=max(1, _ROWS // steps)):
         if len(block[1]) == len(clock):
@@ -48,9 +49,9 @@ def samples_of_law(loop: ClosedLoop) -> int:
 
 
 def in_blocks(
-    loop: ClosedLoop, path: Path | Logged, clock: Clock, logged: NDArray[np.float64] | None = None,
-    injected: NDArray[np.float64] | None = None, columns: Sequence[Sequence[int]] | None = None, *, samples: int,
-) -> Iterator[tuple[NDArray[np.float64], ...]]:  # fmt: skip
+    loop: ClosedLoop, path: Path | Logged, clock: Clock, logged: Floats | None = None,
+    injected: Floats | None = None, columns: Sequence[Sequence[int]] | None = None, *, samples: int,
+) -> Iterator[tuple[Floats, ...]]:  # fmt: skip
     """The tables of about so many samples after another; each block begins with a step of the law."""
     steps, every = loop.steps_per_sample, loop.steps_per_law
     transport, jitter = loop.rig.transport, loop.rig.jitter
@@ -64,7 +65,7 @@ def in_blocks(
     words = transport.words(of_law) if transport is not None else np.empty(0)
     draws = jitter.draws(of_law) if jitter is not None else np.empty(0)
 
-    def rows_at(i: int, t: NDArray[np.float64], places: NDArray[np.int_]) -> NDArray[np.float64]:
+    def rows_at(i: int, t: Floats, places: NDArray[np.int_]) -> Floats:
         motion, pulses = path(t)
         if loop.follows_motion and (i == 0 or not every):  # with elastic gears, the log is of the motors
             motion = path.setpoint(t, loop.law)

@@ -22,6 +22,12 @@ def require_size(size: int, most: int) -> None:
         )
 
 
+def require_real(name: str, kind: Any, sound: bool) -> None:
+    """Refuse a column whose kind is no sound one: no real numbers."""
+    if not sound:
+        raise RefusalError(f"must hold real numbers; got {kind} in column {name!r}. Leave it out with names=.")
+
+
 class Block(NamedTuple):
     """Columns (N,) or (N, k), and what each of the k is called, where they have names."""
 

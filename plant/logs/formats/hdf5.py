@@ -4,7 +4,7 @@ import math
 from collections.abc import Collection, Iterator
 from typing import Any
 
-from .columns import RefusalError, choice_of, require_size
+from .columns import RefusalError, choice_of, require_real, require_size
 
 
 def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tuple[list[str], dict[str, Any]]:
@@ -25,10 +25,7 @@ def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tu
         for name, item in wanted.items():
             if item.is_virtual or item.external:
                 raise RefusalError(f"must hold its own data; column {name!r} points into another file. Copy it in.")
-            if item.dtype.kind not in "biuf":
-                raise RefusalError(
-                    f"must hold real numbers; got {item.dtype} in column {name!r}. Leave it out with names=."
-                )
+            require_real(name, item.dtype, item.dtype.kind in "biuf")
         require_size(sum(math.prod(item.shape or ()) * item.dtype.itemsize for item in wanted.values()), most)
         # MATLAB writes its arrays with the axes in reverse.
         return list(known), {n: item[()].T if "MATLAB_class" in item.attrs else item[()] for n, item in wanted.items()}

@@ -69,7 +69,8 @@ class Topics:
         The messages of the column `clock` are the samples: the columns of other topics hold their last value.
         """
         blocks = {topic: _blocks(rows) for topic, rows in self._rows.items()}
-        known = [f"{topic}.{name}" for topic in blocks for name in _all_names(blocks[topic])]
+        of_topics = [(f"{topic}.", *each) for topic in blocks for each in blocks[topic].items()]
+        known = [f"{topic}{each}" for topic, name, block in of_topics for each in (name, *block.elements(name))]
         known += [topic for topic in self.known if topic not in blocks]
         if names is None:
             every = {f"{topic}.{name}": block.values for topic in blocks for name, block in blocks[topic].items()}
@@ -167,12 +168,6 @@ def _array(values: list[Any]) -> Any:
 
     found = np.array(values)
     return found if found.dtype.kind in "biuf" else found.astype(float)
-
-
-def _all_names(blocks: Mapping[str, Block]) -> Iterator[str]:
-    for name, block in blocks.items():
-        yield name
-        yield from block.elements(name)
 
 
 def _kept(topic: str, columns: Mapping[str, Any]) -> Any:

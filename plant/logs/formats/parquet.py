@@ -4,7 +4,7 @@ import os
 from collections.abc import Collection
 from typing import Any
 
-from .columns import Block, RefusalError, choice_of, home_of, picked, require_size
+from .columns import Block, RefusalError, choice_of, home_of, picked, require_real, require_size
 
 
 def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tuple[list[str], dict[str, Any]]:
@@ -28,13 +28,9 @@ def read_blocks(path: str, names: Collection[str] | None, prefix: str, most: int
         homes = {home_of(name, schema.names) for name in names or ()}
         wanted = [name for name in schema.names if (chosen(name) if names is None else name in homes)]
         for name in wanted:
-            kind = schema.field(name).type
-            kind = kind.value_type if _is_list(pa, kind) else kind
-            if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)):
-                raise RefusalError(
-                    f"must hold real numbers; got {schema.field(name).type} in column {name!r}. Leave it out with "
-                    "names=."
-                )
+            given = schema.field(name).type
+            kind, known = given.value_type if _is_list(pa, given) else given, pa.types
+            require_real(name, given, known.is_integer(kind) or known.is_floating(kind) or known.is_boolean(kind))
         require_size(max(_size(file.metadata, wanted), 0), most)
         table = file.read(columns=wanted, use_threads=False)
         return schema.names, {name: Block(_numbers(pa, name, table.column(name))) for name in wanted}

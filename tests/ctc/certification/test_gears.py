@@ -9,9 +9,9 @@ from uncertain import with_uncertainty
 
 from ctc import ComputedTorque, Uncertainty, certify, evaluate, margins, sweep_resonance
 from ctc.certification.cells import cells, clopper_pearson
-from ctc.stability.error_loop import open_loops
 from ctc.verdict.on_gears import lowest_resonance
 from plant import Elasticity, puma560, simulate
+from plant.analysis.sampled_loops import SampledLoops
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 START = PATH([0.0]).q[0]
@@ -84,8 +84,8 @@ def test_the_bound_is_that_of_the_worst_part_of_the_range():
     plt.close(axis.figure)
     lines = {line.get_label(): line for line in axis.lines}
     worst = 100 * max(cell.failures / cell.count for cell in found.cells if cell.count)
-    np.testing.assert_allclose(lines["share that leaves"].get_xdata()[0], 60)
-    np.testing.assert_allclose(lines["share that leaves"].get_ydata(), worst)
+    np.testing.assert_allclose(lines["share outside the limit"].get_xdata()[0], 60)
+    np.testing.assert_allclose(lines["share outside the limit"].get_ydata(), worst)
     np.testing.assert_allclose(axis.lines[-1].get_ydata(), 100 * max(cell.upper(0.95) for cell in found.cells[-3:]))
 
 
@@ -157,7 +157,7 @@ def test_ends_of_the_scale(monkeypatch):
     assert "any resonance above 10 Hz" in str(slow)
     weak = lowest(ARM, RIG, ComputedTorque(ARM, RIG, bandwidth=1.0), PATH, within=0, **options)
     assert float(weak) == np.inf
-    assert "leaves ±0 pulse also on rigid gears" in str(weak)
+    assert "exceeds ±0 pulse also on rigid gears" in str(weak)
     heavy = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, motor_inertia=(1.0, 1.0)))
     unknown = lowest(ARM, heavy, LAW, PATH, **options)
     assert np.isnan(float(unknown))
@@ -173,7 +173,7 @@ def test_the_linear_loop_is_unstable_just_below_its_lowest_resonance(bandwidth, 
     lowest = margins(ARM, RIG, law, pose=START, damping_ratio=ratio).lowest_resonance
     radius = [
         np.abs(np.linalg.eigvals(A + B @ C)).max()
-        for A, B, C, _ in (open_loops(ARM, on_gears(hz, ratio), law, START) for hz in (lowest, lowest / 1.05))
+        for A, B, C in (SampledLoops(ARM, on_gears(hz, ratio), law, START).matrices() for hz in (lowest, lowest / 1.05))
     ]
     assert radius[0] < 1 < radius[1]
     if bandwidth > 60:  # below 100 Hz viscous friction of the motors damps too
@@ -196,7 +196,7 @@ def test_margins_of_elastic_gears_are_those_of_the_stiff_limit():
     ({"resonance": 60}, r"resonance must be \(lowest, highest\) \[Hz\]; got 60"),
     ({"resonance": [(1, 2), (1, 2), (1, 2)]}, "resonance must be one pair, or 2; got 3"),
     ({"resonance": (60, 90), "damping_ratio": (0.03, 0.01)}, "damping_ratio must be from 0 upwards"),
-    ({"backlash": 1e-4}, "backlash needs gears that give; got a rigid rig"),
+    ({"backlash": 1e-4}, "backlash needs elastic joints; got a rigid rig"),
     ({"resonance": (60, 90), "backlash": 7.0}, "backlash must be within one turn"),
     ({"resonance": (60, 90), "backlash": (0, 0.1)}, "backlash must be within one turn of the motor, 0.0583 rad"),
     ({"friction_drift": (-1.5, 0.0)}, "amount must be above -1"),

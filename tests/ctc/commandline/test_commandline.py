@@ -189,7 +189,7 @@ def test_what_is_in_doubt_is_certified_with_that_doubt(folder, capsys, monkeypat
     given = ("certify", "rubbing.json", "--path", "path.csv", "--samples", "8", "--within", "50")
     code, out, _ = run(capsys, *given)
     assert code == 1
-    assert out.startswith("The identification is in doubt (")
+    assert out.startswith("The identification is unreliable (")
     told = json.loads(run(capsys, *given, "--json")[1])
     assert told["failures"] == 0
     assert told["doubts"] == doubts(Identification.load("rubbing.json"))

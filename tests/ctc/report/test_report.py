@@ -87,7 +87,7 @@ def test_it_says_what_was_found(page, found):
         assert float(cells[4]) < value < float(cells[5])
     assert found.provenance()["records"][0] in text
     assert "of 20 Monte Carlo samples" in text
-    assert "Not drawn, and so not promised" in text
+    assert "Not sampled, and so not covered" in text
     assert re.search(r"<td>drive\.gear\[1\]</td><td[^>]*>-53\.7</td>", text)  # what was stated
     assert "rad/s." in text
 
@@ -99,9 +99,9 @@ def test_warnings_come_first(found, tmp_path):
     held = evaluate(wrong.arm, wrong.rig, ComputedTorque(wrong), PATH, backend="numba", duration=0.5)
     write_report(wrong, held, path=tmp_path / "page.html")
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert text.index("The identification is in doubt") < text.index("<h3>Warnings</h3>") < text.index("Parameters")
+    assert text.index("The identification is unreliable") < text.index("<h3>Warnings</h3>") < text.index("Parameters")
     assert "Nothing in the log contradicts" not in text
-    assert "on the nominal arm, which is in doubt" in text
+    assert "on the nominal arm, which is unreliable" in text
     assert "✓" not in text[: text.index("<h3>Warnings</h3>")]
 
 
@@ -232,9 +232,9 @@ def test_path_logs_and_conditions_are_named(found, tmp_path):
     assert f"The path of this verdict (Later), 0.5 s; greatest speeds: joint 2 (q[0]) {fastest[0]:.2g} rad/s" in said
     assert "The path leaves the log: joint" in said
     assert "which no search saw" not in said
-    assert "no search saw, two.csv, record 2, two.csv, record 3, they differ by 0.60 pulses" in said
+    assert "In the validation data, two.csv, record 2, two.csv, record 3, they differ by 0.60 pulses" in said
     assert "SHA-256 of one.csv, as it was read" in said
-    assert "kept aside, and only repeated: two.csv, two.csv" in " ".join(str(named).split())
+    assert "validation, only simulated: two.csv, two.csv" in " ".join(str(named).split())
     write_report(named, evaluate(named.arm, named.rig, law, PATH, duration=0.5), tmp_path / "within.html")
     assert "leaves the log" not in words(tmp_path / "within.html")
 

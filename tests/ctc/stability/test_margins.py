@@ -9,10 +9,11 @@ import pytest
 from error_loops import error_loops
 
 from ctc import ComputedTorque
-from ctc.stability.error_loop import error_loop, open_loops, opened
+from ctc.stability.error_loop import error_loop, opened
 from ctc.stability.margins import margins
 from identification import identify
 from plant import PointToPoint, StatelessLaw, puma560, simulate
+from plant.analysis.sampled_loops import SampledLoops
 from plant.parts.part import number, part, structure
 
 RIG, ARM, POSE = puma560.rig(), puma560.arm(), (0.3, -0.4)
@@ -64,7 +65,7 @@ def test_margins_are_where_the_closed_loop_becomes_unstable(index):
     frequencies is far finer (4,000 points over four decades: 0.2 %).
     """
     law, result = ComputedTorque(ARM, RIG, **OPTIONS[index]), found(index)
-    A, B, C, _ = open_loops(None, RIG, law, pose=POSE)
+    A, B, C = SampledLoops(law.arm, RIG, law, POSE).matrices()
     assert result.stable
     for joint in range(2):
         a, b, c = opened(A, B, C, joint)
@@ -99,7 +100,7 @@ def test_the_simulation_agrees_on_the_gain_margin(factor, grows):
     up = margins(ARM, rig, ComputedTorque(ARM, rig, **poles), pose=POSE).gain_up.mean()
     law = ComputedTorque(puma560.dynamics().arm(factor * up * ARM.f), rig, **poles)
     assert margins(ARM, rig, law, pose=POSE).stable != grows
-    A, B, C, _ = open_loops(ARM, rig, law, pose=POSE)
+    A, B, C = SampledLoops(ARM, rig, law, POSE).matrices()
     expected = np.log(radius_of(A + B @ C)) / DT
     assert (expected > 5) if grows else (expected < -5)
     hold = PointToPoint(start=POSE, goal=POSE, duration=0.4)

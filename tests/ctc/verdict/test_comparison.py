@@ -31,7 +31,7 @@ def test_every_row_holds_the_numbers_of_its_evaluation():
         assert len(set(map(len, half))) == 1
     rows = [f"{row} {lines[blank + 2 + i].removeprefix(name)}"
             for i, (name, row) in enumerate(zip(got.evaluations, lines[1:blank], strict=True))]  # fmt: skip
-    assert verdict == "1 of 3 laws within ±1 pulse at every sample: computed torque"
+    assert verdict == "1 of 3 controllers within ±1 pulse at every sample: computed torque"
     assert "a / b: joint 2 (q[0]), joint 3 (q[1])" in lines
     assert any(line.startswith("rigid gears assumed") for line in lines)
     for name, row in zip(got.evaluations, rows, strict=True):
@@ -82,9 +82,9 @@ def test_a_law_that_diverges_is_a_row_that_says_so():
 
 def test_a_table_of_divergences_alone():
     got = compare(ARM, UNLIMITED, {"wild": LAWS["wild"]}, PATH, duration=0.1)
-    assert str(got).splitlines()[0] == "0 of 1 laws within ±1 pulse at every sample"
+    assert str(got).splitlines()[0] == "0 of 1 controllers within ±1 pulse at every sample"
     assert " ".join(str(got).split()).endswith(f"wild: {got.diverged['wild']}")
-    with pytest.raises(ValueError, match="evaluations must be a dict, one per law; got none"):
+    with pytest.raises(ValueError, match="evaluations must be a dict, one per controller; got none"):
         got.plot()
 
 

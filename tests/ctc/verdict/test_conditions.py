@@ -93,7 +93,7 @@ def test_what_start_refuses_is_said(bandwidth):
     try:
         law.start(RIG, evaluation.record.counts[0])
     except ValueError as error:
-        said = f"`start` refuses this law: {error}"
+        said = f"`start` refuses this controller: {error}"
     assert (said is None) == (bandwidth == 250)
     assert evaluation.refused == said
     assert evaluate(ARM, RIG, P(gain=(0.11, 0.17)), PATH, duration=0.05).refused is None
@@ -153,7 +153,7 @@ def test_samples_show_nothing_above_half_their_rate():
     law = PD(gain=(0.02, 0.015), derivative=(5e-5, 4e-5), filter=2000.0, period=1e-3)
     found = identify(ARM.dynamics, simulate(ARM, rig, law, PATH), progress=False)
     assert seen(found, PATH, 1.0).resonance <= 500 * (1 + 1e-12)
-    assert "seen below 500 Hz" in " ".join(str(found).split())
+    assert "detectable below 500 Hz" in " ".join(str(found).split())
 
 
 def test_a_file_from_before_is_read(certified, tmp_path):

@@ -220,7 +220,7 @@ def test_a_robot_that_is_not_the_model_identified_from_its_own_log():
     [
         (lambda: verdict().fraction_within(-1), "k must be a number of pulses, 0 or more; got -1"),
         (lambda: verdict().within(-0.5), "k must be"),
-        (lambda: plot_comparison(verdict()), "evaluations must be a dict, one per law"),
+        (lambda: plot_comparison(verdict()), "evaluations must be a dict, one per controller"),
         (lambda: plot_comparison({"P": 3}), "evaluation 'P' must be an Evaluation; got int"),
         (lambda: verdict().within(np.nan), "k must be"),
         (lambda: verdict().within((1, 1)), "k must be"),

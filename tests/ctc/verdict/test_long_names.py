@@ -70,7 +70,7 @@ def test_a_comparison_of_six_joints_has_the_largest_and_says_whose():
     verdict, *_, row, first, second, third, _, _ = str(
         Comparison(evaluations={"P": evaluation()}, diverged={})
     ).splitlines()
-    assert verdict.startswith("0 of 1 laws within")
+    assert verdict.startswith("0 of 1 controllers within")
     peak, rms = evaluation().max_error_pulses, evaluation().rms_error_pulses
     assert cells(row)[2] == f"{peak.max():.0f} q[{peak.argmax()}]"
     assert cells(row)[3] == f"{rms.max():.2f} q[{rms.argmax()}]"

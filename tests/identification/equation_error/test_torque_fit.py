@@ -8,7 +8,14 @@ from coupled_arm import PERIOD, arm_of, path_of, rig_of
 
 from identification import fit_torque
 from identification.equation_error.least_squares import least_squares
-from identification.equation_error.regressor import Places, System, derivatives, low_pass, regressor_and_torque
+from identification.equation_error.regressor import (
+    Filtering,
+    Places,
+    System,
+    derivatives,
+    low_pass,
+    regressor_and_torque,
+)
 from identification.equation_error.torque_fit import TorqueFit
 from plant import FrictionCurve, puma560
 
@@ -184,8 +191,8 @@ def test_every_equation_knows_its_record_joint_and_row():
 
 def test_rows_of_a_system_are_those_of_its_log(made):
     dynamics, rig, _, motion, torque = made
-    some = (dynamics, motion.q, torque, rig, 100, 20, 7, dynamics.names, np.zeros(3), {})
-    system = regressor_and_torque(*some)
+    filtering = Filtering(100, 20, 7, np.zeros(3))
+    system = regressor_and_torque(dynamics, motion.q, torque, rig, filtering, dynamics.names, {})
     given = rig.drive.friction(derivatives(motion.q, PERIOD, 100).qd)
     np.testing.assert_allclose(system.torque, low_pass(torque - given, PERIOD, 20)[system.sample], atol=1e-12)
 

@@ -54,7 +54,7 @@ def test_known_arm_known_place():
 
 
 def test_known_arm_place_on_a_line():
-    """The torque of the stretch is right to 5 %, although mass and distance may trade."""
+    """The torque of the segment is right to 5 %, although mass and distance may trade."""
     body, arm = Body(mass=3.0, com=(0, -0.3, 0)), puma560.arm()
     matrix, finder = arm.dynamics.load_matrix(), estimator(None)
     for start in STARTS[::4]:

@@ -46,8 +46,8 @@ def test_bound_is_the_scatter_of_fits_to_readings_that_err_by_rounding_alone(bud
 def test_what_is_known_helps(budget):
     assert (budget.bound_alone <= budget.bound).all()
     text = str(budget).splitlines()
-    assert len(text) == 10
-    assert text[1].startswith("f1")
+    assert len(text) == 11
+    assert text[2].startswith("f1")
 
 
 def test_friction_and_gains_have_a_worth_too():

@@ -52,7 +52,7 @@ def test_a_rigid_robot_is_accused_of_nothing(rigid):
         "gear",
     }
     assert not any(sign.significant for sign in detection.signs)
-    assert "no sign of compliance (seen below" in rigid.summary()
+    assert "no sign of compliance (detectable below" in rigid.summary()
     assert rigid.warnings == []
 
 

@@ -166,7 +166,7 @@ def test_last_of_several_records_is_kept_aside():
     assert result.records == (records[0],)
     assert result.held_out == (records[1],)
     assert 0.3 < result.diagnostics.held_out_difference < 1.5
-    assert "kept aside" in " ".join(result.summary().split())
+    assert "validation" in " ".join(result.summary().split())
     both = identify(DYNAMICS, records, settings=TINY, held_out=(), progress=False)
     assert both.records == tuple(records)
     assert both.diagnostics.held_out_difference is None
@@ -205,7 +205,7 @@ def test_plot_draws_errors_innovations_spectrum_and_intervals():
     matplotlib.use("Agg")
     axes = found().plot()
     assert [axis.get_title(loc="left") for axis in axes if axis.get_title(loc="left")] == [
-        "joint 2 (q[0])", "a stretch", "innovation: counted minus predicted", "joint 3 (q[1])", "spectrum",
+        "joint 2 (q[0])", "a segment", "innovation: measured minus predicted", "joint 3 (q[1])", "spectrum",
         "95 % intervals",
     ]  # fmt: skip
     matplotlib.pyplot.close(axes[0].figure)

@@ -492,7 +492,7 @@ def test_any_record_can_be_examined(data, N, n):
 def test_print_is_a_table_and_findings_are_frozen(records):
     checkup = stuck(records["P 3.65"], 0, 0.2).check()
     lines = str(checkup).splitlines()
-    assert lines[0].startswith(f"{len(checkup.problems)} of {len(checkup.findings)} checks ask for a look: ")
+    assert lines[0].startswith(f"{len(checkup.problems)} of {len(checkup.findings)} checks need attention: ")
     assert ["check", "joint", "measured", "verdict"] in map(str.split, lines)
     assert checkup.problems[0].advice in " ".join(str(checkup).split())
     line = next(line for line in lines if line.startswith("stuck encoder      joint q[0] "))

@@ -26,7 +26,7 @@ def test_the_warning_begins_where_hurwitz_puts_it():
     longest = VISCOUS / (stiffness - VISCOUS**2 / INERTIA)
     simulate(arm, one_joint(0.98 * longest), law, STILL)  # a warning would be an error
     hz = np.sqrt(stiffness / INERTIA) / (2 * np.pi)
-    with pytest.warns(UserWarning, match=rf"the loop of P is unstable: .* swings up at {hz:.3g} Hz") as warned:
+    with pytest.warns(UserWarning, match=rf"the loop of P is unstable: .* oscillates at {hz:.3g} Hz") as warned:
         simulate(arm, one_joint(1.02 * longest), law, STILL)
     assert warned[0].filename == __file__
     assert "\n" not in str(warned[0].message)
@@ -37,13 +37,13 @@ def test_what_was_logged_of_such_a_loop_says_so():
 
     def logged(lag):
         late = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, current_lag=lag))
-        with pytest.warns(UserWarning, match=r"swings up at .* without lag it is stable"):
+        with pytest.warns(UserWarning, match=r"oscillates at .* without lag it is stable"):
             record = simulate(arm, late, P(gain=(0.1, 0.08)), puma560.reference(), steps_per_sample=16)
         return dataclasses.replace(record, rig=rig)
 
-    with pytest.raises(ValueError, match=r"63% of the samples: its loop swings by itself at \d+\.?\d* Hz\. Slow"):
+    with pytest.raises(ValueError, match=r"63% of the samples: its loop oscillates at \d+\.?\d* Hz\. Slow"):
         identify(arm.dynamics, logged(3e-4), method="equation_error", progress=False)
     record = logged(1.5e-4)
     seen = [finding.value for finding in record.check().problems if finding.check == "oscillation"]
     found = identify(arm.dynamics, record, method="equation_error", progress=False)
-    assert any(f"the loop of the log swings by itself at {seen[0]:.3g} Hz" in text for text in found.warnings)
+    assert any(f"the loop of the log oscillates at {seen[0]:.3g} Hz" in text for text in found.warnings)
