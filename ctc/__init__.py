@@ -5,8 +5,8 @@ Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above
 =============== ====================================================================================================
 `commandline`   ``onepulse check | identify | certify | report | robots | demo``
 `report`        `write_report`: an identification and its controller as one page
-`tuning`        `tune`: the controller of least activity within a pulse limit, stated uncertainty
-`certification` `certify`: Monte Carlo probability of leaving a pulse limit under parameter uncertainty
+`tuning`        `tune`: the controller of least chatter that keeps a pulse limit over stated uncertainty
+`certification` `certify`: Monte Carlo probability of exceeding a pulse limit under parameter uncertainty
 `stability`     the error loop linearised, its margins, gains by design (python-control)
 `verdict`       `evaluate` one arm under one controller, `compare` several, animate
 `payload`       a load in the gripper, identified and taken into the model while the arm runs
@@ -48,7 +48,8 @@ from ctc.stability.margins import margins
 from ctc.tuning.tune import tune
 from ctc.verdict.animation import animate, plot_arm
 from ctc.verdict.comparison import compare
-from ctc.verdict.evaluation import Evaluation, evaluate
+from ctc.verdict.evaluation import Evaluation
+from ctc.verdict.evaluations import evaluate
 from ctc.verdict.resonance_sweep import sweep_resonance
 
 __all__ = [

@@ -50,6 +50,7 @@ from plant.mechanics.lumping import Lumping
 from plant.mechanics.placement import Placement
 from plant.models.check import check_model
 from plant.models.robot_file import Robot, read_robot, write_robot
+from plant.motion.everyday import everyday_motions
 from plant.motion.fastest import fastest
 from plant.motion.link_reference import LinkReference
 from plant.motion.reference import Reference
@@ -76,7 +77,7 @@ __all__ = [
     "Link", "LinkReference", "LoadError", "LoggedCurrent", "LoggedTorque", "Lumping", "P", "Part", "Phase",
     "Placement", "PointToPoint", "Presliding", "QuadratureError", "Record", "Reference", "Resumed", "Rig",
     "Robot", "Setpoint", "Spline", "StatelessLaw", "SteppedArm", "Table", "TorqueRipple", "Transport",
-    "check_model", "fastest", "linearise", "modes", "number",
+    "check_model", "everyday_motions", "fastest", "linearise", "modes", "number",
     "p_gains", "part", "puma560", "read_records", "read_robot", "read_table", "replay", "simulate",
     "structure", "to_control", "visibility", "write_replay", "write_robot",
 ]  # fmt: skip

@@ -13,7 +13,7 @@ from uncertain import with_uncertainty
 import ctc
 import identification
 import plant
-from ctc import ComputedTorque, Uncertainty, certify, compare, margins, sweep_resonance
+from ctc import ComputedTorque, Uncertainty, certify, compare, evaluate, margins, sweep_resonance
 from ctc.certification.reserves import Reserves
 from ctc.payload.controller import PayloadEvent
 from ctc.tuning.tuning import Trial, Tuning
@@ -101,11 +101,16 @@ RESULTS = {
     "Assumed": lambda: found().assumed(),
     "Budget": lambda: pulse_budget(arm(), RIG, LAW, PATH, duration=0.5),
     "Certificate": certificate,
+    "Certificates": lambda: certify(
+        arm(), RIG, LAW, {NASTY[0]: PATH, NASTY[1]: PATH.later(1.0)},
+        **with_uncertainty(covariance=np.diag((0.02 * arm().f) ** 2), samples=20, progress=False, after=0.1, **SHORT),
+    ),
     "Checkup": lambda: dataclasses.replace(record(), error_pulses=2 * record().error_pulses).check(),
     "Comparison": lambda: compared({NASTY[0]: LAW, NASTY[1]: ComputedTorque(arm(), RIG)}),
     "Detection": lambda: found().diagnostics.detection,
     "Diagnostics": lambda: found().diagnostics,
     "Evaluation": lambda: compared({"P": LAW}).evaluations["P"],
+    "Evaluations": lambda: evaluate(arm(), RIG, LAW, {NASTY[0]: PATH, "b": PATH.later(1)}, backend="numba", **SHORT),
     "Finding": lambda: record().check().findings[0],
     "Fit": lambda: found().fit,
     "FitTrial": lambda: FitTrial(at=40.0, unit="Hz", rows=99, worse=1.0, against=20.0, passed=True, chosen=True),
@@ -167,7 +172,7 @@ def results(of=Shown):
 
 
 def test_every_result_is_here():
-    assert results() - {"Worst"} == set(RESULTS)  # that one is shown in a Certificate
+    assert results() - {"Worst", "Certified"} == set(RESULTS)  # shown in a Certificate, and its base
 
 
 def test_what_is_printed_for_a_table_is_one_of_them():
@@ -189,7 +194,17 @@ def test_html_is_whole_escaped_and_small(name):
     assert NASTY[0] not in html
     assert len(html) < 40_000
     assert page.words.strip()
-    if name in ("Evaluation", "Comparison", "Margins", "Certificate", "GearResonance", "Identification", "Trial"):
+    if name in (
+        "Evaluation",
+        "Comparison",
+        "Margins",
+        "Certificate",
+        "Certificates",
+        "Evaluations",
+        "GearResonance",
+        "Identification",
+        "Trial",
+    ):
         assert NASTY[0] in page.words
 
 
@@ -197,7 +212,18 @@ def test_html_is_whole_escaped_and_small(name):
 def test_the_first_thing_shown_is_the_verdict_where_there_is_one(name):
     pieces = list(RESULTS[name]()._shown())
     assert not any(isinstance(piece, Verdict) for piece in pieces[1:]) or name == "Tuning"
-    judged = ("Evaluation", "Comparison", "Certificate", "Checkup", "Identification", "Margins", "TorqueFit", "Load")
+    judged = (
+        "Evaluation",
+        "Comparison",
+        "Certificate",
+        "Certificates",
+        "Evaluations",
+        "Checkup",
+        "Identification",
+        "Margins",
+        "TorqueFit",
+        "Load",
+    )
     assert isinstance(pieces[0], Verdict) or name not in judged
     assert name not in judged or pieces[0].good is not None
 
@@ -220,7 +246,7 @@ def test_repr_is_one_short_line(name):
 
 
 def test_a_list_of_results_is_a_list_of_lines():
-    assert repr([trial()]) == f"[Trial({NASTY[0]}: 3 leave, 0 may)]"
+    assert repr([trial()]) == f"[Trial({NASTY[0]}: 3 samples exceed the limit, 0 may)]"
 
 
 def test_a_comparison_of_many_laws_is_still_one_line():

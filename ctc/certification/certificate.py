@@ -1,7 +1,4 @@
-"""Probability of leaving a pulse limit with its exact bounds, the worst plant, and the sensitivities.
-
-The bounds are those of Clopper and Pearson, exact whatever the distribution of the errors.
-"""
+"""Probability of exceeding a pulse limit on one path with its exact bounds, the worst sample, and the sensitivities."""
 
 import dataclasses
 import functools
@@ -12,37 +9,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ctc.certification.cells import Cell, cells, clopper_pearson
+from ctc.certification.certified import Certified
 from ctc.certification.figure import plot_certificate
-from ctc.certification.plants import Plants, Worst
+from ctc.certification.plants import Worst
 from ctc.certification.reserves import Reserves, reserves
-from ctc.certification.sensitivity import Influence, influences
-from ctc.certification.statement import percent, shown, verdict
+from ctc.certification.statement import shown, verdict
 from ctc.verdict.conditions import FromRest, from_rest
 from ctc.verdict.on_gears import SETTLED, LowestResonance, lowest_resonance
 from identification.results.seen import Seen
-from plant import Law, Reference
+from plant import Reference
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import known_options
-from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
-from plant.parts.saved import Saved, versions
-from plant.parts.shown import Piece, Shown
+from plant.parts.shown import Piece
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Runs
 
 
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Certificate(Shown, Saved, Frozen):
-    """Probability of leaving a pulse limit under parameter uncertainty, and why. Print it for a table.
+class Certificate(Certified):
+    """Probability of exceeding a pulse limit under parameter uncertainty, and why. Print it for a table.
 
     Attributes
     ----------
     law : Law
     reference : Reference
     plants : Plants
-        What was drawn.
+        The Monte Carlo samples.
     runs : Runs
         Results of each: ``peak``, ``unrounded``, ``outside``, ``current``, ``first``.
     within : float
@@ -54,7 +48,7 @@ class Certificate(Shown, Saved, Frozen):
     seconds : float
         That the runs took.
     seen : Seen or None
-        What the logs show of gears, and where the path leaves them; None of an arm that was not identified.
+        What the logs show of gears, and where the path exceeds it; None of an arm that was not identified.
     versions : dict
         Of the library, numpy, casadi and Python that made it.
 
@@ -76,58 +70,10 @@ class Certificate(Shown, Saved, Frozen):
     (0, True)
     """
 
-    law: Law
     reference: Reference
-    plants: Plants
     runs: Runs
-    within: float
-    confidence: float
     settings: dict[str, Any]
     seen: Seen | None = None
-    threads: int = dataclasses.field(compare=False)
-    seconds: float = dataclasses.field(compare=False)
-    versions: dict[str, str] = dataclasses.field(compare=False, default_factory=versions)
-
-    def provenance(self) -> dict[str, Any]:
-        """The seed of the plants, and the versions that made it."""
-        return {"versions": dict(self.versions), "seed": self.plants.seed}
-
-    @property
-    def failures(self) -> int:
-        """How many of the loops left the limit at any sample, or diverged."""
-        return int((self.runs.outside > 0).sum())
-
-    @property
-    def failures_before(self) -> int:
-        """How many exceed the limit at a sample before ``after``, which does not count."""
-        return int((self.runs.before > 0).sum())
-
-    @property
-    def probability(self) -> float:
-        """Share of the loops that left the limit."""
-        return self.failures / len(self.plants)
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Two-sided interval (low, high) of that probability, at the confidence."""
-        return clopper_pearson(self.failures, len(self.plants), self.confidence)
-
-    @property
-    def upper(self) -> float:
-        """One-sided upper bound of that probability, at the confidence; that of the worst cell of resonances."""
-        if self.worst_cell is not None:
-            return self.worst_cell.upper(self.confidence)
-        return clopper_pearson(self.failures, len(self.plants), 2 * self.confidence - 1)[1]
-
-    @functools.cached_property
-    def cells(self) -> list[Cell]:
-        """The stated ranges of resonance and damping in small parts, with what became of the plants in each."""
-        return cells(self.plants.uncertainty, self.plants.names, self.plants.values, self.runs.outside > 0)
-
-    @property
-    def worst_cell(self) -> Cell | None:
-        """The part of the stated resonances with the highest bound; None where none were stated."""
-        return max(self.cells, key=lambda cell: cell.upper(self.confidence), default=None)
 
     @functools.cached_property
     def on_gears(self) -> LowestResonance | None:
@@ -143,7 +89,7 @@ class Certificate(Shown, Saved, Frozen):
 
     @functools.cached_property
     def from_rest(self) -> FromRest | None:
-        """What the nominal arm does from rest, where the path begins in motion and leaves it behind."""
+        """What the nominal arm does from rest, where the path begins in motion and exceeds the limit."""
         return from_rest(*self._loop)
 
     @property
@@ -155,7 +101,7 @@ class Certificate(Shown, Saved, Frozen):
 
     @property
     def holds(self) -> bool:
-        """Whether no plant leaves the limit, nor the nominal arm from rest."""
+        """Whether no sample exceeds the limit, nor the nominal arm from rest."""
         return self.failures == 0 and self.from_rest is None
 
     @property
@@ -164,43 +110,13 @@ class Certificate(Shown, Saved, Frozen):
         return None if self.on_gears is None else self.on_gears.hz
 
     @property
-    def share_outside(self) -> float:
-        """Share of all samples of all loops that are outside the limit."""
-        return float(self.runs.outside.mean() / self.runs.samples)
-
-    @property
-    def saturation(self) -> NDArray[np.float64]:
-        """Share of the loops that reach the amplifier's limit, (n,)."""
-        limit = self.plants.rig.drive.current_limit
-        return (np.isfinite(limit) & (self.runs.current >= limit * (1 - 1e-12))).mean(axis=0)
-
-    @property
-    def current_share(self) -> NDArray[np.float64]:
-        """Largest motor current of a loop as a share of the amplifier's limit, median of the loops, (n,)."""
-        limit = self.plants.rig.drive.current_limit
-        median = np.median(self.runs.current, axis=0)
-        return np.divide(median, limit, out=np.zeros(len(limit)), where=np.isfinite(limit))
-
-    @property
-    def sensitivities(self) -> list[Influence]:
-        """Sensitivity of the peak error to each of the drawn numbers, the largest first.
-
-        Of numbers that were fitted again on gears of the plant's resonance, to their deviation from that fit: what
-        follows from the resonance is the resonance's.
-        """
-        names, values = self.plants.names, self.plants.values - self.plants.expected
-        if self.plants.dropped:
-            names, values = (*names, "lost samples"), np.column_stack([values, self.runs.lost])
-        return influences(names, values, self.runs.unrounded.max(axis=1))
-
-    @property
     def worst(self) -> Worst:
-        """The plant with the largest counted error; among equals, with the largest before rounding."""
+        """The sample with the largest encoder error; among equals, with the largest before rounding."""
         peak, unrounded = self.runs.peak.max(axis=1), self.runs.unrounded.max(axis=1)
         return self.plant(int(np.lexsort((unrounded, peak))[-1]))
 
     def plant(self, index: int) -> Worst:
-        """One of the plants, ready for `evaluate`.
+        """One of the samples, ready for `evaluate`.
 
         Returns
         -------
@@ -219,7 +135,7 @@ class Certificate(Shown, Saved, Frozen):
 
     @known_options
     def reserves(self, *, samples: int = 400, allowed: float = 0.0) -> Reserves:
-        """Lowest bandwidth and longest period at which at most a share `allowed` of the first `samples` plants leaves.
+        """Lowest bandwidth and longest period at which at most a share `allowed` of the first `samples` exceeds it.
 
         Parameters
         ----------
@@ -235,11 +151,6 @@ class Certificate(Shown, Saved, Frozen):
     def plot(self, ax: Any = None) -> NDArray[Any]:
         """Draw peak errors, worst loop and sensitivities on (3,) Axes, (4,) where resonances were stated."""
         return plot_certificate(self, ax)
-
-    def _short(self) -> str:
-        bound = f"at most {percent(self.upper, up=True)}"
-        share = f"{self.failures} of {len(self.plants)} plants leave ±{self.within:g} pulse"
-        return f"{type(self.law).__name__}: {share}, {bound} of all"
 
     def _shown(self) -> Iterator[Piece]:
         return shown(self)

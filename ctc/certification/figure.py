@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ctc.certification.imperfections import IMPERFECTIONS
 from ctc.figures.errors import draw_band
-from ctc.verdict.evaluation import evaluate
+from ctc.verdict.evaluations import evaluate
 from plant import DivergenceError
 from plant.parts.figures import BAND, axes_of, colour_of, dressed, legend_above, literal
 

@@ -1,4 +1,4 @@
-"""What a certificate says in words: its verdict, what was drawn, and what was not."""
+"""What a certificate says in words: its verdict, what was sampled, and what was not."""
 
 import math
 from collections.abc import Iterator
@@ -21,74 +21,85 @@ _SHOWN = 5
 """Sensitivities in the table."""
 
 _MOST = 0.5
-"""Share of plants that leave beyond which nothing is said of the nominal one."""
+"""Share of samples that exceed the limit beyond which nothing is said of the nominal one."""
 
 
 def statement(uncertainty: Uncertainty, rig: Rig, known: Identified) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What is drawn of an `Uncertainty` with these identified numbers, and what is not."""
-    u, drive = uncertainty, rig.drive
-    drawn, left = [], []
+    """What is sampled of an `Uncertainty` with these identified numbers, and what is not."""
+    u, drawn = uncertainty, []
     identified = [name for name in known.names if name.startswith(("drive.viscous", "drive.coulomb"))]
-    friction = "friction that was not identified" if identified else "friction"
+    every = len(identified) == 2 * rig.n
+    friction = f"friction{' that was not identified' * bool(identified)} ±{100 * u.friction:g} % (standard deviation)"
+    if every:
+        friction = "friction as identified (friction= is of what was not)"
     if u.plants is not None:
         drawn.append("f of given arms")
     elif known.refits is not None:
         drawn.append(f"what the log says on gears of {len(known.refits.places)} resonances of the range")
     elif known.names:
         drawn.append("what was identified")
-    if u.resonance is not None:
-        alike = "all joints alike" if len(u.resonance) == 1 else "of each joint"
-        hz = ", ".join(f"{low:g} to {high:g}" for low, high in u.resonance)
-        drawn.append(f"resonance {hz} Hz ({alike}), damping ratio {spread(u.damping_ratio)}")
-    else:
-        left.append("elasticity" if drive.elasticity is None else "resonance (as the rig has it)")
-    for there, said, name in (
-        (u.friction > 0, f"{friction} ±{100 * u.friction:g} % (standard deviation)", "friction"),
+    hz = ", ".join(f"{low:g} to {high:g}" for low, high in u.resonance or ())
+    alike = "all joints alike" if len(u.resonance or ()) == 1 else "of each joint"
+    gears = f"resonance {hz} Hz ({alike}), damping ratio {spread(u.damping_ratio or (0.0, 0.0))}"
+    stiff = "elasticity" if rig.drive.elasticity is None else "resonance (as the rig has it)"
+    rows = [
+        (u.resonance is not None, gears, stiff),
+        (every or u.friction > 0, friction, "friction"),
         (u.load[1] > 0, f"load {spread(u.load)} kg", "load"),
         (u.phase, "encoder zeros", "encoder zeros"),
         (u.delay[1] > 0, f"delay {spread(u.delay)} s", "delay"),
         (u.dropped > 0, f"lost counts {100 * u.dropped:g} %", "lost counts"),
-    ):
-        if name == "friction" and len(identified) == 2 * rig.n:
-            drawn.append("friction as identified (friction= is of what was not)")
-            continue
-        if there:
-            drawn.append(said)
-        else:
-            left.append(name)
+    ]
     for name, row in IMPERFECTIONS.items():
-        ends = getattr(u, name)
-        if any(ends):
-            drawn.append(f"{row.words} {spread(ends)} {row.unit}")
-        else:
-            left.append(row.words if row.own(rig) is None else f"{row.words} (as the rig has it)")
-    return tuple(drawn), tuple(left)
+        own = "" if row.own(rig) is None else " (as the rig has it)"
+        rows.append((any(getattr(u, name)), f"{row.words} {spread(getattr(u, name))} {row.unit}", f"{row.words}{own}"))
+    drawn += [said for there, said, _ in rows if there]
+    return tuple(drawn), tuple(name for there, _, name in rows if not there)
+
+
+def _exceeding(certificate: Any, where: str, anywhere: str) -> str:
+    """How many samples exceed the limit, after the start and with it, and the bound."""
+    count, within = f"{len(certificate.plants):,} Monte Carlo samples", certificate.within
+    limit = f"±{within:g} pulse{'s' * (within != 1)}"
+    sure, bound = f"with {100 * certificate.confidence:g} % confidence", percent(certificate.upper, up=True)
+    cell = certificate.worst_cell
+    of = "of all would" if cell is None else f"would at the worst resonance ({cell})"
+    some, rest = (
+        f"{percent(certificate.probability)} of {count} exceed {limit} {where}",
+        f"; {sure}, at most {bound} {of}",
+    )
+    if not certificate.failures:
+        some, rest = f"None of {count} exceeds {limit}{anywhere}", f"; {sure}, fewer than {bound} {of}"
+    sentence = f"{some}{_worst(cell) if bound == percent(1.0) else rest}."  # 100 % is no bound
+    if certificate.failures_before:
+        before, all_ = (
+            x / len(certificate.plants) for x in (certificate.failures_before, certificate.failures_with_start)
+        )
+        after = f"In the first {certificate.settings['after']:g} s, which are left out"
+        sentence = f"{sentence} {after}, {percent(before)} exceed it: {percent(all_)} with the start."
+    return sentence
+
+
+def verdict_of_set(certificates: Any) -> str:
+    """What `Certificates` found: in how many motions the limit is exceeded, and in which most."""
+    count, worst = len(certificates), certificates.worst
+    sentence = _exceeding(certificates, f"in some of {count} motions", f" in any of {count} motions")
+    failing = sum(each.failures > 0 for each in certificates.values())
+    if failing:
+        most = percent(certificates[worst].probability)
+        sentence = f"{sentence} It happens in {failing} of them, most often in {worst!r} ({most})."
+    return sentence
 
 
 def verdict(certificate: Any) -> str:
     """What a `Certificate` found, and on which gears it holds."""
-    count, within = f"{len(certificate.plants):,} possible plants", certificate.within
-    limit = f"±{within:g} pulse{'s' * (within != 1)}"
-    sure, bound = f"with {100 * certificate.confidence:g} % confidence", percent(certificate.upper, up=True)
-    cell, gears = certificate.worst_cell, certificate.on_gears
-    of = "of all would" if cell is None else f"would at the worst resonance ({cell})"
-    if certificate.failures:
-        share = percent(certificate.probability)
-        sentence = f"{share} of {count} leave {limit} at some sample; {sure}, at most {bound} {of}."
-        if bound == percent(1.0):  # is no bound
-            sentence = f"{share} of {count} leave {limit} at some sample{_worst(cell)}."
-    elif bound == percent(1.0):
-        sentence = f"None of {count} leaves {limit}{_worst(cell)}."
-    else:
-        sentence = f"None of {count} leaves {limit}; {sure}, fewer than {bound} {of}."
-    if certificate.failures_before:
-        after = f"the first {certificate.settings['after']:g} s, which are left out"
-        sentence = f"{sentence} Within {after}, {certificate.failures_before} exceed it."
+    gears = certificate.on_gears
+    sentence = _exceeding(certificate, "at some sampling instant", "")
     if certificate.from_rest is not None:
         said = str(certificate.from_rest)
         sentence = f"{sentence} {said[:1].upper()}{said[1:]}."
     if certificate.seen is not None and certificate.seen.beyond:
-        sentence = f"{sentence} The path leaves what the log shows."
+        sentence = f"{sentence} The path exceeds what the log shows."
     if gears is None:
         return sentence
     if certificate.probability > _MOST:
@@ -102,7 +113,7 @@ def verdict(certificate: Any) -> str:
 
 
 def _unseen(certificate: Any, hz: float) -> str:
-    """What the log says of gears on which the loop leaves its limit, below a resonance [Hz]."""
+    """What the log says of gears on which the loop exceeds its limit, below a resonance [Hz]."""
     shown = None if certificate.seen is None else certificate.seen.resonance
     if shown is None or not hz > LOWEST:
         return ""
@@ -119,57 +130,88 @@ def shown(certificate: Any) -> Iterator[Piece]:
     worst, runs, (low, high) = certificate.worst, certificate.runs, certificate.interval
     rows = [
         (f"probability, {100 * certificate.confidence:g} % interval", f"{percent(low)} to {percent(high, up=True)}"),
-        ("samples outside, share of all", percent(certificate.share_outside)),
+        ("share of sampling instants beyond the limit", percent(certificate.share_outside)),
     ]
-    if certificate.settings["after"]:
-        before = f"samples that exceed the limit in the first {certificate.settings['after']:g} s, left out"
-        rows.append((before, f"{certificate.failures_before} of {len(certificate.plants)}"))
+    if after := certificate.settings["after"]:
+        of = f"of {len(certificate.plants)}"
+        rows.append((f"exceed it in the first {after:g} s, left out", f"{certificate.failures_before} {of}"))
+        rows.append(("exceed it with the start", f"{certificate.failures_with_start} {of}"))
     if np.isfinite(runs.first).any():  # not where all diverge
-        rows.append(("first left, median [s]", f"{np.nanmedian(runs.first):.3f}"))
+        rows.append(("time of the first violation, median [s]", f"{np.nanmedian(runs.first):.3f}"))
     peak = f"peak {worst.peak:.0f} pulses" if np.isfinite(worst.peak) else "diverges"
-    rows.append(("worst plant", f"number {worst.index}, {peak}"))
+    rows.append(("worst sample", f"number {worst.index}, {peak}"))
     high_quantile = np.quantile(runs.unrounded, 0.99, axis=0, method="higher")
     quantities = [
-        ("counted error, worst peak [pulses]", *(f"{peak:.0f}" for peak in runs.peak.max(axis=0))),
+        ("encoder error, worst peak [pulses]", *(f"{peak:.0f}" for peak in runs.peak.max(axis=0))),
         ("error before rounding, median peak [pulses]", *(f"{x:.2f}" for x in np.median(runs.unrounded, axis=0))),
         ("error before rounding, 99 % below [pulses]", *(f"{x:.2f}" for x in high_quantile)),
         ("torque chatter per sample, median [N m]", *(f"{x:.1f}" for x in np.median(runs.chatter, axis=0))),
         ("motor current, median peak / limit", *(f"{share:.0%}" for share in certificate.current_share)),
         ("loops that reach the limit", *map(percent, certificate.saturation)),
     ]
+    yield Verdict(f"{type(certificate.law).__name__}: {certificate.verdict}", certificate.holds)
+    yield Table((), rows)
+    yield by_joint(certificate.plants.arm.dynamics.chain.joint_labels, quantities)
+    yield from _explained(certificate)
+    if certificate.seen is not None:
+        yield from _against_the_log(certificate)
+    yield "for this path alone: everyday_motions(arm, rig) gives others"
+
+
+def shown_set(certificates: Any) -> Iterator[Piece]:
+    """`Certificates` as they are printed: one row per motion."""
+    count, after = len(certificates.plants), certificates.settings["after"]
+    head = ["motion", f"exceed, of {count}", "at most", "peak [pulses]", "chatter [N m]"]
+    rows = [
+        [
+            name, f"{each.failures}", percent(each.upper, up=True), f"{each.runs.peak.max():.0f}",
+            f"{np.median(each.runs.chatter, axis=0).max():.2g}",
+            *([f"{each.failures_before}", f"{each.failures_with_start}"] if after else []),
+        ]
+        for name, each in certificates.items()
+    ]  # fmt: skip
+    head += [f"in the first {after:g} s, left out", "with the start"] if after else []
+    yield Verdict(f"{type(certificates.law).__name__}: {certificates.verdict}", certificates.holds)
+    yield Table(head, rows)
+    yield from _explained(certificates)
+    beyond = [name for name, each in certificates.items() if each.seen is not None and each.seen.beyond]
+    if beyond:
+        yield f"motions that exceed angles or speeds of the log: {', '.join(beyond)}"
+    yield from (f"{name}: {each.from_rest}" for name, each in certificates.items() if each.from_rest is not None)
+    if certificates.plants.rig.drive.elasticity is None:
+        yield "rigid gears assumed; .lowest_resonance [Hz] says from where on the nominal arm holds"
+
+
+def _explained(certificate: Any) -> Iterator[Piece]:
+    """What the peak errors depend on, and what was sampled."""
     influences, dynamics = certificate.sensitivities, certificate.plants.arm.dynamics
     shown, of_f = influences[:_SHOWN], sum(x.share for x in influences if x.name in dynamics.names)
     short = dict(zip(dynamics.names, dynamics.short_names, strict=True))
     explained = [(short.get(x.name, x.name), f"{x.share:.0%}", x.sense) for x in shown]
-    yield Verdict(f"{type(certificate.law).__name__}: {certificate.verdict}", certificate.holds)
-    yield Table((), rows)
-    yield by_joint(dynamics.chain.joint_labels, quantities)
-    yield Table(("sensitivity to", "explains", "direction"), explained, words=(2,))
+    yield Table(("sensitivity to", "share of variance", "direction"), explained, words=(2,))
     long = [f"{short[x.name]} = {x.name}" for x in shown if short.get(x.name, x.name) != x.name]
     yield Aside("What the parameters mean", long)
     if certificate.failures and of_f > max(_DECIDES * sum(x.share for x in influences), _AT_ALL):
         yield "how well f is known decides: identify from more records, or from a motion of design_motion"
     elif certificate.failures:
-        yield "another law may hold: tune looks for it, along this path and over what is drawn here"
+        yield "another controller may hold: tune searches for it, along this path and over what is sampled here"
     if certificate.plants.redrawn:
-        yield f"{certificate.plants.redrawn} draws were no arm, and were drawn again"
-    for what, names in zip(("drawn", "not drawn"), certificate.plants.said, strict=True):
+        yield f"{certificate.plants.redrawn} samples were no arm, and were replaced"
+    for what, names in zip(("sampled", "not sampled"), certificate.plants.said, strict=True):
         yield f"{what}: {', '.join(names)}"
-    if certificate.seen is not None:
-        yield from _against_the_log(certificate)
 
 
 def _against_the_log(certificate: Any) -> Iterator[str]:
-    """Where the path of a certificate leaves what was logged, and the gears that the log would have shown."""
+    """Where the path of a certificate exceeds what was logged, and the gears that the log would have shown."""
     seen, cells = certificate.seen, certificate.cells
     if seen.beyond:
         places = "; ".join(seen.beyond)
-        yield f"the path leaves the log: {places}. What only shows there (friction, cables, stops) is not drawn"
+        yield f"the path exceeds the log: {places}. What only shows there (friction, cables, stops) is not sampled"
     lowest = min((cell.hz[0] for cell in cells), default=np.inf)
     if seen.resonance is not None and lowest < seen.resonance:
         yield (
-            f"gears that resonate below {seen.resonance:.3g} Hz would have shown in the log, and did not: those drawn "
-            f"from {lowest:.3g} Hz on are not this arm's, nor is f as it was fitted on them"
+            f"gears that resonate below {seen.resonance:.3g} Hz would have shown in the log, and did not: those "
+            f"sampled from {lowest:.3g} Hz on are not this arm's, nor is f as it was fitted on them"
         )
 
 
@@ -177,7 +219,7 @@ def _worst(cell: Any) -> str:
     """What is said of the worst part of the resonances where there is no bound."""
     if cell is None:
         return ""
-    do = f"{cell.failures} of {cell.count} do" if cell.count else "none was drawn, so nothing is said of it"
+    do = f"{cell.failures} of {cell.count} do" if cell.count else "there is no sample, so nothing is said of it"
     return f"; at the worst resonance ({cell}) {do}"
 
 

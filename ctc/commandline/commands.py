@@ -6,15 +6,18 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
+
 from ctc.certification.certificate import Certificate
+from ctc.certification.certificates import Certificates
 from ctc.certification.certify import certify
 from ctc.certification.uncertainty import Uncertainty
 from ctc.commandline.demo import demo
-from ctc.commandline.inputs import Answer, new_place, path_of, plain_number, records_of, unknowns_of
+from ctc.commandline.inputs import Answer, motions_asked, new_place, path_of, plain_number, records_of, unknowns_of
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.report.report import write_report
 from ctc.tuning.tune import tune
-from ctc.verdict.evaluation import evaluate
+from ctc.verdict.evaluations import evaluate
 from identification import Identification, identify
 from identification.results.summary import doubts
 from plant import Dynamics
@@ -98,8 +101,8 @@ def _identified(found: Identification) -> dict[str, Any]:
 def run_certify(given: Namespace) -> Answer:
     """The probability that computed torque on what was found exceeds a pulse limit."""
     place, found = _place(given), Identification.load(given.found)
-    law, path = _law(found, given), path_of(found, given.path)
-    certificate = certify(found, found.rig, law, path, _uncertainty(given, found), **_run(given))
+    law, motions = _law(found, given), motions_asked(found, given.path, given.everyday)
+    certificate = certify(found, found.rig, law, motions, _uncertainty(given, found), **_run(given))
     said = [str(certificate), f"computed torque with a bandwidth of {law.bandwidth:g} rad/s"]
     first = certificate.sensitivities[0].name if certificate.failures and certificate.sensitivities else ""
     if first.startswith(("drive.viscous", "drive.coulomb")) and first not in found.fit.unknown:
@@ -108,9 +111,10 @@ def run_certify(given: Namespace) -> Answer:
 
 
 def run_tune(given: Namespace) -> Answer:
-    """The controller of least activity that stays within the limit on what was found."""
+    """The controller of least chatter that stays within the limit on what was found."""
     place, found = _place(given), Identification.load(given.found)
-    tuning = tune(found, found.rig, path_of(found, given.path), _uncertainty(given, found), **_run(given))
+    motions = motions_asked(found, given.path, given.everyday)
+    tuning = tune(found, found.rig, motions, _uncertainty(given, found), **_run(given))
     best = min(tuning.trials, key=lambda trial: trial.rank)
     kind = type(tuning.law).__name__
     said = [str(tuning), f"the controller: {kind} ({best.tuned}); in Python, Certificate.load(FILE).law"]
@@ -145,8 +149,9 @@ def _run(given: Namespace) -> dict[str, Any]:
 
 
 def _certified(
-    found: Identification, certificate: Certificate, said: list[str], of_law: dict[str, Any], place: Path | None
-) -> Answer:
+    found: Identification, certificate: Certificate | Certificates, said: list[str], of_law: dict[str, Any],
+    place: Path | None,
+) -> Answer:  # fmt: skip
     """The answer that a certificate gives, kept in its file; no good one where what was found is unreliable."""
     doubtful = doubts(found)
     if doubtful:
@@ -154,19 +159,27 @@ def _certified(
         said = [f"The identification is unreliable ({count} of identify); what follows takes it for right.", *said]
     if place is not None:
         certificate.save(place)
-    low, high = certificate.interval
-    data = {
-        "verdict": certificate.verdict, "failures": certificate.failures, "samples": len(certificate.plants),
-        "probability": certificate.probability, "interval": [low, high], "upper": certificate.upper,
-        "within": certificate.within, "after": certificate.settings["after"],
-        "failures_before": certificate.failures_before, "doubts": doubtful, **of_law,
-        "from_rest": None if certificate.from_rest is None else str(certificate.from_rest),
-        "lowest_resonance": plain_number(certificate.lowest_resonance),
-        "log_shows_below": None if certificate.seen is None else plain_number(certificate.seen.resonance),
-        "beyond_log": [] if certificate.seen is None else list(certificate.seen.beyond),
-    }  # fmt: skip
+    data = _data(certificate) | {"verdict": certificate.verdict, "doubts": doubtful, **of_law}
+    if isinstance(certificate, Certificates):
+        data |= {"worst": certificate.worst, "motions": {name: _data(each) for name, each in certificate.items()}}
+    else:
+        data["lowest_resonance"] = plain_number(certificate.lowest_resonance)
     text = "\n".join([*said, *([] if place is None else [f"\nwrote {place}"])])
     return Answer(text, data, certificate.holds and not doubtful)
+
+
+def _data(certificate: Certificate | Certificates) -> dict[str, Any]:
+    names = "failures", "failures_before", "failures_with_start", "probability", "upper", "within"
+    data: dict[str, Any] = {name: getattr(certificate, name) for name in names} | {
+        "samples": len(certificate.plants), "interval": [*certificate.interval], "after": certificate.settings["after"],
+        "chatter": plain_number(np.median(certificate.runs.chatter, axis=0).max()),
+    }  # fmt: skip
+    if isinstance(certificate, Certificates):
+        return data
+    seen, rest = certificate.seen, certificate.from_rest
+    data["from_rest"] = None if rest is None else str(rest)
+    data["log_shows_below"] = None if seen is None else plain_number(seen.resonance)
+    return data | {"beyond_log": [] if seen is None else list(seen.beyond)}
 
 
 def _law(found: Identification, given: Namespace) -> ComputedTorque:
@@ -178,13 +191,15 @@ def run_report(given: Namespace) -> Answer:
     if not given.output.endswith((".html", ".htm")):
         raise ValueError(f"the page must be an .html file; got {given.output}. Name it so.")
     place, found = _place(given), Identification.load(given.found)
-    certificate = None if given.certificate is None else Certificate.load(given.certificate)
+    certificate: Any = None if given.certificate is None else Certificate.load(given.certificate)
+    if isinstance(certificate, Certificates):  # a page is of one path
+        certificate = certificate[certificate.worst]
     if certificate is not None and given.bandwidth is not None:
         raise ValueError("the controller must be the certificate's; got --bandwidth beside it. Leave it out.")
     law, evaluation = _law(found, given) if certificate is None else certificate.law, None
     try:
         own = certificate is not None and given.path is None
-        path = certificate.reference if own else path_of(found, given.path)  # type: ignore[union-attr]  # own
+        path = certificate.reference if own else path_of(found, given.path)
     except ValueError:
         if given.path is not None:
             raise

@@ -6,7 +6,8 @@ from pathlib import Path
 from ctc.figures.errors import plot_comparison, plot_evaluation
 from ctc.figures.records import plot_identification, plot_record
 from ctc.laws.computed_torque import ComputedTorque
-from ctc.verdict.evaluation import Evaluation, evaluate
+from ctc.verdict.evaluation import Evaluation
+from ctc.verdict.evaluations import evaluate
 from identification import Identification, identify
 from plant import Arm, Record, Reference, Rig, puma560, simulate
 

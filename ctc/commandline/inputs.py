@@ -4,14 +4,14 @@ import dataclasses
 import difflib
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from identification import Identification
-from plant import Record, Reference, Robot, Spline, Table, read_records
+from plant import Record, Reference, Robot, Spline, Table, everyday_motions, read_records
 from plant.parts.user_warning import warn
 from plant.simulation.clock import Clock
 from plant.simulation.followed_path import Logged
@@ -96,6 +96,13 @@ def path_of(found: Identification, given: str | None = None) -> Reference:
     kept = np.unique([*range(0, len(times), step), len(times) - 1])
     ends = np.abs([(points[1] - points[0]) / times[1], (points[-1] - points[-2]) / (times[-1] - times[-2])])
     return Spline(times=times[kept], points=points[kept], at_rest=bool(ends.max() < _AT_REST))
+
+
+def motions_asked(found: Identification, path: str | None, everyday: bool) -> Reference | Mapping[str, Reference]:
+    """The path of `path_of`, or everyday motions, with the path of a file as one more."""
+    if not everyday:
+        return path_of(found, path)
+    return everyday_motions(found.arm, found.rig) | ({} if path is None else {Path(path).stem: path_of(found, path)})
 
 
 def _table(given: str, found: Identification) -> Table:

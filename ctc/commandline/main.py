@@ -169,7 +169,8 @@ _UNCERTAIN = (
       for name, row in IMPERFECTIONS.items()),
     _option("--dropped", type=float, metavar="SHARE", help="of the samples whose counts are lost"),
     _option("--within", type=_positive, default=1.0, help="limit [pulses] (default 1)"),
-    _option("--after", type=float, metavar="SECONDS", help="samples before it do not count"),
+    _option("--after", type=float, metavar="SECONDS", help="instants before it are left out, and reported"),
+    _option("--everyday", action="store_true", help="everyday motions, with --path one more; a row each"),
     _option("--samples", type=int, default=10_000, help="Monte Carlo samples (default 10000)"),
     *_output("file for report", required=False), _CHECKPOINT,
 )  # fmt: skip

@@ -1,7 +1,7 @@
-"""Search of one family: the quietest tuning whose loops stay within the limit, by the genetic algorithm of 3.7.
+"""Search of one family: the tuning with the least chatter that keeps the limit, by the genetic algorithm of 3.7.
 
-Few plants are simulated in the search, many in the check of its best. Those that leave there join the search, until
-none leaves: what a tuning fails on is not left to chance.
+Few samples are simulated in the search, many in the check of its best. Those that exceed the limit there join the
+search, until none does: what a tuning fails on is not left to chance.
 """
 
 import dataclasses
@@ -26,55 +26,56 @@ ROUNDS = (24, np.inf), (12, np.inf), (12, 1.1), (12, 1.0), (12, 0.95), (12, 0.85
 with an infinite one the counts decide, as in the verdict: those of a pulse are errors of up to two before rounding."""
 
 _QUIETER, _GAIN, _NEAR, _SPARE = 4, 0.9, 0.5, 1.05
-"""Searches at most that go on from the first tuning under which none leaves; the share of chatter to which each must
-bring it for another to follow; how far from it they search, in the logarithm of each variable; and the share of the
-limit that they aim at."""
+"""Searches at most that go on from the first tuning under which none exceeds the limit; the share of chatter to which
+each must bring it for another to follow; how far from it they search, in the logarithm of each variable; and the share
+of the limit that they aim at."""
 
 _BETWEEN = 2, 5
-"""Quieter tunings that lose the fewest, and so many on the way to each from the best that holds."""
+"""Tunings with less chatter under which the fewest fail, and so many on the way to each from the best that holds."""
 
 _STEPS = 4, 8
 """Integration steps per sample in a search, and in a check."""
 
 _CHECKED, _JOINING = 2, 6
-"""Tunings of a search that are checked, and plants that leave under each of them which join the next."""
+"""Tunings of a search that are checked, and samples that exceed the limit under each which join the next."""
 
 _LEFT, _BEYOND = 20.0, 5.0
-"""Weight of the share of loops that leave, and of the peak error beyond the limit [pulses], against chatter."""
+"""Weight of the share of loops that exceed the limit, and of the peak error beyond it [pulses], against chatter."""
 
 _FAR = 20.0
 """Peak error [pulses] beyond which one is as bad as another."""
 
 _HOPE, _HOPELESS = 8, 0.5
-"""Generation after which a search is given up whose best tuning still loses such a share of the loops."""
+"""Generation after which a search is given up under whose best tuning such a share still exceeds the limit."""
 
 Floats = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Tunings:
-    """Tunings of a family on drawn plants, each with each.
+    """Tunings of a family on samples of the arm, each with each.
 
     Attributes
     ----------
     family : Family
     plants : Plants
         On which tunings are checked; the search has its own.
-    reference : Reference
+    motions : tuple of (Reference, float)
+        With the duration of each [s]; a sample exceeds the limit that does in any of them.
     options : dict
         Of `plant.simulation.population.Population`.
     scale : (n,) numpy.ndarray
         Torque [N m] of each joint to which its chatter is compared.
     threads : int
     allowed : float
-        Share of the plants that may leave; if any may, none joins a search.
+        Share of the samples that may exceed the limit; if any may, none joins a search.
     checkpoint : Checkpoint
         Where costs and trials are kept.
     """
 
     family: Family
     plants: Plants
-    reference: Reference
+    motions: tuple[tuple[Reference, float], ...]
     options: dict[str, Any]
     scale: Floats
     threads: int
@@ -82,18 +83,21 @@ class Tunings:
     checkpoint: Checkpoint = dataclasses.field(default_factory=lambda: Checkpoint(None, ""))
 
     def runs(self, values: Floats, plants: Floats, steps: int) -> tuple[Runs, tuple[int, int]]:
-        """Plants (P, L) under tunings (T, k), tuning by tuning, and the shape (T, P)."""
+        """Samples (P, L) under tunings (T, k), tuning by tuning, and the shape (T, P)."""
         named = dict(zip(self.family.variables, values.T, strict=True))
         own, names = self.family.numbers(named), self.plants.numbers()[0]
         count, each = len(values), len(plants)
         lanes = np.hstack([np.repeat(np.column_stack(list(own.values())), each, axis=0), np.tile(plants, (count, 1))])
         arm, rig, law = self.plants.arm, self.plants.rig, self.family.law
         options = self.options | {"steps_per_sample": steps}
-        population = Population(arm, rig, law, self.reference, (*own, *names), lanes, **options)
-        return population.run(self.threads), (count, each)
+        populations = (
+            Population(arm, rig, law, path, (*own, *names), lanes, duration=lasts, **options)
+            for path, lasts in self.motions
+        )
+        return Runs.joined([population.run(self.threads) for population in populations]), (count, each)
 
     def costs(self, values: Floats, plants: Floats, aim: float) -> Floats:
-        """What the search minimises, (T,): mean chatter, and what leaves the limit, or a share of it."""
+        """What the search minimises, (T,): mean chatter, and what exceeds the limit, or a share of it."""
         runs, shape = self.runs(values, plants, _STEPS[0])
         peak, within = runs.unrounded.max(axis=1), self.options["within"]
         left = ((runs.outside > 0) | (peak > aim * within)).reshape(shape)
@@ -104,7 +108,7 @@ class Tunings:
         return noise.mean(axis=1) + _LEFT * left.mean(axis=1) + _BEYOND * beyond.mean(axis=1)
 
     def best(self, plants: Floats, seed: int, show: Callable[[], Any], beat: float = np.inf) -> Trial:
-        """The quietest tuning under which no more plants leave than may, or that under which the fewest do.
+        """The tuning with the least chatter under which no more exceed the limit than may, or the fewest.
 
         Parameters
         ----------
@@ -114,12 +118,12 @@ class Tunings:
         show : callable
             Called once per generation.
         beat : float
-            Noise of the best of another family: a family that still loses plants and is noisier is given up.
+            Noise of the best of another family: one under which some still exceed the limit, and noisier, is given up.
         """
         known, tried = np.array([list(each.values()) for each in self.family.known]), list[Trial]()
 
         def following(generations: int, aim: float, near: float = np.inf) -> Trial:
-            """Search on, and check; what leaves joins. The best of the check."""
+            """Search on, and check; what exceeds the limit joins. The best of the check."""
             nonlocal known, plants
             known = self._searched(plants, known, generations, aim, near, seed + len(tried), show)
             check = functools.partial(self._checked, known[:_CHECKED])
@@ -168,7 +172,7 @@ class Tunings:
         return np.exp(found[np.argsort(costs[first], kind="stable")])
 
     def _between(self, tried: list[Trial]) -> list[Trial]:
-        """Trials on the way from the best tuning that holds to those that are quieter and lose the fewest."""
+        """Trials on the way from the best tuning that holds to those with less chatter under which the fewest fail."""
         best = min(tried, key=_rank)
         quieter = sorted((trial for trial in tried if trial.noise < best.noise), key=lambda trial: trial.left)
         start, ways = np.log([*best.numbers.values()]), np.linspace(0, 1, _BETWEEN[1] + 2)[1:-1]
@@ -179,7 +183,7 @@ class Tunings:
         return found
 
     def _checked(self, values: Floats) -> tuple[list[Trial], list[Floats]]:
-        """Trials of tunings (T, k), and some of the plants that leave under each, the farthest."""
+        """Trials of tunings (T, k), and some of the samples that exceed the limit under each, the farthest."""
         plants = self.plants.numbers()[1]
         runs, shape = self.runs(values, plants, _STEPS[1])
         left, peak = (runs.outside > 0).reshape(shape), runs.unrounded.max(axis=1).reshape(shape)
@@ -201,7 +205,7 @@ class Tunings:
         return trials, [plants[order[: min(joining, lost.sum())]] for order, lost in zip(far, left, strict=True)]
 
     def _most(self, plants: int) -> int:
-        """How many of the plants may leave: a law given beforehand would then keep the allowed share, at 95 %."""
+        """How many of the samples may fail: a controller given beforehand would then keep the share, at 95 %."""
         counts = range(1, int(self.allowed * plants) + 1)
         return sum(clopper_pearson(count, plants, 0.9)[1] <= self.allowed for count in counts)
 

@@ -1,97 +1,98 @@
-"""The quietest law that keeps its limit over what is stated to be uncertain."""
+"""The controller with the least torque chatter that keeps its limit over what is stated to be uncertain."""
 
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ctc.certification.certificate import Certificate
+from ctc.certification.certificates import Certificates
 from ctc.certification.certify import certify
-from ctc.certification.samples import draw
+from ctc.certification.task import Motions, Task
 from ctc.certification.uncertainty import Uncertainty
 from ctc.tuning.families import families
 from ctc.tuning.search import ROUNDS, Tunings
 from ctc.tuning.tuning import Trial, Tuning
 from ctc.verdict.on_gears import SETTLED
 from identification import Identification, IdentificationWarning
-from identification.results.summary import warn_of_doubts
 from plant import Arm, Reference, Rig
-from plant.parts.arguments import instance, known_options, real
-from plant.parts.checkpoint import Checkpoint
+from plant.parts.arguments import known_options, real
 from plant.parts.progress import progress_bar
-from plant.simulation.threads import cores
 
 _PLANTS, _MORE, _FRESH = 16, 80, 2000
-"""Plants with which a search begins; with how many if some may leave; and others on which its best are checked."""
+"""Samples with which a search begins; with how many if some may exceed the limit; and others for its best."""
 
 _GENERATIONS = sum(generations for generations, _ in ROUNDS)
 
 
 @known_options
 def tune(
-    found: Identification | Arm, rig: Rig, reference: Reference, uncertainty: Uncertainty | None = None, *,
+    found: Identification | Arm, rig: Rig, reference: Motions, uncertainty: Uncertainty | None = None, *,
     within: float = 1, allowed: float = 0.0, after: float = SETTLED, samples: int = 10_000, seed: int = 0,
     duration: float | None = None, threads: int | None = None, progress: bool = True,
     checkpoint: str | Path | None = None,
 ) -> Tuning:  # fmt: skip
-    """Find the quietest law that keeps its limit over the stated uncertainty.
+    """Find the controller with the least torque chatter that keeps its limit over the stated uncertainty.
 
     Of computed torque with observer, computed torque with a PID that rolls off, feed-forward with PD and, along a
     `LinkReference` of identified gears, flexible-joint computed torque with PD, tunings are searched by the genetic
-    algorithm on plants drawn from the uncertainty, and the best are tried on fresh ones. Quiet is a small mean change
-    of the torque from sample to sample.
+    algorithm on samples of the uncertainty, and the best are tested on independent ones. Torque chatter is the mean
+    change of the torque from one sampling instant to the next.
 
     Parameters
     ----------
     found : Identification or Arm
-        The model of the laws, and where the plants are drawn; an arm needs its `covariance` or `plants`. With a
-        `resonance`, an identification on rigid gears is fitted again on such gears: the laws have the f of the middle.
+        The model of the controllers, and what is sampled; an arm needs its `covariance` or `plants`. With a
+        `resonance`, an identification on rigid gears is fitted again on such gears: the controllers have the f of the
+        middle.
     rig : Rig
-        Of the plants, such as ``found.rig``.
-    reference : Reference
+        Of the samples, such as ``found.rig``.
+    reference : Reference, or mapping of str -> Reference
+        The path, or several motions by name, as for `certify`: the limit is to be kept in all of them.
     uncertainty : Uncertainty, optional
         What is not known, as for `certify`.
     within : float
-        Limit of the counted error [pulses].
+        Limit of the encoder error [pulses].
     allowed : float
-        Share of the plants that may leave the limit, such as 0.05, for less chatter. So few of the fresh plants leave
-        that of a law given beforehand 95 % confidence would follow; it was chosen on them, so the certificate, on
-        plants of its own, is the verdict.
+        Share of the samples that may exceed the limit, such as 0.05, for less chatter. So few of the independent ones
+        do that of a controller given beforehand 95 % confidence would follow; it was chosen on them, so the
+        certificate, on samples of its own, is the verdict.
     after : float
-        Samples before this time do not count [s].
+        Sampling instants before this time do not count [s].
     samples : int
-        Plants of the certificate.
+        Of the certificate.
     seed : int
         Same seed, same result, to the bit, on any number of threads.
     duration : float, optional
-        [s]; by default one period of the reference.
+        Of each motion [s]; by default one period of the reference.
     threads : int, optional
         By default one per core.
     progress : bool
         Show a progress bar, where standard error is a terminal.
     checkpoint : str or Path, optional
-        File in which what has been tried is kept, as of `certify`.
+        File in which what has been tested is kept, as of `certify`.
 
     Returns
     -------
     Tuning
-        ``.law``, the table of all families in ``.table``, and the law's ``.certificate``. Where no law holds, that
-        which loses the fewest plants.
+        ``.law``, the table of all families in ``.table``, and the controller's ``.certificate``. Where none holds, that
+        with which the fewest samples exceed the limit.
 
     Raises
     ------
     ValueError
-        Bad input.
+        Bad input, as of `certify`.
 
     Notes
     -----
     On two free cores one to three minutes along path (6), of 3.65 s (160 s of one core on average,
-    tests/benchmarks/tuning.py), in proportion to `duration`; before, the fits of `certify` where it has some.
+    tests/benchmarks/tuning.py), in proportion to the motions' duration; before, the fits of `certify` where it has
+    some.
 
     See Also
     --------
-    ctc.certify, ctc.ComputedTorque
+    ctc.certify, ctc.ComputedTorque, plant.everyday_motions
 
     Examples
     --------
@@ -106,44 +107,27 @@ def tune(
     >>> print(tuning.law.bandwidth > 0, tuning.certificate.failures)
     True 0
     """
-    instance("rig", rig, Rig, "The order is found, rig, reference, uncertainty.")
-    instance("reference", reference, Reference, "The order is found, rig, reference, uncertainty.")
-    if not real("within", within, "Give pulses, such as 1.") > 0:
+    task = Task(
+        "tune", found, rig, (), reference, uncertainty, within=within, after=after, duration=duration, samples=samples,
+        seed=seed, threads=threads, progress=progress, checkpoint=checkpoint, steps_per_sample=4,
+        settings=(allowed,),
+    )  # fmt: skip
+    if not task.within > 0:
         raise ValueError(f"within must be positive; got {within:g}. The promise is 1 pulse.")
     if not 0 <= real("allowed", allowed, "Give a share, such as 0.05.") < 1:
         raise ValueError(f"allowed must be from 0 to below 1; got {allowed:g}. Give a share, such as 0.05.")
-    duration = reference.duration if duration is None else duration
-    stated = Uncertainty() if uncertainty is None else uncertainty
-    instance("uncertainty", stated, Uncertainty, "Give Uncertainty(friction=0.1, ...).")
-    stated.require_followed(rig.period / 4)
-    if isinstance(found, Identification):
-        warn_of_doubts(found, "tune")
-    pose = reference(np.zeros(1)).q[0]
-
-    def inputs() -> dict[str, Any]:
-        return {
-            "identification": found, "rig": rig, "reference": reference, "seed": seed,
-            "uncertainty": stated, "settings": (within, float(allowed), after, duration),
-        }  # fmt: skip
-
-    kept = Checkpoint(checkpoint, "tune").bind(inputs)
-    searching, fresh = (
-        draw(stated, found, rig, count, seed + i, pose, progress, kept)
-        for i, count in enumerate((_MORE if allowed else _PLANTS, _FRESH))
-    )
-    arm, scale = fresh.arm, _scale(fresh.arm, fresh.rig, reference, float(duration))
-    threads = int(threads or cores())
-    options = {"within": within, "duration": duration, "after": after}
-    laws, trials = families(arm, fresh.own, reference), list[Trial]()
+    searching, fresh = (task.sampled(count, i) for i, count in enumerate((_MORE if allowed else _PLANTS, _FRESH)))
+    laws, trials = families(fresh.arm, fresh.own, task.first), list[Trial]()
     with (
-        kept,
+        task.checkpoint as kept,
         progress_bar(len(laws) * _GENERATIONS, "tune", "generation", progress) as bar,
     ):
         for i, family in enumerate(laws):
             bar.set_postfix_str(family.name)
             tunings = Tunings(
-                family=family, plants=fresh, reference=reference, options=options, scale=scale, threads=threads,
-                allowed=float(allowed), checkpoint=kept.part(family.name),
+                family=family, plants=fresh, motions=tuple(task.motions.values()),
+                options={"within": task.within, "after": after}, scale=_scale(fresh.arm, fresh.rig, task.motions),
+                threads=task.threads, allowed=float(allowed), checkpoint=kept.part(family.name),
             )  # fmt: skip
             safe = min((trial.noise for trial in trials if trial.holds), default=np.inf)
             trials.append(tunings.best(searching.numbers()[1], seed, bar.update, safe))
@@ -151,16 +135,15 @@ def tune(
     best = min(trials, key=lambda trial: trial.rank)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IdentificationWarning)  # said by tune
-        certificate = certify(
-            found, rig, best.law, reference, stated, samples=samples, seed=seed + 2, within=within, after=after,
-            threads=threads, duration=duration, progress=progress, checkpoint=kept.part("certificate"),
+        certificate: Certificate | Certificates = certify(
+            found, rig, best.law, reference, task.uncertainty, samples=samples, seed=seed + 2, within=within,
+            after=after, threads=threads, duration=duration, progress=progress, checkpoint=kept.part("certificate"),
         )  # fmt: skip
     return Tuning(law=best.law, trials=tuple(trials), certificate=certificate, fresh=_FRESH)
 
 
-def _scale(arm: Arm, rig: Rig, reference: Reference, duration: float) -> NDArray[np.float64]:
-    """Torque [N m] of each joint that its chatter is compared to: root mean square along the reference."""
-    motion = reference(np.linspace(0, duration, 200))
-    torque = [arm.inverse(*row) for row in zip(motion.q, motion.qd, motion.qdd, strict=True)]
-    torque = np.array(torque) - rig.spring_torque(motion.q)
+def _scale(arm: Arm, rig: Rig, motions: dict[str, tuple[Reference, float]]) -> NDArray[np.float64]:
+    """Torque [N m] of each joint that its chatter is compared to: root mean square along the motions."""
+    rows = [np.array(path(np.linspace(0, lasts, 200))).swapaxes(0, 1) for path, lasts in motions.values()]
+    torque = [arm.inverse(*row) - rig.spring_torque(row[0]) for row in np.concatenate(rows)]
     return np.sqrt(np.mean(np.square(torque), axis=0))

@@ -1,4 +1,4 @@
-"""Result of a tuning: the law, what the best of each family does, and the certificate of the one chosen."""
+"""Result of a tuning: the controller, what the best of each family does, and the certificate of the one chosen."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctc.certification.certificate import Certificate
+from ctc.certification.certificates import Certificates
 from plant import Law
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
@@ -20,7 +21,7 @@ _EACH = 3
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Trial(Shown, Frozen):
-    """A tuning on fresh plants.
+    """A tuning on independent samples.
 
     Attributes
     ----------
@@ -29,11 +30,11 @@ class Trial(Shown, Frozen):
     numbers : dict of str -> float
         Its variables.
     left : int
-        Plants that left the limit.
+        Samples that exceed the limit.
     allowed : int
-        Plants that may.
+        Samples that may.
     chatter : (n,) numpy.ndarray
-        Mean change of the torque from sample to sample, mean of the plants [N m]; infinite where one diverged.
+        Mean change of the torque from sample to sample, mean of the samples [N m]; infinite where one diverged.
     noise : float
         The same in shares of each joint's torque along the reference, mean of the joints.
     """
@@ -48,12 +49,12 @@ class Trial(Shown, Frozen):
 
     @property
     def rank(self) -> tuple[int, float]:
-        """Smaller is better: fewer plants leave beyond those that may, or as many with less chatter."""
+        """Smaller is better: fewer samples fail beyond those that may, or as many with less chatter."""
         return max(self.left - self.allowed, 0), self.noise
 
     @property
     def holds(self) -> bool:
-        """Whether no more plants left than may."""
+        """Whether no more samples exceed the limit than may."""
         return self.left <= self.allowed
 
     @property
@@ -62,7 +63,7 @@ class Trial(Shown, Frozen):
         return ", ".join(f"{name} {value:.4g}" for name, value in self.numbers.items())
 
     def _short(self) -> str:
-        return f"{self.family}: {self.left} leave, {self.allowed} may"
+        return f"{self.family}: {self.left} samples exceed the limit, {self.allowed} may"
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(f"{self._short()}; {self.tuned}", self.holds)
@@ -72,34 +73,35 @@ class Trial(Shown, Frozen):
 class Tuning(Shown, Frozen):
     """What `tune` found. Print it for the table and the verdict.
 
-    Laws are chosen by how many of the fresh plants leave, so those counts flatter; the certificate has its own plants.
+    Controllers are chosen by how many of the validation samples exceed the limit, so those counts flatter; the
+    certificate has its own samples.
 
     Attributes
     ----------
     law : Law
-        The quietest that keeps its limit on all fresh plants but those that may leave; where none does, that which
-        loses the fewest.
+        That with the least chatter that keeps its limit on all validation samples but those that may exceed it; where
+        none does, that with which the fewest do.
     trials : tuple of Trial
         The best of each family.
-    certificate : Certificate
-        Of the law, on plants of its own.
+    certificate : Certificate or Certificates
+        Of the controller, on samples of its own; of a mapping of motions, one for each.
     fresh : int
-        Plants of each trial.
+        Validation samples of each trial.
     """
 
     law: Law
     trials: tuple[Trial, ...]
-    certificate: Certificate
+    certificate: Certificate | Certificates
     fresh: int
 
     @property
     def holds(self) -> bool:
-        """Whether a law was found that keeps its limit on all fresh plants but those that may leave."""
+        """Whether one was found that keeps its limit on all validation samples but those that may exceed it."""
         return any(trial.holds for trial in self.trials)
 
     @property
     def table(self) -> str:
-        """The best tuning of each family: how many of the fresh plants leave, its chatter, its numbers."""
+        """The best tuning of each family: how many validation samples exceed the limit, its chatter, its numbers."""
         return "\n".join(self._table().lines())
 
     def _table(self) -> Table:
@@ -107,7 +109,7 @@ class Tuning(Shown, Frozen):
         for trial in sorted(self.trials, key=lambda trial: trial.rank):
             each = trial.chatter if len(trial.chatter) <= _EACH else np.max(trial.chatter, keepdims=True)
             rows.append((trial.family, f"{trial.left}", " / ".join(f"{x:.1f}" for x in each), trial.tuned))
-        return Table(("", f"leave, of {self.fresh}", "chatter [N m]", "tuned"), rows, words=(3,))
+        return Table(("", f"exceed, of {self.fresh}", "chatter [N m]", "tuned"), rows, words=(3,))
 
     def _short(self) -> str:
         best = min(self.trials, key=lambda trial: trial.rank)
@@ -115,9 +117,9 @@ class Tuning(Shown, Frozen):
 
     def _shown(self) -> Iterator[Piece]:
         most = self.trials[0].allowed
-        where = f"all but {most} of {self.fresh} plants" if most else "all plants"
+        where = f"all but {most} of {self.fresh} samples" if most else "all samples"
         if not self.holds:
-            yield Verdict(f"No law keeps the limit on {where}; this one loses the fewest.", False)
+            yield Verdict(f"No controller keeps the limit on {where}; with this one the fewest exceed it.", False)
         yield from self.certificate._shown()
-        yield "the best tuning of each family, on fresh plants:"
+        yield "the best tuning of each family, on independent validation samples:"
         yield self._table()

@@ -4,16 +4,14 @@ import dataclasses
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures.errors import plot_comparison
-from ctc.verdict.evaluation import Evaluation, evaluate
+from ctc.verdict.evaluation import Evaluation
+from ctc.verdict.evaluations import evaluate, overview
 from plant import Arm, DivergenceError, Law, Reference, Rig
 from plant.parts.arguments import instance, known_options
-from plant.parts.labels import joint_labels
 from plant.parts.shown import Piece, Shown, Verdict
-from plant.parts.tables import Table
 
 
 def require_laws(laws: Any) -> None:
@@ -29,24 +27,7 @@ def require_laws(laws: Any) -> None:
         instance(f"law {name!r}", law, Law, "Pass {'P': p_law, ...}.")
 
 
-_COLUMNS = (
-    ("within ±1", lambda e: e.share_within(1)),
-    ("peak [pulses]", lambda e: _each(e.max_error_pulses, ".0f")),
-    ("RMS [pulses]", lambda e: _each(e.rms_error_pulses, ".2f")),
-    ("torque, RMS [N m]", lambda e: _each(e.rms_torque, ".1f")),
-    ("chatter [N m]", lambda e: _each(e.chatter, ".1f")),
-    ("at the limit", lambda e: f"{e.saturation.max():.2%}"),
-)
-
-
-_EACH = 3  # joints up to which a cell has a number for each; with more it has the largest
 _SHORT = 70  # letters of its `repr` that name each controller
-
-
-def _each(values: NDArray[np.float64], form: str) -> str:
-    if len(values) > _EACH:
-        return f"{values.max():{form}} q[{values.argmax()}]"
-    return " / ".join(format(value, form) for value in values)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -85,16 +66,8 @@ class Comparison(Shown):
         yield Verdict(
             f"{len(inside)} of {count} controllers within ±1 pulse at every sample{which}", len(inside) > len(moving)
         )
-        rows = [[name, *(cell(evaluation) for _, cell in _COLUMNS)] for name, evaluation in self.evaluations.items()]
-        if rows:
-            yield Table(["law", *(title for title, _ in _COLUMNS)], rows)
-        yield from (f"{name}: {why}" for name, why in {**self.diverged, **moving}.items())
-        joints = next((evaluation.joints for evaluation in self.evaluations.values()), ())
-        if len(joints) > 1:
-            cell = "a / b" if len(joints) <= _EACH else "largest of the joints, and which"
-            yield f"{cell}: {', '.join(joint_labels(joints, len(joints)))}"
-        if any(evaluation.record.rig.drive.elasticity is None for evaluation in self.evaluations.values()):
-            yield "rigid gears assumed; .evaluations[name].lowest_resonance [Hz] is that from which on it holds"
+        notes = {**self.diverged, **{name: str(why) for name, why in moving.items()}}
+        yield from overview("law", self.evaluations, notes)
 
 
 @known_options

@@ -1,4 +1,4 @@
-"""Tracking error in encoder pulses, torque and chatter of an arm under a law, by simulation."""
+"""Tracking error in encoder pulses, torque and chatter of an arm under a controller, by simulation."""
 
 import dataclasses
 import functools
@@ -8,24 +8,22 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ctc.figures.errors import plot_evaluation, plot_phase
 from ctc.verdict.conditions import FromRest, from_rest, refused
 from ctc.verdict.on_gears import SETTLED, LowestResonance, lowest_resonance
-from plant import Arm, Law, Record, Reference, Rig
+from plant import Arm, Record
 from plant.machine.elasticity import DAMPING_RATIO
-from plant.parts.arguments import choice, known_options
 from plant.parts.labels import joint_labels
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import by_joint
-from plant.simulation.simulator import Injected, run
 from plant.simulation.threads import cores
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Evaluation(Shown):
-    """Tracking error and torque of an arm that followed a reference under a law. Print it for a table.
+    """Tracking error and torque of an arm that followed a reference under a controller. Print it for a table.
 
     Attributes
     ----------
@@ -104,7 +102,7 @@ class Evaluation(Shown):
 
     @functools.cached_property
     def from_rest(self) -> FromRest | None:
-        """What an arm that stands does on this path, where the path begins in motion and leaves it behind."""
+        """What an arm at rest does on this path, where the path begins in motion and the arm exceeds the limit."""
         record: Any = self.record
         if record.injected is not None or (record.initial is not None and not record.initial[1].any()):
             return None
@@ -119,7 +117,7 @@ class Evaluation(Shown):
 
     @property
     def refused(self) -> str | None:
-        """Why `start` would refuse this law at the first sample; None where it would not."""
+        """Why `start` would refuse this controller at the first sample; None where it would not."""
         record: Any = self.record
         return refused(record.law, record.rig, record.counts[0])
 
@@ -207,56 +205,3 @@ class Evaluation(Shown):
         yield Verdict(self._short(), self.holds)
         yield by_joint(self.joint_labels, quantities)
         yield from self.conditions
-
-
-@known_options
-def evaluate(
-    arm: Arm, rig: Rig, law: Law, reference: Reference, *, backend: str = "casadi", duration: float | None = None,
-    steps_per_sample: int = 16, initial: ArrayLike | None = None, injected: Injected | None = None,
-) -> Evaluation:  # fmt: skip
-    """Simulate an arm under a law, and measure the tracking error in encoder pulses.
-
-    Parameters
-    ----------
-    arm : Arm
-        The arm that is controlled; its f need not be the law's.
-    rig : Rig
-    law : Law
-    reference : Reference
-    backend : {"casadi", "numba"}
-        casadi evaluates the closed-loop step by `mapaccum`; the compiled kernel must give the same verdict.
-    duration : float, optional
-        [s]; by default one period of the reference.
-    steps_per_sample : int
-        Integration steps between two samples.
-    initial : (2, n) array_like, optional
-        Position [rad] and velocity [rad/s] at t = 0; by default those of the reference.
-    injected : (N, n) array_like or callable, optional
-        Known torque beside the law's, as for `plant.simulate`.
-
-    Returns
-    -------
-    Evaluation
-        Print it for a table; ``.within(1)`` is the verdict.
-
-    Raises
-    ------
-    ValueError
-        Bad input, or a loop that diverges.
-
-    See Also
-    --------
-    ctc.Evaluation, ctc.compare, ctc.certify
-
-    Examples
-    --------
-    >>> from plant import puma560
-    >>> from ctc import ComputedTorque, evaluate
-    >>> arm, rig = puma560.arm(), puma560.rig()
-    >>> evaluate(arm, rig, ComputedTorque(arm, rig), puma560.reference(), duration=0.5).within(1)
-    True
-    """
-    choice("backend", backend, ("casadi", "numba"))
-    trace = run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, injected=injected)
-    joints = tuple(link.name for link in arm.dynamics.chain.links)
-    return Evaluation(joints=joints, arm=arm, record=trace.record, true_error_pulses=trace.true_error_pulses)

@@ -6,6 +6,7 @@ path's own motion. All torques are those on the shafts (`Drive.torque_limit`), w
 """
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -61,13 +62,18 @@ class Demand:
 
 def demand(arm: Arm, rig: Rig, motion: Sequence[Floats]) -> Demand:
     """Torque demand of a path, given by its motion (q, qd, qdd) at its own speed (v = 1, a = 0)."""
+    values = _coefficients(arm, rig).map(len(motion[0]))(*(x.T for x in motion))
+    return Demand(rig, motion[1], *(rig.drive.coupling.shaft_torque(value.full().T) for value in values))
+
+
+@functools.lru_cache(maxsize=8)
+def _coefficients(arm: Arm, rig: Rig) -> ca.Function:
+    """(q, r', r'') -> the coefficients of a, of v^2, and of neither, (n,) each."""
     q, along, bend = (ca.SX.sym(name, arm.n) for name in ("q", "along", "bend"))
     model, f = arm.dynamics, ca.DM(arm.f)
     D = model.D(q, f)
     parts = [D @ along, D @ bend + model.coriolis(q, along, f), model.gravity(q, f) - rig.spring_torque(q)]
-    function = ca.Function("demand", [q, along, bend], [ca.densify(part) for part in ca.cse(parts)])
-    values = function.map(len(motion[0]))(*(x.T for x in motion))
-    return Demand(rig, motion[1], *(rig.drive.coupling.shaft_torque(value.full().T) for value in values))
+    return ca.Function("demand", [q, along, bend], [ca.densify(part) for part in ca.cse(parts)])
 
 
 def sampled_demand(arm: Arm, rig: Rig, reference: Any) -> tuple[Floats, Sequence[Floats], Demand]:

@@ -128,7 +128,7 @@ def fastest(
     spline = _Spline(reference.duration, intervals)
     motion = Motion(*reference(spline.places))
     if limits is not None:
-        _require_inside(motion, limits, arm.dynamics.chain.joint_labels)
+        require_inside(motion, limits, arm.dynamics.chain.joint_labels)
     needed = demand(arm, rig, motion)
     unit = (reference.duration / shortest) ** 2
     x = ca.SX.sym("x", spline.count)
@@ -186,7 +186,7 @@ def _limited(
     return ca.vertcat(*shares)
 
 
-def _require_inside(motion: Motion, limits: Limits, labels: list[str]) -> None:
+def require_inside(motion: Motion, limits: Limits, labels: list[str]) -> None:
     """Refuse a path that exceeds the limits of a joint's position."""
     over = np.maximum(motion.q - limits.upper, limits.lower - motion.q).max(axis=0)
     if over.max() > _AT_LIMIT:

@@ -3,6 +3,8 @@
 Of a run a few numbers are kept, worked out in the kernel at every sample.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import functools
 import math
@@ -98,6 +100,18 @@ class Runs(Frozen):
     def __repr__(self) -> str:
         left = int((self.outside > 0).sum())
         return f"Runs({len(self.outside)} of {self.samples} samples, {left} violations)"
+
+    @classmethod
+    def joined(cls, several: Sequence[Runs]) -> Runs:
+        """Runs of the same plants on several references as one of each, the references one after the other."""
+        of = {
+            field.name: np.array([getattr(runs, field.name) for runs in several]) for field in dataclasses.fields(cls)
+        }
+        largest = {name: of[name].max(axis=0) for name in ("peak", "unrounded", "current")}
+        sums = {name: of[name].sum(axis=0) for name in ("outside", "before", "lost")}
+        samples = int(of["samples"].sum())
+        chatter = np.average(of["chatter"], axis=0, weights=of["samples"] / samples)
+        return cls(**largest, **sums, chatter=chatter, first=np.fmin.reduce(of["first"]), samples=samples)
 
 
 class Population:

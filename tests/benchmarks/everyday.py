@@ -1,12 +1,16 @@
 """What arms do all day, under the default controller: arms that exceed ±1 pulse, and torque chatter, motion by motion.
 
     python tests/benchmarks/everyday.py [--samples 300] [--logs 3] [--old FOLDER]
+    python tests/benchmarks/everyday.py --readme
+
+The motions are those of `plant.everyday_motions`; of the paper's arm trajectory (6), too. The second command prints the
+table of the README, with one log and 300 samples.
 
 f and friction are identified from one log of the paper's arm (encoders that floor, as counters do, and the paper's), of
 a two-joint arm with finer counts, and f alone with friction 10 % uncertain; arms are Monte Carlo samples of the
 covariance. Whole PUMA 560 and UR5e: f 1 % and friction 5 % uncertain. A cell is the share of arms that exceed ±1 pulse
 at any sample, in brackets after the first 0.3 s, and the median torque chatter of the worst joint (mean absolute change
-from sample to sample) [N m]. With --old the same of another checkout, such as one of an earlier commit.
+from sample to sample) [N m]. With --old the same of another checkout that has `everyday_motions`.
 """
 
 import argparse
@@ -29,8 +33,8 @@ from plant import (
     Encoder,
     Harmonics,
     Link,
-    PointToPoint,
     Rig,
+    everyday_motions,
     puma560,
     read_robot,
     simulate,
@@ -38,23 +42,6 @@ from plant import (
 
 BEGUN = 0.3
 """[s], until which a joint has left its rest in all these motions but the slowest."""
-
-
-def motions(rig, at, far):
-    """Name -> reference about a pose: joints alone, slowly, creeping, far and fast, ten pulses, there and back."""
-    n, degree = rig.n, np.pi / 180
-    pulse = np.abs(rig.to_angle(np.ones(n)))
-    turns = np.where(np.arange(n) % 2, -1, 1)
-
-    def move(by, duration):
-        return PointToPoint(start=at, goal=at + by, duration=duration)
-
-    alone = {f"joint {i + 1} alone": move(0.5 * np.eye(n)[i], 3.0) for i in range(n)[:2]}
-    back = Harmonics(period=3.0, offset=at + 0.15, cosine=np.full((n, 1), -0.15), sine=np.zeros((n, 1)))
-    return alone | {
-        "slowly": move(0.3 * turns, 4.5), "creep": move(2 * degree * np.ones(n), 2.0),
-        "far and fast": move(far * turns, 1.5), "ten pulses": move(10 * pulse * turns, 0.5), "there and back": back,
-    }  # fmt: skip
 
 
 def frictions(n):
@@ -96,44 +83,58 @@ def cell(certificate):
     return f"{exceeds.mean():.1%} ({late.mean():.1%}) {np.median(runs.chatter, axis=0).max():.2f}"
 
 
-def row(name, paths, certified):
-    print(f"| {name} | " + " | ".join(cell(certified(path)) for path in paths.values()) + " |", flush=True)
+def row(name, certificates):
+    print(f"| {name} | " + " | ".join(map(cell, certificates.values())) + " |", flush=True)
+
+
+def certified(found, rig, law, motions, stated=None, samples=64):
+    return certify(found, rig, law, motions, stated, samples=samples, progress=False)
+
+
+def readme(samples):
+    """Print the table of the README."""
+    found = paper(True, 1)
+    motions = everyday_motions(found.arm, found.rig) | {"trajectory (6)": puma560.reference()}
+    certificates = certified(found, found.rig, ComputedTorque(found), motions, samples=samples)
+    print(f"| motion | of {samples} samples exceed ±1 | largest error [pulses] | torque chatter [N m] |")
+    print("|---|---|---|---|")
+    for name, each in certificates.items():
+        chatter = np.median(each.runs.chatter, axis=0).max()
+        print(f"| {name} | {each.failures} | {each.runs.peak.max():.0f} | {chatter:.2f} |")
 
 
 def table(samples, logs):
     """Print the tables."""
-    paths = motions(puma560.rig(), np.array((-0.8, 0.9)), 1.2) | {"trajectory (6)": puma560.reference()}
-    head = f"| arm and log | {' | '.join(paths)} |\n|{'---|' * (len(paths) + 1)}"
-    print(head)
+    mine = {"trajectory (6)": puma560.reference()}
     found = {f"paper's, floor, log {seed}": paper(True, seed) for seed in range(1, logs + 1)}
     found["paper's rounding"] = paper(False, 1)
     found["f alone, friction ±10 %"] = paper(True, 1, friction=False)
+    motions = everyday_motions(puma560.arm(), puma560.rig()) | mine
+    print(f"| arm and log | {' | '.join(motions)} |\n|{'---|' * (len(motions) + 1)}")
     for name, each in found.items():
-        law = ComputedTorque(each)
-        row(name, paths, lambda path, f=each, law=law: certify(f, f.rig, law, path, samples=samples, progress=False))
+        row(name, certified(each, each.rig, ComputedTorque(each), motions, samples=samples))
     each = geared()
-    law, own = ComputedTorque(each), motions(each.rig, np.array((0.1, -1.0)), 0.6)
-    row("finer counts", own, lambda path: certify(each, each.rig, law, path, samples=samples, progress=False))
+    row("finer counts", certified(each, each.rig, ComputedTorque(each), everyday_motions(each.arm, each.rig),
+                                  samples=samples))  # fmt: skip
     print()
-    for name, pose in (("puma560", (0.2, -0.8, 0.9, 0.3, 0.5, 0.2)), ("ur5e", (0.1, -1.2, 1.2, -0.9, 0.5, 0.3))):
+    for name in ("puma560", "ur5e"):
         robot = read_robot(name)
         arm, rig = robot.arm, robot.rig
         f = arm.f * (1 + 0.01 * np.random.default_rng(0).standard_normal((64, len(arm.f))))
         law = ComputedTorque(arm, rig, bandwidth=min(140.0, 0.3 / rig.period))
-        stated = Uncertainty(plants=f, friction=0.05)
-        own = motions(rig, np.array(pose), 0.4)
-        row(
-            name, own, lambda path, a=arm, r=rig, w=law, u=stated: certify(a, r, w, path, u, samples=64, progress=False)
-        )
+        row(name, certified(arm, rig, law, everyday_motions(arm, rig), Uncertainty(plants=f, friction=0.05)))
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=300)
     parser.add_argument("--logs", type=int, default=3)
+    parser.add_argument("--readme", action="store_true", help="the table of the README")
     parser.add_argument("--old", help="folder of another checkout, for the same table beside it")
     chosen = parser.parse_args()
     warnings.simplefilter("ignore", IdentificationWarning)
+    if chosen.readme:
+        sys.exit(readme(chosen.samples))
     table(chosen.samples, chosen.logs)
     if chosen.old:
         print(f"\n{chosen.old}:", flush=True)

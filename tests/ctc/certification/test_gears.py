@@ -94,11 +94,11 @@ def test_no_bound_is_not_called_one():
     assert left.upper == 1
     cell = left.worst_cell
     assert cell.failures == cell.count > 0
-    assert f"at some sample; at the worst resonance ({cell}) {cell.count} of {cell.count} do." in left.verdict
+    assert f"at some sampling instant; at the worst resonance ({cell}) {cell.count} of {cell.count} do." in left.verdict
     assert "at most" not in left.verdict
     few = certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT | {"samples": 2}, resonance=(300, 400)))
-    assert few.verdict.startswith("None of 2 possible plants leaves ±1 pulse; at the worst resonance (")
-    assert few.verdict.endswith("none was drawn, so nothing is said of it.")
+    assert few.verdict.startswith("None of 2 Monte Carlo samples exceeds ±1 pulse; at the worst resonance (")
+    assert few.verdict.endswith("there is no sample, so nothing is said of it.")
 
 
 def test_cells_are_narrow_and_hold_what_is_in_them():
@@ -128,8 +128,8 @@ def test_no_verdict_on_rigid_gears_stands_without_the_gears_on_which_it_holds():
     assert slow.verdict.endswith("Rigid gears assumed.")
     stated = certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT, damping_ratio=0.03))
     assert stated.lowest_resonance < found.lowest_resonance
-    assert "not drawn: elasticity, " in str(found)
-    assert "backlash" in str(found).split("not drawn:")[1]
+    assert "not sampled: elasticity, " in str(found)
+    assert "backlash" in str(found).split("not sampled:")[1]
     assert "resonance 60 to 90 Hz" in str(certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT, resonance=(60, 90))))
 
 

@@ -18,7 +18,7 @@ from ctc.commandline.inputs import path_of, records_of
 from ctc.commandline.main import main
 from identification import Identification
 from identification.results.summary import doubts
-from plant import puma560, read_robot, simulate
+from plant import everyday_motions, puma560, read_robot, simulate
 from plant.models.robot_file import FOLDER
 
 MAPPED = """
@@ -71,7 +71,7 @@ def test_from_a_log_to_a_page(folder, capsys, monkeypatch):
     code, out, err = run(capsys, "certify", "found.json", "--path", "path.csv", "--samples", "40", "--within", "2",
                          "-o", "proof.json")  # fmt: skip
     assert (code, err) == (0, "")
-    assert "of 40 possible plants" in out
+    assert "of 40 Monte Carlo samples" in out
     assert out.endswith("wrote proof.json\n")
     code, out, err = run(capsys, "report", "found.json", "--certificate", "proof.json", "-o", "page.html")
     assert (code, out, err) == (0, "wrote page.html\n", "")
@@ -156,6 +156,28 @@ def test_a_law_is_tuned_and_handed_on(folder, capsys, monkeypatch):
     assert certificate.settings["after"] == told["after"] == 0.03
     assert told["failures_before"] == certificate.failures_before
     assert run(capsys, "report", "untuned.json", "--certificate", "tuned.json", "-o", "tuned.html")[0] == 0
+
+
+def test_everyday_motions_and_a_path_are_a_row_each(folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "daily.json", "--quiet")
+    given = ("certify", "daily.json", "--everyday", "--path", "path.csv", "--samples", "8", "--after", "0.3", "--quiet")
+    code, out, err = run(capsys, *given, "-o", "day.json", "--json")
+    told, certificates = json.loads(out), Certificate.load("day.json")
+    found = Identification.load("daily.json")
+    assert code in (0, 1), err
+    assert list(told["motions"]) == list(certificates) == [*everyday_motions(found.arm, found.rig), "path"]
+    assert certificates["creep"].reference == everyday_motions(found.arm, found.rig)["creep"]
+    assert told["worst"] == certificates.worst
+    assert told["verdict"] == certificates.verdict
+    row = told["motions"]["creep"]
+    assert (row["failures"], row["after"]) == (certificates["creep"].failures, 0.3)
+    assert row["failures_with_start"] == certificates["creep"].failures_with_start
+    assert told["failures"] >= max(each["failures"] for each in told["motions"].values())
+    code, out, _ = run(capsys, *given)
+    assert certificates.verdict.replace("±", "+-") in " ".join(out.split()).replace("±", "+-")
+    assert run(capsys, "report", "daily.json", "--certificate", "day.json", "-o", "day.html")[0] == 0
+    assert (folder / "day.html").stat().st_size > 10_000
 
 
 def test_what_is_in_doubt_is_certified_with_that_doubt(folder, capsys, monkeypatch):

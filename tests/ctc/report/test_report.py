@@ -86,7 +86,7 @@ def test_it_says_what_was_found(page, found):
         assert float(cells[3]) == pytest.approx(std, rel=0.06)
         assert float(cells[4]) < value < float(cells[5])
     assert found.provenance()["records"][0] in text
-    assert "of 20 possible plants" in text
+    assert "of 20 Monte Carlo samples" in text
     assert "Not sampled, and so not covered" in text
     assert re.search(r"<td>drive\.gear\[1\]</td><td[^>]*>-53\.7</td>", text)  # what was stated
     assert "rad/s." in text

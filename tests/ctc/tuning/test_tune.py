@@ -67,7 +67,7 @@ def test_a_tuning_side_by_side_is_its_law_simulated(which):
     plants = draw(uncertainty, ARM, RIG, 3, 5, START)
     values = np.array([list(each.values()) for each in family.known])[:2] * 0.9
     tunings = Tunings(
-        family=family, plants=plants, reference=PATH, options={"within": 1, "duration": 0.2, "after": 0.02},
+        family=family, plants=plants, motions=((PATH, 0.2),), options={"within": 1, "after": 0.02},
         scale=np.ones(2), threads=1,
     )  # fmt: skip
     runs, shape = tunings.runs(values, plants.numbers()[1], 8)
@@ -112,7 +112,7 @@ def test_plants_that_leave_join_the_search(monkeypatch):
     uncertainty = Uncertainty(friction=0.2, covariance=STATED["covariance"], resonance=(15, 80))
     plants = draw(uncertainty, ARM, RIG, 40, 5, START)
     tunings = Tunings(
-        family=family, plants=plants, reference=PATH, options={"within": 1, "duration": 0.2, "after": 0.02},
+        family=family, plants=plants, motions=((PATH, 0.2),), options={"within": 1, "after": 0.02},
         scale=np.ones(2), threads=2,
     )  # fmt: skip
     tunings.best(plants.numbers()[1][:1], 0, lambda: None)
@@ -132,7 +132,7 @@ def test_it_goes_on_from_the_first_that_holds_and_gives_up_what_is_beaten(monkey
     uncertainty = Uncertainty(friction=0.03, covariance=STATED["covariance"], resonance=(40, 60))
     plants = draw(uncertainty, ARM, RIG, 30, 5, START)
     tunings = Tunings(
-        family=family, plants=plants, reference=PATH, options={"within": 1, "duration": 0.4, "after": 0.02},
+        family=family, plants=plants, motions=((PATH, 0.4),), options={"within": 1, "after": 0.02},
         scale=np.ones(2), threads=2,
     )  # fmt: skip
     some = plants.numbers()[1]
@@ -168,7 +168,7 @@ def test_where_nothing_holds_it_says_so(monkeypatch):
     monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
     found = tune(ARM, RIG, PATH, **with_uncertainty(**STATED | {"friction": 1.0}, **SHORT, within=0.1))
     assert not found.holds
-    assert "No law keeps the limit on all plants" in str(found)
+    assert "No controller keeps the limit on all samples" in str(found)
     assert found.certificate.failures > 0
 
 

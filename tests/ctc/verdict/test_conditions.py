@@ -105,8 +105,8 @@ def test_a_path_that_leaves_the_log_is_named(found, certified):
     certificate = certified(wide)
     (line,) = certificate.seen.beyond
     assert line == "joint 2 (q[0]) 0.00 to 0.60 rad (log: -1.57 to 0.00) and 1.6 rad/s (log: 1.4)"
-    assert f"the path leaves the log: {line}" in " ".join(str(certificate).split())
-    assert "The path leaves what the log shows." in certificate.verdict
+    assert f"the path exceeds the log: {line}" in " ".join(str(certificate).split())
+    assert "The path exceeds what the log shows." in certificate.verdict
     within = certified(PATH)
     assert within.seen.beyond == ()
     assert "leaves what the log" not in within.verdict
@@ -116,7 +116,7 @@ def test_gears_that_the_log_would_have_shown_are_named(certified):
     """Whoever states them is told that they are not this arm's; of stiffer ones nothing is said."""
     shown = certified(PATH).seen.resonance
     softer, stiffer = (certified(PATH, resonance=(share * shown, 4 * shown)) for share in (0.5, 2.0))
-    said = f"gears that resonate below {shown:.3g} Hz would have shown in the log, and did not: those drawn from"
+    said = f"gears that resonate below {shown:.3g} Hz would have shown in the log, and did not: those sampled from"
     assert said in " ".join(str(softer).split())
     assert "would have shown" not in " ".join(str(stiffer).split())
     assert "leaves the log" not in str(certified(PATH))
@@ -214,4 +214,4 @@ def test_how_well_f_is_known_decides(certified, found):
         found, found.rig, ComputedTorque(found), PATH, samples=16, duration=0.2, within=0, progress=False
     )
     assert with_zeros.failures == 16
-    assert "another law may hold: tune" in str(with_zeros)
+    assert "another controller may hold: tune" in str(with_zeros)

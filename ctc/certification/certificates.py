@@ -1,0 +1,96 @@
+"""Certificates of a set of motions, on the same Monte Carlo samples."""
+
+import dataclasses
+import functools
+from collections.abc import Iterator, Mapping
+from typing import Any, ClassVar
+
+from ctc.certification.certificate import Certificate
+from ctc.certification.certified import Certified
+from ctc.certification.statement import shown_set, verdict_of_set
+from identification.results.seen import Seen
+from plant import Reference
+from plant.parts.kinds import kept
+from plant.parts.shown import Piece
+from plant.simulation.population import Runs
+
+
+@kept
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Certificates(Certified, Mapping[str, Certificate]):
+    """Probability of exceeding a pulse limit in a set of motions: name -> `Certificate`. Print it for a table.
+
+    Every sample makes every motion; `failures`, `probability`, `upper` and `sensitivities` are of those that exceed the
+    limit in any of them. `Certificate.load` reads its files, too.
+
+    Attributes
+    ----------
+    law : Law
+    plants : Plants
+        The samples.
+    within : float
+        Limit [pulses].
+    confidence : float
+    motions : dict of str -> (Reference, Runs, dict, Seen or None)
+        Of each certificate: reference, runs, settings, and what the logs show beside the motion.
+    threads : int
+    seconds : float
+        That the runs took.
+    versions : dict
+        Of the library, numpy, casadi and Python that made it.
+    """
+
+    _read_by: ClassVar[tuple[type, ...]] = (Certificate,)
+
+    motions: dict[str, tuple[Reference, Runs, dict[str, Any], Seen | None]]
+
+    @functools.cached_property
+    def _each(self) -> dict[str, Certificate]:
+        same = {field.name: getattr(self, field.name) for field in dataclasses.fields(Certified)}
+        return {
+            name: Certificate(reference=path, runs=runs, settings=settings, seen=seen, **same)
+            for name, (path, runs, settings, seen) in self.motions.items()
+        }
+
+    def __getitem__(self, name: str) -> Certificate:
+        return self._each[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.motions)
+
+    def __len__(self) -> int:
+        return len(self.motions)
+
+    @functools.cached_property
+    def runs(self) -> Runs:  # type: ignore[override]  # follows from the motions
+        """All motions of each sample as one."""
+        return Runs.joined([each.runs for each in self.values()])
+
+    @property
+    def settings(self) -> dict[str, Any]:  # type: ignore[override]  # follows from the motions
+        """``steps_per_sample``, and the largest ``after``."""
+        return {**self[self.worst].settings, "after": max(each.settings["after"] for each in self.values())}
+
+    @property
+    def worst(self) -> str:
+        """Name of the motion in which the most samples exceed the limit; among equals, that with the largest error."""
+        return max(self, key=lambda name: (self[name].failures, self[name].runs.unrounded.max()))
+
+    @property
+    def holds(self) -> bool:
+        """Whether no sample exceeds the limit in any motion, nor the nominal arm from rest."""
+        return all(each.holds for each in self.values())
+
+    @property
+    def lowest_resonance(self) -> float | None:
+        """Locked-rotor resonance [Hz] above which the nominal arm stays within the limit on gears, in all motions."""
+        found = [hz for hz in (each.lowest_resonance for each in self.values()) if hz is not None]
+        return max(found, default=None)
+
+    @property
+    def verdict(self) -> str:
+        """What was found, and in which motion the most samples exceed the limit."""
+        return verdict_of_set(self)
+
+    def _shown(self) -> Iterator[Piece]:
+        return shown_set(self)

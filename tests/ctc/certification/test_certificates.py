@@ -1,0 +1,202 @@
+"""A set of motions: its rows are the single calls, its samples one set, its sums what the rows add up to."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from uncertain import with_uncertainty
+
+import ctc.certification.task as task
+from ctc import Certificate, ComputedTorquePID, Evaluation, certify, compare, evaluate, tune
+from ctc.certification.cells import clopper_pearson
+from ctc.certification.certificates import Certificates
+from ctc.certification.statement import percent
+from ctc.tuning.families import families
+from plant import PD, PointToPoint, puma560, simulate
+from plant.simulation.population import Runs
+
+ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
+LAW = ComputedTorquePID(ARM, RIG, bandwidth=150.0, ratio=1.5, integral=40.0, roll_off=1000.0, roll_off_damping=0.8)
+START = PATH([0.0]).q[0]
+PATHS = {
+    "still": PointToPoint(start=START, goal=START, duration=0.05),
+    "move": PointToPoint(start=START, goal=np.add(START, (0.02, -0.03)), duration=0.2),
+    "mine": PATH,
+}
+COVARIANCE = np.diag((0.02 * puma560.PUBLISHED) ** 2)
+USUAL = {"covariance": COVARIANCE, "samples": 70, "steps_per_sample": 4, "friction": 0.3, "duration": 0.05, "seed": 3}
+
+
+def certified(path=PATHS, **options):
+    return certify(ARM, RIG, LAW, path, **with_uncertainty(**USUAL | options, progress=False))
+
+
+@pytest.fixture(scope="module")
+def several():
+    return certified(threads=2)
+
+
+def test_rows_are_the_single_calls_to_the_bit(several):
+    assert list(several) == list(PATHS)
+    for name, path in PATHS.items():
+        alone = certified(path)
+        assert isinstance(alone, Certificate)
+        assert several[name].runs == alone.runs
+        assert several[name] == alone
+        assert several[name].plants is several.plants
+
+
+def test_the_samples_are_one_set(monkeypatch):
+    drawn, draw = [], task.draw
+    monkeypatch.setattr(task, "draw", lambda *some: drawn.append(some) or draw(*some))
+    certified()
+    assert len(drawn) == 1
+
+
+def test_a_sample_fails_that_fails_in_any_motion(several):
+    outside = np.array([each.runs.outside for each in several.values()])
+    assert several.failures == (outside > 0).any(axis=0).sum()
+    assert 70 > several.failures > max(each.failures for each in several.values())
+    assert several.upper == clopper_pearson(several.failures, 70, 0.9)[1]
+    assert several.probability == several.failures / 70
+    samples = np.array([each.runs.samples for each in several.values()])
+    chatter = np.array([each.runs.chatter for each in several.values()])
+    np.testing.assert_allclose(several.runs.chatter, np.tensordot(samples / samples.sum(), chatter, 1))
+    np.testing.assert_array_equal(several.runs.peak, np.max([each.runs.peak for each in several.values()], axis=0))
+    assert several.worst == max(PATHS, key=lambda name: several[name].runs.outside.astype(bool).sum())
+    assert several.holds == (several.failures == 0)
+
+
+def test_joined_runs_are_one_long_run():
+    runs = certified(PATHS["move"]).runs
+    assert Runs.joined([runs]) == runs
+    twice = Runs.joined([runs, runs])
+    assert twice.samples == 2 * runs.samples
+    np.testing.assert_array_equal(twice.outside, 2 * runs.outside)
+    np.testing.assert_array_equal(twice.first, runs.first)
+    np.testing.assert_allclose(twice.chatter, runs.chatter, rtol=1e-15)
+    wild = dataclasses.replace(runs, chatter=np.full_like(runs.chatter, np.inf), first=np.full(70, 0.01))
+    assert np.isinf(Runs.joined([runs, wild]).chatter).all()
+    np.testing.assert_array_equal(Runs.joined([runs, wild]).first, np.fmin(runs.first, 0.01))
+
+
+def test_what_is_left_out_is_counted_by_simulations_one_by_one():
+    certificate = certified(PATHS["move"], after=0.02, samples=30)
+    before, after = np.zeros(30, bool), np.zeros(30, bool)
+    for i in range(30):
+        plant = certificate.plant(i)
+        record = simulate(plant.arm, plant.rig, LAW, PATHS["move"], duration=0.05)
+        exceeds, late = (np.abs(record.error_pulses) > 1).any(axis=1), record.t >= 0.02 - 1e-9
+        before[i], after[i] = exceeds[~late].any(), exceeds[late].any()
+    assert 0 < before.sum() < 30
+    assert 0 < after.sum() < (before | after).sum()
+    assert (certificate.failures_before, certificate.failures) == (before.sum(), after.sum())
+    assert certificate.failures_with_start == (before | after).sum()
+    text = " ".join(str(certificate).split())
+    assert "In the first 0.02 s, which are left out," in text
+    shares = percent(before.mean()), percent((before | after).mean())
+    assert "{} exceed it: {} with the start.".format(*shares) in text
+    assert f"exceed it in the first 0.02 s, left out {before.sum()} of 30" in text
+    assert f"exceed it with the start {(before | after).sum()} of 30" in text
+    several = certified({name: PATHS[name] for name in ("move", "mine")}, after=0.02, samples=30)
+    row = next(line for line in str(several).splitlines() if line.startswith("move"))
+    assert row.split()[-2:] == [f"{before.sum()}", f"{(before | after).sum()}"]
+
+
+def test_what_is_printed(several):
+    text = str(several)
+    assert several.verdict in " ".join(text.split())
+    assert max(map(len, text.splitlines())) <= 80
+    for name, each in several.items():
+        row = next(line for line in text.splitlines() if line.startswith(name)).split()
+        assert row[1] == str(each.failures)
+        assert float(row[-2]) == each.runs.peak.max(), row
+    assert "everyday_motions(arm, rig) gives others" not in text
+    assert "for this path alone: everyday_motions(arm, rig) gives others" in str(several["move"])
+    assert f"{several.failures} of 70" in repr(several)
+    quiet = certified({"still": PATHS["still"]}, within=9)
+    assert quiet.holds
+    assert quiet.verdict.startswith("None of 70 Monte Carlo samples exceeds ±9 pulses in any of 1 motions; with 95 %")
+
+
+def test_saved_and_read_back(several, tmp_path):
+    several.save(tmp_path / "day.json")
+    again = Certificate.load(tmp_path / "day.json")
+    assert isinstance(again, Certificates)
+    assert again == several
+    assert again["mine"] == several["mine"]
+    assert str(again) == str(several)
+    with pytest.raises(ValueError, match=r"must hold a PD; it holds a 'ctc\.Certificates'"):
+        PD.load(tmp_path / "day.json")
+
+
+def test_a_checkpoint_of_a_set_goes_on_to_the_same_bits(several, tmp_path):
+    kept = tmp_path / "kept"
+    assert certified(checkpoint=kept) == several == certified(checkpoint=kept)
+    with pytest.raises(ValueError, match="must be of the same reference"):
+        certified({"mine": PATH}, checkpoint=kept)
+
+
+def test_evaluations_are_the_single_calls():
+    law = puma560.p_law()
+    options = {"duration": 0.05, "steps_per_sample": 4, "backend": "numba"}
+    found = evaluate(ARM, RIG, law, PATHS, **options)
+    assert list(found) == list(PATHS)
+    for name, path in PATHS.items():
+        alone = evaluate(ARM, RIG, law, path, **options)
+        assert isinstance(alone, Evaluation)
+        assert found[name].record == alone.record
+    peaks = {name: each.max_error_pulses.max() for name, each in found.items()}
+    assert peaks[found.worst] == max(peaks.values()) == peaks["mine"]
+    assert found.within(max(peaks.values()))
+    assert not found.within(max(peaks.values()) - 1)
+    assert not found.holds
+    lines = str(found).splitlines()
+    assert lines[0].endswith("motions within ±1 pulse at every sample; the worst is mine, 10")
+    compared = compare(ARM, RIG, {"mine": law}, PATH, **options)
+    own, other = (next(x for x in str(each).splitlines() if x.startswith("mine")) for each in (found, compared))
+    assert own.split() == other.split()
+
+
+def test_a_controller_is_tuned_for_all_motions(monkeypatch):
+    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((1, np.inf),))
+    monkeypatch.setattr("ctc.tuning.search._QUIETER", 0)
+    monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
+    monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[1:2])
+    paths = {name: PATHS[name] for name in ("move", "mine")}
+    options = with_uncertainty(covariance=COVARIANCE, samples=8, duration=0.1, progress=False)
+    tuning = tune(ARM, RIG, paths, **options)
+    assert list(tuning.certificate) == list(paths)
+    assert tuning.certificate.law is tuning.law
+    trial = tuning.trials[0]
+    rows = certify(ARM, RIG, tuning.law, paths, **options | {"samples": 20, "seed": 1, "after": 0.02,
+                                                             "steps_per_sample": 8})  # fmt: skip
+    assert trial.left == rows.failures  # the same samples: seed + 1
+    np.testing.assert_allclose(trial.chatter, rows.runs.chatter.mean(axis=0), rtol=1e-9)
+
+
+# -- bad input ------------------------------------------------------------------------------------------------------
+FAST = PATHS | {"quick": PointToPoint(start=START, goal=np.add(START, (1, -1)), duration=0.2)}
+CALLS = {
+    "certify": lambda motions: certified(motions),
+    "evaluate": lambda motions: evaluate(ARM, RIG, LAW, motions),
+    "tune": lambda motions: tune(ARM, RIG, motions, **with_uncertainty(covariance=COVARIANCE, samples=8)),
+}
+WRONG = {
+    "too fast": (FAST, r"motion 'quick' must be one that .* too fast by a factor of \d\.\d+\. Slow it down by"),
+    "nothing": ({}, r"motions must have names; got \{\}"),
+    "no reference": ({"a": RIG}, "motion 'a' must be of type Reference; got a value of type Rig"),
+}
+
+
+@pytest.mark.parametrize("call", CALLS.values(), ids=CALLS)
+@pytest.mark.parametrize(("motions", "message"), WRONG.values(), ids=WRONG)
+def test_wrong_motions_are_refused_in_one_line(call, motions, message):
+    with pytest.raises(ValueError, match=message) as refusal:
+        call(motions)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_motion_shorter_than_what_is_left_out_is_named():
+    with pytest.raises(ValueError, match=r"motion 'still': after must be from 0 to below the duration 0\.05 s"):
+        certified(after=0.06, duration=None)
