@@ -36,7 +36,7 @@ def noisy(seed):
 
 @cache
 def verdict(name="law", period=3.65, backend="numba"):
-    law = puma560.p_law() if name == "P" else ComputedTorque(arm(), RIG)
+    law = puma560.p_law() if name == "P" else ComputedTorque(arm(), RIG, bandwidth=145)
     return evaluate(arm(), RIG, law, puma560.reference(period), backend=backend)
 
 

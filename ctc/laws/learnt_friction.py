@@ -1,0 +1,89 @@
+"""Friction that computed torque learns while it runs: what turns its sign where a joint turns back.
+
+The disturbance torque holds all that the model lacks: gravity, which stays where a joint turns back, and friction,
+which turns. Just after a turn its change is therefore projected on that of Coulomb and viscous friction, and goes from
+the one to the other, so that the torque does not jump (docs/background/computed_torque.md).
+"""
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from plant import Drive
+
+_LEARNS, _RECENT = 40.0, 0.4
+"""Rate [1/s] at which friction is learnt where a joint turns back, and time constant of what was before [s]."""
+
+HOLDS = "Give the joint torque that holds the arm now [N m]."
+
+_TINY = 1e-9
+"""Beside the square of friction torques [N m], where there is no friction."""
+
+
+def learn(
+    known: tuple[ca.SX, ca.SX], recent: list[ca.SX], stated: tuple[ca.SX, ca.SX], delta: ca.SX, heading: ca.SX,
+    most: ca.SX | float, dt: ca.SX,
+) -> tuple[list[ca.SX], ca.SX, list[ca.SX]]:  # fmt: skip
+    """Learnt shares, disturbance torque without what they took over, and what was recent, one sample later.
+
+    Parameters
+    ----------
+    known
+        Shares by which Coulomb and viscous friction differ from the stated, (n, 1) each, as all below on the shafts.
+    recent
+        Direction, viscous friction and disturbance torque as they were of late.
+    stated
+        Coulomb level and viscous friction at the reference's speed [N m].
+    delta
+        Disturbance torque [N m].
+    heading
+        Direction of the reference, -1 to 1, in proportion at low speeds.
+    most
+        Largest share.
+    dt
+        [s].
+    """
+    turned = heading - recent[0]
+    changes = stated[0] * turned, stated[1] - recent[1]
+    rate = _LEARNS * ca.fabs(heading) * ca.fmax(ca.fabs(turned) - 1, 0)  # a start from rest turns nothing
+    step = (1 - ca.exp(-rate * dt)) * (delta - recent[2]) / (changes[0] ** 2 + changes[1] ** 2 + _TINY)
+    following = [ca.fmin(ca.fmax(was + step * change, -most), most) for was, change in zip(known, changes, strict=True)]
+    coulomb, drag = following[0] - known[0], following[1] - known[1]
+    delta = delta - stated[0] * heading * coulomb - stated[1] * drag
+    before = recent[0], recent[1], recent[2] - stated[0] * recent[0] * coulomb - recent[1] * drag
+    follow = ca.fabs(heading) * (1 - ca.exp(-dt / _RECENT))
+    now = heading, stated[1], delta
+    return following, delta, [was + follow * (new - was) for was, new in zip(before, now, strict=True)]
+
+
+def shares(friction: NDArray[np.float64], drive: Drive, most: float | None) -> NDArray[np.float64]:
+    """Shares (2, n) by which Coulomb and viscous friction, motor side, differ from a drive's: at most so much.
+
+    Raises
+    ------
+    ValueError
+        Other friction than may be learnt; any where none is (None).
+    """
+    stated = np.array([drive.coulomb, drive.viscous])
+    differs = np.divide(friction, stated, out=np.where(friction == stated, 1.0, np.inf), where=stated > 0) - 1
+    if most is None or not (np.abs(differs) <= most * (1 + 1e-9)).all():
+        allowed = "left out where none is learnt" if most is None else f"within {most:.0%} of the rig's"
+        raise ValueError(f"friction must be {allowed}; got {friction.tolist()}, the rig's are {stated.tolist()}.")
+    return differs
+
+
+def unexplained(
+    held: NDArray[np.float64], weight: NDArray[np.float64], drive: Drive, known: Drive | None
+) -> NDArray[np.float64]:
+    """Torque (n,) by which one that holds an arm differs from its weight beyond what known static friction explains.
+
+    Raises
+    ------
+    ValueError
+        A torque beyond what the drive's amplifiers give.
+    """
+    coupling, limit = drive.coupling, drive.torque_limit()
+    if (np.abs(coupling.shaft_torque(held)) > limit).any():
+        raise ValueError(f"torque must be within the amplifier's {limit} N m; got {held}. {HOLDS}")
+    lacking, level = coupling.shaft_torque(held - weight), 0.0 if known is None else known.joint_coulomb()
+    return coupling.joint_torque(lacking - np.clip(lacking, -level, level))
