@@ -13,16 +13,18 @@ from identification import spread
 from plant import puma560, simulate
 
 SETTINGS = (
-    # bandwidth, observer_ratio, start_boost, start_time
-    (120, 1.5, 4.0, 0.05),
-    (140, 1.5, 4.0, 0.05),
-    (200, 1.5, 4.0, 0.05),
-    (250, 1.5, 4.0, 0.05),
-    (300, 1.0, 4.0, 0.05),
-    (300, 1.5, 1.0, 0.05),
-    (300, 1.5, 2.0, 0.05),
-    (300, 1.5, 4.0, 0.05),
-    (300, 2.0, 4.0, 0.05),
+    # bandwidth, observer_ratio, start_boost, dead_zone
+    (100, 1.3, 4.0, 0.2),
+    (145, 1.3, 4.0, 0.2),
+    (200, 1.3, 4.0, 0.0),
+    (250, 1.3, 4.0, 0.0),
+    (300, 1.3, 4.0, 0.0),
+    (360, 1.0, 4.0, 0.0),
+    (360, 1.3, 1.0, 0.0),
+    (360, 1.3, 2.0, 0.0),
+    (360, 1.3, 4.0, 0.0),
+    (360, 1.3, 4.0, 0.2),
+    (360, 1.7, 4.0, 0.0),
 )
 
 
@@ -34,11 +36,11 @@ def main():
     random = np.random.default_rng(0)
     noisy = [dynamics.arm(puma560.PUBLISHED * (1 + 0.05 * random.normal(size=9))) for _ in range(10)]
     print(
-        "| bandwidth | ratio | boost | time | true f: chatter [N m] | peak [N m] | cold: worst share at "
+        "| bandwidth | ratio | boost | dead zone | true f: chatter [N m] | peak [N m] | cold: worst share at "
         "T = 3.65, 2.5, 2.0 | all within ±1, of 20 | noisy: worst share | all within ±1, of 10 |\n|" + "---|" * 10
     )
-    for bandwidth, ratio, boost, time in SETTINGS:
-        named = {"bandwidth": bandwidth, "observer_ratio": ratio, "start_boost": boost, "start_time": time}
+    for bandwidth, ratio, boost, zone in SETTINGS:
+        named = {"bandwidth": bandwidth, "observer_ratio": ratio, "start_boost": boost, "dead_zone": zone}
 
         def run(arm, duration, named=named):
             law = ComputedTorque(arm, rig, **named)
@@ -51,7 +53,7 @@ def main():
                 [[run(arm, duration).fraction_within(1) for arm in arms] for duration in (3.65, 2.5, 2.0)]
             )
             cells += [", ".join(f"{s:.2%}" for s in shares.min(axis=1)), ", ".join(map(str, (shares == 1).sum(axis=1)))]
-        print(f"| {bandwidth} | {ratio} | {boost} | {time} | {true.chatter[0]:.1f} | {true.peak_torque[0]:.0f} | "
+        print(f"| {bandwidth} | {ratio} | {boost} | {zone} | {true.chatter[0]:.1f} | {true.peak_torque[0]:.0f} | "
               + " | ".join(cells) + " |", flush=True)  # fmt: skip
 
 
