@@ -54,7 +54,7 @@ def test_what_lasts_a_moment_is_bridged(name, status, bridged):
         # The 800 pulses are the fault's own: it is the counts that are held.
         (
             "slip",
-            "safe stop, holding: a jump of 799 pulses of joint 2 (q[0]), 4 times in a row, at call 1004",
+            "safe stop, holding: a jump of 800 pulses of joint 2 (q[0]), 4 times in a row, at call 1004",
             (802, 2),
         ),
         ("too late", "safe stop, holding: a call that came 10.5 ms late, at call 1001", (8, 8)),
@@ -119,8 +119,8 @@ def test_without_guards_the_same_faults_do_harm():
 def test_what_the_torque_limit_cuts_off_reaches_the_observer(known):
     """From 0.02 rad (270 pulses) off, with 30 N m more than the weight: it returns, and runs a pulse past.
 
-    Where the same limit acts behind the controller's back, the observer takes what is missing for a disturbance, and
-    the joint runs 4 pulses past.
+    Where the same limit acts behind the controller's back, the observer takes what is missing for a disturbance; since
+    it comes back no faster than it can brake, that costs no more than another pulse.
     """
     q, zero = np.zeros(2), np.zeros(2)
     robot, limit = SimulatedArm(arm(), RIG, np.array([0.02, 0.0]), zero), np.array([130.0, 60.0])
@@ -135,7 +135,7 @@ def test_what_the_torque_limit_cuts_off_reaches_the_observer(known):
     assert running.status == "running"
     assert (np.abs(torque[:50, 0]) >= limit[0] * (1 - 1e-12)).mean() > 0.2
     overshoot = -error[:, 0].min()
-    assert overshoot < 1.5 if known else overshoot > 3
+    assert overshoot < (1.5 if known else 2.5)
 
 
 def test_after_a_reset_the_arm_goes_on():

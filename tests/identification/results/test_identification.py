@@ -90,7 +90,7 @@ def test_tables_name_parameters_shortly_and_say_once_what_they_mean():
     )
     for text, head in (
         (found().summary(), 3),
-        (str(pulse_budget(dynamics.arm(found().f), RIG, LAW, PATH)), 1),
+        (str(pulse_budget(dynamics.arm(found().f), RIG, LAW, PATH)), 2),
         (str(torque_fit), 1),
     ):
         lines = text.splitlines()

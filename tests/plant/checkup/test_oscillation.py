@@ -47,7 +47,7 @@ def test_what_grows_is_told_from_what_goes_on():
 
 
 def test_a_loop_that_its_gears_make_unstable_swings_at_its_pole():
-    gears, law = rig(40), ComputedTorque(ARM, RIG, bandwidth=60)
+    gears, law = rig(40), ComputedTorque(ARM, RIG, bandwidth=90)
     hz = abs(SampledLoops(ARM, gears, law, START).unstable_pole().imag) / (2 * np.pi)
     for finding in found(simulate(ARM, gears, law, PATH, steps_per_sample=16)):
         assert finding.verdict == "look"
