@@ -48,7 +48,7 @@ class ComputedTorque(ModelLaw):
         The identified rig, ``found.rig``: its friction is fed forward.
     bandwidth : float, optional
         Of the regulator [rad/s]: its poles have this magnitude. By default with an arm 360, since it does not say how
-        well it is known; with an identification 145, or 90 where friction was identified too; at most 0.3 over the
+        well it is known; with an identification 145, or 100 where friction was identified too; at most 0.3 over the
         period, and less on its elastic gears, so that it is stable with 40 % to spare; `tune` finds others.
     observer_ratio : float
         Bandwidth of the observer, as a multiple of the regulator's.

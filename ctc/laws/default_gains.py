@@ -9,7 +9,7 @@ from identification import Identification
 from plant import Law, Rig
 from plant.analysis.sampled_loops import SampledLoops
 
-_ARM, _IDENTIFIED, _FRICTION_TOO = (360.0, 0.0), (145.0, 0.2), (90.0, 0.2)
+_ARM, _IDENTIFIED, _FRICTION_TOO = (360.0, 0.0), (145.0, 0.2), (100.0, 0.2)
 """Bandwidth [rad/s] and dead zone by what is known: nothing but f; f with a covariance; friction as well."""
 
 _SAMPLED = 0.3
