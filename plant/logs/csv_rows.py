@@ -47,7 +47,8 @@ def read_rows(
                 separator = max(",;\t", key=line.count)
             cells = next(csv.reader([line], delimiter=separator)) if '"' in line else line.split(separator)
             if width is None:
-                width, names, picked = len(cells), *_heading(cells, chosen)
+                width = len(cells)
+                names, picked = _heading(cells, chosen)
                 if names is not None:
                     continue
             if len(cells) != width:

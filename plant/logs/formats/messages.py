@@ -71,8 +71,9 @@ def _sampled(blocks: Mapping[str, Mapping[str, Block]], names: Collection[str], 
         found[topic] = {name: values[kept] for name, values in columns.items()}
         times[topic] = {name: blocks[topic][name].values[kept] for name in _OWN if name in blocks[topic]}
     held = next((topic for topic, columns in found.items() if clock in columns), None)
-    for topic in found.keys() - {held} if held is not None else ():
-        found[topic] = _held(found[topic], times[topic], times[held])
+    if held is not None:
+        for topic in found.keys() - {held}:
+            found[topic] = _held(found[topic], times[topic], times[held])
     return {name: columns[name] for name in names for columns in found.values() if name in columns}
 
 
