@@ -122,17 +122,12 @@ def _arm_system(arm: Arm, rig: Rig | None, sampled: bool, steps_per_sample: int)
         return _system("arm", state, {"tau": torque}, ca.vertcat(qd, qdd), {"q": q, "qd": qd}, 0, ("q", "qd"))
     instance("rig", rig, Rig, "Pass the rig that drives the arm.")
     if not sampled and rig.drive.presliding is not None and not (rig.drive.presliding.distance > 0).all():
-        raise ValueError(
-            f"distance of a continuous arm's presliding must be positive; got {rig.drive.presliding.distance}. Leave "
-            "presliding out, or take sampled=True."
-        )
+        got, advice = rig.drive.presliding.distance, "Leave presliding out, or take sampled=True."
+        raise ValueError(f"distance of a continuous arm's presliding must be positive; got {got}. {advice}")
     loop = ClosedLoop(
-        dynamics=arm.dynamics,
-        rig=punctual_rig(rig),
-        law=_Held(period=rig.period),
-        steps_per_sample=steps_per_sample,
+        dynamics=arm.dynamics, rig=punctual_rig(rig), law=_Held(period=rig.period), steps_per_sample=steps_per_sample,
         smooth=not sampled,
-    )
+    )  # fmt: skip
     own = ("q", "qd", "impulse") if sampled else ("q", "qd")
     names, kept = (*own, *loop.giving), len(own) * n
     state, tau = ca.SX.sym("state", len(names) * n), rig.drive.limited(torque)
@@ -163,28 +158,23 @@ def _law_system(law: Law, rig: Rig | None) -> control.NonlinearIOSystem:
     q, qd, qdd, pulses = (ca.SX.sym(name, n) for name in ("q_r", "qd_r", "qdd_r", "pulses"))
     own, torque, dt = ca.SX.sym("law", len(block.initial)), ca.SX.sym("torque", n), ca.SX.sym("dt")
     asked, following = block.step(own, q, qd, qdd, rig.counts(q), pulses, torque, dt, block.values)
-    inputs = {"q_r": q, "qd_r": qd, "qdd_r": qdd, "pulses": pulses}
+    inputs, names = {"q_r": q, "qd_r": qd, "qdd_r": qdd, "pulses": pulses}, _labels("law", len(block.initial))
     if block.period is not None:
         following = ca.vertcat(following, rig.drive.limited(asked))
         asked, following = ca.substitute([asked, following], [dt], [ca.SX(block.period)])
-        names = [f"law[{i}]" for i in range(len(block.initial))] + [f"torque[{i}]" for i in range(n)]
+        names += _labels("torque", n)
         return _system("law", ca.vertcat(own, torque), inputs, following, {"asked": asked}, block.period, names)
     asked = ca.substitute(asked, dt, 0)
     if ca.depends_on(asked, torque):
-        raise ValueError(
-            f"a law without a period must not depend on the torque applied last; {type(law).__name__} does, and there "
-            "is no last torque in continuous time. Give it a period."
-        )
+        why = f"{type(law).__name__} does, and there is no last torque in continuous time"
+        raise ValueError(f"a law without a period must not depend on the torque applied last; {why}. Give it a period.")
     following = ca.substitute(following, torque, rig.drive.limited(asked))
     rate = ca.substitute(ca.jacobian(following, dt), dt, 0)
     zeros = [np.zeros(n)] * 4
     found = ca.Function("rate", [own, *inputs.values()], [asked, rate])(block.initial, *zeros)
     if not all(np.isfinite(each.full()).all() for each in found):
-        raise ValueError(
-            f"a law without a period must have equations that hold for dt = 0; those of {type(law).__name__} do not. "
-            "Give it a period."
-        )
-    names = [f"law[{i}]" for i in range(len(block.initial))]
+        rule = f"have equations that hold for dt = 0; those of {type(law).__name__} do not"
+        raise ValueError(f"a law without a period must {rule}. Give it a period.")
     return _system("law", own, inputs, rate, {"asked": asked}, 0 if names else None, names)
 
 
@@ -194,27 +184,17 @@ def _time_response(record: Record) -> control.TimeResponseData:
 
     columns = [(name, getattr(record, name)) for name in _LOGGED]
     columns = [(name, values) for name, values in columns if values is not None]
+    outputs = [label for name, _ in columns for label in _labels(name, record.n)]
     return control.TimeResponseData(
-        record.t,
-        np.hstack([values for _, values in columns]).T,
-        inputs=record.reference_pulses.T,
-        issiso=False,
-        output_labels=[label for name, _ in columns for label in _labels(name, record.n)],
-        input_labels=_labels("reference_pulses", record.n),
-        title=repr(record),
-        sysname="record",
-    )
+        record.t, np.hstack([values for _, values in columns]).T, inputs=record.reference_pulses.T, issiso=False,
+        output_labels=outputs, input_labels=_labels("reference_pulses", record.n), title=repr(record), sysname="record",
+    )  # fmt: skip
 
 
 def _system(
-    name: str,
-    state: ca.SX,
-    inputs: Mapping[str, ca.SX],
-    following: ca.SX,
-    outputs: Mapping[str, ca.SX],
-    dt: float | None,
-    states: Sequence[str],
-) -> control.NonlinearIOSystem:
+    name: str, state: ca.SX, inputs: Mapping[str, ca.SX], following: ca.SX, outputs: Mapping[str, ca.SX],
+    dt: float | None, states: Sequence[str],
+) -> control.NonlinearIOSystem:  # fmt: skip
     """A NonlinearIOSystem of casadi expressions; `following` is the derivative, or the state one sample later."""
     import control
 

@@ -82,9 +82,8 @@ def p_gains(arm: Arm, rig: Rig, reference: Reference, peak: ArrayLike, *, poses:
             break
         gain = gain * np.clip(np.maximum(reached, 0.5) / (0.9 * peaks), 0.5, 2.0)
     else:
-        raise ValueError(
-            f"gains must meet a peak of {peaks} pulses; {_ROUNDS} attempts came to {reached}. Allow more, or slow down."
-        )
+        got = f"{_ROUNDS} attempts came to {reached}"
+        raise ValueError(f"gains must meet a peak of {peaks} pulses; {got}. Allow more, or slow down.")
     for q in motion.q[:: max(1, len(motion.q) // poses)]:
         found = modes(linearise(arm, rig, law, q))
         if (found[:, 1] <= 0).any():

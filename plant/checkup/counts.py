@@ -40,20 +40,14 @@ def counts_findings(signals: Signals) -> Iterator[Finding]:
     events = [_events(signals, i) for i in range(signals.n)]
     yield from signals.each(_motion)
     for i, (glitches, _, size) in enumerate(events):
-        yield Finding.graded(
-            "glitches", i, glitches, "", look=0, wrong=0.01 * len(signals.t),
-            advice=f"Single counts are off by up to {size[0]:.0f} pulses; leave them out (valid = 0), check the cable.",
-        )  # fmt: skip
+        advice = f"Single counts are off by up to {size[0]:.0f} pulses; leave them out (valid = 0), check the cable."
+        yield Finding.graded("glitches", i, glitches, "", look=0, wrong=0.01 * len(signals.t), advice=advice)
     for i, (_, jumps, size) in enumerate(events):
+        jump = f"jump by up to {size[1]:.0f} pulses and stay there, faster than any arm"
+        advice = f"The counts {jump}; unwrap the counter, or cut the log there."
         if size[2]:
             advice = f"In places the counts go in steps of {size[2]:.3g} pulses; log them with more digits."
-            yield Finding.of("jumps", i, jumps, "", "look", advice)
-            continue
-        yield Finding.graded(
-            "jumps", i, jumps, "", look=0, wrong=0,
-            advice=f"The counts jump by up to {size[1]:.0f} pulses and stay there, faster than any arm; unwrap the "
-            "counter, or cut the log there.",
-        )  # fmt: skip
+        yield Finding.graded("jumps", i, jumps, "", look=0, wrong=np.inf if size[2] else 0, advice=advice)
     yield from signals.each(_stuck, _clipped)
 
 
@@ -62,13 +56,10 @@ def _motion(signals, i):
     others = np.delete(np.ptp(signals.counts, axis=0) / signals.least_count, i)
     verdict, advice = "fine", ""
     if moved < LEAST_MOTION:
-        verdict = "wrong"
-        advice = "The motor hardly moves: log a motion of all joints."
+        verdict, advice = "wrong", "The motor hardly moves: log a motion of all joints."
         if len(others) and others.max() > 10 * LEAST_MOTION:
-            advice = (
-                "The motor stands still while others move: it sticks, its brake is on, or its encoder is dead or in "
-                "other units."
-            )
+            reasons = "it sticks, its brake is on, or its encoder is dead or in other units"
+            advice = f"The motor stands still while others move: {reasons}."
     return Finding.of("motion", i, moved * signals.least_count[i], "pulses", verdict, advice)
 
 
@@ -123,10 +114,8 @@ def _stuck(signals, i):
         seconds = signals.t[run.stop - 1] - signals.t[run.start]
         if others.size and seconds > _HELD * whole and np.ptp(others[run], axis=0).max() > 10 * LEAST_MOTION:
             stuck = max(stuck, seconds)
-    return Finding.graded(
-        "stuck encoder", i, stuck, "s", look=0,
-        advice="The joint rests for a large part of the log while others move; does it stick, or its encoder?",
-    )  # fmt: skip
+    advice = "The joint rests for a large part of the log while others move; does it stick, or its encoder?"
+    return Finding.graded("stuck encoder", i, stuck, "s", look=0, advice=advice)
 
 
 def _against_reference(signals, i, rows):
@@ -162,7 +151,5 @@ def _clipped(signals, i):
             fast = _PLATEAU / 2 * signals.least_count[i]
             if all(len(side) and side.min() > 0 and side.mean() > fast for side in (before, after)):
                 spent += t[b] - t[a]
-    return Finding.graded(
-        "clipped counts", i, spent, "s", look=0, wrong=0.05 * (t[-1] - t[0]),
-        advice="Peaks are cut off at one value: the converter's range, or a mechanical stop; leave these rows out.",
-    )  # fmt: skip
+    advice = "Peaks are cut off at one value: the converter's range, or a mechanical stop; leave these rows out."
+    return Finding.graded("clipped counts", i, spent, "s", look=0, wrong=0.05 * (t[-1] - t[0]), advice=advice)

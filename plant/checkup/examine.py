@@ -47,10 +47,8 @@ def _saturated(signals, i):
         return Finding.unknown("saturation", i, "no current limit stated")
     current = signals.motor_torque[:, i] / signals.rig.drive.motor_gain[i]
     share = 100 * np.mean(np.abs(current) >= _AT_LIMIT * limit)
-    return Finding.graded(
-        "saturation", i, share, "%", look=_SATURATED, wrong=_LOST,
-        advice=f"The amplifier is at its limit of {limit:g} A: slow the motion down, or lower the gains.",
-    )  # fmt: skip
+    advice = f"The amplifier is at its limit of {limit:g} A: slow the motion down, or lower the gains."
+    return Finding.graded("saturation", i, share, "%", look=_SATURATED, wrong=_LOST, advice=advice)
 
 
 def _clipped(signals, i):
@@ -69,28 +67,23 @@ def _clipped(signals, i):
             piled += often[k]
     # Against the commanded torque a cut one is plain to see.
     least = _LEAST_PILE if signals.commanded is None else _LEAST_PILE / 5
-    return Finding.graded(
-        "clipped torque", i, 100 * piled / len(torque), "%", look=least, wrong=_LOST,
-        advice=f"The torque is cut off at {np.abs(torque).max():.4g} N m (motor), not by the amplifier: "
-        "the log's range is too small; leave these rows out.",
-    )  # fmt: skip
+    cut_off = f"cut off at {np.abs(torque).max():.4g} N m (motor), not by the amplifier"
+    advice = f"The torque is {cut_off}: the log's range is too small; leave these rows out."
+    return Finding.graded("clipped torque", i, 100 * piled / len(torque), "%", look=least, wrong=_LOST, advice=advice)
 
 
 def _backlash(signals, i):
     """Motion of the motor alone where the load torque changes sign [pulses]: a lower bound of the backlash."""
     name, unit = "backlash", "pulses"
-    regression = None if signals.regressions is None else signals.regressions[i]
+    regression = signals.regressions[i]
     if regression is None or regression.inertia[i] < _SURE * regression.inertia_std[i]:
         return Finding.unknown(name, i, "no acceleration that torque explains")
     if regression.reversals < _REVERSALS:
         return Finding.unknown(name, i, f"the load changes sign {regression.reversals} times")
     play, std = regression.backlash, regression.backlash_std
     if play > max(_PLAY * signals.least_count[i], _PLAY_SURE * std):
-        return Finding.of(
-            name, i, play, unit, "look",
-            "The motor runs ahead where the load changes sign: the gear has at least this backlash; expect no "
-            "better than that from the model there.",
-        )  # fmt: skip
+        why = "The motor runs ahead where the load changes sign: the gear has at least this backlash"
+        return Finding.of(name, i, play, unit, "look", f"{why}; expect no better than that from the model there.")
     if std > _PLAY * signals.least_count[i] or (abs(play) > _PLAY_SURE * std and play < 0):
         return Finding.unknown(name, i, f"known to +-{std:.2g} pulses only", value=play, unit=unit)
     if signals.reference is not None:
@@ -135,8 +128,9 @@ def _fastest(signals):
 
 
 def _compliance(signals, i, fastest):
-    name, unit = "compliance", "Hz"
-    frequency, found = _spectrum(signals, i)
+    name, error = "compliance", signals.even((signals.reference - signals.counts)[:, i])
+    frequency, power = spectrum(error, signals.interval)
+    found = averaged(power, _AVERAGED)
     above = np.flatnonzero(frequency > _MARGIN * fastest)
     above = above[above > _VALLEY]
     if len(above) < 4 * _VALLEY:
@@ -148,19 +142,10 @@ def _compliance(signals, i, fastest):
         highest = found[k - _AVERAGED : k + _AVERAGED + 1].max()
         valley = max(found[k - _VALLEY : k].min(), found[k : k + _VALLEY].min())
         if found[k] == highest and found[k] > _PEAK * valley:
-            return Finding.of(
-                name, i, frequency[k], unit, "look",
-                f"On rigid gears nothing in this loop oscillates faster than {fastest:.0f} Hz: the gear is elastic, "
-                "or the motor's inertia is below the stated one. identify() tests it.",
-            )  # fmt: skip
+            why = f"On rigid gears nothing in this loop oscillates faster than {fastest:.0f} Hz"
+            reasons = "the gear is elastic, or the motor's inertia is below the stated one"
+            return Finding.of(name, i, frequency[k], "Hz", "look", f"{why}: {reasons}. identify() tests it.")
     return Finding.unknown(name, i, f"no oscillation above the {fastest:.0f} Hz of rigid gears; {_UNTOLD}")
-
-
-def _spectrum(signals, i):
-    """Frequencies [Hz], and power of the error there, averaged over neighbours."""
-    error = signals.even((signals.reference - signals.counts)[:, i])
-    frequency, power = spectrum(error, signals.interval)
-    return frequency, averaged(power, _AVERAGED)
 
 
 _LEAST = 50

@@ -28,7 +28,7 @@ _PEAK, _AVERAGED = 20.0, 9
 _GROWN = 1.5
 """Ratio of the last third to the first from which on it grows."""
 
-_NAME, _UNIT = "oscillation", "Hz"
+_NAME = "oscillation"
 
 
 def spectrum(values: Floats, period: float) -> tuple[Floats, Floats]:
@@ -73,11 +73,9 @@ def _oscillation(signals, i):
         return Finding.of(_NAME, i, size, "pulses")
     third = _PARTS // 3
     does = "grows" if parts[-third:].mean() > _GROWN * parts[:third].mean() else "goes on"
-    return Finding.of(
-        _NAME, i, own, _UNIT, "look",
-        f"The loop oscillates, {size:.3g} pulses rms beside {tracking:.3g} of tracking, and {does}: it is "
-        "unstable, or nearly, as by lag of the currents or elastic gears (or driven by ripple). Lower its gains.",
-    )  # fmt: skip
+    seen = f"The loop oscillates, {size:.3g} pulses rms beside {tracking:.3g} of tracking, and {does}"
+    why = "it is unstable, or nearly, as by lag of the currents or elastic gears (or driven by ripple)"
+    return Finding.of(_NAME, i, own, "Hz", "look", f"{seen}: {why}. Lower its gains.")
 
 
 def _rms(values):

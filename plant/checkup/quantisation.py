@@ -58,25 +58,17 @@ def _step(signals, i):
     if len(levels) < _DISTINCT:
         return Finding.unknown("quantisation step", i, f"only {len(levels)} different counts")
     gear = abs(signals.rig.drive.gear[i])
-    if gear > _GEARED and (np.abs(_off(levels - levels[0], gear)) <= 1).all():
-        return Finding.of(
-            "quantisation step", i, gear, "pulses", "wrong",
-            f"Counts come in steps of {gear:g} like the gear: angles of the motor were given as those of the "
-            "joint; map them to motor_position.",
-        )  # fmt: skip
+    turns = (levels - levels[0]) / gear
+    if gear > _GEARED and (np.abs(levels - levels[0] - gear * np.round(turns)) <= 1).all():
+        why = f"Counts come in steps of {gear:g} like the gear: angles of the motor were given as those of the joint"
+        return Finding.of("quantisation step", i, gear, "pulses", "wrong", f"{why}; map them to motor_position.")
     step, clear = comb(signals.counts[:, i])
     if not clear:
         return Finding.unknown("quantisation step", i, f"always faster than {step:.0f} pulses per sample")
-    return Finding.graded(
-        "quantisation step", i, step, "pulses", look=1.02,
-        advice=f"Counts come in steps of {step:.4g}: the encoder has {signals.rig.encoder.resolution[i] / step:.6g} "
-        f"pulses per turn, not {signals.rig.encoder.resolution[i]:g}, or was rounded to another step before.",
-    )  # fmt: skip
-
-
-def _off(counts, step):
-    """Distance of counts from the nearest multiple of a step."""
-    return counts - step * np.round(counts / step)
+    stated = signals.rig.encoder.resolution[i]
+    why = f"the encoder has {stated / step:.6g} pulses per turn, not {stated:g}, or was rounded to another step before"
+    advice = f"Counts come in steps of {step:.4g}: {why}."
+    return Finding.graded("quantisation step", i, step, "pulses", look=1.02, advice=advice)
 
 
 def comb(counts: Floats) -> tuple[float, bool]:
@@ -121,7 +113,5 @@ def _noise(signals, i):
     if signals.rig.encoder.smooth:
         return Finding.of("noise", i, noise, "pulses")
     grid = _step(signals, i).value or 1.0
-    return Finding.graded(
-        "noise", i, noise, "pulses", look=_NOISY * grid, wrong=10 * grid,
-        advice="The noise of the counts exceeds their rounding, even where the arm is slowest; look for interference.",
-    )  # fmt: skip
+    advice = "The noise of the counts exceeds their rounding, even where the arm is slowest; look for interference."
+    return Finding.graded("noise", i, noise, "pulses", look=_NOISY * grid, wrong=10 * grid, advice=advice)

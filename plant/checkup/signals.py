@@ -205,10 +205,10 @@ class Signals:
         return np.where(moves, (commanded * made).sum(axis=0) / np.where(moves, power, 1.0), np.nan)
 
     @functools.cached_property
-    def regressions(self) -> list[TorqueRegression | None] | None:
+    def regressions(self) -> list[TorqueRegression | None]:
         """`TorqueRegression` of each motor, None for one that hardly moves; None without torque, or for a short log."""
         if self.motor_torque is None or not self.long_enough:
-            return None
+            return [None] * self.n
         still = np.ptp(self.counts, axis=0) < LEAST_MOTION * self.least_count
         of, torque = TorqueRegression.of, self.motor_torque
         return [None if still[i] or self.angular[i] else of(self, torque, i) for i in range(self.n)]
@@ -216,14 +216,14 @@ class Signals:
     @functools.cached_property
     def averaged(self) -> list[AveragedRegression] | None:
         """`AveragedRegression` of each motor; None where the law gives the torque, or the log is too short."""
-        if self.torque is None or self.commanded is not None or self.regressions is None or None in self.regressions:
+        if self.torque is None or self.commanded is not None or None in self.regressions:
             return None
         return AveragedRegression.all_of(self, self.torque)
 
     def regression(self, i: int) -> Any:
         """The regression of motor i that knows its inertia better; None without any."""
-        if self.regressions is None or self.averaged is None:
-            return None if self.regressions is None else self.regressions[i]
+        if self.averaged is None:
+            return self.regressions[i]
         fits: tuple[Any, ...] = self.regressions[i], self.averaged[i]
         return max(fits, key=lambda fit: abs(fit.inertia[i]) / max(fit.inertia_std[i], 1e-300))
 

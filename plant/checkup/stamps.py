@@ -38,32 +38,26 @@ def time_findings(signals: Signals) -> Iterator[Finding]:
     short = "wrong" if N < _SHORT else "fine"
     yield Finding.of("samples", None, N, "", short, advice * (N < _SHORT))
     left_out = 100 * (1 - np.mean(record.valid > 0))
-    yield Finding.graded(
-        "samples left out", None, left_out, "%", look=_LOST, wrong=50,
-        advice="Many samples have weight 0; see why they were dropped.",
-    )  # fmt: skip
+    advice = "Many samples have weight 0; see why they were dropped."
+    yield Finding.graded("samples left out", None, left_out, "%", look=_LOST, wrong=50, advice=advice)
     if N < 3:
         for name in ("period", "missing samples", "crowded samples", "time jitter", "rows and stamps", "repeated rows"):
             yield Finding.unknown(name, None, "fewer than three samples")
         return
     steps = np.diff(record.t) / signals.interval
     yield _period(signals)
-    lost = np.round(steps[steps > _GAP]).sum() - (steps > _GAP).sum()
-    yield Finding.graded(
-        "missing samples", None, 100 * lost / (lost + N), "%", look=0, wrong=_LOST,
-        advice=f"{lost:.0f} rows are missing in {(steps > _GAP).sum()} gaps of up to {steps.max():.1f} intervals; use "
-        "the time stamps, do not count rows.",
-    )  # fmt: skip
+    gaps = steps[steps > _GAP]
+    lost = np.round(gaps).sum() - len(gaps)
+    missing = f"{lost:.0f} rows are missing in {len(gaps)} gaps of up to {steps.max():.1f} intervals"
+    advice = f"{missing}; use the time stamps, do not count rows."
+    yield Finding.graded("missing samples", None, 100 * lost / (lost + N), "%", look=0, wrong=_LOST, advice=advice)
     crowded = int((steps < _CROWD).sum())
-    yield Finding.graded(
-        "crowded samples", None, crowded, "", look=0, wrong=0.05 * N,
-        advice="Samples follow each other within half an interval; drop the second of each pair.",
-    )  # fmt: skip
+    advice = "Samples follow each other within half an interval; drop the second of each pair."
+    yield Finding.graded("crowded samples", None, crowded, "", look=0, wrong=0.05 * N, advice=advice)
     even = (steps < _GAP) & (steps > _CROWD)
-    yield Finding.graded(
-        "time jitter", None, 100 * np.std(steps[even] if even.any() else steps), "%", look=_JITTER, wrong=_UNTIMED,
-        advice="Intervals jitter; use the logged times, or let the controller's clock stamp the samples.",
-    )  # fmt: skip
+    jitter = 100 * np.std(steps[even] if even.any() else steps)
+    advice = "Intervals jitter; use the logged times, or let the controller's clock stamp the samples."
+    yield Finding.graded("time jitter", None, jitter, "%", look=_JITTER, wrong=_UNTIMED, advice=advice)
     yield _stamps(signals)
     yield _repeated(signals)
 
@@ -93,8 +87,8 @@ def _stamps(signals):
         advice = "The stamps jitter, the samples do not: the counts come evenly; put t = row times interval."
         return Finding.of(name, None, None, unit, "look", advice)
     when = f"{abs(shift)} row(s) {'after' if shift > 0 else 'before'} the stamps" if shift else "partly in other rows"
-    advice = f"At odd intervals the counts come {when}: clock and counter are not read together; leave out the rows "
-    advice += "at gaps (valid = 0)."
+    reading = f"the counts come {when}: clock and counter are not read together"
+    advice = f"At odd intervals {reading}; leave out the rows at gaps (valid = 0)."
     return Finding.of(name, None, shift, unit, "look", advice)
 
 
@@ -106,8 +100,6 @@ def _repeated(signals):
     steps = np.abs(np.diff(record.counts, axis=0)).max(axis=1) / signals.least_count.min()
     moving = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(steps, 4, "edge"), 9), axis=1)
     repeated = int((same & (moving >= _MOVING)).sum())
-    return Finding.graded(
-        "repeated rows", None, repeated, "", look=0, wrong=0.05 * len(record),
-        advice="Rows repeat the one before although the arm moves; the logger read faster than the controller "
-        "wrote: drop them (valid = 0).",
-    )  # fmt: skip
+    why = "the logger read faster than the controller wrote"
+    advice = f"Rows repeat the one before although the arm moves; {why}: drop them (valid = 0)."
+    return Finding.graded("repeated rows", None, repeated, "", look=0, wrong=0.05 * len(record), advice=advice)

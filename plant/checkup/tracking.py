@@ -46,9 +46,9 @@ def _sign(signals, i):
     advice = f"The counts move {slope:.3g} times as far as the reference: check resolution, gear and units of both."
     if slope < -TRACKING:
         advice = f"The counts run against the reference{_turned(signals, i)}."
-    verdict = "fine" if abs(slope - 1) <= TRACKING else "wrong"
-    advice *= verdict != "fine"
-    return Finding.of(name, i, slope, unit, verdict, advice)
+    if abs(slope - 1) <= TRACKING:
+        return Finding.of(name, i, slope, unit)
+    return Finding.of(name, i, slope, unit, "wrong", advice)
 
 
 def _turned(signals: Signals, i: int) -> str:
@@ -76,13 +76,11 @@ def _swapped(signals, i):
         off = np.sqrt(np.mean((asked - own_speed[:, None]) ** 2, axis=0))
         error = np.fmin(error, off / np.where(size > 0, np.sqrt(np.mean(asked**2, axis=0)), np.nan))
     own, nearest = error[i], int(np.argmin(error))
-    swapped = nearest != i and error[nearest] < _CLOSER * min(own, 1.0)
-    name, value, unit = "swapped joints", float(100 * own), "% off its reference"
-    if not swapped:
-        return Finding.of(name, i, value, unit)
-    other = signals.joint_labels[nearest]
-    advice = f"The counts follow the reference of {other} ({error[nearest]:.0%} off): exchange the columns."
-    return Finding.of(name, i, value, unit, "wrong", advice)
+    verdict, advice = "fine", ""
+    if nearest != i and error[nearest] < _CLOSER * min(own, 1.0):
+        other = f"{signals.joint_labels[nearest]} ({error[nearest]:.0%} off)"
+        verdict, advice = "wrong", f"The counts follow the reference of {other}: exchange the columns."
+    return Finding.of("swapped joints", i, 100 * own, "% off its reference", verdict, advice)
 
 
 def _against_law(signals, i, j):
@@ -131,9 +129,8 @@ def _delay(signals, i):
         if explained < _EXPLAINED:
             return Finding.unknown(name, i, "the logged torque is not its law's")
         return _judged(i, late, std, "Counts and torque were not logged at the same time")
-    regression = None if signals.regressions is None else signals.regressions[i]
     if signals.commanded is not None:
-        if regression is None:
+        if (regression := signals.regressions[i]) is None:
             return Finding.unknown(name, i, "the motor hardly moves")
         error = (signals.reference - signals.counts)[:, i]
         gain = (error @ signals.commanded[:, i]) / max(error @ error, 1e-300)
@@ -169,7 +166,6 @@ def _judged(i, late, std, why, look=_LATE, wrong=_VERY_LATE):
     if max(std, abs(late)) > look and abs(late) <= _SURE * std:
         return Finding.unknown("delay", i, f"known to +-{std:.1f} samples only", value=late, unit="samples")
     size = f"{abs(late):.2g} samples (+-{std:.1g}) {'late' if late > 0 else 'early'}"
-    return Finding.graded(
-        "delay", i, late, "samples", look=max(look, _SURE * std), wrong=max(wrong, _SURE * std),
-        advice=f"{why}: the counts are {size}; shift them, or viscous friction will be wrong.",
-    )  # fmt: skip
+    advice = f"{why}: the counts are {size}; shift them, or viscous friction will be wrong."
+    look, wrong = max(look, _SURE * std), max(wrong, _SURE * std)
+    return Finding.graded("delay", i, late, "samples", look=look, wrong=wrong, advice=advice)

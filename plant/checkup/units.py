@@ -71,11 +71,9 @@ def _units(signals, i):
         advice = f"Torque per acceleration is {size} the rotor inertia: {guess}."
         return Finding.of(name, i, found, "rotor inertias", verdict, advice)
     if rubs is not None and not 1 / _FACTOR < rubs < _FACTOR:
-        return Finding.of(
-            name, i, rubs, "of the Coulomb friction", "look",
-            f"Coulomb friction is {rubs:.2g} of what the rig states: correct that if it was a guess; of the "
-            f"torque, {_guess(signals, rubs, i)}.",
-        )  # fmt: skip
+        guess = f"correct that if it was a guess; of the torque, {_guess(signals, rubs, i)}"
+        advice = f"Coulomb friction is {rubs:.2g} of what the rig states: {guess}."
+        return Finding.of(name, i, rubs, "of the Coulomb friction", "look", advice)
     if not stated:
         return Finding.unknown(name, i, "no rotor inertia stated, and no law that tells the torque")
     return Finding.of(name, i, found, "rotor inertias")
@@ -100,13 +98,10 @@ def _guess(signals: Any, ratio: float, i: int) -> str:
     if abs(gain) > _ALIKE and abs(factor - gain) < _ALIKE and signals.commanded is not None:
         return "the gains of the law may be in A per pulse: multiply them by motor_gain"
     gear, of_current = abs(signals.rig.drive.gear[i]), signals.record.torque is None
-    larger, smaller = ("it may be in mN m", "it may be in kN m")
+    reasons = {1e3: "it may be in mN m", 1e-3: "it may be in kN m"}
     if of_current:
-        larger, smaller = "the current may be in mA", "the current may be in A, not in mA"
-    reasons = {
-        1e3: larger, 1e-3: smaller, gear: "it may have crossed the gear twice",
-        1 / gear: "it may be the motor's torque, not the joint's",
-    }  # fmt: skip
+        reasons = {1e3: "the current may be in mA", 1e-3: "the current may be in A, not in mA"}
+    reasons |= {gear: "it may have crossed the gear twice", 1 / gear: "it may be the motor's torque, not the joint's"}
     off = {reason: abs(np.log(ratio / factor)) for factor, reason in reasons.items()}
     near = sorted((reason for reason in off if off[reason] < min(off.values()) + np.log(_FACTOR)), key=off.__getitem__)
     return ", or ".join(near)

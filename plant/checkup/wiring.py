@@ -44,13 +44,12 @@ def wiring_findings(signals: Signals) -> Iterator[Finding]:
 
 def _copied(signals, i):
     """Whether an earlier joint has the same columns, as they are or as angles."""
-    name, others = "copied columns", range(i)
-    for j in others:
+    for j in range(i):
         for column, same in (("counts", _same_counts), ("torque", _same_torque)):
             if same(signals, j, i):
                 advice = f"The same {column} as {signals.joint_labels[j]}: one column was mapped to both."
-                return Finding.of(name, i, None, "", "wrong" if column == "counts" else "look", advice)
-    return Finding.of(name, i, None, "")
+                return Finding.of("copied columns", i, None, "", "wrong" if column == "counts" else "look", advice)
+    return Finding.of("copied columns", i, None, "")
 
 
 def _same_counts(signals, i, j):
@@ -66,10 +65,8 @@ def _same_counts(signals, i, j):
 
 
 def _same_torque(signals, i, j):
-    for table in (signals.record.torque, signals.record.current):
-        if table is not None and np.ptp(table[:, i]) and (table[:, i] == table[:, j]).all():
-            return True
-    return False
+    logged = [table for table in (signals.record.torque, signals.record.current) if table is not None]
+    return any(np.ptp(table[:, i]) and (table[:, i] == table[:, j]).all() for table in logged)
 
 
 def _sign(signals, i):
@@ -92,13 +89,11 @@ def _sign(signals, i):
         verdict = "look"
         advice = "Torque brakes the motion caused by other joints: its sign is wrong, or the motor is not driven."
     elif inertia < -_SURE * std:
-        order = ", or the order of the columns" if signals.reference is None and signals.n > 1 else ""
-        verdict, advice = "wrong", "Torque accelerates the counts backwards"
-        if signals.reference is not None:
-            advice += f"{_turned(signals, i, shown)}."
-        else:
-            torque, counts = signals.column("torque", i), signals.column("counts", i)
-            advice += f": change the sign of {torque}, {counts} or gear{order}."
+        torque, counts = signals.column("torque", i), signals.column("counts", i)
+        order = ", or the order of the columns" if signals.n > 1 else ""
+        which = f": change the sign of {torque}, {counts} or gear{order}"
+        which = which if signals.reference is None else _turned(signals, i, shown)
+        verdict, advice = "wrong", f"Torque accelerates the counts backwards{which}."
     elif signals.reference is None and shown.coulomb < -_SURE * shown.coulomb_std:
         torque = signals.column("torque", i)
         verdict, advice = "look", f"Friction drives the motor: {torque} has the wrong sign, or is another motor's."
@@ -142,7 +137,7 @@ def _swapped(signals, i):
         if 1 - correlation(signals, i, found) < _CLOSER * (1 - own) and own < _EXPLAINED:
             return _exchange(signals, i, found, 100 * own, "% like its law's")
         return Finding.of(name, i, 100 * own, "% like its law's")
-    if signals.regressions is None or any(regression is None for regression in signals.regressions):
+    if None in signals.regressions:
         return Finding.unknown(name, i, "too little motion")
     M = np.array([regression.inertia for regression in signals.regressions])
     sure = np.abs(M) > _SURE * np.array([regression.inertia_std for regression in signals.regressions])
@@ -154,8 +149,7 @@ def _swapped(signals, i):
         for j in others:
             if _crossed(signals.averaged, i, j):
                 return _exchange(signals, i, j, signals.averaged[i].cross_coulomb[j], "N m of another's friction")
-            exchanged = _uneven(signals.averaged, i, j)
-            if exchanged:
+            if exchanged := _uneven(signals.averaged, i, j):
                 return _exchange(signals, i, j, exchanged, "of the diagonal")
     if not sure[i, i]:
         shown = signals.regression(i)
@@ -168,12 +162,11 @@ def _swapped(signals, i):
 
 def _crossed(averaged: Sequence[AveragedRegression], i: int, j: int) -> bool:
     """Whether each of two torques shows the Coulomb friction of the other motor, and not its own."""
-    return all(
-        abs(averaged[a].cross_coulomb[b]) > _SURE * averaged[a].cross_coulomb_std[b]
-        and abs(averaged[a].cross_coulomb[a]) + _EVEN * averaged[a].cross_coulomb_std[a]
-        < abs(averaged[a].cross_coulomb[b]) / 2
-        for a, b in ((i, j), (j, i))
-    )
+    for a, b in ((i, j), (j, i)):
+        size, std = np.abs(averaged[a].cross_coulomb), averaged[a].cross_coulomb_std
+        if not (size[b] > _SURE * std[b] and size[a] + _EVEN * std[a] < size[b] / 2):
+            return False
+    return True
 
 
 def _uneven(averaged: Sequence[AveragedRegression], i: int, j: int) -> float:
@@ -185,10 +178,8 @@ def _uneven(averaged: Sequence[AveragedRegression], i: int, j: int) -> float:
     std = np.array([[averaged[a].inertia_std[b] for b in (i, j)] for a in (i, j)])
     if (np.abs(M) < _UNEVEN * std).any() or np.linalg.det(M) > 0:
         return 0.0
-    as_it_is, exchanged = (
-        abs(a[0] - a[1]) / np.hypot(*s)
-        for a, s in ((M[[0, 1], [1, 0]], std[[0, 1], [1, 0]]), (np.diag(M), np.diag(std)))
-    )
+    as_it_is = abs(M[0, 1] - M[1, 0]) / np.hypot(std[0, 1], std[1, 0])
+    exchanged = abs(M[0, 0] - M[1, 1]) / np.hypot(std[0, 0], std[1, 1])
     uneven = as_it_is > _UNEVEN and exchanged < _EVEN
     return M[0, 1] * M[1, 0] / (M[0, 0] * M[1, 1]) if uneven else 0.0
 

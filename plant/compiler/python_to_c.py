@@ -7,6 +7,7 @@ two numbers, which are Python's min and max.
 
 import ast
 import dataclasses
+import itertools
 import re
 import textwrap
 from collections.abc import Collection, Mapping
@@ -62,10 +63,8 @@ class CFunction:
         match node:
             case ast.Expr(value=ast.Call()):
                 return [f"{self._value(node.value)};"]
-            case ast.Return(value=None):
-                return ["return;"]
-            case ast.Return(value=value) if value is not None:
-                return [f"return {self._value(value)};"]
+            case ast.Return(value=value):
+                return ["return;" if value is None else f"return {self._value(value)};"]
             case ast.Continue():
                 return ["continue;"]
             case ast.If():
@@ -99,14 +98,12 @@ class CFunction:
         raise _unknown(node)
 
     def _assigned(self, node: ast.Assign) -> list[str]:
-        value = node.value
-        if len(node.targets) == 1 and isinstance(node.targets[0], ast.Tuple):
-            return self._several(node.targets[0].elts, value)
-        names = [target.id for target in node.targets if isinstance(target, ast.Name)]
-        if names and names[0] in self.names.arrays:
-            return [f"double *{names[0]} = {self._value(value)};"]
-        chain = " = ".join(self._target(target) for target in node.targets)
-        return [f"{chain} = {self._value(value)};"]
+        first, *more = node.targets
+        if isinstance(first, ast.Tuple) and not more:
+            return self._several(first.elts, node.value)
+        if self._is_array(first):
+            return [f"double *{ast.unparse(first)} = {self._value(node.value)};"]
+        return [f"{' = '.join(map(self._target, node.targets))} = {self._value(node.value)};"]
 
     def _several(self, targets: list[ast.expr], value: ast.expr) -> list[str]:
         """All values are made before one is given a name."""
@@ -116,16 +113,15 @@ class CFunction:
             return [*lines, *(f"    {line}" for line in self._several(targets, value.orelse)), "}"]
         if not isinstance(value, ast.Tuple) or len(value.elts) != len(targets):
             raise _unknown(value)
-        pairs = list(zip(targets, value.elts, strict=True))
-        arrays = [
-            f"double *{target.id} = {self._value(each)};"
-            for target, each in pairs
-            if isinstance(target, ast.Name) and target.id in self.names.arrays
-        ]
-        pairs = [pair for pair in pairs if not (isinstance(pair[0], ast.Name) and pair[0].id in self.names.arrays)]
-        given = ", ".join(f"value_{i} = {self._value(each)}" for i, (_, each) in enumerate(pairs))
+        pairs = [(target, self._value(each)) for target, each in zip(targets, value.elts, strict=True)]
+        arrays = [f"double *{ast.unparse(target)} = {each};" for target, each in pairs if self._is_array(target)]
+        pairs = [(target, each) for target, each in pairs if not self._is_array(target)]
+        given = ", ".join(f"value_{i} = {each}" for i, (_, each) in enumerate(pairs))
         taken = [f"    {self._target(target)} = value_{i};" for i, (target, _) in enumerate(pairs)]
         return [*arrays, "{", f"    const double {given};", *taken, "}"] if pairs else arrays
+
+    def _is_array(self, node: ast.expr) -> bool:
+        return isinstance(node, ast.Name) and node.id in self.names.arrays
 
     def _target(self, node: ast.expr) -> str:
         if isinstance(node, ast.Name) and node.id not in self.parameters and node.id not in self._counters:
@@ -135,25 +131,22 @@ class CFunction:
     # -- expressions ---------------------------------------------------------------------------------------------------
     def _value(self, node: ast.expr) -> str:
         match node:
-            case ast.Constant(value=bool(value)):
-                return "1.0" if value else "0.0"
+            case ast.Constant(value=bool() | float() as value):
+                return literal(value)
             case ast.Constant(value=int(value)):
                 return str(value)
-            case ast.Constant(value=float(value)):
-                return literal(value)
             case ast.Name(id=name):
                 return name
             case ast.Attribute(value=ast.Name(id="np"), attr="inf"):
                 return "INFINITY"
             case ast.UnaryOp(op=ast.USub() | ast.Not() as op, operand=operand):
                 return f"{_symbol(op)}({self._value(operand)})"
-            case ast.BinOp(left=left, op=op, right=right):
-                return f"({self._value(left)} {_symbol(op)} {self._value(right)})"
+
             case ast.BoolOp(op=op, values=values):
                 return f"({f' {_symbol(op)} '.join(self._value(each) for each in values)})"
             case ast.Compare(left=left, ops=[ast.In()], comparators=[ast.Tuple(elts=among)]):
                 return f"({' || '.join(f'{self._value(left)} == {self._value(each)}' for each in among)})"
-            case ast.Compare(left=left, ops=[op], comparators=[right]):
+            case ast.BinOp(left=left, op=op, right=right) | ast.Compare(left=left, ops=[op], comparators=[right]):
                 return f"({self._value(left)} {_symbol(op)} {self._value(right)})"
             case ast.IfExp(test=test, body=body, orelse=orelse):
                 return f"({self._value(test)} ? {self._value(body)} : {self._value(orelse)})"
@@ -184,9 +177,8 @@ class CFunction:
         return value if known else f"(int)({value})"
 
     def _kind(self, name: str) -> str:
-        if name not in self.names.arrays:
-            return "double "
-        return "const double *" if name in self.names.read else "double *"
+        constant = "const " if name in self.names.read else ""
+        return f"{constant}double *" if name in self.names.arrays else "double "
 
     def _call(self, node: ast.Call) -> str:
         match node.func:
@@ -203,14 +195,8 @@ class CFunction:
 
 def _bare(text: str) -> str:
     """A value without brackets around all of it."""
-    if not text.startswith("("):
-        return text
-    depth = 0
-    for at, sign in enumerate(text):
-        depth += {"(": 1, ")": -1}.get(sign, 0)
-        if not depth:
-            return text[1:-1] if at == len(text) - 1 else text
-    return text
+    depths = itertools.accumulate({"(": 1, ")": -1}.get(sign, 0) for sign in text[:-1])
+    return text[1:-1] if text.startswith("(") and all(depths) else text
 
 
 def _symbol(op: Any) -> str:

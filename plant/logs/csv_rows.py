@@ -48,9 +48,7 @@ def read_rows(
             cells = next(csv.reader([line], delimiter=separator)) if '"' in line else line.split(separator)
             if width is None:
                 width = len(cells)
-                if any(_is_name(cell, table) for cell in cells):
-                    names = [cell.strip().strip('"') for cell in cells]
-                picked = [i for i in range(width) if names is None or chosen is None or chosen(names[i])]
+                names, picked = _heading(cells, chosen)
                 if names is not None:
                     continue
             if len(cells) != width:
@@ -90,10 +88,15 @@ def _lines(file: TextIO) -> Iterator[str]:
         raise ValueError(f"must be text in UTF-8; got {got}. Save it as CSV in UTF-8.") from None
 
 
-def _is_name(cell, table):
-    """Whether a cell of the first line is a name: it is no number, and in a file of ours begins with a letter."""
-    cell = cell.strip()
-    return bool(cell) and not _is_number(cell) and (table or cell[0].isalpha())
+def _heading(cells, chosen):
+    """Names in the first line, or None, and the places that are read.
+
+    A name is no number; in a file of ours, of which nothing is chosen, it begins with a letter.
+    """
+    words = [cell.strip() for cell in cells]
+    named = any(word and not _is_number(word) and (chosen is not None or word[0].isalpha()) for word in words)
+    names = [word.strip('"') for word in words] if named else None
+    return names, [i for i in range(len(words)) if names is None or chosen is None or chosen(names[i])]
 
 
 def _is_number(cell):

@@ -53,14 +53,9 @@ def read_isolated(
     try:
         # -P: the folder of child.py holds files whose names other libraries import.
         done = run(  # noqa: S603 - this interpreter and this package's own file
-            [sys.executable, "-P", child.__file__, json.dumps(order)],
-            stdin=DEVNULL,
-            stdout=PIPE,
-            stderr=DEVNULL,
-            env=os.environ | _ENVIRONMENT,
-            timeout=seconds,
-            check=False,
-        )
+            [sys.executable, "-P", child.__file__, json.dumps(order)], stdin=DEVNULL, stdout=PIPE, stderr=DEVNULL,
+            env=os.environ | _ENVIRONMENT, timeout=seconds, check=False,
+        )  # fmt: skip
     except TimeoutExpired:
         raise ValueError(f"must be read within {seconds} s; it was not. Cut it, or save it as NPZ.") from None
     if done.returncode == child.REFUSED:
@@ -89,10 +84,8 @@ def read_npz(
         wanted = {name: info for name, info in members.items() if chosen(name)}
         for name, info in wanted.items():
             if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-                raise ValueError(
-                    f"must be compressed as numpy does; column {name!r} has ZIP method {info.compress_type}. Save it "
-                    "with numpy.savez_compressed."
-                )
+                got = f"column {name!r} has ZIP method {info.compress_type}"
+                raise ValueError(f"must be compressed as numpy does; {got}. Save it with numpy.savez_compressed.")
         require_size(sum(info.file_size for info in wanted.values()), most)
         return list(members), {name: _array(archive, name, info) for name, info in wanted.items()}
 
@@ -120,7 +113,6 @@ def _array(archive: zipfile.ZipFile, name: str, info: zipfile.ZipInfo) -> NDArra
         require_real(name, dtype, dtype.kind in "biuf")
         body = file.read()  # at most file_size, and its checksum is compared
     if len(body) != math.prod(shape) * dtype.itemsize:
-        raise ValueError(
-            f"must hold {shape} of {dtype} in column {name!r}; got {len(body)} bytes. Write the file again."
-        )
+        got = f"got {len(body)} bytes"
+        raise ValueError(f"must hold {shape} of {dtype} in column {name!r}; {got}. Write the file again.")
     return np.frombuffer(body, dtype).reshape(shape, order="F" if fortran else "C")

@@ -20,6 +20,7 @@ _SUFFIXES = {
 }  # fmt: skip
 _FOLDERS = {"rosbag2": "metadata.yaml", "lerobot": "meta/info.json"}  # kind -> what is in such a folder
 _MOST = 256 << 20  # bytes of all columns together
+_OF_MESSAGES = ("mcap", "rosbag2")
 _MOST_OF_MESSAGES = 64 << 30  # bytes of a file of which only some topics are read
 
 
@@ -125,15 +126,11 @@ def kind_of(path: str | Path) -> str:
 
 def options_of(kind: str, episode: int | None = None, clock: str | None = None) -> dict[str, Any]:
     """What a reader of this kind is given besides names: the episode of a data set, the clock of messages."""
-    if kind in ("mcap", "rosbag2"):
-        options: dict[str, Any] = {"clock": clock}
-    else:
-        options = {"episode": 0 if episode is None else episode} if kind == "lerobot" else {}
-    if episode is not None and kind != "lerobot":
-        raise ValueError(f"has no episodes, as a LeRobot data set does; got episode={episode!r:.20}. Leave it out.")
+    if kind == "lerobot":
+        return {"episode": whole("episode", 0 if episode is None else episode, "Count from 0.", least=0)}
     if episode is not None:
-        whole("episode", episode, "Count from 0.", least=0)
-    return options
+        raise ValueError(f"has no episodes, as a LeRobot data set does; got episode={episode!r:.20}. Leave it out.")
+    return {"clock": clock} if kind in _OF_MESSAGES else {}
 
 
 def read_file(
@@ -141,7 +138,8 @@ def read_file(
 ) -> dict[str, NDArray[Any]]:
     """Read columns of a file of a known kind, as `read_table` does; `options` as `options_of` gives them."""
     with load_errors(path):
-        _require_file(kind, path)
+        if not (kind in _FOLDERS and Path(path).is_dir()):
+            require_bounded(path, _MOST_OF_MESSAGES if kind in _OF_MESSAGES else _MOST)
         wanted = None if names is None else [f"{prefix}{name}" for name in names]
         if options.get("clock") is not None:
             options["clock"] = f"{prefix}{options['clock']}"
@@ -164,12 +162,6 @@ def require_columns(names: Iterable[str], columns: Mapping[str, Any], known: Ite
             some, hint = ", ".join(repr(other) for other in known[:6]), near(name, known, "Correct the mapping.")
             some = f"{len(known)} others: {some}{', ...' * (len(known) > 6)}" if known else "none"
             raise ValueError(f"column {name!r} must be there; got {some:.220}. {hint}")
-
-
-def _require_file(kind: str, path: str | Path) -> None:
-    if kind in _FOLDERS and Path(path).is_dir():
-        return
-    require_bounded(path, _MOST_OF_MESSAGES if kind in ("mcap", "rosbag2") else _MOST)
 
 
 def _csv(path: str | Path, wanted: Collection[str] | None, prefix: str) -> tuple[list[str], dict[str, NDArray[Any]]]:

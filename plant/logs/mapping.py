@@ -42,14 +42,9 @@ def mapped_names(columns: Mapping[str, Any], units: Mapping[str, Unit] | None) -
 
 
 def record_fields(
-    table: Mapping[str, ArrayLike],
-    *,
-    rig: Rig,
-    columns: Mapping[str, Any],
-    units: Mapping[str, Unit] | None,
-    wrap: ArrayLike | None,
-    reference: Reference | None,
-) -> dict[str, Any]:
+    table: Mapping[str, ArrayLike], *, rig: Rig, columns: Mapping[str, Any], units: Mapping[str, Unit] | None,
+    wrap: ArrayLike | None, reference: Reference | None,
+) -> dict[str, Any]:  # fmt: skip
     """Fields of a record from a table; see `Record.from_table`."""
     names = mapped_names(columns, units)
     instance("rig", rig, Rig, "Pass rig=.")

@@ -189,10 +189,8 @@ class Record(FromFiles, Frozen):
         begin, end = real("begin", begin, "Give seconds of the record's t."), float(end)
         rows = np.flatnonzero((self.t >= begin) & (self.t < end))
         if not len(rows):
-            raise ValueError(
-                f"begin and end must hold samples; none lies from {begin:g} to {end:g} s. The record has "
-                f"{self.t[0]:g} to {self.t[-1]:g} s."
-            )
+            whole = f"The record has {self.t[0]:g} to {self.t[-1]:g} s."
+            raise ValueError(f"begin and end must hold samples; none lies from {begin:g} to {end:g} s. {whole}")
         some, reference = slice(rows[0], rows[-1] + 1), self.reference
         gone = float(self.t[rows[0]] - self.t[0])
         values = {name: getattr(self, name) for name in (*_COLUMNS, "valid")}

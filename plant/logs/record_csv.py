@@ -72,10 +72,8 @@ def read(
 def _plain(table: Floats, rig: Rig) -> dict[str, Floats]:
     n = rig.n
     if table.shape[1] != 1 + 2 * n:
-        got = f"got {table.shape[1]} columns"
-        raise ValueError(
-            f"must hold t, {n} reference and {n} error columns; {got}. Leave out others, or name them with columns=."
-        )
+        got, advice = f"got {table.shape[1]} columns", "Leave out others, or name them with columns=."
+        raise ValueError(f"must hold t, {n} reference and {n} error columns; {got}. {advice}")
     broken = np.argwhere(np.abs(table[:, 1:] - np.trunc(table[:, 1:])) > 0)
     if len(broken) and not rig.encoder.smooth:
         row, column = broken[0] + (0, 1)

@@ -153,8 +153,6 @@ class FromFiles:
             or does not fit the rig. Whatever `Record` refuses.
         """
         given: dict[str, Any] = {"rig": rig, "law": law, "reference": reference, "initial": initial, "name": name}
-        given["columns"] = {
-            field: value if isinstance(value, str) else tuple(value) for field, value in columns.items()
-        }
+        given["columns"] = {key: value if isinstance(value, str) else tuple(value) for key, value in columns.items()}
         fields = record_fields(table, rig=rig, columns=columns, units=units, wrap=wrap, reference=reference)
         return cls(**given | {key: value for key, value in fields.items() if value is not None})

@@ -18,18 +18,10 @@ from plant.parts.arguments import known_options
 
 @known_options
 def read_records(
-    paths: str | Path | Iterable[str | Path],
-    *,
-    rig: Rig | None = None,
-    columns: Mapping[str, Any] | None = None,
-    units: Mapping[str, Any] | None = None,
-    wrap: ArrayLike | None = None,
-    prefix: str = "",
-    law: Law | None = None,
-    reference: Reference | None = None,
-    initial: ArrayLike | None = None,
-    episodes: Iterable[int] | None = None,
-) -> tuple[Record, ...]:
+    paths: str | Path | Iterable[str | Path], *, rig: Rig | None = None, columns: Mapping[str, Any] | None = None,
+    units: Mapping[str, Any] | None = None, wrap: ArrayLike | None = None, prefix: str = "", law: Law | None = None,
+    reference: Reference | None = None, initial: ArrayLike | None = None, episodes: Iterable[int] | None = None,
+) -> tuple[Record, ...]:  # fmt: skip
     """Read several logs of one machine, of any format that `read_table` knows, each as a record.
 
     Parameters

@@ -44,19 +44,19 @@ def require_units(columns: Collection[str], units: Mapping[str, Unit]) -> None:
     for name in units:
         choice("units of a column that is mapped; the column", name, tuple(columns))
     for name in columns:
-        if name in UNITS and len(UNITS[name]) > 1 and name not in units:
-            offered = ", ".join(repr(unit) for unit in UNITS[name])
-            raise ValueError(f"units must state that of {name!r}; got none. Give one of {offered}.")
+        known = UNITS.get(name, ("1",))
         if name not in units:
+            if len(known) > 1:
+                offered = ", ".join(map(repr, known))
+                raise ValueError(f"units must state that of {name!r}; got none. Give one of {offered}.")
             continue
         given = units[name]
         for each in given if isinstance(given, (tuple, list)) else (given,):
-            choice(f"unit of {name!r}", each, UNITS.get(name, ("1",)))
+            choice(f"unit of {name!r}", each, known)
         if isinstance(given, (tuple, list)) and not _PER_JOINT.issuperset(given):
-            known = ", ".join(repr(unit) for unit in UNITS.get(name, ("1",)) if unit in _PER_JOINT) or "none"
-            raise ValueError(
-                f"units of {name!r} may differ between joints among {known}; got {given!r:.60}. State one."
-            )
+            among = ", ".join(repr(unit) for unit in known if unit in _PER_JOINT) or "none"
+            got = f"got {given!r:.60}"
+            raise ValueError(f"units of {name!r} may differ between joints among {among}; {got}. State one.")
 
 
 def require_period(t: Floats, unit: str, period: float) -> None:
@@ -65,15 +65,11 @@ def require_period(t: Floats, unit: str, period: float) -> None:
     if step <= 0 or period / _FACTOR <= step <= period * _FACTOR:
         return
     if period > SLOWEST:
-        raise ValueError(
-            f"rig.period must be in seconds, such as 0.001; it is {period:g} s, and t steps by {step:g} s."
-        )
-    for other, per in TIME.items():
-        if period / _FACTOR <= step * TIME[unit] / per <= period * _FACTOR:
-            raise ValueError(
-                f"t in {unit!r} has a step of {step:g} s; rig.period is {period:g} s. {other!r} would fit."
-            )
-    raise ValueError(f"t in {unit!r} has a step of {step:g} s; rig.period is {period:g} s. Give the rig the log's.")
+        got = f"it is {period:g} s, and t steps by {step:g} s"
+        raise ValueError(f"rig.period must be in seconds, such as 0.001; {got}.")
+    fits = [name for name, per in TIME.items() if period / _FACTOR <= step * TIME[unit] / per <= period * _FACTOR]
+    advice = f"{fits[0]!r} would fit." if fits else "Give the rig the log's."
+    raise ValueError(f"t in {unit!r} has a step of {step:g} s; rig.period is {period:g} s. {advice}")
 
 
 def require_span(name: str, q: Floats, unit: Unit, labels: Sequence[str]) -> None:

@@ -98,13 +98,9 @@ class Lumping(Part):
 
     @classmethod
     def from_equation(
-        cls,
-        equation: Callable[..., dict[str, Any]],
-        links: int,
-        *,
-        inertial: Collection[str],
+        cls, equation: Callable[..., dict[str, Any]], links: int, *, inertial: Collection[str],
         gravitational: Collection[str],
-    ) -> Lumping:
+    ) -> Lumping:  # fmt: skip
         """Read B off an equation for f in physical parameters.
 
         Parameters
@@ -129,13 +125,8 @@ class Lumping(Part):
         lumped = values(trial.ravel()).full().ravel()
         if not np.allclose(matrix @ standard_parameters(bodies), lumped, rtol=1e-12):
             raise ValueError("equation must be linear in masses, first moments and inertias; it is not. Correct it.")
-        names = tuple(f)
-        return cls(
-            names=names,
-            matrix=matrix,
-            inertial=tuple(name in inertial for name in names),
-            gravitational=tuple(name in gravitational for name in names),
-        )
+        inert, heavy = (tuple(name in those for name in f) for those in (inertial, gravitational))
+        return cls(names=tuple(f), matrix=matrix, inertial=inert, gravitational=heavy)
 
     def inertial_section(self) -> Floats:
         """Standard parameters (11 n, p) of links with the inertial torque of each f."""

@@ -29,15 +29,6 @@ _ZERO = {  # attribute that must be zero -> what it would be
 }
 
 
-@dataclasses.dataclass
-class _Compiler:
-    """Settings of the compiler element."""
-
-    degrees: bool = True
-    sequence: str = "xyz"
-    autolimits: bool = True
-
-
 def read_mjcf(path: str | Path) -> ModelFile:
     """An MJCF file: bodies as links, joints (bodies without one are fixed), and the places of their elements."""
     root, data = parsed(path, "mujoco", "MJCF")
@@ -90,17 +81,15 @@ class _Reader:
     """Walks through the bodies, with the compiler's settings and the default classes of joints."""
 
     def __init__(self, root: Element, model: ModelFile) -> None:
-        self.model, self.settings, self.unnamed = model, _Compiler(), itertools.count(1)
+        self.model, self.unnamed = model, itertools.count(1)
+        self.degrees, self.sequence, self.autolimits = True, "xyz", True
         self.defaults: dict[str, dict[str, str]] = {"main": {}}
         for element in root.all("compiler"):
             get = element.attributes.get
-            self.settings.degrees = (
-                choice("angle of <compiler>", get("angle", "degree"), ("degree", "radian")) == "degree"
-            )
-            self.settings.sequence = get("eulerseq", "xyz")
-            self.settings.autolimits = get("autolimits", "true") == "true"
-            if len(self.settings.sequence) != 3 or set(self.settings.sequence.lower()) - set("xyz"):
-                raise ValueError(f"eulerseq must be three of xyz or XYZ; got {self.settings.sequence!r}. Correct it.")
+            self.degrees = choice("angle of <compiler>", get("angle", "degree"), ("degree", "radian")) == "degree"
+            self.sequence, self.autolimits = get("eulerseq", "xyz"), get("autolimits", "true") == "true"
+            if len(self.sequence) != 3 or set(self.sequence.lower()) - set("xyz"):
+                raise ValueError(f"eulerseq must be three of xyz or XYZ; got {self.sequence!r}. Correct it.")
             if get("inertiafromgeom", "auto") == "true":
                 raise ValueError("inertiafromgeom must not be true: geoms are not read. Give each body its <inertial>.")
             if get("balanceinertia", "false") == "true" or get("coordinate", "local") != "local":
@@ -117,7 +106,7 @@ class _Reader:
             self._class(child, self.defaults[name], child.attributes.get("class", ""))
 
     def _pose(self, element: Element, where: str) -> Placement:
-        rotation = rotation_of(element, where, degrees=self.settings.degrees, sequence=self.settings.sequence)
+        rotation = rotation_of(element, where, degrees=self.degrees, sequence=self.sequence)
         return Placement(rotation=rotation, position=numbers_of(element, "pos", 3, "0 0 0", where))
 
     def children(self, element: Element, parent: str, inherited: str, *, moves: bool) -> None:
@@ -160,16 +149,14 @@ class _Reader:
         kind = element.attributes.get("type", "hinge")
         if kind not in ("hinge", "slide"):
             raise ValueError(f"{where} must be a hinge or a slide; it is <joint type={kind!r}>. Replace it by hinges.")
-        unit = np.pi / 180 if kind == "hinge" and self.settings.degrees else 1.0
+        unit = np.pi / 180 if kind == "hinge" and self.degrees else 1.0
         axis = numbers_of(element, "axis", 3, "0 0 1", where)
         if np.linalg.norm(axis) < 1e-6:
             raise ValueError(f"{where} must have an axis that is not zero; got {axis.tolist()}. Correct it.")
         x, y, z = numbers_of(element, "pos", 3, "0 0 0", where)
-        limited = element.attributes.get("limited", "auto")
         lower, upper = numbers_of(element, "range", 2, "0 0", where) * unit
-        if limited == "false" or (
-            limited == "auto" and not (self.settings.autolimits and "range" in element.attributes)
-        ):
+        limited, known = element.attributes.get("limited", "auto"), self.autolimits and "range" in element.attributes
+        if limited == "false" or (limited == "auto" and not known):
             lower, upper = -math.inf, math.inf
         force = max(np.abs(numbers_of(element, "actuatorfrcrange", 2, "0 0", where)))
         return ModelJoint(

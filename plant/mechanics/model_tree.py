@@ -1,6 +1,7 @@
 """A model file as a tree of links and joints, and the chain that lies in it; fixed joints lumped."""
 
 import dataclasses
+import graphlib
 from collections import Counter
 from collections.abc import Collection, Sequence
 from itertools import pairwise
@@ -115,15 +116,11 @@ def _require_tree(bodies: dict[str, Body | None], joints: dict[str, ModelJoint])
                 "Only trees can be read."
             )
         parents[joint.child] = joint
-    sound: set[str] = set()
-    for name in bodies:
-        seen, link = dict[str, None](), name
-        while link in parents and link not in sound:
-            if link in seen:
-                raise ValueError(f"links must form a tree; {name} hangs on itself. Remove a joint of the loop.")
-            seen[link] = None
-            link = parents[link].parent
-        sound.update(seen)
+    try:
+        graphlib.TopologicalSorter({child: [joint.parent] for child, joint in parents.items()}).prepare()
+    except graphlib.CycleError as error:
+        name = error.args[1][0]
+        raise ValueError(f"links must form a tree; {name} hangs on itself. Remove a joint of the loop.") from None
 
 
 def _chosen(every: dict[str, ModelJoint], names: Sequence[str] | None) -> list[ModelJoint]:

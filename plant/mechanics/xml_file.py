@@ -55,10 +55,7 @@ class Element:
             if match[1].decode() == name:
                 start, stop = match.span(2)
                 if value is None:
-                    before = match.start()
-                    while data[before - 1 : before].isspace():
-                        before -= 1
-                    return before, stop, b""
+                    return len(data[: match.start()].rstrip()), stop, b""
                 return start, stop, quoteattr(value).encode()
         place = self.start + 1 + len(self.tag.encode())
         return place, place, b"" if value is None else f" {name}={quoteattr(value)}".encode()
@@ -72,12 +69,9 @@ class Element:
                 return place, self.stop, b">" + text.encode() + b"</" + name + b">"
             return self.opened, self.opened, text.encode()
         neighbour = self.children[0 if first else -1]
-        before = neighbour.start
-        while data[before - 1 : before].isspace():
-            before -= 1
-        space = data[before : neighbour.start]
+        before = len(data[: neighbour.start].rstrip())
         place = before if first else neighbour.stop
-        return place, place, space + text.encode()
+        return place, place, data[before : neighbour.start] + text.encode()
 
 
 def parsed(path: str | Path, root_tag: str | None, what: str, data: bytes | None = None) -> tuple[Element, bytes]:

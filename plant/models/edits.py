@@ -88,14 +88,17 @@ def urdf_friction(data: bytes, joint: Element, viscous: float, coulomb: float) -
 def mjcf_inertial(data: bytes, body_element: Element, body: Body) -> list[Edit]:
     """Edits that give an MJCF body this body, with a full inertia in the body's own axes."""
     inertial = body_element.find("inertial")
-    full = _text(body.inertia[list(FULL)])
     if inertial is None:
-        text = f'<inertial pos="{_text(body.com)}" mass="{_text(body.mass)}" fullinertia="{full}"/>'
-        return [body_element.child_edit(data, text, first=True)]
+        return [body_element.child_edit(data, _mjcf_inertial_text(body), first=True)]
     values: dict[str, str | None] = dict.fromkeys((*ORIENTATIONS, "diaginertia"))
-    values |= {"pos": _text(body.com), "mass": _text(body.mass), "fullinertia": full}
+    values |= {"pos": _text(body.com), "mass": _text(body.mass), "fullinertia": _text(body.inertia[list(FULL)])}
     there = inertial.attributes
     return [inertial.attribute_edit(data, key, value) for key, value in values.items() if value or key in there]
+
+
+def _mjcf_inertial_text(body: Body) -> str:
+    full = _text(body.inertia[list(FULL)])
+    return f'<inertial pos="{_text(body.com)}" mass="{_text(body.mass)}" fullinertia="{full}"/>'
 
 
 def mjcf_joint(data: bytes, joint: Element, values: dict[str, float]) -> list[Edit]:
@@ -130,9 +133,7 @@ def mjcf_text(
         lines.append(f"{indent}<body name={quoteattr(link)}{placed}>")
         body = bodies.get(link, model.bodies[link])
         if body is not None:
-            full = _text(body.inertia[list(FULL)])
-            numbers = f'pos="{_text(body.com)}" mass="{_text(body.mass)}" fullinertia="{full}"'
-            lines.append(f"{indent}  <inertial {numbers}/>")
+            lines.append(f"{indent}  {_mjcf_inertial_text(body)}")
         if joint is not None and joint.name in values:
             lines.append(f"{indent}  {_mjcf_joint_text(joint, values[joint.name])}")
         for other in model.joints.values():

@@ -62,10 +62,11 @@ _PRODUCTS = ((0, 1), (0, 2), (1, 2))
 def without_mistakes(given: Stated) -> Iterator[tuple[str, Stated]]:
     """Each mistake in words, and the inertial without it."""
     m, c, I = given.mass, given.com, given.inertia  # noqa: E741 - the field's letter
+    moments, orders = np.diag(np.diag(I)), [list(order) for order in itertools.permutations(range(3))][1:]
     if m < 0 or (np.diag(I) < 0).any():
-        signs = (abs(m), I * (1 - 2 * (np.trace(I) < 0)))
-        yield "a negative mass or inertia", dataclasses.replace(given, mass=signs[0], inertia=signs[1])
-        whole = I - np.diag(np.diag(I)) + np.diag(np.abs(np.diag(I)))
+        turned = I * (1 - 2 * (np.trace(I) < 0))
+        yield "a negative mass or inertia", dataclasses.replace(given, mass=abs(m), inertia=turned)
+        whole = I - moments + np.abs(moments)
         yield "a negative moment of inertia", dataclasses.replace(given, mass=abs(m), inertia=whole)
     for words, mass, length, inertia in _UNITS:
         yield words, dataclasses.replace(given, mass=m * mass, com=c * length, inertia=I * inertia)
@@ -74,21 +75,14 @@ def without_mistakes(given: Stated) -> Iterator[tuple[str, Stated]]:
     if np.abs(about).max() > 1e-9 * np.abs(I).max():
         yield "inertia about the link's frame, not the centre of mass", dataclasses.replace(given, inertia=I - about)
     products = np.array([I[place] for place in _PRODUCTS])
-    if not products.any():
-        products = np.zeros(0)
-    for signs3 in itertools.product((1, -1), repeat=3) if len(products) else ():
-        if min(signs3) < 0:
-            yield "products of inertia of the wrong sign", _with(given, products * np.array(signs3))
-    for order in itertools.permutations(range(3)) if len(products) else ():
-        if order != (0, 1, 2):
-            yield "products of inertia in another order", _with(given, products[list(order)])
-    for order in itertools.permutations(range(3)):
-        if order != (0, 1, 2):
-            diagonal = np.diag(np.diag(I)[list(order)])
-            yield (
-                "moments of inertia in another order",
-                dataclasses.replace(given, inertia=I - np.diag(np.diag(I)) + diagonal),
-            )
+    if products.any():
+        for signs in [*itertools.product((1, -1), repeat=3)][1:]:
+            yield "products of inertia of the wrong sign", _with(given, products * np.array(signs))
+        for order in orders:
+            yield "products of inertia in another order", _with(given, products[order])
+    for order in orders:
+        exchanged = I - moments + np.diag(np.diag(I)[order])
+        yield "moments of inertia in another order", dataclasses.replace(given, inertia=exchanged)
     for k, factor in itertools.product(range(3), (0.1, 0.01, 10.0, 100.0)):
         slipped = I.copy()
         slipped[k, k] *= factor
@@ -142,10 +136,8 @@ def shape_of(link: Element) -> Shape | None:
         if found and len(found) == len(link.all(tag)):
             volume = sum(shape.volume for shape in found)
             centre = sum((shape.volume * shape.centre for shape in found), np.zeros(3)) / volume
-            spread = sum(
-                (s.volume * (s.spread + np.outer(s.centre - centre, s.centre - centre)) for s in found),
-                np.zeros((3, 3)),
-            )
+            apart = [np.outer(shape.centre - centre, shape.centre - centre) for shape in found]
+            spread = sum((s.volume * (s.spread + r) for s, r in zip(found, apart, strict=True)), np.zeros((3, 3)))
             low, high = np.array([each.corners for each in found]).swapaxes(0, 1)
             return Shape(volume, centre, spread / volume, np.array([low.min(axis=0), high.max(axis=0)]))
     return None

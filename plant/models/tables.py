@@ -2,7 +2,6 @@
 
 import dataclasses
 import difflib
-import functools
 import json
 import math
 import re
@@ -11,37 +10,21 @@ from typing import Any
 
 from plant.parts.arguments import near
 from plant.parts.kinds import PARTS, kind_of
+from plant.parts.meanings import meanings
 from plant.parts.part import Part
 from plant.parts.plain import from_plain
 
-_HEAD = re.compile(r"^    (\w+(?:, \w+)*) : .*$")
 _UNIT = re.compile(r"\[([^\]]*)\]")
-
-
-@functools.cache
-def _meanings(cls: type) -> dict[str, str]:
-    """Field -> its description, in one line."""
-    found: dict[str, str] = {}
-    names: list[str] = []
-    for line in "\n".join(base.__doc__ or "" for base in reversed(cls.__mro__) if issubclass(base, Part)).splitlines():
-        if head := _HEAD.match(line):
-            names = head[1].split(", ")
-            found |= dict.fromkeys(names, "")
-        elif line.startswith("        ") and names:
-            found |= {name: f"{found[name]} {line.strip()}".strip() for name in names}
-        elif line.strip():
-            names = []
-    return found
 
 
 def meaning_of(cls: type, field: str) -> str:
     """The first sentence of what a field means; empty where nothing is said."""
-    return re.split(r"(?<=[^.])\.(?:\s|$)", _meanings(cls).get(field, ""), maxsplit=1)[0]
+    return re.split(r"(?<=[^.])\.(?:\s|$)", meanings(cls).get(field, ""), maxsplit=1)[0]
 
 
 def unit_of(cls: type, field: str) -> str:
     """What the brackets of its description hold; empty where there are none."""
-    match = _UNIT.search(_meanings(cls).get(field, ""))
+    match = _UNIT.search(meanings(cls).get(field, ""))
     return match[1] if match else ""
 
 
@@ -193,21 +176,17 @@ def _key(key: str) -> str:
     return key if _BARE.fullmatch(key) else _text(key)
 
 
-def _text(value: str) -> str:
+def _text(value: str | int) -> str:
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int):
-        return str(value)
+    if isinstance(value, (bool, int, str)):
+        return _text(value)
     if isinstance(value, float):
         if math.isnan(value):
             raise ValueError("a robot file must hold numbers; got NaN. Give its value.")
         return repr(value)
-    if isinstance(value, str):
-        return _text(value)
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{_key(key)} = {_value(each)}" for key, each in value.items()) + "}"
     if isinstance(value, (list, tuple)):

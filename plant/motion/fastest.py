@@ -49,17 +49,9 @@ _LEAST, _MOST = 1e-8, 1e8
 
 @known_options
 def fastest(
-    arm: Arm,
-    rig: Rig,
-    reference: Reference,
-    *,
-    share: float = 0.9,
-    motor_speed: ArrayLike | None = None,
-    torque_rate: ArrayLike | None = None,
-    limits: Limits | None = None,
-    intervals: int = 120,
-    uniform: bool = False,
-) -> Scaled:
+    arm: Arm, rig: Rig, reference: Reference, *, share: float = 0.9, motor_speed: ArrayLike | None = None,
+    torque_rate: ArrayLike | None = None, limits: Limits | None = None, intervals: int = 120, uniform: bool = False,
+) -> Scaled:  # fmt: skip
     """Time-optimal motion along the path of a reference under the amplifiers' limits.
 
     Parameters
@@ -134,24 +126,10 @@ def fastest(
     x = ca.SX.sym("x", spline.count)
     b, a = unit * (spline.matrix(0) @ x), unit / 2 * (spline.matrix(1) @ x)
     v = ca.sqrt(b + _LEAST * unit * 1e-3)  # whose slope is finite where the motion starts from rest
-    limited = _limited(
-        needed, spline.places, a, v, share * rig.drive.torque_limit(), steepest, fastest_motor, speed_limit
-    )
+    allowed = share * rig.drive.torque_limit()
+    limited = _limited(needed, spline.places, a, v, allowed, steepest, fastest_motor, speed_limit)
     problem = {"x": x, "f": ca.dot(spline.weights, 1 / v) / shortest, "g": limited}
-    ipopt: dict[str, Any] = {"print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-7}
-    solver = ca.nlpsol("fastest", "ipopt", problem, {"print_time": False, "ipopt": ipopt})
-    least, most = np.full(spline.count, _LEAST), np.full(spline.count, _MOST)
-    speed = np.linalg.norm(motion.qd, axis=1)
-    for end in (0, -1):
-        if speed[end] > _REST * speed.max():
-            least[end] = most[end] = 0.0
-    found = solver(x0=0.9, lbx=least, ubx=most, lbg=-1, ubg=1)
-    if not solver.stats()["success"]:
-        raise ValueError(
-            f"path must have a time law; with {intervals} intervals none was found, {solver.stats()['return_status']}. "
-            "Try fewer, or a smoother path."
-        )
-    law = spline.law(reference, unit * found["x"].full().ravel())
+    law = spline.law(reference, unit * _solved(problem, motion, intervals))
     fine = np.linspace(0.0, law.duration, 10 * len(law.times))
     qd = law(fine).qd
     too_fast = max(np.abs(rig.drive.motor_angle(qd) / fastest_motor).max(), np.abs(qd / speed_limit).max())
@@ -159,16 +137,26 @@ def fastest(
     return law.slowed(longer) if longer > 1 else law
 
 
+def _solved(problem: dict[str, ca.SX], motion: Motion, intervals: int) -> Floats:
+    """The best coefficients; those at an end are zero where the motion does not begin or end at rest."""
+    ipopt: dict[str, Any] = {"print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-7}
+    solver = ca.nlpsol("fastest", "ipopt", problem, {"print_time": False, "ipopt": ipopt})
+    least, most = (np.full(problem["x"].shape[0], bound) for bound in (_LEAST, _MOST))
+    speed = np.linalg.norm(motion.qd, axis=1)
+    for end in (0, -1):
+        if speed[end] > _REST * speed.max():
+            least[end] = most[end] = 0.0
+    found = solver(x0=0.9, lbx=least, ubx=most, lbg=-1, ubg=1)
+    if not solver.stats()["success"]:
+        got = f"with {intervals} intervals none was found, {solver.stats()['return_status']}"
+        raise ValueError(f"path must have a time law; {got}. Try fewer, or a smoother path.")
+    return np.asarray(found["x"].full().ravel())
+
+
 def _limited(
-    needed: Demand,
-    places: Floats,
-    a: ca.SX,
-    v: ca.SX,
-    limit: Floats,
-    torque_rate: Floats,
-    motor_speed: Floats,
+    needed: Demand, places: Floats, a: ca.SX, v: ca.SX, limit: Floats, torque_rate: Floats, motor_speed: Floats,
     joint_speed: Floats,
-) -> ca.SX:
+) -> ca.SX:  # fmt: skip
     """Constraints within ±1, over their bounds: torque, its rate, speeds of motors and joints (n, at N places)."""
     drive = needed.rig.drive
     speeds = zip(needed.along, ca.vertsplit(v), strict=True)

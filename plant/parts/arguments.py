@@ -137,20 +137,15 @@ def known_options(callable_: C) -> C:
             takes = f"{callable_.__name__} takes ({', '.join(keywords)})"
             raise ValueError(f"{takes}; this call does not fit: {error}. Name the arguments.") from None
 
-    if inspect.isclass(callable_):
-        initialise = callable_.__init__
+    is_class = inspect.isclass(callable_)
+    wrapped = callable_.__init__ if is_class else callable_
 
-        @functools.wraps(initialise)
-        def __init__(self, *args, **kwargs):
-            verify(args, kwargs)
-            initialise(self, *args, **kwargs)
-
-        callable_.__init__ = __init__  # type: ignore[method-assign]  # of whatever class
-        return callable_
-
-    @functools.wraps(callable_)
+    @functools.wraps(wrapped)
     def wrapper(*args, **kwargs):
-        verify(args, kwargs)
-        return callable_(*args, **kwargs)
+        verify(args[is_class:], kwargs)  # without self
+        return wrapped(*args, **kwargs)
 
-    return wrapper  # type: ignore[return-value]  # has the signature of what it wraps
+    if not is_class:
+        return wrapper  # type: ignore[return-value]  # has the signature of what it wraps
+    callable_.__init__ = wrapper  # type: ignore[method-assign]  # of whatever class
+    return callable_

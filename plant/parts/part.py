@@ -18,6 +18,7 @@ import numpy as np
 
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.fields import ArrayOrSymbols, Floats
+from plant.parts.frozen import Frozen
 from plant.parts.kinds import PARTS, kind_of
 from plant.parts.saved import Saved
 
@@ -202,11 +203,7 @@ class Part(Saved):
         """The fields alone: symbols and compiled functions are worked out again where the copy is."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        for name, value in state.items():
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)
-            object.__setattr__(self, name, value)
+    __setstate__ = Frozen.__setstate__
 
     def __eq__(self, other: object) -> bool:
         return self is other or (type(self) is type(other) and self.describe() == other.describe())

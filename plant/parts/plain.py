@@ -123,11 +123,8 @@ def _array(rows: Any, dtype: Any, shape: Any) -> Any:
 
 
 def _leaves(rows: Any) -> Any:
-    if isinstance(rows, list):
-        if not any(isinstance(row, list) for row in rows):
-            yield from rows
-            return
-        for row in rows:
+    for row in rows if isinstance(rows, list) else [rows]:
+        if isinstance(row, list):
             yield from _leaves(row)
-    else:
-        yield rows
+        else:
+            yield row

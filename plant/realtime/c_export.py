@@ -20,6 +20,7 @@ from plant.machine.rig import Rig
 from plant.parts.arguments import instance
 from plant.realtime.c_running import write_running
 from plant.realtime.c_text import (
+    SIDES,
     Output,
     braced,
     constant,
@@ -71,9 +72,10 @@ def _values(law, rig, output):
     unread = [x for x in ("pulses", "q_r", "qd_r", "qdd_r") if not any(f"{x}[" in name for name in used)]
     unread = [" ".join(f"(void){x};" for x in unread)] if unread else []
     body = "\n\n".join([*blocks, "\n".join(arrays), *unread])
-    numbers = [constants(law, rig, used), output.constant]
-    if "period" in used:
-        numbers.insert(1, constant("period", period, "From one step to the next [s]."))
+    timing = constant("period", period, "From one step to the next [s].") if "period" in used else ""
+    memory = (("torque", n, "0.0", "torque_now"), ("counts", n * counted, "0", "counts_now"),
+              ("state", states, "state[i]", "following"))  # fmt: skip
+    stores = "".join(each(size, f"self->{name}[i] = {now}[i];") for name, size, _, now in memory)
     start = f"static const double state[{states}] = {braced(block.initial)};\n"
     return output.values | {
         "n": n,
@@ -81,20 +83,13 @@ def _values(law, rig, output):
         "about": _about(law, rig, block),
         "state": (f"    int32_t counts[{n}]; /* of the converter, for it */\n" if counted else "")
         + (f"    double state[{states}]; /* of the law */\n" if states else ""),
-        "numbers": "\n".join(text for text in numbers if text),
+        "numbers": "\n".join(text for text in (constants(law, rig, used), timing, output.constant) if text),
         "helpers": SIGN if re.search(r"\bsign\(", body) else "",
         "start": textwrap.indent(start, "    ") if states else "",
-        "initial": each(n, "self->torque[i] = 0.0;")
-        + each(n * counted, "self->counts[i] = 0;")
-        + each(states, "self->state[i] = state[i];"),
+        "initial": "".join(each(size, f"self->{name}[i] = {begun};") for name, size, begun, _ in memory),
         "body": textwrap.indent(body, "    "),
         "check": each(states, "sound = sound && isfinite(following[i]);"),
-        "store": textwrap.indent(
-            each(n, "self->torque[i] = torque_now[i];")
-            + each(n * counted, "self->counts[i] = counts_now[i];")
-            + each(states, "self->state[i] = following[i];"),
-            "    ",
-        ),
+        "store": textwrap.indent(stores, "    "),
     }
 
 
@@ -132,9 +127,5 @@ def _about(law, rig, block):
     called = f"Once every {block.period or rig.period:.9g} s."
     if not law.has_memory(rig.n):
         called = "A law without memory, for fast hardware: as often as possible, at least once per period."
-    said = [
-        f"{type(law).__name__}{f' ({flags})' if flags else ''}: {summary}",
-        f"{called} Counts are those of the motors' encoders, with their sign; reference and torque are joint side, SI "
-        "units. Compile without -ffast-math, which would leave NaN unseen.",
-    ]
-    return "\n *\n".join(paragraph(text) for text in said)
+    said = f"{type(law).__name__}{f' ({flags})' if flags else ''}: {summary}"
+    return "\n *\n".join(map(paragraph, (said, f"{called} {SIDES}")))

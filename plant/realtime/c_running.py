@@ -19,7 +19,7 @@ from plant.compiler.python_to_c import CFunction, CNames
 from plant.machine.rig import Rig
 from plant.realtime import memory as layout
 from plant.realtime import safety, stopping, watching
-from plant.realtime.c_text import Output, braced, comment, paragraph, require_counts, require_name, write_files
+from plant.realtime.c_text import SIDES, Output, braced, comment, paragraph, require_counts, require_name, write_files
 from plant.realtime.compiled_step import initial_memory
 from plant.realtime.guards import Guards
 from plant.realtime.pieces import RAMP, numbers_of, pieces_of
@@ -65,9 +65,7 @@ def constants_of_logic() -> str:
                 whole.append(f"{name} = {value}")
             elif isinstance(value, float):
                 real.append(f"static const double {name} = {literal(value)};")
-    listed = textwrap.fill(
-        ", ".join(whole), 112, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False
-    )
+    listed = textwrap.indent(textwrap.fill(", ".join(whole), 108, break_on_hyphens=False), "    ")
     return f"enum {{\n{listed}\n}};\n" + "\n".join(real) + "\n"
 
 
@@ -92,11 +90,7 @@ def write_running(law: Any, rig: Rig, guards: Guards | None, folder: str | Path,
     memory, pieces = initial_memory(law, rig, block, guards), pieces_of(law, rig, block)
     body = "\n".join([*(_piece(which, *pieces[which]) for which in pieces), _giving(given, law, rig, block)])
     limits = "guards and stop" if guards is not None else "stop, without guards"
-    about = (
-        f"{type(law).__name__}, with the {limits} of the running controller. Counts are those of the motors' encoders, "
-        "with their sign; reference and torque are joint side, SI units. Compile without -ffast-math, which would "
-        "leave NaN unseen."
-    )
+    about = f"{type(law).__name__}, with the {limits} of the running controller. {SIDES}"
     causes = [(cause, getattr(layout, cause)) for cause in _CAUSES]
     values = {
         "n": n, "period": literal(block.period or rig.period), "prefix": PREFIX, "size": len(memory),

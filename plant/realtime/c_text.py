@@ -3,7 +3,6 @@
 The numbers of a law and its rig are declared each under its description from the class's docstring.
 """
 
-import inspect
 import re
 import textwrap
 from collections.abc import Collection, Iterable, Mapping
@@ -18,9 +17,12 @@ from numpy.typing import NDArray
 from plant.compiler.c_statements import literal
 from plant.machine.rig import Rig
 from plant.parts.arguments import array, choice, real
+from plant.parts.meanings import meanings
 from plant.version import __version__
 
 _TEMPLATES = Path(__file__).with_name("c")
+SIDES = """Counts are those of the motors' encoders, with their sign; reference and torque are joint side, SI units.
+Compile without -ffast-math, which would leave NaN unseen."""
 
 
 def write_files(folder: str | Path, name: str, kind: str, values: Mapping[str, Any]) -> None:
@@ -73,9 +75,8 @@ class Output(NamedTuple):
         """From the arguments of `Law.to_c`; refused where the converter ends below the amplifier's limit."""
         if choice("output", output, ("torque", "dac")) == "torque":
             if counts_per_ampere is not None:
-                raise ValueError(
-                    "counts_per_ampere must be left out for output='torque'; got one. Choose output='dac'."
-                )
+                rule = "be left out for output='torque'; got one"
+                raise ValueError(f"counts_per_ampere must {rule}. Choose output='dac'.")
             return cls(None, largest_count)
         advice = "Give one number per joint, with the sign of its wiring."
         scale = array("counts_per_ampere", counts_per_ampere, (rig.n,), advice=advice)
@@ -83,9 +84,8 @@ class Output(NamedTuple):
             raise ValueError(f"counts_per_ampere must not be zero; got {scale}. {advice}")
         real("largest_count", largest_count, "32767 is that of 16 bits.", positive=True)
         if largest_count != int(largest_count) or largest_count > 2**31 - 1:
-            raise ValueError(
-                f"largest_count must be whole and below 2^31; got {largest_count}. 32767 is that of 16 bits."
-            )
+            usual = "32767 is that of 16 bits."
+            raise ValueError(f"largest_count must be whole and below 2^31; got {largest_count}. {usual}")
         short = np.flatnonzero(largest_count / np.abs(scale) < rig.drive.current_limit)
         if len(short):
             joint = int(short[0])
@@ -185,13 +185,7 @@ def constants(law: Any, rig: Rig, used: Collection[str]) -> str:
 
 def _said(owner: Any, field: str) -> str:
     """Description of a field from the docstring of a part, or of a base class; of f with its parameters' names."""
-    for cls in type(owner).__mro__:
-        text = inspect.cleandoc(cls.__doc__ or "") + "\n"
-        entry = re.search(rf"^(?:\w+, )*{field}(?:, \w+)* : .*\n((?:[ \t]+\S.*\n|\n(?=[ \t]))+)", text, re.MULTILINE)
-        if entry:
-            said = entry[1]
-            break
-    else:
-        said = f"{field} of {type(owner).__name__}"
+    cls: type = type(owner)
+    said = meanings(cls).get(field) or f"{field} of {cls.__name__}"
     names = getattr(getattr(owner, "dynamics", None), "names", None)
     return f"{said} {', '.join(names)}" if names and field == "f" else said

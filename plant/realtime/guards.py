@@ -28,6 +28,10 @@ _TURNS = 5.0
 
 STOPS = ("hold", "gravity", "zero")
 
+_POSITIVE = dict.fromkeys(("jump", "stuck", "error", "late"), "Give pulses; np.inf switches it off.")
+_POSITIVE |= dict.fromkeys(("rest", "speed", "torque_rate", "rhythm", "braking"), "Give a number.")
+"""What is above zero where it is given -> what to give."""
+
 
 @known_options
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -131,29 +135,25 @@ class Guards:
             for name, value in (("position", (of.lower, of.upper)), ("speed", of.velocity)):
                 if getattr(self, name) is None:
                     object.__setattr__(self, name, value)
-        for name in ("jump", "stuck", "error", "late"):
-            value = getattr(self, name)
-            if value is None and name != "late":
+        for name, advice in _POSITIVE.items():
+            value, single = getattr(self, name), name in ("rhythm", "braking")
+            if value is None and not single and name != "late":
                 continue
-            given = array(name, value, np.shape(value)[:1], finite=False, advice="Give pulses; np.inf switches it off.")
-            if not (given > 0).all():
+            shape = () if single else np.shape(value)[:1]
+            if not (array(name, value, shape, finite=False, advice=advice) > 0).all():
                 raise ValueError(f"{name} must be positive; got {value}. np.inf switches it off.")
         for name in ("saturation", "chatter"):
-            self._share(name)
+            value, advice = getattr(self, name), "Give a share of the limit; np.inf switches it off."
+            given = array(name, np.inf if value is None else value, np.shape(value)[:1], finite=False, advice=advice)
+            if not ((given > 0) & ((given <= 1) | (given == np.inf))).all():
+                raise ValueError(f"{name} must be above 0 and at most 1; got {value}. {advice}")
         if isinstance(self.patience, bool) or not isinstance(self.patience, (int, np.integer)) or self.patience < 0:
             raise ValueError(f"patience must be a whole number of samples, 0 or more; got {self.patience!r}. Try 3.")
         if np.ndim(self.late):
             raise ValueError(f"late must be one number; got {self.late}. Give a share of the period.")
         choice("stop", self.stop, STOPS)
         real("duration", self.duration, "Give seconds.", positive=True)
-        for name in ("rest", "speed", "torque_rate", "rhythm", "braking"):
-            value = getattr(self, name)
-            single = name in ("rhythm", "braking")
-            if value is None and not single:
-                continue
-            given = array(name, value, () if single else np.shape(value)[:1], finite=False, advice="Give a number.")
-            if not (given > 0).all():
-                raise ValueError(f"{name} must be positive; got {value}. np.inf switches it off.")
+
         if not (self.rhythm < 1 or self.rhythm == np.inf):
             raise ValueError(f"rhythm must be below 1; got {self.rhythm}. np.inf switches it off.")
         if self.position is not None:
@@ -209,12 +209,6 @@ class Guards:
         """Limits of time at the torque limit [s] and of the torque's swing, on the shaft [N m]: (2, n)."""
         share, swing = (self._each(name, np.full(rig.n, np.inf)) for name in ("saturation", "chatter"))
         return np.array([share * WINDOW, swing * rig.drive.torque_limit()])
-
-    def _share(self, name: str) -> None:
-        value, advice = getattr(self, name), "Give a share of the limit; np.inf switches it off."
-        given = array(name, np.inf if value is None else value, np.shape(value)[:1], finite=False, advice=advice)
-        if not ((given > 0) & ((given <= 1) | (given == np.inf))).all():
-            raise ValueError(f"{name} must be above 0 and at most 1; got {value}. {advice}")
 
     def _each(self, name: str, default: NDArray[np.float64]) -> NDArray[np.float64]:
         value = getattr(self, name)

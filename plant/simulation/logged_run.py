@@ -2,6 +2,7 @@
 
 import functools
 import math
+from collections.abc import Sequence
 from typing import Any, NoReturn
 
 import casadi as ca
@@ -18,70 +19,50 @@ def by_casadi(
     loop: ClosedLoop, tables: tuple[Floats, ...], state: Floats, numbers: Floats
 ) -> tuple[Floats, int, Floats, Floats]:
     """Final state, steps done, log and true errors: `mapaccum` over whole periods of law and log, then the rest."""
-    law_time, sample_time, step_time = tables
-    per_sample, per_law = loop.steps_per_sample, loop.steps_per_law
+    per_sample, per_law, steps = loop.steps_per_sample, loop.steps_per_law, len(tables[-1])
     chunk = math.lcm(per_sample, per_law or per_sample)
-    chunks, n = len(step_time) // chunk, loop.n
-    law_rows, sample_rows = (chunk // per_law if per_law else 0), chunk // per_sample
-    logs: list[Floats] = []
-    errors: list[Floats] = []
-    done = 0
-
-    def accumulate(count: int, state: Floats) -> Floats:
-        nonlocal done
-        start = done // chunk
-        arguments = [
-            _columns(table, start * rows, count * rows)
-            for table, rows in ((law_time, law_rows), (sample_time, sample_rows), (step_time, chunk))
-        ]
-        repeated = _repeated(Structure(loop), chunk, count)
-        states, log, error = repeated(state, *arguments, np.repeat(numbers[:, None], count, axis=1))
-        logs.append(log.full().T.reshape(-1, loop.n_log))
-        errors.append(error.full().T.reshape(-1, n))
-        done += count * chunk
-        return states.full()[:, -1]
-
+    chunks, left = divmod(steps, chunk)
+    done = chunks * (chunk // per_law if per_law else 0), chunks * chunk // per_sample, chunks * chunk
+    parts: list[Any] = []
     if chunks:
-        state = accumulate(chunks, state)
-    for i in range(done, len(step_time)):
-        if loop.law_step is not None and i % per_law == 0:
-            state = loop.law_step(state, law_time[i // per_law], numbers).full()[:, 0]
-        if i % per_sample == 0:
-            state, log = (x.full()[:, 0] for x in loop.sample(state, sample_time[i // per_sample], numbers, []))
-            logs.append(log[None])
-        state, error = (x.full()[:, 0] for x in loop.substep(state, step_time[i], numbers))
-        errors.append(error[None])
-    log, error = np.vstack(logs), np.vstack(errors)
+        columns = [np.ascontiguousarray(table[:count].T) for table, count in zip(tables, done, strict=True)]
+        repeated = _repeated(Structure(loop), chunk, chunks)
+        parts.append(repeated(state, *columns, np.repeat(numbers[:, None], chunks, axis=1)))
+        state = parts[0][0][:, -1]
+    if left:
+        rest = [table[count:].T for table, count in zip(tables, done, strict=True)]
+        parts.append(_stepped(loop, state, rest, numbers, left))
+    log, error = (np.vstack([part[i].full().T for part in parts]) for i in (1, 2))
     bad = np.flatnonzero(~np.isfinite(error).all(axis=1))
-    return state, int(bad[0]) if len(bad) else len(step_time), log, error
+    return parts[-1][0].full()[:, -1], int(bad[0]) if len(bad) else steps, log, error
+
+
+def _stepped(loop: ClosedLoop, state: Any, times: Sequence[Any], numbers: Any, steps: int) -> tuple[Any, Any, Any]:
+    """State, log and true errors after sub-steps from where a sample and the law's period begin; symbols or numbers.
+
+    The columns of `times` are the rows of the tables for law, samples and sub-steps.
+    """
+    (law_time, sample_time, step_time), logs, errors = times, [], []
+    for i in range(steps):
+        if loop.law_step is not None and i % loop.steps_per_law == 0:
+            state = loop.law_step(state, law_time[:, i // loop.steps_per_law], numbers)
+        if i % loop.steps_per_sample == 0:
+            state, log = loop.sample(state, sample_time[:, i // loop.steps_per_sample], numbers, ca.DM(0, 1))
+            logs.append(log)
+        state, error = loop.substep(state, step_time[:, i], numbers)
+        errors.append(error)
+    return state, ca.horzcat(*logs), ca.horzcat(*errors)
 
 
 @functools.lru_cache(maxsize=8)
 def _repeated(key: Structure, chunk: int, count: int) -> ca.Function:
-    return _chunk(key.loop, chunk).mapaccum("loop", count, {"base": 2})
-
-
-def _columns(table: Floats, start: int, count: int) -> Floats:
-    return np.ascontiguousarray(table[start : start + count].T)
-
-
-def _chunk(loop: ClosedLoop, chunk: int) -> ca.Function:
-    """(state, law rows, sample rows, step rows, numbers) -> (state, log, true error) over `chunk` sub-steps."""
-    times, per_law = len(loop.time_names), loop.steps_per_law
+    """(states, law rows, sample rows, step rows, numbers) -> (states, log, true error) over `count` chunks."""
+    loop, per_law = key.loop, key.loop.steps_per_law
+    rows = {"law": chunk // per_law if per_law else 0, "sample": chunk // loop.steps_per_sample, "step": chunk}
     state, numbers = ca.MX.sym("state", len(loop.state_names)), ca.MX.sym("numbers", len(loop.number_names))
-    law_time = ca.MX.sym("law_time", times, chunk // per_law if per_law else 0)
-    sample_time = ca.MX.sym("sample_time", times, chunk // loop.steps_per_sample)
-    step_time = ca.MX.sym("step_time", times, chunk)
-    inputs, logs, errors = [state, law_time, sample_time, step_time, numbers], [], []
-    for i in range(chunk):
-        if loop.law_step is not None and i % per_law == 0:
-            state = loop.law_step(state, law_time[:, i // per_law], numbers)
-        if i % loop.steps_per_sample == 0:
-            state, log = loop.sample(state, sample_time[:, i // loop.steps_per_sample], numbers, ca.MX(0, 1))
-            logs.append(log)
-        state, error = loop.substep(state, step_time[:, i], numbers)
-        errors.append(error)
-    return ca.Function("chunk", inputs, [state, ca.horzcat(*logs), ca.horzcat(*errors)]).expand()
+    times = [ca.MX.sym(name, len(loop.time_names), size) for name, size in rows.items()]
+    once = ca.Function("chunk", [state, *times, numbers], _stepped(loop, state, times, numbers, chunk)).expand()
+    return once.mapaccum("loop", count, {"base": 2})
 
 
 def logged_run(loop: ClosedLoop, arm: Arm, driven: tuple[Any, ...], start: Any, backend: str) -> tuple[Floats, Floats]:

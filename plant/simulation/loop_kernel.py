@@ -90,29 +90,17 @@ class LoopKernel(_Compiled):
             yield self._prepared((*tables, np.empty((len(tables[1]), 0))), places)
 
     def run(
-        self,
-        tables: tuple[Any, ...],
-        initial: Floats,
-        lanes: Floats,
-        uniform: Floats,
+        self, tables: tuple[Any, ...], initial: Floats, lanes: Floats, uniform: Floats,
         logs: tuple[Floats, Floats] | None = None,
-    ) -> tuple[Floats, int]:
+    ) -> tuple[Floats, int]:  # fmt: skip
         """Final states (s, W), and the number of sub-steps done: fewer than wanted if every individual has diverged.
 
         Tables are from `prepared`, initial states (s, W), own numbers `lanes` (L, W), all others `uniform` (U,). With
         `logs`, sample_log and step_log to be filled, there is one individual, otherwise `width`.
         """
-        final = np.empty_like(initial)
-        empty = np.empty((0, 0))
-        steps = self._kernel.call(
-            "population" if logs is None else "single",
-            initial,
-            lanes,
-            np.append(uniform, tables[-1]),
-            *tables[:-1],
-            *(logs or (empty, empty)),
-            final,
-        )
+        name, logged = ("population", [np.empty((0, 0))] * 2) if logs is None else ("single", logs)
+        numbers, final = np.append(uniform, tables[-1]), np.empty_like(initial)
+        steps = self._kernel.call(name, initial, lanes, numbers, *tables[:-1], *logged, final)
         return final, steps
 
 

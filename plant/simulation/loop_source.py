@@ -5,10 +5,11 @@ individuals are the innermost, and the body has no branch, so that LLVM vectoris
 what they repeat are intrinsics (`plant.compiler.intrinsics`).
 """
 
+import dataclasses
 import itertools
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 from plant.compiler.instructions import LANE, STATE, TIME, UNIFORM
@@ -53,75 +54,94 @@ def _loop(
 
     ``single`` logs all that there is of its individual, ``logged`` the tracking errors of each.
     """
-    states, vector = len(loop.state_names), math.gcd(width, VECTOR)
-    rows = itertools.count(states + len(lanes))
+    states, rows = len(loop.state_names), itertools.count(len(loop.state_names) + len(lanes))
     kept = {f"s{i}": i for i in range(states)} | {f"l{i}": states + i for i in range(len(lanes))}
     wanted = dict.fromkeys(_BLOCKS, None if name == "single" else states)
     if name == "logged":
         wanted["sample"] = states + loop.n
-    programs = _programs(loop, lanes, uniform, uneven, lambda: next(rows), wanted)
-    given = {number: kind for program in programs.values() for number, kind in program.used.items()}
-    text: list[str] = []
-    columns: dict[str, list[int]] = {"law": [], "sample": [], "step": [], "data": []}
-
-    # Evaluated once, and once per individual.
-    numbers = [number for number, kind in given.items() if kind == UNIFORM]
-    once = ["u = e.view(kinds[0], u, 1, e.index(0, 0))", *(f"{number} = u[{number[1:]}]" for number in numbers)]
-    of_lane = [f"work = e.view(kinds[0], work, {width}, j)", "uniform"]
-    of_lane += [f"{number} = work[{kept[number]}]" for number, kind in given.items() if kind == LANE]
-    for program in programs.values():
-        once += map(str, program.lines[UNIFORM])
-        numbers += _made(program.lines[UNIFORM])
-        of_lane += map(str, program.lines[LANE])
-        of_lane += [f"work[{row}] = {number}" for number, row in program.crossing.items()]
-    of_lane[1] = _unpacked(numbers, "uniform")
-    text.append(intrinsic(f"{name}_uniforms", ["u"], once, numbers))
-    text.append(intrinsic(f"{name}_once", ["work", "j", "uniform"], of_lane))
-
+    programs = _programs(loop, lanes, uniform, uneven, rows.__next__, wanted)
+    emitter = _Emitter(name, width, size, states, kept, rows.__next__)
+    text, numbers = emitter.once(programs.values())
     blocks = dict.fromkeys(_BLOCKS, "pass")
+    columns: dict[str, list[int]] = {"law": [], "sample": [], "step": [], "data": []}
     for which, program in programs.items():
-        # Evaluated once per step.
+        of_step, times = emitter.of_step(which, program, numbers, columns)
+        of_each, blocks[which] = emitter.of_each(which, program, numbers, times)
+        text += of_step + of_each
+    settings: dict[str, Any] = {"states": states, "lanes": len(lanes), "per_law": loop.steps_per_law or 1}
+    settings |= {"per_sample": loop.steps_per_sample, "rows": next(rows), "W": width, "name": name}
+    return text + _LOOP.format(**settings, **blocks), columns
+
+
+@dataclasses.dataclass(frozen=True)
+class _Emitter:
+    """Text of the functions that one loop calls; rows of `work` are `kept` for states and lanes, others are `fresh`."""
+
+    name: str
+    width: int
+    size: int
+    states: int
+    kept: dict[str, int]
+    fresh: Callable[[], int]
+
+    def once(self, programs: Collection[Any]) -> tuple[str, list[str]]:
+        """What is evaluated once, and once per individual; and the numbers that are the same for all."""
+        given = {number: kind for program in programs for number, kind in program.used.items()}
+        numbers = [number for number, kind in given.items() if kind == UNIFORM]
+        once = ["u = e.view(kinds[0], u, 1, e.index(0, 0))", *(f"{number} = u[{number[1:]}]" for number in numbers)]
+        of_lane = [f"{number} = work[{self.kept[number]}]" for number, kind in given.items() if kind == LANE]
+        for program in programs:
+            once += map(str, program.lines[UNIFORM])
+            numbers += _made(program.lines[UNIFORM])
+            of_lane += map(str, program.lines[LANE])
+            of_lane += [f"work[{row}] = {number}" for number, row in program.crossing.items()]
+        of_lane = [f"work = e.view(kinds[0], work, {self.width}, j)", _unpacked(numbers, "uniform"), *of_lane]
+        text = intrinsic(f"{self.name}_uniforms", ["u"], once, numbers)
+        return text + intrinsic(f"{self.name}_once", ["work", "j", "uniform"], of_lane), numbers
+
+    def of_step(
+        self, which: str, program: Any, numbers: list[str], columns: dict[str, list[int]]
+    ) -> tuple[str, list[str]]:
+        """What is evaluated once per step, and the names of what that gives; what it reads joins the `columns`."""
         read = [number for number, kind in program.used.items() if kind == TIME]
+        of_table = {letter: [number for number in read if number[0] == letter] for letter in "td"}
         for letter, table in (("t", which), ("d", "data")):
-            columns[table] += [int(number[1:]) for number in read if number[0] == letter]
+            columns[table] += [int(number[1:]) for number in of_table[letter]]
         lines = [
             f"t = e.view(kinds[0], t, 1, e.index(i, {len(columns[which])}))",
             f"d = e.view(kinds[1], d, 1, e.index(i, {len(columns['data'])}))",
             _unpacked(numbers, "uniform"),
-            *(f"{t} = t[{i}]" for i, t in enumerate(number for number in read if number[0] == "t")),
-            *(f"{d} = d[{i}]" for i, d in enumerate(number for number in read if number[0] == "d")),
+            *(f"{number} = {letter}[{i}]" for letter, some in of_table.items() for i, number in enumerate(some)),
             *map(str, program.lines[TIME]),
         ]
         times = read + _made(program.lines[TIME])
-        text.append(intrinsic(f"{name}_{which}_times", ["t", "d", "i", "uniform"], lines, times))
+        return intrinsic(f"{self.name}_{which}_times", ["t", "d", "i", "uniform"], lines, times), times
 
-        # Evaluated once per step and individual.
+    def of_each(self, which: str, program: Any, numbers: list[str], times: list[str]) -> tuple[str, str]:
+        """What is evaluated once per step and individual, and the lines of the loop that call it."""
+        name, width, vector = f"{self.name}_{which}", self.width, math.gcd(self.width, VECTOR)
         table, index, log = _BLOCKS[which]
-        results, logged = program.results, program.results[states:]
-        stores: dict[int | str, str] = {i: result for i, result in enumerate(results[:states]) if result != f"s{i}"}
+        results, logged = program.results[: self.states], program.results[self.states :]
+        stores: dict[int | str, str] = {i: result for i, result in enumerate(results) if result != f"s{i}"}
         stores |= {f"log[{i}]": result for i, result in enumerate(logged)}
         start = [f"work = e.view(kinds[0], work, {width}, j)", _unpacked(numbers, "uniform"), _unpacked(times, "times")]
+        parameters, arguments = ["work", "j", "uniform", "times"], f"numbers, {which}_times"
         if logged:
-            at = f"e.index(i, {len(logged)})"
-            start += [f"log = e.view(kinds[4], log, {width}, {at if name == 'single' else 'i'})"]
-        parameters = ["work", "j", "uniform", "times", *(["log", "i"] if logged else [])]
-        arguments = f"numbers, {which}_times" + (f", {log}, {index}" if logged else "")
-        block = [f"{which}_times = {name}_{which}_times_{{h}}({table}, data, {index}, numbers)"]
-        if logged and name != "single":  # row by row, and beside each other in it
-            arguments = f"numbers, {which}_times, {log}, {index} * {len(logged) * width} + {{j}}"
+            single = self.name == "single"  # else row by row, and beside each other in it
+            start += [f"log = e.view(kinds[4], log, {width}, {f'e.index(i, {len(logged)})' if single else 'i'})"]
+            parameters += ["log", "i"]
+            arguments += f", {log}, {index}" if single else f", {log}, {index} * {len(logged) * width} + {{j}}"
         many = width > 1 and sum(line.weight for line in program.lines[STATE]) >= ENOUGH
-        longest = LONGEST if many else size
-        pieces = cut(program.lines[STATE], stores, kept | program.crossing, lambda: next(rows), longest)
+        longest = LONGEST if many else self.size
+        pieces = cut(program.lines[STATE], stores, self.kept | program.crossing, self.fresh, longest)
+        text, block = "", [f"{which}_times = {name}_times_{{h}}({table}, data, {index}, numbers)"]
         for k, piece in enumerate(pieces):
-            function, j = f"{name}_{which}_{k}", f"j_{which}_{k}"  # a name assigned once compiles faster
+            j = f"j_{which}_{k}"  # a name assigned once compiles faster
             lines = start + [re.sub(r"{(\d+)}", r"work[\1]", line) for line in piece]
-            text.append(intrinsic(function, parameters, lines, width=vector))
-            called = f"    {function}_{{h}}(work, {j}, {arguments.replace('{j}', j)})"
+            text += intrinsic(f"{name}_{k}", parameters, lines, width=vector)
+            called = f"    {name}_{k}_{{h}}(work, {j}, {arguments.replace('{j}', j)})"
             block += [f"for {j} in range(0, {width}, {vector}):", called]
-        blocks[which] = "\n            ".join(block)
-    settings: dict[str, Any] = {"states": states, "lanes": len(lanes), "per_law": loop.steps_per_law or 1}
-    settings |= {"per_sample": loop.steps_per_sample, "rows": next(rows), "W": width, "name": name}
-    return "".join(text) + _LOOP.format(**settings, **blocks), columns
+        return text, "\n            ".join(block)
 
 
 def _programs(

@@ -104,9 +104,7 @@ class Runs(Frozen):
     @classmethod
     def joined(cls, several: Sequence[Runs]) -> Runs:
         """Runs of the same plants on several references as one of each, the references one after the other."""
-        of = {
-            field.name: np.array([getattr(runs, field.name) for runs in several]) for field in dataclasses.fields(cls)
-        }
+        of = {each.name: np.array([getattr(runs, each.name) for runs in several]) for each in dataclasses.fields(cls)}
         largest = {name: of[name].max(axis=0) for name in ("peak", "unrounded", "current")}
         sums = {name: of[name].sum(axis=0) for name in ("outside", "before", "lost")}
         samples = int(of["samples"].sum())

@@ -33,18 +33,9 @@ _OF_MOTORS = "torque", "current"
 
 @known_options
 def simulate(
-    arm: Arm,
-    rig: Rig,
-    law: Law,
-    reference: Reference,
-    *,
-    duration: float | None = None,
-    steps_per_sample: int = 4,
-    sweeps: int = 3,
-    initial: ArrayLike | None = None,
-    injected: Injected | None = None,
-    backend: str = "numba",
-) -> Record:
+    arm: Arm, rig: Rig, law: Law, reference: Reference, *, duration: float | None = None, steps_per_sample: int = 4,
+    sweeps: int = 3, initial: ArrayLike | None = None, injected: Injected | None = None, backend: str = "numba",
+) -> Record:  # fmt: skip
     """Simulate the closed loop and log it as the experiment does.
 
     Parameters
@@ -104,17 +95,9 @@ class Trace:
 
 
 def run(
-    arm: Arm,
-    rig: Rig,
-    law: Law,
-    reference: Reference,
-    duration: float | None,
-    steps_per_sample: int,
-    initial: ArrayLike | None,
-    backend: str,
-    sweeps: int = 3,
-    injected: Injected | None = None,
-) -> Trace:
+    arm: Arm, rig: Rig, law: Law, reference: Reference, duration: float | None, steps_per_sample: int,
+    initial: ArrayLike | None, backend: str, sweeps: int = 3, injected: Injected | None = None,
+) -> Trace:  # fmt: skip
     """`simulate`, with the sub-steps kept."""
     kinds = {"arm": (arm, Arm), "rig": (rig, Rig), "law": (law, Law), "reference": (reference, Reference)}
     for name, (value, kind) in kinds.items():
@@ -142,29 +125,17 @@ def run(
     added = injected_at(injected, clock.t, rig.n)
     log, true_error = logged_run(loop, arm, (path, clock, None, added), start, backend)
     record = Record(
-        t=clock.t,
-        reference_pulses=path(clock.t)[1],
-        rig=rig,
-        law=law,
-        reference=reference,
-        initial=given,
-        injected=added,
-        **_columns(rig, log),
-    )
+        t=clock.t, reference_pulses=path(clock.t)[1], rig=rig, law=law, reference=reference, initial=given,
+        injected=added, **_columns(rig, log),
+    )  # fmt: skip
     return Trace(record, true_error)
 
 
 @known_options
 def replay(
-    arm: Arm,
-    record: Record,
-    *,
-    rig: Rig | None = None,
-    law: Law | None = None,
-    steps_per_sample: int = 4,
-    sweeps: int = 3,
-    backend: str = "numba",
-) -> Record:
+    arm: Arm, record: Record, *, rig: Rig | None = None, law: Law | None = None, steps_per_sample: int = 4,
+    sweeps: int = 3, backend: str = "numba",
+) -> Record:  # fmt: skip
     """Simulate the experiment of a record with another arm: the log that this arm would have given.
 
     Parameters

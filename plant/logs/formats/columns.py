@@ -17,9 +17,8 @@ def choice_of(names: Collection[str] | None, prefix: str) -> Callable[[str], boo
 def require_size(size: int, most: int) -> None:
     """Refuse columns of more than `most` bytes."""
     if size > most:
-        raise RefusalError(
-            f"must hold at most {most >> 20} MiB; it declares {size >> 20}. Cut the log into several files."
-        )
+        declared = f"it declares {size >> 20}"
+        raise RefusalError(f"must hold at most {most >> 20} MiB; {declared}. Cut the log into several files.")
 
 
 def require_real(name: str, kind: Any, sound: bool) -> None:

@@ -18,9 +18,8 @@ def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tu
         known = {name: item for name, item in items.items() if isinstance(item, h5py.Dataset)}
         for link in _links(file, items):
             if chosen(link) or any(name.startswith(f"{link}/") for name in names or ()):
-                raise RefusalError(
-                    f"must hold its own data; {link!r} is a link to another file. Copy it in, or choose others."
-                )
+                where = f"{link!r} is a link to another file"
+                raise RefusalError(f"must hold its own data; {where}. Copy it in, or choose others.")
         wanted = {name: item for name, item in known.items() if chosen(name)}
         for name, item in wanted.items():
             if item.is_virtual or item.external:

@@ -81,9 +81,8 @@ def _file_of(path: str, info: dict[str, Any], episode: int, most: int) -> str:
     try:
         name = pattern.format(**places)
     except (LookupError, ValueError, AttributeError, TypeError):
-        raise RefusalError(
-            f"must have a data_path that names files by episode; got {pattern!r:.80}. Correct it."
-        ) from None
+        got = f"got {pattern!r:.80}"
+        raise RefusalError(f"must have a data_path that names files by episode; {got}. Correct it.") from None
     if not name or Path(name).is_absolute() or ".." in Path(name).parts:
         raise RefusalError(f"must have its data inside of its folder; data_path gives {name!r:.80}. Correct it.")
     if not Path(path, name).is_file():

@@ -84,9 +84,8 @@ def _require_bounded(path: str, most: int) -> None:
             kind, length = struct.unpack(f"{order}II", tag)
             start = file.tell()
             if start + length > size:
-                raise RefusalError(
-                    f"must be complete; an element of {length} bytes goes beyond its end. Write it again."
-                )
+                got = f"an element of {length} bytes goes beyond its end"
+                raise RefusalError(f"must be complete; {got}. Write it again.")
             if kind == 15:  # miCOMPRESSED
                 inner = zlib.decompressobj().decompress(file.read(min(length, 512)), 8)
                 declared = 8 + struct.unpack(f"{order}II", inner)[1] if len(inner) == 8 else 0

@@ -8,12 +8,16 @@ import array
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any
 
+import numpy as np
+
 from .columns import Block, RefusalError, home_of, picked, require_size
 
 _NAMES = ("name", "names", "joint_names")
 _WIDEST = 256  # elements of an array that may be joints; more are pictures or clouds of points
 _DEEPEST = 6
 _OWN = ("stamp", "log_time")
+_Row = tuple[int, int, dict[str, Any], dict[str, Any]]
+"""Of a message: its stamp and when it was logged [ns], its numbers, and the names of the elements of arrays."""
 
 
 def columns_of(
@@ -29,13 +33,24 @@ def columns_of(
     `every` topic of the file may stand there twice; `messages` gives, for the topics that hold something wanted, topic,
     `log_time` [ns] and decoded message, one after the other.
     """
-    topics = Topics(dict.fromkeys(every), most)
-    for topic, log_time, message in messages(topics_of(names, prefix, topics.known)):
-        topics.add(topic, log_time, message)
-    return topics.columns(names, prefix, clock)
+    topics, numbers, rows = list(dict.fromkeys(every)), 0, dict[str, list[_Row]]()
+    for topic, log_time, message in messages(_wanted_topics(names, prefix, topics)):
+        fields = list(_flat(message, "", (), 0))
+        numbers += sum(len(value) if isinstance(value, list) else 1 for _, value, _ in fields)
+        require_size(8 * (numbers + 2), most)
+        values, labels = {name: value for name, value, _ in fields}, {name: own for name, _, own in fields if own}
+        rows.setdefault(topic, []).append((_stamp(message), log_time, values, labels))
+    blocks = {topic: _blocks(of_topic) for topic, of_topic in rows.items()}
+    of_topics = [(f"{topic}.", *each) for topic in blocks for each in blocks[topic].items()]
+    known = [f"{topic}{each}" for topic, name, block in of_topics for each in (name, *block.elements(name))]
+    known += [topic for topic in topics if topic not in blocks]
+    if names is not None:
+        return known, _sampled(blocks, names, clock)
+    columns = {f"{topic}{name}": block.values for topic, name, block in of_topics}
+    return known, {name: values for name, values in columns.items() if name.startswith(prefix)}
 
 
-def topics_of(names: Collection[str] | None, prefix: str, known: Iterable[str]) -> list[str]:
+def _wanted_topics(names: Collection[str] | None, prefix: str, known: Iterable[str]) -> list[str]:
     """The topics that hold something that is wanted."""
     if names is None:
         return [topic for topic in known if f"{topic}.".startswith(prefix) or prefix.startswith(f"{topic}.")]
@@ -43,53 +58,23 @@ def topics_of(names: Collection[str] | None, prefix: str, known: Iterable[str]) 
     return [topic for topic in known if topic in homes]
 
 
-class Topics:
-    """The messages of several topics out of all `known` ones, gathered one by one, to `most` bytes."""
-
-    def __init__(self, known: Collection[str], most: int) -> None:
-        self.known, self._most, self._numbers = list(known), most, 0
-        self._rows: dict[str, list[tuple[int, int, dict[str, Any], dict[str, Any]]]] = {}
-
-    def add(self, topic: str, log_time: int, message: Any) -> None:
-        """Take the numbers out of a decoded message, recorded at `log_time` [ns]."""
-        values, labels = dict[str, Any](), dict[str, Any]()
-        for name, value, own in _flat(message, "", (), 0):
-            values[name] = value
-            if own:
-                labels[name] = own
-            self._numbers += len(value) if isinstance(value, list) else 1
-        require_size(8 * (self._numbers + 2), self._most)
-        self._rows.setdefault(topic, []).append((_stamp(message), log_time, values, labels))
-
-    def columns(
-        self, names: Collection[str] | None, prefix: str, clock: str | None
-    ) -> tuple[list[str], dict[str, Any]]:
-        """Names of all columns of these topics, and the wanted ones.
-
-        The messages of the column `clock` are the samples: the columns of other topics hold their last value.
-        """
-        blocks = {topic: _blocks(rows) for topic, rows in self._rows.items()}
-        of_topics = [(f"{topic}.", *each) for topic in blocks for each in blocks[topic].items()]
-        known = [f"{topic}{each}" for topic, name, block in of_topics for each in (name, *block.elements(name))]
-        known += [topic for topic in self.known if topic not in blocks]
-        if names is None:
-            every = {f"{topic}.{name}": block.values for topic in blocks for name, block in blocks[topic].items()}
-            return known, {name: values for name, values in every.items() if name.startswith(prefix)}
-        found, times = dict[str, dict[str, Any]](), {}
-        for name in names:
-            topic = home_of(name, blocks)
-            values = None if topic is None else picked(name[len(topic) + 1 :], blocks[topic])
-            if topic is not None and values is not None:
-                found.setdefault(topic, {})[name] = values
-        for topic, columns in found.items():
-            kept = _kept(topic, columns)
-            found[topic] = {name: values[kept] for name, values in columns.items()}
-            times[topic] = {name: blocks[topic][name].values[kept] for name in _OWN if name in blocks[topic]}
-        held = next((topic for topic, columns in found.items() if clock in columns), None)
-        if held is not None:
-            for topic in found.keys() - {held}:
-                found[topic] = _held(found[topic], times[topic], times[held])
-        return known, {name: found[topic][name] for name in names for topic in found if name in found[topic]}
+def _sampled(blocks: Mapping[str, Mapping[str, Block]], names: Collection[str], clock: str | None) -> dict[str, Any]:
+    """The wanted columns. The messages of the column `clock` are the samples: other topics hold their last value."""
+    found, times = dict[str, dict[str, Any]](), {}
+    for name in names:
+        topic = home_of(name, blocks)
+        values = None if topic is None else picked(name[len(topic) + 1 :], blocks[topic])
+        if topic is not None and values is not None:
+            found.setdefault(topic, {})[name] = values
+    for topic, columns in found.items():
+        kept = _kept(topic, columns)
+        found[topic] = {name: values[kept] for name, values in columns.items()}
+        times[topic] = {name: blocks[topic][name].values[kept] for name in _OWN if name in blocks[topic]}
+    held = next((topic for topic, columns in found.items() if clock in columns), None)
+    if held is not None:
+        for topic in found.keys() - {held}:
+            found[topic] = _held(found[topic], times[topic], times[held])
+    return {name: columns[name] for name in names for columns in found.values() if name in columns}
 
 
 def _items(message: Any) -> Iterable[tuple[str, Any]]:
@@ -114,12 +99,9 @@ def _flat(message: Any, prefix: str, labels: tuple[str, ...], deep: int) -> Iter
         if isinstance(value, (bool, int, float)) or getattr(value, "shape", None) == ():
             yield f"{prefix}{name}", value, ()
         elif isinstance(value, (list, tuple, array.array)) or getattr(value, "ndim", None) == 1:
-            if (0 < len(value) <= _WIDEST and isinstance(value[0], (bool, int, float))) or hasattr(value, "dtype"):
-                numbers = (
-                    value.tolist() if hasattr(value, "tolist") and len(value) <= _WIDEST else list(value[:_WIDEST])
-                )
-                if len(value) <= _WIDEST and numbers:
-                    yield f"{prefix}{name}", numbers, labels if len(labels) == len(numbers) else ()
+            if 0 < len(value) <= _WIDEST and (hasattr(value, "dtype") or isinstance(value[0], (bool, int, float))):
+                numbers = value.tolist() if hasattr(value, "tolist") else list(value)
+                yield f"{prefix}{name}", numbers, labels if len(labels) == len(numbers) else ()
         elif not isinstance(value, (str, bytes, bytearray)) and value is not None:
             yield from _flat(value, f"{prefix}{name}.", labels, deep + 1)
 
@@ -138,10 +120,8 @@ def _stamp(message: Any) -> int:
     return parts.get("sec", 0) * 10**9 + parts.get("nanosec", parts.get("nsec", 0))
 
 
-def _blocks(rows: list[tuple[int, int, dict[str, Any], dict[str, Any]]]) -> dict[str, Block]:
+def _blocks(rows: list[_Row]) -> dict[str, Block]:
     """The messages of one topic as columns; what a message lacks is NaN."""
-    import numpy as np
-
     stamps = np.array([row[0] for row in rows], np.int64)
     blocks = {"stamp": Block(stamps)} if stamps.any() else {}
     blocks["log_time"] = Block(np.array([row[1] for row in rows], np.int64))
@@ -164,33 +144,26 @@ def _blocks(rows: list[tuple[int, int, dict[str, Any], dict[str, Any]]]) -> dict
 
 
 def _array(values: list[Any]) -> Any:
-    import numpy as np
-
     found = np.array(values)
     return found if found.dtype.kind in "biuf" else found.astype(float)
 
 
 def _kept(topic: str, columns: Mapping[str, Any]) -> Any:
     """Which messages hold any of the wanted numbers."""
-    import numpy as np
-
     wanted = [values for name, values in columns.items() if name[len(topic) + 1 :] not in _OWN]
     if not wanted:
         return slice(None)
     given = np.column_stack([~np.isnan(values.reshape(len(values), -1).astype(float)) for values in wanted])
     if not given.all(axis=1).any():
         lacking = " and ".join(repr(name) for name in list(columns)[:2])
-        raise RefusalError(
-            f"must hold what is mapped in one message; none of {topic!r} has all of {lacking:.120} and what else is "
-            "mapped. Map columns of one publisher, or join them first."
-        )
+        got = f"none of {topic!r} has all of {lacking:.120} and what else is mapped"
+        advice = "Map columns of one publisher, or join them first."
+        raise RefusalError(f"must hold what is mapped in one message; {got}. {advice}")
     return given.any(axis=1)
 
 
 def _held(columns: dict[str, Any], own: Mapping[str, Any], others: Mapping[str, Any]) -> dict[str, Any]:
     """Columns as they were at other times: the last value, NaN before the first."""
-    import numpy as np
-
     clock = "stamp" if "stamp" in own and "stamp" in others else "log_time"
     order = np.argsort(own[clock], kind="stable")
     last = np.searchsorted(own[clock][order], others[clock], side="right") - 1

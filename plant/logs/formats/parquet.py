@@ -4,6 +4,8 @@ import os
 from collections.abc import Collection
 from typing import Any
 
+import numpy as np
+
 from .columns import Block, RefusalError, choice_of, home_of, picked, require_real, require_size
 
 
@@ -53,7 +55,6 @@ def _numbers(pa: Any, name: str, column: Any) -> Any:
     """A column as an array (N,), or lists of one length as (N, k); a missing cell is NaN."""
     if not _is_list(pa, column.type):
         return column.to_numpy()
-    import numpy as np
     import pyarrow.compute as pc
 
     lengths = pc.list_value_length(column)

@@ -27,10 +27,9 @@ def read(
             defined = [connection for connection in chosen if connection.msgtype in reader.typestore.types]
             for connection in chosen:
                 if names is not None and connection not in defined:
-                    raise RefusalError(
-                        f"must hold messages whose types are defined; {connection.topic!r:.60} is of "
-                        f"{connection.msgtype:.60}. Record it again as MCAP, or convert it."
-                    )
+                    got = f"{connection.topic!r:.60} is of {connection.msgtype:.60}"
+                    advice = "Record it again as MCAP, or convert it."
+                    raise RefusalError(f"must hold messages whose types are defined; {got}. {advice}")
             for connection, log_time, data in reader.messages(connections=defined) if defined else ():
                 yield connection.topic, log_time, reader.deserialize(data, connection.msgtype)
 
