@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from identification import Identification
-from plant import Arm, Elasticity, Law, Reference, Rig
+from plant import Arm, Drive, Elasticity, Law, Reference, Rig
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import array, instance, real
 from plant.parts.frozen import Frozen
@@ -85,6 +85,13 @@ def with_gears(rig: Rig, elasticity: Any) -> Rig:
     return dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=elasticity))
 
 
+def gear_numbers(gears: Any, drive: Drive, hz: ArrayLike) -> tuple[list[str], NDArray[np.float64]]:
+    """Names and values (P, 2 n) of what makes gears of these resonances (P,) [Hz], all joints alike."""
+    each = [dataclasses.replace(gears, hz=np.full(drive.n, value)).of(drive) for value in np.asarray(hz, float)]
+    names = [f"drive.elasticity.{name}[{i}]" for name in ("stiffness", "damping") for i in range(drive.n)]
+    return names, np.array([np.append(gear.stiffness, gear.damping) for gear in each])
+
+
 class HeavyMotorsError(ValueError):
     """Motors that weigh more than the arm: there is no link behind the gear."""
 
@@ -121,14 +128,11 @@ class OnGears:
         except ValueError as error:
             raise HeavyMotorsError(str(error)) from None
         self._loop, self._options = (arm, elastic, law, reference), options | {"initial": given}
-        self._names = [f"drive.elasticity.{name}[{i}]" for name in ("stiffness", "damping") for i in range(rig.n)]
 
     def runs(self, hz: ArrayLike, threads: int) -> Runs:
         """One run for each of these resonances (P,) [Hz]."""
-        each = [dataclasses.replace(self._gears, hz=np.full(self._drive.n, value)).of(self._drive)
-                for value in np.asarray(hz, float)]  # fmt: skip
-        values = np.array([np.append(gear.stiffness, gear.damping) for gear in each])
-        return Population(*self._loop, self._names, values, **self._options).run(threads)
+        numbers = gear_numbers(self._gears, self._drive, hz)
+        return Population(*self._loop, *numbers, **self._options).run(threads)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

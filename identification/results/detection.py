@@ -91,15 +91,18 @@ class Detection(Shown, Frozen):
     @property
     def resonances(self) -> dict[str, float]:
         """Locked-rotor resonance [Hz] of each gear that was found to give, by joint."""
-        values = [item for sign in self.named if sign.name == "compliance" for item in sign.values.items()]
+        values = self._values("compliance")
         return {self._joint(name): value**-0.5 for name, value in values if value > _STIFF**-2}
 
     @property
     def played(self) -> tuple[str, ...]:
         """Joints in whose gears backlash was found."""
-        values = [item for sign in self.named if sign.name == "backlash" for item in sign.values.items()]
-        played = [name for name, value in values if name.startswith("backlash") and value]
+        played = [name for name, value in self._values("backlash") if name.startswith("backlash") and value]
         return tuple(dict.fromkeys(map(self._joint, played)))
+
+    def _values(self, kind: str) -> list[tuple[str, float]]:
+        """What was found of one alternative, by name."""
+        return [item for sign in self.named if sign.name == kind for item in sign.values.items()]
 
     def _short(self) -> str:
         if self.reason is not None:
