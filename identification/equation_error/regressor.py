@@ -48,9 +48,13 @@ def derivatives(q: ArrayLike, period: float, cutoff: float) -> Motion:
 
     Returns q, qd, qdd, each (N, n).
     """
-    q = low_pass(q, period, cutoff)
-    qd = np.gradient(q, period, axis=0)
-    return Motion(q, qd, np.gradient(qd, period, axis=0))
+    return by_differences(low_pass(q, period, cutoff), period)
+
+
+def by_differences(x: Floats, period: float) -> Motion:
+    """Samples (N, n), and their first and second derivatives by central differences."""
+    rate = np.gradient(x, period, axis=0)
+    return Motion(x, rate, np.gradient(rate, period, axis=0))
 
 
 LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
