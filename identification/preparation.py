@@ -24,17 +24,13 @@ from plant.parts.fields import Floats
 from plant.parts.room import require_room
 from plant.simulation.followed_path import with_path
 
-_LEAST_PULSES = 20
-"""Counts that every motor has to move, at least."""
+_LEAST_PULSES = 20  # counts that every motor has to move, at least
 
-_LEAST_SAMPLES = 200
-"""Fewer hold no oscillation of a position loop that stands out from its noise."""
+_LEAST_SAMPLES = 200  # fewer hold no oscillation of a position loop that stands out from its noise
 
-_SATURATED = 0.5
-"""Share of the samples at the amplifier's limit above which a log is refused."""
+_SATURATED = 0.5  # share of the samples at the amplifier's limit above which a log is refused
 
-_PERIODS = 4
-"""Of the slow mode that a log has to hold."""
+_PERIODS = 4  # of the slow mode that a log has to hold
 
 
 def require_informative(record: Record, labels: Sequence[str]) -> None:
@@ -80,8 +76,7 @@ def require_informative(record: Record, labels: Sequence[str]) -> None:
         )
 
 
-_FIXED = 0.2e9
-"""Bytes beside the samples: kernels, and what compiles them."""
+_FIXED = 0.2e9  # bytes beside the samples: kernels, and what compiles them
 
 
 def prepare(

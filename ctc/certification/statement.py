@@ -14,14 +14,11 @@ from plant import Rig
 from plant.parts.shown import Aside, Piece, Verdict
 from plant.parts.tables import Table, by_joint
 
-_DECIDES, _AT_ALL = 0.5, 0.25
-"""Shares of what is explained, and of all that varies, above which f decides."""
+_DECIDES, _AT_ALL = 0.5, 0.25  # shares of what is explained, and of all that varies, above which f decides
 
-_SHOWN = 5
-"""Sensitivities in the table."""
+_SHOWN = 5  # sensitivities in the table
 
-_MOST = 0.5
-"""Share of samples that exceed the limit beyond which nothing is said of the nominal one."""
+_MOST = 0.5  # share of samples that exceed the limit beyond which nothing is said of the nominal one
 
 
 def statement(uncertainty: Uncertainty, rig: Rig, known: Identified) -> tuple[tuple[str, ...], tuple[str, ...]]:

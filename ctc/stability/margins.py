@@ -20,8 +20,7 @@ from plant.parts.tables import Table
 
 _POINTS = 4000
 
-_RESONANCES = 60
-"""Resonances that are tested, and half as many in the last gap between them."""
+_RESONANCES = 60  # resonances that are tested, and half as many in the last gap between them
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -25,8 +25,7 @@ _COLUMNS = (
     ("at the limit", lambda e: f"{e.saturation.max():.2%}"),
 )
 
-_EACH = 3
-"""Joints up to which a cell has a number for each; with more it has the largest."""
+_EACH = 3  # joints up to which a cell has a number for each; with more it has the largest
 
 
 def _each(values: NDArray[np.float64], form: str) -> str:

@@ -35,11 +35,9 @@ from plant.motion.reference import Motion
 from plant.parts.fields import Floats
 from plant.parts.sums import dot, product
 
-_BAND = 1.4
-"""Pass band, in frequencies of the strongest oscillation."""
+_BAND = 1.4  # pass band, in frequencies of the strongest oscillation
 
-_SYSTEMATIC = 2.0
-"""Errors of the torque on the links (f, filters at reversals) over the scatter of the equations."""
+_SYSTEMATIC = 2.0  # errors of the torque on the links (f, filters at reversals) over the scatter of the equations
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,14 +115,11 @@ def _fitted(systems: Sequence[System], joint: int) -> tuple[float, float]:
     return float(values[0]), float(std[0])
 
 
-_BANDS = (0.5, 0.7, 1.0, 1.4)
-"""Pass bands that are tested, in frequencies of the strongest oscillation."""
+_BANDS = (0.5, 0.7, 1.0, 1.4)  # pass bands that are tested, in frequencies of the strongest oscillation
 
-_REPLAYED = (4.0, 8.0, 16.0, 32.0)
-"""The same of logs that replay their torque [Hz]."""
+_REPLAYED = (4.0, 8.0, 16.0, 32.0)  # the same of logs that replay their torque [Hz]
 
-_SPARSE = 4.0
-"""Samples that are kept, per period of the cutoff: what is left is in the band alone."""
+_SPARSE = 4.0  # samples that are kept, per period of the cutoff: what is left is in the band alone
 
 _ROUNDS, _NEAR = 6, 2
 """How often, at most, each gear is fitted anew with the others as they are; and how far, in places of the grid."""

@@ -22,8 +22,7 @@ from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
 from plant.simulation.jacobians import jacobians
 
-_BAND = 2.0
-"""Pass band, in frequencies of the slow mode."""
+_BAND = 2.0  # pass band, in frequencies of the slow mode
 
 _BEYOND, _FAR_MORE = 8.0, 1000.0
 """Pass band where nothing oscillates, in frequencies of the path; and the power of the path over that of rounding."""
@@ -34,8 +33,7 @@ CUTOFF = 2.5
 BAND_MOST = 0.4 / CUTOFF
 """Highest pass band, in sample rates."""
 
-_LOWEST, _HIGHEST = 3.0, 0.1
-"""Where a mode is searched: from so many Hz to this share of the sample rate."""
+_LOWEST, _HIGHEST = 3.0, 0.1  # where a mode is searched: from so many Hz to this share of the sample rate
 
 _POSES = 8
 

@@ -61,8 +61,7 @@ LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
 SPRINGS = "springs"
 """What the names of friction in which the torque is linear begin with; and of springs, in some of which it is."""
 
-_AT_ONCE = 4096
-"""Samples whose regressors are worked out in one go."""
+_AT_ONCE = 4096  # samples whose regressors are worked out in one go
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

@@ -17,14 +17,11 @@ from plant.parts.fields import Floats
 Columns = Mapping[str, Callable[..., ArrayLike]]
 """Further columns by name: (q, qd, qdd) -> torque (N, n) per unit."""
 
-_LOWEST = 0.5
-"""Narrowest pass band that is tested [Hz]; then by half octaves."""
+_LOWEST = 0.5  # narrowest pass band that is tested [Hz]; then by half octaves
 
-_PERIODS = 4.0
-"""Periods of a band that the longest log must hold."""
+_PERIODS = 4.0  # periods of a band that the longest log must hold
 
-_MOTION = 10.0
-"""Highest frequency of what counts as the motion of a joint [Hz]."""
+_MOTION = 10.0  # highest frequency of what counts as the motion of a joint [Hz]
 
 
 def cutoff_of(band: float, cutoff: float | None) -> float:

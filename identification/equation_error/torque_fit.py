@@ -27,8 +27,7 @@ from plant.parts.shown import Aside, Piece, Shown, Verdict, Warned
 from plant.parts.sums import norm, product
 from plant.parts.tables import Table
 
-_POOR = 0.3
-"""Relative torque error above which something is wrong with the log rather than with the arm."""
+_POOR = 0.3  # relative torque error above which something is wrong with the log rather than with the arm
 
 _DOUBTED, _OTHERWISE = 5.0, 0.2
 """Standard deviations, and share of the larger, by which a known number differs from what the torques ask for where it

@@ -25,17 +25,13 @@ from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.layout import Correction
 from plant.simulation.loop_kernel import LANES, loop_kernel
 
-_STEPS = 1
-"""Sub-steps per sample: a window is short, and corrected."""
+_STEPS = 1  # sub-steps per sample: a window is short, and corrected
 
-_STEP = 0.1
-"""Of the differences for the curvature, as a share of the range of masses."""
+_STEP = 0.1  # of the differences for the curvature, as a share of the range of masses
 
-_MISFIT = 4.0
-"""From which on no load explains a window, in the rounding's standard deviation."""
+_MISFIT = 4.0  # from which on no load explains a window, in the rounding's standard deviation
 
-_ROUNDING = np.sqrt(1 / 12)
-"""Standard deviation of a rounded count [pulses]."""
+_ROUNDING = np.sqrt(1 / 12)  # standard deviation of a rounded count [pulses]
 
 
 class GeneticEstimator:

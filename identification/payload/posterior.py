@@ -15,11 +15,9 @@ _TOO_LITTLE = 0.15
 """Standard deviation of the mass, as a share of its range, above which a window says too little: evenly over the range
 it is 0.29."""
 
-_OUTSIDE = 3.0
-"""Standard deviations by which a mass is outside its range."""
+_OUTSIDE = 3.0  # standard deviations by which a mass is outside its range
 
-_FAR, _GRID = 6.0, 401
-"""Standard deviations to which a distribution is looked at, and at how many masses."""
+_FAR, _GRID = 6.0, 401  # standard deviations to which a distribution is looked at, and at how many masses
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -21,8 +21,7 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Aside, Piece, Shown
 from plant.parts.tables import Table
 
-_STEP = 1e-4
-"""Of the central differences, as a share of a number (or of the largest f, for one that is zero)."""
+_STEP = 1e-4  # of the central differences, as a share of a number (or of the largest f, for one that is zero)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -24,11 +24,9 @@ from plant.parts.arguments import instance
 from plant.parts.fields import Floats
 from plant.simulation.threads import cores
 
-_RIGID = 1e5
-"""Locked-rotor resonance of a rigid gear [Hz]."""
+_RIGID = 1e5  # locked-rotor resonance of a rigid gear [Hz]
 
-_PROMPT = 1e-9
-"""Lag of currents that do not lag [s]."""
+_PROMPT = 1e-9  # lag of currents that do not lag [s]
 
 _DAMPING = 0.02
 """Damping ratio of gears that are tested: the middle of the usual range, at which the detection is measured."""
@@ -39,8 +37,7 @@ _FRICTION = ("viscous", "coulomb")
 
 _GIVING = ("compliance", "backlash")
 
-_SHARES = ("gear", "motor_gain", "law.")
-"""What is a relative error of a number, and how far below it may be."""
+_SHARES = ("gear", "motor_gain", "law.")  # what is a relative error of a number, and how far below it may be
 
 _LEAST_SHARE = -0.5
 

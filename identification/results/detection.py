@@ -16,8 +16,7 @@ from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict, Warned
 
-_STIFF = 300.0
-"""Resonance above which a gear is not mentioned [Hz]."""
+_STIFF = 300.0  # resonance above which a gear is not mentioned [Hz]
 
 _LIMITS = {
     "backlash": (180 / np.pi, "degrees"), "lag": (1e3, "ms"), "delay": (1.0, "samples"), "gear": (100.0, "%"),
@@ -45,8 +44,7 @@ _SAID = {
 }
 """What contradicts the model, and what to do."""
 
-_LEAST = 1e-3
-"""Of these units, below which nobody asks."""
+_LEAST = 1e-3  # of these units, below which nobody asks
 
 
 @kept

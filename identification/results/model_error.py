@@ -20,14 +20,11 @@ from identification.search.problem import Tolerances
 from plant.parts.fields import Floats
 from plant.parts.sums import products
 
-_ASSUMED = ("gear", "motor_gain", "law.")
-"""Numbers whose changes by 1 % are told."""
+_ASSUMED = ("gear", "motor_gain", "law.")  # numbers whose changes by 1 % are told
 
-_AT_ONCE = 1 << 15
-"""Rows of the innovations that are taken at once."""
+_AT_ONCE = 1 << 15  # rows of the innovations that are taken at once
 
-_BY_KIND = {"viscous": "friction", "coulomb": "friction"}
-"""Tolerance of each kind of number, where it has another name."""
+_BY_KIND = {"viscous": "friction", "coulomb": "friction"}  # tolerance of each kind of number, where it has another name
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

@@ -22,14 +22,11 @@ from plant.parts.files import require_new, write_whole
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 
-_READERS = {"robot": read_urdf, "mujoco": read_mjcf}
-"""Root of a model file -> its reader."""
+_READERS = {"robot": read_urdf, "mujoco": read_mjcf}  # root of a model file -> its reader
 
-_MJCF = (".xml", ".mjcf")
-"""Suffixes of a target that is MJCF, whatever its source is."""
+_MJCF = (".xml", ".mjcf")  # suffixes of a target that is MJCF, whatever its source is
 
-_SAME = 1e-13
-"""Relative change of a body below which its bytes stay."""
+_SAME = 1e-13  # relative change of a body below which its bytes stay
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

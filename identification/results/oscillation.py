@@ -25,14 +25,11 @@ from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 from plant.simulation.jacobians import jacobians
 
-_WIDTH = 1.5
-"""The band-stop reaches from the frequency divided by this to the frequency times this."""
+_WIDTH = 1.5  # the band-stop reaches from the frequency divided by this to the frequency times this
 
-_NEAR = 0.15
-"""Relative distance up to which a mode of the linearised loop is the oscillation."""
+_NEAR = 0.15  # relative distance up to which a mode of the linearised loop is the oscillation
 
-_PERIODS = 8
-"""Of the oscillation, by which the errors are continued at their ends, so that it is filtered there too."""
+_PERIODS = 8  # of the oscillation, by which the errors are continued at their ends, so that it is filtered there too
 
 _POSES = 12
 

@@ -27,8 +27,7 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
-_RIDGE = 1e-9
-"""Share of the largest variance that is added to all: a number kept fixed has no variance."""
+_RIDGE = 1e-9  # share of the largest variance that is added to all: a number kept fixed has no variance
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

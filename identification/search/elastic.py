@@ -92,26 +92,20 @@ class Intervals:
         )  # fmt: skip
 
 
-_GRID = np.geomspace(8.0, 400.0, 15)
-"""Resonances of the first search [Hz]."""
+_GRID = np.geomspace(8.0, 400.0, 15)  # resonances of the first search [Hz]
 
 _STARTS, _FIRST = 2, 4
 """Starts that are followed beside a rigid one, and for how many rounds, before the best goes on alone."""
 
-_RIGID = 1e-12
-"""Compliance of a gear that is as good as rigid [rad/(N m)]."""
+_RIGID = 1e-12  # compliance of a gear that is as good as rigid [rad/(N m)]
 
-_SMALL = 0.01
-"""Step of the central differences of f, in standard deviations of the torque equation's fit."""
+_SMALL = 0.01  # step of the central differences of f, in standard deviations of the torque equation's fit
 
-_MIDDLE = 2
-"""Of the bands, that of the rigid fit."""
+_MIDDLE = 2  # of the bands, that of the rigid fit
 
-_LEAST_SHARE = 0.1
-"""Share of D_ii that a link has at least, for the first grid."""
+_LEAST_SHARE = 0.1  # share of D_ii that a link has at least, for the first grid
 
-_BETTER = 3
-"""How often, at most, a better fit that a profile meets is taken up."""
+_BETTER = 3  # how often, at most, a better fit that a profile meets is taken up
 
 
 def pose_of(problem: Problem) -> Floats:

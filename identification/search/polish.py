@@ -18,17 +18,14 @@ from identification.search.problem import Problem
 from plant.machine.motor_inertia import least_inertia_margin
 from plant.parts.fields import Floats
 
-_SMALL = 0.01
-"""Step of the central differences, in standard deviations of the equation error."""
+_SMALL = 0.01  # step of the central differences, in standard deviations of the equation error
 
 _STAGES, _CRITICAL, _GAIN_STEP = (0.2, 0.07, 0.025), 0.285, 0.01
 """Observer gains of position that a fit goes through; that of speed over its square; and steps of gains, relative."""
 
-_ROUNDED = 8
-"""Logs by which the bias of rounding is found."""
+_ROUNDED = 8  # logs by which the bias of rounding is found
 
-_OF_ZERO = 0.02
-"""Step of a spring's number, such as an angle, that is 0 in the record [SI]."""
+_OF_ZERO = 0.02  # step of a spring's number, such as an angle, that is 0 in the record [SI]
 
 
 def torque_fit(problem: Problem) -> TorqueFit:
