@@ -80,18 +80,10 @@ _FIXED = 0.2e9  # bytes beside the samples: kernels, and what compiles them
 
 
 def prepare(
-    dynamics: Dynamics,
-    records: Record | Sequence[Record],
-    unknown: Iterable[str] | None,
-    held_out: Record | Sequence[Record] | None,
-    method: str,
-    ranges: ArrayLike | None,
-    settings: GeneticSettings | None,
-    seed: int,
-    zeros: bool,
-    options: dict[str, Any],
-    tolerances: Tolerances | None = None,
-) -> Problem:
+    dynamics: Dynamics, records: Record | Sequence[Record], unknown: Iterable[str] | None,
+    held_out: Record | Sequence[Record] | None, method: str, ranges: ArrayLike | None, settings: GeneticSettings | None,
+    seed: int, zeros: bool, options: dict[str, Any], tolerances: Tolerances | None = None,
+) -> Problem:  # fmt: skip
     """The problem that a method is given; bad input is refused here, before any search."""
     choice("method", method, tuple(METHODS))
     instance("zeros", zeros, bool, "Give True or False.")
@@ -161,13 +153,9 @@ def _require_room(dynamics: Dynamics, records: Sequence[Record], unknown: Iterab
 
 
 def with_gears(
-    dynamics: Dynamics,
-    records: Record | Sequence[Record],
-    held_out: Record | Sequence[Record] | None,
-    unknown: Iterable[str] | None,
-    method: str,
-    ranges: ArrayLike | None,
-) -> tuple[tuple[Record, ...], tuple[Record, ...], tuple[str, ...]]:
+    dynamics: Dynamics, records: Record | Sequence[Record], held_out: Record | Sequence[Record] | None,
+    unknown: Iterable[str] | None, method: str, ranges: ArrayLike | None,
+) -> tuple[tuple[Record, ...], tuple[Record, ...], tuple[str, ...]]:  # fmt: skip
     """Records that are searched and held out, on elastic gears, and the unknowns with those of the gears."""
     if ranges is not None:
         raise ValueError("ranges need every unknown by name; got elasticity=True. Name stiffness and damping instead.")
@@ -178,12 +166,9 @@ def with_gears(
 
 
 def _set_aside(
-    dynamics: Dynamics,
-    records: Record | Sequence[Record],
-    unknown: Iterable[str] | None,
-    held_out: Record | Sequence[Record] | None,
-    method: str,
-) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
+    dynamics: Dynamics, records: Record | Sequence[Record], unknown: Iterable[str] | None,
+    held_out: Record | Sequence[Record] | None, method: str,
+) -> tuple[tuple[Record, ...], tuple[Record, ...]]:  # fmt: skip
     """Records that are searched, and records that are held out."""
     searched, _ = as_records(dynamics, records, unknown)
     if method != "paper":  # which follows the straight lines between counts

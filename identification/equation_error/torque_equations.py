@@ -105,15 +105,9 @@ class TorqueEquations:
 
 
 def equations_of(
-    dynamics: Dynamics,
-    q: Any,
-    torque: Any,
-    rig: Rig | None,
-    unknown: Iterable[str] | None,
-    extra: Columns | None,
-    known: Mapping[str, float] | None,
-    joints: Iterable[int | str] | None,
-) -> TorqueEquations:
+    dynamics: Dynamics, q: Any, torque: Any, rig: Rig | None, unknown: Iterable[str] | None, extra: Columns | None,
+    known: Mapping[str, float] | None, joints: Iterable[int | str] | None,
+) -> TorqueEquations:  # fmt: skip
     """What a user gave to `fit_torque`, or a refusal."""
     instance("dynamics", dynamics, Dynamics, "Pass the equations with f open.")
     if isinstance(unknown, str):

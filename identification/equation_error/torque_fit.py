@@ -168,13 +168,9 @@ def _trials(trials: Iterable[FitTrial]) -> Table:
 
 
 def weighted(
-    dynamics: Dynamics,
-    names: tuple[str, ...],
-    systems: Iterable[System],
-    weights: Floats | None = None,
-    seconds: Floats | None = None,
-    **report: Any,
-) -> TorqueFit:
+    dynamics: Dynamics, names: tuple[str, ...], systems: Iterable[System], weights: Floats | None = None,
+    seconds: Floats | None = None, **report: Any,
+) -> TorqueFit:  # fmt: skip
     """Least squares of one or more logs' equations.
 
     `dynamics`, `names`: names of the columns. `systems`: one per record. `weights` (R, n): of each record and joint, up

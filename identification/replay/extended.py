@@ -59,15 +59,9 @@ class Extended:
     """
 
     def __init__(
-        self,
-        dynamics: Dynamics,
-        records: Sequence[Record],
-        unknown: Sequence[str],
-        f: Floats,
-        *,
-        threads: int | None = None,
-        **options: Any,
-    ) -> None:
+        self, dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], f: Floats, *,
+        threads: int | None = None, **options: Any,
+    ) -> None:  # fmt: skip
         n, links = dynamics.n, _link_inertia(dynamics, records[0], f)
         self.records, self.threads = tuple(records), int(threads or cores())
         own = {**options, "threads": self.threads}

@@ -66,19 +66,10 @@ class Prediction:
     """
 
     def __init__(
-        self,
-        dynamics: Dynamics,
-        records: Record | Iterable[Record],
-        unknown: Iterable[str] | None = None,
-        *,
-        simulated: bool = False,
-        zeros: bool = False,
-        steady: bool = False,
-        memories: Sequence[Memory | None] = (),
-        steps_per_sample: int = 4,
-        sweeps: int = 3,
-        threads: int | None = None,
-    ) -> None:
+        self, dynamics: Dynamics, records: Record | Iterable[Record], unknown: Iterable[str] | None = None, *,
+        simulated: bool = False, zeros: bool = False, steady: bool = False, memories: Sequence[Memory | None] = (),
+        steps_per_sample: int = 4, sweeps: int = 3, threads: int | None = None,
+    ) -> None:  # fmt: skip
         records, unknown = as_records(dynamics, records, unknown)
         n, replayed = dynamics.n, any(record.law is not None and record.law.replays for record in records)
         correction = Correction.with_memory(n, _REPLAYED if replayed else _MEMORY)

@@ -91,14 +91,9 @@ class Resonances:
     """
 
     def __init__(
-        self,
-        prediction: Prediction,
-        dynamics: Dynamics,
-        rig: Rig,
-        pose: ArrayLike,
-        kept: Iterable[str] = (),
+        self, prediction: Prediction, dynamics: Dynamics, rig: Rig, pose: ArrayLike, kept: Iterable[str] = (),
         measured: ArrayLike | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.prediction, self.unknown, self._elasticity = prediction, prediction.unknown, rig.drive.elasticity
         self._f = [self.unknown.index(name) for name in dynamics.names]
         self._slope, self._rotors = link_inertia(dynamics, rig, pose)

@@ -55,13 +55,9 @@ class _Inertial:
 
 
 def bodies_of(
-    found_or_arm: Identification | Physical | Arm,
-    arm: Arm,
-    model: ModelFile,
-    prior: Mapping[str, Body],
-    nearest: bool,
+    found_or_arm: Identification | Physical | Arm, arm: Arm, model: ModelFile, prior: Mapping[str, Body], nearest: bool,
     armature: Floats,
-) -> Realised:
+) -> Realised:  # fmt: skip
     """What is to be written, or a refusal."""
     rotors, scale = armature, None
     if isinstance(found_or_arm, Identification):
