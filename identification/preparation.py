@@ -101,20 +101,11 @@ def prepare(
         aside = Objective(dynamics, kept, unknown, **options) if kept else None
     _require_different(searched, kept)
     problem = Problem(
-        dynamics=dynamics,
-        records=followed,
-        unknown=objective.unknown,
-        objective=objective,
-        held_out=aside,
-        nominal=_nominal(objective),
-        ranges=None if ranges is None else _validated_ranges(ranges, objective.unknown),
-        method=method,
-        settings=settings,
-        seed=seed,
-        zeros=zeros,
-        options=options,
+        dynamics=dynamics, records=followed, unknown=objective.unknown, objective=objective, held_out=aside,
+        nominal=_nominal(objective), ranges=None if ranges is None else _validated_ranges(ranges, objective.unknown),
+        method=method, settings=settings, seed=seed, zeros=zeros, options=options,
         tolerances=tolerances or Tolerances(),
-    )
+    )  # fmt: skip
     if zeros and not all(problem.replays):
         raise ValueError("zeros can be found only of logs that replay their torque; got a controller. Leave it out.")
     found = [name for name in problem.unknown if name.startswith("drive.elasticity")]

@@ -208,17 +208,9 @@ def weighted(
         if len(seconds) >= RUNS:
             covariance = at_least(covariance, run_std(*by_weight, places.record))
     return TorqueFit(
-        dynamics=dynamics,
-        names=names,
-        values=values,
-        covariance=covariance,
-        noise_covariance=noise,
-        sigma=sigma,
-        relative_error=float(norm(residual) / norm(target)),
-        rows=len(target),
-        condition=condition,
-        **report,
-    )
+        dynamics=dynamics, names=names, values=values, covariance=covariance, noise_covariance=noise, sigma=sigma,
+        relative_error=float(norm(residual) / norm(target)), rows=len(target), condition=condition, **report,
+    )  # fmt: skip
 
 
 def _deviations(residual: Floats, group: NDArray[np.intp], groups: int, freedom: float) -> Floats:

@@ -126,11 +126,7 @@ def pulse_budget(
     covariance = least_squares(prediction.unknown, change * np.abs(step), change[:, 0], dependent=1e-7)[1]
     cell = 1 / np.sqrt(12)
     return Budget(
-        dynamics=arm.dynamics,
-        names=prediction.unknown,
-        values=values,
-        peak=per_cent.max(axis=0),
-        rms=np.sqrt((per_cent**2).mean(axis=0)),
-        bound=cell * np.sqrt(np.diag(covariance)) * step,
+        dynamics=arm.dynamics, names=prediction.unknown, values=values, peak=per_cent.max(axis=0),
+        rms=np.sqrt((per_cent**2).mean(axis=0)), bound=cell * np.sqrt(np.diag(covariance)) * step,
         bound_alone=cell / np.sqrt((change**2).sum(axis=0)),
-    )
+    )  # fmt: skip
