@@ -61,17 +61,14 @@ def _exceeding(certificate: Any, where: str, anywhere: str) -> str:
     sure, bound = f"with {100 * certificate.confidence:g} % confidence", percent(certificate.upper, up=True)
     cell = certificate.worst_cell
     of = "of all would" if cell is None else f"would at the worst resonance ({cell})"
-    some, rest = (
-        f"{percent(certificate.probability)} of {count} exceed {limit} {where}",
-        f"; {sure}, at most {bound} {of}",
-    )
+    some = f"{percent(certificate.probability)} of {count} exceed {limit} {where}"
+    rest = f"; {sure}, at most {bound} {of}"
     if not certificate.failures:
         some, rest = f"None of {count} exceeds {limit}{anywhere}", f"; {sure}, fewer than {bound} {of}"
     sentence = f"{some}{_worst(cell) if bound == percent(1.0) else rest}."  # 100 % is no bound
     if certificate.failures_before:
-        before, all_ = (
-            x / len(certificate.plants) for x in (certificate.failures_before, certificate.failures_with_start)
-        )
+        exceeding = certificate.failures_before, certificate.failures_with_start
+        before, all_ = (each / len(certificate.plants) for each in exceeding)
         after = f"In the first {certificate.settings['after']:g} s, which are left out"
         sentence = f"{sentence} {after}, {percent(before)} exceed it: {percent(all_)} with the start."
     return sentence

@@ -4,12 +4,10 @@ A rigid rig is an assumption. What it costs is one number: the locked-rotor reso
 nominal arm still stays within the limit.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -158,7 +156,7 @@ class LowestResonance(Shown, Frozen):
     reason: str = ""
 
     @classmethod
-    def none(cls, damping_ratio: float, within: float) -> LowestResonance:
+    def none(cls, damping_ratio: float, within: float) -> Self:
         """Of a loop that exceeds the limit also on rigid gears."""
         return cls(hz=np.inf, damping_ratio=damping_ratio, within=within, reason="also on rigid gears")
 

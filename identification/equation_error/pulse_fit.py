@@ -15,7 +15,7 @@ from identification.equation_error.naming import of_each
 from identification.equation_error.regressor import Filtering, System, linear, regressor_and_torque
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from identification.equation_error.torque_logs import torque_of
-from plant import Arm, Dynamics, Record, Rig
+from plant import Arm, Dynamics, Law, Record, Rig
 from plant.analysis.linearise import modes
 from plant.checkup.oscillation import spectrum
 from plant.parts.fields import Floats
@@ -70,11 +70,15 @@ def pass_band(record: Record, arm: Arm | None = None) -> float:
     band = round(_BAND * mode_in(record), 1)
     if arm is None or record.law is None:
         return band
-    angles = record.rig.cell_centre(record.counts)
-    poses = angles[:: max(1, len(angles) // _POSES)]
-    found = [modes(jacobians(arm, record.rig, record.law, pose)[0]) for pose in poses]
-    slow = [each[0, 0] for each in found if len(each)]
+    slow = [each[0, 0] for each in modes_along(arm, record, record.law, _POSES) if len(each)]
     return round(_BAND * float(np.max(slow)), 1) if slow else band
+
+
+def modes_along(arm: Arm, record: Record, law: Law, poses: int) -> list[Floats]:
+    """Modes of the linearised loop at about so many poses of a record."""
+    angles = record.rig.cell_centre(record.counts)
+    some = angles[:: max(1, len(angles) // poses)]
+    return [modes(jacobians(arm, record.rig, law, pose)[0]) for pose in some]
 
 
 def equation_error(

@@ -6,8 +6,6 @@ sub-steps even the stiffest do not stick quite like rigid ones where a joint tur
 contradict.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Iterable, Sequence
@@ -91,7 +89,7 @@ class Extended:
         count = len(values) - len(self.extra)
         return values[:count], dict(zip(self.extra, values[count:], strict=True))
 
-    def late(self, samples: float) -> Extended:
+    def late(self, samples: float) -> "Extended":
         """The same model, following records whose counts are so many samples later."""
         later = self._again([without_delay(record, -samples) for record in self.records])
         later.scales = self.scales

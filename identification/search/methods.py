@@ -132,10 +132,7 @@ def seeded(problem: Problem) -> Outcome:
     if any(problem.replays) or problem.elastic:
         return prediction_error(problem)
     values, step = start_of_fit(problem, torque_fit(problem))
-    box = np.column_stack([values - _BOX * step, values + _BOX * step])
-    low, high = problem.bounds.T
-    box = np.column_stack([np.clip(box[:, 0], low, high), np.clip(box[:, 1], low, high)])
-    result = _genetic(problem, box)
+    result = _genetic(problem, np.clip([values - _BOX * step, values + _BOX * step], *problem.bounds.T).T)
     if not np.isfinite(result.cost) and problem.everywhere is not None:  # the log was too poor for a box
         result = _genetic(problem, problem.everywhere)
     stages = {"equation error": values, "genetic": result.x}
@@ -143,8 +140,7 @@ def seeded(problem: Problem) -> Outcome:
         fit = Fit(unknown=problem.unknown, values=values, candidates=values[None])
         return Outcome(fit=fit, genetic=result, evaluations=result.evaluations, stages=stages)
     outcome = problem.checkpoint.stage("fit", lambda: polished(problem, result.x, step, stages))
-    stages = outcome.stages
-    fit = outcome.fit
+    fit, stages = outcome.fit, outcome.stages
     stages["prediction error"] = fit.values
     moves = np.random.default_rng(problem.seed).normal(size=(_NEIGHBOURS, len(step)))
     moves = _NEAR * (moves[:, None, :] * _root(np.asarray(fit.covariance))).sum(axis=2)
