@@ -80,10 +80,8 @@ class TorqueEquations:
 
     def usual_speed(self) -> Floats:
         """Root mean square of each joint's speed (n,) [rad/s] in all logs, without what is faster than motions are."""
-        speeds = []
-        for log in self.logs:
-            period = log.rig.period
-            speeds.append(derivatives(log.q, period, min(_MOTION, BAND_MOST / period)).qd)
+        logs = [(log.q, log.rig.period) for log in self.logs]
+        speeds = [derivatives(q, period, min(_MOTION, BAND_MOST / period)).qd for q, period in logs]
         return np.asarray(np.sqrt(np.mean(np.concatenate(speeds) ** 2, axis=0)))
 
     def least(self, usual: Floats, share: float, band: float) -> Floats:
