@@ -1,7 +1,7 @@
 """What contradicts a model, one thing after another: what explains most is fitted, the rest tested again beside it."""
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -112,8 +112,7 @@ class _Search:
         first = found = self._signs = signs(self.at, self.effects)
         stated, named = self.at.model.stated(), list[Sign]()
         if delay:
-            guess: Any = {"values": {"delay": delay}, "chi_square": np.inf}  # found by another test
-            found = [dataclasses.replace(sign, **guess) if sign.name == "delay" else sign for sign in found]
+            found = [_guessed(sign, delay) if sign.name == "delay" else sign for sign in found]
         while len(named) < _NAMED:
             again = _AGAIN if named else 1.0
             those = [sign for sign in found if sign.chi_square > again * sign.threshold and _may_follow(sign, named)]
@@ -203,6 +202,11 @@ class _Search:
             for name, value in sign.values.items()
         }
         return dataclasses.replace(sign, values=values)
+
+
+def _guessed(sign: Sign, delay: float) -> Sign:
+    """The sign of a delay that another test has found, whatever its own says."""
+    return dataclasses.replace(sign, values={"delay": delay}, chi_square=np.inf)
 
 
 def _may_follow(sign: Sign, named: list[Sign]) -> bool:
