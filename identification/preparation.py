@@ -24,17 +24,13 @@ from plant.parts.fields import Floats
 from plant.parts.room import require_room
 from plant.simulation.followed_path import with_path
 
-_LEAST_PULSES = 20
-"""Counts that every motor has to move, at least."""
+_LEAST_PULSES = 20  # counts that every motor has to move, at least
 
-_LEAST_SAMPLES = 200
-"""Fewer hold no oscillation of a position loop that stands out from its noise."""
+_LEAST_SAMPLES = 200  # fewer hold no oscillation of a position loop that stands out from its noise
 
-_SATURATED = 0.5
-"""Share of the samples at the amplifier's limit above which a log is refused."""
+_SATURATED = 0.5  # share of the samples at the amplifier's limit above which a log is refused
 
-_PERIODS = 4
-"""Of the slow mode that a log has to hold."""
+_PERIODS = 4  # of the slow mode that a log has to hold
 
 
 def require_informative(record: Record, labels: Sequence[str]) -> None:
@@ -80,23 +76,14 @@ def require_informative(record: Record, labels: Sequence[str]) -> None:
         )
 
 
-_FIXED = 0.2e9
-"""Bytes beside the samples: kernels, and what compiles them."""
+_FIXED = 0.2e9  # bytes beside the samples: kernels, and what compiles them
 
 
 def prepare(
-    dynamics: Dynamics,
-    records: Record | Sequence[Record],
-    unknown: Iterable[str] | None,
-    held_out: Record | Sequence[Record] | None,
-    method: str,
-    ranges: ArrayLike | None,
-    settings: GeneticSettings | None,
-    seed: int,
-    zeros: bool,
-    options: dict[str, Any],
-    tolerances: Tolerances | None = None,
-) -> Problem:
+    dynamics: Dynamics, records: Record | Sequence[Record], unknown: Iterable[str] | None,
+    held_out: Record | Sequence[Record] | None, method: str, ranges: ArrayLike | None, settings: GeneticSettings | None,
+    seed: int, zeros: bool, options: dict[str, Any], tolerances: Tolerances | None = None,
+) -> Problem:  # fmt: skip
     """The problem that a method is given; bad input is refused here, before any search."""
     choice("method", method, tuple(METHODS))
     instance("zeros", zeros, bool, "Give True or False.")
@@ -114,20 +101,11 @@ def prepare(
         aside = Objective(dynamics, kept, unknown, **options) if kept else None
     _require_different(searched, kept)
     problem = Problem(
-        dynamics=dynamics,
-        records=followed,
-        unknown=objective.unknown,
-        objective=objective,
-        held_out=aside,
-        nominal=_nominal(objective),
-        ranges=None if ranges is None else _validated_ranges(ranges, objective.unknown),
-        method=method,
-        settings=settings,
-        seed=seed,
-        zeros=zeros,
-        options=options,
+        dynamics=dynamics, records=followed, unknown=objective.unknown, objective=objective, held_out=aside,
+        nominal=_nominal(objective), ranges=None if ranges is None else _validated_ranges(ranges, objective.unknown),
+        method=method, settings=settings, seed=seed, zeros=zeros, options=options,
         tolerances=tolerances or Tolerances(),
-    )
+    )  # fmt: skip
     if zeros and not all(problem.replays):
         raise ValueError("zeros can be found only of logs that replay their torque; got a controller. Leave it out.")
     found = [name for name in problem.unknown if name.startswith("drive.elasticity")]
@@ -166,13 +144,9 @@ def _require_room(dynamics: Dynamics, records: Sequence[Record], unknown: Iterab
 
 
 def with_gears(
-    dynamics: Dynamics,
-    records: Record | Sequence[Record],
-    held_out: Record | Sequence[Record] | None,
-    unknown: Iterable[str] | None,
-    method: str,
-    ranges: ArrayLike | None,
-) -> tuple[tuple[Record, ...], tuple[Record, ...], tuple[str, ...]]:
+    dynamics: Dynamics, records: Record | Sequence[Record], held_out: Record | Sequence[Record] | None,
+    unknown: Iterable[str] | None, method: str, ranges: ArrayLike | None,
+) -> tuple[tuple[Record, ...], tuple[Record, ...], tuple[str, ...]]:  # fmt: skip
     """Records that are searched and held out, on elastic gears, and the unknowns with those of the gears."""
     if ranges is not None:
         raise ValueError("ranges need every unknown by name; got elasticity=True. Name stiffness and damping instead.")
@@ -183,12 +157,9 @@ def with_gears(
 
 
 def _set_aside(
-    dynamics: Dynamics,
-    records: Record | Sequence[Record],
-    unknown: Iterable[str] | None,
-    held_out: Record | Sequence[Record] | None,
-    method: str,
-) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
+    dynamics: Dynamics, records: Record | Sequence[Record], unknown: Iterable[str] | None,
+    held_out: Record | Sequence[Record] | None, method: str,
+) -> tuple[tuple[Record, ...], tuple[Record, ...]]:  # fmt: skip
     """Records that are searched, and records that are held out."""
     searched, _ = as_records(dynamics, records, unknown)
     if method != "paper":  # which follows the straight lines between counts

@@ -189,13 +189,7 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
     if fit.resonance is not None and diagnostics.detection.played:
         fit = dataclasses.replace(fit, resonance=fit.resonance.beside_backlash(diagnostics.detection.played))
     return Identification(
-        arm=arm,
-        rig=rig,
-        law=law,
-        records=records,
-        held_out=() if problem.held_out is None else problem.held_out.records,
-        versions=versions(),
-        fit=fit,
-        search=Search.of(problem, outcome, cost, time.perf_counter() - started),
-        diagnostics=diagnostics,
-    )
+        arm=arm, rig=rig, law=law, records=records,
+        held_out=() if problem.held_out is None else problem.held_out.records, versions=versions(), fit=fit,
+        search=Search.of(problem, outcome, cost, time.perf_counter() - started), diagnostics=diagnostics,
+    )  # fmt: skip

@@ -1,6 +1,7 @@
 """Stated ranges of resonance and damping in small parts, so that a bound of a range holds for its worst part."""
 
 import dataclasses
+import itertools
 from typing import Any
 
 import numpy as np
@@ -79,13 +80,12 @@ def cells(
         name = "resonance" if len(pairs) == 1 else f"resonance[{i}]"
         edges = np.geomspace(low, high, max(1, int(np.ceil(np.log(high / low) / np.log(_WIDTH)))) + 1).tolist()
         dampings = np.linspace(least, most, 1 + (_DAMPINGS if least < most else 1)).tolist()
-        hz, ratio = (_place(names, values, *each) for each in ((name, edges), ("damping_ratio", dampings)))
-        for j in range(len(edges) - 1):
-            for k in range(len(dampings) - 1):
-                ends: Any = {"hz": (edges[j], edges[j + 1]), "damping_ratio": (dampings[k], dampings[k + 1])}
-                inside = (hz == j) & (ratio == k)
-                failures = int(outside[inside].sum())
-                found.append(Cell(name=name, count=int(inside.sum()), failures=failures, **ends))
+        of_hz, of_ratio = (_place(names, values, *each) for each in ((name, edges), ("damping_ratio", dampings)))
+        parts = (enumerate(itertools.pairwise(ends)) for ends in (edges, dampings))
+        for (j, hz), (k, ratio) in itertools.product(*parts):
+            inside = outside[(of_hz == j) & (of_ratio == k)]
+            failures = int(inside.sum())
+            found.append(Cell(name=name, hz=hz, damping_ratio=ratio, count=len(inside), failures=failures))
     return found
 
 

@@ -1,10 +1,8 @@
 """Plants sampled from what is uncertain: arms, rigs, and the samples that they lose."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,7 +107,7 @@ class Plants(Frozen):
             return self.rig
         return dataclasses.replace(self.rig, encoder=dataclasses.replace(self.rig.encoder, phase=None))
 
-    def first(self, count: int) -> Plants:
+    def first(self, count: int) -> Self:
         """The first so many of them."""
         first = {name: getattr(self, name)[:count] for name in ("f", "values", "derived", "expected")}
         return dataclasses.replace(self, **first)

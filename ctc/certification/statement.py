@@ -14,14 +14,11 @@ from plant import Rig
 from plant.parts.shown import Aside, Piece, Verdict
 from plant.parts.tables import Table, by_joint
 
-_DECIDES, _AT_ALL = 0.5, 0.25
-"""Shares of what is explained, and of all that varies, above which f decides."""
+_DECIDES, _AT_ALL = 0.5, 0.25  # shares of what is explained, and of all that varies, above which f decides
 
-_SHOWN = 5
-"""Sensitivities in the table."""
+_SHOWN = 5  # sensitivities in the table
 
-_MOST = 0.5
-"""Share of samples that exceed the limit beyond which nothing is said of the nominal one."""
+_MOST = 0.5  # share of samples that exceed the limit beyond which nothing is said of the nominal one
 
 
 def statement(uncertainty: Uncertainty, rig: Rig, known: Identified) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -64,17 +61,14 @@ def _exceeding(certificate: Any, where: str, anywhere: str) -> str:
     sure, bound = f"with {100 * certificate.confidence:g} % confidence", percent(certificate.upper, up=True)
     cell = certificate.worst_cell
     of = "of all would" if cell is None else f"would at the worst resonance ({cell})"
-    some, rest = (
-        f"{percent(certificate.probability)} of {count} exceed {limit} {where}",
-        f"; {sure}, at most {bound} {of}",
-    )
+    some = f"{percent(certificate.probability)} of {count} exceed {limit} {where}"
+    rest = f"; {sure}, at most {bound} {of}"
     if not certificate.failures:
         some, rest = f"None of {count} exceeds {limit}{anywhere}", f"; {sure}, fewer than {bound} {of}"
     sentence = f"{some}{_worst(cell) if bound == percent(1.0) else rest}."  # 100 % is no bound
     if certificate.failures_before:
-        before, all_ = (
-            x / len(certificate.plants) for x in (certificate.failures_before, certificate.failures_with_start)
-        )
+        exceeding = certificate.failures_before, certificate.failures_with_start
+        before, all_ = (each / len(certificate.plants) for each in exceeding)
         after = f"In the first {certificate.settings['after']:g} s, which are left out"
         sentence = f"{sentence} {after}, {percent(before)} exceed it: {percent(all_)} with the start."
     return sentence

@@ -13,7 +13,7 @@ from identification import Identification
 from identification.results.summary import warn_of_doubts
 from plant import Arm, Law, Reference, Rig
 from plant.motion.everyday import motions_of, naming
-from plant.parts.arguments import instance, real
+from plant.parts.arguments import instance, real, whole
 from plant.parts.checkpoint import Checkpoint
 from plant.simulation.threads import cores
 
@@ -39,13 +39,9 @@ class Task:
             if instance("law", law, Law, order).replays:
                 raise ValueError(f"the law must be a controller; {type(law).__name__} repeats a log. Use another.")
         motions = motions_of(getattr(found, "arm", found), rig, reference, order)
-        for name, value, least in (
-            ("samples", samples, 1),
-            ("seed", seed, 0),
-            ("threads", 1 if threads is None else threads, 1),
-        ):
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-                raise ValueError(f"{name} must be a whole number of at least {least}; got {value!r}. Leave it out.")
+        whole("samples", samples, "Leave it out.")
+        self.seed = whole("seed", seed, "Leave it out.", least=0)
+        self.threads = cores() if threads is None else whole("threads", threads, "Leave it out.")
         self.within = real("within", within, "Give pulses, such as 1.")
         self.motions = dict[str, tuple[Reference, float]]()
         for name, motion in motions.items():
@@ -62,8 +58,7 @@ class Task:
         self.uncertainty.require_followed(rig.period / steps_per_sample)
         if isinstance(found, Identification):
             warn_of_doubts(found, work)
-        self.found, self.rig, self.seed, self.progress = found, rig, int(seed), progress
-        self.several, self.threads = isinstance(reference, Mapping), int(threads or cores())
+        self.found, self.rig, self.progress, self.several = found, rig, progress, isinstance(reference, Mapping)
         self.first = next(iter(motions.values()))
         inputs = {
             "identification": found, "rig": rig, **inputs, "reference": motions if self.several else reference,

@@ -11,7 +11,7 @@ from ctc.payload.controller import PayloadController
 from ctc.payload.payload_law import PayloadLaw
 from identification import Identification
 from identification.payload.kernel_estimate import KERNEL, uncertainty
-from identification.payload.posterior import PayloadEstimate
+from identification.payload.posterior import PayloadEstimate, nothing
 from identification.payload.shape import LoadShape
 from identification.payload.worker import Specification
 from plant import Law, Rig
@@ -134,13 +134,8 @@ class PayloadEstimator:
     @property
     def prior(self) -> PayloadEstimate:
         """What is held while a load is not known."""
-        low, high = self.shape.mass
-        phi = np.array(self.loop_law.start_with)
-        return PayloadEstimate(
-            mass=float(phi[0]), std=float((high - low) / np.sqrt(12)), interval=np.array([low, high], dtype=float),
-            parameters=phi, position=self.shape.places[len(self.shape.places) // 2], sufficient=False,
-            explained=True, misfit=float("nan"), message="the prior: nothing identified yet",
-        )  # fmt: skip
+        taken, limits = np.array(self.loop_law.start_with), np.array(self.shape.mass, dtype=float)
+        return nothing(self.shape, taken, limits, "the prior: nothing identified yet")
 
     def start(self, rig: Rig, pulses: ArrayLike, **options: Any) -> PayloadController:
         """A running controller that estimates its load.

@@ -206,8 +206,7 @@ class PayloadLaw(Law):
         return asked, ca.vertcat(following, parts["wanted"], parts["wanted"], seen, slow, change)
 
 
-_TINY = 1e-12
-"""Beside the squared torque of 1 kg in units of the noise, where a load has none."""
+_TINY = 1e-12  # beside the squared torque of 1 kg in units of the noise, where a load has none
 
 
 def model_errors(law: Law, n: int) -> tuple[range, ...]:

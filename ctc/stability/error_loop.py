@@ -5,8 +5,6 @@ controller reads, output is minus the position, in pulses, so that the sensitivi
 loops are linearised: `plant.analysis.sampled_loops`.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,7 +26,7 @@ Matrix = NDArray[np.float64]
 @known_options
 def error_loop(
     arm: Arm | Identification | None, rig: Rig, law: Law, *, joint: int = 0, pose: ArrayLike | None = None
-) -> StateSpace:
+) -> "StateSpace":
     """Loop transfer function L of one joint, the loops of the others closed.
 
     Parameters

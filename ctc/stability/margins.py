@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures.loops import plot_margins
 from ctc.stability.error_loop import controlled, opened
-from ctc.verdict.on_gears import HIGHEST, LowestResonance, above, damping_of, with_gears
+from ctc.verdict.on_gears import HIGHEST, LowestResonance, above, damping_of, gear_numbers, with_gears
 from identification import Identification
 from plant import Arm, Elasticity, Law, Rig
 from plant.analysis.sampled_loops import SampledLoops
@@ -20,8 +20,7 @@ from plant.parts.tables import Table
 
 _POINTS = 4000
 
-_RESONANCES, _GEAR = 60, ("stiffness", "damping")
-"""Resonances that are tested, and half as many in the last gap between them; and what makes one."""
+_RESONANCES = 60  # resonances that are tested, and half as many in the last gap between them
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -178,11 +177,7 @@ def _lowest_resonance(
 
     def unstable(tried: Any) -> Any:
         """Whether the loops are unstable at each of these resonances [Hz], all joints alike."""
-        found = []
-        for hz in tried:
-            gear = dataclasses.replace(known, hz=np.full(rig.n, hz)).of(rig.drive)
-            numbers = {f"drive.elasticity.{name}[{i}]": getattr(gear, name)[i] for name in _GEAR for i in range(rig.n)}
-            found.append(loops.unstable_pole(numbers) is not None)
-        return np.array(found)
+        names, rows = gear_numbers(known, rig.drive, tried)
+        return np.array([loops.unstable_pole(dict(zip(names, row, strict=True))) is not None for row in rows])
 
     return above(unstable, _RESONANCES)

@@ -20,6 +20,11 @@ from plant import PD, Arm, Law, Reference, Rig
 Numbers = Mapping[str, NDArray[np.float64]]
 
 
+def _named(values: Numbers) -> Numbers:
+    """Of a law whose variables are numbers of its own."""
+    return {f"law.{name}": value for name, value in values.items()}
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Family:
     """A law, and between which numbers it is searched.
@@ -41,7 +46,7 @@ class Family:
     law: Law
     variables: dict[str, tuple[float, float]]
     known: list[dict[str, float]]
-    numbers: Callable[[Numbers], Numbers]
+    numbers: Callable[[Numbers], Numbers] = _named
 
     def tuned(self, values: NDArray[np.float64]) -> Law:
         """The law with these values (k,) of its variables."""
@@ -69,7 +74,6 @@ def families(arm: Arm, rig: Rig, reference: Reference) -> list[Family]:
             law=ComputedTorque(arm, rig),
             variables={"bandwidth": (10.0, min(400.0, most)), "observer_ratio": (0.5, 4.0)},
             known=[{"bandwidth": w, "observer_ratio": 1.5} for w in (20.0, 60.0, 100.0, 150.0, 200.0)],
-            numbers=_named,
         ),
         Family(
             name="computed torque with PID that rolls off",
@@ -84,7 +88,6 @@ def families(arm: Arm, rig: Rig, reference: Reference) -> list[Family]:
                 dict(zip(("bandwidth", "ratio", "integral", "roll_off", "roll_off_damping"), row, strict=True))
                 for row in ((206, 1.28, 24.0, 2124, 0.96), (177, 1.52, 79.5, 2969, 0.91), (155, 1.66, 40.6, 449, 0.53))
             ],
-            numbers=_named,
         ),
     ]  # fmt: skip
     if rig.drive.coupling.matrix:
@@ -103,17 +106,10 @@ def families(arm: Arm, rig: Rig, reference: Reference) -> list[Family]:
 
     found += [
         Family(
-            name=name,
-            law=law,
+            name=name, law=law, numbers=numbers,
             variables={"bandwidth": (20.0, min(500.0, most)), "damping": (0.2, 3.0), "filter": (200.0, 2 * corner)},
             known=[{"bandwidth": w, "damping": d, "filter": 3000.0} for w in (150.0, 250.0) for d in (0.7, 1.0)],
-            numbers=numbers,
         )
         for name, law in laws.items()
-    ]
+    ]  # fmt: skip
     return found
-
-
-def _named(values: Numbers) -> Numbers:
-    """Of a law whose variables are numbers of its own."""
-    return {f"law.{name}": value for name, value in values.items()}

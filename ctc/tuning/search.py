@@ -33,8 +33,7 @@ of the limit that they aim at."""
 _BETWEEN = 2, 5
 """Tunings with less chatter under which the fewest fail, and so many on the way to each from the best that holds."""
 
-_STEPS = 4, 8
-"""Integration steps per sample in a search, and in a check."""
+_STEPS = 4, 8  # integration steps per sample in a search, and in a check
 
 _CHECKED, _JOINING = 2, 6
 """Tunings of a search that are checked, and samples that exceed the limit under each which join the next."""
@@ -42,8 +41,7 @@ _CHECKED, _JOINING = 2, 6
 _LEFT, _BEYOND = 20.0, 5.0
 """Weight of the share of loops that exceed the limit, and of the peak error beyond it [pulses], against chatter."""
 
-_FAR = 20.0
-"""Peak error [pulses] beyond which one is as bad as another."""
+_FAR = 20.0  # peak error [pulses] beyond which one is as bad as another
 
 _HOPE, _HOPELESS = 8, 0.5
 """Generation after which a search is given up under whose best tuning such a share still exceeds the limit."""

@@ -118,10 +118,7 @@ def tune(
         raise ValueError(f"allowed must be from 0 to below 1; got {allowed:g}. Give a share, such as 0.05.")
     searching, fresh = (task.sampled(count, i) for i, count in enumerate((_MORE if allowed else _PLANTS, _FRESH)))
     laws, trials = families(fresh.arm, fresh.own, task.first), list[Trial]()
-    with (
-        task.checkpoint as kept,
-        progress_bar(len(laws) * _GENERATIONS, "tune", "generation", progress) as bar,
-    ):
+    with task.checkpoint as kept, progress_bar(len(laws) * _GENERATIONS, "tune", "generation", progress) as bar:
         for i, family in enumerate(laws):
             bar.set_postfix_str(family.name)
             tunings = Tunings(

@@ -14,8 +14,7 @@ from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
-_EACH = 3
-"""Joints up to which a row has the chatter of each; with more it has the largest."""
+_EACH = 3  # joints up to which a row has the chatter of each; with more it has the largest
 
 
 @kept

@@ -25,8 +25,7 @@ _COLUMNS = (
     ("at the limit", lambda e: f"{e.saturation.max():.2%}"),
 )
 
-_EACH = 3
-"""Joints up to which a cell has a number for each; with more it has the largest."""
+_EACH = 3  # joints up to which a cell has a number for each; with more it has the largest
 
 
 def _each(values: NDArray[np.float64], form: str) -> str:
@@ -158,15 +157,16 @@ def evaluate(
     True
     """
     choice("backend", backend, ("casadi", "numba"))
-    if isinstance(reference, Mapping):
-        found = dict[str, Evaluation]()
-        for name, motion in motions_of(arm, rig, reference, "The order is arm, rig, law, reference.").items():
-            with naming(name):
-                found[name] = evaluate(
-                    arm, rig, law, motion, backend=backend, duration=duration, steps_per_sample=steps_per_sample,
-                    initial=initial, injected=injected,
-                )  # fmt: skip
-        return Evaluations(evaluations=found)
-    trace = run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, injected=injected)
-    joints = tuple(link.name for link in arm.dynamics.chain.links)
-    return Evaluation(joints=joints, arm=arm, record=trace.record, true_error_pulses=trace.true_error_pulses)
+
+    def along(motion: Reference) -> Evaluation:
+        trace = run(arm, rig, law, motion, duration, steps_per_sample, initial, backend, injected=injected)
+        joints = tuple(link.name for link in arm.dynamics.chain.links)
+        return Evaluation(joints=joints, arm=arm, record=trace.record, true_error_pulses=trace.true_error_pulses)
+
+    if not isinstance(reference, Mapping):
+        return along(reference)
+    found = dict[str, Evaluation]()
+    for name, motion in motions_of(arm, rig, reference, "The order is arm, rig, law, reference.").items():
+        with naming(name):
+            found[name] = along(motion)
+    return Evaluations(evaluations=found)

@@ -4,18 +4,16 @@ A rigid rig is an assumption. What it costs is one number: the locked-rotor reso
 nominal arm still stays within the limit.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from identification import Identification
-from plant import Arm, Elasticity, Law, Reference, Rig
+from plant import Arm, Drive, Elasticity, Law, Reference, Rig
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import array, instance, real
 from plant.parts.frozen import Frozen
@@ -85,6 +83,13 @@ def with_gears(rig: Rig, elasticity: Any) -> Rig:
     return dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=elasticity))
 
 
+def gear_numbers(gears: Any, drive: Drive, hz: ArrayLike) -> tuple[list[str], NDArray[np.float64]]:
+    """Names and values (P, 2 n) of what makes gears of these resonances (P,) [Hz], all joints alike."""
+    each = [dataclasses.replace(gears, hz=np.full(drive.n, value)).of(drive) for value in np.asarray(hz, float)]
+    names = [f"drive.elasticity.{name}[{i}]" for name in ("stiffness", "damping") for i in range(drive.n)]
+    return names, np.array([np.append(gear.stiffness, gear.damping) for gear in each])
+
+
 class HeavyMotorsError(ValueError):
     """Motors that weigh more than the arm: there is no link behind the gear."""
 
@@ -121,14 +126,11 @@ class OnGears:
         except ValueError as error:
             raise HeavyMotorsError(str(error)) from None
         self._loop, self._options = (arm, elastic, law, reference), options | {"initial": given}
-        self._names = [f"drive.elasticity.{name}[{i}]" for name in ("stiffness", "damping") for i in range(rig.n)]
 
     def runs(self, hz: ArrayLike, threads: int) -> Runs:
         """One run for each of these resonances (P,) [Hz]."""
-        each = [dataclasses.replace(self._gears, hz=np.full(self._drive.n, value)).of(self._drive)
-                for value in np.asarray(hz, float)]  # fmt: skip
-        values = np.array([np.append(gear.stiffness, gear.damping) for gear in each])
-        return Population(*self._loop, self._names, values, **self._options).run(threads)
+        numbers = gear_numbers(self._gears, self._drive, hz)
+        return Population(*self._loop, *numbers, **self._options).run(threads)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -154,7 +156,7 @@ class LowestResonance(Shown, Frozen):
     reason: str = ""
 
     @classmethod
-    def none(cls, damping_ratio: float, within: float) -> LowestResonance:
+    def none(cls, damping_ratio: float, within: float) -> Self:
         """Of a loop that exceeds the limit also on rigid gears."""
         return cls(hz=np.inf, damping_ratio=damping_ratio, within=within, reason="also on rigid gears")
 

@@ -37,13 +37,11 @@ _WORSE, _FAR = 1.0, 3.0
 """Standard errors over the segments by which the squared errors of prediction may be larger, and from which on
 nothing more inclusive is tried."""
 
-_SMALL = 0.1
-"""The same, relative, that does not count however regular it is."""
+_SMALL = 0.1  # the same, relative, that does not count however regular it is
 
 _SPEED = "of the usual speed"
 
-_ENOUGH, _LEAST = 10, 4
-"""Equations per unknown, and segments, below which a band says too little to judge others."""
+_ENOUGH, _LEAST = 10, 4  # equations per unknown, and segments, below which a band says too little to judge others
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -21,8 +21,7 @@ RUNS, SEGMENTS = 3, 10
 
 _NORMAL = 1.96
 
-_OWN = 1e-9
-"""Share of a direction below which one run alone determines it: of that nothing is known."""
+_OWN = 1e-9  # share of a direction below which one run alone determines it: of that nothing is known
 
 
 def group_std(rows: Floats, residual: Floats, groups: NDArray[np.intp]) -> Floats:

@@ -19,7 +19,15 @@ import numpy as np
 
 from identification.equation_error.least_squares import least_squares
 from identification.equation_error.pulse_fit import CUTOFF, filtering_of, fit_systems, mode_in
-from identification.equation_error.regressor import System, compared, derivatives, linear, low_pass, regressor_along
+from identification.equation_error.regressor import (
+    System,
+    by_differences,
+    compared,
+    derivatives,
+    linear,
+    low_pass,
+    regressor_along,
+)
 from identification.equation_error.torque_fit import TorqueFit
 from identification.equation_error.torque_logs import torque_of
 from plant import Dynamics, Record
@@ -27,23 +35,22 @@ from plant.motion.reference import Motion
 from plant.parts.fields import Floats
 from plant.parts.sums import dot, product
 
-_BAND = 1.4
-"""Pass band, in frequencies of the strongest oscillation."""
+_BAND = 1.4  # pass band, in frequencies of the strongest oscillation
 
-_SYSTEMATIC = 2.0
-"""Errors of the torque on the links (f, filters at reversals) over the scatter of the equations."""
+_SYSTEMATIC = 2.0  # errors of the torque on the links (f, filters at reversals) over the scatter of the equations
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Deflection:
-    """Gears as two position sensors show them.
+class GearFit:
+    """Gears, as two position sensors show them or as they fit best in a pass band.
 
-    `compliance`, `std` (n,): on the shafts [rad/(N m)]. `torque`: of f and linear numbers of the drive.
+    `compliance` (n,): on the shafts [rad/(N m)]. `torque`: of f and linear numbers of the drive, beside them. `std`
+    (n,) of the compliance, from two sensors alone.
     """
 
     compliance: Floats
-    std: Floats
     torque: TorqueFit
+    std: Floats | None = None
 
 
 class _Seen:
@@ -80,7 +87,7 @@ class _Seen:
 
 def fit_deflection(
     dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known: Mapping[str, float]
-) -> Deflection:
+) -> GearFit:
     """Compliance of gears from records with `link_counts`; arguments as for `equation_error`."""
     names, seen = linear(dynamics, records[0].rig, unknown), [_Seen(record) for record in records]
     torque = fit_systems(dynamics, names, known, [each.system(dynamics, names) for each in seen])
@@ -88,7 +95,7 @@ def fit_deflection(
     f = np.array([values[name] for name in dynamics.names])
     systems = [each.wound(dynamics, f) for each in seen]
     found = np.array([_fitted(systems, joint) for joint in range(dynamics.n)])
-    return Deflection(compliance=found[:, 0], std=_SYSTEMATIC * found[:, 1], torque=torque)
+    return GearFit(compliance=found[:, 0], std=_SYSTEMATIC * found[:, 1], torque=torque)
 
 
 def _fitted(systems: Sequence[System], joint: int) -> tuple[float, float]:
@@ -108,29 +115,14 @@ def _fitted(systems: Sequence[System], joint: int) -> tuple[float, float]:
     return float(values[0]), float(std[0])
 
 
-_BANDS = (0.5, 0.7, 1.0, 1.4)
-"""Pass bands that are tested, in frequencies of the strongest oscillation."""
+_BANDS = (0.5, 0.7, 1.0, 1.4)  # pass bands that are tested, in frequencies of the strongest oscillation
 
-_REPLAYED = (4.0, 8.0, 16.0, 32.0)
-"""The same of logs that replay their torque [Hz]."""
+_REPLAYED = (4.0, 8.0, 16.0, 32.0)  # the same of logs that replay their torque [Hz]
 
-_SPARSE = 4.0
-"""Samples that are kept, per period of the cutoff: what is left is in the band alone."""
+_SPARSE = 4.0  # samples that are kept, per period of the cutoff: what is left is in the band alone
 
 _ROUNDS, _NEAR = 6, 2
 """How often, at most, each gear is fitted anew with the others as they are; and how far, in places of the grid."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class GearFit:
-    """The best fit in one pass band.
-
-    `compliance` (n,): of the gears, on the shafts [rad/(N m)]. `torque`: of f and linear numbers of the drive, with
-    these compliances.
-    """
-
-    compliance: Floats
-    torque: TorqueFit
 
 
 class _Wound:
@@ -144,7 +136,7 @@ class _Wound:
         passed = drive.coupling.shaft_torque(held - drive.rotor_torque(motors.qdd))
         every = max(1, int(1 / (_SPARSE * cutoff * rig.period)))
         self.every, self.period, rows = every, every * rig.period, np.arange(0, len(torque), every)
-        self.wind_up = tuple(x[rows] for x in _motion(passed, rig.period))
+        self.wind_up = tuple(x[rows] for x in by_differences(passed, rig.period))
         self.motors = Motion(*(x[rows] for x in motors))
         self.torque = low_pass(torque, rig.period, cutoff)[rows]
         self.valid = np.minimum.reduceat(record.valid, rows)
@@ -159,12 +151,6 @@ class _Wound:
         filtering = filtering._replace(every=max(1, int(1 / (2 * self.band * self.period))))
         kept = compared(signals, self.motors.qd, self.period, filtering, self.valid)
         return dataclasses.replace(kept, sample=kept.sample * self.every, period=self.rig.period)
-
-
-def _motion(x: Floats, period: float) -> tuple[Floats, ...]:
-    """Samples (N, n), and their first and second derivatives by central differences."""
-    rate = np.gradient(x, period, axis=0)
-    return x, rate, np.gradient(rate, period, axis=0)
 
 
 def fit_gears(

@@ -21,32 +21,25 @@ from plant.parts.sums import least, norm, product, triangle
 from plant.simulation.clock import Clock
 from plant.simulation.law_run import LawRun, run_law
 
-_FIRST = 10
-"""Samples whose speed the arm had before."""
+_FIRST = 10  # samples whose speed the arm had before
 
 FADED = 30
 """Samples after which what a law does of its state is looked at; before, it is as if the arm had begun otherwise."""
 
-_MILD = 0.03
-"""Torque that a change of state makes at first and then no longer, in the largest of the log: at most."""
+_MILD = 0.03  # torque that a change of state makes at first and then no longer, in the largest of the log: at most
 
 _FINER, _HIDDEN = 2.2, 0.005
 """Of a reference rebuilt from counts: a number of knots, relative, and the share of torque that it may change."""
 
-_ROUNDS = 3
-"""Fits of the state; a law that saturates is not linear in it."""
+_ROUNDS = 3  # fits of the state; a law that saturates is not linear in it
 
-_STILL = 1e-3
-"""Change in the second half of a log, in the largest magnitude, up to which a state is a flag."""
+_STILL = 1e-3  # change in the second half of a log, in the largest magnitude, up to which a state is a flag
 
-_SMALL = 1e-4
-"""Step of the derivatives by the state, in the largest magnitudes of the run."""
+_SMALL = 1e-4  # step of the derivatives by the state, in the largest magnitudes of the run
 
-_SEEN = 1e-3
-"""Share of the torque that a state must make, for a change of its own size, to be fitted."""
+_SEEN = 1e-3  # share of the torque that a state must make, for a change of its own size, to be fitted
 
-_AT_MOST = 2.0
-"""Standard deviation of a state that is expected, in the largest magnitudes of the run."""
+_AT_MOST = 2.0  # standard deviation of a state that is expected, in the largest magnitudes of the run
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

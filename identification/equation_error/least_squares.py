@@ -12,8 +12,7 @@ import numpy as np
 from plant.parts.fields import Floats
 from plant.parts.sums import least, norm, product, products
 
-_EXACT_ENOUGH = 1e-5
-"""Share of its own from which on a column is told from others by their products."""
+_EXACT_ENOUGH = 1e-5  # share of its own from which on a column is told from others by their products
 
 
 class NotIdentifiableError(ValueError):

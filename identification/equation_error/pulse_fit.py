@@ -15,15 +15,14 @@ from identification.equation_error.naming import of_each
 from identification.equation_error.regressor import Filtering, System, linear, regressor_and_torque
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from identification.equation_error.torque_logs import torque_of
-from plant import Arm, Dynamics, Record, Rig
+from plant import Arm, Dynamics, Law, Record, Rig
 from plant.analysis.linearise import modes
 from plant.checkup.oscillation import spectrum
 from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
 from plant.simulation.jacobians import jacobians
 
-_BAND = 2.0
-"""Pass band, in frequencies of the slow mode."""
+_BAND = 2.0  # pass band, in frequencies of the slow mode
 
 _BEYOND, _FAR_MORE = 8.0, 1000.0
 """Pass band where nothing oscillates, in frequencies of the path; and the power of the path over that of rounding."""
@@ -34,8 +33,7 @@ CUTOFF = 2.5
 BAND_MOST = 0.4 / CUTOFF
 """Highest pass band, in sample rates."""
 
-_LOWEST, _HIGHEST = 3.0, 0.1
-"""Where a mode is searched: from so many Hz to this share of the sample rate."""
+_LOWEST, _HIGHEST = 3.0, 0.1  # where a mode is searched: from so many Hz to this share of the sample rate
 
 _POSES = 8
 
@@ -72,11 +70,15 @@ def pass_band(record: Record, arm: Arm | None = None) -> float:
     band = round(_BAND * mode_in(record), 1)
     if arm is None or record.law is None:
         return band
-    angles = record.rig.cell_centre(record.counts)
-    poses = angles[:: max(1, len(angles) // _POSES)]
-    found = [modes(jacobians(arm, record.rig, record.law, pose)[0]) for pose in poses]
-    slow = [each[0, 0] for each in found if len(each)]
+    slow = [each[0, 0] for each in modes_along(arm, record, record.law, _POSES) if len(each)]
     return round(_BAND * float(np.max(slow)), 1) if slow else band
+
+
+def modes_along(arm: Arm, record: Record, law: Law, poses: int) -> list[Floats]:
+    """Modes of the linearised loop at about so many poses of a record."""
+    angles = record.rig.cell_centre(record.counts)
+    some = angles[:: max(1, len(angles) // poses)]
+    return [modes(jacobians(arm, record.rig, law, pose)[0]) for pose in some]
 
 
 def equation_error(

@@ -48,17 +48,20 @@ def derivatives(q: ArrayLike, period: float, cutoff: float) -> Motion:
 
     Returns q, qd, qdd, each (N, n).
     """
-    q = low_pass(q, period, cutoff)
-    qd = np.gradient(q, period, axis=0)
-    return Motion(q, qd, np.gradient(qd, period, axis=0))
+    return by_differences(low_pass(q, period, cutoff), period)
+
+
+def by_differences(x: Floats, period: float) -> Motion:
+    """Samples (N, n), and their first and second derivatives by central differences."""
+    rate = np.gradient(x, period, axis=0)
+    return Motion(x, rate, np.gradient(rate, period, axis=0))
 
 
 LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
 SPRINGS = "springs"
 """What the names of friction in which the torque is linear begin with; and of springs, in some of which it is."""
 
-_AT_ONCE = 4096
-"""Samples whose regressors are worked out in one go."""
+_AT_ONCE = 4096  # samples whose regressors are worked out in one go
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

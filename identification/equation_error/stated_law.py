@@ -17,8 +17,7 @@ _BEGAN, _EQUAL = 1.1, 1e-3
 """Distance from the logged torque with a law that began with the log, relative to that of the best state, and in the
 largest torque, up to which it did."""
 
-_ROUNDS = 2
-"""Fits of the state; a law that saturates is not linear in it."""
+_ROUNDS = 2  # fits of the state; a law that saturates is not linear in it
 
 
 def torque_apart(record: Record) -> Floats | None:

@@ -17,14 +17,11 @@ from plant.parts.fields import Floats
 Columns = Mapping[str, Callable[..., ArrayLike]]
 """Further columns by name: (q, qd, qdd) -> torque (N, n) per unit."""
 
-_LOWEST = 0.5
-"""Narrowest pass band that is tested [Hz]; then by half octaves."""
+_LOWEST = 0.5  # narrowest pass band that is tested [Hz]; then by half octaves
 
-_PERIODS = 4.0
-"""Periods of a band that the longest log must hold."""
+_PERIODS = 4.0  # periods of a band that the longest log must hold
 
-_MOTION = 10.0
-"""Highest frequency of what counts as the motion of a joint [Hz]."""
+_MOTION = 10.0  # highest frequency of what counts as the motion of a joint [Hz]
 
 
 def cutoff_of(band: float, cutoff: float | None) -> float:
@@ -83,10 +80,8 @@ class TorqueEquations:
 
     def usual_speed(self) -> Floats:
         """Root mean square of each joint's speed (n,) [rad/s] in all logs, without what is faster than motions are."""
-        speeds = []
-        for log in self.logs:
-            period = log.rig.period
-            speeds.append(derivatives(log.q, period, min(_MOTION, BAND_MOST / period)).qd)
+        logs = [(log.q, log.rig.period) for log in self.logs]
+        speeds = [derivatives(q, period, min(_MOTION, BAND_MOST / period)).qd for q, period in logs]
         return np.asarray(np.sqrt(np.mean(np.concatenate(speeds) ** 2, axis=0)))
 
     def least(self, usual: Floats, share: float, band: float) -> Floats:
@@ -108,15 +103,9 @@ class TorqueEquations:
 
 
 def equations_of(
-    dynamics: Dynamics,
-    q: Any,
-    torque: Any,
-    rig: Rig | None,
-    unknown: Iterable[str] | None,
-    extra: Columns | None,
-    known: Mapping[str, float] | None,
-    joints: Iterable[int | str] | None,
-) -> TorqueEquations:
+    dynamics: Dynamics, q: Any, torque: Any, rig: Rig | None, unknown: Iterable[str] | None, extra: Columns | None,
+    known: Mapping[str, float] | None, joints: Iterable[int | str] | None,
+) -> TorqueEquations:  # fmt: skip
     """What a user gave to `fit_torque`, or a refusal."""
     instance("dynamics", dynamics, Dynamics, "Pass the equations with f open.")
     if isinstance(unknown, str):

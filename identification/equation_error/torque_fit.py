@@ -27,8 +27,7 @@ from plant.parts.shown import Aside, Piece, Shown, Verdict, Warned
 from plant.parts.sums import norm, product
 from plant.parts.tables import Table
 
-_POOR = 0.3
-"""Relative torque error above which something is wrong with the log rather than with the arm."""
+_POOR = 0.3  # relative torque error above which something is wrong with the log rather than with the arm
 
 _DOUBTED, _OTHERWISE = 5.0, 0.2
 """Standard deviations, and share of the larger, by which a known number differs from what the torques ask for where it
@@ -169,13 +168,9 @@ def _trials(trials: Iterable[FitTrial]) -> Table:
 
 
 def weighted(
-    dynamics: Dynamics,
-    names: tuple[str, ...],
-    systems: Iterable[System],
-    weights: Floats | None = None,
-    seconds: Floats | None = None,
-    **report: Any,
-) -> TorqueFit:
+    dynamics: Dynamics, names: tuple[str, ...], systems: Iterable[System], weights: Floats | None = None,
+    seconds: Floats | None = None, **report: Any,
+) -> TorqueFit:  # fmt: skip
     """Least squares of one or more logs' equations.
 
     `dynamics`, `names`: names of the columns. `systems`: one per record. `weights` (R, n): of each record and joint, up
@@ -213,17 +208,9 @@ def weighted(
         if len(seconds) >= RUNS:
             covariance = at_least(covariance, run_std(*by_weight, places.record))
     return TorqueFit(
-        dynamics=dynamics,
-        names=names,
-        values=values,
-        covariance=covariance,
-        noise_covariance=noise,
-        sigma=sigma,
-        relative_error=float(norm(residual) / norm(target)),
-        rows=len(target),
-        condition=condition,
-        **report,
-    )
+        dynamics=dynamics, names=names, values=values, covariance=covariance, noise_covariance=noise, sigma=sigma,
+        relative_error=float(norm(residual) / norm(target)), rows=len(target), condition=condition, **report,
+    )  # fmt: skip
 
 
 def _deviations(residual: Floats, group: NDArray[np.intp], groups: int, freedom: float) -> Floats:

@@ -66,14 +66,11 @@ def _held(torque: Floats) -> Floats:
     return (torque + np.vstack([torque[:1], torque[:-1]])) / 2
 
 
-_UNEVEN = 1e-3
-"""Deviation of a sample's time from the even ones, in periods, from which on a record is resampled."""
+_UNEVEN = 1e-3  # deviation of a sample's time from the even ones, in periods, from which on a record is resampled
 
-_FINE = 16.0
-"""Samples per second that a search of the band needs, per Hz of the cutoff."""
+_FINE = 16.0  # samples per second that a search of the band needs, per Hz of the cutoff
 
-_SAMPLES = 100
-"""Samples that a log keeps at least."""
+_SAMPLES = 100  # samples that a log keeps at least
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

@@ -14,7 +14,7 @@ import functools
 import casadi as ca
 import numpy as np
 
-from identification.payload.posterior import PayloadEstimate
+from identification.payload.posterior import PayloadEstimate, judged
 from identification.payload.shape import LoadShape
 from identification.payload.torque_window import Smoothing, Window
 from identification.search.genetic import GeneticSettings, minimize_genetic
@@ -25,17 +25,13 @@ from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.layout import Correction
 from plant.simulation.loop_kernel import LANES, loop_kernel
 
-_STEPS = 1
-"""Sub-steps per sample: a window is short, and corrected."""
+_STEPS = 1  # sub-steps per sample: a window is short, and corrected
 
-_STEP = 0.1
-"""Of the differences for the curvature, as a share of the range of masses."""
+_STEP = 0.1  # of the differences for the curvature, as a share of the range of masses
 
-_TOO_LITTLE, _MISFIT = 0.15, 4.0
-"""As for `identification.payload.posterior`: of the range of masses, and of the rounding's standard deviation."""
+_MISFIT = 4.0  # from which on no load explains a window, in the rounding's standard deviation
 
-_ROUNDING = np.sqrt(1 / 12)
-"""Standard deviation of a rounded count [pulses]."""
+_ROUNDING = np.sqrt(1 / 12)  # standard deviation of a rounded count [pulses]
 
 
 class GeneticEstimator:
@@ -92,11 +88,7 @@ class GeneticEstimator:
         noise = max(misfit * _ROUNDING, _ROUNDING) ** 2 * self._smoothing.per_independent
         even = (high - low) / np.sqrt(12)
         std = float(min(even, np.sqrt(noise / curvature))) if curvature > 0 else float(even)
-        message, sufficient = "sufficient", True
-        if not misfit < _MISFIT:
-            message, sufficient = f"no load explains this window (misfit {misfit:.1f}); the prior stays", False
-        elif std > _TOO_LITTLE * (high - low):
-            message, sufficient = f"the window says too little (std {std:.2g} kg); the prior stays", False
+        message, sufficient = judged(self.shape, misfit < _MISFIT, misfit, std)
         parameters = self.parameters(best[None])[0]
         place = parameters[1:4] / best[0] if best[0] > 0 else self.shape.places[len(self.shape.places) // 2]
         return PayloadEstimate(

@@ -14,11 +14,9 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict, Warned
 from plant.parts.tables import Table
 
-_EXPLAINED = 0.347
-"""RMS innovation [pulses] above which more than rounding is left: 1.2 times 0.289."""
+_EXPLAINED = 0.347  # RMS innovation [pulses] above which more than rounding is left: 1.2 times 0.289
 
-_BY_CHANCE = 4.0
-"""Standard deviations of chi-square above its mean from which on it is not chance."""
+_BY_CHANCE = 4.0  # standard deviations of chi-square above its mean from which on it is not chance
 
 _AT_END, _NEGATIVE, _APART = 1e-6, 2.0, 2.0
 """Share of a range within which a value lies at its end; standard deviations below zero from which on a mass is called
@@ -70,8 +68,7 @@ def warnings_of(
         yield f"the records alone differ more than their deviations: {masses} kg; the deviation counts that."
 
 
-_QUANTILE = 1.96
-"""Of the normal distribution, for 95 %."""
+_QUANTILE = 1.96  # of the normal distribution, for 95 %
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -22,8 +22,7 @@ from plant import Body, Dynamics
 from plant.mechanics.base_parameters import independent_columns
 from plant.parts.fields import Floats
 
-_SAME = 1e-7
-"""Share of its own below which what a direction does to f is a combination of what others do."""
+_SAME = 1e-7  # share of its own below which what a direction does to f is a combination of what others do
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,23 +72,17 @@ class UnknownLoad:
         return np.asarray(self.matrix @ (values[0] * unit + own))
 
 
-_STEPS = (0.01, 0.002)
-"""Of the central differences: of the mass [kg], and of its place [m]."""
+_STEPS = (0.01, 0.002)  # of the central differences: of the mass [kg], and of its place [m]
 
-_SMALL = 0.05
-"""The same of friction, in standard deviations of the torque equation's fit."""
+_SMALL = 0.05  # the same of friction, in standard deviations of the torque equation's fit
 
-_RELATIVE = 1e-3
-"""The same of f where all of it is free, relative, and of a load's increments."""
+_RELATIVE = 1e-3  # the same of f where all of it is free, relative, and of a load's increments
 
-_LIGHT = 0.05
-"""Mass [kg] below which its place is not looked for in the torque equation."""
+_LIGHT = 0.05  # mass [kg] below which its place is not looked for in the torque equation
 
-_FAR = 0.9
-"""Share by which friction may be off what the rig states for the search to start there."""
+_FAR = 0.9  # share by which friction may be off what the rig states for the search to start there
 
-_REACH = 2.0
-"""How far off its frame a load is [m]."""
+_REACH = 2.0  # how far off its frame a load is [m]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

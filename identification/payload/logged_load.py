@@ -35,8 +35,7 @@ from plant import Arm, FrictionCurve, Record, Rig
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.fields import Floats
 
-_HEAVIEST, _LIGHTEST = 1e3, 1e-3
-"""[kg]; the lightest where the centre is unknown, of which nothing has none."""
+_HEAVIEST, _LIGHTEST = 1e3, 1e-3  # [kg]; the lightest where the centre is unknown, of which nothing has none
 
 
 @known_options

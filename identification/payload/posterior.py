@@ -15,11 +15,9 @@ _TOO_LITTLE = 0.15
 """Standard deviation of the mass, as a share of its range, above which a window says too little: evenly over the range
 it is 0.29."""
 
-_OUTSIDE = 3.0
-"""Standard deviations by which a mass is outside its range."""
+_OUTSIDE = 3.0  # standard deviations by which a mass is outside its range
 
-_FAR, _GRID = 6.0, 401
-"""Standard deviations to which a distribution is looked at, and at how many masses."""
+_FAR, _GRID = 6.0, 401  # standard deviations to which a distribution is looked at, and at how many masses
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -95,7 +93,9 @@ def posterior(
     weight = np.einsum("kb,bc,kc->k", shape.shares, matrix, shape.shares)
     pull = shape.shares @ vector
     if not rows or not weight.max() > 0:
-        return _nothing(shape, "the arm rests, or no joint moves that feels a load; the prior stays")
+        interval = np.array([low + 0.025 * (high - low), high - 0.025 * (high - low)])
+        message = "the arm rests, or no joint moves that feels a load; the prior stays"
+        return nothing(shape, shape.prior, interval, message)
     weight = np.maximum(weight, 1e-12 * weight.max())
     misfit = float(np.sqrt(max(0.0, square - (pull**2 / weight).max()) / rows))
     weight, pull = weight / max(1.0, misfit) ** 2, pull / max(1.0, misfit) ** 2
@@ -116,13 +116,9 @@ def posterior(
     parameters = (odds * mean) @ shape.per_kg
     position = parameters[1:4] / mass if mass > 1e-6 else shape.places[likely]
     ends = max(low, mass - _FAR * std), min(high, mass + _FAR * std)
-    message, sufficient = "sufficient", True
+    message, sufficient = judged(shape, misfit <= misfit_limit, misfit, std)
     over = (centre[likely] - high) / sigma[likely], (low - centre[likely]) / sigma[likely]
-    if misfit > misfit_limit:
-        message, sufficient = f"no load explains this window (misfit {misfit:.1f}); the prior stays", False
-    elif std > _TOO_LITTLE * (high - low):
-        message, sufficient = f"the window says too little (std {std:.2g} kg); the prior stays", False
-    elif max(over) > _OUTSIDE:
+    if sufficient and max(over) > _OUTSIDE:
         message = f"the load is outside its range: {centre[likely]:.2f} kg of {low:g} to {high:g}; the nearest is taken"
     interval = _interval(odds, centre, sigma, inside, ends)
     if max(over) > _OUTSIDE:  # the range is not believed any more
@@ -135,12 +131,20 @@ def posterior(
     )  # fmt: skip
 
 
-def _nothing(shape: LoadShape, message: str) -> PayloadEstimate:
-    """Of a window that says nothing: what was known beforehand."""
-    low, high = shape.mass
+def judged(shape: LoadShape, explained: bool, misfit: float, std: float) -> tuple[str, bool]:
+    """What an estimate of the mass is worth, and whether it is to be used."""
+    if not explained:
+        return f"no load explains this window (misfit {misfit:.1f}); the prior stays", False
+    if std > _TOO_LITTLE * (shape.mass[1] - shape.mass[0]):
+        return f"the window says too little (std {std:.2g} kg); the prior stays", False
+    return "sufficient", True
+
+
+def nothing(shape: LoadShape, parameters: Floats, interval: Floats, message: str) -> PayloadEstimate:
+    """Where nothing was found: the load that is taken, by its ten parameters."""
     return PayloadEstimate(
-        mass=float(shape.prior[0]), std=float((high - low) / np.sqrt(12)), parameters=shape.prior, misfit=float("nan"),
-        interval=np.array([low + 0.025 * (high - low), high - 0.025 * (high - low)]), sufficient=False, explained=True,
+        mass=float(parameters[0]), std=float(np.ptp(shape.mass) / np.sqrt(12)), parameters=parameters,
+        misfit=float("nan"), interval=interval, sufficient=False, explained=True,
         position=shape.places[len(shape.places) // 2], message=message,
     )  # fmt: skip
 

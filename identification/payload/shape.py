@@ -13,8 +13,7 @@ from plant.mechanics.lumping import LOAD, STANDARD
 from plant.parts.arguments import array, real
 from plant.parts.fields import Floats
 
-_PLACES = 61
-"""Along the line where the centre may be."""
+_PLACES = 61  # along the line where the centre may be
 
 
 @dataclasses.dataclass(frozen=True)

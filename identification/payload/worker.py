@@ -59,11 +59,9 @@ class Specification:
         return estimator
 
 
-_STARTING = 120.0
-"""Seconds that a process may take to start, or an estimator to compile."""
+_STARTING = 120.0  # seconds that a process may take to start, or an estimator to compile
 
-_NICE = 5
-"""By how much the process gives way to the controller's where they share a core."""
+_NICE = 5  # by how much the process gives way to the controller's where they share a core
 
 
 class Worker:

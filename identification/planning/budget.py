@@ -21,8 +21,7 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Aside, Piece, Shown
 from plant.parts.tables import Table
 
-_STEP = 1e-4
-"""Of the central differences, as a share of a number (or of the largest f, for one that is zero)."""
+_STEP = 1e-4  # of the central differences, as a share of a number (or of the largest f, for one that is zero)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -127,11 +126,7 @@ def pulse_budget(
     covariance = least_squares(prediction.unknown, change * np.abs(step), change[:, 0], dependent=1e-7)[1]
     cell = 1 / np.sqrt(12)
     return Budget(
-        dynamics=arm.dynamics,
-        names=prediction.unknown,
-        values=values,
-        peak=per_cent.max(axis=0),
-        rms=np.sqrt((per_cent**2).mean(axis=0)),
-        bound=cell * np.sqrt(np.diag(covariance)) * step,
+        dynamics=arm.dynamics, names=prediction.unknown, values=values, peak=per_cent.max(axis=0),
+        rms=np.sqrt((per_cent**2).mean(axis=0)), bound=cell * np.sqrt(np.diag(covariance)) * step,
         bound_alone=cell / np.sqrt((change**2).sum(axis=0)),
-    )
+    )  # fmt: skip

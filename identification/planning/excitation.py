@@ -21,23 +21,17 @@ from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.fields import Floats
 
-_SAMPLES = 120
-"""Of a period, at which the equation is set up and the limits hold."""
+_SAMPLES = 120  # of a period, at which the equation is set up and the limits hold
 
-_SHARPNESS = 4
-"""Power of the mean that stands for the largest variance."""
+_SHARPNESS = 4  # power of the mean that stands for the largest variance
 
-_MARGIN = 0.01
-"""Share of a limit's width that is kept free: between the samples the motion goes a little further."""
+_MARGIN = 0.01  # share of a limit's width that is kept free: between the samples the motion goes a little further
 
-_LEAST_PULSES = 100
-"""By which every motor has to move, at least."""
+_LEAST_PULSES = 100  # by which every motor has to move, at least
 
-_SLACK = 1e-3
-"""By how much a limit may be exceeded [SI]."""
+_SLACK = 1e-3  # by how much a limit may be exceeded [SI]
 
-_TORQUE = 0.8
-"""Share of the amplifier's limit that the model's torque and friction may take."""
+_TORQUE = 0.8  # share of the amplifier's limit that the model's torque and friction may take
 
 
 @known_options

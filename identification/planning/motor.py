@@ -20,8 +20,7 @@ from plant.parts.shown import Piece, Shown
 from plant.parts.sums import dot
 from plant.parts.tables import Table
 
-_BELOW_LIMIT = 0.98
-"""Share of the amplifier's limit up to which a current follows the error."""
+_BELOW_LIMIT = 0.98  # share of the amplifier's limit up to which a current follows the error
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -125,8 +125,7 @@ class LinkSize:
         return SimpleNamespace(m=mass, x=x, y=y, Izz=inertia, J=Interval(reflect(low), reflect(high)))
 
 
-_MOTOR = (1e-4, 1e-3)
-"""Jm of a motor of the PUMA 560, at least and at most [kg m^2]."""
+_MOTOR = (1e-4, 1e-3)  # Jm of a motor of the PUMA 560, at least and at most [kg m^2]
 
 PUMA560 = (
     LinkSize(mass=(5, 25), x=(-0.24, 0.50), y=(-0.14, 0.14), motor_inertia=_MOTOR),

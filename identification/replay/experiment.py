@@ -24,8 +24,7 @@ from plant.simulation.loop_kernel import loop_kernel
 from plant.simulation.simulator import injected_beside
 from plant.simulation.threads import shared_out
 
-_GEARED = ("drive.gear", "drive.coupling", "encoder.resolution")
-"""Numbers that turn counts into angles."""
+_GEARED = ("drive.gear", "drive.coupling", "encoder.resolution")  # numbers that turn counts into angles
 
 
 def as_records(
@@ -135,12 +134,10 @@ class Experiment:
         return len(self.clock) * self.loop.steps_per_sample
 
 
-_STEPS = 16
-"""Sub-steps per sample: fast hardware feels each count when it comes."""
+_STEPS = 16  # sub-steps per sample: fast hardware feels each count when it comes
 
 
-_AT_ONCE = 1 << 13
-"""Samples that are simulated at once: the tables of so many sub-steps are large."""
+_AT_ONCE = 1 << 13  # samples that are simulated at once: the tables of so many sub-steps are large
 
 
 @dataclasses.dataclass

@@ -6,8 +6,6 @@ sub-steps even the stiffest do not stick quite like rigid ones where a joint tur
 contradict.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Iterable, Sequence
@@ -24,11 +22,9 @@ from plant.parts.arguments import instance
 from plant.parts.fields import Floats
 from plant.simulation.threads import cores
 
-_RIGID = 1e5
-"""Locked-rotor resonance of a rigid gear [Hz]."""
+_RIGID = 1e5  # locked-rotor resonance of a rigid gear [Hz]
 
-_PROMPT = 1e-9
-"""Lag of currents that do not lag [s]."""
+_PROMPT = 1e-9  # lag of currents that do not lag [s]
 
 _DAMPING = 0.02
 """Damping ratio of gears that are tested: the middle of the usual range, at which the detection is measured."""
@@ -39,8 +35,7 @@ _FRICTION = ("viscous", "coulomb")
 
 _GIVING = ("compliance", "backlash")
 
-_SHARES = ("gear", "motor_gain", "law.")
-"""What is a relative error of a number, and how far below it may be."""
+_SHARES = ("gear", "motor_gain", "law.")  # what is a relative error of a number, and how far below it may be
 
 _LEAST_SHARE = -0.5
 
@@ -62,15 +57,9 @@ class Extended:
     """
 
     def __init__(
-        self,
-        dynamics: Dynamics,
-        records: Sequence[Record],
-        unknown: Sequence[str],
-        f: Floats,
-        *,
-        threads: int | None = None,
-        **options: Any,
-    ) -> None:
+        self, dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], f: Floats, *,
+        threads: int | None = None, **options: Any,
+    ) -> None:  # fmt: skip
         n, links = dynamics.n, _link_inertia(dynamics, records[0], f)
         self.records, self.threads = tuple(records), int(threads or cores())
         own = {**options, "threads": self.threads}
@@ -100,7 +89,7 @@ class Extended:
         count = len(values) - len(self.extra)
         return values[:count], dict(zip(self.extra, values[count:], strict=True))
 
-    def late(self, samples: float) -> Extended:
+    def late(self, samples: float) -> "Extended":
         """The same model, following records whose counts are so many samples later."""
         later = self._again([without_delay(record, -samples) for record in self.records])
         later.scales = self.scales

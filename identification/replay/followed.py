@@ -14,11 +14,9 @@ from plant.parts.fields import Floats
 from plant.simulation.closed_loop import bounded
 from plant.simulation.loop_kernel import LOGGED, logged_kernel
 
-_LOST, _SETTLING = 4.5, 80
-"""Periods that may be missing, and samples after a longer gap that are not compared."""
+_LOST, _SETTLING = 4.5, 80  # periods that may be missing, and samples after a longer gap that are not compared
 
-_WINDOW = 10
-"""Samples before and after, over which the speed of the counts is taken."""
+_WINDOW = 10  # samples before and after, over which the speed of the counts is taken
 
 _SLOW, _RINGING = 1.0, 30
 """Counts per sample below which the loop feels single counts, and samples that this is felt for."""

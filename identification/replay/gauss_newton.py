@@ -19,20 +19,16 @@ from plant.simulation.threads import cores
 DEPENDENT = 1e-4
 """An unknown whose slope is independent of the others' by less than this share is not separately identifiable."""
 
-_SHORTER = 8
-"""How often a step that loses the log is cut to a quarter."""
+_SHORTER = 8  # how often a step that loses the log is cut to a quarter
 
-_JUMP = 0.01
-"""Change of the innovations, in their own length, from which on it can be a jump."""
+_JUMP = 0.01  # change of the innovations, in their own length, from which on it can be a jump
 
 _PER_CORE = 4
 """Unknowns whose slopes are made at once, per core: the runs of all would take twice the memory of the slopes."""
 
-_LAGS = 50
-"""Samples over which the autocorrelation of the innovations is added up."""
+_LAGS = 50  # samples over which the autocorrelation of the innovations is added up
 
-_WEIGHINGS = 2
-"""How often, at most, records and joints are weighted anew."""
+_WEIGHINGS = 2  # how often, at most, records and joints are weighted anew
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

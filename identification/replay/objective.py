@@ -18,8 +18,7 @@ from plant.simulation.closed_loop import bounded
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.threads import cores, shared_out
 
-_FEW = 2
-"""Joints up to which the inertia of candidates is checked at too few poses to be worth another thread."""
+_FEW = 2  # joints up to which the inertia of candidates is checked at too few poses to be worth another thread
 
 
 @functools.lru_cache

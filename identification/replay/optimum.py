@@ -11,14 +11,11 @@ from identification.replay.gauss_newton import slopes, variance_inflation, withi
 from plant.parts.fields import Floats
 from plant.parts.sums import dot, product, products
 
-_ROUNDS, _SETTLED = 6, 1e-4
-"""Of Gauss-Newton, at most, and the relative decrease below which it ends."""
+_ROUNDS, _SETTLED = 6, 1e-4  # of Gauss-Newton, at most, and the relative decrease below which it ends
 
-_LENGTHS = 0.5 ** np.arange(8)
-"""Of a step."""
+_LENGTHS = 0.5 ** np.arange(8)  # of a step
 
-_OWN = 1e-3
-"""A direction of which less than this share is its own is taken for a combination of others."""
+_OWN = 1e-3  # a direction of which less than this share is its own is taken for a combination of others
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

@@ -27,15 +27,13 @@ from plant.simulation.layout import Correction
 from plant.simulation.loop_kernel import LOGGED
 from plant.simulation.threads import cores, shared_out
 
-_MEMORY = 10
-"""Samples over which the observer forgets, to begin with."""
+_MEMORY = 10  # samples over which the observer forgets, to begin with
 
 _REPLAYED = 8
 """The same where a law repeats a log, and the least: what such a model lacks is friction, not noise, and is correlated.
 With a shorter one it would follow the counts so closely that little else shows."""
 
-_SMALL = 0.01
-"""Step of the observer gains, relative."""
+_SMALL = 0.01  # step of the observer gains, relative
 
 _MEMORY_STEP, _BEGIN_STEP, _SPEED_STEP = 0.05, 1e-6, 1e-4
 """Steps of what a law remembers [N m], and of where [rad] and how fast [rad/s] the arm begins."""
@@ -43,14 +41,11 @@ _MEMORY_STEP, _BEGIN_STEP, _SPEED_STEP = 0.05, 1e-6, 1e-4
 _ROUNDING, _AT_MOST = 0.289, 2.0
 """RMS of rounding [pulses]; and how far off a law's memory is expected to be, in its magnitudes in the log."""
 
-_ZERO_STEP, _ZERO_LIMIT = 1e-4, 0.5
-"""Step of a encoder offset, and its largest magnitude [rad]."""
+_ZERO_STEP, _ZERO_LIMIT = 1e-4, 0.5  # step of a encoder offset, and its largest magnitude [rad]
 
-_UNEQUAL = 1.5
-"""Ratio of RMS innovations from which on records and joints are weighted by them."""
+_UNEQUAL = 1.5  # ratio of RMS innovations from which on records and joints are weighted by them
 
-_POSITION, _SPEED = (1e-3, 0.9), (1e-7, 0.5)
-"""Between which the observer gains of position and of speed are searched."""
+_POSITION, _SPEED = (1e-3, 0.9), (1e-7, 0.5)  # between which the observer gains of position and of speed are searched
 
 
 class Prediction:
@@ -71,19 +66,10 @@ class Prediction:
     """
 
     def __init__(
-        self,
-        dynamics: Dynamics,
-        records: Record | Iterable[Record],
-        unknown: Iterable[str] | None = None,
-        *,
-        simulated: bool = False,
-        zeros: bool = False,
-        steady: bool = False,
-        memories: Sequence[Memory | None] = (),
-        steps_per_sample: int = 4,
-        sweeps: int = 3,
-        threads: int | None = None,
-    ) -> None:
+        self, dynamics: Dynamics, records: Record | Iterable[Record], unknown: Iterable[str] | None = None, *,
+        simulated: bool = False, zeros: bool = False, steady: bool = False, memories: Sequence[Memory | None] = (),
+        steps_per_sample: int = 4, sweeps: int = 3, threads: int | None = None,
+    ) -> None:  # fmt: skip
         records, unknown = as_records(dynamics, records, unknown)
         n, replayed = dynamics.n, any(record.law is not None and record.law.replays for record in records)
         correction = Correction.with_memory(n, _REPLAYED if replayed else _MEMORY)

@@ -21,20 +21,16 @@ from plant.parts.sums import dot, product
 _ROUNDS, _CLOSE = 8, 0.02
 """Steps with which the others are fitted anew, and the decrease, as a share of the level, that ends it."""
 
-_AGAIN = 3
-"""How often, at most, slopes are taken anew where a walk begins."""
+_AGAIN = 3  # how often, at most, slopes are taken anew where a walk begins
 
 _TRIES, _NEAR = 7, 0.1
 """Values of a coordinate that are tested for an end, and the relative distance from the level that is near enough."""
 
-_LOWER = 0.25
-"""By how much, as a share of the level, a lower sum must be lower."""
+_LOWER = 0.25  # by how much, as a share of the level, a lower sum must be lower
 
-_LOST = 100.0
-"""Ratio of a sum to that of the best fit from which on the log is lost: slopes say nothing there."""
+_LOST = 100.0  # ratio of a sum to that of the best fit from which on the log is lost: slopes say nothing there
 
-_LEAST, _MOST = 0.4, 2.5
-"""By how much the distance changes from one to the next."""
+_LEAST, _MOST = 0.4, 2.5  # by how much the distance changes from one to the next
 
 
 @dataclasses.dataclass

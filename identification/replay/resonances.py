@@ -23,8 +23,7 @@ from plant.simulation.threads import shared_out
 
 STIFFNESS, DAMPING = "drive.elasticity.stiffness", "drive.elasticity.damping"
 
-_EXPECTED = (0.005, 0.05)
-"""Damping ratios between which 95 % of all gears are expected."""
+_EXPECTED = (0.005, 0.05)  # damping ratios between which 95 % of all gears are expected
 
 _USUAL = float(np.log(_EXPECTED).mean())
 _SPREAD = float(np.diff(np.log(_EXPECTED))[0]) / 2 / 1.96
@@ -35,18 +34,15 @@ _BETWEEN, _RATIOS = (4.0, 1000.0), (1e-3, 0.5)
 _SHORT, _FINE, _RATIO = 0.008 / (2 * np.pi * 100) ** 2, 0.003, 0.05
 """Steps of central differences: of a squared period at least [s^2], and relative; of ln of a damping ratio."""
 
-_ANY = 60.0
-"""Resonance of a rotor on its gear that stands for one that is not known yet [Hz]."""
+_ANY = 60.0  # resonance of a rotor on its gear that stands for one that is not known yet [Hz]
 
 INFLATION = 2.5
 """By how much variances of coordinates exceed those from scatter and autocorrelation of the innovations: rounding is no
 noise, it comes and goes with the speed (tests/benchmarks/elastic_identification.py)."""
 
-_ROUNDING = (INFLATION / 12) ** 0.5
-"""Noise to begin with: that of rounding alone [pulses]."""
+_ROUNDING = (INFLATION / 12) ** 0.5  # noise to begin with: that of rounding alone [pulses]
 
-_DIFFERENCE = 1e-6
-"""Relative step of the derivative of values by coordinates."""
+_DIFFERENCE = 1e-6  # relative step of the derivative of values by coordinates
 
 
 def link_inertia(dynamics: Dynamics, rig: Rig, pose: ArrayLike) -> tuple[Floats, Floats]:
@@ -95,14 +91,9 @@ class Resonances:
     """
 
     def __init__(
-        self,
-        prediction: Prediction,
-        dynamics: Dynamics,
-        rig: Rig,
-        pose: ArrayLike,
-        kept: Iterable[str] = (),
+        self, prediction: Prediction, dynamics: Dynamics, rig: Rig, pose: ArrayLike, kept: Iterable[str] = (),
         measured: ArrayLike | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.prediction, self.unknown, self._elasticity = prediction, prediction.unknown, rig.drive.elasticity
         self._f = [self.unknown.index(name) for name in dynamics.names]
         self._slope, self._rotors = link_inertia(dynamics, rig, pose)

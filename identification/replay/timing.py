@@ -18,11 +18,9 @@ from plant.parts.arguments import instance, known_options, real
 from plant.parts.fields import Floats
 from plant.parts.sums import dot
 
-_LATE, _SURE = 0.02, 3.0
-"""Delay [samples] that matters, and from how many of its standard deviations on."""
+_LATE, _SURE = 0.02, 3.0  # delay [samples] that matters, and from how many of its standard deviations on
 
-_WINDOW = 5
-"""Samples before and after, over which the speed of the counts is taken."""
+_WINDOW = 5  # samples before and after, over which the speed of the counts is taken
 
 
 def delay_of(

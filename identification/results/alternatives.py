@@ -23,21 +23,17 @@ from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.simulation.followed_path import is_rounded
 
-_BY_CHANCE = 1e-5
-"""Probability with which a right model reaches a threshold."""
+_BY_CHANCE = 1e-5  # probability with which a right model reaches a threshold
 
-_HERTZ = 200.0
-"""Resonance by whose effect that of compliance is taken, where gears are rigid [Hz]."""
+_HERTZ = 200.0  # resonance by whose effect that of compliance is taken, where gears are rigid [Hz]
 
 _LAG, _DELAY, _FRICTION, _SHARE = 1e-5, 0.05, 0.01, 1e-4
 """The same of a lag [s], of a delay [samples], of friction and offset, as a share of a motor's torque (rms), and of
 gears, motor gains and gains of the law, relative."""
 
-_SIGNED = ("friction", "delay", "offset", "gear")
-"""What can be more or less than stated."""
+_SIGNED = ("friction", "delay", "offset", "gear")  # what can be more or less than stated
 
-_OWN = 1e-3
-"""An effect of which less than this share is its own cannot be told from those of the unknowns."""
+_OWN = 1e-3  # an effect of which less than this share is its own cannot be told from those of the unknowns
 
 
 @kept

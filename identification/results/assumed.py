@@ -22,11 +22,9 @@ from plant.parts.shown import Piece, Shown
 from plant.parts.sums import products
 from plant.parts.tables import Table
 
-_ROWS = 400
-"""Samples of the motion, at most."""
+_ROWS = 400  # samples of the motion, at most
 
-_SHARE = 0.01
-"""Change of a length, relative."""
+_SHARE = 0.01  # change of a length, relative
 
 
 def moved_by_lengths(arm: Arm, record: Record, unknown: Sequence[str]) -> dict[str, Floats]:
@@ -72,8 +70,7 @@ def _regressor(chain: Chain, arm: Arm, motion: Sequence[Floats]) -> Floats:
     return np.asarray(block.full().reshape(n, count, p).transpose(1, 0, 2))
 
 
-_LITTLE = 0.05
-"""Move of a value by 1 % of an assumed number, in its standard deviations, that is not mentioned."""
+_LITTLE = 0.05  # move of a value by 1 % of an assumed number, in its standard deviations, that is not mentioned
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -16,8 +16,7 @@ from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict, Warned
 
-_STIFF = 300.0
-"""Resonance above which a gear is not mentioned [Hz]."""
+_STIFF = 300.0  # resonance above which a gear is not mentioned [Hz]
 
 _LIMITS = {
     "backlash": (180 / np.pi, "degrees"), "lag": (1e3, "ms"), "delay": (1.0, "samples"), "gear": (100.0, "%"),
@@ -45,8 +44,7 @@ _SAID = {
 }
 """What contradicts the model, and what to do."""
 
-_LEAST = 1e-3
-"""Of these units, below which nobody asks."""
+_LEAST = 1e-3  # of these units, below which nobody asks
 
 
 @kept
@@ -91,15 +89,18 @@ class Detection(Shown, Frozen):
     @property
     def resonances(self) -> dict[str, float]:
         """Locked-rotor resonance [Hz] of each gear that was found to give, by joint."""
-        values = [item for sign in self.named if sign.name == "compliance" for item in sign.values.items()]
+        values = self._values("compliance")
         return {self._joint(name): value**-0.5 for name, value in values if value > _STIFF**-2}
 
     @property
     def played(self) -> tuple[str, ...]:
         """Joints in whose gears backlash was found."""
-        values = [item for sign in self.named if sign.name == "backlash" for item in sign.values.items()]
-        played = [name for name, value in values if name.startswith("backlash") and value]
+        played = [name for name, value in self._values("backlash") if name.startswith("backlash") and value]
         return tuple(dict.fromkeys(map(self._joint, played)))
+
+    def _values(self, kind: str) -> list[tuple[str, float]]:
+        """What was found of one alternative, by name."""
+        return [item for sign in self.named if sign.name == kind for item in sign.values.items()]
 
     def _short(self) -> str:
         if self.reason is not None:

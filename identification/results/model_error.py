@@ -20,14 +20,11 @@ from identification.search.problem import Tolerances
 from plant.parts.fields import Floats
 from plant.parts.sums import products
 
-_ASSUMED = ("gear", "motor_gain", "law.")
-"""Numbers whose changes by 1 % are told."""
+_ASSUMED = ("gear", "motor_gain", "law.")  # numbers whose changes by 1 % are told
 
-_AT_ONCE = 1 << 15
-"""Rows of the innovations that are taken at once."""
+_AT_ONCE = 1 << 15  # rows of the innovations that are taken at once
 
-_BY_KIND = {"viscous": "friction", "coulomb": "friction"}
-"""Tolerance of each kind of number, where it has another name."""
+_BY_KIND = {"viscous": "friction", "coulomb": "friction"}  # tolerance of each kind of number, where it has another name
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,15 +50,17 @@ class Doubt:
 
     def assumed(self) -> dict[str, Floats]:
         """Change (k,) of the unknowns if a gear, a motor's gain or a gain of the law is 1 % larger, by its name."""
-        varied = np.flatnonzero(self.step)
         names = [name for name in self.effects if name.startswith(_ASSUMED)]
-        changes, found = moved(self.at.rates[:, : self.searched], self.effects, names), {}
+        changes = moved(self.at.rates[:, : self.searched], self.effects, names).items()
+        called = {name: name if name.startswith("law.") else f"drive.{name}" for name in names}
+        return {called[name]: 0.01 * self._of_unknowns(change) for name, change in changes}
+
+    def _of_unknowns(self, steps: Floats) -> Floats:
+        """What is known of the varied numbers, in their steps, of all unknowns (k,); 0 of those that are not varied."""
+        varied, whole = np.flatnonzero(self.step), np.zeros(self.unknown)
         some = varied < len(self.keep)
-        for name, change in changes.items():
-            whole = np.zeros(self.unknown)
-            whole[np.array(self.keep)[varied[some]]] = 0.01 * (change * self.step[varied])[some]
-            found[name if name.startswith("law.") else f"drive.{name}"] = whole
-        return found
+        whole[np.array(self.keep)[varied[some]]] = (steps * self.step[varied])[some]
+        return whole
 
     def added(self, tolerances: Tolerances, rounding: Floats | None) -> Floats:
         """What is added to the covariance (k, k) of the unknowns, by tolerances and by what was named.
@@ -91,16 +90,13 @@ class Doubt:
 
         Runs that contradict each other are what differs, from three on.
         """
-        at, varied, whole = self.at, np.flatnonzero(self.step), np.zeros(self.unknown)
+        at = self.at
         lengths = [rows.stop - rows.start for rows in at.model.rows() if rows.stop <= self.searched]
         by_runs = len(lengths) >= RUNS and self.apart
         each = 1 if by_runs else -(-SEGMENTS // len(lengths))
         groups = np.concatenate([each * i + np.arange(n) * each // n for i, n in enumerate(lengths)])
         differ = run_std if by_runs else group_std
-        std = differ(at.rates[:, : self.searched].T, at.innovations[: self.searched], groups)
-        some = varied < len(self.keep)
-        whole[np.array(self.keep)[varied[some]]] = (std * self.step[varied])[some]
-        return whole
+        return self._of_unknowns(differ(at.rates[:, : self.searched].T, at.innovations[: self.searched], groups))
 
 
 def priors(tolerances: Tolerances, names: Sequence[str], efforts: Floats) -> dict[str, float]:

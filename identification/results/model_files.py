@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from identification.results.identification import Identification
-from identification.results.physical import Physical
+from identification.results.physical import Physical, table_of
 from identification.results.realised import Realised, bodies_of, matching_joints
 from plant import Arm, Body, Drive
 from plant.mechanics.lumping import STANDARD
@@ -21,16 +21,12 @@ from plant.parts.fields import Floats
 from plant.parts.files import require_new, write_whole
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
-from plant.parts.tables import Table
 
-_READERS = {"robot": read_urdf, "mujoco": read_mjcf}
-"""Root of a model file -> its reader."""
+_READERS = {"robot": read_urdf, "mujoco": read_mjcf}  # root of a model file -> its reader
 
-_MJCF = (".xml", ".mjcf")
-"""Suffixes of a target that is MJCF, whatever its source is."""
+_MJCF = (".xml", ".mjcf")  # suffixes of a target that is MJCF, whatever its source is
 
-_SAME = 1e-13
-"""Relative change of a body below which its bytes stay."""
+_SAME = 1e-13  # relative change of a body below which its bytes stay
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -61,8 +57,7 @@ class WrittenModel(Shown, Frozen):
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(f"{self._short()} of what was asked for")
-        rows = [(link, f"{body.mass:.4g}", *(f"{x:.3g}" for x in body.com)) for link, body in self.bodies.items()]
-        yield Table(("link", "mass [kg]", "x [m]", "y [m]", "z [m]"), rows)
+        yield table_of("link", self.bodies.items())
 
 
 @known_options

@@ -25,14 +25,11 @@ from plant.parts.fields import Floats
 
 _STEPS = 100
 _CONVERGED, _ROUNDING = 1e-12, 1e-9
-_STUCK = 1e-10
-"""Length of a step below which bodies that are met by no f stop."""
+_STUCK = 1e-10  # length of a step below which bodies that are met by no f stop
 
-_LOSS = 0.8
-"""Share of its extent that a body may lose in one step: the log-det grows steep towards the border."""
+_LOSS = 0.8  # share of its extent that a body may lose in one step: the log-det grows steep towards the border
 
-_NEARLY = 1e-5
-"""Relative difference of f below which bodies may have it after all."""
+_NEARLY = 1e-5  # relative difference of f below which bodies may have it after all
 
 _HARDEST, _HARDER = 1e-9, 0.2
 """The last softness, and each in units of the one before; the first is |A x - f|^2 at the prior."""

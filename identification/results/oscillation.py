@@ -14,25 +14,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from identification.equation_error.pulse_fit import mode_in
+from identification.equation_error.pulse_fit import mode_in, modes_along
 from identification.results.plots import plot_oscillation
 from plant import Arm, Law, Record
-from plant.analysis.linearise import modes
 from plant.parts.arguments import array, instance, known_options
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
-from plant.simulation.jacobians import jacobians
 
-_WIDTH = 1.5
-"""The band-stop reaches from the frequency divided by this to the frequency times this."""
+_WIDTH = 1.5  # the band-stop reaches from the frequency divided by this to the frequency times this
 
-_NEAR = 0.15
-"""Relative distance up to which a mode of the linearised loop is the oscillation."""
+_NEAR = 0.15  # relative distance up to which a mode of the linearised loop is the oscillation
 
-_PERIODS = 8
-"""Of the oscillation, by which the errors are continued at their ends, so that it is filtered there too."""
+_PERIODS = 8  # of the oscillation, by which the errors are continued at their ends, so that it is filtered there too
 
 _POSES = 12
 
@@ -138,9 +133,7 @@ def oscillation(record: Record, arm: Arm | None = None) -> Oscillation:
         record.rig.require_fit(arm.dynamics.chain)
         joints = arm.dynamics.chain.joint_labels
         law = instance("law of the record", record.law, Law, "Pass law= with the log.")
-        angles = record.rig.cell_centre(record.counts)
-        poses = angles[:: max(1, len(angles) // _POSES)]
-        found = [modes(jacobians(arm, record.rig, law, pose)[0])[:, 0] for pose in poses]
+        found = [each[:, 0] for each in modes_along(arm, record, law, _POSES)]
         count = min(map(len, found))
         lowest, highest = (extreme([each[:count] for each in found], axis=0) for extreme in (np.min, np.max))
         spans = tuple(zip(lowest.tolist(), highest.tolist(), strict=True))

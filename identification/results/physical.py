@@ -12,7 +12,7 @@ identification, IEEE Robotics and Automation Letters 3 (2018) (physical consiste
 
 import dataclasses
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,8 +27,7 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
-_RIDGE = 1e-9
-"""Share of the largest variance that is added to all: a number kept fixed has no variance."""
+_RIDGE = 1e-9  # share of the largest variance that is added to all: a number kept fixed has no variance
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -55,11 +54,14 @@ class Physical(Shown, Frozen):
     def _shown(self) -> Iterator[Piece]:
         noise = f"up to about {np.sqrt(self.arm.dynamics.p) + 2:.1f} is noise"
         yield Verdict(f"{self._short()}; {noise}")
-        rows = [
-            (label, f"{body.mass:.4g}", *(f"{x:.3g}" for x in body.com))
-            for label, body in zip(self.arm.dynamics.chain.joint_labels, self.bodies, strict=True)
-        ]
-        yield Table(("a set of bodies that has it", "mass [kg]", "x [m]", "y [m]", "z [m]"), rows)
+        labels = self.arm.dynamics.chain.joint_labels
+        yield table_of("a set of bodies that has it", zip(labels, self.bodies, strict=True))
+
+
+def table_of(title: str, bodies: Iterable[tuple[str, Body]]) -> Table:
+    """Mass and centre of bodies, by name."""
+    rows = [(name, f"{body.mass:.4g}", *(f"{x:.3g}" for x in body.com)) for name, body in bodies]
+    return Table((title, "mass [kg]", "x [m]", "y [m]", "z [m]"), rows)
 
 
 @known_options

@@ -30,8 +30,7 @@ def repeated(found: Any) -> Record | None:
         return None
 
 
-_MEANING = 68
-"""Letters of a parameter's meaning that a figure shows; `Dynamics.legend` has them all."""
+_MEANING = 68  # letters of a parameter's meaning that a figure shows; `Dynamics.legend` has them all
 
 _ADVICE = "Draw without ax once: it returns them in their order"
 

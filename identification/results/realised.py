@@ -20,11 +20,9 @@ from plant.parts.arguments import choice, instance
 from plant.parts.fields import Floats
 from plant.parts.user_warning import warn
 
-_THIN = 0.03
-"""Extent [m], root mean square, that a prior gets where it has none: a point mass, a rod."""
+_THIN = 0.03  # extent [m], root mean square, that a prior gets where it has none: a point mass, a rod
 
-_SAME = 1e-12
-"""Relative difference of f below which bodies have it already."""
+_SAME = 1e-12  # relative difference of f below which bodies have it already
 
 _WIDTH = len(STANDARD)
 
@@ -57,13 +55,9 @@ class _Inertial:
 
 
 def bodies_of(
-    found_or_arm: Identification | Physical | Arm,
-    arm: Arm,
-    model: ModelFile,
-    prior: Mapping[str, Body],
-    nearest: bool,
+    found_or_arm: Identification | Physical | Arm, arm: Arm, model: ModelFile, prior: Mapping[str, Body], nearest: bool,
     armature: Floats,
-) -> Realised:
+) -> Realised:  # fmt: skip
     """What is to be written, or a refusal."""
     rotors, scale = armature, None
     if isinstance(found_or_arm, Identification):

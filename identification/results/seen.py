@@ -10,11 +10,9 @@ from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 
-_BEYOND = 0.1
-"""Share of a log's range, or of its largest speed, by which a path may leave it."""
+_BEYOND = 0.1  # share of a log's range, or of its largest speed, by which a path may leave it
 
-_POINTS = 1000
-"""Instants of a path at which it is looked at."""
+_POINTS = 1000  # instants of a path at which it is looked at
 
 APART = 20
 """Samples from one position to the next for a speed."""

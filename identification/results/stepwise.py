@@ -18,33 +18,26 @@ from identification.search.problem import Problem
 from plant import Record
 from plant.parts.fields import Floats
 
-_NAMED = 3
-"""Alternatives that are named, at most."""
+_NAMED = 3  # alternatives that are named, at most
 
-_EXPLAINED = 0.03
-"""Share of what rounding does not explain that a named alternative must."""
+_EXPLAINED = 0.03  # share of what rounding does not explain that a named alternative must
 
 _FAINT, _FINER = 0.02, 16
 """Share of the sum of squares below which what is named is tested once more; and the steps per sample then."""
 
-_ROUNDING = 1 / 12
-"""Variance of the rounding of counts [pulses^2]."""
+_ROUNDING = 1 / 12  # variance of the rounding of counts [pulses^2]
 
-_AGAIN = 2.0
-"""By how much the threshold of what is named beside others is higher: what they leave is not all by chance."""
+_AGAIN = 2.0  # by how much the threshold of what is named beside others is higher: what they leave is not all by chance
 
 _WORTH, _AS_GOOD = 0.2, 0.9
 """Share of the best first estimate from which on an alternative is fitted, too; and of the best fit, from which on it
 is preferred if it needs fewer numbers."""
 
-_STEP, _FINE = 0.05, 0.03
-"""Steps of the central differences, in standard deviations, and relative, of what is named."""
+_STEP, _FINE = 0.05, 0.03  # steps of the central differences, in standard deviations, and relative, of what is named
 
-_LEAST, _MOST = 400.0**-2, 15.0**-2
-"""Compliances between which a first estimate is taken [1/Hz^2]."""
+_LEAST, _MOST = 400.0**-2, 15.0**-2  # compliances between which a first estimate is taken [1/Hz^2]
 
-_APART = 0.01
-"""Chance with which runs of a right model differ as much as some that are taken to contradict each other."""
+_APART = 0.01  # chance with which runs of a right model differ as much as some that are taken to contradict each other
 
 _LATE, _SHIFTS = 1.0, 2
 """Delay [samples] beyond which counts are not late, but something else; and how often it is estimated anew."""

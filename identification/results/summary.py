@@ -44,11 +44,9 @@ def warn_of_doubts(found: Any, user: str) -> None:
         warn(f"{user}: identified with {what}:\n" + "\n".join(f"- {line}" for line in lines), IdentificationWarning)
 
 
-_MANY = 20
-"""Unknowns up to which everything is shown; of more, what fits on a screen."""
+_MANY = 20  # unknowns up to which everything is shown; of more, what fits on a screen
 
-_WARNED = 5
-"""Warnings that a screen shows."""
+_WARNED = 5  # warnings that a screen shows
 
 
 def said_of(found: Any, full: bool) -> Iterator[Piece]:

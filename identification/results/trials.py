@@ -7,8 +7,7 @@ import numpy as np
 from identification.replay.optimum import Optimum
 from plant.parts.fields import Floats
 
-_LOWEST, _HIGHEST = 15.0, 250.0
-"""Resonances between which compliance is tried [Hz]."""
+_LOWEST, _HIGHEST = 15.0, 250.0  # resonances between which compliance is tried [Hz]
 
 _RATIO, _FINE = 1.25, 1.1
 """Of one to the next: under a law that follows the counts, and where torques are repeated, whose effect is narrow."""
@@ -20,8 +19,7 @@ CONTACT = 300.0
 """[Hz]"""
 
 
-_AT_ONCE = 16
-"""Trials that are simulated at once."""
+_AT_ONCE = 16  # trials that are simulated at once
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

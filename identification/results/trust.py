@@ -56,11 +56,9 @@ def _alone(dynamics: Any) -> dict[int, int]:
     return {link: k for k, link, kind in single if STANDARD[kind] == "J"}
 
 
-_AT_END = 0.002
-"""Share of a range within which a value lies at its end."""
+_AT_END = 0.002  # share of a range within which a value lies at its end
 
-_STRANGE = 0.4
-"""RMS innovation [pulses] that rounding does not explain."""
+_STRANGE = 0.4  # RMS innovation [pulses] that rounding does not explain
 
 _FAR, _FAR_ROUNDED = 0.9, 1.5
 """Difference [pulses] between simulated and measured errors that rounding does not explain: of the counts, and of the
@@ -69,18 +67,15 @@ path as well."""
 _WORSE, _ROUNDINGS = 1.5, 0.58
 """How much worse a record held out may be repeated, and the difference [pulses] that two roundings alone give."""
 
-_BIASED = 0.08
-"""Relative bias of least squares in a band that is tolerated."""
+_BIASED = 0.08  # relative bias of least squares in a band that is tolerated
 
 _INSEPARABLE, _VAGUE, _MANY = 0.995, 0.05, 3
 """Correlation above which two unknowns are not separately identifiable, if the deviation of one is more than this share
 of its value; and how many pairs are named one by one."""
 
-_ANOTHER = 0.05
-"""Share of the logged torque by which that of the stated law may differ."""
+_ANOTHER = 0.05  # share of the logged torque by which that of the stated law may differ
 
-_ZERO = 0.49
-"""Zero of a counter [rad] beyond which it is at the end of its range."""
+_ZERO = 0.49  # zero of a counter [rad] beyond which it is at the end of its range
 
 
 def warnings_of(found: Any, always: bool = True) -> list[str]:

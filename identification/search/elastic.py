@@ -11,14 +11,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from identification.equation_error.gear_fit import Deflection, GearFit, fit_deflection, fit_gears
+from identification.equation_error.gear_fit import GearFit, fit_deflection, fit_gears
 from identification.equation_error.pulse_fit import NO_BAND
 from identification.replay.gauss_newton import Solution, gauss_newton, reweighed, slopes
 from identification.replay.profile_likelihood import Profile
 from identification.replay.resonances import INFLATION, STIFFNESS, Resonances, Start, link_inertia
 from identification.search.gear_resonance import GearResonance
-from identification.search.outcome import Outcome, fit_of
-from identification.search.polish import start_of_fit
+from identification.search.outcome import Outcome
+from identification.search.polish import outcome_of, start_of_fit
 from identification.search.problem import Problem
 from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA, least_inertia_margin
 from plant.parts.fields import Floats
@@ -92,26 +92,20 @@ class Intervals:
         )  # fmt: skip
 
 
-_GRID = np.geomspace(8.0, 400.0, 15)
-"""Resonances of the first search [Hz]."""
+_GRID = np.geomspace(8.0, 400.0, 15)  # resonances of the first search [Hz]
 
 _STARTS, _FIRST = 2, 4
 """Starts that are followed beside a rigid one, and for how many rounds, before the best goes on alone."""
 
-_RIGID = 1e-12
-"""Compliance of a gear that is as good as rigid [rad/(N m)]."""
+_RIGID = 1e-12  # compliance of a gear that is as good as rigid [rad/(N m)]
 
-_SMALL = 0.01
-"""Step of the central differences of f, in standard deviations of the torque equation's fit."""
+_SMALL = 0.01  # step of the central differences of f, in standard deviations of the torque equation's fit
 
-_MIDDLE = 2
-"""Of the bands, that of the rigid fit."""
+_MIDDLE = 2  # of the bands, that of the rigid fit
 
-_LEAST_SHARE = 0.1
-"""Share of D_ii that a link has at least, for the first grid."""
+_LEAST_SHARE = 0.1  # share of D_ii that a link has at least, for the first grid
 
-_BETTER = 3
-"""How often, at most, a better fit that a profile meets is taken up."""
+_BETTER = 3  # how often, at most, a better fit that a profile meets is taken up
 
 
 def pose_of(problem: Problem) -> Floats:
@@ -151,7 +145,7 @@ def elastic(problem: Problem, *, simulated: bool = False) -> Outcome:
     seen = _deflection(problem)
     view = Resonances(
         prediction, problem.dynamics, problem.records[0].rig, pose_of(problem), problem.known,
-        None if seen is None else (seen.compliance, seen.std),
+        None if seen is None or seen.std is None else (seen.compliance, seen.std),
     )  # fmt: skip
     starts = _starts(problem, view, gear_fits(problem) if seen is None else [seen])
     stages = {"equation error": view.values(starts[0].coordinates)[: len(problem.unknown)]}
@@ -165,14 +159,14 @@ def elastic(problem: Problem, *, simulated: bool = False) -> Outcome:
     return _outcome(problem, view, solution, intervals, stages)
 
 
-def _deflection(problem: Problem) -> Deflection | None:
+def _deflection(problem: Problem) -> GearFit | None:
     """What link sensors show, if some gear is unknown and there are such sensors."""
     seen = [record for record in problem.records if record.link_counts is not None]
     unknown = any(name.startswith(STIFFNESS) and name not in problem.known for name in problem.unknown)
     return fit_deflection(problem.dynamics, seen, problem.unknown, problem.known) if seen and unknown else None
 
 
-def _starts(problem: Problem, view: Resonances, fits: Sequence[GearFit | Deflection]) -> list[Start]:
+def _starts(problem: Problem, view: Resonances, fits: Sequence[GearFit]) -> list[Start]:
     """Starts of the search that follow the log: the best of the later fits, and the first; of known gears, the best.
 
     Raises a ValueError where none does.
@@ -216,8 +210,7 @@ def _followed(view: Resonances, starts: list[Start]) -> tuple[Start, Solution]:
 def _outcome(
     problem: Problem, view: Resonances, solution: Solution, intervals: Intervals, stages: dict[str, Floats]
 ) -> Outcome:
-    k, prediction = len(problem.unknown), view.prediction
-    values = view.values(solution.values)
+    k, values = len(problem.unknown), view.values(solution.values)
     arm, rig, _ = problem.parts(values[:k])
     reason = None
     drive = dataclasses.replace(rig.drive, motor_inertia=rig.drive.motor_inertia / LEAST_MOTOR_INERTIA)
@@ -226,14 +219,6 @@ def _outcome(
             "D(q) of the fit less the motors' own inertia, Jm k^2, leaves no sound link behind some gear; check "
             "motor_inertia and gears, or log longer"
         )
-    fit = fit_of(
-        solution,
-        problem.unknown,
-        values[:k],
-        covariance=intervals.covariance()[:k, :k],
-        fallback_reason=reason,
-        zeros=prediction.zeros_in(values) if problem.zeros else None,
-        resonance=intervals.resonance(problem.dynamics.chain.joint_labels, pose_of(problem)),
-    )
-    message = f"RMS innovation of {solution.rms_innovation:.3f} pulses (rounding alone gives 0.289)."
-    return Outcome(fit=fit, message=message, evaluations=prediction.evaluations, stages=stages)
+    resonance = intervals.resonance(problem.dynamics.chain.joint_labels, pose_of(problem))
+    own = {"covariance": intervals.covariance()[:k, :k], "fallback_reason": reason, "resonance": resonance}
+    return outcome_of(problem, view.prediction, solution, values, stages, **own)

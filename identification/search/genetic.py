@@ -201,19 +201,11 @@ def minimize_genetic(
         state = _next_generation(state, settings, evaluate)
         message = _reason_to_stop(state, settings, callback is not None and bool(callback(state)))
     return GeneticResult(
-        x=state.best_x,
-        cost=state.best_cost,
-        initial_cost=first.best_cost,
-        initial_population=x,
-        initial_costs=first.costs,
-        final_population=_decoded(state.chromosomes, *known_code, settings.coding),
-        final_costs=state.costs,
-        history=state.history,
-        evaluations=state.evaluations,
-        seed=int(seed),
-        settings=settings,
-        message=message,
-    )
+        x=state.best_x, cost=state.best_cost, initial_cost=first.best_cost, initial_population=x,
+        initial_costs=first.costs, final_population=_decoded(state.chromosomes, *known_code, settings.coding),
+        final_costs=state.costs, history=state.history, evaluations=state.evaluations, seed=int(seed),
+        settings=settings, message=message,
+    )  # fmt: skip
 
 
 def _next_generation(
@@ -247,13 +239,9 @@ def _advance(state: GeneticState, chromosomes: Bits, costs: Floats, x: Floats, t
         state = replace(state, best_x=x[best].copy(), best_cost=float(tried[best]), best_generation=generation)
     row = (np.fmin.reduce(costs, initial=INF), *((finite.mean(), finite.max()) if finite.size else (INF, INF)))
     return replace(
-        state,
-        chromosomes=chromosomes,
-        costs=costs,
-        generation=generation,
-        evaluations=state.evaluations + len(x),
+        state, chromosomes=chromosomes, costs=costs, generation=generation, evaluations=state.evaluations + len(x),
         history=np.vstack([state.history, row]),
-    )
+    )  # fmt: skip
 
 
 def _reason_to_stop(state: GeneticState, settings: GeneticSettings, stopped: bool = False) -> str:

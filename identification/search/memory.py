@@ -20,8 +20,7 @@ from identification.search.problem import Problem
 from plant import Record, Resumed
 from plant.laws.resumed import AlongLog
 
-_BY_CHANCE = 5.0
-"""Standard deviations by which a sum of squares may fall by chance, where more is unknown."""
+_BY_CHANCE = 5.0  # standard deviations by which a sum of squares may fall by chance, where more is unknown
 
 
 def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outcome:

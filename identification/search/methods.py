@@ -28,26 +28,20 @@ from identification.search.polish import polished, start_of_fit, torque_fit
 from identification.search.problem import Problem
 from plant.parts.fields import Floats
 
-_BOX = 4.0
-"""Half width of the box around the equation error, in its standard deviations."""
+_BOX = 4.0  # half width of the box around the equation error, in its standard deviations
 
 _NEAR, _NEIGHBOURS = 0.03, 119
 """Standard deviations around the prediction error's fit at which so many vectors are tried on objective (4)."""
 
-_AT_MOST = 1.5
-"""Objective (4) that the prediction error's fit may have, in that of the genetic algorithm's best."""
+_AT_MOST = 1.5  # objective (4) that the prediction error's fit may have, in that of the genetic algorithm's best
 
-_NOISE = 0.05
-"""Relative noise of objective (4) over the last digits of a candidate: single counts decide."""
+_NOISE = 0.05  # relative noise of objective (4) over the last digits of a candidate: single counts decide
 
-_ROUNDS = 10
-"""Of `didim`, at most."""
+_ROUNDS = 10  # of `didim`, at most
 
-_BELOW = 0.25
-"""Its band, as a share of the pass band."""
+_BELOW = 0.25  # its band, as a share of the pass band
 
-_SETTLED = 0.02
-"""Change, in standard deviations, below which it ends."""
+_SETTLED = 0.02  # change, in standard deviations, below which it ends
 
 
 def paper(problem: Problem) -> Outcome:
@@ -138,10 +132,7 @@ def seeded(problem: Problem) -> Outcome:
     if any(problem.replays) or problem.elastic:
         return prediction_error(problem)
     values, step = start_of_fit(problem, torque_fit(problem))
-    box = np.column_stack([values - _BOX * step, values + _BOX * step])
-    low, high = problem.bounds.T
-    box = np.column_stack([np.clip(box[:, 0], low, high), np.clip(box[:, 1], low, high)])
-    result = _genetic(problem, box)
+    result = _genetic(problem, np.clip([values - _BOX * step, values + _BOX * step], *problem.bounds.T).T)
     if not np.isfinite(result.cost) and problem.everywhere is not None:  # the log was too poor for a box
         result = _genetic(problem, problem.everywhere)
     stages = {"equation error": values, "genetic": result.x}
@@ -149,8 +140,7 @@ def seeded(problem: Problem) -> Outcome:
         fit = Fit(unknown=problem.unknown, values=values, candidates=values[None])
         return Outcome(fit=fit, genetic=result, evaluations=result.evaluations, stages=stages)
     outcome = problem.checkpoint.stage("fit", lambda: polished(problem, result.x, step, stages))
-    stages = outcome.stages
-    fit = outcome.fit
+    fit, stages = outcome.fit, outcome.stages
     stages["prediction error"] = fit.values
     moves = np.random.default_rng(problem.seed).normal(size=(_NEIGHBOURS, len(step)))
     moves = _NEAR * (moves[:, None, :] * _root(np.asarray(fit.covariance))).sum(axis=2)

@@ -195,19 +195,12 @@ class Search(Shown, Frozen):
     @classmethod
     def of(cls, problem: Problem, outcome: Outcome, objective: float, seconds: float) -> Self:
         """The search of a problem that had this outcome, with the result's objective (4)."""
-        genetic = outcome.genetic
-        return cls(
-            method=problem.method,
-            seed=problem.seed,
-            settings=problem.settings,
-            tolerances=problem.tolerances,
-            ranges=problem.ranges,
-            stages=outcome.stages,
-            initial_objective=objective if genetic is None else genetic.initial_cost,
-            initial_population=np.empty((0, len(problem.unknown))) if genetic is None else genetic.initial_population,
-            initial_costs=np.empty(0) if genetic is None else genetic.initial_costs,
-            history=np.empty((0, 3)) if genetic is None else genetic.history,
-            evaluations=outcome.evaluations,
-            seconds=seconds,
-            message=outcome.message,
-        )
+        population: dict[str, Any] = {
+            "initial_population": np.empty((0, len(problem.unknown))), "initial_costs": np.empty(0),
+            "history": np.empty((0, 3)),
+        }  # fmt: skip
+        if (genetic := outcome.genetic) is not None:
+            population, objective = {name: getattr(genetic, name) for name in population}, genetic.initial_cost
+        asked = {name: getattr(problem, name) for name in ("method", "seed", "settings", "tolerances", "ranges")}
+        got = {name: getattr(outcome, name) for name in ("stages", "evaluations", "message")}
+        return cls(initial_objective=objective, seconds=seconds, **asked, **population, **got)

@@ -18,17 +18,14 @@ from identification.search.problem import Problem
 from plant.machine.motor_inertia import least_inertia_margin
 from plant.parts.fields import Floats
 
-_SMALL = 0.01
-"""Step of the central differences, in standard deviations of the equation error."""
+_SMALL = 0.01  # step of the central differences, in standard deviations of the equation error
 
 _STAGES, _CRITICAL, _GAIN_STEP = (0.2, 0.07, 0.025), 0.285, 0.01
 """Observer gains of position that a fit goes through; that of speed over its square; and steps of gains, relative."""
 
-_ROUNDED = 8
-"""Logs by which the bias of rounding is found."""
+_ROUNDED = 8  # logs by which the bias of rounding is found
 
-_OF_ZERO = 0.02
-"""Step of a spring's number, such as an angle, that is 0 in the record [SI]."""
+_OF_ZERO = 0.02  # step of a spring's number, such as an angle, that is 0 in the record [SI]
 
 
 def torque_fit(problem: Problem) -> TorqueFit:
@@ -90,17 +87,21 @@ def polished(
             "D(q) of the fit falls short of the motors' own inertia, Jm k^2; check motor_inertia, gears and motor_gain"
         )
         values = start
-    fit = fit_of(
-        solution,
-        problem.unknown,
-        values,
-        fallback_reason=reason,
-        zeros=prediction.zeros_in(solution.values) if problem.zeros else None,
-        resumptions=prediction.resumptions(solution.values) if problem.memories else (),
-        gains=None if simulated else solution.values[k : k + 2 * problem.dynamics.n],
-    )
+    resumptions = prediction.resumptions(solution.values) if problem.memories else ()
+    gains = None if simulated else solution.values[k : k + 2 * problem.dynamics.n]
+    own = {"values": values, "fallback_reason": reason, "resumptions": resumptions, "gains": gains}
+    outcome = outcome_of(problem, prediction, solution, solution.values, stages, **own)
+    return dataclasses.replace(outcome, rounding=rounding)
+
+
+def outcome_of(
+    problem: Problem, prediction: Prediction, solution: Solution, whole: Floats, stages: dict[str, Floats], **more: Any
+) -> Outcome:
+    """Of a fit that follows the log; `whole` is what it found, nuisances too, and `more` are fields of the `Fit`."""
+    k, zeros = len(problem.unknown), prediction.zeros_in(whole) if problem.zeros else None
+    fit = fit_of(solution, problem.unknown, more.pop("values", whole[:k]), zeros=zeros, **more)
     message = f"RMS innovation of {solution.rms_innovation:.3f} pulses (rounding alone gives 0.289)."
-    return Outcome(fit=fit, message=message, evaluations=prediction.evaluations, stages=stages, rounding=rounding)
+    return Outcome(fit=fit, message=message, evaluations=prediction.evaluations, stages=stages)
 
 
 def _unbiased(prediction: Prediction, solution: Solution, bounds: Floats, seed: int) -> tuple[Solution, Floats | None]:

@@ -12,7 +12,7 @@ from identification.replay.objective import Objective
 from identification.replay.prediction import Prediction
 from identification.search.genetic import GeneticSettings
 from plant import Arm, Dynamics, Law, Record, Resumed, Rig
-from plant.parts.arguments import real
+from plant.parts.arguments import real, signs
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
@@ -60,11 +60,9 @@ class Tolerances(Frozen):
     delay: float = 0.0
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            if real(field.name, getattr(self, field.name), "Give a standard deviation; 0 takes it for exact.") < 0:
-                raise ValueError(
-                    f"{field.name} must not be negative; got {getattr(self, field.name):g}. 0 takes it for exact."
-                )
+        for name in (names := [field.name for field in dataclasses.fields(self)]):
+            real(name, getattr(self, name), "Give a standard deviation; 0 takes it for exact.")
+        signs(self, not_negative=names, advice="0 takes it for exact.")
 
     def __str__(self) -> str:
         torque, said = "of the motor's torque (rms)", []
