@@ -104,12 +104,12 @@ def test_samples_before_do_not_count():
     assert later.runs.samples == 72 - 43  # t = 0.0301 s is the first that counts
     assert np.isnan(later.runs.first).all()
     assert every.failures_before == 0
-    outside = []
-    for i in range(len(every.plants)):
+    outside, looked_at = [], np.union1d(np.arange(40), np.flatnonzero(later.runs.before))
+    for i in looked_at:
         worst = every.plant(i)
         record = evaluate(worst.arm, worst.rig, law, PATH, duration=0.05, steps_per_sample=4, backend="numba").record
         outside.append((np.abs(record.error_pulses[record.t < 0.03 - 1e-9]) > 1).any(axis=1).sum())
-    np.testing.assert_array_equal(later.runs.before, outside)
+    np.testing.assert_array_equal(later.runs.before[looked_at], outside)
     assert later.failures_before == every.failures
     assert later.failures_with_start == every.failures
     share = percent(every.failures / 200)

@@ -44,9 +44,14 @@ def law(rig=RIG, robot=None, **options):
     return ComputedTorque(robot or arm(), rig, **{"learn_friction": False} | options)
 
 
+@cache
+def block_of(controller, rig):
+    return controller.block(rig)
+
+
 def asked(controller, pulses, *motion, state=None, applied=None, rig=RIG):
     """Commanded torque of a law and its next state, by casadi: its symbolic step, before the amplifier."""
-    block = controller.block(rig)
+    block = block_of(controller, rig)
     state = block.initial if state is None else state
     applied = np.zeros(rig.n) if applied is None else applied
     torque, following = block.step(state, *motion, rig.counts(motion[0]), pulses, applied, block.period, block.values)

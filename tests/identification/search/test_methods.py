@@ -211,7 +211,7 @@ def test_plot_draws_errors_innovations_spectrum_and_intervals():
     matplotlib.pyplot.close(axes[0].figure)
 
 
-@pytest.mark.parametrize("method", ["seeded", "prediction_error", "equation_error"])
+@pytest.mark.parametrize("method", ["seeded", "equation_error"])
 def test_a_log_under_computed_torque_repeats_its_torques(method):
     """Its law has a memory that no log holds; its torques are in the log."""
     law = ComputedTorque(puma560.arm(), RIG, bandwidth=50.0)
