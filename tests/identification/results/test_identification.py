@@ -89,7 +89,7 @@ def test_tables_name_parameters_shortly_and_say_once_what_they_mean():
         dynamics, RIG.cell_centre(record.counts), record.torque, rig=RIG, cutoff=100, band=20, every=20
     )
     for text, head in (
-        (found().summary(), 3),
+        (found().summary(), 4),
         (str(pulse_budget(dynamics.arm(found().f), RIG, LAW, PATH)), 2),
         (str(torque_fit), 1),
     ):
