@@ -19,7 +19,7 @@ tool = Body(mass=1.5, com=(0.02, 0, 0.08), inertia=(2e-3, 0, 0, 2e-3, 0, 1e-3))
 truth = drawn.arm(drawn.f(drawn.chain.carrying(tool).bodies))
 measured = simulate(truth, rig, law, path)
 found = identify(drawn, measured, seed=1, method="equation_error", progress=False)
-report = evaluate(truth, rig, ComputedTorque(found, bandwidth=250), path, backend="numba")
+report = evaluate(truth, rig, ComputedTorque(found), path, backend="numba")
 print(report)
 assert report.fraction_within(1) > 0.99
 

@@ -61,7 +61,7 @@ class ComputedTorque(ModelLaw):
         Learn, where joints turn back, by which share Coulomb and viscous friction differ from the rig's, at most
         `learnable`: `Running.friction` has what was learnt, `start` begins with it.
     learnable : float
-        0 to 0.99.
+        Largest share by which friction may be learnt to differ, 0 to 0.99.
     start_boost, start_time : float
         Where a joint begins to move or turns back, its regulator is `start_boost` times as fast, the observer the
         square root of that, and both settle with the time constant `start_time` [s], by default 10 over the bandwidth:
