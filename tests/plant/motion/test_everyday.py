@@ -3,14 +3,12 @@
 import dataclasses
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from demands import joint_torque
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from packaged_arms import planar, puma560_rig
 from packaged_arms import puma560 as whole_puma560
-from pinocchio_arm import pinocchio_model
 
 from plant import Dynamics, Limits, PointToPoint, everyday_motions, puma560, read_robot, simulate
 from plant.motion.everyday import motions_of
@@ -73,6 +71,9 @@ def test_the_same_motions_whatever_the_log():
 
 
 def test_torques_by_pinocchio_and_limits_of_a_chain_of_six():
+    pin = pytest.importorskip("pinocchio")
+    from pinocchio_arm import pinocchio_model
+
     chain, rig = whole_puma560(), puma560_rig()
     rng = np.random.default_rng(1)
     middle, half = rng.uniform(-1, 1, 6), rng.uniform(0.1, 0.8, 6)
