@@ -46,7 +46,7 @@ def learn(
     turned = heading - recent[0]
     changes = stated[0] * turned, stated[1] - recent[1]
     rate = _LEARNS * ca.fabs(heading) * ca.fmax(ca.fabs(turned) - 1, 0)  # a start from rest turns nothing
-    step = (1 - ca.exp(-rate * dt)) * (delta - recent[2]) / (changes[0] ** 2 + changes[1] ** 2 + _TINY)
+    step = rate * dt / (1 + rate * dt) * (delta - recent[2]) / (changes[0] ** 2 + changes[1] ** 2 + _TINY)
     following = [ca.fmin(ca.fmax(was + step * change, -most), most) for was, change in zip(known, changes, strict=True)]
     coulomb, drag = following[0] - known[0], following[1] - known[1]
     delta = delta - stated[0] * heading * coulomb - stated[1] * drag

@@ -37,26 +37,27 @@ def correct(
     )
 
 
-def observer_gains(first: ca.SX, second: ca.SX, third: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Gains of `correct` for the characteristic polynomial z^3 - first z^2 + second z - third."""
-    return 1 - third, (3 - first - second + 3 * third) / 2, 1 - first + second - third
-
-
 def triple_pole(omega: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Gains of an observer with three poles at -omega [rad/s]."""
+    """Gains of `correct` for three poles at -omega [rad/s]."""
     z = ca.exp(-omega * dt)
-    return observer_gains(3 * z, 3 * z**2, z**3)
+    return 1 - z**3, 1.5 * (1 - z) ** 2 * (1 + z), (1 - z) ** 3
 
 
 def filter_gains(omega: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Gains of the Kalman filter whose process noise is a random torque of bandwidth omega [rad/s], and a drift."""
-    real, pair = ca.exp(-_REAL * omega * dt), ca.exp(-_SUM / 2 * omega * dt)
-    both = 2 * pair * ca.cos(np.sqrt(_PRODUCT - _SUM**2 / 4) * omega * dt)
-    return observer_gains(real + both, pair**2 + real * both, real * pair**2)
+    real = 2 * _REAL * omega * dt / (2 + _REAL * omega * dt)  # 1 - z
+    at_one, less = _sampled(_SUM, _PRODUCT, omega * dt)
+    return real + less - real * less, at_one + real * (less - at_one / 2), real * at_one
 
 
 def regulator_gains(omega: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Feedback accelerations per error and per rate: poles at omega [rad/s], damping 1/sqrt(2), torque held."""
-    pair = ca.exp(-omega * dt / np.sqrt(2))
-    both = 2 * pair * ca.cos(omega * dt / np.sqrt(2))
-    return (1 - both + pair**2) / (dt * dt), (3 - both - pair**2) / (2 * dt)
+    at_one, less = _sampled(np.sqrt(2), 1.0, omega * dt)
+    return at_one / (dt * dt), (less + at_one / 2) / dt
+
+
+def _sampled(damping: float, stiffness: float, step: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """(1 - z1) (1 - z2) and 1 - z1 z2 for the zeros of s^2 + damping s + stiffness, by Tustin's rule over a step."""
+    square = stiffness * step**2
+    common = 4 + 2 * damping * step + square
+    return 4 * square / common, 4 * damping * step / common

@@ -4,6 +4,7 @@ The instructions are those of the compiled kernels (`plant.compiler.translate`, 
 where casadi rounds.
 """
 
+import re
 from collections import Counter
 
 import casadi as ca
@@ -35,11 +36,13 @@ _SPELLING = {
     "FIRST": ("sin({})", _WHOLE, (0,)),
     "SECOND": ("cos({})", _WHOLE, (0,)),
     "CONSTPOW": ("pow({}, {})", _WHOLE, (0, 0)),
-    "LIMIT": ("fmin(fmax({0}, -{1}), {1})", _WHOLE, (0, _WHOLE)),
+    "FMIN": ("smaller({}, {})", _WHOLE, (0, 0)),
+    "FMAX": ("larger({}, {})", _WHOLE, (0, 0)),
+    "LIMIT": ("smaller(larger({0}, -{1}), {1})", _WHOLE, (0, _WHOLE)),
 }
 """How C writes an operation, how strongly that holds together, and how strongly what it needs has to.
 
-The others are functions of its library, of the same name, and `SIGN`.
+The others are functions of its library, of the same name, and `_HELPERS`.
 """
 
 _AGAIN = ("SQ", "LIMIT", "SINCOS")
@@ -48,18 +51,39 @@ _AGAIN = ("SQ", "LIMIT", "SINCOS")
 _LONG = 64
 """Characters from which on an expression gets a variable of its own."""
 
-SIGN = """/* -1, 0 or 1 */
+_HELPERS = {
+    "sign": """/* -1, 0 or 1 */
 static double sign(double x)
 {
     return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x;
 }
 
-"""
+""",
+    "smaller": """/* As fmin, which is seldom compiled in place: of a number and what is none, the number. */
+static double smaller(double a, double b)
+{
+    return a < b || b != b ? a : b;
+}
+
+""",
+    "larger": """/* As fmax */
+static double larger(double a, double b)
+{
+    return a > b || b != b ? a : b;
+}
+
+""",
+}
 
 
 def literal(value: float) -> str:
     """A number as C writes it, without loss."""
     return repr(float(value)).replace("inf", "INFINITY").replace("nan", "NAN")
+
+
+def helpers(body: str) -> str:
+    """The functions that C has not and a body calls."""
+    return "".join(text for name, text in _HELPERS.items() if re.search(rf"\b{name}\(", body))
 
 
 def statements(

@@ -7,14 +7,13 @@ alone, allocates nothing and has no global state.
 
 import dataclasses
 import inspect
-import re
 import textwrap
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 
-from plant.compiler.c_statements import SIGN, literal, statements
+from plant.compiler.c_statements import helpers, literal, statements
 from plant.compiler.instructions import STATE, TIME, UNIFORM
 from plant.machine.rig import Rig
 from plant.parts.arguments import instance
@@ -84,7 +83,7 @@ def _values(law, rig, output):
         "state": (f"    int32_t counts[{n}]; /* of the converter, for it */\n" if counted else "")
         + (f"    double state[{states}]; /* of the law */\n" if states else ""),
         "numbers": "\n".join(text for text in (constants(law, rig, used), timing, output.constant) if text),
-        "helpers": SIGN if re.search(r"\bsign\(", body) else "",
+        "helpers": helpers(body),
         "start": textwrap.indent(start, "    ") if states else "",
         "initial": "".join(each(size, f"self->{name}[i] = {begun};") for name, size, begun, _ in memory),
         "body": textwrap.indent(body, "    "),

@@ -13,7 +13,7 @@ from typing import Any
 
 import casadi as ca
 
-from plant.compiler.c_statements import SIGN, literal, statements
+from plant.compiler.c_statements import helpers, literal, statements
 from plant.compiler.instructions import STATE, UNIFORM
 from plant.compiler.python_to_c import CFunction, CNames
 from plant.machine.rig import Rig
@@ -96,7 +96,7 @@ def write_running(law: Any, rig: Rig, guards: Guards | None, folder: str | Path,
         "n": n, "period": literal(block.period or rig.period), "prefix": PREFIX, "size": len(memory),
         "about": paragraph(about), "ramp": literal(RAMP),
         "causes": "".join(f"    {name.upper()}_{cause} = {code},{_in_words(code)}\n" for cause, code in causes),
-        "constants": constants_of_logic(), "helpers": HELPERS + (f"\n{SIGN}" if "sign(" in body else ""),
+        "constants": constants_of_logic(), "helpers": f"{HELPERS}\n{helpers(body)}",
         "pieces": body, "logic": translated(), "initial": braced(memory),
     }  # fmt: skip
     write_files(folder, name, "running", given.values | values)

@@ -5,22 +5,27 @@ its inertia matrix, u the torque beyond what the model needs, held over a period
 """
 
 import numpy as np
-from scipy.signal import place_poles
+from scipy.signal import bilinear_zpk, place_poles
 
 from ctc.laws.observer import DRIFT
+
+
+def tustin(poles):
+    """Of s T, by the trapezoid rule, as scipy's."""
+    return bilinear_zpk([], poles, 1.0, 1.0)[1]
 
 
 def observer_gains(omega, T):
     """Of error, rate times T, disturbance times T^2: the stable zeros of s^6 + w^4 s^2 - (DRIFT w)^6, sampled."""
     zeros = np.roots([1, 0, 0, 0, omega**4, 0, -((DRIFT * omega) ** 6)])
     A, seen = np.array([[1, 1, 1 / 2], [0, 1, 1], [0, 0, 1]]), np.array([[1.0, 0, 0]])
-    return place_poles(A.T, (seen @ A).T, np.exp(zeros[zeros.real < 0] * T), rtol=1e-12, maxiter=100).gain_matrix[0]
+    return place_poles(A.T, (seen @ A).T, tustin(zeros[zeros.real < 0] * T), rtol=1e-12, maxiter=100).gain_matrix[0]
 
 
 def regulator_gains(omega, T):
     """Of error and rate times T: poles at omega, damping 1/sqrt(2), sampled; acceleration times T^2."""
     A, B = np.array([[1.0, 1], [0, 1]]), np.array([[1 / 2], [1]])
-    poles = np.exp(omega * T * np.array([-1 + 1j, -1 - 1j]) / np.sqrt(2))
+    poles = tustin(omega * T * np.array([-1 + 1j, -1 - 1j]) / np.sqrt(2))
     return place_poles(A, B, poles).gain_matrix[0]
 
 
