@@ -81,6 +81,8 @@ def walk(root, call, given):
 
     def home(code):
         path = Path(code.co_filename)
+        if path.name == "arguments.py" and code.co_name == "wrapper":  # a decorator of many rooms: looked through
+            return None
         return path.relative_to(root).as_posix().removesuffix(".py") if root in path.parents else None
 
     def height(file):
@@ -98,6 +100,7 @@ def walk(root, call, given):
         while caller is not None and home(caller.f_code) is None:
             caller = caller.f_back
         before = home(caller.f_code) if caller is not None else None
+        before = before if before and before.split("/")[0] in PACKAGES else None
         if before != here:
             calls.add((before, caller.f_code.co_name if before else "", here, code.co_name))
 
