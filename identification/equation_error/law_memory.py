@@ -19,7 +19,7 @@ from plant import Dynamics, LoggedCurrent, LoggedTorque, Record, Resumed
 from plant.parts.fields import Floats
 from plant.parts.sums import least, norm, product, triangle
 from plant.simulation.clock import Clock
-from plant.simulation.law_run import LawRun, run_law
+from plant.simulation.law_run import LawRun, run_from, run_law
 
 _FIRST = 10  # samples whose speed the arm had before
 
@@ -165,11 +165,11 @@ def _moved(record: Record, change: Any) -> Record:
 
 def state_directions(record: Record, run: LawRun, scale: Floats) -> tuple[Memory, Floats]:
     """Directions of states of these magnitudes (s,), and the torques (r, N, n) at the samples that each makes."""
-    clock, period, law = Clock.of(record), record.rig.period, record.law
+    clock, period = Clock.of(record), record.rig.period
+    law: Any = record.law
     t = clock.t[clock.rows]
     torque, varied, by_state = run.around(t, period), np.flatnonzero(scale), [np.zeros(0)]
-    for i in varied:
-        moved = run_law(_moved(record, _SMALL * scale * (np.arange(len(scale)) == i)))
+    for moved in run_from(record, law.state + _SMALL * np.diag(scale)[varied]):
         by_state.append((moved.around(t, period) - torque).ravel() / _SMALL)
     each = np.reshape(np.concatenate(by_state), (-1, torque.size)).T
     at_once, later = (np.abs(part).max(axis=0) for part in np.split(each, [FADED * record.n]))
@@ -184,8 +184,7 @@ def state_directions(record: Record, run: LawRun, scale: Floats) -> tuple[Memory
     directions[varied] = scale[varied, None] * shares[seen].T * unit
     columns = (product(each, shares[seen].T) * unit).T.reshape(-1, *torque.shape)
     most = np.abs(torque).max() / np.abs(columns).max(axis=(1, 2), initial=0.0) if len(columns) else unit
-    state: Any = law.state  # type: ignore[union-attr]  # AlongLog
-    return Memory(state=np.array(state), directions=directions, usual=np.minimum(1 / unit, most)), columns
+    return Memory(state=np.array(law.state), directions=directions, usual=np.minimum(1 / unit, most)), columns
 
 
 def _fitted(

@@ -26,13 +26,11 @@ def torque_apart(record: Record) -> Floats | None:
     None where that cannot be told: nothing logged, counts that were moved, no law or one that repeats the log, fast
     hardware with a memory, or a reference whose rounding hides the torque.
     """
-    law, n = record.law, record.n
-    if law is None or law.replays or (record.torque is None and record.current is None):
+    law = record.law
+    if law is None or not _comparable(record):
         return None
-    if not (record.rig.encoder.smooth or (record.counts == np.trunc(record.counts)).all()):
-        return None  # counts that were moved (`without_delay`) are not those that the law read
     logged = logged_torque(record)
-    if not law.has_memory(n):
+    if not law.has_memory(record.n):
         commanded = commanded_torque(record)
         own = None if commanded is None else driven(record, record.rig.drive.limited(commanded))
     else:
@@ -51,12 +49,13 @@ def begun(record: Record) -> Record:
     As it is where the torque does not tell: nothing logged, no memory, or a law that began with the log.
     """
     law = record.law
-    if law is None or law.replays or not law.has_memory(record.n) or law.period is None or isinstance(law, Resumed):
-        return record
-    if torque_apart(record) is None:
+    if law is None or not _comparable(record) or not law.has_memory(record.n) or isinstance(law, Resumed):
         return record
     logged, rows = logged_torque(record), np.flatnonzero(record.valid > 0)
-    anew, found = reading(record, Resumed(law=law, state=law.initial_state(record.n))), _nearest(record, logged)
+    found = None if law.period is None else _nearest(record, logged)
+    if found is None:
+        return record
+    anew = reading(record, Resumed(law=law, state=law.initial_state(record.n)))
     off = [np.sqrt(np.mean((law_torque(each) - logged)[rows[rows >= FADED]] ** 2)) for each in (anew, found)]
     if off[0] <= _BEGAN * off[1] + _EQUAL * np.abs(logged).max():
         return record
@@ -70,16 +69,30 @@ def _along(record: Record, logged: Floats) -> Floats | None:
     law = record.law
     if isinstance(law, Resumed):  # in a stated state
         return law_torque(dataclasses.replace(record, law=law.along(record.rig)))
-    try:
-        return law_torque(_nearest(record, logged))
-    except ValueError:  # its reference does not tell its torque
-        return None
+    found = _nearest(record, logged)
+    return None if found is None else law_torque(found)
 
 
-def _nearest(record: Record, logged: Floats) -> Record:
-    """The record with its law reading the log, from the state with which it is nearest to the logged torque (N, n)."""
+def _comparable(record: Record) -> bool:
+    """Whether a torque was logged that a law may have given from the counts of the record.
+
+    Counts that were moved (`without_delay`) are not those that the law read.
+    """
+    if record.law is None or record.law.replays or (record.torque is None and record.current is None):
+        return False
+    return record.rig.encoder.smooth or bool((record.counts == np.trunc(record.counts)).all())
+
+
+def _nearest(record: Record, logged: Floats) -> Record | None:
+    """The record with its law reading the log, from the state with which it is nearest to the logged torque (N, n).
+
+    None where its reference does not tell its torque.
+    """
     law: Any = record.law
-    followed, usual = at_work(record, Resumed(law=law, state=law.initial_state(record.n)))
+    try:
+        followed, usual = at_work(record, Resumed(law=law, state=law.initial_state(record.n)))
+    except ValueError:
+        return None
     for _ in range(_ROUNDS):
         run = run_law(followed)
         memory, columns = state_directions(followed, run, usual)

@@ -4,6 +4,8 @@ A law steps at its own period; one without a period is stepped four times per sa
 """
 
 import dataclasses
+import functools
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import casadi as ca
@@ -46,6 +48,12 @@ def run_law(record: Record, finer: float = 1.0) -> LawRun:
 
     A reference that is rebuilt from commanded counts has `finer` times as many knots.
     """
+    law: Any = record.law
+    return next(run_from(record, [getattr(law, "state", None)], finer))
+
+
+def run_from(record: Record, states: Iterable[Any], finer: float = 1.0) -> Iterator[LawRun]:
+    """The same runs from each of some states (s,) of the law."""
     law, rig = record.law, record.rig
     if not isinstance(law, AlongLog):
         raise ValueError(f"the law must be AlongLog; got {type(law).__name__}. Give AlongLog(law=, state=).")
@@ -54,20 +62,27 @@ def run_law(record: Record, finer: float = 1.0) -> LawRun:
     t = np.asarray(period * np.arange(int(np.floor(clock.t[clock.rows[-1]] / period + 1e-6)) + 1), dtype=np.float64)
     motion = path.smoothed(t, finer) if isinstance(path, Logged) else path.setpoint(t, law)
     counts, n, s = clock.between(law.replayed(record), t), rig.n, len(block.initial)
-    results = _along(block, rig, len(t))(
-        np.concatenate([block.initial, np.zeros(n)]), *(part.T for part in motion), path(t)[1].T,
-        counts.T, np.full((1, len(t)), period), block.values,
-    )  # fmt: skip
-    carried = np.asarray(results.full().T)
-    return LawRun(t=t, given=carried[:, s:], states=carried[:, : s - 1])
+    along = _repeated(_step(block, rig).serialize(), len(t))
+    columns = *(part.T for part in motion), path(t)[1].T, counts.T, np.full((1, len(t)), period)
+    own = len(block.values) - len(rig.number_values())
+    for state in states:
+        numbers = np.concatenate([block.values[: own - s + 1], state, block.values[own:]])
+        carried = np.asarray(along(np.concatenate([block.initial, np.zeros(n)]), *columns, numbers).full().T)
+        yield LawRun(t=t, given=carried[:, s:], states=carried[:, : s - 1])
 
 
-def _along(block: Any, rig: Any, steps: int) -> ca.Function:
-    """(memory and torque, reference, counts, dt, numbers) of so many steps -> memory and torque after each."""
+def _step(block: Any, rig: Any) -> ca.Function:
+    """(memory and torque, reference, counts, dt, numbers) -> memory and torque a step later."""
     n, s, own = rig.n, len(block.initial), len(block.values) - len(rig.number_values())
     carried, dt, numbers = ca.SX.sym("carried", s + n), ca.SX.sym("dt"), ca.SX.sym("numbers", len(block.values))
     columns = [ca.SX.sym(name, n) for name in ("q", "qd", "qdd", "reference_pulses", "counts")]
     asked, following = block.step(carried[:s], *columns[:4], columns[4], carried[s:], dt, numbers, columns[4])
     given = rig.with_numbers(numbers[own:]).drive.limited(asked)
-    step = ca.Function("step", [carried, *columns, dt, numbers], [ca.vertcat(following, given)])
-    return step.mapaccum("along", steps, {"base": 10}) if steps > 1 else step
+    return ca.Function("step", [carried, *columns, dt, numbers], [ca.vertcat(following, given)])
+
+
+@functools.lru_cache(maxsize=8)
+def _repeated(step: str, count: int) -> ca.Function:
+    """So many steps in a row; `step` is serialised, the same for laws that differ in numbers."""
+    one = ca.Function.deserialize(step)
+    return one.mapaccum("along", count, {"base": 10}) if count > 1 else one
