@@ -31,7 +31,7 @@ def low_pass(x: ArrayLike, period: float, cutoff: float) -> Floats:
 
     Raises a ValueError: a cutoff that is not below half of the sample rate, or fewer samples than the filter needs.
     """
-    from scipy.signal import butter, sosfiltfilt  # a third of a second that the genetic algorithm does not need
+    from scipy.signal import sosfiltfilt  # a third of a second that the genetic algorithm does not need
 
     x, cutoff = np.asarray(x), real("cutoff", cutoff, "Give Hz.", positive=True)
     if not 2 * cutoff * period < 1:
@@ -40,7 +40,14 @@ def low_pass(x: ArrayLike, period: float, cutoff: float) -> Floats:
         )
     if len(x) <= 6 * _ORDER:
         raise ValueError(f"a log must have more than {6 * _ORDER} samples to be filtered; got {len(x)}. Log longer.")
-    return sosfiltfilt(butter(_ORDER, 2 * cutoff * period, output="sos"), x, axis=0)
+    return sosfiltfilt(_butterworth(2 * cutoff * period), x, axis=0)
+
+
+@functools.lru_cache(maxsize=256)
+def _butterworth(cutoff: float) -> Floats:
+    from scipy.signal import butter
+
+    return np.asarray(butter(_ORDER, cutoff, output="sos"))
 
 
 def derivatives(q: ArrayLike, period: float, cutoff: float) -> Motion:
@@ -61,7 +68,8 @@ LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
 SPRINGS = "springs"
 """What the names of friction in which the torque is linear begin with; and of springs, in some of which it is."""
 
-_AT_ONCE = 4096  # samples whose regressors are worked out in one go
+_AT_ONCE, _TOGETHER = 4096, 2**18
+"""Samples whose regressors are worked out in one go; values that are filtered in one."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -150,8 +158,11 @@ def compared(
     cutoff, band, every, slowest = filtering
     margin = int(np.ceil(1 / (min(cutoff, band) * period)))  # where the filters still feel the ends of the log
     rows = slice(-(-margin // every) * every, len(qd) - margin, every)
-    measured, *columns = (low_pass(signal, period, band)[rows] for signal in signals)
-    speed = np.abs(low_pass(qd, period, band)[rows])
+    together, n, left = max(1, _TOGETHER // qd.size), qd.shape[1], [*signals, qd]
+    groups = (np.hstack(left[i : i + together]) for i in range(0, len(left), together))
+    filtered = np.hstack([low_pass(group, period, band)[rows] for group in groups])
+    measured, *columns, speed = (filtered[:, i : i + n] for i in range(0, filtered.shape[1], n))
+    speed = np.abs(speed)
     used = (speed > slowest) | (slowest == 0)
     if valid is not None:
         lost = np.append(0, np.cumsum(valid == 0))
@@ -159,7 +170,12 @@ def compared(
         used &= (lost[near[:, 1]] == lost[near[:, 0]])[rows, None]
     sample = np.arange(len(qd))[rows]
     return System(
-        regressor=np.stack(columns, axis=-1), torque=measured, used=used, sample=sample, period=period, speed=speed
+        regressor=np.stack(columns, axis=-1),
+        torque=np.ascontiguousarray(measured),
+        used=used,
+        sample=sample,
+        period=period,
+        speed=speed,
     )
 
 
