@@ -1,0 +1,157 @@
+"""Which changes of the code no test notices: one comparison, sign, number or index at a time.
+
+    python tests/benchmarks/mutations.py --guards [--every 8]
+    python tests/benchmarks/mutations.py --seeded 60 [--tree FOLDER]
+
+The first changes every eighth comparison and sign of what guards and stops a running controller (plant/realtime). The
+second draws changes from all three packages, from each file as many as it has places on average; with --tree of another
+checkout. Each is made in a copy, and the tests of its room run until one fails: those are named by their file. A change
+of a kernel changes its text, and by that its name in the cache.
+"""
+
+import argparse
+import ast
+import os
+import random
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+GUARDS = ("first_motion", "guards", "running", "safety", "status", "stopping", "watching")
+GUARDED = ("tests/plant/realtime", "tests/ctc/laws/test_guards.py", "tests/ctc/laws/test_faults.py",
+           "tests/ctc/laws/test_spoilt_loops.py")  # fmt: skip
+OTHER = {"<": ">=", ">=": "<", ">": "<=", "<=": ">", "==": "!=", "!=": "==", "is": "is not", "is not": "is",
+         "in": "not in", "not in": "in", "+": "-", "-": "+", "*": "/", "/": "*"}  # fmt: skip
+LONGEST = 600
+"""Seconds of the tests of a room."""
+
+
+def changes(file, kinds):
+    """(line, what, new text) of each place of a file: comparisons, signs, numbers and indices."""
+    text = file.read_text(encoding="utf-8")
+    starts = [0]
+    for line in text.splitlines(keepends=True):
+        starts.append(starts[-1] + len(line.encode()))
+    raw = text.encode()
+
+    def at(line, column):
+        return starts[line - 1] + column
+
+    def between(left, right):
+        """The operator between two nodes, and another."""
+        low, high = at(left.end_lineno, left.end_col_offset), at(right.lineno, right.col_offset)
+        found = re.search(rb"is\s+not\b|not\s+in\b|\bis\b|\bin\b|[<>=!]=|[<>*/+-]", raw[low:high])
+        word = b" ".join(found.group().split()).decode() if found else ""
+        return (low + found.start(), low + found.end(), OTHER[word]) if word in OTHER else None
+
+    def replacement(node):
+        if isinstance(node, ast.Compare) and "comparison" in kinds:
+            return between(node.left, node.comparators[0])
+        if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.Add, ast.Sub)) and "sign" in kinds:
+            return between(node.left, node.right)
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) and "sign" in kinds:
+            return at(node.lineno, node.col_offset), at(node.lineno, node.col_offset) + 1, "+"
+        if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant) and "index" in kinds:
+            return number(node.slice) if isinstance(node.slice.value, int) else None
+        if isinstance(node, ast.Constant) and "number" in kinds:
+            return number(node)
+        return None
+
+    def number(node):
+        if isinstance(node.value, bool) or not isinstance(node.value, (int, float)):
+            return None
+        new = node.value + 1 if isinstance(node.value, int) else 2 * node.value or 1.0
+        return at(node.lineno, node.col_offset), at(node.end_lineno, node.end_col_offset), repr(new)
+
+    found = {}
+    for node in ast.walk(ast.parse(text)):
+        place = replacement(node)
+        if place is not None:
+            low, high, new = place
+            found[low] = (
+                node.lineno,
+                f"{raw[low:high].decode()} -> {new}",
+                (raw[:low] + new.encode() + raw[high:]).decode(),
+            )
+    return [found[low] for low in sorted(found)]
+
+
+def rooms_of(tree, file):
+    """Where the tests of a file are: of its room, else of its package."""
+    package, *room = file.relative_to(tree).parts[:-1]
+    own = Path("tests", package, *room)
+    return [str(own if (tree / own).is_dir() else Path("tests", package))]
+
+
+def noticed(copy, file, text, tests):
+    """Name of the test file that fails, "" if none does."""
+    path, environment = copy / file, {**os.environ, "PYTHONPATH": str(copy), "MPLBACKEND": "Agg"}
+    before = path.read_text(encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--no-header", *tests]
+    try:
+        ran = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, timeout=LONGEST)  # noqa: S603
+    except subprocess.TimeoutExpired:
+        return "no end"
+    finally:
+        path.write_text(before, encoding="utf-8")
+    if ran.returncode == 0:
+        return ""
+    failed = re.search(r"^(?:FAILED|ERROR) (\S+)", ran.stdout, re.MULTILINE)
+    return failed.group(1) if failed else f"ended with {ran.returncode}"
+
+
+def main():
+    """Make the changes, two at a time, and print what became of each."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--guards", action="store_true")
+    parser.add_argument("--every", type=int, default=8)
+    parser.add_argument("--seeded", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--tree", type=Path, default=ROOT)
+    chosen = parser.parse_args()
+    tree = chosen.tree.resolve()
+    if chosen.guards:
+        files = [tree / "plant/realtime" / f"{name}.py" for name in GUARDS]
+        every = [(file, *change) for file in files for change in changes(file, ("comparison", "sign"))]
+        picked = [(*change, GUARDED) for change in every[:: chosen.every]]
+    else:
+        files = [
+            file for package in ("plant", "identification", "ctc") for file in sorted((tree / package).rglob("*.py"))
+        ]
+        every = [(file, *change) for file in files
+                 for change in changes(file, ("comparison", "sign", "number", "index"))]  # fmt: skip
+        picked = random.Random(chosen.seed).sample(every, chosen.seeded)  # noqa: S311
+        picked = [(*change, rooms_of(tree, change[0])) for change in picked]
+    print(f"{len(picked)} of {len(every)} places in {len(files)} files", flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        copies = [Path(folder) / str(i) for i in range(2)]
+        for copy in copies:
+            shutil.copytree(tree, copy, ignore=shutil.ignore_patterns(".git", "__pycache__", "_build", "*.egg-info"))
+        free, results = list(copies), Counter()
+
+        def one(change):
+            file, line, what, text, tests = change
+            copy, begun = free.pop(), time.monotonic()
+            by = noticed(copy, file.relative_to(tree), text, tests)
+            free.append(copy)
+            return f"{file.relative_to(tree)}:{line}  {what}", by, time.monotonic() - begun
+
+        with ThreadPoolExecutor(2) as pool:
+            for what, by, seconds in pool.map(one, picked):
+                results[by.partition("::")[0] or "none"] += 1
+                print(f"{'noticed by ' + by if by else 'NOT NOTICED':60.60}  {what}  ({seconds:.0f} s)", flush=True)
+    print(f"{len(picked) - results['none']} of {len(picked)} noticed")
+    for name, count in results.most_common():
+        print(f"  {count:3} {name}")
+
+
+if __name__ == "__main__":
+    main()
