@@ -1,4 +1,4 @@
-"""The public faces are typed: strictly where they are defined, and as a user's script sees them; mypy of all: .ci/run."""
+"""The public faces are typed: strictly where they are defined, and as a user's script sees them (mypy of all: CI)."""
 
 import inspect
 import re

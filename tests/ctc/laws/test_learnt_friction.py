@@ -39,7 +39,7 @@ def started(controller, path):
     return controller.start(RIG, RIG.counts(path([0.0]).q[0]))
 
 
-@pytest.mark.parametrize("factor", [0.7, 0.9, 1.1, 1.3])
+@pytest.mark.parametrize("factor", [0.7, 1.3, *(pytest.param(factor, marks=pytest.mark.slow) for factor in (0.9, 1.1))])
 @pytest.mark.parametrize("path", [BACK, puma560.reference()], ids=["there and back", "(6)"])
 def test_friction_that_is_off_is_learnt_within_two_periods(path, factor):
     """Each joint has turned back then. Coulomb friction within 8 % of the robot's, the errors within a pulse; without

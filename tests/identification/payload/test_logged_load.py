@@ -69,6 +69,7 @@ def test_friction_is_found_beside_the_load():
     np.testing.assert_allclose(found.interval, found.mass + 1.96 * found.std * np.array([-1, 1]))
 
 
+@pytest.mark.slow
 def test_friction_that_was_assumed_is_warned_of_and_biases():
     """Under PID the log tells the torque, and 10 % of friction is worth some hundred grams."""
     record = worn_log(law=PID_LAW, duration=1.2)

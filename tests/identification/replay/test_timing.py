@@ -48,6 +48,7 @@ def test_delay_is_found_and_its_correction_brings_the_parameters_back(record, sa
     assert abs(again.diagnostics.delay) < 0.02
 
 
+@pytest.mark.slow
 def test_unknown_friction_absorbs_the_delay_and_is_warned_about(record):
     unknown = (*DYNAMICS.names, "drive.viscous[0]", "drive.viscous[1]")
     found = quick(late(record, 0.1), unknown=unknown)

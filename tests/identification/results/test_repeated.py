@@ -29,7 +29,15 @@ def logged(kind):
     }[kind]  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", ["P", "in motion", "without torque", "as counts", "torque"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "P",
+        "without torque",
+        "torque",
+        *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("in motion", "as counts")),
+    ],
+)
 def test_the_run_that_is_drawn_is_the_one_that_was_judged(kind, tmp_path):
     record = logged(kind)
     found = identify(ARM.dynamics, record, seed=1, progress=False)
@@ -73,6 +81,7 @@ def test_a_run_that_diverges_is_none():
 
 
 @pytest.mark.parametrize(("arm", "begin"), [(puma560.arm(), 0.5), (ARM, 0.7)], ids=["published", "literature"])
+@pytest.mark.slow
 def test_torques_that_begin_in_motion_accuse_nothing(arm, begin):
     """Where the arm was and how fast is not what the reference says, to a pulse; that is no lag of the currents."""
     record = simulate(arm, RIG, LAW, PATH, steps_per_sample=16).cut(begin, begin + 2)

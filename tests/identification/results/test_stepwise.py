@@ -88,6 +88,7 @@ def test_gears_of_60_hz_are_seen_in_one_log(gain):
     assert any(text.startswith("the joints are elastic: locked-rotor resonance near") for text in found.warnings)
 
 
+@pytest.mark.slow
 def test_gears_of_100_hz_are_seen_in_two_logs_which_contradict_each_other():
     records = [log(gain, elasticity=gears(100)) for gain in (LOW, HIGH)]
     detection = quick(records).diagnostics.detection  # the second is kept aside, and tested all the same
@@ -130,6 +131,7 @@ def test_friction_that_is_not_the_rigs_comes_with_its_values():
     assert quick(log(**FRICTION), unknown=unknown).diagnostics.detection.names == ()
 
 
+@pytest.mark.slow
 def test_nothing_contradicts_a_model_whose_gears_give_and_whose_stiffness_is_unknown():
     """The rig states 56 Hz, as the detection would; the robot has 60."""
     soft = log(elasticity=gears(60))

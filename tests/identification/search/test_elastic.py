@@ -78,6 +78,7 @@ def test_a_rigid_log_gives_a_bound_and_no_number():
     assert (np.abs(result.f - ARM.f) / WIDTH).max() < 0.06
 
 
+@pytest.mark.slow
 def test_what_a_rig_says_is_a_guess_that_may_be_far_off():
     """Stiffness 16 times too large and damping nought: the same resonances to within their intervals."""
     wrong = gears((60, 40))

@@ -51,7 +51,8 @@ def test_f_from_the_tracking_error_of_a_log_that_was_cut(name):
     assert found.diagnostics.detection.names == ()
 
 
-@pytest.mark.parametrize("name", ["PID", pytest.param("cascade", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["PID", "cascade"])
 def test_a_torque_injected_beside_a_law_with_a_memory_is_no_part_of_it(name):
     """Cut in the middle, without a torque column: the law's run gives its own part, the record the other."""
 

@@ -89,13 +89,14 @@ def test_default_finds_the_robots_again(arm, gain):
     assert result.warnings == []
 
 
-@pytest.mark.parametrize("period", [3.65, 2.0])
+@pytest.mark.parametrize("period", [pytest.param(3.65, marks=pytest.mark.slow), 2.0])
 def test_default_is_good_enough_for_one_pulse_at_any_speed(period):
     law = ComputedTorque(found().arm, found().rig)
     report = evaluate(puma560.arm(), RIG, law, puma560.reference(period), backend="numba")
     assert report.within(1), report
 
 
+@pytest.mark.slow  # with other settings also in test_sums and test_procedure
 def test_same_seed_same_bits_on_any_number_of_threads():
     runs = [identify(DYNAMICS, measured(), seed=3, threads=threads, progress=False) for threads in (1, 2)]
     for name in ("f", "objective", "covariance", "history", "initial_population"):
@@ -211,7 +212,7 @@ def test_plot_draws_errors_innovations_spectrum_and_intervals():
     matplotlib.pyplot.close(axes[0].figure)
 
 
-@pytest.mark.parametrize("method", ["seeded", "equation_error"])
+@pytest.mark.parametrize("method", [pytest.param("seeded", marks=pytest.mark.slow), "equation_error"])
 def test_a_log_under_computed_torque_repeats_its_torques(method):
     """Its law has a memory that no log holds; its torques are in the log."""
     law = ComputedTorque(puma560.arm(), RIG, bandwidth=50.0)
