@@ -17,17 +17,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from identification.equation_error.filters import by_differences, derivatives, low_pass
 from identification.equation_error.least_squares import least_squares
 from identification.equation_error.pulse_fit import CUTOFF, filtering_of, fit_systems, mode_in
-from identification.equation_error.regressor import (
-    System,
-    by_differences,
-    compared,
-    derivatives,
-    linear,
-    low_pass,
-    regressor_along,
-)
+from identification.equation_error.regressor import System, compared, linear, regressor_along
 from identification.equation_error.torque_fit import TorqueFit
 from identification.equation_error.torque_logs import torque_of
 from plant import Dynamics, Record

@@ -3,9 +3,8 @@
 Behind elastic gears links and motors move apart: bodies feel the motion of the links, friction and rotors that of the
 motors.
 
-Velocity and acceleration come from positions alone: low-passed without phase (forwards and backwards), then central
-differences. Regressor and measured torque then pass the same zero-phase filter (its band is where they are compared),
-and every k-th row is kept, counted from the first sample.
+Velocity and acceleration come from positions alone (`filters`). Regressor and measured torque then pass the same
+zero-phase filter (its band is where they are compared), and every k-th row is kept, counted from the first sample.
 """
 
 import dataclasses
@@ -17,52 +16,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from identification.equation_error.filters import derivatives, low_pass
 from plant import Dynamics, Rig
 from plant.motion.reference import Motion
-from plant.parts.arguments import array, near, real
+from plant.parts.arguments import array, near
 from plant.parts.fields import Floats
-
-_ORDER = 4
-"""Of the Butterworth low-pass; run forwards and backwards it has no phase, and the attenuation of twice the order."""
-
-
-def low_pass(x: ArrayLike, period: float, cutoff: float) -> Floats:
-    """Zero-phase low-pass of the columns of x (N, ...), sampled every `period` [s]; `cutoff` in Hz.
-
-    Raises a ValueError: a cutoff that is not below half of the sample rate, or fewer samples than the filter needs.
-    """
-    from scipy.signal import sosfiltfilt  # a third of a second that the genetic algorithm does not need
-
-    x, cutoff = np.asarray(x), real("cutoff", cutoff, "Give Hz.", positive=True)
-    if not 2 * cutoff * period < 1:
-        raise ValueError(
-            f"cutoff must be below half of the sample rate, {0.5 / period:.4g} Hz; got {cutoff:g}. Lower it."
-        )
-    if len(x) <= 6 * _ORDER:
-        raise ValueError(f"a log must have more than {6 * _ORDER} samples to be filtered; got {len(x)}. Log longer.")
-    return sosfiltfilt(_butterworth(2 * cutoff * period), x, axis=0)
-
-
-@functools.lru_cache(maxsize=256)
-def _butterworth(cutoff: float) -> Floats:
-    from scipy.signal import butter
-
-    return np.asarray(butter(_ORDER, cutoff, output="sos"))
-
-
-def derivatives(q: ArrayLike, period: float, cutoff: float) -> Motion:
-    """Motion from positions (N, n) [rad], sampled every `period` [s]: low-passed, then central differences.
-
-    Returns q, qd, qdd, each (N, n).
-    """
-    return by_differences(low_pass(q, period, cutoff), period)
-
-
-def by_differences(x: Floats, period: float) -> Motion:
-    """Samples (N, n), and their first and second derivatives by central differences."""
-    rate = np.gradient(x, period, axis=0)
-    return Motion(x, rate, np.gradient(rate, period, axis=0))
-
 
 LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
 SPRINGS = "springs"

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from identification.equation_error.filters import derivatives
 from identification.equation_error.pulse_fit import BAND_MOST, CUTOFF, speed_noise, without_known
-from identification.equation_error.regressor import LINEAR, Filtering, System, derivatives, regressor_and_torque
+from identification.equation_error.regressor import LINEAR, Filtering, System, regressor_and_torque
 from identification.equation_error.torque_logs import TorqueLog, dead_columns, thinned, torque_logs
 from plant import Dynamics, Rig
 from plant.parts.arguments import choice, instance, real

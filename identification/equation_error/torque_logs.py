@@ -7,8 +7,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from identification.equation_error.filters import low_pass
 from identification.equation_error.naming import each_named, record_label
-from identification.equation_error.regressor import low_pass
 from plant import Dynamics, Record, Resumed, Rig
 from plant.laws.replayed import commanded_torque
 from plant.parts.arguments import array, instance

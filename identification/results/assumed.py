@@ -11,8 +11,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from identification.equation_error.filters import derivatives
 from identification.equation_error.pulse_fit import BAND_MOST, CUTOFF, path_in
-from identification.equation_error.regressor import derivatives, linear, regressor_along
+from identification.equation_error.regressor import linear, regressor_along
 from plant import Arm, Chain, Record
 from plant.mechanics.newton_euler import lumped_torque
 from plant.parts.arguments import real

@@ -7,15 +7,9 @@ import pytest
 from coupled_arm import PERIOD, arm_of, path_of, rig_of
 
 from identification import fit_torque
+from identification.equation_error.filters import derivatives, low_pass
 from identification.equation_error.least_squares import least_squares
-from identification.equation_error.regressor import (
-    Filtering,
-    Places,
-    System,
-    derivatives,
-    low_pass,
-    regressor_and_torque,
-)
+from identification.equation_error.regressor import Filtering, Places, System, regressor_and_torque
 from identification.equation_error.torque_fit import TorqueFit
 from plant import FrictionCurve, puma560
 

@@ -236,7 +236,7 @@ DEFECTS = {
     "jump": (ALL, lambda r: jump(r, 0, 64), "jumps", 0, 1, 0.0),
     "stuck": (ALL, lambda r: stuck(r, 0, 0.2), "stuck encoder", 0, 0.2, 0.05),
     "counts clipped": (ALL, lambda r: clipped(r, 0, 0.8), "clipped counts", 0, None, None),
-    "torque clipped": (("P 3.65", "planar 3", *CT), lambda r: clipped_torque(r, 0, 0.8), "clipped torque", 0, None,
+    "torque clipped": (("P 3.65", "planar 3", *CT), lambda r: clipped_torque(r, 0, 0.7), "clipped torque", 0, None,
                        None),
     "torque turned": (ALL, lambda r: turned(r, 0), "drive sign", 0, None, None),
     "torque turned, open loop": (P_RECORDS, lambda r: without(turned(r, 1), "reference"), "drive sign", 1, None, None),
