@@ -74,7 +74,7 @@ def compared(laws):
 
 
 def trial():
-    return Trial(family=NASTY[0], law=LAW, numbers={f"a_variable_{i}": 150.0 for i in range(5)}, left=3, allowed=0,
+    return Trial(family=NASTY[0], law=LAW, numbers={f"a_variable_{i}": 150.0 for i in range(5)}, left=3, of=2000, allowed=0,
                  chatter=np.array([1.0, 2.0]), noise=0.1)  # fmt: skip
 
 
@@ -246,7 +246,7 @@ def test_repr_is_one_short_line(name):
 
 
 def test_a_list_of_results_is_a_list_of_lines():
-    assert repr([trial()]) == f"[Trial({NASTY[0]}: 3 samples exceed the limit, 0 may)]"
+    assert repr([trial()]) == f"[Trial({NASTY[0]}: 3 of 2000 samples exceed the limit, 0 may)]"
 
 
 def test_a_comparison_of_many_laws_is_still_one_line():

@@ -6,7 +6,7 @@ search, until none does: what a tuning fails on is not left to chance.
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,15 @@ _BETWEEN = 2, 5
 _STEPS = 4, 8  # integration steps per sample in a search, and in a check
 
 _CHECKED, _JOINING = 2, 6
-"""Tunings of a search that are checked, and samples that exceed the limit under each which join the next."""
+"""Tunings of a search that are checked at most, and samples that exceed the limit under each which join the next."""
+
+_FIRST = 200  # samples of a check after which it ends if more exceed the limit than may
+
+_HARDEST = 2  # motions of a set on which a search begins
+
+_VARIABLES, _LOUDER = 5, 2.0
+"""Of a family whose searches have all of their generations; how much more chatter all known tunings of a family have
+than what holds in another where it is not searched."""
 
 _LEFT, _BEYOND = 20.0, 5.0
 """Weight of the share of loops that exceed the limit, and of the peak error beyond it [pulses], against chatter."""
@@ -119,17 +127,25 @@ class Tunings:
             Noise of the best of another family: one under which some still exceed the limit, and noisier, is given up.
         """
         known, tried = np.array([list(each.values()) for each in self.family.known]), list[Trial]()
+        hard = self.checkpoint.stage("hardest", lambda: self._hardest(known, plants))
 
-        def following(generations: int, aim: float, near: float = np.inf) -> Trial:
-            """Search on, and check; what exceeds the limit joins. The best of the check."""
-            nonlocal known, plants
-            known = self._searched(plants, known, generations, aim, near, seed + len(tried), show)
-            check = functools.partial(self._checked, known[:_CHECKED])
-            trials, leaving = self.checkpoint.stage(f"check {len(tried)}", check)
+        def checked(values: Floats) -> Trial:
+            """The best of a check; what exceeds the limit joins the search, and so does the motion where it does."""
+            nonlocal plants, hard
+            check = functools.partial(self._checked, values)
+            trials, leaving, where = self.checkpoint.stage(f"check {len(tried)}", check)
             tried.extend(trials)
-            plants = np.vstack([plants, *leaving])
+            plants, hard = np.vstack([plants, *leaving]), sorted({*hard, *where})
             return min(trials, key=_rank)
 
+        def following(generations: int, aim: float, near: float = np.inf) -> Trial:
+            nonlocal known
+            some = dataclasses.replace(self, motions=tuple(self.motions[i] for i in hard))
+            known = some._searched(plants, known, generations, aim, near, seed + len(tried), show)
+            return checked(known[:_CHECKED])
+
+        if np.isfinite(beat) and self._quietest(known, plants, hard[0]) > _LOUDER * beat:
+            return checked(known[:1])
         for generations, aim in ROUNDS:
             best = following(generations, aim)
             if best.holds or best.left > _HOPELESS * len(self.plants) or best.noise > beat:
@@ -138,10 +154,25 @@ class Tunings:
             before = min(tried, key=_rank)
             known = np.vstack([list(before.numbers.values()), known])
             following(generations, _SPARE, _NEAR)
-            tried += self._between(tried)
+            for rows in self._between(tried):
+                checked(rows)
             if min(tried, key=_rank).noise > _GAIN * before.noise:
                 break
         return min(tried, key=_rank)
+
+    def _hardest(self, known: Floats, plants: Floats) -> list[int]:
+        """The motions of a set in which most samples exceed the limit under the known tunings, the farthest first."""
+        hardness = list[tuple[float, float]]()
+        for motion in self.motions if len(self.motions) > _HARDEST else ():
+            runs, _ = dataclasses.replace(self, motions=(motion,)).runs(known, plants, _STEPS[0])
+            hardness.append(((runs.outside > 0).mean(), np.minimum(runs.unrounded, _FAR).mean()))
+        ranked = sorted(range(len(self.motions)), key=lambda i: hardness[i] if hardness else 0, reverse=True)
+        return ranked[:_HARDEST]
+
+    def _quietest(self, known: Floats, plants: Floats, hard: int) -> float:
+        """Noise of the quietest of the known tunings in one motion."""
+        runs, shape = dataclasses.replace(self, motions=(self.motions[hard],)).runs(known, plants, _STEPS[0])
+        return float((runs.chatter / self.scale).mean(axis=1).reshape(shape).mean(axis=1).min())
 
     def _searched(
         self, plants: Floats, known: Floats, generations: int, aim: float, near: float, seed: int,
@@ -153,6 +184,7 @@ class Tunings:
         """
         bounds = np.log(np.array(list(self.family.variables.values())))
         bounds = np.clip(bounds.T, np.log(known[0]) - near, np.log(known[0]) + near).T
+        generations = -(-generations * min(len(bounds), _VARIABLES) // _VARIABLES)
         settings = GeneticSettings(individuals=20, subpopulations=2, generations=generations, bits_per_variable=10)
 
         def generation(state: Any) -> bool:
@@ -169,38 +201,44 @@ class Tunings:
         found, first = np.unique(found, axis=0, return_index=True)
         return np.exp(found[np.argsort(costs[first], kind="stable")])
 
-    def _between(self, tried: list[Trial]) -> list[Trial]:
-        """Trials on the way from the best tuning that holds to those with less chatter under which the fewest fail."""
-        best = min(tried, key=_rank)
-        quieter = sorted((trial for trial in tried if trial.noise < best.noise), key=lambda trial: trial.left)
-        start, ways = np.log([*best.numbers.values()]), np.linspace(0, 1, _BETWEEN[1] + 2)[1:-1]
-        found = list[Trial]()
-        for trial in quieter[: _BETWEEN[0]]:
-            rows = start + ways[:, None] * (np.log([*trial.numbers.values()]) - start)
-            found += self._checked(np.exp(rows))[0]
-        return found
+    def _between(self, tried: list[Trial]) -> Iterator[Floats]:
+        """On the way from the best tuning that holds to those with less chatter under which the fewest fail.
 
-    def _checked(self, values: Floats) -> tuple[list[Trial], list[Floats]]:
-        """Trials of tunings (T, k), and some of the samples that exceed the limit under each, the farthest."""
-        plants = self.plants.numbers()[1]
-        runs, shape = self.runs(values, plants, _STEPS[1])
-        left, peak = (runs.outside > 0).reshape(shape), runs.unrounded.max(axis=1).reshape(shape)
-        chatter = runs.chatter.reshape(*shape, -1).mean(axis=1)
-        trials = [
-            Trial(
-                family=self.family.name,
-                law=self.family.tuned(row),
-                numbers=dict(zip(self.family.variables, row.tolist(), strict=True)),
-                left=int(lost.sum()),
-                allowed=self._most(len(plants)),
-                chatter=noise,
-                noise=float((noise / self.scale).mean()),
-            )
-            for row, lost, noise in zip(values, left, chatter, strict=True)
-        ]
-        far = [np.argsort(-np.where(lost, own, -1.0), kind="stable") for lost, own in zip(left, peak, strict=True)]
-        joining = 0 if self.allowed else _JOINING
-        return trials, [plants[order[: min(joining, lost.sum())]] for order, lost in zip(far, left, strict=True)]
+        Each way from its quiet end.
+        """
+        best = min(tried, key=_rank)
+        quieter = sorted((trial for trial in tried if trial.noise < best.noise), key=lambda trial: trial.rank)
+        start, ways = np.log([*best.numbers.values()]), np.linspace(1, 0, _BETWEEN[1] + 2)[1:-1]
+        for trial in quieter[: _BETWEEN[0]]:
+            yield np.exp(start + ways[:, None] * (np.log([*trial.numbers.values()]) - start))
+
+    def _checked(self, values: Floats) -> tuple[list[Trial], list[Floats], set[int]]:
+        """Trials of tunings (T, k) until one holds, the farthest samples beyond the limit under each, and in which
+        motions they are.
+        """
+        plants, trials, leaving, where = self.plants.numbers()[1], list[Trial](), list[Floats](), set[int]()
+        for row in values:
+            for block in (plants[:_FIRST], plants):
+                alone = (dataclasses.replace(self, motions=(motion,)) for motion in self.motions)
+                each = [one.runs(row[None], block, _STEPS[1])[0] for one in alone]
+                runs = Runs.joined(each)
+                if (runs.outside > 0).mean() > 2 * self.allowed or len(plants) <= _FIRST:
+                    break
+            lost, chatter = runs.outside > 0, runs.chatter.mean(axis=0)
+            trials.append(
+                Trial(
+                    family=self.family.name, law=self.family.tuned(row),
+                    numbers=dict(zip(self.family.variables, row.tolist(), strict=True)), left=int(lost.sum()),
+                    of=len(lost), allowed=self._most(len(lost)), chatter=chatter,
+                    noise=float((chatter / self.scale).mean()),
+                )
+            )  # fmt: skip
+            far = np.argsort(-np.where(lost, runs.unrounded.max(axis=1), -1.0), kind="stable")
+            leaving.append(plants[far[: 0 if self.allowed else min(_JOINING, lost.sum())]])
+            where |= {i for i, alone in enumerate(each) if (alone.outside > 0).any()}
+            if trials[-1].holds:
+                break
+        return trials, leaving, where
 
     def _most(self, plants: int) -> int:
         """How many of the samples may fail: a controller given beforehand would then keep the share, at 95 %."""
@@ -208,5 +246,5 @@ class Tunings:
         return sum(clopper_pearson(count, plants, 0.9)[1] <= self.allowed for count in counts)
 
 
-def _rank(trial: Trial) -> tuple[int, float]:
+def _rank(trial: Trial) -> tuple[float, float]:
     return trial.rank

@@ -20,8 +20,9 @@ from plant import Arm, Reference, Rig
 from plant.parts.arguments import known_options, real
 from plant.parts.progress import progress_bar
 
-_PLANTS, _MORE, _FRESH = 16, 80, 2000
-"""Samples with which a search begins; with how many if some may exceed the limit; and others for its best."""
+_PLANTS, _MORE, _FRESH, _MOTIONS = 16, 80, 2000, 4
+"""Samples with which a search begins; with how many if some may exceed the limit; others for its best, of one path; and
+the number of motions up to which these are shared out among them."""
 
 _GENERATIONS = sum(generations for generations, _ in ROUNDS)
 
@@ -86,9 +87,10 @@ def tune(
 
     Notes
     -----
-    On two free cores one to three minutes along path (6), of 3.65 s (160 s of one core on average,
-    tests/benchmarks/tuning.py), in proportion to the motions' duration; before, the fits of `certify` where it has
-    some.
+    Of a set the search begins with the two motions that are hardest for known tunings, and others join where a check
+    fails. A family whose known tunings all have twice the chatter of what holds in another is not searched. On two
+    cores 51 s for path (6), three minutes for the nine everyday motions of two joints, and for one motion of six joints
+    (tests/benchmarks/tuning.py --time); before, the fits of `certify` where it has some.
 
     See Also
     --------
@@ -116,7 +118,8 @@ def tune(
         raise ValueError(f"within must be positive; got {within:g}. The promise is 1 pulse.")
     if not 0 <= real("allowed", allowed, "Give a share, such as 0.05.") < 1:
         raise ValueError(f"allowed must be from 0 to below 1; got {allowed:g}. Give a share, such as 0.05.")
-    searching, fresh = (task.sampled(count, i) for i, count in enumerate((_MORE if allowed else _PLANTS, _FRESH)))
+    validated = _FRESH // min(len(task.motions), _MOTIONS)
+    searching, fresh = (task.sampled(count, i) for i, count in enumerate((_MORE if allowed else _PLANTS, validated)))
     laws, trials = families(fresh.arm, fresh.own, task.first), list[Trial]()
     with task.checkpoint as kept, progress_bar(len(laws) * _GENERATIONS, "tune", "generation", progress) as bar:
         for i, family in enumerate(laws):
@@ -136,7 +139,7 @@ def tune(
             found, rig, best.law, reference, task.uncertainty, samples=samples, seed=seed + 2, within=within,
             after=after, threads=threads, duration=duration, progress=progress, checkpoint=kept.part("certificate"),
         )  # fmt: skip
-    return Tuning(law=best.law, trials=tuple(trials), certificate=certificate, fresh=_FRESH)
+    return Tuning(law=best.law, trials=tuple(trials), certificate=certificate, fresh=validated)
 
 
 def _scale(arm: Arm, rig: Rig, motions: dict[str, tuple[Reference, float]]) -> NDArray[np.float64]:

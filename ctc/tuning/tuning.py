@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ctc.certification.certificate import Certificate
 from ctc.certification.certificates import Certificates
+from ctc.certification.statement import percent
 from plant import Law
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
@@ -28,8 +29,8 @@ class Trial(Shown, Frozen):
     law : Law
     numbers : dict of str -> float
         Its variables.
-    left : int
-        Samples that exceed the limit.
+    left, of : int
+        Samples that exceed the limit, and of how many: a check ends early where more do than may.
     allowed : int
         Samples that may.
     chatter : (n,) numpy.ndarray
@@ -42,14 +43,15 @@ class Trial(Shown, Frozen):
     law: Law
     numbers: dict[str, float]
     left: int
+    of: int
     allowed: int
     chatter: NDArray[np.float64]
     noise: float
 
     @property
-    def rank(self) -> tuple[int, float]:
-        """Smaller is better: fewer samples fail beyond those that may, or as many with less chatter."""
-        return max(self.left - self.allowed, 0), self.noise
+    def rank(self) -> tuple[float, float]:
+        """Smaller is better: the share of the samples that fails beyond those that may, then the noise."""
+        return max(self.left - self.allowed, 0) / self.of, self.noise
 
     @property
     def holds(self) -> bool:
@@ -62,7 +64,7 @@ class Trial(Shown, Frozen):
         return ", ".join(f"{name} {value:.4g}" for name, value in self.numbers.items())
 
     def _short(self) -> str:
-        return f"{self.family}: {self.left} samples exceed the limit, {self.allowed} may"
+        return f"{self.family}: {self.left} of {self.of} samples exceed the limit, {self.allowed} may"
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(f"{self._short()}; {self.tuned}", self.holds)
@@ -85,7 +87,7 @@ class Tuning(Shown, Frozen):
     certificate : Certificate or Certificates
         Of the controller, on samples of its own; of a mapping of motions, one for each.
     fresh : int
-        Validation samples of each trial.
+        Validation samples of a trial that holds.
     """
 
     law: Law
@@ -100,15 +102,16 @@ class Tuning(Shown, Frozen):
 
     @property
     def table(self) -> str:
-        """The best tuning of each family: how many validation samples exceed the limit, its chatter, its numbers."""
+        """The best tuning of each family: share of the validation samples that exceeds the limit, chatter, numbers."""
         return "\n".join(self._table().lines())
 
     def _table(self) -> Table:
         rows = []
         for trial in sorted(self.trials, key=lambda trial: trial.rank):
             each = trial.chatter if len(trial.chatter) <= _EACH else np.max(trial.chatter, keepdims=True)
-            rows.append((trial.family, f"{trial.left}", " / ".join(f"{x:.1f}" for x in each), trial.tuned))
-        return Table(("", f"exceed, of {self.fresh}", "chatter [N m]", "tuned"), rows, words=(3,))
+            chatter = " / ".join(f"{x:.1f}" for x in each)
+            rows.append((trial.family, percent(trial.left / trial.of), chatter, trial.tuned))
+        return Table(("", "exceed", "chatter [N m]", "tuned"), rows, words=(3,))
 
     def _short(self) -> str:
         best = min(self.trials, key=lambda trial: trial.rank)

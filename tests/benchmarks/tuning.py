@@ -1,9 +1,11 @@
 """What `tune` finds on stated gears: plants that leave out of 120 fresh ones, and chatter, beside what was asked.
 
     python tests/benchmarks/tuning.py [--quick]
+    python tests/benchmarks/tuning.py --time
 
 Literature arm with 1.5 kg, f drawn with 0.3 %, damping ratio 1 to 3 %, friction to 2 % (last row: 10 %), path (6).
-Each row takes 1 to 3 min on two free cores. `--quick` takes 15-40 and 150-300 Hz.
+Each row takes 1 to 3 min on two free cores. `--quick` takes 15-40 and 150-300 Hz. `--time` takes rigid gears, friction
+to 2 %: the paper's arm along path (6) and in all everyday motions, a UR5e in one of them.
 """
 
 import sys
@@ -12,7 +14,7 @@ import time
 import numpy as np
 
 from ctc import ComputedTorque, Uncertainty, certify, tune
-from plant import puma560
+from plant import everyday_motions, puma560, read_robot
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 COVARIANCE = np.diag((0.003 * ARM.f) ** 2)
@@ -44,5 +46,20 @@ def main(quick):
         )
 
 
+def timed():
+    """How long each takes, what it found, and how many of 10,000 samples exceed the limit under it."""
+    robot = read_robot("ur5e")
+    for name, arm, rig, motions, spread in (
+        ("path (6)", ARM, RIG, PATH, 0.003),
+        ("everyday motions", ARM, RIG, everyday_motions(ARM, RIG), 0.003),
+        ("UR5e, far and fast", robot.arm, robot.rig, everyday_motions(robot.arm, robot.rig)["far and fast"], 0.01),
+    ):
+        stated = Uncertainty(friction=0.02, covariance=np.diag((spread * arm.f) ** 2))
+        started = time.perf_counter()
+        found = tune(arm, rig, motions, stated, progress=False)
+        seconds = time.perf_counter() - started
+        print(f"{name}: {seconds:.0f} s, of 10,000 exceed {found.certificate.failures}\n{found.table}", flush=True)
+
+
 if __name__ == "__main__":
-    main("--quick" in sys.argv)
+    timed() if "--time" in sys.argv else main("--quick" in sys.argv)

@@ -145,7 +145,10 @@ def test_it_goes_on_from_the_first_that_holds_and_gives_up_what_is_beaten(monkey
     assert len(searches) - often < often
 
     strict, searches[:] = dataclasses.replace(tunings, options=tunings.options | {"within": 0.01}), []
-    strict.best(some[:2], 0, lambda: None, 0.0)
+    strict.best(some[:2], 0, lambda: None, 0.01 * first.noise)  # another holds with far less chatter
+    assert not searches
+    monkeypatch.setattr("ctc.tuning.search._LOUDER", np.inf)
+    strict.best(some[:2], 0, lambda: None, 0.01 * first.noise)
     assert len(searches) == 1
 
 
@@ -159,7 +162,7 @@ def test_what_may_leave_is_bounded_with_confidence(monkeypatch):
     assert clopper_pearson(trial.allowed, 100, 0.9)[1] <= 0.2 < clopper_pearson(trial.allowed + 1, 100, 0.9)[1]
     assert found.holds == (trial.left <= trial.allowed)
     lost = dataclasses.replace(trial, left=trial.allowed + 2)
-    assert lost.rank[0] == 2
+    assert lost.rank[0] == 2 / 100
     assert not lost.holds
 
 
