@@ -74,8 +74,8 @@ def compared(laws):
 
 
 def trial():
-    return Trial(family=NASTY[0], law=LAW, numbers={f"a_variable_{i}": 150.0 for i in range(5)}, left=3, of=2000, allowed=0,
-                 chatter=np.array([1.0, 2.0]), noise=0.1)  # fmt: skip
+    return Trial(family=NASTY[0], law=LAW, numbers={f"a_variable_{i}": 150.0 for i in range(5)}, left=3,
+                 of=2000, allowed=0, chatter=np.array([1.0, 2.0]), noise=0.1)  # fmt: skip
 
 
 def gears():
