@@ -13,6 +13,7 @@ from ctc.certification.certified import Certified
 from ctc.certification.figure import plot_certificate
 from ctc.certification.plants import Worst
 from ctc.certification.reserves import Reserves, reserves
+from ctc.certification.starts import held
 from ctc.certification.statement import shown, verdict
 from ctc.verdict.conditions import FromRest, from_rest
 from ctc.verdict.on_gears import SETTLED, LowestResonance, lowest_resonance
@@ -147,6 +148,29 @@ class Certificate(Certified):
         Reserves
         """
         return reserves(self, samples, allowed)
+
+    @known_options
+    def from_hold(self, *, samples: int = 400) -> Any:
+        """The certificate of the first `samples` where the controller has held the arm at rest until the path begins.
+
+        Its disturbance torque is then what the model lacks there, and static friction may carry anything: of each
+        joint's Coulomb level any share from -1 to 1, uniform. By default samples begin as when a brake is let go, with
+        no disturbance torque yet.
+
+        Parameters
+        ----------
+        samples : int
+
+        Returns
+        -------
+        Certificate
+
+        Raises
+        ------
+        ValueError
+            More samples than there are; a path that begins in motion; a controller without a disturbance torque.
+        """
+        return held(self, samples)
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
         """Draw peak errors, worst loop and sensitivities on (3,) Axes, (4,) where resonances were stated."""

@@ -24,10 +24,11 @@ from ctc.certification.sensitivity import influences
 from ctc.certification.statement import percent
 from ctc.certification.uncertainty import Uncertainty
 from identification import identify
-from plant import PD, Body, Elasticity, Harmonics, P, Phase, Transport, puma560, simulate
+from plant import PD, Body, Elasticity, Harmonics, P, Phase, PointToPoint, Transport, puma560, simulate
 from plant.machine.motor_inertia import least_inertia_margin
 from plant.simulation import population
 from plant.simulation.loop_kernel import LANES
+from plant.simulation.stepped_arm import SteppedArm
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 DYNAMICS, LAW = ARM.dynamics, ComputedTorque(puma560.arm(), puma560.rig(), bandwidth=62)
@@ -434,3 +435,58 @@ def test_a_gear_cannot_be_drawn(found):
     with_curve = dataclasses.replace(found, fit=curve)
     with pytest.raises(ValueError, match=r"Pass found\.rig"):
         certify(with_curve, RIG, LAW, PATH)
+
+
+# -- starts ----------------------------------------------------------------------------------------------------------
+def rested(rig, spread, duration):
+    """A certificate of a gentle move from rest, by a controller that is too weak for weights that are off."""
+    move = PointToPoint(start=(0.2, -0.3), goal=(0.25, -0.25), duration=duration)
+    law = ComputedTorque(ARM, rig, bandwidth=60, start_boost=1.0)
+    stated = Uncertainty(covariance=np.diag((spread * puma560.PUBLISHED) ** 2), friction=0.0)
+    return certify(ARM, rig, law, move, stated, samples=64, progress=False)
+
+
+def test_a_hold_knows_the_weight():
+    """Without friction the disturbance torque is all that the model lacks at rest: the start shows nothing of it."""
+    smooth = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, coulomb=(0.0, 0.0)))
+    let_go = rested(smooth, 0.05, 2.0)
+    held = let_go.from_hold(samples=32)
+    assert len(held.plants) == len(held.runs.outside) == 32
+    assert let_go.failures > 40
+    assert held.failures < 4
+
+
+def test_a_hold_may_hide_as_much_as_static_friction_carries():
+    """The same sample step by step, by a running controller that begins with that torque."""
+    held = rested(RIG, 0.01, 0.3).from_hold(samples=8)
+    share = np.random.default_rng((0, 3)).uniform(-1, 1, (8, 2))[3]
+    arm, rig = held.plants.plant(3, 1, 0)
+    begun = np.array([0.2, -0.3])
+    robot, running = SteppedArm(arm, rig, begun, np.zeros(2)), held.law.start(RIG, rig.counts(begun))
+    known, peak = np.zeros(len(running.state)), np.zeros(2)
+    known[4:6] = arm.h(begun, (0, 0)) - ARM.h(begun, (0, 0)) + share * RIG.drive.joint_coulomb()
+    running.begin(running.state + known)
+    for k in range(round(0.3 / RIG.period)):
+        motion = held.reference([k * RIG.period])
+        peak = np.maximum(peak, np.abs(RIG.counts(motion.q[0]) - robot.pulses))
+        robot.step(running.step(robot.pulses, *(each[0] for each in motion)))
+    np.testing.assert_array_equal(held.runs.peak[3], peak)
+
+
+SWING = Harmonics(period=2.0, offset=(0, 0), cosine=((0,), (0,)), sine=((0.1,), (0.1,)))
+
+
+@pytest.mark.parametrize(
+    ("law", "path", "samples", "says"),
+    [
+        (LAW, PATH, 33, "samples must be a whole number from 1 to 32; got 33"),
+        (LAW, SWING, 8, "the path must begin at rest; this one begins with"),
+        (P(gain=(0.2, 0.15)), PATH, 8, r"must learn a disturbance torque; P does not\. Use ComputedTorque"),
+    ],
+)  # fmt: skip
+def test_other_holds_are_refused(law, path, samples, says):
+    certificate = certify(
+        ARM, RIG, law, path, Uncertainty(covariance=COVARIANCE), samples=32, duration=0.05, progress=False
+    )
+    with pytest.raises(ValueError, match=says):
+        certificate.from_hold(samples=samples)
