@@ -57,7 +57,7 @@ from ctc.verdict.resonance_sweep import sweep_resonance
 
 __all__ = [
     "Adaptive", "Certificate", "ComputedTorque", "ComputedTorqueIntegral", "ComputedTorquePID", "Evaluation",
-    "FeedForward", "FlexibleJointComputedTorque", "LearntTorque", "PDGravity", "PayloadEstimator", "SlidingMode", "Uncertainty",
-    "animate", "certify", "compare", "error_loop", "evaluate", "learn", "margins", "motor_gain", "observer_gains",
-    "pid_gains", "plot_arm", "plot_identification", "plot_record", "sweep_resonance", "tune", "write_report",
+    "FeedForward", "FlexibleJointComputedTorque", "LearntTorque", "PDGravity", "PayloadEstimator", "SlidingMode",
+    "Uncertainty", "animate", "certify", "compare", "error_loop", "evaluate", "learn", "margins", "motor_gain",
+    "observer_gains", "pid_gains", "plot_arm", "plot_identification", "plot_record", "sweep_resonance", "tune", "write_report",
 ]  # fmt: skip

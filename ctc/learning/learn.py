@@ -1,6 +1,5 @@
 """`learn`: the torque that was missing along a path, from repetitions of it under any law."""
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -83,33 +82,24 @@ def learn(
     1 ()
     """
     before = law if isinstance(law, Learning) else None
-    ran: Law = before.law if before is not None else instance("law", law, Law, "Give the law that made the logs.")  # type: ignore[assignment]
+    ran = before.law if before is not None else instance("law", law, Law, "Give the law that made the logs.")
     arm, base = _model(ran, found), ran.law if isinstance(ran, LearntTorque) else ran
-    logs = [records] if isinstance(records, Record) else list(records)
-    if isinstance(ran, LearntTorque):
-        ran.require_reference(reference)
-        ran.block(rig)
-    count = int(np.ceil(round(reference.duration / rig.period, 6)))
-    for i, record in enumerate(logs):
-        _require(record, i, ran, rig, reference, count)
-    if not logs:
-        raise ValueError("records must hold a repetition; got none. Give the log of one.")
+    logs, count = _logs(records, ran, rig, reference)
     plant, t = path_plant(arm, rig, reference, count), rig.period * np.arange(count)
     motion = reference(t)
     speed = rig.drive.coupling.shaft(motion.qd)
     moves = np.abs(rig.encoder.position_in_pulses(np.abs(rig.drive.gear) * speed)) > _MOVES
     terms = min(int(2 * _FINEST * reference.duration), _MOST, count - 1) + 1
     old = np.resize(ran.terms, (terms, rig.n)) if isinstance(ran, LearntTorque) else np.zeros((terms, rig.n))
-    known = old_torque(old, count)
+    known = _torque(old, count)
 
     innovations, left_out = list(before.innovations) if before else [], list(before.left_out) if before else []
     corrections = []
-    for i, record in enumerate(logs):
+    for record in logs:
         correction, innovation = _correction(arm, rig, plant, motion, moves, record, known)
-        name = record.name or f"repetition {len(innovations) + 1}"
-        least = min([*innovations, innovation])
         innovations.append(innovation)
-        if innovation > _SURPRISES or (len(innovations) > 1 and innovation > max(_MORE * least, 1.0)):
+        if innovation > _SURPRISES or innovation > max(_MORE * min(innovations), 1.0):
+            name = record.name or f"repetition {len(innovations)}"
             left_out.append(f"{name}: its innovation is {innovation:.3g}; disturbed, or gears unlike the model's")
         else:
             corrections.append(correction)
@@ -125,7 +115,7 @@ def learn(
         else:
             missing = (*missing, rms)
     new = start + gain * wanted
-    learnt = old_torque(start.reshape(terms, -1) + (0 if diverged else 1) * wanted.reshape(terms, -1), count)
+    learnt = _torque(start.reshape(terms, -1) + (0 if diverged else 1) * wanted.reshape(terms, -1), count)
     result = mended(arm, rig, plant, learnt, moves, speed, _prior(found, arm, rig))
     p, std = len(arm.f), np.sqrt(np.diag(result.covariance))
     return Learning(
@@ -136,10 +126,25 @@ def learn(
     )  # fmt: skip
 
 
-def _model(law: Law, found: Any) -> Arm:
+def _logs(records: Any, ran: Any, rig: Rig, reference: Reference) -> tuple[list[Record], int]:
+    """The repetitions, and the samples of the path; anything else is refused."""
+    logs = [records] if isinstance(records, Record) else list(records)
+    if isinstance(ran, LearntTorque):
+        ran.require_reference(reference)
+        ran.block(rig)
+    count = int(np.ceil(round(reference.duration / rig.period, 6)))
+    for i, record in enumerate(logs):
+        _require(record, i, ran, rig, reference, count)
+    if not logs:
+        raise ValueError("records must hold a repetition; got none. Give the log of one.")
+    return logs, count
+
+
+def _model(law: Any, found: Any) -> Arm:
     """The arm of an identification, or the given one, or that of the law."""
-    arm = getattr(found, "arm", found) if found is not None else getattr(law, "arm", None)
-    return instance("found", arm, Arm, f"{type(law).__name__} holds no arm; give found=.")
+    arm: Any = getattr(found, "arm", found) if found is not None else getattr(law, "arm", None)
+    given: Arm = instance("found", arm, Arm, f"{type(law).__name__} holds no arm; give found=.")
+    return given
 
 
 def _require(record: Any, i: int, law: Law, rig: Rig, reference: Reference, count: int) -> None:
@@ -160,7 +165,9 @@ def _require(record: Any, i: int, law: Law, rig: Rig, reference: Reference, coun
         raise ValueError(f"reference_pulses of {name} must be the path's; got {off:.0f} off. Give its own log.")
     limit, given = np.abs(rig.drive.torque_limit()), np.abs(rig.drive.coupling.shaft_torque(_applied(record, count)))
     if (given > 1.001 * limit).any():
-        raise ValueError(f"torque of {name} must be within the amplifier's {limit} N m; got {given.max(axis=0)}. Check units.")
+        raise ValueError(
+            f"torque of {name} must be within the amplifier's {limit} N m; got {given.max(axis=0)}. Check units."
+        )
 
 
 def _applied(record: Record, count: int) -> Floats:
@@ -179,7 +186,7 @@ def _correction(
     centre = np.asarray(rig.cell_centre(counts))
     D = np.array([np.diag(np.asarray(arm.D(q))) for q in motion.q[:: max(count // 20, 1)]]).mean(axis=0)
     beyond = _applied(record, count) - plant.torque - known
-    found = missing_torque(plant, rig, D, beyond, centre - motion.q, counts)
+    found = missing_torque(plant, rig, D, beyond, centre - motion.q, counts, moves)
     width = int(np.ceil(3 * _BLURRED / dt))
     kernel = np.exp(-((dt * np.arange(-width, width + 1) / _BLURRED) ** 2) / 2)
     stuck = found.stands * moves * D * _STIFF**2 * (motion.q - centre)
@@ -196,7 +203,7 @@ def _terms(values: Floats, terms: int) -> Floats:
     return found[:terms]
 
 
-def old_torque(terms: Floats, count: int) -> Floats:
+def _torque(terms: Floats, count: int) -> Floats:
     """Torque (count, n) of cosine terms (K, n)."""
     return np.cos(np.pi / (count - 1) * np.outer(np.arange(count), np.arange(len(terms)))) @ terms
 

@@ -97,7 +97,7 @@ class LearntTorque(Law):
         """Refuse another path."""
         if reference != self.reference:
             raise ValueError(
-                f"reference must be the path along which the torque was learnt; got another {type(reference).__name__}. "
+                f"reference must be the path along which it was learnt; got another {type(reference).__name__}. "
                 "Learn along it, or use the mended arm and rig."
             )
 

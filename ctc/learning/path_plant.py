@@ -1,4 +1,4 @@
-"""The arm along a reference: the torque that the model needs, and how it answers to more, linearised, sample by sample."""
+"""The arm along a reference: the torque that the model needs, and its answer to more, linearised."""
 
 import dataclasses
 from typing import Any
@@ -12,6 +12,9 @@ from plant.parts.fields import Floats
 
 _SLIDES = 30.0
 """Speed [pulses/s] from which on the model has Coulomb friction in full."""
+
+_FOLLOWED = 4.0
+"""(omega dt)^2 of links on their gears up to which Runge-Kutta 4 follows them; beyond, gears are rigid."""
 
 _HALVINGS = 3
 """Of a sample, for its transition matrix."""
@@ -40,9 +43,10 @@ class PathPlant:
 
 def path_plant(arm: Arm, rig: Rig, reference: Reference, count: int) -> PathPlant:
     """The model along so many samples of a reference, which the encoders' side of the gears follows exactly."""
-    n, dt, drive = arm.n, rig.period, rig.drive
-    if drive.elasticity is not None:
+    if rig.drive.elasticity is not None:
         require_elastic("learn", rig)
+        rig = _as_stiff(arm, rig, reference(np.zeros(1)).q[0])
+    n, dt, drive = arm.n, rig.period, rig.drive
     x, u, accelerations = _equations(arm, rig)
     own = ca.jacobian(accelerations[:n], u)
     asked = ca.SX.sym("qdd", n)
@@ -55,7 +59,9 @@ def path_plant(arm: Arm, rig: Rig, reference: Reference, count: int) -> PathPlan
     motion = reference(dt * np.arange(2 * count + 1) / 2)  # with the middles of the samples
     states = _states(arm, rig, moves, motion, count) if half > n else np.hstack([motion.q[::2], motion.qd[::2]])
     speed = drive.coupling.shaft(motion.qd[::2])
-    dry = drive.joint_coulomb(speed) * np.clip(np.abs(drive.gear) * rig.encoder.position_in_pulses(speed) / _SLIDES, -1, 1)
+    dry = drive.joint_coulomb(speed) * np.clip(
+        np.abs(drive.gear) * rig.encoder.position_in_pulses(speed) / _SLIDES, -1, 1
+    )
     viscous_less, bends = moves.map(count + 1)(states.T, motion.qdd[::2].T)
     whole = viscous_less.full().T + drive.coupling.joint_torque(dry + drive.joint_offset())
     A, B = (np.asarray(each.full()) for each in slopes.map(count)(states[:-1].T, whole[:-1].T))
@@ -69,6 +75,16 @@ def path_plant(arm: Arm, rig: Rig, reference: Reference, count: int) -> PathPlan
         torque=(whole[:-1] + whole[1:]) / 2, transition=_exponentials(grown * dt), q=states[:-1, links[0]],
         qd=states[:-1, links[1]], qdd=qdd[:-1],
     )  # fmt: skip
+
+
+def _as_stiff(arm: Arm, rig: Rig, q: Floats) -> Rig:
+    """The rig, with rigid gears where links swing too fast for a step of its period."""
+    drive: Any = rig.drive
+    links = drive.coupling.shaft_inertia(ca.DM(arm.D(q))).full() - np.diag(drive.reflected_inertia())
+    squares = np.linalg.eigvals(np.linalg.solve(links, np.diag(drive.elasticity.stiffness))).real
+    if squares.max() * rig.period**2 < _FOLLOWED:
+        return rig
+    return dataclasses.replace(rig, drive=dataclasses.replace(drive, elasticity=None))
 
 
 def _equations(arm: Arm, rig: Rig) -> tuple[ca.SX, ca.SX, ca.SX]:

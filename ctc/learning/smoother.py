@@ -4,7 +4,8 @@ Source: Bierman, Fixed interval smoothing with discrete measurements, Int. J. Co
 Bryson-Frazier smoother.
 """
 
-from typing import NamedTuple
+import itertools
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,14 +21,16 @@ _STANDS, _MEMORY = 0.02, 0.05
 
 
 class Missing(NamedTuple):
-    """Torque (N, n) that was missing [N m], which joints stood (N, n), and the mean normalised innovation."""
+    """Torque (N, n) that was missing [N m], which joints stood (N, n), mean normalised innovation of those that move."""
 
     torque: Floats
     stands: Floats
     innovation: float
 
 
-def missing_torque(plant: PathPlant, rig: Rig, inertia: Floats, beyond: Floats, e: Floats, counts: Floats) -> Missing:
+def missing_torque(
+    plant: PathPlant, rig: Rig, inertia: Floats, beyond: Floats, e: Floats, counts: Floats, moves: Any
+) -> Missing:  # fmt: skip
     """The torque that was missing along a path.
 
     Parameters
@@ -41,13 +44,18 @@ def missing_torque(plant: PathPlant, rig: Rig, inertia: Floats, beyond: Floats, 
     e : (N, n) array
         Middle of the quantisation cell less the reference [rad].
     counts : (N, n) array
+    moves : (N, n) array of bool
+        Where the reference moves: there innovations count.
     """
     N, n = e.shape
     dt, m = rig.period, plant.transition.shape[1] - n
     pulse = np.asarray(rig.to_angle(np.eye(n))).T
     R = pulse @ pulse.T / 12
     walk = (inertia * _OMEGA**3) ** 2 * np.diag(R) * dt
-    stands = standing(counts, round(_STANDS / dt))
+    least = round(_STANDS / dt)
+    stands = standing(counts, least)
+    for pairs in (counts // 2, (counts + 1) // 2):  # between two cells
+        stands = np.where(moves, stands, np.maximum(stands, standing(pairs, least)))
     level = rig.drive.joint_coulomb(np.zeros(n)) ** 2 * _MEMORY / dt
     one, H = np.eye(m + n), np.eye(n, m + n)
     Q = np.zeros_like(one)
@@ -60,7 +68,7 @@ def missing_torque(plant: PathPlant, rig: Rig, inertia: Floats, beyond: Floats, 
     for k in range(N):
         inverse = np.linalg.inv(P[:n, :n] + R)
         nu = e[k] - z[:n]
-        total += float(nu @ inverse @ nu)
+        total += float(nu**2 / np.diag(P[:n, :n] + R) @ moves[k])
         gain = P[:, :n] @ inverse
         kept.append((z, P, inverse, nu, gain))
         z, P = z + gain @ nu, P - gain @ P[:n]
@@ -75,7 +83,7 @@ def missing_torque(plant: PathPlant, rig: Rig, inertia: Floats, beyond: Floats, 
         after = plant.transition[k].T @ adjoint
         adjoint = after - H.T @ (gain.T @ after + inverse @ nu)
         torque[k] = (P @ adjoint - z)[m:]  # a torque that acts beside the motors' is missing with the other sign
-    return Missing(torque, stands, total / (N * n))
+    return Missing(torque, stands, total / max(int(moves.sum()), 1))
 
 
 def standing(counts: Floats, least: int) -> Floats:
@@ -83,6 +91,6 @@ def standing(counts: Floats, least: int) -> Floats:
     found = np.zeros(counts.shape)
     for column, stood in zip(counts.T, found.T, strict=True):
         edges = np.concatenate([[0], np.flatnonzero(np.diff(column)) + 1, [len(column)]])
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
+        for a, b in itertools.pairwise(edges):
             stood[a:b] = b - a >= least
     return found
