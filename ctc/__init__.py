@@ -59,5 +59,6 @@ __all__ = [
     "Adaptive", "Certificate", "ComputedTorque", "ComputedTorqueIntegral", "ComputedTorquePID", "Evaluation",
     "FeedForward", "FlexibleJointComputedTorque", "LearntTorque", "PDGravity", "PayloadEstimator", "SlidingMode",
     "Uncertainty", "animate", "certify", "compare", "error_loop", "evaluate", "learn", "margins", "motor_gain",
-    "observer_gains", "pid_gains", "plot_arm", "plot_identification", "plot_record", "sweep_resonance", "tune", "write_report",
+    "observer_gains", "pid_gains", "plot_arm", "plot_identification", "plot_record", "sweep_resonance", "tune",
+    "write_report",
 ]  # fmt: skip

@@ -82,7 +82,7 @@ def learn(
     1 ()
     """
     before = law if isinstance(law, Learning) else None
-    ran = before.law if before is not None else instance("law", law, Law, "Give the law that made the logs.")
+    ran: Any = before.law if before is not None else instance("law", law, Law, "Give the law that made the logs.")
     arm, base = _model(ran, found), ran.law if isinstance(ran, LearntTorque) else ran
     logs, count = _logs(records, ran, rig, reference)
     plant, t = path_plant(arm, rig, reference, count), rig.period * np.arange(count)

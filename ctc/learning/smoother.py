@@ -21,7 +21,7 @@ _STANDS, _MEMORY = 0.02, 0.05
 
 
 class Missing(NamedTuple):
-    """Torque (N, n) that was missing [N m], which joints stood (N, n), mean normalised innovation of those that move."""
+    """Torque (N, n) that was missing [N m], which joints stood (N, n), mean normalised innovation."""
 
     torque: Floats
     stands: Floats

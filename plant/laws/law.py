@@ -137,9 +137,6 @@ class Law(Part, abc.ABC):
         """This law for joints that slide one way, as linear analysis has them: without dry friction of its own."""
         return self
 
-    def require_reference(self, reference: Any) -> None:
-        """Refuse a `Reference` for which this law was not made; most serve any."""
-
     def replayed(self, record: Any) -> NDArray[np.float64] | None:
         """The column of a `Record` that this law repeats, (N, n), or None for a controller.
 
