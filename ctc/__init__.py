@@ -6,6 +6,7 @@ Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above
 `commandline`   ``onepulse check | identify | certify | report | robots | demo``
 `report`        `write_report`: an identification and its controller as one page
 `tuning`        `tune`: the controller of least chatter that keeps a pulse limit over stated uncertainty
+`learning`      `learn`: the torque that was missing along a path, from repetitions of it
 `certification` `certify`: Monte Carlo probability of exceeding a pulse limit under parameter uncertainty
 `stability`     the error loop linearised, its margins, gains by design (python-control)
 `verdict`       `evaluate` one arm under one controller, `compare` several, animate
@@ -40,6 +41,8 @@ from ctc.laws.computed_torque_pid import ComputedTorquePID
 from ctc.laws.feed_forward import FeedForward, PDGravity
 from ctc.laws.flexible_joint import FlexibleJointComputedTorque
 from ctc.laws.sliding_mode import SlidingMode
+from ctc.learning.learn import learn
+from ctc.learning.learnt_torque import LearntTorque
 from ctc.payload.estimator import PayloadEstimator
 from ctc.report.report import write_report
 from ctc.stability.design import motor_gain, observer_gains, pid_gains
@@ -54,7 +57,8 @@ from ctc.verdict.resonance_sweep import sweep_resonance
 
 __all__ = [
     "Adaptive", "Certificate", "ComputedTorque", "ComputedTorqueIntegral", "ComputedTorquePID", "Evaluation",
-    "FeedForward", "FlexibleJointComputedTorque", "PDGravity", "PayloadEstimator", "SlidingMode", "Uncertainty",
-    "animate", "certify", "compare", "error_loop", "evaluate", "margins", "motor_gain", "observer_gains",
-    "pid_gains", "plot_arm", "plot_identification", "plot_record", "sweep_resonance", "tune", "write_report",
+    "FeedForward", "FlexibleJointComputedTorque", "LearntTorque", "PDGravity", "PayloadEstimator", "SlidingMode",
+    "Uncertainty", "animate", "certify", "compare", "error_loop", "evaluate", "learn", "margins", "motor_gain",
+    "observer_gains", "pid_gains", "plot_arm", "plot_identification", "plot_record", "sweep_resonance", "tune",
+    "write_report",
 ]  # fmt: skip

@@ -59,6 +59,10 @@ class Path:
         """What a law is given at times t (N,): the motion of the motors, or that of the links."""
         return (self.reference.links if law.of_links else self.reference)(t)
 
+    def require_fit(self, law: Law) -> None:
+        """Refuse a law that serves another motion alone; most serve any, and have no such rule."""
+        getattr(law, "require_reference", lambda _: None)(self.reference)
+
     def start(self) -> tuple[Floats, Floats]:
         """Position and velocity (n,) of the reference at t = 0."""
         motion = self.reference(np.zeros(1))

@@ -58,6 +58,8 @@ def in_blocks(
     if loop.law.of_links and not every:
         name = type(loop.law).__name__
         raise ValueError(f"a law that follows the links must have a period; {name} has none. Give it one.")
+    if isinstance(path, Path):
+        path.require_fit(loop.law)
     reading = loop.law.replays == "counts"
     held = None if logged is None or reading else clock.bridged(logged)
     beside = None if injected is None else clock.bridged(injected)

@@ -1,0 +1,109 @@
+"""What was learnt from repetitions of a path."""
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+
+from ctc.certification.uncertainty import Uncertainty
+from ctc.learning.learnt_torque import LearntTorque
+from plant import Arm, Rig
+from plant.parts.fields import Floats
+from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
+from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts.tables import Table, by_joint
+
+_SETTLED = 1e-3
+"""Missing torque, as a share of the amplifier's limit, below which nothing more is to be learnt."""
+
+
+@kept
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Learning(Shown, Frozen):
+    """Result of `learn`; give it in place of the law to learn on. Print it for the verdict.
+
+    Attributes
+    ----------
+    law : LearntTorque
+        For the next repetition.
+    arm, rig : Arm, Rig
+        With f and friction mended, for other paths and other speeds.
+    covariance : (p, p) numpy.ndarray
+        Of f of that arm.
+    friction_std : (2, n) numpy.ndarray
+        Standard deviation of viscous [N m s/rad] and Coulomb [N m] friction, joint side.
+    missing : tuple of (n,) numpy.ndarray
+        Torque that was missing, rms where joints move [N m]: after each call that learnt.
+    innovations : tuple of float
+        Mean normalised innovation of every repetition so far; 1 where model and log agree.
+    left_out : tuple of str
+        Repetitions that taught nothing, and why.
+    rest : float
+        What of the learnt torque is neither f nor friction, rms [N m].
+    gain : float
+        Share of what is missing by which the torque is corrected.
+    diverged : bool
+        Whether the last correction did not help, and was taken back.
+    before, wanted : (K n,) numpy.ndarray
+        Terms of the torque before the last correction, and of that correction at gain 1.
+    """
+
+    law: LearntTorque
+    arm: Arm
+    rig: Rig
+    covariance: Floats
+    friction_std: Floats
+    missing: tuple[Floats, ...]
+    innovations: tuple[float, ...]
+    left_out: tuple[str, ...]
+    rest: float
+    gain: float
+    diverged: bool
+    before: Floats
+    wanted: Floats
+
+    @property
+    def converged(self) -> bool:
+        """Whether less than a thousandth of the amplifiers' torque was missing in the last repetition."""
+        return bool(self.missing) and not self.diverged and share(self.missing[-1], self.rig) <= _SETTLED
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """Of the mended arm and friction, for ``certify(result.arm, result.rig, ...)``."""
+        drive = self.rig.drive
+        levels = np.array([drive.joint_viscous(), drive.joint_coulomb(np.zeros(drive.n))])
+        shares = np.divide(self.friction_std, levels, out=np.zeros_like(levels), where=levels > 0)
+        return Uncertainty(covariance=self.covariance, friction=float(min(shares.max(), 1.0)))
+
+    def _short(self) -> str:
+        if self.diverged:
+            return "the last correction did not help: taken back, and half of it made"
+        if not self.missing:
+            return "nothing learnt: every repetition was left out"
+        done = "converged" if self.converged else "learn from another repetition"
+        return f"missing torque {np.linalg.norm(self.missing[-1]):.3g} N m rms; {done}"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield Verdict(self._short(), self.converged)
+        if self.missing:
+            first, last = self.missing[0], self.missing[-1]
+            added = np.sqrt(np.mean(self.law.torque(np.linspace(0, self.law.reference.duration, 1000)) ** 2, axis=0))
+            quantities = [("missing at first, rms [N m]", first), ("in the last [N m]", last), ("added [N m]", added)]
+            yield by_joint(self.rig.joint_labels, [[name, *(f"{x:.3g}" for x in row)] for name, row in quantities])
+        yield f"innovations: {', '.join(f'{x:.2f}' for x in self.innovations)} (1: as the model says)"
+        yield from (f"left out: {each}" for each in self.left_out)
+        drive, std = self.rig.drive, np.sqrt(np.diag(self.covariance))
+        names = [*self.arm.dynamics.short_names]
+        rows = [(name, f"{f:.4g}", f"{s:.2g}") for name, f, s in zip(names, self.arm.f, std, strict=True)]
+        kinds = ("viscous", drive.joint_viscous()), ("Coulomb", drive.joint_coulomb(np.zeros(drive.n)))
+        for (kind, values), deviations in zip(kinds, self.friction_std, strict=True):
+            labels = zip(self.rig.joint_labels, values, deviations, strict=True)
+            rows += [(f"{kind}, {label}", f"{value:.4g}", f"{s:.2g}") for label, value, s in labels]
+        yield Table(("mended", "value", "std"), rows)
+        yield f"Neither f nor friction: {self.rest:.2g} N m rms of the learnt torque."
+
+
+def share(missing: Floats, rig: Rig) -> float:
+    """Missing torque (n,) as a share of the amplifiers' limits, the largest of the joints."""
+    return float(np.max(np.abs(rig.drive.coupling.shaft_torque(missing)) / np.abs(rig.drive.torque_limit())))

@@ -1,0 +1,148 @@
+"""A law with a torque that was learnt along one path added to its own."""
+
+import dataclasses
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plant import Law, Reference, Rig, Setpoint
+from plant.laws.law import Block, Step
+from plant.parts.arguments import array
+from plant.parts.fields import Floats, Vector
+from plant.parts.part import number, part, structure
+from plant.realtime.running import Running
+
+_NEAR = 3.0
+"""Pulses within which the arm stands where the path begins, when the law is started."""
+
+
+@part
+class LearntTorque(Law):
+    """tau = tau of a law + sum over k of a_k cos(k pi t / T), learnt by `learn` along one path of duration T.
+
+    t is the time since the law began; from T on the torque stays as it is there.
+
+    Parameters
+    ----------
+    law : Law
+        Any controller.
+    rig, reference : Rig, Reference
+        On which, and along which, it was learnt.
+    terms : (K n,) array_like
+        a_k of all joints [N m], k after k.
+
+    Raises
+    ------
+    ValueError
+        Terms that are not a whole number per joint; later, another rig, or a path that is another one.
+
+    See Also
+    --------
+    ctc.learn
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import LearntTorque
+    >>> law = LearntTorque(law=puma560.p_law(), rig=puma560.rig(), reference=puma560.reference(), terms=(1.0, 0.5))
+    >>> law.torque([0.0, 1.0])
+    array([[1. , 0.5],
+           [1. , 0.5]])
+    """
+
+    law: Law = structure(Law)
+    rig: Rig = structure(Rig)
+    reference: Reference = structure(Reference)
+    terms: Vector = number(("m",))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.law.replays or isinstance(self.law, LearntTorque):
+            raise ValueError(f"law must be a controller; got {type(self.law).__name__}. Give the law below it.")
+        if not len(self.terms) or len(self.terms) % self.rig.n:
+            raise ValueError(f"terms must be some for each of {self.rig.n} joints; got {len(self.terms)}. Add zeros.")
+
+    @property
+    def period(self) -> float | None:  # type: ignore[override]  # declared, and here the law's
+        """The law's [s], or None."""
+        return self.law.period
+
+    @property
+    def of_links(self) -> bool:  # type: ignore[override]  # declared, and here the law's
+        """The law's."""
+        return self.law.of_links
+
+    @property
+    def arm(self) -> Any:
+        """The law's, or None."""
+        return getattr(self.law, "arm", None)
+
+    def torque(self, t: ArrayLike) -> Floats:
+        """Learnt torque (N, n) at times t (N,) [s]."""
+        a = np.reshape(self.terms, (-1, self.rig.n))
+        place = np.clip(np.asarray(t, float), 0, self.reference.duration) / self.reference.duration
+        return np.asarray(np.cos(np.pi * np.outer(place, np.arange(len(a)))) @ a)
+
+    def initial_state(self, n: int) -> NDArray[np.float64]:
+        """The law's; the torque that was added last, time, and whether it has begun."""
+        return np.append(self.law.initial_state(n), np.zeros(n + 2))
+
+    def sliding(self) -> Law:
+        """With the law as it is then."""
+        return dataclasses.replace(self, law=self.law.sliding())
+
+    def require_reference(self, reference: Reference) -> None:
+        """Refuse another path."""
+        if reference != self.reference:
+            raise ValueError(
+                f"reference must be the path along which it was learnt; got another {type(reference).__name__}. "
+                "Learn along it, or use the mended arm and rig."
+            )
+
+    def block(self, rig: Rig) -> Block:
+        """This law as a symbolic step for the rig on which it was learnt."""
+        for name, of in (
+            ("period", lambda r: r.period), ("gear", lambda r: r.drive.gear),
+            ("motor gain", lambda r: r.drive.motor_gain), ("resolution", lambda r: r.encoder.resolution),
+        ):  # fmt: skip
+            if np.shape(of(rig)) != np.shape(of(self.rig)) or not np.allclose(of(rig), of(self.rig), rtol=1e-9, atol=0):
+                raise ValueError(
+                    f"rig must be that on which the torque was learnt, {name} {of(self.rig)}; got {of(rig)}. "
+                    "Learn on this one."
+                )
+        self.law.block(rig)  # refuses a rig that is not the law's
+        return super().block(rig)
+
+    def start(self, rig: Rig, pulses: ArrayLike, **options: Any) -> Running:
+        """As `Law.start`, where the path begins.
+
+        Raises
+        ------
+        ValueError
+            As the law's own; an arm that stands elsewhere.
+        """
+        begins = self.rig.counts(self.reference([0.0]).q[0])
+        given = array("pulses", pulses, (self.rig.n,), advice="Give the encoder count of each joint.")
+        if (np.abs(given - begins) > _NEAR).any():
+            raise ValueError(f"pulses must be where the learnt path begins, {begins}; got {given}. Move the arm there.")
+        getattr(self.law, "require_stable", lambda *_: None)(rig, pulses)
+        return super().start(rig, pulses, **options)
+
+    def friction_in(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The law's own."""
+        return self.law.friction_in(state[: -self.rig.n - 2])
+
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
+        """The law, which knows nothing of the torque beside its own; cos(k x) by Chebyshev's recursion."""
+        n, end = rig.n, self.reference.duration
+        time = state[-1] * (state[-2] + dt)
+        cosine = ca.cos(ca.pi / end * ca.fmin(time, end))
+        before, now, added = cosine, ca.SX(1), ca.SX.zeros(n)
+        for k in range(self.terms.shape[0] // n):
+            added += self.terms[k * n : (k + 1) * n] * now
+            before, now = now, 2 * cosine * now - before
+        own, given = state[: -n - 2], state[-n - 2 : -2]
+        asked, memory = self.law.equations(rig, own, setpoint, pulses, torque - given, dt)
+        return asked + added, ca.vertcat(memory, added, time, 1)

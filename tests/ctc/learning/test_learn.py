@@ -1,0 +1,200 @@
+"""Learning from repetitions: what a model lacks is found, added along the path, and mended."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from ctc import ComputedTorque, LearntTorque, certify, evaluate, learn
+from ctc.learning.path_plant import path_plant
+from ctc.learning.smoother import standing
+from plant import PID, Elasticity, puma560, simulate
+
+ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
+
+
+def off(rig, factor):
+    """A rig whose friction is off."""
+    drive = rig.drive
+    drive = dataclasses.replace(drive, coulomb=factor * drive.coulomb, viscous=factor * drive.viscous)
+    return dataclasses.replace(rig, drive=drive)
+
+
+MODEL = ARM.dynamics.arm(ARM.f * (1 + 0.03 * np.random.default_rng(0).choice([-1, 1], 9)))
+BELIEVED = off(RIG, np.array([1.1, 0.9]))
+LAW = ComputedTorque(MODEL, BELIEVED, bandwidth=60)
+
+
+@pytest.fixture(scope="module")
+def log():
+    return simulate(ARM, RIG, LAW, PATH)
+
+
+@pytest.fixture(scope="module")
+def learnt(log):
+    return learn(LAW, BELIEVED, PATH, log)
+
+
+def missing():
+    """Torque (N, 2) that the model lacks along the path, from the arms themselves."""
+    motion = PATH(RIG.period * np.arange(5215))
+    return np.array([
+        ARM.dynamics.Y(q, qd, qdd).full() @ (ARM.f - MODEL.f) for q, qd, qdd in zip(*motion, strict=True)
+    ]) + RIG.drive.friction(motion.qd) - BELIEVED.drive.friction(motion.qd)  # fmt: skip
+
+
+def test_what_the_model_lacks_is_found(learnt):
+    """Of the torque itself, known from both arms, 0.7 is added; the rest is steps of friction that 40 Hz round off."""
+    expected = missing()
+    added = learnt.law.torque(RIG.period * np.arange(5215)) / 0.7
+    moving = np.abs(PATH(RIG.period * np.arange(5215)).qd) > 0.05  # [rad/s]
+    assert np.sqrt(np.mean(expected[moving] ** 2)) > 1.5
+    assert np.sqrt(np.mean((added - expected)[moving] ** 2)) < 0.3
+
+
+def test_repetitions_become_exact(learnt, log):
+    again = simulate(ARM, RIG, learnt.law, PATH)
+    second = learn(learnt, BELIEVED, PATH, again)
+    squares = [np.mean(record.error_pulses**2) for record in (log, again)]
+    assert squares[1] < 0.8 * squares[0]
+    assert np.abs(again.error_pulses).max() <= 1
+    assert np.linalg.norm(second.missing[1]) < 0.4 * np.linalg.norm(second.missing[0])
+    assert not second.diverged
+    assert second.left_out == ()
+
+
+def test_f_and_friction_are_mended(learnt):
+    """Better than it was, and no path is needed for it."""
+    motion = PATH.slowed(1 / 1.2)(np.linspace(0, 3, 200))
+
+    def wrong(arm, rig):
+        lacking = [
+            ARM.dynamics.Y(q, qd, qdd).full() @ (ARM.f - arm.f) + RIG.drive.friction(qd) - rig.drive.friction(qd)
+            for q, qd, qdd in zip(*motion, strict=True)
+        ]
+        return np.sqrt(np.mean(np.square(lacking)))
+
+    assert wrong(learnt.arm, learnt.rig) < 0.15 * wrong(MODEL, BELIEVED)
+
+
+def test_certify_takes_what_was_learnt(learnt):
+    certificate = certify(
+        learnt.arm, learnt.rig, learnt.law, PATH, learnt.uncertainty, samples=8, duration=0.2, progress=False
+    )
+    assert len(certificate.runs.peak) == 8
+
+
+def test_the_running_law_adds_the_torque(learnt):
+    """Sample by sample as in the simulator."""
+    record = simulate(ARM, RIG, learnt.law, PATH, duration=0.05)
+    controller = learnt.law.start(RIG, record.counts[0], guards=None)
+    motion = PATH(record.t)
+    torque = [controller.step(counts, *row) for counts, *row in zip(record.counts, *motion, strict=True)]
+    assert np.allclose(torque, record.torque, atol=1e-9)
+
+
+def test_a_disturbed_repetition_is_left_out(learnt):
+    again = simulate(ARM, RIG, learnt.law, PATH)
+    kicked = np.array(again.error_pulses)
+    kicked[2000:2200] += 40 * np.sin(np.linspace(0, np.pi, 200))[:, None].round(1)
+    kicked = dataclasses.replace(again, error_pulses=np.round(kicked), name="kicked")
+    result = learn(learnt, BELIEVED, PATH, kicked)
+    assert len(result.left_out) == 1
+    assert result.left_out[0].startswith("kicked")
+    assert np.array_equal(result.law.terms, learnt.law.terms)
+    both = learn(learnt, BELIEVED, PATH, [kicked, again])
+    assert np.allclose(both.law.terms, learn(learnt, BELIEVED, PATH, again).law.terms)
+
+
+def test_a_correction_that_does_not_help_is_taken_back(learnt, log):
+    again = dataclasses.replace(log, law=None)  # as if nothing had become better: 0.7 more is missing
+    result = learn(learnt, BELIEVED, PATH, again)
+    assert not result.diverged  # without the torque that was added, less is missing
+    worse = dataclasses.replace(again, torque=log.torque + 2 * learnt.law.torque(log.t))
+    result = learn(learnt, BELIEVED, PATH, worse)
+    assert result.diverged
+    assert result.gain == pytest.approx(0.35)
+    assert np.allclose(result.law.terms, 0.5 * learnt.law.terms)
+    assert "taken back" in str(result)
+
+
+def test_any_law_is_learnt_from(learnt):
+    """A PID knows no arm; what is missing is the same."""
+    pid = PID(gain=(0.1, 0.08), integral=(1.0, 1.0), derivative=(4e-4, 3e-4), filter=2000.0, period=RIG.period)
+    record = simulate(ARM, RIG, pid, PATH)
+    found = learn(pid, BELIEVED, PATH, record, found=MODEL)
+    lacking = found.law.torque(RIG.period * np.arange(5215)) - learnt.law.torque(RIG.period * np.arange(5215))
+    assert np.sqrt(np.mean(lacking**2)) < 0.3
+
+
+def geared(hz):
+    """The rig on gears of this resonance."""
+    gears = Elasticity.from_resonance(ARM, hz, 0.02, drive=RIG.drive)
+    return dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears))
+
+
+def test_gears_wind_up_as_they_are_stiff():
+    """The torque that elastic gears need beside rigid ones falls as 1 / k; those too stiff for the period are rigid."""
+    rigid = path_plant(ARM, RIG, PATH, 1000)
+    apart = [np.std((path_plant(ARM, geared(hz), PATH, 1000).torque - rigid.torque)[200:]) for hz in (100, 200)]
+    assert apart[1] < 0.5 * apart[0] < 0.05 * np.std(rigid.torque)
+    stiffest = path_plant(ARM, geared(2000), PATH, 1000)
+    assert np.array_equal(stiffest.torque, rigid.torque)
+
+
+def test_it_learns_on_elastic_gears():
+    """With links that swing at 40 Hz, under a slow law: the squared error falls to a quarter."""
+    law = ComputedTorque(MODEL, BELIEVED, bandwidth=30)
+    rig, gears = geared(40), geared(40).drive.elasticity
+    model = dataclasses.replace(BELIEVED, drive=dataclasses.replace(BELIEVED.drive, elasticity=gears))
+    records, result = [simulate(ARM, rig, law, PATH)], law
+    for _ in range(2):
+        result = learn(result, model, PATH, dataclasses.replace(records[-1], law=None))
+        records.append(simulate(ARM, rig, result.law, PATH))
+    squares = [np.mean(record.error_pulses**2) for record in records]
+    assert squares[2] < 0.25 * squares[0]
+    assert np.abs(records[2].error_pulses).max() <= 2
+
+
+def test_it_is_exported_as_c(learnt, tmp_path):
+    learnt.law.to_c(tmp_path, RIG)
+    assert (tmp_path / "controller.c").read_text().count("cos(") >= 1
+
+
+def test_standing():
+    counts = np.array([[0], [0], [0], [1], [1], [2], [2], [2], [2]])
+    assert standing(counts, 3).ravel().tolist() == [1, 1, 1, 0, 0, 1, 1, 1, 1]
+
+
+def test_bad_input(learnt, log):
+    def refused(match, *arguments, **options):
+        with pytest.raises(ValueError, match=match) as caught:
+            learn(*arguments, **options)
+        assert "\n" not in str(caught.value)
+
+    refused("must be the path; got another", LAW, BELIEVED, PATH.slowed(1.2), log)
+    refused("reference must be the path", learnt, BELIEVED, PATH.slowed(1.2), log)
+    refused("must be made by", learnt, BELIEVED, PATH, log)
+    refused("torque or current", LAW, BELIEVED, PATH, dataclasses.replace(log, torque=None, current=None))
+    refused("5215 samples", LAW, BELIEVED, PATH, log.cut(0, 1.0))
+    refused("amplifier's", LAW, BELIEVED, PATH, dataclasses.replace(log, torque=10 * log.torque))
+    refused("holds no arm", puma560.p_law(), BELIEVED, PATH, log)
+    refused("got none", LAW, BELIEVED, PATH, [])
+    other = dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, resolution=(500, 500)))
+    refused("rig must be that on which", learnt, other, PATH, log)
+    with pytest.raises(ValueError, match="got another"):
+        evaluate(ARM, RIG, learnt.law, PATH.slowed(1.2), duration=0.1)
+    with pytest.raises(ValueError, match="must be that on which"):
+        evaluate(ARM, other, learnt.law, PATH, duration=0.1)
+    with pytest.raises(ValueError, match="where the learnt path begins"):
+        learnt.law.start(RIG, (500, 0))
+    with pytest.raises(ValueError, match="some for each"):
+        LearntTorque(law=LAW, rig=RIG, reference=PATH, terms=(1.0,))
+
+
+def test_it_says_itself_on_one_screen(learnt):
+    said = str(learnt)
+    assert len(said.splitlines()) < 30
+    assert max(map(len, said.splitlines())) <= 80
+    assert "learn from another repetition" in said
+    assert "Coulomb" in said
