@@ -15,7 +15,11 @@ from plant import Arm, Law, Record, Reference, Rig
 from plant.parts.arguments import instance, known_options
 from plant.parts.fields import Floats
 
-_GAIN, _FALLS = 0.7, 0.8
+_GAIN, _FALLS, _WORSE = 0.7, 0.8, 0.005
+"""Share of the missing torque that is added; to which share of the last it must fall; and by which share of the samples
+more may be beyond ±1 pulse than before.
+"""
+
 _SURPRISES, _MORE = 1.25, 1.3
 _FINEST, _MOST = 40.0, 400
 """Highest frequency of the learnt torque [Hz], and its terms per joint at most."""
@@ -63,9 +67,9 @@ def learn(
 
     Notes
     -----
-    A repetition is left out if its mean normalised innovation exceeds 1.25 and 1.3 times the least so far. A correction
-    after which not less than 0.8 of the torque is missing, and more than a thousandth of the amplifiers' limit, is
-    taken back, and half of it made.
+    A repetition is left out if its mean normalised innovation exceeds 1.25, or 1.3 times the least so far and 1. A
+    correction after which not less than 0.8 of the torque is missing, and more than a thousandth of the amplifiers'
+    limit, or more samples are beyond ±1 pulse, is taken back, and half of it made.
 
     See Also
     --------
@@ -94,7 +98,7 @@ def learn(
     known = _torque(old, count)
 
     innovations, left_out = list(before.innovations) if before else [], list(before.left_out) if before else []
-    corrections = []
+    corrections, errors = [], []
     for record in logs:
         correction, innovation = _correction(arm, rig, plant, motion, moves, record, known)
         innovations.append(innovation)
@@ -103,17 +107,21 @@ def learn(
             left_out.append(f"{name}: its innovation is {innovation:.3g}; disturbed, or gears unlike the model's")
         else:
             corrections.append(correction)
+            errors.append(np.abs(record.error_pulses[:count]).max(axis=1))
     mean = np.mean(corrections, axis=0) if corrections else np.zeros((count, rig.n))
     rms = np.sqrt((mean**2 * moves).sum(axis=0) / np.maximum(moves.sum(axis=0), 1))
-    missing = before.missing if before else ()
+    missing, beyond, peak = (before.missing, before.beyond, before.peak) if before else ((), (), ())
     gain, diverged = before.gain if before else _GAIN, False
     start, wanted = old.ravel(), _terms(mean, terms).ravel()
     if corrections:
-        diverged = bool(missing) and share(rms, rig) > max(_FALLS * share(missing[-1], rig), _SETTLED)
+        outside, largest = float((np.array(errors) > 1).mean()), float(np.max(errors))
+        diverged = bool(missing) and (
+            share(rms, rig) > max(_FALLS * share(missing[-1], rig), _SETTLED) or outside > beyond[-1] + _WORSE
+        )
         if diverged and before is not None:
             start, wanted, gain = before.before, before.wanted, gain / 2
         else:
-            missing = (*missing, rms)
+            missing, beyond, peak = (*missing, rms), (*beyond, outside), (*peak, largest)
     new = start + gain * wanted
     learnt = _torque(start.reshape(terms, -1) + (0 if diverged else 1) * wanted.reshape(terms, -1), count)
     result = mended(arm, rig, plant, learnt, moves, speed, _prior(found, arm, rig))
@@ -121,6 +129,7 @@ def learn(
     return Learning(
         law=LearntTorque(law=base, rig=rig, reference=reference, terms=new), arm=result.arm, rig=result.rig,
         covariance=result.covariance[:p, :p], friction_std=std[p:].reshape(2, -1), missing=missing,
+        beyond=beyond, peak=peak,
         innovations=tuple(innovations), left_out=tuple(left_out), rest=result.rest, gain=gain, diverged=diverged,
         before=start, wanted=wanted,
     )  # fmt: skip

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ctc.certification.statement import percent
 from ctc.certification.uncertainty import Uncertainty
 from ctc.learning.learnt_torque import LearntTorque
 from plant import Arm, Rig
@@ -34,7 +35,9 @@ class Learning(Shown, Frozen):
     friction_std : (2, n) numpy.ndarray
         Standard deviation of viscous [N m s/rad] and Coulomb [N m] friction, joint side.
     missing : tuple of (n,) numpy.ndarray
-        Torque that was missing, rms where joints move [N m]: after each call that learnt.
+        Torque that was missing, rms where joints move [N m]: of each call that learnt.
+    beyond, peak : tuple of float
+        Of the same calls: share of the samples beyond ±1 pulse, and largest tracking error [pulses].
     innovations : tuple of float
         Mean normalised innovation of every repetition so far; 1 where model and log agree.
     left_out : tuple of str
@@ -55,6 +58,8 @@ class Learning(Shown, Frozen):
     covariance: Floats
     friction_std: Floats
     missing: tuple[Floats, ...]
+    beyond: tuple[float, ...]
+    peak: tuple[float, ...]
     innovations: tuple[float, ...]
     left_out: tuple[str, ...]
     rest: float
@@ -65,7 +70,10 @@ class Learning(Shown, Frozen):
 
     @property
     def converged(self) -> bool:
-        """Whether less than a thousandth of the amplifiers' torque was missing in the last repetition."""
+        """Whether less than a thousandth of the amplifiers' torque was missing in the last repetition.
+
+        Of ±1 pulse `beyond` tells: what does not repeat, or comes too fast for the law, stays.
+        """
         return bool(self.missing) and not self.diverged and share(self.missing[-1], self.rig) <= _SETTLED
 
     @property
@@ -81,11 +89,12 @@ class Learning(Shown, Frozen):
             return "the last correction did not help: taken back, and half of it made"
         if not self.missing:
             return "nothing learnt: every repetition was left out"
-        done = "converged" if self.converged else "learn from another repetition"
-        return f"missing torque {np.linalg.norm(self.missing[-1]):.3g} N m rms; {done}"
+        done = "nothing more to learn" if self.converged else "learn from another repetition"
+        error = f"{percent(self.beyond[-1])} of the samples beyond ±1 pulse, {self.peak[-1]:.0f} at most"
+        return f"{error}; missing torque {np.linalg.norm(self.missing[-1]):.3g} N m rms: {done}"
 
     def _shown(self) -> Iterator[Piece]:
-        yield Verdict(self._short(), self.converged)
+        yield Verdict(self._short(), self.converged and not self.beyond[-1])
         if self.missing:
             first, last = self.missing[0], self.missing[-1]
             added = np.sqrt(np.mean(self.law.torque(np.linspace(0, self.law.reference.duration, 1000)) ** 2, axis=0))
