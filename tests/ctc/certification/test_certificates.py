@@ -161,7 +161,7 @@ def test_evaluations_are_the_single_calls():
 def test_a_controller_is_tuned_for_all_motions(monkeypatch):
     monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((1, np.inf),))
     monkeypatch.setattr("ctc.tuning.search._QUIETER", 0)
-    monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
+    monkeypatch.setattr("ctc.tuning.tune._FRESH", 40)  # 20 for each of two
     monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[1:2])
     paths = {name: PATHS[name] for name in ("move", "mine")}
     options = with_uncertainty(covariance=COVARIANCE, samples=8, duration=0.1, progress=False)
