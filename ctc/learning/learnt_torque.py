@@ -75,8 +75,7 @@ class LearntTorque(Law):
         return self.law.of_links
 
     @property
-    def arm(self) -> Any:
-        """The law's, or None."""
+    def arm(self) -> Any:  # the law's, or None
         return getattr(self.law, "arm", None)
 
     def torque(self, t: ArrayLike) -> Floats:
