@@ -83,7 +83,7 @@ class Running:
         self._shape, self._initial = (rig.n,), self._memory.copy()
         self._block, self._free = np.empty((len(_ARGUMENTS), rig.n)), threading.Lock()
         self._arguments = tuple(self._block)
-        self._torque, self._rows = np.empty(rig.n), slice(layout.SCALARS, layout.SCALARS + layout.ROWS * rig.n)
+        self._torque = np.empty(rig.n)
         self._set(counts)
 
     def to_c(
@@ -200,7 +200,7 @@ class Running:
         return Status.of(self._memory, self.law.joint_labels(self.rig), self._weighs)
 
     def _row(self, index: int) -> NDArray[np.float64]:
-        return self._memory[self._rows][index * self.n : (index + 1) * self.n].copy()
+        return self._memory[row(index, self.n)]
 
     # -- arguments of any kind, and refusals ---------------------------------------------------------------------------
     def _set(self, counts: NDArray[np.float64]) -> None:

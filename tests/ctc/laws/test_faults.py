@@ -10,7 +10,8 @@ import pytest
 from faults import BEGIN, END, FAULTS, PATH, RIG, SimulatedArm, experiment
 
 from ctc import ComputedTorque
-from plant import Guards, puma560
+from plant import Guards, PointToPoint, puma560
+from plant.simulation.stepped_arm import SteppedArm
 
 LIMIT = RIG.drive.torque_limit()
 
@@ -156,3 +157,31 @@ def test_after_a_reset_the_arm_goes_on():
         errors.append(np.abs(RIG.counts(stands) - robot.counts()).max())
     assert running.status == "running"
     assert max(errors[100:]) <= 1
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+def test_an_encoder_that_freezes_in_a_stop_ends_the_hold(joint):
+    """The stop brakes along the path; counts that stand there while the torque grows are no arm that holds."""
+    whole, frozen = puma560.literature_arm(1.5), np.nan
+    robot = SteppedArm(whole, RIG, *(each[0] for each in PATH([0.0])[:2]))
+    running = ComputedTorque(whole, RIG, bandwidth=150).start(RIG, robot.pulses)
+    for k in range(830):
+        motion = [each[0] if k < 800 else np.full(2, np.nan) for each in PATH([k * RIG.period])]
+        pulses = robot.pulses.astype(float)
+        if k == 806:
+            assert str(running.status).startswith("safe stop, holding")
+            frozen = pulses[joint]
+        pulses[joint] = frozen if k >= 806 else pulses[joint]
+        robot.step(running.step(pulses, *motion))
+    assert str(running.status).startswith("safe stop, ramp to gravity compensation")
+
+
+def test_a_joint_that_holds_another_s_weight_has_no_dead_encoder():
+    """The elbow turns over alone: joint 2 stands, and its torque changes by 33 N m, beyond its friction's band."""
+    whole, path = puma560.literature_arm(1.5), PointToPoint(start=(0.0, -1.5), goal=(0.0, 1.5), duration=2.0)
+    robot = SteppedArm(whole, RIG, np.array([0.0, -1.5]), np.zeros(2))
+    running = ComputedTorque(whole, RIG, bandwidth=150).start(RIG, robot.pulses)
+    for k in range(3200):
+        motion = path([min(k * RIG.period, 2.0)])
+        robot.step(running.step(robot.pulses, *(each[0] for each in motion)))
+    assert running.status == "running"
