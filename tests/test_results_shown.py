@@ -15,6 +15,8 @@ import identification
 import plant
 from ctc import ComputedTorque, Uncertainty, certify, compare, evaluate, margins, sweep_resonance
 from ctc.certification.reserves import Reserves
+from ctc.learning.learning import Learning
+from ctc.learning.learnt_torque import LearntTorque
 from ctc.payload.controller import PayloadEvent
 from ctc.tuning.tuning import Trial, Tuning
 from ctc.verdict.comparison import Comparison
@@ -96,6 +98,13 @@ def estimate():
                            misfit=1.0, message=NASTY[0], **zeros)  # fmt: skip
 
 
+def learning():
+    law = LearntTorque(law=ComputedTorque(arm(), RIG), rig=RIG, reference=PATH, terms=np.ones(8))
+    two, many = np.ones((2, 2)), {"missing": (np.ones(2),), "beyond": (0.1,), "peak": (3.0,), "innovations": (1.0,)}
+    return Learning(law=law, arm=arm(), rig=RIG, covariance=np.diag(arm().f ** 2), friction_std=two, rest=0.1, gain=0.5,
+                    left_out=(NASTY[0],), diverged=False, before=np.zeros(8), wanted=np.zeros(8), **many)  # fmt: skip
+
+
 BODY = Body(mass=1.0, com=(0, 0, 0.1))
 RESULTS = {
     "Assumed": lambda: found().assumed(),
@@ -116,6 +125,7 @@ RESULTS = {
     "FitTrial": lambda: FitTrial(at=40.0, unit="Hz", rows=99, worse=1.0, against=20.0, passed=True, chosen=True),
     "GearResonance": gears,
     "Identification": found,
+    "Learning": learning,
     "Load": load,
     "LowestResonance": lambda: LowestResonance(hz=60.0, damping_ratio=0.01, within=1),
     "Margins": lambda: margins(arm(), RIG, ComputedTorque(arm(), RIG)),

@@ -184,7 +184,7 @@ def _applied(record: Record, count: int) -> Floats:
     if record.torque is not None:
         return record.torque[:count]
     drive = record.rig.drive
-    return np.asarray(drive.joint_torque(drive.motor_gain, record.current[:count]))  # type: ignore[index]
+    return np.asarray(drive.joint_torque(drive.motor_gain, record.current[:count]))  # type: ignore[index]  # checked
 
 
 def _correction(
