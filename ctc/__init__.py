@@ -39,7 +39,6 @@ from ctc.laws.computed_torque import ComputedTorque
 from ctc.laws.computed_torque_integral import ComputedTorqueIntegral
 from ctc.laws.computed_torque_pid import ComputedTorquePID
 from ctc.laws.feed_forward import FeedForward, PDGravity
-from ctc.laws.flexible_joint import FlexibleJointComputedTorque
 from ctc.laws.sliding_mode import SlidingMode
 from ctc.learning.learn import learn
 from ctc.learning.learnt_torque import LearntTorque
@@ -57,7 +56,7 @@ from ctc.verdict.resonance_sweep import sweep_resonance
 
 __all__ = [
     "Adaptive", "Certificate", "ComputedTorque", "ComputedTorqueIntegral", "ComputedTorquePID", "Evaluation",
-    "FeedForward", "FlexibleJointComputedTorque", "LearntTorque", "PDGravity", "PayloadEstimator", "SlidingMode",
+    "FeedForward", "LearntTorque", "PDGravity", "PayloadEstimator", "SlidingMode",
     "Uncertainty", "animate", "certify", "compare", "error_loop", "evaluate", "learn", "margins", "motor_gain",
     "observer_gains", "pid_gains", "plot_arm", "plot_identification", "plot_record", "sweep_resonance", "tune",
     "write_report",

@@ -9,19 +9,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ctc.laws.default_gains import default_bandwidth, known_gains
-from ctc.laws.learnt_friction import HOLDS, learn, shares, unexplained
+from ctc.laws.gear_gains import gear_gains
+from ctc.laws.gears import Deviation, braked, gears_along, speed_share
+from ctc.laws.learnt_friction import learn, shares, unexplained
 from ctc.laws.model_law import ModelLaw
-from ctc.laws.observer import correct, filter_gains, regulator_gains
 from plant import Law, Rig, Setpoint
 from plant.machine.friction import friction_impulse
-from plant.mechanics.symmetric_inverse import inverse
-from plant.parts.arguments import array, signs
+from plant.mechanics.symmetric_inverse import Inverse
+from plant.parts.arguments import signs
 from plant.parts.part import number, part, structure
 from plant.realtime.running import Running
 
 _SLIDES, _BEGINS, _NEAR = 30.0, 10.0, 5.0
 """Speeds [pulses/s] from which on Coulomb friction is fed forward in full, and the start has all of its boost; and the
 error [pulses] beyond which the boost is less in proportion: it would take the torque from limit to limit."""
+
+_STANDING = 2.5
+"""By which the dead zone is wider for joints whose reference stands: counts that flip there tell of no motion."""
 
 _SWEEPS = 4
 """Over the joints, of the predicted friction; they start from the impulse of the sample before."""
@@ -53,8 +57,9 @@ class ComputedTorque(ModelLaw):
     observer_ratio : float
         Bandwidth of the observer, as a multiple of the regulator's.
     dead_zone : float, optional
-        Share of the quantisation cell, 0 to 1, within which an innovation corrects nothing: more is less torque
-        chatter, and slower to see what the model lacks. By default 0 with an arm, with an identification 0.2.
+        Share of the quantisation cell, 0 to 1, within which an innovation corrects nothing, and 2.5 times that, at most
+        the cell, where the reference stands: more is less torque chatter, and slower to see what the model lacks. By
+        default 0 with an arm, with an identification 0.2, or 0.4 where friction was identified too.
     friction : bool
         Know the friction of the rig: fed forward, and predicted.
     learn_friction : bool
@@ -104,6 +109,7 @@ class ComputedTorque(ModelLaw):
     learnable: float = number((), default=0.4)
     measured: bool = structure(bool, default=False)
     delay: int = structure(default=0)
+    gear_gains: Any = number(("m",), default=None)
 
     def __post_init__(self) -> None:
         found = self.arm
@@ -116,6 +122,7 @@ class ComputedTorque(ModelLaw):
         settles = self.start_time is None
         if settles:
             object.__setattr__(self, "start_time", 1.0)  # for now
+        object.__setattr__(self, "gear_gains", None)  # for now, too
         super().__post_init__()
         positive = ("bandwidth", "observer_ratio", "start_boost", "start_time")
         signs(self, positive=positive, not_negative=("dead_zone", "learnable"))
@@ -126,6 +133,8 @@ class ComputedTorque(ModelLaw):
             object.__setattr__(self, "start_time", _SETTLES / self.bandwidth)
         if self.delay not in (0, 1):
             raise ValueError(f"delay must be 0 or 1 sample; got {self.delay!r}. Longer delays need another design.")
+        gains = gear_gains(self.arm, self.rig, self.bandwidth, self.observer_ratio * self.bandwidth)
+        object.__setattr__(self, "gear_gains", gains)
 
     def sliding(self) -> Law:
         """As of every law; learning nothing, which it does where joints turn back alone."""
@@ -135,9 +144,15 @@ class ComputedTorque(ModelLaw):
     def _learns(self) -> bool:
         return self.friction and self.learn_friction
 
+    @property
+    def _on_gears(self) -> bool:
+        """Whether links are predicted apart from their motors."""
+        return self.gear_gains is not None
+
     def initial_state(self, n: int) -> NDArray[np.float64]:
         """On the reference with nothing applied yet; every joint has all of its boost; no sample taken."""
-        return np.concatenate([np.zeros((5 + self.delay + 5 * self._learns) * n), np.ones(n), [0.0]])
+        rows = 5 + self.delay + 5 * self._learns + 4 * self._on_gears
+        return np.concatenate([np.zeros(rows * n), np.ones(n), [0.0]])
 
     def start(
         self, rig: Rig, pulses: ArrayLike, *, torque: ArrayLike | None = None, friction: ArrayLike | None = None,
@@ -170,12 +185,9 @@ class ComputedTorque(ModelLaw):
         running, n = super().start(rig, pulses, **options), self.arm.n
         known = np.zeros(len(running.state))
         if torque is not None:
-            held, q = array("torque", torque, (n,), advice=HOLDS), rig.cell_centre(pulses)
-            weight = self.arm.h(q, np.zeros(n)) - np.ravel(self.rig.spring_torque(q))
-            known[2 * n : 3 * n] = unexplained(held, weight, rig.drive, self.rig.drive if self.friction else None)
+            known[2 * n : 3 * n] = unexplained(torque, self, rig, rig.cell_centre(pulses))
         if friction is not None:
-            learnt = array("friction", friction, (2, n), advice="Give that of a running controller, motor side.")
-            known[self._learnt(n)] = shares(learnt, self.rig.drive, self.learnable if self._learns else None).ravel()
+            known[self._learnt(n)] = shares(friction, self.rig.drive, self.learnable if self._learns else None).ravel()
         running.begin(running.state + known)
         return running
 
@@ -200,17 +212,16 @@ class ComputedTorque(ModelLaw):
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> tuple[ca.SX, ca.SX]:
         """One sample: what acted -> predict -> correct -> feed back -> torque. Source: paper Fig. 2."""
-        n, model, f, drive = self.arm.n, self.arm.dynamics, self.arm.f, self.rig.drive
+        n, drive = self.arm.n, self.rig.drive
         e, rate, delta, before, impulse, *pending, fresh = (
-            state[i * n : (i + 1) * n] for i in range(6 + self.delay + 5 * self._learns)
+            state[i * n : (i + 1) * n] for i in range(6 + self.delay + 5 * self._learns + 4 * self._on_gears)
         )
-        begun, coupling = state[-1], drive.coupling
+        begun, coupling, of_links = state[-1], drive.coupling, pending[-4:] if self._on_gears else []
         if self._learns:
-            pending, (coulomb, drag, *recent) = pending[: self.delay], pending[self.delay :]
-        q, qd = (setpoint.q - e, setpoint.qd - rate) if self.measured else (setpoint.q, setpoint.qd)
-        D, speed = model.D(q, f), coupling.shaft(setpoint.qd)
-        mobility = inverse(coupling.shaft_inertia(D))
-        viscous, level, needed = ca.SX.zeros(n), ca.SX.zeros(n), D @ setpoint.qdd + self.h(q, qd)
+            pending, (coulomb, drag, *recent) = pending[: self.delay], pending[self.delay : self.delay + 5]
+        gears, needed, link = gears_along(self, setpoint, (e, rate), of_links, begun, dt)
+        speed = coupling.shaft(setpoint.qd)
+        viscous, level = ca.SX.zeros(n), ca.SX.zeros(n)
         if self.friction:
             viscous, level = drive.joint_viscous(), drive.joint_coulomb(speed)
             stated = level, viscous * speed
@@ -218,54 +229,48 @@ class ComputedTorque(ModelLaw):
                 viscous, level = viscous * (1 + drag), level * (1 + coulomb)
             needed = needed + coupling.joint_torque(viscous * speed + drive.joint_offset())
 
-        def predicted(e: ca.SX, rate: ca.SX, impulse: ca.SX, acted: ca.SX, time: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-            """Error and rate after `time` under a torque beyond what was needed, and the impulse of friction (n, 1)."""
-            pushing = coupling.shaft_torque(acted - delta) + viscous * coupling.shaft(rate)
-            free = rate - time * coupling.joint(mobility.solve(pushing))
-            sliding = speed - coupling.shaft(free)
-            held = friction_impulse(mobility, -mobility.alone * sliding, impulse, time * level, _SWEEPS)
-            impulse = ca.if_else(level > 0, held, 0)  # not even its slope is left without friction, at rest
-            after = free - coupling.joint(mobility.solve(impulse))
-            return e + time * (rate + after) / 2, after, impulse
+        def predicted(deviation: Deviation, impulse: ca.SX, acted: ca.SX, time: ca.SX) -> tuple[Deviation, ca.SX]:
+            """Deviation after `time` under a torque beyond what was needed, and the impulse of friction (n, 1)."""
+
+            def friction(mobility: Inverse, free: ca.SX) -> ca.SX:
+                held = friction_impulse(mobility, -mobility.alone * (speed - free), impulse, time * level, _SWEEPS)
+                return ca.if_else(level > 0, held, 0)  # not even its slope is left without friction, at rest
+
+            return gears.moved(deviation, coupling.shaft_torque(acted - delta) + viscous * deviation[1], friction, time)
 
         # The reference moved on while the torque was held: what was needed is the mean of then and now.
-        e, rate, impulse = predicted(e, rate, impulse, torque - (before + needed) / 2, begun * dt)
-        outside = rig.outside_cell(setpoint.q - e - rig.cell_centre(pulses), pulses, self.dead_zone)
-        e, outside = e + (1 - begun) * outside, begun * outside  # where it begins, the first counts alone say
-        near = _NEAR / ca.fmax(ca.fabs(rig.position_in_pulses(e)), _NEAR)
-        boost = 1 + (self.start_boost - 1) * fresh * ca.fabs(self._share(speed, _BEGINS)) * near
-        gains = filter_gains(self.observer_ratio * self.bandwidth * ca.sqrt(boost), dt)
-        e, rate, found = correct(e, rate, 0, outside, gains, dt)
-        delta = delta + coupling.joint_torque(mobility.alone * coupling.shaft(found))
+        deviation = coupling.shaft(e), coupling.shaft(rate), *of_links[:2]
+        deviation, impulse = predicted(deviation, impulse, torque - (before + needed) / 2, begun * dt)
+        outside = setpoint.q - coupling.joint(deviation[0]) - rig.cell_centre(pulses)
+        begins = ca.fabs(speed_share(self.rig, speed, _BEGINS))
+        share = ca.fmin(self.dead_zone * (_STANDING - (_STANDING - 1) * begins), 1)
+        outside = coupling.shaft(rig.outside_cell(outside, pulses, share))
+        first = (1 - begun) * outside, 0  # where it begins, the first counts alone say
+        deviation = tuple(each + first[i % 2] for i, each in enumerate(deviation))
+        near = _NEAR / ca.fmax(ca.fabs(rig.position_in_pulses(coupling.joint(deviation[0]))), _NEAR)
+        boost = 1 + (0 if link else self.start_boost - 1) * fresh * begins * near
+        deviation, found = gears.corrected(deviation, begun * outside, boost)
+        delta = delta + coupling.joint_torque(found)
 
         learnt = []
         if self._learns:
-            heading, shaft = self._share(speed, _SLIDES), coupling.shaft_torque(delta)
+            heading, shaft = speed_share(self.rig, speed, _SLIDES), coupling.shaft_torque(delta)
             known, shaft, recent = learn((coulomb, drag), recent, stated, shaft, heading, self.learnable, dt)
             level = level + stated[0] * (known[0] - coulomb)
             needed, delta = needed + coupling.joint_torque(stated[1] * (known[1] - drag)), coupling.joint_torque(shaft)
             learnt = [*known, *recent]
 
         # With a delay, what is commanded now acts one sample later: predict the error to then.
-        ahead = predicted(e, rate, impulse, pending[0] - needed, dt)[:2] if self.delay else (e, rate)
+        ahead = predicted(deviation, impulse, pending[0] - needed, dt)[0] if self.delay else deviation
         bandwidth = ca.fmin(self.bandwidth * boost, ca.fmax(self.bandwidth, _MOST / dt))
-        stiffness, damping = regulator_gains(bandwidth, dt)
-        error, error_rate = (coupling.shaft(each) for each in ahead)
-        # Far off, it comes back no faster than half of the torque that is left can brake: v^2 = 2 a e.
-        limit = ca.fabs(drive.torque_limit())
-        left = limit - ca.fabs(coupling.shaft_torque(needed + delta))
-        braking = ca.fmax(left / 2, limit / 20) * mobility.diagonal
-        reach = 4 * braking / self.bandwidth**2
-        error = error / ca.sqrt(ca.fmax(ca.fabs(error) / reach, 1))
-        sliding = self._share(speed + bandwidth * error / 2, _SLIDES)
-        feedback = mobility.alone * (stiffness * error + damping * error_rate) + level * sliding
-        wanted = needed + delta + coupling.joint_torque(feedback)
-        begins = speed * (speed + dt * coupling.shaft(setpoint.qdd)) <= 0  # from rest, or where it turns back
-        fresh = ca.if_else(begins, 1, fresh * ca.exp(-dt / self.start_time))
-        acting, coming = (pending[0], [wanted]) if self.delay else (wanted, [])
-        return acting, ca.vertcat(e, rate, delta, needed, impulse, *coming, *learnt, fresh, 1)
-
-    def _share(self, speed: ca.SX, full: float) -> ca.SX:
-        """Speed of the shafts (n, 1) over a stated one [pulses/s], within -1 and 1."""
-        pulses = self.rig.encoder.position_in_pulses(ca.fabs(self.rig.drive.gear) * speed) / full
-        return ca.fmin(ca.fmax(pulses, -1), 1)
+        ahead = braked(ahead, self.rig, coupling.shaft_torque(needed + delta), gears, self.bandwidth)
+        sliding = speed_share(self.rig, speed + bandwidth * ahead[0] / 2, _SLIDES)
+        feedback = gears.feedback(ahead, bandwidth) + level * sliding
+        # What is needed moves on to the middle of the sample in which it acts.
+        coming = begun * (0.5 + self.delay) * self.rig.period / dt * (needed - before)
+        wanted = needed + coming + delta + coupling.joint_torque(feedback)
+        turns = speed * (speed + dt * coupling.shaft(setpoint.qdd)) <= 0  # back, or from rest
+        fresh = ca.if_else(turns, 1, fresh * ca.exp(-dt / self.start_time))
+        acting, later = (pending[0], [wanted]) if self.delay else (wanted, [])
+        e, rate = (coupling.joint(each) for each in deviation[:2])
+        return acting, ca.vertcat(e, rate, delta, needed, impulse, *later, *learnt, *deviation[2:], *link, fresh, 1)

@@ -6,21 +6,27 @@ from typing import Any
 import numpy as np
 
 from identification import Identification
-from plant import Law, Rig
+from plant import Rig
 from plant.analysis.sampled_loops import SampledLoops
 
-_ARM, _IDENTIFIED, _FRICTION_TOO = (360.0, 0.0), (145.0, 0.2), (100.0, 0.2)
+_ARM, _IDENTIFIED, _FRICTION_TOO = (360.0, 0.0), (145.0, 0.2), (100.0, 0.4)
 """Bandwidth [rad/s] and dead zone by what is known: nothing but f; f with a covariance; friction as well."""
 
 _SAMPLED = 0.3
 """Bandwidth times period, at most."""
 
-_SPARE, _SLOWER, _SLOWEST = 1.4, 0.8, 5.0
-"""Share of the bandwidth that a stable one has to spare; by which others are lowered; the least tried [rad/s]."""
+_SLOWER, _SLOWEST = 0.8, 5.0
+"""By which bandwidths are lowered; the least tried [rad/s]."""
 
-_STIFFER = 1.0, 1.2, 1.5, 2.0, 3.0, 5.0
-"""Resonances, in shares of the stated, at which it has to be stable: a fast observer can be stable on soft gears, but
-no longer where they are a little stiffer."""
+_POSES = 3
+"""Of the identified path, at which loops have to be stable."""
+
+_OFF = 0.9, 1.0, 1.15
+"""Stiffness, in shares of the stated, with which a law that predicts its gears has to be stable."""
+
+_SPARE, _STIFFER = 1.4, (1.0, 1.44, 2.25, 4.0, 9.0, 25.0)
+"""Share of its bandwidth that another one is stable with, and stiffnesses: a fast observer can be stable on soft gears,
+but no longer where they are a little stiffer."""
 
 
 def known_gains(found: Any) -> tuple[float, float]:
@@ -31,7 +37,7 @@ def known_gains(found: Any) -> tuple[float, float]:
     return _FRICTION_TOO if friction else _IDENTIFIED
 
 
-def default_bandwidth(found: Any, rig: Rig | None, law: Callable[[Rig, float], Law]) -> float:
+def default_bandwidth(found: Any, rig: Rig | None, law: Callable[[Rig, float], Any]) -> float:
     """That of what is known [rad/s], or what the rig allows: for its period, and stable on its elastic gears.
 
     Parameters
@@ -40,7 +46,7 @@ def default_bandwidth(found: Any, rig: Rig | None, law: Callable[[Rig, float], L
     rig : Rig or None
         Of the law; by default the identification's.
     law : callable
-        (rig, bandwidth) -> the law for the identified arm.
+        (rig, bandwidth) -> the computed torque for the identified arm.
 
     Raises
     ------
@@ -54,20 +60,30 @@ def default_bandwidth(found: Any, rig: Rig | None, law: Callable[[Rig, float], L
         return bandwidth
     bandwidth = min(bandwidth, _SAMPLED / rig.period)
     gears = rig.drive.elasticity
-    if not isinstance(found, Identification) or gears is None:
+    if gears is None:
         return bandwidth
-    pose = np.zeros(rig.n) if found.records[0].reference is None else found.records[0].reference(np.zeros(1)).q[0]
+    arm, poses = getattr(found, "arm", found), np.zeros((1, rig.n))
+    if isinstance(found, Identification) and found.records[0].reference is not None:
+        path = found.records[0].reference
+        poses = path(np.linspace(0, path.duration, _POSES, endpoint=False)).q
     while bandwidth > _SLOWEST:
-        loops = SampledLoops(found.arm, rig, law(rig, _SPARE * bandwidth), pose)
-        stiffer = (
-            {
-                f"drive.elasticity.{name}[{i}]": value * factor**power
-                for name, power in (("stiffness", 2), ("damping", 1))
-                for i, value in enumerate(getattr(gears, name))
-            }
-            for factor in _STIFFER
-        )
-        if all(loops.unstable_pole(numbers) is None for numbers in stiffer):
+        predicts = law(rig, bandwidth).gear_gains is not None
+        each = law(rig, bandwidth if predicts else _SPARE * bandwidth)
+        loops = (SampledLoops(arm, rig, each, pose) for pose in poses)
+        if all(_stable(loop, gears, _OFF if predicts else _STIFFER) for loop in loops):
             return bandwidth
         bandwidth *= _SLOWER
-    raise ValueError("no bandwidth is stable on these elastic gears with 40 % to spare; take what tune finds.")
+    raise ValueError("no bandwidth is stable on these elastic gears with something to spare; take what tune finds.")
+
+
+def _stable(loops: SampledLoops, gears: Any, factors: tuple[float, ...]) -> bool:
+    """Whether loops are stable with gears of these stiffnesses, in shares of the stated, and damping to match."""
+    numbers = (
+        {
+            f"drive.elasticity.{name}[{i}]": share * value
+            for name, share in (("stiffness", factor), ("damping", np.sqrt(factor)))
+            for i, value in enumerate(getattr(gears, name))
+        }
+        for factor in factors
+    )
+    return all(loops.unstable_pole(each) is None for each in numbers)

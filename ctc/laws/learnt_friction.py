@@ -5,16 +5,19 @@ which turns. Just after a turn its change is therefore projected on that of Coul
 the one to the other, so that the torque does not jump (docs/background/computed_torque.md).
 """
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from plant import Drive
+from plant import Drive, Rig
+from plant.parts.arguments import array
 
 _LEARNS, _RECENT = 40.0, 0.4
 """Rate [1/s] at which friction is learnt where a joint turns back, and time constant of what was before [s]."""
 
-HOLDS = "Give the joint torque that holds the arm now [N m]."
+_HOLDS = "Give the joint torque that holds the arm now [N m]."
 
 _TINY = 1e-9
 """Beside the square of friction torques [N m], where there is no friction."""
@@ -56,7 +59,7 @@ def learn(
     return following, delta, [was + follow * (new - was) for was, new in zip(before, now, strict=True)]
 
 
-def shares(friction: NDArray[np.float64], drive: Drive, most: float | None) -> NDArray[np.float64]:
+def shares(friction: ArrayLike, drive: Drive, most: float | None) -> NDArray[np.float64]:
     """Shares (2, n) by which Coulomb and viscous friction, motor side, differ from a drive's: at most so much.
 
     Raises
@@ -64,26 +67,27 @@ def shares(friction: NDArray[np.float64], drive: Drive, most: float | None) -> N
     ValueError
         Other friction than may be learnt; any where none is (None).
     """
+    given = array("friction", friction, (2, drive.n), advice="Give that of a running controller, motor side.")
     stated = np.array([drive.coulomb, drive.viscous])
-    differs = np.divide(friction, stated, out=np.where(friction == stated, 1.0, np.inf), where=stated > 0) - 1
+    differs = np.divide(given, stated, out=np.where(given == stated, 1.0, np.inf), where=stated > 0) - 1
     if most is None or not (np.abs(differs) <= most * (1 + 1e-9)).all():
         allowed = "left out where none is learnt" if most is None else f"within {most:.0%} of the rig's"
-        raise ValueError(f"friction must be {allowed}; got {friction.tolist()}, the rig's are {stated.tolist()}.")
+        raise ValueError(f"friction must be {allowed}; got {given.tolist()}, the rig's are {stated.tolist()}.")
     return differs
 
 
-def unexplained(
-    held: NDArray[np.float64], weight: NDArray[np.float64], drive: Drive, known: Drive | None
-) -> NDArray[np.float64]:
+def unexplained(torque: ArrayLike, law: Any, rig: Rig, q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Torque (n,) by which one that holds an arm differs from its weight beyond what known static friction explains.
 
     Raises
     ------
     ValueError
-        A torque beyond what the drive's amplifiers give.
+        A torque beyond what the rig's amplifiers give.
     """
-    coupling, limit = drive.coupling, drive.torque_limit()
+    held = array("torque", torque, (rig.n,), advice=_HOLDS)
+    coupling, limit = rig.drive.coupling, rig.drive.torque_limit()
     if (np.abs(coupling.shaft_torque(held)) > limit).any():
-        raise ValueError(f"torque must be within the amplifier's {limit} N m; got {held}. {HOLDS}")
-    lacking, level = coupling.shaft_torque(held - weight), 0.0 if known is None else known.joint_coulomb()
+        raise ValueError(f"torque must be within the amplifier's {limit} N m; got {held}. {_HOLDS}")
+    weight = law.arm.h(q, np.zeros(rig.n)) - np.ravel(law.rig.spring_torque(q))
+    lacking, level = coupling.shaft_torque(held - weight), law.rig.drive.joint_coulomb() if law.friction else 0.0
     return coupling.joint_torque(lacking - np.clip(lacking, -level, level))

@@ -70,11 +70,6 @@ class LearntTorque(Law):
         return self.law.period
 
     @property
-    def of_links(self) -> bool:  # type: ignore[override]  # declared, and here the law's
-        """The law's."""
-        return self.law.of_links
-
-    @property
     def arm(self) -> Any:  # the law's, or None
         return getattr(self.law, "arm", None)
 

@@ -128,10 +128,6 @@ class PayloadLaw(Law):
         """The law's [s]."""
         return self.law.period
 
-    @property
-    def of_links(self) -> bool:  # type: ignore[override]  # declared, and here the law's
-        return self.law.of_links
-
     def places(self, n: int) -> dict[str, range]:
         """Where in the state the parts are."""
         sizes = {

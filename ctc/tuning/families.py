@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.laws.computed_torque_pid import ComputedTorquePID
 from ctc.laws.feed_forward import FeedForward
-from ctc.laws.flexible_joint import FlexibleJointComputedTorque
 from ctc.stability.design import motor_gain
 from plant import PD, Arm, Law, Reference, Rig
 
@@ -57,8 +56,6 @@ class Family:
 def families(arm: Arm, rig: Rig, reference: Reference) -> list[Family]:
     """Computed torque with observer and with PID, and feed-forward with PD, about an identified arm.
 
-    Along a `LinkReference` of elastic gears also flexible-joint computed torque with PD.
-
     Parameters
     ----------
     arm, rig : Arm, Rig
@@ -94,9 +91,6 @@ def families(arm: Arm, rig: Rig, reference: Reference) -> list[Family]:
         return found
     unit = motor_gain(rig, np.diag(arm.D(reference(np.zeros(1)).q[0])), 1.0)
     pd = PD(gain=unit * 150.0**2, derivative=unit * 300.0, filter=corner, period=rig.period)
-    laws: dict[str, Law] = {"feed-forward with PD": FeedForward(arm, rig, feedback=pd)}
-    if reference.links is not reference:
-        laws["flexible-joint computed torque with PD"] = FlexibleJointComputedTorque(arm, rig, feedback=pd)
 
     def numbers(values: Numbers) -> Numbers:
         w, damping = values["bandwidth"], values["damping"]
@@ -104,12 +98,9 @@ def families(arm: Arm, rig: Rig, reference: Reference) -> list[Family]:
         each |= {f"law.feedback.derivative[{i}]": unit[i] * 2 * damping * w for i in range(rig.n)}
         return each | {"law.feedback.filter": values["filter"]}
 
-    found += [
-        Family(
-            name=name, law=law, numbers=numbers,
-            variables={"bandwidth": (20.0, min(500.0, most)), "damping": (0.2, 3.0), "filter": (200.0, 2 * corner)},
-            known=[{"bandwidth": w, "damping": d, "filter": 3000.0} for w in (150.0, 250.0) for d in (0.7, 1.0)],
-        )
-        for name, law in laws.items()
-    ]  # fmt: skip
-    return found
+    feed_forward = Family(
+        name="feed-forward with PD", law=FeedForward(arm, rig, feedback=pd), numbers=numbers,
+        variables={"bandwidth": (20.0, min(500.0, most)), "damping": (0.2, 3.0), "filter": (200.0, 2 * corner)},
+        known=[{"bandwidth": w, "damping": d, "filter": 3000.0} for w in (150.0, 250.0) for d in (0.7, 1.0)],
+    )  # fmt: skip
+    return [*found, feed_forward]

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from plant import Law, Phase
+from plant import Phase
 from plant.logs.record import Record
 from plant.machine.rig import smooth_rig
 from plant.mechanics.dynamics import Dynamics
@@ -213,6 +213,6 @@ class _Rounded:
         motion = self.logged.smoothed(t)
         return motion, self.logged.rig.counts(motion.q)
 
-    def setpoint(self, t: Floats, law: Law) -> Motion:
+    def setpoint(self, t: Floats) -> Motion:
         """What a law is given at times t (N,)."""
-        return self.logged.setpoint(t, law)
+        return self.logged.setpoint(t)

@@ -94,8 +94,6 @@ class Law(Part, abc.ABC):
     period: float | None = declared("Sampling period [s], or None: fast hardware, evaluated at every sub-step.")
     replays: str | None = None
     """Column of its record that the law repeats, or None."""
-    of_links: bool = False
-    """Whether its setpoint is the motion of the links, where that of the motors differs (`Reference.links`)."""
 
     @abc.abstractmethod
     def initial_state(self, n: int) -> NDArray[np.float64]:

@@ -54,11 +54,6 @@ class Resumed(Law):
         """That of the law [s], or None."""
         return self.law.period
 
-    @property
-    def of_links(self) -> bool:  # type: ignore[override]  # a class attribute elsewhere, here the law's
-        """That of the law."""
-        return self.law.of_links
-
     def _leaves(self, prefix: str = "") -> Iterator[tuple[str, Part, dataclasses.Field[Any], Any]]:
         yield from self.law._leaves(prefix)
         yield f"{prefix}state", self, self.__dataclass_fields__["state"], self.state

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plant.mechanics.arm import Arm
+from plant.mechanics.symmetric_inverse import Inverse, inverse, row_by_row
 from plant.parts.arguments import array, instance, signs
 from plant.parts.fields import Vector
 from plant.parts.labels import joint_label
@@ -152,6 +153,34 @@ class Spring(NamedTuple):
 
     torque: ca.SX
     added: ca.SX
+
+
+class Joined(NamedTuple):
+    """Motors and links in a step: motors feel each other through the links alone, so one matrix (n, n) is left.
+
+    ``alone`` (n, 1): inertia of a motor and of the spring that it drags along. ``passed``: share of its impulse that
+    its link gets. ``links``: inverse of the links' inertia, with that of the motors as far as springs hold them.
+    """
+
+    alone: ca.SX
+    passed: ca.SX
+    links: Inverse
+
+    def motors(self, speed: ca.SX, impulse: ca.SX, gained: ca.SX) -> ca.SX:
+        """Speed of the motors after an impulse, where links gained a speed."""
+        return speed + impulse / self.alone + self.passed * gained
+
+    def mobility(self) -> Inverse:
+        """Inverse inertia (n, n) that motors have against impulses."""
+        passed = ca.diag(self.passed)
+        return row_by_row(ca.diag(1 / self.alone) + passed @ self.links.matrix() @ passed)
+
+
+def joined(motor: ca.SX, link: ca.SX, added: ca.SX) -> Joined:
+    """Inertias (n, 1) of motors and (n, n) of links, joined by what the springs add."""
+    alone = motor + added
+    passed = added / alone
+    return Joined(alone, passed, inverse(link + ca.diag(passed * motor)))
 
 
 def reduced(motor: Any, link: Any) -> Any:

@@ -47,7 +47,7 @@ class LinkReference(Derived):
 
     See Also
     --------
-    ctc.FlexibleJointComputedTorque, plant.Elasticity
+    ctc.ComputedTorque, plant.Elasticity
 
     Examples
     --------

@@ -17,7 +17,6 @@ from plant.machine.rig import Rig, smooth_rig
 from plant.motion.reference import Motion, Reference
 from plant.motion.smooth import Spline
 from plant.parts.fields import Floats
-from plant.parts.user_warning import warn
 from plant.simulation.clock import Clock
 
 _QUINTIC = 5
@@ -33,16 +32,6 @@ _FIRST, _ON_A_PARABOLA = 10, 1.5
 """Samples from which the initial speed is estimated; and how far off a parabola rounding leaves them [pulses]."""
 
 
-def warn_of_motors(law: Law, reference: Reference) -> None:
-    """Warn of a law for the links on a motion that does not say where their motors have to be."""
-    if law.of_links and reference.links is reference:
-        name, given = type(law).__name__, type(reference).__name__
-        warn(
-            f"{name} moves the motors so that the links follow {given}; its counts are compared with {given} itself, "
-            "so the errors hold how far the gears wind. Follow LinkReference(arm, rig, reference)."
-        )
-
-
 class Path:
     """A reference with its counts on a rig."""
 
@@ -55,9 +44,9 @@ class Path:
         motion = self.reference(t)
         return motion, self.rig.counts(motion.q)
 
-    def setpoint(self, t: Floats, law: Law) -> Motion:
-        """What a law is given at times t (N,): the motion of the motors, or that of the links."""
-        return (self.reference.links if law.of_links else self.reference)(t)
+    def setpoint(self, t: Floats) -> Motion:
+        """What a law is given at times t (N,)."""
+        return self.reference(t)
 
     def require_fit(self, law: Law) -> None:
         """Refuse a law that serves another motion alone; most serve any, and have no such rule."""
@@ -99,7 +88,7 @@ class Logged:
         within, splines = np.clip(t, 0, self.clock.t[self.clock.rows[-1]]), self._splines[finer]
         return Motion(*(self.rig.to_angle(np.column_stack([each(within, nu) for each in splines])) for nu in range(3)))
 
-    def setpoint(self, t: Floats, law: Law) -> Motion:
+    def setpoint(self, t: Floats) -> Motion:
         """What a law is given at times t (N,)."""
         return self.smoothed(t)
 
@@ -243,7 +232,7 @@ def write_replay(record: Record, path: str | os.PathLike[str]) -> None:
     'pulses_1,pulses_2'
     """
     followed, law = path_of(record), record.law
-    motion = followed(record.t)[0] if law is None else followed.setpoint(record.t, law)
+    motion = followed(record.t)[0] if law is None else followed.setpoint(record.t)
     pulses = record.reference_pulses - record.error_pulses
     if (pulses != np.trunc(pulses)).any():
         raise ValueError("pulses of the record must be whole; got fractions. Simulate with an encoder that counts.")

@@ -60,7 +60,7 @@ def run_from(record: Record, states: Iterable[Any], finer: float = 1.0) -> Itera
     block, clock = law.block(rig), Clock.of(record)
     path, period = path_of(record, clock, smooth=not law.rounds), law.period or rig.period / _FAST
     t = np.asarray(period * np.arange(int(np.floor(clock.t[clock.rows[-1]] / period + 1e-6)) + 1), dtype=np.float64)
-    motion = path.smoothed(t, finer) if isinstance(path, Logged) else path.setpoint(t, law)
+    motion = path.smoothed(t, finer) if isinstance(path, Logged) else path.setpoint(t)
     counts, n, s = clock.between(law.replayed(record), t), rig.n, len(block.initial)
     along = _repeated(_step(block, rig).serialize(), len(t))
     columns = *(part.T for part in motion), path(t)[1].T, counts.T, np.full((1, len(t)), period)

@@ -21,7 +21,7 @@ from plant.parts.user_warning import warn
 from plant.simulation.cautions import warn_of_missing_rotors, warn_of_stiff_gears, warn_of_unstable_lag
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.followed_path import Path, path_of, start_of, warn_of_motors
+from plant.simulation.followed_path import Path, path_of, start_of
 from plant.simulation.logged_run import logged_run
 
 Injected: TypeAlias = Callable[[NDArray[Any]], ArrayLike] | ArrayLike
@@ -115,7 +115,6 @@ def run(
     path = Path(reference, rig)
     given = None if initial is None else array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
     start = path.start() if given is None else given
-    warn_of_motors(law, reference)
     motion = reference.links(clock.t)
     for line in unlikely_statements(rig, motion.q, motion.qd, [link.prismatic for link in arm.dynamics.chain.links]):
         warn(line)

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import casadi as ca
 
 from plant.machine.drive import Drive
-from plant.machine.elasticity import spring
+from plant.machine.elasticity import joined, spring
 from plant.machine.friction_step import FrictionStep
 from plant.machine.rig import Rig
 from plant.mechanics.dynamics import Dynamics
-from plant.mechanics.symmetric_inverse import inverse, row_by_row
+from plant.mechanics.symmetric_inverse import inverse
 
 
 class Following(NamedTuple):
@@ -61,36 +61,31 @@ def elastic(
 ) -> Following:  # fmt: skip
     """The step of motors and of links behind their gears; torque, h and friction as of `rigid`.
 
-    Motors and links are joined by what a spring adds to the inertia of both (`elasticity.spring`). Motors feel each
-    other through the links alone, so they are eliminated, and one matrix (n, n) is left. `motor` and `link` are
-    positions at the middle of the step and speeds at its start, (n, 1) each; motors as joints on rigid gears would have
-    them.
+    Motors and links are `joined` by what a spring adds to the inertia of both. `motor` and `link` are positions at the
+    middle of the step and speeds at its start, (n, 1) each; motors as joints on rigid gears would have them.
     """
     drive, viscous = rig.drive, friction.viscous
     coupling, rotors = drive.coupling, drive.reflected_inertia()
     speed, v = coupling.shaft(motor[1]), coupling.shaft(link[1])
     inertia = coupling.shaft_inertia(dynamics.D(link[0], f)) - ca.diag(rotors)
     held = spring(drive.elasticity, coupling.shaft(motor[0] - link[0]), speed - v, h, rotors, ca.diag(inertia))
-    alone = rotors + h / 2 * viscous
-    passed = held.added / (alone + held.added)  # share of a motor's impulse that its link gets
-    joined = inverse(inertia + ca.diag(passed * alone))
+    both = joined(rotors + h / 2 * viscous, inertia, held.added)
     pushing = h * (coupling.shaft_torque(torque) - viscous * speed - drive.joint_offset() - held.torque)
     weight = coupling.shaft_torque(dynamics.gravity(link[0], f) - rig.spring_torque(link[0]))
 
     def change(at: ca.SX) -> ca.SX:
         resisting = coupling.shaft_torque(dynamics.coriolis(link[0], coupling.joint(at), f))
-        return joined.solve(h * (held.torque - weight - resisting) + passed * pushing)
+        return both.links.solve(h * (held.torque - weight - resisting) + both.passed * pushing)
 
     gained = change(v + change(v) / 2)
-    free = speed + pushing / (alone + held.added) + passed * gained
-    mobility = row_by_row(ca.diag(1 / (alone + held.added)) + ca.diag(passed) @ joined.matrix() @ ca.diag(passed))
+    free, mobility = both.motors(speed, pushing, gained), both.mobility()
     load = None
     if drive.load_friction is not None:
         load = _transmitted(drive, friction, torque, speed, free + mobility.solve(friction.impulse) - speed)
     impulse, states = friction(mobility, -mobility.alone * free, speed, load)
     motors = coupling.joint(free + mobility.solve(impulse))
-    links = coupling.joint(v + gained + joined.solve(passed * impulse))
-    positive = functools.reduce(ca.fmin, [*joined.minors, *ca.vertsplit(ca.diag(inertia))])
+    links = coupling.joint(v + gained + both.links.solve(both.passed * impulse))
+    positive = functools.reduce(ca.fmin, [*both.links.minors, *ca.vertsplit(ca.diag(inertia))])
     return Following(motors, impulse, positive, {"link_speed": links, **states})
 
 

@@ -55,9 +55,6 @@ def in_blocks(
     """The tables of about so many samples after another; each block begins with a step of the law."""
     steps, every = loop.steps_per_sample, loop.steps_per_law
     transport, jitter = loop.rig.transport, loop.rig.jitter
-    if loop.law.of_links and not every:
-        name = type(loop.law).__name__
-        raise ValueError(f"a law that follows the links must have a period; {name} has none. Give it one.")
     if isinstance(path, Path):
         path.require_fit(loop.law)
     reading = loop.law.replays == "counts"
@@ -69,8 +66,8 @@ def in_blocks(
 
     def rows_at(i: int, t: Floats, places: NDArray[np.int_]) -> Floats:
         motion, pulses = path(t)
-        if loop.follows_motion and (i == 0 or not every):  # with elastic gears, the log is of the motors
-            motion = path.setpoint(t, loop.law)
+        if loop.follows_motion and (i == 0 or not every):
+            motion = path.setpoint(t)
         owner = places // steps  # the sample that each sub-step belongs to
         replayed = [] if logged is None else [clock.between(logged, t) if held is None else held[owner]]
         added = [] if beside is None else [beside[owner]]

@@ -129,7 +129,6 @@ def run(
     samples = math.ceil(duration / RIG.period)
     t = RIG.period * np.arange(samples)
     motion = path(t)
-    given = path.links(t) if law.of_links else motion
     data.qpos[:] = [*motion.q[0], *link]
     data.qvel[:] = [*motion.qd[0], *motion.qd[0]]
     controller = law.start(RIG, RIG.counts(motion.q[0]), guards=None)
@@ -137,7 +136,7 @@ def run(
     for k in range(samples):
         counts = RIG.counts(data.qpos[:2] + RIG.to_angle(shift))
         errors[k], links[k] = RIG.counts(motion.q[k]) - counts, data.qpos[2:]
-        torque = controller.step(counts, given.q[k], given.qd[k], given.qdd[k])
+        torque = controller.step(counts, motion.q[k], motion.qd[k], motion.qdd[k])
         data.qfrc_applied[:2] = torque
         mujoco.mj_step(engine, data, nstep=steps)
     return errors, links

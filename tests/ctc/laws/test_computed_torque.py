@@ -282,11 +282,15 @@ def test_the_prediction_alone_follows_an_arm_with_friction(coupled):
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.8, 1.0])
 @pytest.mark.parametrize("at", [(300, -700), (0, 0)], ids=["cells of a pulse", "the cell around zero, of two"])
 def test_only_what_lies_beyond_a_share_of_the_cell_corrects(share, at):
-    """Inside it the prediction stays as it is; beyond, the excess alone is multiplied by the gain."""
+    """Inside it the prediction stays as it is; beyond, the excess alone is multiplied by the gain.
+
+    The reference stands, where the share is 2.5 times as large.
+    """
     controller, at = law(dead_zone=share, bandwidth=100.0), np.array(at)
     half = 1.0 if (at == 0).all() else 0.5
     pulse, centre = RIG.to_angle(np.ones(2)), RIG.cell_centre(at)
     gain = observer_gains(controller.bandwidth * controller.observer_ratio, RIG.period)[0]
+    share = min(2.5 * share, 1)
     for beyond in (-0.3, -1e-6, 0.2):
         # The arm is predicted so far from the middle of the cell, on a reference on which nothing else acts.
         distance = np.array([1, -1]) * (share * half + beyond)
@@ -399,14 +403,14 @@ def test_a_joint_starts_faster_where_its_own_reference_begins_to_move():
     motion = q, pulse * (0.0, 2 * _BEGINS), STILL
     off = pulses + np.array([2, -3])
     boosted, plain, half = (
-        asked(law(start_boost=boost, start_time=0.05), off, q, speed, STILL)
+        asked(law(start_boost=boost, start_time=0.05, dead_zone=0.0), off, q, speed, STILL)
         for boost, speed in ((3.0, motion[1]), (1.0, motion[1]), (3.0, pulse * (0.0, _BEGINS / 2)))
     )
     assert boosted[0][0] == plain[0][0]
     assert abs(boosted[0][1] - plain[0][1]) > 1
     np.testing.assert_allclose(boosted[1][-3:], [1, np.exp(-RIG.period / 0.05), 1], rtol=1e-12)
     # At half the speed it has half of the boost: as a law with a start_boost of 2 at full speed.
-    as_much = asked(law(start_boost=2.0), off, q, motion[1], STILL)
+    as_much = asked(law(start_boost=2.0, dead_zone=0.0), off, q, motion[1], STILL)
     pulled, expected = (each[1][:6] for each in (half, as_much))
     np.testing.assert_allclose(pulled, expected, rtol=0, atol=1e-10)
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from uncertain import with_uncertainty
 
-from ctc import ComputedTorque, FlexibleJointComputedTorque, certify, tune
+from ctc import ComputedTorque, certify, tune
 from ctc.certification.cells import clopper_pearson
 from ctc.certification.samples import draw
 from ctc.certification.uncertainty import Uncertainty
 from ctc.tuning.families import families
 from ctc.tuning.search import Tunings
-from plant import Elasticity, LinkReference, puma560, simulate
+from plant import puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 START = PATH([0.0]).q[0]
@@ -78,24 +78,6 @@ def test_a_tuning_side_by_side_is_its_law_simulated(which):
     np.testing.assert_array_equal(runs.peak[5], counted)
     changes = np.abs(np.diff(record.torque, axis=0))[record.t[1:] >= 0.02].mean(axis=0)
     np.testing.assert_allclose(runs.chatter[5], changes, rtol=1e-9)
-
-
-def test_identified_gears_and_the_motion_of_links_bring_flexible_joint_computed_torque(monkeypatch):
-    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((2, np.inf),))
-    monkeypatch.setattr("ctc.tuning.search._QUIETER", 0)
-    monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
-    gears = Elasticity.from_resonance(ARM, 50, 0.02, drive=RIG.drive, q=START)
-    rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears))
-    found = families(ARM, rig, LinkReference(ARM, rig, PATH))
-    assert isinstance(found[-1].law, FlexibleJointComputedTorque)
-    assert len(found) == 1 + len(families(ARM, rig, PATH)) == 4
-    monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[3:])
-    plan = LinkReference(ARM, rig, PATH)
-    tuning = tune(ARM, rig, plan, **with_uncertainty(**STATED | {"resonance": (49, 51)}, **SHORT))
-    assert isinstance(tuning.law, FlexibleJointComputedTorque)
-    assert tuning.holds
-    log = simulate(ARM, rig, tuning.law, plan, duration=0.4)
-    assert np.abs(log.true_q[50:] - PATH(log.t[50:]).q).max() < 1e-4  # the links are on the path
 
 
 def test_plants_that_leave_join_the_search(monkeypatch):

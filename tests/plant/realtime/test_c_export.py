@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from ctc import Adaptive, ComputedTorque, ComputedTorquePID, FlexibleJointComputedTorque
+from ctc import Adaptive, ComputedTorque, ComputedTorquePID
 from plant import (
     PD,
     PID,
@@ -53,8 +53,7 @@ LAWS = {
     "PID": ComputedTorquePID(
         ARM, RIG, bandwidth=179.0, ratio=1.44, integral=66.4, roll_off=1085.0, roll_off_damping=0.99
     ),
-    "flexible joint": FlexibleJointComputedTorque(ARM, elastic_rig(), feedback=PD(
-        gain=(0.06, 0.045), derivative=(2.4e-4, 1.8e-4), filter=4000.0, period=RIG.period)),
+    "elastic gears": ComputedTorque(ARM, elastic_rig()),
     "P": puma560.p_law(),
     "springs": ComputedTorque(ARM, dataclasses.replace(RIG, springs=SPRINGS)),
 }  # fmt: skip
@@ -62,7 +61,7 @@ LAWS = {
 
 @cache
 def simulated(name):
-    if name == "flexible joint":
+    if name == "elastic gears":
         return simulate(ARM, elastic_rig(), LAWS[name], LinkReference(ARM, elastic_rig(), PATH))
     rig = dataclasses.replace(RIG, springs=SPRINGS) if name == "springs" else RIG
     return simulate(ARM, rig, LAWS[name], PATH)
@@ -428,7 +427,7 @@ def sanitized(tmp_path_factory):
 @pytest.mark.parametrize("name", STATED)
 def test_nothing_that_a_caller_gives_is_undefined(tmp_path, sanitized, name):
     law = STATED[name]
-    rig = elastic_rig() if name == "flexible joint" else RIG
+    rig = elastic_rig() if name == "elastic gears" else RIG
     law.to_c(tmp_path, rig, guards=None)
     (tmp_path / "driver.c").write_text(DRIVER)
     flags = ["-std=c99", "-O1", "-g", *SANITIZERS.split()]
