@@ -24,11 +24,9 @@ _SLIDES, _BEGINS, _NEAR = 30.0, 10.0, 5.0
 """Speeds [pulses/s] from which on Coulomb friction is fed forward in full, and the start has all of its boost; and the
 error [pulses] beyond which the boost is less in proportion: it would take the torque from limit to limit."""
 
-_STANDING = 2.5
-"""By which the dead zone is wider for joints whose reference stands: counts that flip there tell of no motion."""
-
-_SWEEPS = 4
-"""Over the joints, of the predicted friction; they start from the impulse of the sample before."""
+_STANDING, _SWEEPS = 2.5, 4
+"""By which the dead zone is wider for joints whose reference stands: counts that flip there tell of no motion; and
+sweeps over the joints, of the predicted friction: they start from the impulse of the sample before."""
 
 _MOST, _SETTLES = 0.5, 10.0
 """Bandwidth times period, at most, of a boosted regulator; time constants of an unboosted one, in which it settles."""
@@ -42,7 +40,8 @@ class ComputedTorque(ModelLaw):
     h-hat and friction as a set: a joint that sticks is predicted to stick. Only by what the counts show beyond a share
     of their quantisation cell it corrects the error, its rate, and a disturbance torque delta, joint by joint, with a
     Kalman filter's gains. The feedback is a linear-quadratic regulator's, with the inertia J that each joint feels,
-    1 / (D^-1)_jj. Coulomb friction, fed forward along the desired speed, does not jump where the motion turns back.
+    1 / (D^-1)_jj. Coulomb friction, fed forward along the desired speed, does not jump where the motion turns back. On
+    elastic gears of the rig, stated or identified, links are predicted apart from their motors, which follow q_r.
 
     Parameters
     ----------
@@ -53,13 +52,13 @@ class ComputedTorque(ModelLaw):
     bandwidth : float, optional
         Of the regulator [rad/s]: its poles have this magnitude. By default with an arm 360, since it does not say how
         well it is known; with an identification 145, or 100 where friction was identified too; at most 0.3 over the
-        period, and less on its elastic gears, so that it is stable with 40 % to spare; `tune` finds others.
+        period, and less on elastic gears, so that it is stable with something to spare; `tune` finds others.
     observer_ratio : float
         Bandwidth of the observer, as a multiple of the regulator's.
     dead_zone : float, optional
-        Share of the quantisation cell, 0 to 1, within which an innovation corrects nothing, and 2.5 times that, at most
-        the cell, where the reference stands: more is less torque chatter, and slower to see what the model lacks. By
-        default 0 with an arm, with an identification 0.2, or 0.4 where friction was identified too.
+        Share of the quantisation cell, 0 to 1, within which an innovation corrects nothing (2.5 times that where the
+        reference stands): more is less torque chatter, and slower to see what the model lacks. By default 0 with an
+        arm, with an identification 0.2, or 0.4 where friction was identified too.
     friction : bool
         Know the friction of the rig: fed forward, and predicted.
     learn_friction : bool
@@ -70,12 +69,14 @@ class ComputedTorque(ModelLaw):
     start_boost, start_time : float
         Where a joint begins to move or turns back, its regulator is `start_boost` times as fast, the observer the
         square root of that, and both settle with the time constant `start_time` [s], by default 10 over the bandwidth:
-        until it breaks loose, static friction hides what gravity is off, and what friction is off changes its sign.
+        until it breaks loose, static friction hides what gravity is off. Not on gears that are predicted.
     measured : bool
         Evaluate D-hat and h-hat at the observed q and qd instead of the reference.
     delay : int
         Samples, 0 or 1, by which the torque acts later than its own sample (a controller that needs the whole period
         to compute); the observer predicts across it.
+    gear_gains : (m,) numpy.ndarray, optional
+        Worked out from the rest; None on rigid gears, with backlash, too fast for the period, encoders on the links.
 
     Raises
     ------
@@ -144,14 +145,9 @@ class ComputedTorque(ModelLaw):
     def _learns(self) -> bool:
         return self.friction and self.learn_friction
 
-    @property
-    def _on_gears(self) -> bool:
-        """Whether links are predicted apart from their motors."""
-        return self.gear_gains is not None
-
     def initial_state(self, n: int) -> NDArray[np.float64]:
         """On the reference with nothing applied yet; every joint has all of its boost; no sample taken."""
-        rows = 5 + self.delay + 5 * self._learns + 4 * self._on_gears
+        rows = 5 + self.delay + 5 * self._learns + 4 * (self.gear_gains is not None)
         return np.concatenate([np.zeros(rows * n), np.ones(n), [0.0]])
 
     def start(
@@ -214,9 +210,9 @@ class ComputedTorque(ModelLaw):
         """One sample: what acted -> predict -> correct -> feed back -> torque. Source: paper Fig. 2."""
         n, drive = self.arm.n, self.rig.drive
         e, rate, delta, before, impulse, *pending, fresh = (
-            state[i * n : (i + 1) * n] for i in range(6 + self.delay + 5 * self._learns + 4 * self._on_gears)
+            state[i * n : (i + 1) * n] for i in range((state.numel() - 1) // n)
         )
-        begun, coupling, of_links = state[-1], drive.coupling, pending[-4:] if self._on_gears else []
+        begun, coupling, of_links = state[-1], drive.coupling, [] if self.gear_gains is None else pending[-4:]
         if self._learns:
             pending, (coulomb, drag, *recent) = pending[: self.delay], pending[self.delay : self.delay + 5]
         gears, needed, link = gears_along(self, setpoint, (e, rate), of_links, begun, dt)
