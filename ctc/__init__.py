@@ -11,7 +11,7 @@ Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above
 `stability`     the error loop linearised, its margins, gains by design (python-control)
 `verdict`       `evaluate` one arm under one controller, `compare` several, animate
 `payload`       a load in the gripper, identified and taken into the model while the arm runs
-`laws`          computed torque (observer, PID, integral, flexible joints), feed-forward, adaptive ...
+`laws`          computed torque (observer, PID, integral), feed-forward, adaptive ...
 `figures`       figures of records and results, in one style
 =============== ====================================================================================================
 

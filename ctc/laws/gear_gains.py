@@ -40,7 +40,7 @@ def gear_gains(arm: Arm, rig: Rig, bandwidth: float, observer: float) -> Floats 
         return None
     shares = rotors * np.diagonal(np.linalg.inv(D), axis1=1, axis2=2)
     least, most = shares.min(axis=0), shares.max(axis=0)
-    middle, half = (most + least) / 2, np.maximum((most - least) / 2, 1e-3 * most)
+    middle, half = (most + least) / 2, np.maximum(most - least, 0.1 * (1 - most)) / 2
     nodes = np.cos(np.pi * (np.arange(POWERS) + 0.5) / POWERS)
     one_joint, fits = _one_joint(), np.empty((GAINS, POWERS, n))
     for j in range(n):

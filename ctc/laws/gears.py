@@ -132,8 +132,8 @@ def braked(
     v^2 = 2 a e; `needed` (n, 1) is the shafts' torque without the regulator's [N m].
     """
     limit = ca.fabs(rig.drive.torque_limit())
-    braking = ca.fmax((limit - ca.fabs(needed)) / 2, limit / 20) * gears.mobility.diagonal
-    nearer = ca.sqrt(ca.fmax(ca.fabs(deviation[0]) / (4 * braking / bandwidth**2), 1))
+    braking = ca.fmax((limit - ca.fabs(needed)) / 2, limit / 20)  # maybe without a limit: to divide by, no more
+    nearer = ca.sqrt(ca.fmax(bandwidth**2 / 4 * gears.mobility.alone * ca.fabs(deviation[0]) / braking, 1))
     return tuple(each if i % 2 else each / nearer for i, each in enumerate(deviation))
 
 

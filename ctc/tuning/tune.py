@@ -36,10 +36,9 @@ def tune(
 ) -> Tuning:  # fmt: skip
     """Find the controller with the least torque chatter that keeps its limit over the stated uncertainty.
 
-    Of computed torque with observer, computed torque with a PID that rolls off, feed-forward with PD and, along a
-    `LinkReference` of identified gears, flexible-joint computed torque with PD, tunings are searched by the genetic
-    algorithm on samples of the uncertainty, and the best are tested on independent ones. Torque chatter is the mean
-    change of the torque from one sampling instant to the next.
+    Of computed torque with observer, computed torque with a PID that rolls off, and feed-forward with PD, tunings are
+    searched by the genetic algorithm on samples of the uncertainty, and the best are tested on independent ones. Torque
+    chatter is the mean change of the torque from one sampling instant to the next.
 
     Parameters
     ----------

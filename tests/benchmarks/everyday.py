@@ -14,11 +14,11 @@ covariance. Whole PUMA 560 and UR5e: f 1 % and friction 5 % uncertain. A cell is
 at any sample, in brackets after the first 0.3 s, and the median torque chatter of the worst joint (mean absolute change
 from sample to sample) [N m]. With --old the same of another checkout that has `everyday_motions`.
 
-With --mujoco the paper's arm with 1.5 kg in another engine, on gears of 400 Hz (for rigid ones) to 60 Hz, damping ratio
-0.02: f and friction identified from one P log of that engine on 400 Hz, so many runs, each with other zeros of the
-encoders. A cell is the runs that stay within ±1 pulse, the share of samples that do, and the largest error. With
---friction the friction that the controller believes is off: arms that exceed ±1 pulse in the first, the second and the
-fourth period.
+With --mujoco the paper's arm with 1.5 kg in another engine, on gears of 400 Hz (for rigid ones) to 15 Hz, damping ratio
+0.02: f and friction identified from one P log of that engine on 400 Hz, or from one on these gears, and the gears, too;
+so many runs, each with other zeros of the encoders. A cell is the runs that stay within ±1 pulse, the share of samples
+that do, the largest error, and the mean torque chatter of the worst joint [N m]. With --friction the friction that the
+controller believes is off: arms that exceed ±1 pulse in the first, the second and the fourth period.
 """
 
 import argparse
@@ -141,33 +141,43 @@ def engine(runs):
     from mujoco_elastic import RIG, p_loop, run
 
     arm, random = puma560.literature_arm(1.5), np.random.default_rng(0)
-    gears = {hz: Elasticity.from_resonance(arm, hz, 0.02, drive=RIG.drive) for hz in (400, 200, 100, 60)}
-
-    def elastic(hz):
-        return dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears[hz]))
+    gears = {hz: Elasticity.from_resonance(arm, hz, 0.02, drive=RIG.drive) for hz in (400, 200, 100, 60, 40, 25, 15)}
+    law, path = puma560.p_law(), puma560.reference()
 
     def hanging(hz, path):
-        return simulate(arm, elastic(hz), law, path, duration=2 * RIG.period).true_q[0]
+        rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears[hz]))
+        return simulate(arm, rig, law, path, duration=2 * RIG.period).true_q[0]
 
-    law = puma560.p_law()
-    path = puma560.reference()
-    log = p_loop(arm, gears[400], np.array(law.gain), hanging(400, path), path.duration, 20)
-    found = identify(arm.dynamics, log, seed=1, unknown=[*arm.dynamics.names, *frictions(2)], progress=False)
-    law, motions = ComputedTorque(found), everyday_motions(found.arm, found.rig) | {"trajectory (6)": path}
-    print(f"| gears | {' | '.join(motions)} |\n|{'---|' * (len(motions) + 1)}")
-    for hz, elasticity in gears.items():
-        cells = []
-        for path in motions.values():
-            errors = [
-                run(
-                    arm, elasticity, law, hanging(hz, path), path, path.duration, 20, shift=random.uniform(-0.5, 0.5, 2)
-                )[0]
+    def identified(hz, **options):
+        log = p_loop(arm, gears[hz], np.array(law.gain), hanging(hz, path), path.duration, 20)
+        unknown = [*arm.dynamics.names, *frictions(2)]
+        return identify(arm.dynamics, log, seed=1, unknown=unknown, progress=False, **options)
+
+    rigid = identified(400)
+    motions = everyday_motions(rigid.arm, rigid.rig) | {"trajectory (6)": path}
+    print(f"| gears, as the controller knows them | {' | '.join(motions)} |\n|{'---|' * (len(motions) + 1)}")
+    for hz, known in [
+        (400, False),
+        (200, False),
+        (100, False),
+        (60, False),
+        (60, True),
+        (40, True),
+        (25, True),
+        (15, True),
+    ]:
+        controller, cells = ComputedTorque(identified(hz, elasticity=True) if known else rigid), []
+        for motion in motions.values():
+            begin = hanging(hz, motion)
+            tried = [
+                run(arm, gears[hz], controller, begin, motion, motion.duration, 20, shift=random.uniform(-0.5, 0.5, 2))
                 for _ in range(runs)
             ]
-            largest = np.abs(errors).max(axis=2)
+            largest = np.abs([errors for errors, _, _ in tried]).max(axis=2)
+            chatter = np.mean([np.abs(np.diff(torque, axis=0)).mean(axis=0) for _, _, torque in tried], axis=0).max()
             within = (largest.max(axis=1) <= 1).sum()
-            cells.append(f"{within}/{runs} {(largest <= 1).mean():.2%} {largest.max():.0f}")
-        print(f"| {hz} Hz | {' | '.join(cells)} |", flush=True)
+            cells.append(f"{within}/{runs} {(largest <= 1).mean():.2%} {largest.max():.0f} {chatter:.2f}")
+        print(f"| {hz} Hz, {'identified' if known else 'rigid'} | {' | '.join(cells)} |", flush=True)
 
 
 def friction(samples):

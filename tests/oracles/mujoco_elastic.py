@@ -120,7 +120,7 @@ class MujocoArm:
 def run(
     arm, elasticity, law, link, path=PATH, duration=DURATION, steps=STEPS, friction=(1.0, 1.0), shift=(0.0, 0.0)
 ):  # fmt: skip
-    """Counted errors (N, 2) of the motors, angles (N, 2) of the links, which start at `link`.
+    """Counted errors (N, 2) of the motors, angles (N, 2) of the links, which start at `link`, and torques (N, 2).
 
     `shift` is where the encoders' zeros are between two pulses.
     """
@@ -132,11 +132,11 @@ def run(
     data.qpos[:] = [*motion.q[0], *link]
     data.qvel[:] = [*motion.qd[0], *motion.qd[0]]
     controller = law.start(RIG, RIG.counts(motion.q[0]), guards=None)
-    errors, links = np.empty((samples, 2)), np.empty((samples, 2))
+    errors, links, torques = np.empty((3, samples, 2))
     for k in range(samples):
         counts = RIG.counts(data.qpos[:2] + RIG.to_angle(shift))
         errors[k], links[k] = RIG.counts(motion.q[k]) - counts, data.qpos[2:]
-        torque = controller.step(counts, motion.q[k], motion.qd[k], motion.qdd[k])
-        data.qfrc_applied[:2] = torque
+        torques[k] = controller.step(counts, motion.q[k], motion.qd[k], motion.qdd[k])
+        data.qfrc_applied[:2] = torques[k]
         mujoco.mj_step(engine, data, nstep=steps)
-    return errors, links
+    return errors, links, torques

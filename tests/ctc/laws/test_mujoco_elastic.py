@@ -22,7 +22,7 @@ def test_links_and_motors_move_as_in_another_engine(hz):
     law = FeedForward(arm, RIG, feedback=PD(
         gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0, period=RIG.period))  # fmt: skip
     ours = simulate(arm, rig, law, PATH, duration=DURATION, steps_per_sample=16)
-    errors, links = run(arm, elasticity, law, ours.true_q[0])
+    errors, links, _ = run(arm, elasticity, law, ours.true_q[0])
     assert np.abs(errors).max() <= 2
     assert np.abs(ours.error_pulses).max() <= 2
     deflection = np.abs(RIG.cell_centre(ours.counts) - ours.true_q).max()
@@ -36,7 +36,7 @@ def test_a_verdict_that_is_true_on_a_rigid_arm_fails_in_both_engines():
     rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=elasticity))
     law = ComputedTorque(arm, RIG, bandwidth=150)
     ours = simulate(arm, rig, law, PATH, duration=DURATION, steps_per_sample=16)
-    errors, _ = run(arm, elasticity, law, ours.true_q[0])
+    errors, _, _ = run(arm, elasticity, law, ours.true_q[0])
     for each in (errors, ours.error_pulses):
         assert (np.abs(each).max(axis=1) <= 1).mean() < 0.2
     assert (np.abs(simulate(arm, RIG, law, PATH, duration=DURATION).error_pulses) <= 1).all()
@@ -65,7 +65,7 @@ def test_links_of_another_engine_follow(law, share):
     rig, real = (dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=e)) for e in (known, true))
     motors, controller = LinkReference(arm, rig, PATH), law(arm, rig)
     hanging = simulate(arm, real, controller, motors, duration=2 * RIG.period).true_q[0]
-    errors, links = run(arm, true, controller, hanging, motors, PATH.duration, 20)
+    errors, links, _ = run(arm, true, controller, hanging, motors, PATH.duration, 20)
     t = RIG.period * np.arange(len(links))
     rms = 1e3 * np.sqrt(((PATH(t).q - links) ** 2).mean(axis=0))
     assert (rms < 0.04 + 0.9 * abs(1 / share - 1)).all()
