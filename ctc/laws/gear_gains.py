@@ -23,7 +23,7 @@ _DOUBLINGS = 20
 
 
 def gear_gains(arm: Arm, rig: Rig, bandwidth: float, observer: float) -> Floats | None:
-    """Table of `ElasticGears`, or None where gears are rigid, or swing too fast for the period.
+    """Table of `ElasticGears`, or None where gears are rigid, swing too fast for the period, or rotors are all of D.
 
     Gains of each joint alone, with the inertia 1 / (D^-1)_jj that it feels at a pose: Kalman filter and
     linear-quadratic regulator of motor, link and their speeds, the filter with a disturbance torque on the motor. Noise
@@ -34,6 +34,9 @@ def gear_gains(arm: Arm, rig: Rig, bandwidth: float, observer: float) -> Floats 
     if elasticity is None:
         return None
     D = _inertias(arm, rig)
+    D = D[np.linalg.eigvalsh(D - np.diag(rotors)).min(axis=1) > 0]
+    if len(D) < _POSES / 2:
+        return None
     mobility = np.linalg.inv(D - np.diag(rotors)) + np.diag(1 / rotors)  # of motors against their links
     swings = np.linalg.eigvals(elasticity.stiffness[:, None] * mobility).real
     if np.median(swings.max(axis=1)) * dt**2 > _FOLLOWED:

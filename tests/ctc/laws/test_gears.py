@@ -138,6 +138,8 @@ def test_gears_are_predicted_where_they_can_be():
     assert known(gears(25, backlash=(1e-4, 0.0))).gear_gains is None
     link = dataclasses.replace(gears(25), encoder=dataclasses.replace(RIG.encoder, side="link"))
     assert known(link).gear_gains is None
+    heavy = dataclasses.replace(gears(25).drive, motor_inertia=1.9 * RIG.drive.motor_inertia)  # than D at most poses
+    assert known(dataclasses.replace(RIG, drive=heavy)).gear_gains is None
     law = known(gears(25, backlash=(0.0, 0.0)))
     assert len(law.gear_gains) == 2 * (2 + 36)
     faster = dataclasses.replace(law, bandwidth=120.0)
