@@ -77,7 +77,7 @@ def compared(laws):
 
 def trial():
     return Trial(family=NASTY[0], law=LAW, numbers={f"a_variable_{i}": 150.0 for i in range(5)}, left=3,
-                 of=2000, allowed=0, chatter=np.array([1.0, 2.0]), noise=0.1)  # fmt: skip
+                 of=2000, allowed=0, peak=2.0, chatter=np.array([1.0, 2.0]), noise=0.1)  # fmt: skip
 
 
 def gears():

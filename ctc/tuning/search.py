@@ -229,7 +229,7 @@ class Tunings:
                 Trial(
                     family=self.family.name, law=self.family.tuned(row),
                     numbers=dict(zip(self.family.variables, row.tolist(), strict=True)), left=int(lost.sum()),
-                    of=len(lost), allowed=self._most(len(lost)), chatter=chatter,
+                    of=len(lost), allowed=self._most(len(lost)), peak=float(runs.peak.max()), chatter=chatter,
                     noise=float((chatter / self.scale).mean()),
                 )
             )  # fmt: skip

@@ -33,6 +33,8 @@ class Trial(Shown, Frozen):
         Samples that exceed the limit, and of how many: a check ends early where more do than may.
     allowed : int
         Samples that may.
+    peak : float
+        Largest tracking error of any of them [pulses]; infinite where one diverged.
     chatter : (n,) numpy.ndarray
         Mean change of the torque from sample to sample, mean of the samples [N m]; infinite where one diverged.
     noise : float
@@ -45,6 +47,7 @@ class Trial(Shown, Frozen):
     left: int
     of: int
     allowed: int
+    peak: float
     chatter: NDArray[np.float64]
     noise: float
 
@@ -122,6 +125,9 @@ class Tuning(Shown, Frozen):
         where = f"all but {most} of {self.fresh} samples" if most else "all samples"
         if not self.holds:
             yield Verdict(f"No controller keeps the limit on {where}; with this one the fewest exceed it.", False)
+            near, quiet = (min(self.trials, key=key) for key in (lambda each: each.peak, lambda each: each.noise))
+            yield f"least peak: {near.peak:.0f} pulses, {near.family} ({near.tuned})"
+            yield f"least chatter: {quiet.chatter.max():.2g} N m, {quiet.family} ({quiet.tuned})"
         yield from self.certificate._shown()
         yield "the best tuning of each family, on independent validation samples:"
         yield self._table()

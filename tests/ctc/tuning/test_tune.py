@@ -153,7 +153,11 @@ def test_where_nothing_holds_it_says_so(monkeypatch):
     monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
     found = tune(ARM, RIG, PATH, **with_uncertainty(**STATED | {"friction": 1.0}, **SHORT, within=0.1))
     assert not found.holds
-    assert "No controller keeps the limit on all samples" in str(found)
+    text = " ".join(str(found).split())
+    assert "No controller keeps the limit on all samples" in text
+    assert f"least peak: {min(trial.peak for trial in found.trials):.0f} pulses, " in text
+    quiet = min(found.trials, key=lambda trial: trial.noise)
+    assert f"least chatter: {quiet.chatter.max():.2g} N m, {quiet.family} (" in text
     assert found.certificate.failures > 0
 
 
