@@ -44,10 +44,12 @@ def without(rows, *names):
     "columns",
     [
         without([2000], "q1"),
-        without([2000], "asked2"),
-        without(slice(100, 150), "q1", "q2"),
+        pytest.param(without([2000], "asked2"), marks=pytest.mark.slow),
+        pytest.param(without(slice(100, 150), "q1", "q2"), marks=pytest.mark.slow),
         without(slice(3000, 3050), "q1", "q2", "asked1", "asked2"),
-        {name: np.delete(value, slice(1000, 1080)) for name, value in table().items()},
+        pytest.param(
+            {name: np.delete(value, slice(1000, 1080)) for name, value in table().items()}, marks=pytest.mark.slow
+        ),
     ],
     ids=["a position", "a reference", "50 positions", "50 of all", "80 rows"],
 )

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from spoilt import LIES, healthy, told
+from spoilt import DT, LIES, healthy, told
 
 CASES = {
     ("sign", "hold"): "no torque since joint 2 (q[0]) grew faster in the stop",
-    ("swap", "motion"): "no torque since joint 2 (q[0]) ran away: joint 2 (q[0]) is",
+    ("sign", "motion"): "no torque since joint 2 (q[0]) ran away: joint 2 (q[0]) moved by",
+    ("swap", "motion"): "no torque since joint 2 (q[0]) ran away: joint 2 (q[0]) moved by",
     ("swap", "hold"): "no torque since",
     ("nan", "motion"): "no whole numbers",
     ("double", "motion"): "holding: calls lost or doubled",
@@ -22,6 +23,14 @@ def test_a_stop_is_no_faster_than_no_torque_and_soon_off_the_limit(name, when):
     assert np.abs(run.speed[run.stop :]).max() <= 1.05 * np.abs(run.alone).max()
     assert run.energy[run.stop :].max() <= 1.05 * run.energy_alone.max()
     assert run.at_limit <= 0.05
+
+
+@pytest.mark.parametrize("name", ["sign", "swap"])
+@pytest.mark.parametrize("mujoco", [False, True])
+def test_a_joint_that_moves_against_its_torque_stops_the_arm_within_20_ms(name, mujoco):
+    run = told(LIES[name], "motion", end=100, mujoco=mujoco)
+    assert "against its torque, which is at its limit" in run.status
+    assert run.stop * DT < 0.02
 
 
 @pytest.mark.parametrize("name", ["frozen", "sign", "swap"])

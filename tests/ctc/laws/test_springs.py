@@ -111,6 +111,7 @@ def test_a_ramp_to_gravity_ends_where_the_arm_is_held():
     np.testing.assert_allclose(torque, ARM.h(here, still) + K * (here - REST), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_certificate_has_the_springs_and_draws_those_that_were_identified():
     law = LAWS["feed-forward"](SPRUNG)
     stiffer = dataclasses.replace(SPRUNG, springs=dataclasses.replace(SPRINGS, stiffness=3 * K))

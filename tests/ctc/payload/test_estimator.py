@@ -183,6 +183,7 @@ def test_laws_that_cannot():
         PayloadEstimator(LAW, beside=False).start(ARM, [0, 0])
 
 
+@pytest.mark.slow
 def test_the_whole_arm():
     """All six joints of the PUMA 560, with 2.5 kg in front of the flange, on a motion of all of them."""
     robot = read_robot("puma560")

@@ -102,6 +102,7 @@ def test_plants_that_leave_join_the_search(monkeypatch):
     assert max(seen) > 1
 
 
+@pytest.mark.slow
 def test_it_goes_on_from_the_first_that_holds_and_gives_up_what_is_beaten(monkeypatch):
     monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((2, np.inf),) * 2)
     monkeypatch.setattr("ctc.tuning.search._GAIN", 1.0)

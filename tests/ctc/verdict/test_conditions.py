@@ -112,7 +112,8 @@ def test_a_path_that_leaves_the_log_is_named(found, certified):
     assert "leaves what the log" not in within.verdict
 
 
-@pytest.mark.parametrize("share", [0.5, pytest.param(2.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.5, 2.0])
 def test_gears_that_the_log_would_have_shown_are_named(certified, share):
     """Whoever states them is told that they are not this arm's; of stiffer ones nothing is said."""
     plain = certified(PATH)
@@ -146,6 +147,7 @@ def test_an_arm_alone_has_no_log():
     assert "log" not in certificate.verdict
 
 
+@pytest.mark.slow
 def test_samples_show_nothing_above_half_their_rate():
     """A log of known torques at 1 kHz of fine encoders, in which the innovations alone would show 1 kHz."""
     rig = dataclasses.replace(

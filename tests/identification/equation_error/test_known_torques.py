@@ -120,6 +120,7 @@ def test_a_known_spring_costs_nothing(plain, sprung):
     assert "warning" not in known.summary()
 
 
+@pytest.mark.slow
 def test_stiffness_and_angle_are_found_with_f_by_every_method_that_may(sprung):
     start = JointSpring(stiffness=(40.0, 40.0), angle=(0.0, -0.4))
     record = dataclasses.replace(sprung, rig=dataclasses.replace(RIG, springs=start))

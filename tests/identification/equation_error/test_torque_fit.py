@@ -132,6 +132,7 @@ def test_standard_deviations_are_those_of_repeated_experiments(made):
     np.testing.assert_allclose(sigma[0] / sigma[1:], 10, rtol=0.1)
 
 
+@pytest.mark.slow
 def test_scatter_is_that_of_the_noise_however_few_the_equations(made):
     """33 equations for 11 numbers: what the fit takes up of the noise is given back."""
     dynamics, rig, _, motion, torque = made

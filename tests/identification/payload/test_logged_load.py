@@ -217,6 +217,7 @@ def test_bad_input_is_refused(change, says):
 
 
 # -- an arm that was identified ----------------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_what_is_uncertain_of_the_arm_is_uncertain_of_the_load():
     """Under PID the log tells f more closely than the identification did, and contradicts an arm taken as exact."""
     unknown = (*ARM.dynamics.names, *(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in (0, 1)))

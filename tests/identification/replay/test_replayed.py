@@ -78,6 +78,7 @@ def test_the_simulated_runs_begin_where_the_zeros_are():
     assert found().diagnostics.difference < 0.5 * found(zeros=False).diagnostics.difference
 
 
+@pytest.mark.slow
 def test_the_torque_equation_begins_near_the_truth():
     """In the band where it holds best; what is known is not searched but taken into account."""
     equal = ranges()
@@ -189,6 +190,7 @@ def test_samples_without_weight_are_as_good_as_none():
     assert (innovations[0][300:320] == 0).all()
 
 
+@pytest.mark.slow
 def test_a_log_of_computed_torque_tells_f_by_its_torques():
     """The law's own state is in no log, but what it asked for is."""
     arm, robot_rig = puma560.arm(), puma560.rig()

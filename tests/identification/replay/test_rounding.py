@@ -61,6 +61,7 @@ def test_innovations_in_parts_have_the_same_bits(monkeypatch):
     assert np.isfinite(whole).all()
 
 
+@pytest.mark.slow
 def test_estimates_have_no_bias():
     """Five logs from other phases: the mean of f6, whose bias is 1.3 standard deviations without the correction."""
     off = []

@@ -73,6 +73,7 @@ def test_intervals_count_an_offset_that_the_rig_lacks():
     assert any("torques have an offset that the rig lacks" in text for text in found.warnings)
 
 
+@pytest.mark.slow
 def test_a_right_rig_is_counted_too_unless_it_is_exact():
     wide = identify(ARM.dynamics, log(), progress=False)
     narrow = identify(ARM.dynamics, log(), progress=False, tolerances=Tolerances.none())

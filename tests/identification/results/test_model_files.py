@@ -253,6 +253,7 @@ def test_identified_friction_is_written_joint_side(identified, tmp_path):
     assert inertials_removed((tmp_path / "b.urdf").read_text()) == inertials_removed((folder / "arm.urdf").read_text())
 
 
+@pytest.mark.slow
 def test_an_mjcf_comes_back_from_pulses_with_the_robot_s_torques(tmp_path):
     """File -> log of a robot that is 10 % another -> identification -> file, whose torques are the robot's."""
     source, target, rig = tmp_path / "arm.xml", tmp_path / "found.xml", puma560.rig()

@@ -33,9 +33,8 @@ def logged(kind):
     "kind",
     [
         "P",
-        "without torque",
         "torque",
-        *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("in motion", "as counts")),
+        *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("without torque", "in motion", "as counts")),
     ],
 )
 def test_the_run_that_is_drawn_is_the_one_that_was_judged(kind, tmp_path):

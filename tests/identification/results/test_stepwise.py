@@ -56,6 +56,7 @@ def test_a_rigid_robot_is_accused_of_nothing(rigid):
     assert rigid.warnings == []
 
 
+@pytest.mark.slow
 def test_a_rigid_robot_that_swings_between_counts_is_accused_of_nothing():
     """A UR5e at 2 ms, whose joints stand and turn back within one coarse sub-step."""
     robot = read_robot("ur5e")
@@ -68,6 +69,7 @@ def test_a_rigid_robot_that_swings_between_counts_is_accused_of_nothing():
     assert found.warnings == []
 
 
+@pytest.mark.slow
 def test_what_would_be_seen_is_stated(rigid):
     """Twice the least visible lag is seen; friction from a few per cent on, compliance somewhere from 100 to 200 Hz."""
     visible = {name: value for sign in rigid.diagnostics.detection.signs for name, value in sign.visible.items()}
@@ -176,6 +178,7 @@ def test_same_bits_on_any_number_of_threads():
     assert one == two
 
 
+@pytest.mark.slow
 def test_a_fast_law_with_a_memory_is_tested_in_its_loop():
     """Its torque changes between samples; the loop with the law in it is simulated."""
     fast = log(law=PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0))

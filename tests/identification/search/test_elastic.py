@@ -44,7 +44,7 @@ def holds(resonance, hz):
     return (resonance.low <= hz) & (hz <= resonance.high)
 
 
-@pytest.mark.parametrize("hz", [(25, 25), (60, 40)])
+@pytest.mark.parametrize("hz", [(25, 25), pytest.param((60, 40), marks=pytest.mark.slow)])
 def test_resonances_are_found_and_their_intervals_hold_them(hz):
     result = found(hz)
     resonance = result.fit.resonance
@@ -88,6 +88,7 @@ def test_what_a_rig_says_is_a_guess_that_may_be_far_off():
     np.testing.assert_allclose(again.hz, found((60, 40)).fit.resonance.hz, rtol=0.01)
 
 
+@pytest.mark.slow
 def test_one_gear_unknown_and_the_others_known():
     record = dataclasses.replace(log((60, 40)), rig=on(gears((60, 100))))
     result = identify(ARM.dynamics, record, unknown=(*NAMES, GEARS[1]), progress=False)

@@ -75,6 +75,7 @@ def test_a_p_log_without_reference_that_was_cut_begins_at_the_speed_of_its_count
     assert (np.sqrt(np.diag(found.fit.noise_covariance)) / WIDTH).max() < 0.1
 
 
+@pytest.mark.slow
 def test_a_log_that_began_with_its_law_needs_no_state():
     found = identify(ARM.dynamics, log("PID"), progress=False)
     assert found.fit.resumptions == ()

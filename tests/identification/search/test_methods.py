@@ -104,6 +104,7 @@ def test_same_seed_same_bits_on_any_number_of_threads():
     assert (found().initial_population != runs[0].initial_population).any()
 
 
+@pytest.mark.slow
 def test_friction_that_is_unknown_is_found_within_five_per_cent():
     names = ("drive.viscous[0]", "drive.coulomb[0]", "drive.viscous[1]", "drive.coulomb[1]")
     drive = dataclasses.replace(RIG.drive, viscous=(0.3e-3, 3e-3), coulomb=(0.05, 0.3))  # what the user believes
@@ -114,6 +115,7 @@ def test_friction_that_is_unknown_is_found_within_five_per_cent():
     assert np.median(off(result.f)) < 1.5
 
 
+@pytest.mark.slow
 def test_gains_that_are_unknown_come_back_in_the_law():
     law = puma560.p_law((0.19, 0.16))
     result = identify(
@@ -212,7 +214,8 @@ def test_plot_draws_errors_innovations_spectrum_and_intervals():
     matplotlib.pyplot.close(axes[0].figure)
 
 
-@pytest.mark.parametrize("method", [pytest.param("seeded", marks=pytest.mark.slow), "equation_error"])
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["seeded", "equation_error"])
 def test_a_log_under_computed_torque_repeats_its_torques(method):
     """Its law has a memory that no log holds; its torques are in the log."""
     law = ComputedTorque(puma560.arm(), RIG, bandwidth=50.0)

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from plant.compiler.cache_folder import CACHE_VARIABLE
 from plant.compiler.kernel_cache import AVX512_VARIABLE
@@ -19,6 +20,7 @@ ROOT = Path(__file__).resolve().parents[3]
 RUN = """
 import sys
 import numpy as np
+import pytest
 from numba.core.registry import cpu_target
 from identification import Objective
 from plant import puma560, simulate
@@ -58,6 +60,7 @@ def test_counts_and_costs_are_the_same_and_true_positions_agree(tmp_path):
     assert np.array_equal(narrow["true"], usual["true"]) == (not usual["wide"])
 
 
+@pytest.mark.slow
 def test_translation_and_machine_code_pass_without_avx512(tmp_path):
     """Sine and cosine against mpmath, every operation against casadi, vectors and calls in the loop of a population."""
     tests = [Path(__file__).with_name(f"test_{name}.py") for name in ("translate", "assembly")]

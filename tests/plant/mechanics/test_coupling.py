@@ -195,6 +195,7 @@ def test_casadi_referees_the_kernel_of_a_coupled_arm():
         np.testing.assert_allclose(fast.true_q, slow.true_q, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_coupled_arm_of_random_truth_is_identified_and_tracked_within_one_pulse():
     dynamics, rig, f, guess = coupled_planar(1)
     width = np.maximum(0.5 * np.abs(guess), 0.1)

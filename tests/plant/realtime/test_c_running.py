@@ -61,7 +61,7 @@ class InC:
 COUNTED = [name for name in LIES if name != "nan"]  # NaN is no int32_t
 
 
-@pytest.mark.parametrize("when", ["rest", "motion", "hold"])
+@pytest.mark.parametrize("when", ["motion", *(pytest.param(when, marks=pytest.mark.slow) for when in ("rest", "hold"))])
 def test_it_does_what_python_does_whatever_happens(tmp_path, when):
     law = ComputedTorque(puma560.literature_arm(1.5), RIG, bandwidth=250.0)
     start = np.array([0.3, -0.4]) if when == "rest" else PATH(np.zeros(1)).q[0]
