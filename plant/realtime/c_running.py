@@ -78,7 +78,8 @@ def translated() -> str:
 
 
 _CAUSES = ("RUNNING", "WAS_LATE", "HAD_GAPS", "HAS_JUMPED", "IS_STUCK", "IS_OFF", "NO_TORQUE", "IS_SATURATED",
-           "CHATTERS", "NO_COUNTS", "IS_DEAD", "BAD_TIME", "OFF_BEAT", "OUTSIDE", "TOO_FAST", "TOO_STEEP")  # fmt: skip
+           "CHATTERS", "NO_COUNTS", "IS_DEAD", "BAD_TIME", "OFF_BEAT", "OUTSIDE", "TOO_FAST", "TOO_STEEP",
+           "OPPOSES")  # fmt: skip
 
 
 def write_running(law: Any, rig: Rig, guards: Guards | None, folder: str | Path, name: str, **output: Any) -> None:

@@ -18,13 +18,13 @@ JUMP, STUCK, ERROR, FRICTION, SATURATION, CHATTER = range(17, 23)
 RUN, AT_LIMIT, MEAN, SWING, OVER, NEWEST, OLDER = range(23, 30)
 REST, PUSHED, WAS_Q, WAS_QD, WAS_QDD, NEEDED, LEAST_STEP = range(34, 41)
 LOWER, UPPER, FASTEST, RATE, BEYOND, SLACK, BEGUN, PLANNED, LIMITED, LIMIT_TIME = range(41, 51)
-ACTED, STILL, REST_TORQUE, OFFSET, RAW, ROWS = range(51, 57)
+ACTED, STILL, REST_TORQUE, OFFSET, RAW, HELD, HELD_COUNTS, HELD_SPEED, ROWS = range(51, 60)
 
 DONE, BAD_PULSES, BAD_REFERENCE, BAD_CLOCK, BAD_LAW = range(5)
 """Return codes of a step; unless it is DONE, nothing has changed."""
 
 RUNNING, WAS_LATE, HAD_GAPS, HAS_JUMPED, IS_STUCK, IS_OFF, NO_TORQUE, IS_SATURATED, CHATTERS = range(9)
-NO_COUNTS, IS_DEAD, BAD_TIME, OFF_BEAT, OUTSIDE, TOO_FAST, TOO_STEEP = range(9, 16)
+NO_COUNTS, IS_DEAD, BAD_TIME, OFF_BEAT, OUTSIDE, TOO_FAST, TOO_STEEP, OPPOSES = range(9, 17)
 """Causes of a stop, and of a bridged sample."""
 
 DRIVES, PUSHES, RUNS = 1, 2, 3
@@ -41,4 +41,4 @@ needed = bounds = planned = limited = None
 """Generated: the reference one sample on; its speed in pulses; that of the counts; counts of the reference and angle of
 the counts; the motion where a stop begins; its reference; the law; saturation and chatter of its torque; a new slot of
 time; the torque of a stop without feedback; what the model's torque changed by since a joint's counts did; limits of
-position and speed; the speed in pulses of the reference of a stop; which torques are at their limits."""
+position and speed; the speed in pulses of the reference of a stop; which way a torque at its limit pushes counts."""

@@ -98,7 +98,7 @@ def pieces_of(law: Any, rig: Rig, block: Any) -> dict[str, tuple[ca.Function, li
         "needed": {"NEEDED": _needed(law, rig, motion) - _needed(law, rig, (at["WAS_Q"], at["WAS_QD"], at["WAS_QDD"]))},
         "bounds": {"BEYOND": _bounds(rig, at)},
         "planned": {"PLANNED": rig.position_in_pulses(at["QD"])},
-        "limited": {"LIMITED": _at_the_limit(at["TORQUE"], rig.drive)},
+        "limited": {"LIMITED": _at_the_limit(at["TORQUE"], rig)},
     }
     pieces = {}
     for name, results in written.items():
@@ -156,9 +156,11 @@ def _ramp(rig, gravity, begun, speed, since, duration):
     return begun + ca.fmin(1, since / (RAMP * duration)) * (drive.limited(gravity - damping) - begun)
 
 
-def _at_the_limit(torque, drive):
-    """Whether an applied joint torque (n, 1) [N m] is that of the limit, (n, 1)."""
-    return ca.fabs(drive.coupling.shaft_torque(torque)) >= (1 - _ROUNDING) * drive.torque_limit()
+def _at_the_limit(torque, rig):
+    """Which way, 1 or -1, an applied joint torque (n, 1) [N m] at the limit pushes the counts, (n, 1); else 0."""
+    shaft = rig.drive.coupling.shaft_torque(torque)
+    direction = ca.sign(shaft) * ca.sign(rig.encoder.position_in_pulses(rig.drive.gear))
+    return (ca.fabs(shaft) >= (1 - _ROUNDING) * rig.drive.torque_limit()) * direction
 
 
 def _monitored(rig, at):

@@ -15,13 +15,13 @@ drives the arm.
 import numpy as np
 
 from plant.realtime.memory import (
-    ACTED, AT_LIMIT, BAD_LAW, BEFORE, BOUNDED, CALLS, CAUSE, COUNTS, DONE, DT, FILLED, FRESH, FROM_TORQUE, FULL,
-    GIVEN, GUARDED, HOLDING, HURRIED, IS_SATURATED, LATCHED, MEAN, NOW, NO_TORQUE, OVER, PASSED, PATIENCE, PERIOD,
-    RAMPING, RATE, RATED, RELEASED, ROWS, RUNNING, SCALARS, SINCE, STATES, SWING, TOO_STEEP, TORQUE, WANTED,
-    counted, law, monitored, moving, ramp, shifted, slowing,
+    ACTED, AT_LIMIT, BAD_LAW, BEFORE, BOUNDED, CALLS, CAUSE, COUNTS, DONE, DT, FILLED, FRESH, FROM_TORQUE, FULL, GIVEN,
+    GUARDED, HOLDING, HURRIED, IS_SATURATED, LATCHED, MEAN, NOW, NO_TORQUE, OVER, PASSED, PATIENCE, PERIOD, RAMPING,
+    RATE, RATED, RELEASED, ROWS, RUNNING, SCALARS, SINCE, STATES, SWING, TOO_STEEP, TORQUE, WANTED, counted, law,
+    monitored, moving, ramp, shifted, slowing,
 )  # fmt: skip
 from plant.realtime.stopping import begin_stop, bridge, copy, limit_time, opposed, release, rising, stop, take_state
-from plant.realtime.watching import bounded, follow, in_time, read, refused, watch
+from plant.realtime.watching import bounded, follow, in_time, opposing, read, refused, watch
 
 
 def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
@@ -43,6 +43,8 @@ def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
         counted(memory)
         watch(first or own[FRESH] == 1.0, own, joints, memory)
         own[FRESH] = 1.0 if first else 0.0  # of the first torque nothing is known
+        if own[GUARDED] == 1.0:
+            opposing(own, joints, memory)
         if own[BOUNDED] == 1.0:
             bounded(own, joints, memory)
     elif own[RELEASED] == HOLDING and own[SINCE] >= 0.0:

@@ -86,6 +86,7 @@ def wording(cause: float, joint: str, amount: float) -> str:
         layout.OUTSIDE: f"{joint} is outside its limits, at {amount:.4g} rad",
         layout.TOO_FAST: f"{joint} is faster than its limit, at {amount:.0f} pulses/s",
         layout.TOO_STEEP: f"a torque of {joint} that changes by {amount:.3g} N m/s",
+        layout.OPPOSES: f"{joint} moved by {abs(amount):.0f} pulses against its torque, which is at its limit",
         layout.NO_TORQUE: "the law gives no finite torque",
         layout.IS_SATURATED: f"the torque of {joint} was at its limit for {1e3 * amount:.0f} of 100 ms",
         layout.CHATTERS: f"the torque of {joint} swings by {amount:.0f} N m about its mean",

@@ -6,9 +6,9 @@ The text of this module is compiled with that of `plant.realtime.safety`.
 import math
 
 from plant.realtime.memory import (
-    AT_MOST, BAD_TIME, BEGUN, BRIDGED, CALLS, CAUSE, COUNTS, DRIVES, DT, EVENT, EVENT_AMOUNT, EVENT_CALL,
-    EVENT_JOINT, FASTER, FRESH, FROM_Q, FROM_QD, FROM_TORQUE, HAD_GAPS, HOLDING, IS_DEAD, IS_OFF, IS_STUCK, JUMPS,
-    LATCH, LATCHED, LATCH_JOINT, LEAST_STEP, LIMITED, LIMIT_TIME, NO_COUNTS, OFF_BEAT, PLANNED, PUSHES, Q, QD, RAMPING,
+    AT_MOST, BAD_TIME, BEGUN, BRIDGED, CALLS, CAUSE, COUNTS, DRIVES, DT, EVENT, EVENT_AMOUNT, EVENT_CALL, EVENT_JOINT,
+    FASTER, FRESH, FROM_Q, FROM_QD, FROM_TORQUE, HAD_GAPS, HOLDING, IS_DEAD, IS_OFF, IS_STUCK, JUMPS, LATCH, LATCHED,
+    LATCH_JOINT, LEAST_STEP, LIMITED, LIMIT_TIME, NO_COUNTS, OFF_BEAT, OPPOSES, PLANNED, PUSHES, Q, QD, RAMPING,
     REFERENCE, RELEASED, RHYTHM, ROWS, RUNNING, RUNS, SCALARS, SINCE, SLACK, SPEED, STATES, STOP, TORQUE, WAS_LATE,
     WEIGHT, counted, limited, planned, standing,
 )  # fmt: skip
@@ -55,7 +55,9 @@ def begin_stop(own, joints, memory):
     counted(memory)
     cause = own[CAUSE]
     lost = cause == OFF_BEAT and own[RHYTHM] > own[FASTER]
-    if own[STOP] != 0.0 or own[RELEASED] != HOLDING or cause in (IS_STUCK, IS_DEAD, NO_COUNTS) or lost:
+    if cause == OPPOSES:
+        latch(RUNS, int(own[EVENT_JOINT]), own)
+    elif own[STOP] != 0.0 or own[RELEASED] != HOLDING or cause in (IS_STUCK, IS_DEAD, NO_COUNTS) or lost:
         release(own, joints)  # a law that sees no motion would push on; one that is called too seldom, too
     elif cause in (WAS_LATE, HAD_GAPS, BAD_TIME, OFF_BEAT):
         copy(Q, FROM_Q, joints)
@@ -139,7 +141,7 @@ def limit_time(own, joints, memory):
     if own[CAUSE] == OFF_BEAT:
         lasting *= math.ceil(own[RHYTHM])  # calls are lost in wholes
     for i in range(joints.shape[1]):
-        joints[LIMIT_TIME, i] = joints[LIMITED, i] * lasting + joints[LIMIT_TIME, i]
+        joints[LIMIT_TIME, i] = abs(joints[LIMITED, i]) * lasting + joints[LIMIT_TIME, i]
         if joints[LIMIT_TIME, i] > own[AT_MOST]:
             latch(PUSHES, i, own)
 
