@@ -128,7 +128,13 @@ class Chain(Part):
 
     @classmethod
     def from_urdf(
-        cls, path: str | Path, joints: Sequence[str] | None = None, *, gravity: ArrayLike = (0.0, 0.0, -9.81)
+        cls,
+        path: str | Path,
+        joints: Sequence[str] | None = None,
+        *,
+        base: str | None = None,
+        tip: str | None = None,
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
     ) -> Chain:
         """A chain, with bodies, from a URDF file.
 
@@ -137,7 +143,10 @@ class Chain(Part):
         path : str or Path
         joints : sequence of str, optional
             Names of the chain's joints, base first; by default all that move, if they form one chain. Other joints that
-            move (a gripper's) are held at zero and lumped with the link that carries them, like fixed joints.
+            move are held at zero and lumped with the link that carries them, like fixed joints. So are, unless named,
+            joints that mimic another one, and those that they mimic: a gripper's.
+        base, tip : str, optional
+            Names of links, in place of joints: the joints between them. By default the base is that of the file.
         gravity : (3,) array_like
             In the frame of the file's base link.
 
@@ -150,8 +159,19 @@ class Chain(Part):
         ------
         ValueError
             A file that is malformed, too large, or describes no such chain; a body that is not physically consistent.
+
+        Warns
+        -----
+        UserWarning
+            Angles within 1e-3 rad of right ones are put right: files round them, and axes that are nearly parallel or
+            perpendicular have base parameters that no log excites.
         """
-        links, bodies, limits = links_of_chain(read_urdf(path), joints)
+        model = read_urdf(path)
+        if base is not None or tip is not None:
+            if joints is not None or tip is None:
+                raise ValueError(f"tip must be given with base, and no joints; got tip {tip}. Leave joints out.")
+            joints = model.joints_between(base, tip)
+        links, bodies, limits = links_of_chain(model, joints)
         return cls(links=links, gravity=gravity, bodies=bodies, limits=limits)
 
     @classmethod

@@ -2,6 +2,7 @@
 
 import dataclasses
 import graphlib
+import warnings
 from collections import Counter
 from collections.abc import Collection, Sequence
 from itertools import pairwise
@@ -37,7 +38,8 @@ class ModelJoint:
     child: str
     origin: Placement
     axis: Floats
-    mimics: bool = False
+    mimics: str = ""
+    """Name of the joint that it follows, if it does."""
     anchor: tuple[float, float, float] = (0.0, 0.0, 0.0)
     zero: float = 0.0
     limits: tuple[float, float, float, float] = (-np.inf, np.inf, np.inf, np.inf)
@@ -62,26 +64,40 @@ class ModelFile:
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
 
     def chain_joints(self, names: Sequence[str] | None = None) -> list[ModelJoint]:
-        """The joints of the chain, base first; by default all that move."""
+        """The joints of the chain, base first; by default all that move, but those that mimic and are mimicked."""
         _require_tree(self.bodies, self.joints)
         return _chosen(self.joints, names)
 
+    def joints_between(self, base: str | None, tip: str | None) -> list[str]:
+        """Names of the joints that move on their own from one link to another below it, by default from the root."""
+        _require_tree(self.bodies, self.joints)
+        choice("tip", tip, tuple(self.bodies))
+        parents, link, found = {joint.child: joint for joint in self.joints.values()}, tip, list[str]()
+        while link != base and link in parents:
+            joint = parents[link]
+            found += [joint.name] if joint.kind in MOVING and not joint.mimics else []
+            link = joint.parent
+        if base is not None and link != base:
+            choice("base", base, tuple(self.bodies))
+            raise ValueError(f"tip must lie below base; {tip} does not hang on {base}. Give a link further out.")
+        if not found:
+            raise ValueError(f"a joint must move between base and tip {tip}; none does. Give links further apart.")
+        return found[::-1]
+
 
 def body_in(mass: float, inertia: Floats, name: str, pose: Placement) -> Body | None:
-    """The body of an element at this pose in its link's frame, checked; None of one that has no mass and no inertia."""
+    """The body of an element at this pose in its link's frame; None of one that has no mass and no inertia."""
     if mass < 0:
         raise ValueError(f"link {name} must have a positive mass; got {mass}. Correct it.")
     if not mass and not np.any(inertia):
         return None
-    body = Body(mass=mass, com=np.zeros(3), inertia=inertia)
-    body.require_physical(name)
-    return body.seen_from(pose)
+    return Body(mass=mass, com=np.zeros(3), inertia=inertia).seen_from(pose)
 
 
 def links_of_chain(model: ModelFile, names: Sequence[str] | None) -> tuple[tuple[Link, ...], tuple[Body, ...], Limits]:
     """Links, bodies and limits of the chain of these joints; see `Chain.from_urdf`."""
     chosen, every = model.chain_joints(names), model.joints
-    links, made = [], []
+    links, made, rounded = [], [], dict[str, float]()
     parents, hanging = {joint.child: joint for joint in every.values()}, _hanging_on(every)
     moving = {joint.name for joint in chosen}
     at = Placement()  # pose of the last chosen joint's frame in the link being walked
@@ -92,11 +108,18 @@ def links_of_chain(model: ModelFile, names: Sequence[str] | None) -> tuple[tuple
         on_axis = Placement(rotation=_axis_frame(joint.axis), position=joint.anchor)
         slides, frame = MOVING[joint.kind], on_axis.inverse()
         zero = {"d" if slides else "theta": -joint.zero}
-        links.append(Link(name=joint.name, prismatic=slides, before=at @ before @ on_axis, frame=frame, **zero))
+        pose, rounded[joint.name] = (at @ before @ on_axis).righted()
+        links.append(Link(name=joint.name, prismatic=slides, before=pose, frame=frame, **zero))
         at = frame
         made.append(_lumped(model.bodies, hanging, joint.child, moving))
     for label, body in zip(joint_labels([joint.name for joint in chosen], len(chosen)), made, strict=True):
         body.require_physical(f"behind {label}")
+    if most := max(rounded.values()):
+        worst = max(rounded, key=lambda name: rounded[name])
+        text = (
+            f"{model.path.name} rounds right angles, that before joint {worst} by {most:.2g} rad; they are put right."
+        )
+        warnings.warn(text, UserWarning, stacklevel=3)
     made = [dataclasses.replace(body, rotor=joint.armature) for body, joint in zip(made, chosen, strict=True)]
     lower, upper, velocity, effort = np.array([joint.limits for joint in chosen]).T
     return tuple(links), tuple(made), Limits(lower=lower, upper=upper, velocity=velocity, effort=effort)
@@ -127,11 +150,13 @@ def _chosen(every: dict[str, ModelJoint], names: Sequence[str] | None) -> list[M
     """The joints of the chain, from the base outwards."""
     moving = [joint for joint in every.values() if joint.kind in MOVING]
     if names is None:
+        mimicked = {joint.mimics for joint in moving}
+        moving = [joint for joint in moving if not joint.mimics and joint.name not in mimicked] or moving
         chosen = _ordered(every, moving)
         if chosen is None:
             raise ValueError(
                 f"joints must be named where the file has a tree; it has {', '.join(j.name for j in moving):.300}. "
-                "Pass joints=[...], base first."
+                "Pass tip='name of a link', or joints=[...], base first."
             )
     else:
         if isinstance(names, str) or not names:

@@ -78,7 +78,8 @@ def _joints(robot: Element) -> dict[str, ModelJoint]:
         axis = numbers_of(element.find("axis"), "xyz", 3, "1 0 0", f"{where}, axis")
         if kind in MOVING and np.linalg.norm(axis) < 1e-6:
             raise ValueError(f"{where} must have an axis that is not zero; got {axis.tolist()}. Correct it.")
-        mimics = element.find("mimic") is not None
+        mimic = element.find("mimic")
+        mimics = "" if mimic is None else mimic.attributes.get("joint", "") or "another one"
         joints[name] = ModelJoint(
             name=name, kind=kind, parent=parent, child=child, origin=origin_of(element, where), axis=axis,
             mimics=mimics, limits=_limits(element.find("limit"), kind, where), element=element,

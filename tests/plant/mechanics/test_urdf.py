@@ -4,8 +4,10 @@ import sys
 
 import numpy as np
 import pytest
+from hypothesis import given as drawn
+from hypothesis import strategies as st
 
-from plant import Chain, Dynamics
+from plant import Chain, Dynamics, Placement
 
 pin = pytest.importorskip("pinocchio")
 from model_texts import urdf  # noqa: E402
@@ -66,6 +68,90 @@ MORE = '<joint name="elbow" type="revolute">' + ENDS + "</joint></robot>"
 
 def test_the_file_that_the_bad_ones_are_made_of_is_good(tmp_path):
     assert Chain.from_urdf(written(tmp_path, GOOD)).n == 1
+    massless = GOOD.replace('mass value="1"', 'mass value="0"', 1)  # of the base, which never moves
+    assert Chain.from_urdf(written(tmp_path, massless)).n == 1
+
+
+def pose(*angles, position="0.1 0.2 0.3"):
+    return f'<origin rpy="{" ".join(map(repr, angles))}" xyz="{position}"/>'
+
+
+@drawn(st.lists(st.integers(-2, 2), min_size=3, max_size=3), st.lists(st.floats(-9e-4, 9e-4), min_size=3, max_size=3))
+def test_right_angles_that_a_file_rounds_are_put_right(quarters, off):
+    """Any of roll, pitch and yaw, and all three; what is no right angle stays as it is."""
+    exact = Placement.of_angles(*(np.pi / 2 * np.array(quarters)))
+    rounded = Placement.of_angles(*(np.pi / 2 * np.array(quarters) + np.array(off) / 3))
+    righted, by = rounded.righted()
+    np.testing.assert_allclose(righted.rotation, exact.rotation, atol=1e-9)  # less is no rounding
+    assert by < 1e-3
+    other = Placement.of_angles(0.3, 0.4, 0.5)
+    assert other.righted() == (other, 0.0)
+
+
+def test_rounded_right_angles_are_said_and_give_no_parameter_more(tmp_path):
+    def text(angle):
+        joints = [
+            f'<joint name="{name}" type="revolute">{ENDS.format(parent, name)}{pose(angle, 0.0, 0.0)}'
+            '<axis xyz="0 0 1"/></joint>' for parent, name in (("base", "a"), ("a", "b"), ("b", "c"))
+        ]  # fmt: skip
+        return (
+            f'<robot name="r">{"".join(LINK.format(name) for name in ("base", "a", "b", "c"))}{"".join(joints)}</robot>'
+        )
+
+    exact = Dynamics.from_chain(Chain.from_urdf(written(tmp_path, text(np.pi / 2))))
+    with pytest.warns(UserWarning, match="rounds right angles, that before joint a by 3.7e-06 rad; they are put right"):
+        chain = Chain.from_urdf(written(tmp_path, text(1.5708)))
+    assert Dynamics.from_chain(chain).names == exact.names
+
+
+TREE = (
+    '<robot name="r">'
+    + "".join(LINK.format(name) for name in ("base", "torso", "arm", "hand", "left", "right", "other"))
+    + "".join(
+        f'<joint name="to_{child}" type="{kind}">{ENDS.format(parent, child)}<axis xyz="0 0 1"/>{more}</joint>'
+        for parent, child, kind, more in (
+            ("base", "torso", "revolute", ""), ("torso", "arm", "revolute", ""), ("arm", "hand", "revolute", ""),
+            ("hand", "left", "prismatic", ""), ("hand", "right", "prismatic", '<mimic joint="to_left"/>'),
+            ("base", "other", "fixed", ""),
+        )
+    )
+    + "</robot>"
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("given", "joints"),
+    [
+        ({}, ["to_torso", "to_arm", "to_hand"]),  # without the gripper, one finger of which follows the other
+        ({"tip": "left"}, ["to_torso", "to_arm", "to_hand", "to_left"]),
+        ({"tip": "arm"}, ["to_torso", "to_arm"]),
+        ({"base": "torso", "tip": "right"}, ["to_arm", "to_hand"]),
+    ],
+    ids=str,
+)
+def test_a_chain_between_two_links(tmp_path, given, joints):
+    chain = Chain.from_urdf(written(tmp_path, TREE), **given)
+    assert [link.name for link in chain.links] == joints
+    named = Chain.from_urdf(written(tmp_path, TREE), joints)
+    assert chain == named
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"tip": "hnad"}, "Did you mean 'hand'"),
+        ({"base": "hand", "tip": "arm"}, "tip must lie below base; arm does not hang on hand"),
+        ({"base": "toroso", "tip": "arm"}, "Did you mean 'torso'"),
+        ({"tip": "other"}, "a joint must move between base and tip other; none does"),
+        ({"base": "arm"}, "tip must be given with base"),
+        ({"tip": "arm", "joints": ["to_arm"]}, "tip must be given with base, and no joints"),
+    ],
+    ids=str,
+)
+def test_ends_that_are_none(tmp_path, given, said):
+    with pytest.raises(ValueError, match=said) as error:
+        Chain.from_urdf(written(tmp_path, TREE), **given)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -75,8 +161,8 @@ def test_the_file_that_the_bad_ones_are_made_of_is_good(tmp_path):
         (GOOD.replace('mass value="1"', 'mass value="17,4"', 1), "got '17,4'"),
         (GOOD.replace('mass value="1"', 'mass value="-1"', 1), "link base must have a positive mass"),
         (GOOD.replace('<mass value="1"/>', "", 1), "link base, mass must have value"),
-        (GOOD.replace('ixx="1"', 'ixx="3"', 1), r"link base must have an inertia that a body can have \(triangle"),
-        (GOOD.replace('ixy="0"', 'ixy="2"', 1), "link base must have a positive semidefinite inertia"),
+        (GOOD.replace('ixx="1"', 'ixx="3"'), r"link behind .* must have an inertia that a body can have \(triangle"),
+        (GOOD.replace('ixy="0"', 'ixy="2"'), "link behind .* must have a positive semidefinite inertia"),
         (GOOD.replace('axis xyz="0 0 1"', 'axis xyz="0 0 0"'), "joint shoulder must have an axis that is not zero"),
         (GOOD.replace('axis xyz="0 0 1"', 'axis xyz="0 1"'), "joint shoulder, axis must have 3 finite numbers"),
         (GOOD.replace('child link="arm"', 'child link="amr"'), "got 'amr'. Did you mean 'arm'"),
