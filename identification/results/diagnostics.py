@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -16,10 +16,21 @@ from identification.results.stepwise import detect
 from identification.search.memory import repeating
 from identification.search.outcome import Fit
 from identification.search.problem import Problem
+from plant import Law, Record, Resumed, replay
+from plant.checkup.oscillation import own_oscillation
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown
+
+ROUNDINGS = 0.58
+"""Difference [pulses, rms] that two roundings alone give."""
+
+_SAMPLES = 8
+"""Arms that are sampled for what the model expects."""
+
+_SAME_HZ = 0.4
+"""Of the logarithm of frequencies: a loop that hunts does so in a band."""
 
 
 @kept
@@ -45,6 +56,12 @@ class Diagnostics(Shown, Frozen):
     law_apart : tuple
         Of each record that was searched: how far the logged torque of each joint (n,) is from what the stated law gives
         along the log, from the best state, as a share of it (rms); None where that cannot be told.
+    expected : float
+        Root mean square difference [pulses] that the model expects, the largest of arms sampled from the covariance
+        that begin elsewhere within a count: a loop that hunts by a count never does so twice alike. NaN where
+        `difference` asks for no explanation.
+    hunts : tuple of int
+        Records whose loop oscillates, as the model's does: friction and counts do it, and nothing is wrong.
     """
 
     objective: float
@@ -55,6 +72,8 @@ class Diagnostics(Shown, Frozen):
     delay_std: float
     detection: Detection
     law_apart: tuple[Floats | None, ...] = ()
+    expected: float = np.nan
+    hunts: tuple[int, ...] = ()
 
     def _short(self) -> str:
         return f"differ by {self.difference:.2f} pulses (rms), {self.detection._short()}"
@@ -65,6 +84,8 @@ class Diagnostics(Shown, Frozen):
         aside = self.held_out_difference
         kept = "" if aside is None else f", in the validation record(s) by {aside:.2f}"
         yield f"simulated and measured errors differ by {by}{kept}"
+        if self.hunts:
+            yield f"the loop hunts by counts, as the model's does: two runs of it differ by {self.expected:.2f} pulses"
         yield str(self.detection)
 
     @classmethod
@@ -74,16 +95,59 @@ class Diagnostics(Shown, Frozen):
         kept = None if problem.held_out is None else repeating(problem, problem.held_out)
         if fit.covariance is not None and not any(problem.replays):  # values that may be far off say nothing of timing
             delay, delay_std = delay_of(problem.dynamics, objective.records, fit.unknown, fit.values, **problem.options)
+        difference = _difference(cost, objective)
+        expected, hunts = _expected(problem, fit, objective.records) if difference > ROUNDINGS else (np.nan, ())
         return cls(
             objective=cost,
-            difference=_difference(cost, objective),
+            difference=difference,
             held_out_difference=None if kept is None else _difference(float(kept(fit.values[None])[0]), kept),
             bands=_bands(problem, fit.values),
             delay=delay,
             delay_std=delay_std,
             detection=detect(problem, fit, delay if is_late(delay, delay_std) else 0.0, rounding),
             law_apart=tuple(torque_apart(record) for record in problem.objective.records),
+            expected=expected,
+            hunts=hunts,
         )
+
+
+def _expected(problem: Problem, fit: Fit, records: Sequence[Record]) -> tuple[float, tuple[int, ...]]:
+    """`Diagnostics.expected` and `hunts`, of records that are repeated: a posterior predictive check."""
+    if fit.covariance is None or any(problem.replays):
+        return np.nan, ()
+    try:
+        runs = [_run(problem, fit.values, record) for record in records]
+        hunts = [i for i, pair in enumerate(zip(records, runs, strict=True)) if _alike(*map(own_oscillation, pair))]
+    except ValueError:  # it diverges, or has no sound inertia
+        return np.nan, ()
+    random, most = np.random.default_rng(0), np.nan
+    scale, axes = np.linalg.eigh(fit.covariance)
+    root = axes * np.sqrt(np.maximum(scale, 0.0))
+    for _ in range(_SAMPLES):
+        values = fit.values + root @ random.standard_normal(len(scale))
+        squares = 0.0
+        try:
+            for run in runs:
+                shift = run.rig.to_angle(random.uniform(-0.5, 0.5, run.n))
+                begun = dataclasses.replace(run, initial=np.array(run.initial) + np.stack([shift, 0 * shift]))
+                squares += float(np.sum((_run(problem, values, begun).error_pulses - run.error_pulses) ** 2))
+        except ValueError:
+            continue
+        most = np.fmax(most, np.sqrt(squares / sum(run.error_pulses.size for run in runs)))
+    return float(most), tuple(hunts)
+
+
+def _run(problem: Problem, values: Floats, record: Record) -> Record:
+    """A record, simulated with these values (k,) of the unknowns, its law with the memory that it has there."""
+    arm, rig, law = problem.parts(values)
+    resumed: Law = dataclasses.replace(record.law, law=law) if isinstance(record.law, Resumed) else law
+    run = replay(arm, record, rig=rig, law=resumed)
+    return dataclasses.replace(run, initial=np.stack([run.true_q[0], run.true_qd[0]]))  # type: ignore[index]  # simulated
+
+
+def _alike(one: float | None, other: float | None) -> bool:
+    """Whether two loops oscillate, at about the same frequency [Hz]."""
+    return one is not None and other is not None and abs(np.log(one / other)) < _SAME_HZ
 
 
 def _difference(cost: float, objective: Objective) -> float:

@@ -38,8 +38,7 @@ class ModelJoint:
     child: str
     origin: Placement
     axis: Floats
-    mimics: str = ""
-    """Name of the joint that it follows, if it does."""
+    mimics: str = ""  # name of the joint that it follows
     anchor: tuple[float, float, float] = (0.0, 0.0, 0.0)
     zero: float = 0.0
     limits: tuple[float, float, float, float] = (-np.inf, np.inf, np.inf, np.inf)
@@ -68,21 +67,18 @@ class ModelFile:
         _require_tree(self.bodies, self.joints)
         return _chosen(self.joints, names)
 
-    def joints_between(self, base: str | None, tip: str | None) -> list[str]:
+    def joints_between(self, base: str | None, tip: str) -> list[str]:
         """Names of the joints that move on their own from one link to another below it, by default from the root."""
         _require_tree(self.bodies, self.joints)
-        choice("tip", tip, tuple(self.bodies))
-        parents, link, found = {joint.child: joint for joint in self.joints.values()}, tip, list[str]()
-        while link != base and link in parents:
-            joint = parents[link]
-            found += [joint.name] if joint.kind in MOVING and not joint.mimics else []
-            link = joint.parent
-        if base is not None and link != base:
-            choice("base", base, tuple(self.bodies))
+        start = None if base is None else choice("base", base, tuple(self.bodies))
+        end = {joint.child: joint for joint in self.joints.values()}.get(choice("tip", tip, tuple(self.bodies)))
+        way = [] if end is None else _way({joint.child: joint for joint in self.joints.values()}, start, end)
+        if base is not None and (not way or way[0].parent != base):
             raise ValueError(f"tip must lie below base; {tip} does not hang on {base}. Give a link further out.")
+        found = [joint.name for joint in way if joint.kind in MOVING and not joint.mimics]
         if not found:
             raise ValueError(f"a joint must move between base and tip {tip}; none does. Give links further apart.")
-        return found[::-1]
+        return found
 
 
 def body_in(mass: float, inertia: Floats, name: str, pose: Placement) -> Body | None:
@@ -115,11 +111,8 @@ def links_of_chain(model: ModelFile, names: Sequence[str] | None) -> tuple[tuple
     for label, body in zip(joint_labels([joint.name for joint in chosen], len(chosen)), made, strict=True):
         body.require_physical(f"behind {label}")
     if most := max(rounded.values()):
-        worst = max(rounded, key=lambda name: rounded[name])
-        text = (
-            f"{model.path.name} rounds right angles, that before joint {worst} by {most:.2g} rad; they are put right."
-        )
-        warnings.warn(text, UserWarning, stacklevel=3)
+        where = f"that before joint {max(rounded, key=lambda name: rounded[name])} by {most:.2g} rad"
+        warnings.warn(f"{model.path.name} rounds right angles, {where}; they are put right.", stacklevel=3)
     made = [dataclasses.replace(body, rotor=joint.armature) for body, joint in zip(made, chosen, strict=True)]
     lower, upper, velocity, effort = np.array([joint.limits for joint in chosen]).T
     return tuple(links), tuple(made), Limits(lower=lower, upper=upper, velocity=velocity, effort=effort)

@@ -16,12 +16,16 @@ import numpy as np
 
 from plant.realtime.memory import (
     ACTED, AT_LIMIT, BAD_LAW, BEFORE, BOUNDED, CALLS, CAUSE, COUNTS, DONE, DT, FILLED, FRESH, FROM_TORQUE, FULL, GIVEN,
-    GUARDED, HOLDING, HURRIED, IS_SATURATED, LATCHED, MEAN, NOW, NO_TORQUE, OVER, PASSED, PATIENCE, PERIOD, RAMPING,
-    RATE, RATED, RELEASED, ROWS, RUNNING, SCALARS, SINCE, STATES, SWING, TOO_STEEP, TORQUE, WANTED, counted, law,
-    monitored, moving, ramp, shifted, slowing,
+    GUARDED, HELD, HELD_COUNTS, HELD_SPEED, HOLDING, HURRIED, IS_SATURATED, LATCHED, LIMITED, MEAN, NOW, NO_TORQUE,
+    OPPOSES, OVER, PASSED, PATIENCE, PERIOD, RAMPING, RATE, RATED, RELEASED, ROWS, RUNNING, SCALARS, SINCE, SPEED,
+    STATES, SWING, TOO_STEEP, TORQUE, WANTED, counted, law, limited, monitored, moving, ramp, shifted, slowing,
 )  # fmt: skip
 from plant.realtime.stopping import begin_stop, bridge, copy, limit_time, opposed, release, rising, stop, take_state
-from plant.realtime.watching import bounded, follow, in_time, opposing, read, refused, watch
+from plant.realtime.watching import bounded, follow, in_time, read, refused, watch
+
+
+OPPOSED, OPPOSED_CALLS, OPPOSED_COUNTS = 0.004, 8.0, 8.0
+"""Time [s] and calls for which a torque at its limit pushes one way, and pulses that it then has failed to move."""
 
 
 def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
@@ -126,3 +130,20 @@ def rate(own, joints, memory):
             copy(MEAN, FROM_TORQUE, joints)
             if first:
                 opposed(own, joints, memory)
+
+
+def opposing(own, joints, memory):
+    """Guard of a joint that moves against its torque: its encoder is reversed, or another joint's.
+
+    A torque at its limit accelerates the joint its way, whatever it bears; a joint that it brakes becomes slower.
+    """
+    limited(memory)
+    for i in range(joints.shape[1]):
+        side = joints[LIMITED, i]
+        if side == 0.0 or side * joints[HELD, i] < 0.0 or joints[HELD, i] == 0.0:
+            joints[HELD, i], joints[HELD_COUNTS, i], joints[HELD_SPEED, i] = 0.0, joints[COUNTS, i], joints[SPEED, i]
+        joints[HELD, i] += side * own[DT]
+        held = abs(joints[HELD, i])
+        moved = joints[COUNTS, i] - joints[HELD_COUNTS, i] - joints[HELD_SPEED, i] * held
+        if held > max(OPPOSED, OPPOSED_CALLS * own[PERIOD]) and side * moved < -OPPOSED_COUNTS:
+            stop(OPPOSES, i, moved, own)

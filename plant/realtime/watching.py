@@ -7,11 +7,11 @@ import numpy as np
 
 from plant.realtime.memory import (
     ANGLE, BAD_CLOCK, BAD_PULSES, BAD_REFERENCE, BAD_TIME, BEFORE, BEYOND, CALLS, CAUSE, CLOCKS, COUNTS, DONE, DT,
-    ERROR, EXPECTED, FASTER, FRICTION, GAPS, GUARDED, HAD_GAPS, HAS_JUMPED, HELD, HELD_COUNTS, HELD_SPEED, IS_DEAD,
-    IS_OFF, IS_STUCK, JUMP, JUMPS, LATE, LATE_CALLS, LEAST_STEP, LIMITED, MARK, MARK_TORQUE, MEAN, MODELLED, NEEDED,
-    NOW, NO_COUNTS, OFFSET, OFF_BEAT, OPPOSES, OUTSIDE, PASSED, PATIENCE, PERIOD, PUSHED, Q, QD, QDD, RAW, REFERENCE,
-    RELEASED, REST, REST_TORQUE, RHYTHM, ROUNDS, RUNNING, SAMPLED, SINCE, SLOWER, SPEED, STILL, STUCK, TOO_FAST,
-    TORQUE, WAS_LATE, WAS_Q, WAS_QD, WAS_QDD, ahead, bounds, limited, measured, needed,
+    ERROR, EXPECTED, FASTER, FRICTION, GAPS, GUARDED, HAD_GAPS, HAS_JUMPED, IS_DEAD, IS_OFF, IS_STUCK, JUMP, JUMPS,
+    LATE, LATE_CALLS, LEAST_STEP, MARK, MARK_TORQUE, MEAN, MODELLED, NEEDED, NOW, NO_COUNTS, OFFSET, OFF_BEAT, OUTSIDE,
+    PASSED, PATIENCE, PERIOD, PUSHED, Q, QD, QDD, RAW, REFERENCE, RELEASED, REST, REST_TORQUE, RHYTHM, ROUNDS, RUNNING,
+    SAMPLED, SINCE, SLOWER, SPEED, STILL, STUCK, TOO_FAST, TORQUE, WAS_LATE, WAS_Q, WAS_QD, WAS_QDD, ahead, bounds,
+    measured, needed,
 )  # fmt: skip
 from plant.realtime.stopping import bridge, release, stop
 
@@ -36,9 +36,6 @@ DEAD_TIME = 0.02
 
 SETTLED = 0.03
 """Time [s] without a count after which the torque of a joint at rest has settled."""
-
-OPPOSED, OPPOSED_CALLS, OPPOSED_COUNTS = 0.004, 8.0, 8.0
-"""Time [s] and calls for which a torque at its limit pushes one way, and pulses that it then has failed to move."""
 
 MODEL_ERROR = 0.5
 """Share by which the model's change of torque may be wrong."""
@@ -237,23 +234,6 @@ def lose(cause, joint, amount, own, joints):
     if own[CAUSE] != RUNNING and own[SINCE] >= 0.0:
         release(own, joints)
     stop(cause, joint, amount, own)
-
-
-def opposing(own, joints, memory):
-    """Guard of a joint that moves against its torque: its encoder is reversed, or another joint's.
-
-    A torque at its limit accelerates the joint its way, whatever it bears; a joint that it brakes becomes slower.
-    """
-    limited(memory)
-    for i in range(joints.shape[1]):
-        side = joints[LIMITED, i]
-        if side == 0.0 or side * joints[HELD, i] < 0.0 or joints[HELD, i] == 0.0:
-            joints[HELD, i], joints[HELD_COUNTS, i], joints[HELD_SPEED, i] = 0.0, joints[COUNTS, i], joints[SPEED, i]
-        joints[HELD, i] += side * own[DT]
-        held = abs(joints[HELD, i])
-        moved = joints[COUNTS, i] - joints[HELD_COUNTS, i] - joints[HELD_SPEED, i] * held
-        if held > max(OPPOSED, OPPOSED_CALLS * own[PERIOD]) and side * moved < -OPPOSED_COUNTS:
-            stop(OPPOSES, i, moved, own)
 
 
 def bounded(own, joints, memory):
