@@ -117,24 +117,27 @@ def _expected(problem: Problem, fit: Fit, records: Sequence[Record]) -> tuple[fl
         return np.nan, ()
     try:
         runs = [_run(problem, fit.values, record) for record in records]
-        hunts = [i for i, pair in enumerate(zip(records, runs, strict=True)) if _alike(*map(own_oscillation, pair))]
     except ValueError:  # it diverges, or has no sound inertia
         return np.nan, ()
     random, most = np.random.default_rng(0), np.nan
     scale, axes = np.linalg.eigh(fit.covariance)
     root = axes * np.sqrt(np.maximum(scale, 0.0))
+    own = [own_oscillation(record) for record in records]
+    hunts = {i for i, run in enumerate(runs) if _alike(own[i], run)}
     for _ in range(_SAMPLES):
         values = fit.values + root @ random.standard_normal(len(scale))
         squares = 0.0
         try:
-            for run in runs:
+            for i, run in enumerate(runs):
                 shift = run.rig.to_angle(random.uniform(-0.5, 0.5, run.n))
                 begun = dataclasses.replace(run, initial=np.array(run.initial) + np.stack([shift, 0 * shift]))
-                squares += float(np.sum((_run(problem, values, begun).error_pulses - run.error_pulses) ** 2))
+                other = _run(problem, values, begun)
+                squares += float(np.sum((other.error_pulses - run.error_pulses) ** 2))
+                hunts |= {i} if i not in hunts and _alike(own[i], other) else set()
         except ValueError:
             continue
         most = np.fmax(most, np.sqrt(squares / sum(run.error_pulses.size for run in runs)))
-    return float(most), tuple(hunts)
+    return float(most), tuple(sorted(hunts))
 
 
 def _run(problem: Problem, values: Floats, record: Record) -> Record:
@@ -145,9 +148,10 @@ def _run(problem: Problem, values: Floats, record: Record) -> Record:
     return dataclasses.replace(run, initial=np.stack([run.true_q[0], run.true_qd[0]]))  # type: ignore[index]  # simulated
 
 
-def _alike(one: float | None, other: float | None) -> bool:
-    """Whether two loops oscillate, at about the same frequency [Hz]."""
-    return one is not None and other is not None and abs(np.log(one / other)) < _SAME_HZ
+def _alike(hz: float | None, run: Record) -> bool:
+    """Whether the loop of a run oscillates, too, at about this frequency [Hz] of a log."""
+    other = None if hz is None else own_oscillation(run)
+    return hz is not None and other is not None and abs(np.log(hz / other)) < _SAME_HZ
 
 
 def _difference(cost: float, objective: Objective) -> float:

@@ -10,7 +10,7 @@ import pytest
 
 from ctc import ComputedTorque, ComputedTorquePID, Uncertainty, certify, tune
 from identification import Identification, IdentificationWarning, identify
-from plant import P, puma560, simulate
+from plant import Chain, Drive, Dynamics, Encoder, Harmonics, P, Rig, puma560, read_robot, simulate
 
 RIG, LAW, PATH = puma560.rig(), puma560.p_law(), puma560.reference()
 
@@ -86,3 +86,32 @@ def test_a_right_log_is_quiet():
         found = identify(puma560.dynamics(), log(), seed=1, progress=False)
         ComputedTorque(found)
     assert "warning" not in repr(found)
+
+
+def two_joints_of_a_ur5e():
+    """Shoulder lift and elbow behind gears of 100 and encoders of 4,096 counts, whose P loop hunts by a count or two."""
+    file = read_robot("ur5e").model
+    chain = Chain.from_urdf(file, [link.name for link in Chain.from_urdf(file).links[1:3]])
+    one, other = (0.2, 0.1, -0.05), (-0.15, 0.1, 0.1)
+    path = Harmonics(period=6.0, offset=(0.0, 0.0), cosine=(one, other), sine=(other, one))
+    drive = Drive(gear=(100, 100), motor_inertia=(8e-5, 2e-5), viscous=(5e-4, 2e-4), coulomb=(0.04, 0.015),
+                  motor_gain=(1, 1), current_limit=(4, 2))  # fmt: skip
+    rig = Rig(drive=drive, encoder=Encoder(resolution=(4096, 4096)), period=1e-3)
+    dynamics = Dynamics.from_chain(chain.with_rotors(drive))
+    return dynamics.arm(dynamics.f()), rig, path
+
+
+@pytest.mark.parametrize(("gain", "hunts"), [((0.080, 0.0295), ()), ((0.039, 0.0142), (0,))])
+def test_a_loop_that_hunts_by_counts_is_described_and_not_doubted(gain, hunts):
+    arm, rig, path = two_joints_of_a_ur5e()
+    record = simulate(arm, rig, P(gain=gain), path, duration=3.0, steps_per_sample=16)
+    found = identify(arm.dynamics, record, method="prediction_error", progress=False)
+    assert found.diagnostics.difference > 0.9
+    assert found.diagnostics.expected > 0.8 * found.diagnostics.difference
+    assert found.diagnostics.hunts == hunts
+    assert found.warnings == []
+    said = " ".join(found.summary(full=True).split())
+    assert ("the loop hunts by counts, as the model's does" in said) == bool(hunts)
+    soft = dataclasses.replace(record, law=P(gain=0.7 * np.array(gain)), torque=None, current=None)
+    with pytest.warns(IdentificationWarning):
+        identify(arm.dynamics, soft, method="prediction_error", progress=False)
