@@ -9,10 +9,10 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is loaded
 
 LONGEST = (
-    "test_real_data", "test_methods", "test_tune", "test_effects", "test_any_arm", "test_stepwise", "test_examine",
-    "test_coupling", "test_model_laws", "test_types", "test_guards", "test_table", "test_elastic", "test_elastic_loop",
-    "test_mujoco_elastic", "test_without_avx512", "test_gears", "test_certify", "test_refits",
-    "test_known_torques", "test_springs", "test_injection",
+    "test_commandline", "test_examples_of_the_reference", "test_methods", "test_tune", "test_stepwise", "test_effects",
+    "test_plots", "test_c_running", "test_springs", "test_logged_load", "test_gears", "test_elastic", "test_guards",
+    "test_replayed", "test_model_laws", "test_certify", "test_coupling", "test_real_data", "test_any_arm",
+    "test_stick_slip_reference", "test_pid", "test_report", "test_procedure", "test_conditions", "test_learn",
 )  # fmt: skip
 """By processor time from an empty kernel cache; those not named take less than 20 s each."""
 

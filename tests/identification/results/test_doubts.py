@@ -89,7 +89,7 @@ def test_a_right_log_is_quiet():
 
 
 def two_joints_of_a_ur5e():
-    """Shoulder lift and elbow behind gears of 100 and encoders of 4,096 counts, whose P loop hunts by a count or two."""
+    """Shoulder lift and elbow, gears of 100 and encoders of 4,096 counts: the P loop hunts by a count or two."""
     file = read_robot("ur5e").model
     chain = Chain.from_urdf(file, [link.name for link in Chain.from_urdf(file).links[1:3]])
     one, other = (0.2, 0.1, -0.05), (-0.15, 0.1, 0.1)
