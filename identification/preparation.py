@@ -87,6 +87,7 @@ def prepare(
     """The problem that a method is given; bad input is refused here, before any search."""
     choice("method", method, tuple(METHODS))
     instance("zeros", zeros, bool, "Give True or False.")
+    _, unknown = as_records(dynamics, records, unknown)
     searched, kept = _set_aside(dynamics, records, unknown, held_out, method)
     _require_room(dynamics, (*searched, *kept), unknown, method)
     objective = Objective(dynamics, searched, unknown, **options)

@@ -38,7 +38,7 @@ def identify(
     method: str = "seeded",
     progress: bool = True,
     ranges: ArrayLike | None = None,
-    unknown: Iterable[str] | None = None,
+    unknown: Iterable[str] | str | None = None,
     settings: GeneticSettings | None = None,
     steps_per_sample: int = 4,
     sweeps: int = 3,
@@ -78,8 +78,9 @@ def identify(
     ranges : (k, 2) array_like, optional
         Where to search each unknown; "paper" takes ``dynamics.ranges`` by default, the others need
         none.
-    unknown : sequence of str, optional
-        Names of what to find: all of f by default; numbers of rig or law may be added (``drive.viscous[0]``).
+    unknown : sequence of str or {"friction", "gains"}, optional
+        Names of what to find: all of f by default; numbers of rig or law may be added (``drive.viscous[0]``). Words
+        stand for many: "f", "friction", "gains" (of the law); one of the last two alone is beside f.
     settings : GeneticSettings, optional
         By default `GeneticSettings.paper()`.
     steps_per_sample : int

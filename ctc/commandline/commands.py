@@ -13,7 +13,7 @@ from ctc.certification.certificates import Certificates
 from ctc.certification.certify import certify
 from ctc.certification.uncertainty import Uncertainty
 from ctc.commandline.demo import demo
-from ctc.commandline.inputs import Answer, motions_asked, new_place, path_of, plain_number, records_of, unknowns_of
+from ctc.commandline.inputs import Answer, motions_asked, new_place, path_of, plain_number, records_of
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.report.report import write_report
 from ctc.tuning.tune import tune
@@ -78,8 +78,8 @@ def run_identify(given: Namespace) -> Answer:
     held_out = records_of(given.held_out, robot, given.cut) if given.held_out else None
     found = identify(
         cast(Dynamics, robot.dynamics), records if len(records) > 1 else records[0], seed=given.seed,
-        method=given.method, unknown=unknowns_of(given.unknown, robot), held_out=held_out, elasticity=given.elasticity,
-        checkpoint=given.checkpoint, progress=not given.quiet,
+        method=given.method, unknown=given.unknown and ("f", *given.unknown), held_out=held_out,
+        elasticity=given.elasticity, checkpoint=given.checkpoint, progress=not given.quiet,
     )  # fmt: skip
     found.save(place)
     good = not doubts(found)

@@ -1,7 +1,6 @@
 """What commands read: robot files, logs, results; and the places that they may write."""
 
 import dataclasses
-import difflib
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -31,9 +30,6 @@ def plain_number(value: Any) -> float | None:
     return float(value) if value is not None and math.isfinite(value) else None
 
 
-_GROUPS = {"friction": ("drive.viscous", "drive.coulomb"), "gains": ("law.gain",)}
-"""What one word stands for, a number per joint each."""
-
 _KNOTS = 0.02  # time between the points of a logged path that a spline goes through [s]
 _LONGER, _WIDER = 100.0, 10.0  # times the log's duration, and its angles, from which on a path looks like other units
 _AT_REST = 0.02  # speed of a joint [rad/s] below which a path begins at rest
@@ -44,27 +40,6 @@ def records_of(paths: list[str], robot: Robot | None, cut: tuple[float, float] |
     of_robot: Any = {} if robot is None else {name: getattr(robot, name) for name in ("rig", "law", "columns", "units")}
     records = read_records(paths, **of_robot)
     return records if cut is None else tuple(record.cut(*cut) for record in records)
-
-
-def unknowns_of(named: list[str] | None, robot: Robot) -> list[str] | None:
-    """All of f, which nobody has to name, and the numbers that a word or a name stands for.
-
-    Raises
-    ------
-    ValueError
-        A word that is nearly one of those.
-    """
-    if named is None or robot.dynamics is None:
-        return named
-    for word in named:
-        near = difflib.get_close_matches(word, _GROUPS, n=1)
-        if near and word not in _GROUPS:
-            takes = f"--unknown takes {', '.join(_GROUPS)} and names such as drive.viscous[0]"
-            raise ValueError(f"{takes}; got {word!r}. Did you mean {near[0]!r}?")
-    given = [name for word in named for name in _GROUPS.get(word, (word,)) if word != "f"]
-    grouped = [name for names in _GROUPS.values() for name in names]
-    every = [f"{name}[{i}]" if name in grouped else name for name in given for i in range(robot.rig.n)]
-    return list(dict.fromkeys([*robot.dynamics.names, *every]))
 
 
 def path_of(found: Identification, given: str | None = None) -> Reference:

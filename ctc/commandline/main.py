@@ -63,10 +63,10 @@ def main(arguments: list[str] | None = None) -> int:
     text = json.dumps(answer.data, indent=1, allow_nan=False) if given.json else answer.text
     try:
         _print(_as_options(text, given))
-    except BrokenPipeError:  # whoever read it has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
-        return _failed(f"the answer must be printed; {error.strerror}. Make room, or print it elsewhere.", 2)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing is left for Python's own last flush
+        if not isinstance(error, BrokenPipeError):  # whoever reads a pipe may have seen enough
+            return _failed(f"the answer must be printed; {error.strerror}. Make room, or print it elsewhere.", 2)
     return 0 if answer.good else 1
 
 

@@ -24,26 +24,43 @@ from plant.simulation.loop_kernel import loop_kernel
 from plant.simulation.simulator import injected_beside
 from plant.simulation.threads import shared_out
 
+GROUPS = {"friction": ("drive.viscous", "drive.coulomb"), "gains": ("law.gain",)}
+"""What one word stands for among the unknowns."""
+
 _GEARED = ("drive.gear", "drive.coupling", "encoder.resolution")  # numbers that turn counts into angles
 
 
 def as_records(
     dynamics: Dynamics, records: Record | Iterable[Record], unknown: Iterable[str] | None
 ) -> tuple[tuple[Record, ...], tuple[str, ...]]:
-    """Records and unknown names as tuples, or a refusal; by default all of f is unknown; f1, ... are short."""
+    """Records and unknown names as tuples, or a refusal; by default all of f is unknown.
+
+    Names may be short (f1, ...), and words: "f" is all of f, each of `GROUPS` a number per joint, alone beside f.
+    """
     records = tuple(records) if isinstance(records, Iterable) else (records,)
     if not records or not all(isinstance(record, Record) for record in records):
         given = type(next(r for r in records if not isinstance(r, Record))).__name__ if records else "none"
         raise ValueError(f"records must be at least one Record; got {given}. Pass what simulate or from_csv gave.")
     instance("dynamics", dynamics, Dynamics, "Pass the equations with f open, such as puma560.dynamics().")
-    if isinstance(unknown, str) or not (unknown is None or np.iterable(unknown)):
-        raise ValueError(f"unknown must be a sequence of names; got {unknown!r}. Write ({unknown!r},).")
+    if (isinstance(unknown, str) and unknown not in GROUPS) or not (unknown is None or np.iterable(unknown)):
+        raise ValueError(
+            f"unknown must be {' or '.join(GROUPS)}, or a sequence of names; got {unknown!r}. Write ({unknown!r},)."
+        )
+    if unknown is None:
+        return records, dynamics.names
     long = dict(zip(dynamics.short_names, dynamics.names, strict=True))
-    unknown = tuple(dynamics.names if unknown is None else (long.get(name, name) for name in unknown))
-    twice = [name for i, name in enumerate(unknown) if name in unknown[:i]]
-    if twice:
+    stands = {"f": dynamics.names}
+    stands |= {word: tuple(f"{name}[{i}]" for name in of for i in range(dynamics.n)) for word, of in GROUPS.items()}
+    words: tuple[str, ...] = ("f", unknown) if isinstance(unknown, str) else tuple(unknown)
+    for word in words:
+        if word not in GROUPS and (meant := near(word, GROUPS, cutoff=0.6)):
+            takes = f"unknown takes {', '.join(GROUPS)} and names such as drive.viscous[0]"
+            raise ValueError(f"{takes}; got {word!r}. {meant}")
+    names = [name for word in words for name in stands.get(word, (long.get(word, word),))]
+    twice = [name for i, name in enumerate(names) if name in names[:i]]
+    if twice and not any(word in stands for word in words):
         raise ValueError(f"unknown must name each number once; {twice[0]} comes twice. Leave one out.")
-    return records, unknown
+    return records, tuple(dict.fromkeys(names))
 
 
 def with_zeros(records: Iterable[Record], zeros: Floats) -> list[Record]:

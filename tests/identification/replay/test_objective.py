@@ -79,6 +79,30 @@ def test_several_records_add():
     np.testing.assert_array_equal(both(population), sum(objective(record)(population) for record in records))
 
 
+FRICTION = tuple(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in (0, 1))
+
+
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        ("friction", (*puma560.dynamics().names, *FRICTION)),
+        ("gains", (*puma560.dynamics().names, "law.gain[0]", "law.gain[1]")),
+        (("friction", "f"), (*FRICTION, *puma560.dynamics().names)),
+        (("f", "drive.coulomb[1]", "friction"), (*puma560.dynamics().names, FRICTION[3], *FRICTION[:3])),
+    ],
+    ids=str,
+)
+def test_a_word_stands_for_many_unknowns(words, names):
+    assert objective(unknown=words).unknown == names
+
+
+def test_a_word_that_is_nearly_one_is_asked_about():
+    with pytest.raises(
+        ValueError, match=r"unknown takes friction, gains and names .*; got 'fricton'. Did you mean 'fri"
+    ):
+        objective(unknown=("f", "fricton"))
+
+
 def test_numbers_of_rig_and_law_can_be_unknown_in_any_order():
     """The true values cost nothing, and others what the plant simulates with them."""
     search = objective(unknown=UNKNOWN)
