@@ -54,7 +54,7 @@ def as_records(
     words: tuple[str, ...] = ("f", unknown) if isinstance(unknown, str) else tuple(unknown)
     for word in words:
         if word not in GROUPS and (meant := near(word, GROUPS, cutoff=0.6)):
-            takes = f"unknown takes {', '.join(GROUPS)} and names such as drive.viscous[0]"
+            takes = f"unknown must be {', '.join(GROUPS)} or names such as drive.viscous[0]"
             raise ValueError(f"{takes}; got {word!r}. {meant}")
     names = [name for word in words for name in stands.get(word, (long.get(word, word),))]
     twice = [name for i, name in enumerate(names) if name in names[:i]]

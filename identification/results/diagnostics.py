@@ -13,10 +13,10 @@ from identification.replay.objective import Objective
 from identification.replay.timing import delay_of, is_late
 from identification.results.detection import Detection
 from identification.results.stepwise import detect
-from identification.search.memory import repeating
+from identification.search.memory import repeating, run_again
 from identification.search.outcome import Fit
 from identification.search.problem import Problem
-from plant import Law, Record, Resumed, replay
+from plant import Record
 from plant.checkup.oscillation import own_oscillation
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
@@ -61,7 +61,8 @@ class Diagnostics(Shown, Frozen):
         that begin elsewhere within a count: a loop that hunts by a count never does so twice alike. NaN where
         `difference` asks for no explanation.
     hunts : tuple of int
-        Records whose loop oscillates, as the model's does: friction and counts do it, and nothing is wrong.
+        Records whose loop oscillates, as that of the model does by friction and counts alone, at about that frequency.
+        What else the log contradicts is told by `difference` and `detection`, as of any other.
     """
 
     objective: float
@@ -142,9 +143,7 @@ def _expected(problem: Problem, fit: Fit, records: Sequence[Record]) -> tuple[fl
 
 def _run(problem: Problem, values: Floats, record: Record) -> Record:
     """A record, simulated with these values (k,) of the unknowns, its law with the memory that it has there."""
-    arm, rig, law = problem.parts(values)
-    resumed: Law = dataclasses.replace(record.law, law=law) if isinstance(record.law, Resumed) else law
-    run = replay(arm, record, rig=rig, law=resumed)
+    run = run_again(record, *problem.parts(values))
     return dataclasses.replace(run, initial=np.stack([run.true_q[0], run.true_qd[0]]))  # type: ignore[index]  # simulated
 
 

@@ -1,6 +1,5 @@
 """Figures of results: errors, innovations, spectrum, intervals; the oscillation. matplotlib is imported when drawn."""
 
-import dataclasses
 import itertools
 from typing import Any
 
@@ -8,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.replay.prediction import Prediction
-from identification.search.memory import as_repeated
-from plant import Record, Resumed, replay
+from identification.search.memory import as_repeated, run_again
+from plant import Record
 from plant.checkup.oscillation import spectrum
 from plant.parts.fields import Floats
 from plant.parts.figures import BAND, LOGS, axes_of, colour_of, dressed, legend_above, literal
@@ -21,11 +20,9 @@ def repeated(found: Any) -> Record | None:
 
     It begins as the record does, its law with the memory that was found: the run that `Diagnostics.difference` is of.
     """
-    record, law = as_repeated(found.records[:1], found.fit.resumptions[:1])[0], found.law
-    if isinstance(record.law, Resumed):
-        law = dataclasses.replace(record.law, law=law)
+    (record,) = as_repeated(found.records[:1], found.fit.resumptions[:1])
     try:
-        return replay(found.arm, record, rig=found.rig, law=law)
+        return run_again(record, found.arm, found.rig, found.law)
     except DivergenceError:
         return None
 

@@ -17,7 +17,7 @@ from identification.replay.experiment import with_zeros
 from identification.replay.objective import Objective
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem
-from plant import Record, Resumed
+from plant import Arm, Law, Record, Resumed, Rig, replay
 from plant.laws.resumed import AlongLog
 
 _BY_CHANCE = 5.0  # standard deviations by which a sum of squares may fall by chance, where more is unknown
@@ -60,6 +60,12 @@ def _or_none(fitted: Callable[[Problem], Outcome], problem: Problem) -> Outcome 
 def as_repeated(records: Sequence[Record], places: Sequence[Resumption | None]) -> tuple[Record, ...]:
     """Records to be simulated once more: their laws go on where they were, as was found, or as logged torques say."""
     return resumed_at(records, places) if places else tuple(map(begun, records))
+
+
+def run_again(record: Record, arm: Arm, rig: Rig, law: Law) -> Record:
+    """Such a record, simulated with what was found, its law with the memory that it has there."""
+    resumed = dataclasses.replace(record.law, law=law) if isinstance(record.law, Resumed) else law
+    return replay(arm, record, rig=rig, law=resumed)
 
 
 def repeating(problem: Problem, objective: Objective, places: Sequence[Resumption | None] = ()) -> Objective:

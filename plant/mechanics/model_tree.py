@@ -12,7 +12,7 @@ import numpy as np
 
 from plant.mechanics.body import Body
 from plant.mechanics.link import Limits, Link
-from plant.mechanics.placement import Placement
+from plant.mechanics.placement import Placement, righted
 from plant.mechanics.xml_file import Element
 from plant.parts.arguments import choice
 from plant.parts.fields import Floats
@@ -104,7 +104,7 @@ def links_of_chain(model: ModelFile, names: Sequence[str] | None) -> tuple[tuple
         on_axis = Placement(rotation=_axis_frame(joint.axis), position=joint.anchor)
         slides, frame = MOVING[joint.kind], on_axis.inverse()
         zero = {"d" if slides else "theta": -joint.zero}
-        pose, rounded[joint.name] = (at @ before @ on_axis).righted()
+        pose, rounded[joint.name] = righted(at @ before @ on_axis)
         links.append(Link(name=joint.name, prismatic=slides, before=pose, frame=frame, **zero))
         at = frame
         made.append(_lumped(model.bodies, hanging, joint.child, moving))

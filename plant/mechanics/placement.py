@@ -24,10 +24,6 @@ def exact(x: Any) -> Floats:
     return np.where(np.abs(x - np.round(x)) < 1e-15, np.round(x), x)
 
 
-RIGHT = 1e-3
-"""Angle [rad] up to which a model file's angle is taken for the right one that it rounds."""
-
-
 @part
 class Placement(Part):
     """Pose of a frame in a reference frame.
@@ -78,25 +74,6 @@ class Placement(Part):
         rotation = np.array(self.rotation).T
         return Placement(rotation=rotation, position=-rotation @ self.position)
 
-    def righted(self) -> tuple[Placement, float]:
-        """This pose of an axis z in the frame of another, angles within `RIGHT` of right ones put right; by how much.
-
-        The angles are those of RotZ RotX RotZ: between the axes, and about each of them.
-        """
-        R = np.array(self.rotation)
-        between = np.arctan2(np.hypot(R[0, 2], R[1, 2]), R[2, 2])
-        if np.sin(between) > RIGHT:
-            angles = np.array([np.arctan2(R[0, 2], -R[1, 2]), between, np.arctan2(R[2, 0], R[2, 1])])
-        else:  # parallel axes: one angle about both
-            angles = np.array([0.0, between, np.arctan2(np.sign(R[2, 2]) * R[1, 0], R[0, 0])])
-        quarters = np.round(angles / (np.pi / 2)) * (np.pi / 2)
-        right = np.where(np.abs(angles - quarters) < RIGHT, quarters, angles)
-        off = float(np.abs(right - angles).max())
-        if off < 1e-9:
-            return self, 0.0
-        rotation = turn((0, 0, 1), right[0]) @ turn((1, 0, 0), right[1]) @ turn((0, 0, 1), right[2])
-        return Placement(rotation=rotation, position=self.position), off
-
     @classmethod
     def of_row(cls, *, alpha: float = 0.0, a: float = 0.0, d: float = 0.0, theta: float = 0.0) -> Placement:
         """RotX(alpha) TransX(a) RotZ(theta) TransZ(d): a row of the modified Denavit-Hartenberg table."""
@@ -108,3 +85,27 @@ class Placement(Part):
         """RotZ(yaw) RotY(pitch) RotX(roll), as URDF has them [rad]."""
         rotation = turn((0, 0, 1), yaw) @ turn((0, 1, 0), pitch) @ turn((1, 0, 0), roll)
         return cls(rotation=rotation, position=position)
+
+
+RIGHT = 1e-3
+"""Angle [rad] up to which a model file's angle is taken for the right one that it rounds."""
+
+
+def righted(pose: Placement) -> tuple[Placement, float]:
+    """A pose of an axis z in the frame of another, angles within `RIGHT` of right ones put right; by how much.
+
+    The angles are those of RotZ RotX RotZ: between the axes, and about each of them.
+    """
+    R = np.array(pose.rotation)
+    between = np.arctan2(np.hypot(R[0, 2], R[1, 2]), R[2, 2])
+    if np.sin(between) > RIGHT:
+        angles = np.array([np.arctan2(R[0, 2], -R[1, 2]), between, np.arctan2(R[2, 0], R[2, 1])])
+    else:  # parallel axes: one angle about both
+        angles = np.array([0.0, between, np.arctan2(np.sign(R[2, 2]) * R[1, 0], R[0, 0])])
+    quarters = np.round(angles / (np.pi / 2)) * (np.pi / 2)
+    right = np.where(np.abs(angles - quarters) < RIGHT, quarters, angles)
+    off = float(np.abs(right - angles).max())
+    if off < 1e-9:
+        return pose, 0.0
+    rotation = turn((0, 0, 1), right[0]) @ turn((1, 0, 0), right[1]) @ turn((0, 0, 1), right[2])
+    return Placement(rotation=rotation, position=pose.position), off

@@ -15,17 +15,22 @@ drives the arm.
 import numpy as np
 
 from plant.realtime.memory import (
-    ACTED, AT_LIMIT, BAD_LAW, BEFORE, BOUNDED, CALLS, CAUSE, COUNTS, DONE, DT, FILLED, FRESH, FROM_TORQUE, FULL, GIVEN,
-    GUARDED, HELD, HELD_COUNTS, HELD_SPEED, HOLDING, HURRIED, IS_SATURATED, LATCHED, LIMITED, MEAN, NOW, NO_TORQUE,
-    OPPOSES, OVER, PASSED, PATIENCE, PERIOD, RAMPING, RATE, RATED, RELEASED, ROWS, RUNNING, SCALARS, SINCE, SPEED,
-    STATES, SWING, TOO_STEEP, TORQUE, WANTED, counted, law, limited, monitored, moving, ramp, shifted, slowing,
+    ACTED, AT_LIMIT, BAD_LAW, BEFORE, BOUNDED, CALLS, CAUSE, COUNTS, DONE, DT, FILLED, FOLLOWED, FRESH, FROM_TORQUE,
+    FULL, GIVEN, GUARDED, HELD, HELD_COUNTS, HELD_SPEED, HOLDING, HURRIED, IS_SATURATED, LATCHED, LIMITED, MEAN, NOW,
+    NO_TORQUE, OPPOSES, OVER, PASSED, PATIENCE, PERIOD, PLANNED, RAMPING, RATE, RATED, REFERENCE, RELEASED, ROWS,
+    RUNNING, SCALARS, SINCE, SPEED, STATES, SWING, TOO_STEEP, TORQUE, WANTED, counted, law, limited, monitored, moving,
+    planned, ramp, shifted, slowing,
 )  # fmt: skip
 from plant.realtime.stopping import begin_stop, bridge, copy, limit_time, opposed, release, rising, stop, take_state
 from plant.realtime.watching import bounded, follow, in_time, read, refused, watch
 
 
 OPPOSED, OPPOSED_CALLS, OPPOSED_COUNTS = 0.004, 8.0, 8.0
-"""Time [s] and calls for which a torque at its limit pushes one way, and pulses that it then has failed to move."""
+"""Time [s] and calls, at least and at most twice as many, for which a torque at its limit pushes one way, and pulses
+that the joint has moved the other way meanwhile."""
+
+NEAR, FAR_ENOUGH = 10.0, 100.0
+"""Pulses from its reference within which a joint follows it, and over which it then has proved its encoder."""
 
 
 def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
@@ -135,15 +140,21 @@ def rate(own, joints, memory):
 def opposing(own, joints, memory):
     """Guard of a joint that moves against its torque: its encoder is reversed, or another joint's.
 
-    A torque at its limit accelerates the joint its way, whatever it bears; a joint that it brakes becomes slower.
+    A torque at its limit accelerates the joint its way, whatever it bears; a joint that it brakes becomes slower. One
+    that has followed its reference counts its own motion: then the load is too heavy, or the amplifier too weak.
     """
+    least = max(OPPOSED, OPPOSED_CALLS * own[PERIOD])
     limited(memory)
+    planned(memory)
     for i in range(joints.shape[1]):
-        side = joints[LIMITED, i]
-        if side == 0.0 or side * joints[HELD, i] < 0.0 or joints[HELD, i] == 0.0:
+        follows = abs(joints[REFERENCE, i] - joints[COUNTS, i]) <= NEAR
+        if joints[FOLLOWED, i] < FAR_ENOUGH:
+            joints[FOLLOWED, i] = joints[FOLLOWED, i] + abs(joints[PLANNED, i]) * own[DT] if follows else 0.0
+        side, held = joints[LIMITED, i], abs(joints[HELD, i])
+        if side * joints[HELD, i] <= 0.0 or held > 2.0 * least:
             joints[HELD, i], joints[HELD_COUNTS, i], joints[HELD_SPEED, i] = 0.0, joints[COUNTS, i], joints[SPEED, i]
         joints[HELD, i] += side * own[DT]
         held = abs(joints[HELD, i])
         moved = joints[COUNTS, i] - joints[HELD_COUNTS, i] - joints[HELD_SPEED, i] * held
-        if held > max(OPPOSED, OPPOSED_CALLS * own[PERIOD]) and side * moved < -OPPOSED_COUNTS:
+        if held > least and side * moved < -OPPOSED_COUNTS and joints[FOLLOWED, i] < FAR_ENOUGH:
             stop(OPPOSES, i, moved, own)

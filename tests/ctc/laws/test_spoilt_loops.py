@@ -9,6 +9,7 @@ CASES = {
     ("sign", "motion"): "no torque since joint 2 (q[0]) ran away: joint 2 (q[0]) moved by",
     ("swap", "motion"): "no torque since joint 2 (q[0]) ran away: joint 2 (q[0]) moved by",
     ("swap", "hold"): "no torque since",
+    ("saturation", "motion"): "ramp to gravity compensation: the torque of joint 2",  # no encoder's doing
     ("nan", "motion"): "no whole numbers",
     ("double", "motion"): "holding: calls lost or doubled",
     ("lost", "motion"): "calls lost or doubled",

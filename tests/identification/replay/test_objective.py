@@ -98,7 +98,7 @@ def test_a_word_stands_for_many_unknowns(words, names):
 
 def test_a_word_that_is_nearly_one_is_asked_about():
     with pytest.raises(
-        ValueError, match=r"unknown takes friction, gains and names .*; got 'fricton'. Did you mean 'fri"
+        ValueError, match=r"unknown must be friction, gains or names .*; got 'fricton'. Did you mean 'fri"
     ):
         objective(unknown=("f", "fricton"))
 

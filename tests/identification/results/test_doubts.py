@@ -112,6 +112,9 @@ def test_a_loop_that_hunts_by_counts_is_described_and_not_doubted(gain, hunts):
     assert found.warnings == []
     said = " ".join(found.summary(full=True).split())
     assert ("the loop hunts by counts, as the model's does" in said) == bool(hunts)
-    soft = dataclasses.replace(record, law=P(gain=0.7 * np.array(gain)), torque=None, current=None)
-    with pytest.warns(IdentificationWarning):
-        identify(arm.dynamics, soft, method="prediction_error", progress=False)
+    worn = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, coulomb=0.5 * rig.drive.coulomb))
+    other = dataclasses.replace(simulate(arm, worn, P(gain=gain), path, duration=3.0, steps_per_sample=16), rig=rig)
+    for wrong in (other, dataclasses.replace(record, law=P(gain=0.7 * np.array(gain)), torque=None, current=None)):
+        with pytest.warns(IdentificationWarning):
+            doubted = identify(arm.dynamics, wrong, method="prediction_error", progress=False)
+        assert doubted.diagnostics.detection.names == ("friction",)  # so gains look, too

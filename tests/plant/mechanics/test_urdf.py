@@ -8,6 +8,7 @@ from hypothesis import given as drawn
 from hypothesis import strategies as st
 
 from plant import Chain, Dynamics, Placement
+from plant.mechanics.placement import righted
 
 pin = pytest.importorskip("pinocchio")
 from model_texts import urdf  # noqa: E402
@@ -81,11 +82,11 @@ def test_right_angles_that_a_file_rounds_are_put_right(quarters, off):
     """Any of roll, pitch and yaw, and all three; what is no right angle stays as it is."""
     exact = Placement.of_angles(*(np.pi / 2 * np.array(quarters)))
     rounded = Placement.of_angles(*(np.pi / 2 * np.array(quarters) + np.array(off) / 3))
-    righted, by = rounded.righted()
-    np.testing.assert_allclose(righted.rotation, exact.rotation, atol=1e-9)  # less is no rounding
+    put_right, by = righted(rounded)
+    np.testing.assert_allclose(put_right.rotation, exact.rotation, atol=1e-9)  # less is no rounding
     assert by < 1e-3
     other = Placement.of_angles(0.3, 0.4, 0.5)
-    assert other.righted() == (other, 0.0)
+    assert righted(other) == (other, 0.0)
 
 
 def test_rounded_right_angles_are_said_and_give_no_parameter_more(tmp_path):
