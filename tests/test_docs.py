@@ -28,9 +28,14 @@ def test_the_code_of_the_architecture_page_runs():
     assert abs(space["record"].error_pulses).max() > 0
 
 
-def test_the_first_block_of_the_readme_runs(capsys):
-    exec(blocks(ROOT / "README.md")[0].replace("(found, rig, law, path)", "(found, rig, law, path, samples=200)"), {})  # noqa: S102
-    assert "200" in capsys.readouterr().out
+def test_the_readme_s_code_runs_from_its_first_block_to_its_last(capsys):
+    names = {}
+    for block in blocks(ROOT / "README.md"):
+        exec(block.replace("(found, rig, law, path)", "(found, rig, law, path, samples=200)"), names)  # noqa: S102
+    out = capsys.readouterr().out
+    assert "200" in out
+    assert out.rstrip().endswith("running")
+    assert names["current"].shape == (2,)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

@@ -186,7 +186,10 @@ def _explained(certificate: Any) -> Iterator[Piece]:
     long = [f"{short[x.name]} = {x.name}" for x in shown if short.get(x.name, x.name) != x.name]
     yield Aside("What the parameters mean", long)
     if certificate.failures and of_f > max(_DECIDES * sum(x.share for x in influences), _AT_ALL):
-        yield "how well f is known decides: identify from more records, or from a motion of design_motion"
+        yield (
+            "how well f is known decides: identify from more records, or from a motion of design_motion; or let tune "
+            "search for a controller that holds all of it"
+        )
     elif certificate.failures:
         yield "another controller may hold: tune searches for it, along this path and over what is sampled here"
     if certificate.plants.redrawn:

@@ -18,7 +18,7 @@ from plant.machine.elasticity import Elasticity, Resonance
 from plant.machine.friction import FrictionCurve
 from plant.machine.presliding import Presliding
 from plant.mechanics.coupling import Coupling
-from plant.parts.arguments import instance, real, signs
+from plant.parts.arguments import instance, per_joint, real, signs
 from plant.parts.fields import ArrayOrSymbols, Floats, Vector
 from plant.parts.labels import joint_labels
 from plant.parts.part import Part, number, part, structure
@@ -148,7 +148,7 @@ class Drive(Part):
 
     def current(self, tau: ArrayOrSymbols) -> ArrayOrSymbols:
         """Motor current [A] of a joint torque [N m]."""
-        return self.motor_torque(tau) / self.motor_gain
+        return self.motor_torque(per_joint("torque", tau, self.n)) / self.motor_gain
 
     def torque_limit(self) -> Floats:
         """Largest torque that the amplifier allows [N m], on the joint (of coupled motors: on the shaft)."""

@@ -11,7 +11,7 @@ from plant.machine.encoder import Encoder
 from plant.machine.friction_step import DRY_FRICTION
 from plant.machine.known_torque import KnownTorque, require_torques, total_torque
 from plant.mechanics.chain import Chain
-from plant.parts.arguments import real, signs
+from plant.parts.arguments import per_joint, real, signs
 from plant.parts.fields import ArrayOrSymbols
 from plant.parts.labels import joint_labels
 from plant.parts.part import Part, number, part, structure
@@ -217,7 +217,7 @@ class Rig(Part):
 
     def counts(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
         """Encoder counts at a joint position [rad], whole numbers with the motor's sign, without the unknown phase."""
-        return self.encoder.quantised(self.position_in_pulses(q))
+        return self.encoder.quantised(self.position_in_pulses(per_joint("q", q, self.n)))
 
     def true_counts(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
         """Encoder counts at a joint position [rad], with the phase of the encoder."""

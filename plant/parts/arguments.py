@@ -8,6 +8,7 @@ import numbers
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any, TypeVar
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -41,6 +42,14 @@ def array(
         where = index[0] if len(index) == 1 else index
         raise ValueError(f"{name} must be finite; got {result[index]} at index {where}. {advice}")
     return result
+
+
+def per_joint(name: str, value: Any, n: int) -> Any:
+    """Numbers of n joints in their last axis, as an array; symbols of casadi as they are; or a refusal."""
+    if isinstance(value, (ca.SX, ca.MX, ca.DM)):
+        return value
+    shape = np.shape(value)
+    return array(name, value, (*shape[:-1], n), advice="Give one number per joint.", finite=False)
 
 
 def choice(name: str, value: T, allowed: Collection[T]) -> T:
