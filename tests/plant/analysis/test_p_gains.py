@@ -47,3 +47,23 @@ def test_a_joint_that_is_not_needed_gets_a_gain_too():
     """One joint moves, the other has to stay where it is."""
     law = p_gains(ARM, RIG, PointToPoint(start=(0.0, 0.0), goal=(0.0, 0.4), duration=1.0), 12)
     assert (law.gain > 0).all()
+
+
+@pytest.mark.parametrize("best", [10.5, 13.0])
+def test_of_a_loop_that_hunts_the_best_attempt_is_taken_if_it_is_near(monkeypatch, best):
+    """The second joint's peak jumps with each gain, and is never between 0.8 and 1 of what is allowed."""
+    gains, peaks = [], iter([15.0, 5e3, 15.0, best, *[15.0] * 8])
+
+    def hunting(arm, rig, law, reference):
+        gains.append(law.gain)
+        return type("Run", (), {"error_pulses": np.array([[9.0, next(peaks)]])})
+
+    monkeypatch.setattr("plant.analysis.p_gains.simulate", hunting)
+    if best < 11:
+        np.testing.assert_array_equal(p_gains(ARM, RIG, PATH, 10).gain, gains[3])
+    else:
+        with pytest.raises(
+            ValueError, match=r"12 attempts came to \[ 9. 13.\] at best, the furthest off at joint"
+        ) as error:
+            p_gains(ARM, RIG, PATH, 10)
+        assert "\n" not in str(error.value)

@@ -169,3 +169,21 @@ def test_rig_needs_a_period_and_as_many_encoders_as_drives():
         Rig(drive=DRIVE, encoder=Encoder(resolution=(1, 2, 3)), period=1e-3)
     with pytest.raises(ValueError, match="resolution must be positive"):
         Encoder(resolution=(1, -2))
+
+
+@pytest.mark.parametrize(
+    ("what", "value"), [("current", (1, 2, 3)), ("counts", (0, 0, 0)), ("current", "a"), ("counts", 0.1)]
+)
+def test_numbers_of_other_joints_are_refused_in_one_line(what, value):
+    rig = puma560.rig()
+    with pytest.raises(
+        ValueError, match=r"(torque|q) must (have|be numbers of) shape .*Give one number per joint"
+    ) as error:
+        (rig.drive if what == "current" else rig).__getattribute__(what)(value)
+    assert "\n" not in str(error.value)
+
+
+def test_numbers_of_many_samples_are_taken_as_before():
+    rig, q = puma560.rig(), np.linspace(-1, 1, 12).reshape(3, 2, 2)
+    np.testing.assert_array_equal(rig.counts(q)[1, 0], rig.counts(q[1, 0]))
+    np.testing.assert_array_equal(rig.drive.current(q)[2], rig.drive.current(q[2]))
