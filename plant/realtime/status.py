@@ -10,6 +10,8 @@ from plant.parts.arguments import array
 from plant.realtime import memory as layout
 from plant.realtime.pieces import RAMP
 
+_FIRST = 2  # calls in which a joint is far from its reference for the units, or the start, of the reference
+
 
 def numbers(name: str, value: ArrayLike, n: int, advice: str) -> NDArray[np.float64]:
     """Numbers of one argument, finite or not; whatever is no plain array of numbers is refused."""
@@ -67,7 +69,8 @@ def _said(memory: NDArray[np.float64], labels: Sequence[str], gravity: bool, why
         drove = {layout.DRIVES: "grew faster in the stop", layout.PUSHES: "stayed at its torque limit",
                  layout.RUNS: "ran away"}[int(memory[layout.LATCH])]  # fmt: skip
         end = f"no torque since {joint} {drove}"
-    return f"safe stop, {end}: {why}{again}, at call {call:.0f}"
+    begun = "; a reference is in rad, and begins where the arm is" if event == layout.IS_OFF and call <= _FIRST else ""
+    return f"safe stop, {end}: {why}{again}, at call {call:.0f}{begun}"
 
 
 def wording(cause: float, joint: str, amount: float) -> str:

@@ -50,10 +50,12 @@ def stop(cause, joint, amount, own):
 
 def begin_stop(own, joints, memory):
     """Begin a stop: from the reference if the arm tracks it, otherwise from the measured motion with a reset law."""
+    cause, elsewhere = own[CAUSE], own[CAUSE] == IS_OFF and own[CALLS] == 1.0
+    for i in range(joints.shape[1]):
+        joints[SPEED, i] *= 0.0 if elsewhere else 1.0  # such a reference says nothing of the arm's motion
     begun(own, joints)
     own[SINCE] = own[JUMPS] = 0.0
     counted(memory)
-    cause = own[CAUSE]
     lost = cause == OFF_BEAT and own[RHYTHM] > own[FASTER]
     if cause == OPPOSES:
         latch(RUNS, int(own[EVENT_JOINT]), own)
@@ -65,7 +67,7 @@ def begin_stop(own, joints, memory):
         for i in range(joints.shape[1]):
             joints[FROM_QD, i] *= own[RHYTHM] if cause == OFF_BEAT else 1.0  # the arm's, in the time that calls count
     else:
-        if cause == IS_OFF:
+        if cause == IS_OFF and not elsewhere:
             running_away(own, joints, memory)
         standing(memory)
         for i in range(joints.shape[1]):

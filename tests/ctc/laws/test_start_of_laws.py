@@ -82,3 +82,14 @@ def test_a_loop_that_swings_up_is_not_started(law, rig, hz):
 ], ids=["stiff enough", "just sampled enough", "one that rolls off"])  # fmt: skip
 def test_what_is_stable_starts(law, rig):
     assert np.isfinite(law.start(rig, COUNTS).step(COUNTS, START, np.zeros(2), np.zeros(2))).all()
+
+
+def test_a_reference_in_degrees_at_the_first_call_leaves_the_arm_held_where_it_is():
+    """Its speed, too large by 57, is not taken for the arm's; the status says what a reference has to be."""
+    controller = ComputedTorque(ARM, RIG).start(RIG, COUNTS)
+    q, qd, qdd = (np.degrees(each[0]) for each in PATH([0.3]))
+    for _ in range(5):
+        torque = controller.step(COUNTS, q, qd, qdd)
+        np.testing.assert_allclose(torque, ARM.h(START, np.zeros(2)), atol=1)
+    assert "holding" in controller.status
+    assert controller.status.endswith("at call 1; a reference is in rad, and begins where the arm is")
