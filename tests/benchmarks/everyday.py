@@ -4,6 +4,7 @@
     python tests/benchmarks/everyday.py --readme
     python tests/benchmarks/everyday.py --mujoco 10
     python tests/benchmarks/everyday.py --friction
+    python tests/benchmarks/everyday.py --machines
 
 The motions are those of `plant.everyday_motions`; of the paper's arm trajectory (6), too. The second command prints the
 table of the README, with one log and 300 samples.
@@ -18,7 +19,8 @@ With --mujoco the paper's arm with 1.5 kg in another engine, on gears of 400 Hz 
 0.02: f and friction identified from one P log of that engine on 400 Hz, or from one on these gears, and the gears, too;
 so many runs, each with other zeros of the encoders. A cell is the runs that stay within ±1 pulse, the share of samples
 that do, the largest error, and the mean torque chatter of the worst joint [N m]. With --friction the friction that the
-controller believes is off: arms that exceed ±1 pulse in the first, the second and the fourth period.
+controller believes is off: arms that exceed ±1 pulse in the first, the second and the fourth period. With --machines
+the first table for other encoders and periods, one sample of delay, jitter of 10 %, and an arm of seven joints.
 """
 
 import argparse
@@ -58,11 +60,15 @@ def frictions(n):
     return [f"drive.{kind}[{joint}]" for kind in ("viscous", "coulomb") for joint in range(n)]
 
 
-def paper(floor, seed, friction=True):
-    """The paper's arm, identified from one log."""
-    rig, dynamics = puma560.rig(), puma560.dynamics()
-    rig = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, floor=floor))
-    log = simulate(puma560.arm(), rig, puma560.p_law(), puma560.reference())
+def paper(floor, seed, friction=True, period=None, counts=None):
+    """The paper's arm, identified from one log; `counts` per turn of the motor in place of its own."""
+    rig, dynamics, law = puma560.rig(), puma560.dynamics(), puma560.p_law()
+    encoder = dataclasses.replace(rig.encoder, floor=floor)
+    if counts is not None:
+        law = dataclasses.replace(law, gain=law.gain * encoder.resolution / counts)
+        encoder = dataclasses.replace(encoder, resolution=np.full(2, counts, float))
+    rig = dataclasses.replace(rig, encoder=encoder, period=period or rig.period)
+    log = simulate(puma560.arm(), rig, law, puma560.reference())
     unknown = [*dynamics.names, *(frictions(2) if friction else ())]
     return identify(dynamics, log, seed=seed, unknown=unknown, progress=False)
 
@@ -200,6 +206,35 @@ def friction(samples):
                 print(f"| {factor} of what it is | {name} | {learns} | {' | '.join(shares)} |", flush=True)
 
 
+def machines(samples):
+    """Print the table of other machines."""
+    machine = paper(True, 1)
+    late, shaken = machine.rig.period, 0.1
+    rows = {f"{counts:,} counts a turn": (paper(True, 1, counts=counts), None) for counts in (400, 1000, 4000)}
+    rows |= {f"period {1e3 * period:g} ms": (paper(True, 1, period=period), None) for period in (3.5e-4, 7e-4, 2e-3)}
+    rows["one sample of delay"] = machine, Uncertainty(delay=(late, late))
+    rows["jitter of 10 %"] = machine, Uncertainty(jitter=(shaken, shaken))
+    motions = everyday_motions(puma560.arm(), puma560.rig()) | {"trajectory (6)": puma560.reference()}
+    print(f"| machine | {' | '.join(motions)} |\n|{'---|' * (len(motions) + 1)}", flush=True)
+    for name, (found, stated) in rows.items():
+        row(name, certified(found, found.rig, ComputedTorque(found), motions, stated, samples))
+    robot, random, pick = read_robot("puma560"), np.random.default_rng(0), (0, 1, 2, 3, 4, 4, 5)
+    links, drive = robot.dynamics.chain.links, robot.rig.drive
+    links = (*links[:5], Link(name="5b", alpha=-np.pi / 2, d=0.1, frame=links[4].frame), links[5])
+    bodies = [robot.dynamics.chain.bodies[i] for i in pick]
+    dynamics = Dynamics.from_chain(Chain(links=links, bodies=bodies))
+    numbers = ("gear", "motor_inertia", "viscous", "coulomb", "motor_gain", "current_limit")
+    drive = Drive(**{name: np.array(getattr(drive, name))[list(pick)] for name in numbers})
+    rig = Rig(
+        drive=drive, encoder=Encoder(resolution=robot.rig.encoder.resolution[list(pick)]), period=robot.rig.period
+    )
+    arm = dynamics.arm(dynamics.f())
+    f = arm.f * (1 + 0.01 * random.standard_normal((64, len(arm.f))))
+    law = ComputedTorque(arm, rig, bandwidth=min(145.0, 0.3 / rig.period), dead_zone=0.2)
+    row("seven joints", certify(arm, rig, law, everyday_motions(arm, rig), Uncertainty(plants=f, friction=0.05),
+                                samples=64, progress=False))  # fmt: skip
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=300)
@@ -208,10 +243,13 @@ if __name__ == "__main__":
     parser.add_argument("--mujoco", type=int, help="runs of another engine's arm")
     parser.add_argument("--friction", action="store_true", help="friction that is off, with and without learning")
     parser.add_argument("--old", help="folder of another checkout, for the same table beside it")
+    parser.add_argument("--machines", action="store_true", help="other encoders, periods, delay, jitter, seven joints")
     chosen = parser.parse_args()
     warnings.simplefilter("ignore", IdentificationWarning)
     if chosen.readme:
         sys.exit(readme(chosen.samples))
+    if chosen.machines:
+        sys.exit(machines(chosen.samples))
     if chosen.mujoco or chosen.friction:
         sys.exit(engine(chosen.mujoco) if chosen.mujoco else friction(chosen.samples))
     table(chosen.samples, chosen.logs)

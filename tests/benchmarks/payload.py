@@ -1,6 +1,6 @@
 """On-line identification of a load: every number that docs/tutorials/payload.md quotes.
 
-``python tests/benchmarks/payload.py [section ...] [--runs 200]``; sections: kilograms, restored, swap, genetic,
+``python tests/benchmarks/payload.py [section ...] [--runs 200]``; sections: kilograms, restored, bare, swap, genetic,
 detection, alarms, paced, elastic. Loads appear at a random instant of (6), which goes on after its period.
 """
 
@@ -166,6 +166,24 @@ def restored(runs):
             f"at most {max(lasting):.0f}; without: peak {np.median(bare):.0f}, at most {bare.max():.0f}, "
             f"{share.mean():.1%} of the samples outside"
         )
+
+
+def bare(runs):
+    """A load of 1.5 kg under the default controller of an identification, without the estimator."""
+    random, law = np.random.default_rng(5), ComputedTorque(identified("literature arm", 0))
+    peaks, back, lasting = [], [], round(0.1 / PERIOD)
+    for _ in range(runs):
+        body, change = drawn(random, 1.5)
+        first = lead(change)
+        controller, stepped = started(law, ARMS["literature arm"], first=first)
+        count = change - first + round(2 / PERIOD)
+        errors = np.abs(run(controller, stepped, count, change - first, body, first)[0][change - first :]).max(axis=1)
+        outside = np.flatnonzero(errors > 1)
+        within = np.diff([*outside, len(errors)]) > lasting
+        peaks.append(errors.max())
+        back.append(1e3 * PERIOD * (outside[within.argmax()] + 1) if len(outside) else 0.0)
+    for what, each in (("peak [pulses]", peaks), ("within a pulse, for 0.1 s, after [ms]", back)):
+        print(f"bare, {what}: median {np.median(each):.0f}, 95 % {percent(each):.0f}, at most {max(each):.0f}")
 
 
 def swap(runs):
@@ -399,7 +417,9 @@ def elastic_law(arm, rig):
 
 
 if __name__ == "__main__":
-    sections = {each.__name__: each for each in (kilograms, restored, swap, genetic, detection, alarms, paced, elastic)}
+    sections = {
+        each.__name__: each for each in (kilograms, restored, bare, swap, genetic, detection, alarms, paced, elastic)
+    }
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("sections", nargs="*", choices=[*sections, []], default=list(sections))
     parser.add_argument("--runs", type=int, default=200)
