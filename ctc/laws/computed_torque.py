@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ctc.laws.boost import boosted, fresh_and_swings
 from ctc.laws.default_gains import default_bandwidth, known_gains
 from ctc.laws.gear_gains import gear_gains
 from ctc.laws.gears import Deviation, braked, gears_along, speed_share
@@ -69,7 +70,9 @@ class ComputedTorque(ModelLaw):
     start_boost, start_time : float
         Where a joint begins to move or turns back, its regulator is `start_boost` times as fast, the observer the
         square root of that, and both settle with the time constant `start_time` [s], by default 10 over the bandwidth:
-        until it breaks loose, static friction hides what gravity is off. Not on gears that are predicted.
+        until it breaks loose, static friction hides what gravity is off. So they are where counts show what the model
+        lacks, such as a load; not where they swing within milliseconds, as on gears that were not stated, and not on
+        gears that are predicted.
     measured : bool
         Evaluate D-hat and h-hat at the observed q and qd instead of the reference.
     delay : int
@@ -147,7 +150,7 @@ class ComputedTorque(ModelLaw):
 
     def initial_state(self, n: int) -> NDArray[np.float64]:
         """On the reference with nothing applied yet; every joint has all of its boost; no sample taken."""
-        rows = 5 + self.delay + 5 * self._learns + 4 * (self.gear_gains is not None)
+        rows = 5 + self.delay + 5 * self._learns + (2 if self.gear_gains is None else 4)
         return np.concatenate([np.zeros(rows * n), np.ones(n), [0.0]])
 
     def start(
@@ -212,10 +215,11 @@ class ComputedTorque(ModelLaw):
         e, rate, delta, before, impulse, *pending, fresh = (
             state[i * n : (i + 1) * n] for i in range((state.numel() - 1) // n)
         )
-        begun, coupling, of_links = state[-1], drive.coupling, [] if self.gear_gains is None else pending[-4:]
+        begun, coupling, rigid = state[-1], drive.coupling, self.gear_gains is None
+        pending, kept = (pending[:-2], pending[-2:]) if rigid else (pending[:-4], pending[-4:])
         if self._learns:
             pending, (coulomb, drag, *recent) = pending[: self.delay], pending[self.delay : self.delay + 5]
-        gears, needed, link = gears_along(self, setpoint, (e, rate), of_links, begun, dt)
+        gears, needed, link = gears_along(self, setpoint, (e, rate), [] if rigid else kept, begun, dt)
         speed = coupling.shaft(setpoint.qd)
         viscous, level = ca.SX.zeros(n), ca.SX.zeros(n)
         if self.friction:
@@ -235,7 +239,7 @@ class ComputedTorque(ModelLaw):
             return gears.moved(deviation, coupling.shaft_torque(acted - delta) + viscous * deviation[1], friction, time)
 
         # The reference moved on while the torque was held: what was needed is the mean of then and now.
-        deviation = coupling.shaft(e), coupling.shaft(rate), *of_links[:2]
+        deviation = coupling.shaft(e), coupling.shaft(rate), *([] if rigid else kept[:2])
         deviation, impulse = predicted(deviation, impulse, torque - (before + needed) / 2, begun * dt)
         outside = setpoint.q - coupling.joint(deviation[0]) - rig.cell_centre(pulses)
         begins = ca.fabs(speed_share(self.rig, speed, _BEGINS))
@@ -244,7 +248,7 @@ class ComputedTorque(ModelLaw):
         first = (1 - begun) * outside, 0  # where it begins, the first counts alone say
         deviation = tuple(each + first[i % 2] for i, each in enumerate(deviation))
         near = _NEAR / ca.fmax(ca.fabs(rig.position_in_pulses(coupling.joint(deviation[0]))), _NEAR)
-        boost = 1 + (0 if link else self.start_boost - 1) * fresh * begins * near
+        boost = boosted(self.start_boost, fresh * begins * near, kept[1]) if rigid else 1
         deviation, found = gears.corrected(deviation, begun * outside, boost)
         delta = delta + coupling.joint_torque(found)
 
@@ -266,7 +270,11 @@ class ComputedTorque(ModelLaw):
         coming = begun * (0.5 + self.delay) * self.rig.period / dt * (needed - before)
         wanted = needed + coming + delta + coupling.joint_torque(feedback)
         turns = speed * (speed + dt * coupling.shaft(setpoint.qdd)) <= 0  # back, or from rest
-        fresh = ca.if_else(turns, 1, fresh * ca.exp(-dt / self.start_time))
+        if rigid:
+            seen = begun * rig.position_in_pulses(coupling.joint(outside))
+            fresh, *kept = fresh_and_swings(seen, turns, fresh, kept, dt, self.start_time)
+        else:
+            kept = [*deviation[2:], *link]
         acting, later = (pending[0], [wanted]) if self.delay else (wanted, [])
         e, rate = (coupling.joint(each) for each in deviation[:2])
-        return acting, ca.vertcat(e, rate, delta, needed, impulse, *later, *learnt, *deviation[2:], *link, fresh, 1)
+        return acting, ca.vertcat(e, rate, delta, needed, impulse, *later, *learnt, *kept, fresh, 1)
