@@ -10,13 +10,17 @@ import numpy as np
 _UNEXPECTED, _SWINGS = 0.75, 0.5
 """Innovations [pulses] beyond the dead zone: those of a load, or of friction that is far off; those of a swing."""
 
+_NEAR = 5.0
+"""Error [pulses] beyond which the boost is less in proportion: it would take the torque from limit to limit."""
+
 _WITHIN, _REMEMBERED = 6e-3, 10.0
 """Times [s]: between innovations of opposite signs, at most, for a swing; for how long one is remembered."""
 
 
-def boosted(most: float, share: ca.SX, swings: ca.SX) -> ca.SX:
-    """Factor (n, 1) on the bandwidth, at most `most`, for a share of the boost; 1 after two swings."""
-    return 1 + (most - 1) * share * (1 - ca.fmin(1, ca.fmax(0, swings - 1)))
+def boosted(most: float, share: ca.SX, error: ca.SX, swings: ca.SX) -> ca.SX:
+    """Factor (n, 1) on the bandwidth, for a share of the boost `most` and an error [pulses]; 1 after two swings."""
+    near = _NEAR / ca.fmax(ca.fabs(error), _NEAR)
+    return 1 + (most - 1) * share * near * (1 - ca.fmin(1, ca.fmax(0, swings - 1)))
 
 
 def fresh_and_swings(

@@ -21,9 +21,8 @@ from plant.parts.arguments import signs
 from plant.parts.part import number, part, structure
 from plant.realtime.running import Running
 
-_SLIDES, _BEGINS, _NEAR = 30.0, 10.0, 5.0
-"""Speeds [pulses/s] from which on Coulomb friction is fed forward in full, and the start has all of its boost; and the
-error [pulses] beyond which the boost is less in proportion: it would take the torque from limit to limit."""
+_SLIDES, _BEGINS = 30.0, 10.0
+"""Speeds [pulses/s] from which on Coulomb friction is fed forward in full, and the start has all of its boost."""
 
 _STANDING, _SWEEPS = 2.5, 4
 """By which the dead zone is wider for joints whose reference stands: counts that flip there tell of no motion; and
@@ -41,8 +40,8 @@ class ComputedTorque(ModelLaw):
     h-hat and friction as a set: a joint that sticks is predicted to stick. Only by what the counts show beyond a share
     of their quantisation cell it corrects the error, its rate, and a disturbance torque delta, joint by joint, with a
     Kalman filter's gains. The feedback is a linear-quadratic regulator's, with the inertia J that each joint feels,
-    1 / (D^-1)_jj. Coulomb friction, fed forward along the desired speed, does not jump where the motion turns back. On
-    elastic gears of the rig, stated or identified, links are predicted apart from their motors, which follow q_r.
+    1 / (D^-1)_jj. Coulomb friction is fed forward without jumps. On elastic gears of the rig, stated or identified,
+    links are predicted apart from their motors, which follow q_r.
 
     Parameters
     ----------
@@ -51,28 +50,24 @@ class ComputedTorque(ModelLaw):
     rig : Rig, optional
         The identified rig, ``found.rig``: its friction is fed forward.
     bandwidth : float, optional
-        Of the regulator [rad/s]: its poles have this magnitude. By default with an arm 360, since it does not say how
-        well it is known; with an identification 145, or 100 where friction was identified too; at most 0.3 over the
-        period, and less on elastic gears, so that it is stable with something to spare; `tune` finds others.
+        Of the regulator [rad/s]: its poles have this magnitude. By default with an arm, which does not say how well it
+        is known, 360; with an identification 145, or 100 where friction was identified too; at most 0.3 over the
+        period, and less on elastic gears, so that it is stable with something to spare.
     observer_ratio : float
         Bandwidth of the observer, as a multiple of the regulator's.
     dead_zone : float, optional
         Share of the quantisation cell, 0 to 1, within which an innovation corrects nothing (2.5 times that where the
-        reference stands): more is less torque chatter, and slower to see what the model lacks. By default 0 with an
-        arm, with an identification 0.2, or 0.4 where friction was identified too.
+        reference stands): more is quieter, and slower to see what the model lacks. By default 0 with an arm, with an
+        identification 0.2, or 0.4 where friction was identified too.
     friction : bool
         Know the friction of the rig: fed forward, and predicted.
-    learn_friction : bool
-        Learn, where joints turn back, by which share Coulomb and viscous friction differ from the rig's, at most
-        `learnable`: `Running.friction` has what was learnt, `start` begins with it.
-    learnable : float
-        Largest share by which friction may be learnt to differ, 0 to 0.99.
+    learn_friction, learnable : bool, float
+        Learn, where joints turn back, by which share, at most `learnable` (0 to 0.99), Coulomb and viscous friction
+        differ from the rig's: `Running.friction` has what was learnt, `start` begins with it.
     start_boost, start_time : float
-        Where a joint begins to move or turns back, its regulator is `start_boost` times as fast, the observer the
-        square root of that, and both settle with the time constant `start_time` [s], by default 10 over the bandwidth:
-        until it breaks loose, static friction hides what gravity is off. So they are where counts show what the model
-        lacks, such as a load; not where they swing within milliseconds, as on gears that were not stated, and not on
-        gears that are predicted.
+        Where a joint begins to move or turns back, or counts show what the model lacks, its regulator is `start_boost`
+        times as fast, the observer the square root of that, and both settle with the time constant `start_time` [s], by
+        default 10 over the bandwidth; not once they swing, as on gears that are not stated, nor on predicted ones.
     measured : bool
         Evaluate D-hat and h-hat at the observed q and qd instead of the reference.
     delay : int
@@ -84,8 +79,7 @@ class ComputedTorque(ModelLaw):
     Raises
     ------
     ValueError
-        An arm whose D(q) does not exceed the motors' own inertia everywhere (no feedback would be stable), joints that
-        do not match, poles that are not positive.
+        An arm whose D(q) does not exceed the motors' inertia everywhere, joints that do not match, poles not positive.
 
     See Also
     --------
@@ -247,8 +241,8 @@ class ComputedTorque(ModelLaw):
         outside = coupling.shaft(rig.outside_cell(outside, pulses, share))
         first = (1 - begun) * outside, 0  # where it begins, the first counts alone say
         deviation = tuple(each + first[i % 2] for i, each in enumerate(deviation))
-        near = _NEAR / ca.fmax(ca.fabs(rig.position_in_pulses(coupling.joint(deviation[0]))), _NEAR)
-        boost = boosted(self.start_boost, fresh * begins * near, kept[1]) if rigid else 1
+        distance = rig.position_in_pulses(coupling.joint(deviation[0]))
+        boost = boosted(self.start_boost, fresh * begins, distance, kept[1]) if rigid else 1
         deviation, found = gears.corrected(deviation, begun * outside, boost)
         delta = delta + coupling.joint_torque(found)
 
@@ -270,11 +264,9 @@ class ComputedTorque(ModelLaw):
         coming = begun * (0.5 + self.delay) * self.rig.period / dt * (needed - before)
         wanted = needed + coming + delta + coupling.joint_torque(feedback)
         turns = speed * (speed + dt * coupling.shaft(setpoint.qdd)) <= 0  # back, or from rest
-        if rigid:
-            seen = begun * rig.position_in_pulses(coupling.joint(outside))
-            fresh, *kept = fresh_and_swings(seen, turns, fresh, kept, dt, self.start_time)
-        else:
-            kept = [*deviation[2:], *link]
+        seen = begun * rig.position_in_pulses(coupling.joint(outside))
+        after = fresh_and_swings(seen, turns, fresh, kept[:2], dt, self.start_time)
+        fresh, *kept = after if rigid else (fresh, *deviation[2:], *link)
         acting, later = (pending[0], [wanted]) if self.delay else (wanted, [])
         e, rate = (coupling.joint(each) for each in deviation[:2])
         return acting, ca.vertcat(e, rate, delta, needed, impulse, *later, *learnt, *kept, fresh, 1)
