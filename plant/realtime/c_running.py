@@ -86,21 +86,24 @@ def write_running(law: Any, rig: Rig, guards: Guards | None, folder: str | Path,
     """Write the files of `Running.to_c`; `output` are the arguments of `Output.of`."""
     require_counts(rig)
     require_name(name)
-    given = Output.of(law, rig, **output)
+    write_files(folder, name, "running", values_of(law, rig, guards, name, Output.of(law, rig, **output)))
+
+
+def values_of(law: Any, rig: Rig, guards: Guards | None, name: str, given: Output) -> dict[str, Any]:
+    """What the templates say of a running controller."""
     block, n = law.block(rig), rig.n
     memory, pieces = initial_memory(law, rig, block, guards), pieces_of(law, rig, block)
     body = "\n".join([*(_piece(which, *pieces[which]) for which in pieces), _giving(given, law, rig, block)])
     limits = "guards and stop" if guards is not None else "stop, without guards"
     about = f"{type(law).__name__}, with the {limits} of the running controller. {SIDES}"
     causes = [(cause, getattr(layout, cause)) for cause in _CAUSES]
-    values = {
+    return given.values | {
         "n": n, "period": literal(block.period or rig.period), "prefix": PREFIX, "size": len(memory),
         "about": paragraph(about), "ramp": literal(RAMP),
         "causes": "".join(f"    {name.upper()}_{cause} = {code},{_in_words(code)}\n" for cause, code in causes),
         "constants": constants_of_logic(), "helpers": f"{HELPERS}\n{helpers(body)}",
         "pieces": body, "logic": translated(), "initial": braced(memory),
     }  # fmt: skip
-    write_files(folder, name, "running", given.values | values)
 
 
 def _in_words(code: int) -> str:
