@@ -129,6 +129,11 @@ class Output(NamedTuple):
         return ca.fmin(ca.fmax(nearest, -self.largest), self.largest)
 
 
+def left_to_firmware(without: Collection[str]) -> str:
+    """Sentence on the parts of the model that the output leaves out."""
+    return f"The torque is without {', '.join(without)}: the firmware adds that. " if without else ""
+
+
 def require_counts(rig: Rig) -> None:
     """Refuse an encoder that does not count."""
     if rig.encoder.smooth:

@@ -32,6 +32,7 @@ _FILES = {
 def to_ros2_control(
     law: Law, folder: str | Path, rig: Rig | None = None, *, name: str = "arm_controller",
     joints: Sequence[str] | None = None, guards: Guards = Guards(),  # noqa: B008 - frozen
+    without: Sequence[str] = (),
 ) -> None:  # fmt: skip
     """A control law as a controller of ros2_control: a package for ROS 2 Jazzy, to be built with colcon.
 
@@ -52,6 +53,8 @@ def to_ros2_control(
         Names of the joints in ROS, in the order of the law; by default those of the arm, with _ for each space; of
         numbers, and where there are none, joint1 and so on.
     guards : Guards
+    without : sequence of str
+        Parts of the model that the hardware adds; as `Law.start`.
 
     Raises
     ------
@@ -90,7 +93,7 @@ def to_ros2_control(
     if "__" in name or name.endswith("_"):
         raise ValueError(f"name must have single underscores, and none at its end, in ROS; got {name!r}. Rename it.")
     names = _joint_names(law, rig, joints)
-    values = values_of(law, rig, guards, name, Output(None, 0))
+    values = values_of(law, rig, guards, name, Output(None, 0), without)
     said = f"{kind} for {', '.join(names)}, with the guards and the stop of the running controller"
     functions = "\n".join(_functions(rig))
     functions = helpers(functions) + functions

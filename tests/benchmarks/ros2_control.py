@@ -4,6 +4,7 @@ Compiled against the stand-in of the interfaces (`tests/oracles/ros2`), fed with
 reads on the simulated arm; the time of `update` includes the call through ctypes.
 """
 
+import shutil
 import statistics
 import subprocess
 import sys
@@ -53,7 +54,8 @@ def main():
         for name, path in everyday_motions(law.arm, law.rig).items():
             share, steps, allocations, times = over(controller, law, path)
             print(f"{name:28}{steps:9}{share:12.1e}{allocations:13}{1e6 * statistics.median(times):15.1f}", flush=True)
-        sizes = subprocess.run(["size", folder / "c.o", folder / "plugin.o"], capture_output=True, text=True, check=True)  # noqa: S603, S607
+        command = [shutil.which("size"), folder / "c.o", folder / "plugin.o"]
+        sizes = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603
         print(sizes.stdout)
 
 
