@@ -150,7 +150,7 @@ class Law(Part, abc.ABC):
         self, rig: Rig, pulses: ArrayLike, *, guards: Guards | None = Guards(),  # noqa: B008 - frozen
         torque_limit: ArrayLike | None = None, without: Sequence[str] = (),
     ) -> Running:  # fmt: skip
-        """This law as a running controller; one without a period (`P`) has to be called far more often than at its rate.
+        """This law as a running controller; one without a period (`P`) has to be called far more often.
 
         Parameters
         ----------
@@ -162,8 +162,8 @@ class Law(Part, abc.ABC):
         torque_limit : (n,) array_like, optional
             Lower than the amplifier's [N m], joint side.
         without : sequence of str
-            Of "gravity", "friction", "inertia" what the firmware adds: left out of the torque that `step` returns, as it
-            is at the measured angle with the reference's speed and acceleration. Law, limits and guards know the whole.
+            Of "gravity", "friction", "inertia" what firmware adds: left out of the torque that `step` returns, as it is
+            at the measured angle with the reference's speed and acceleration. Law, limits and guards know the whole.
 
         Returns
         -------

@@ -244,7 +244,8 @@ def test_the_package_is_what_ros_reads(tmp_path):
     }  # fmt: skip
     compile((tmp_path / "new" / "arm.launch.py").read_text(), "arm.launch.py", "exec")
     assert '"shoulder", "elbow"' in (tmp_path / "new" / "arm.yaml").read_text()
-    to_ros2_control(LAW, tmp_path / "new", name="arm")  # an export of its own
+    to_ros2_control(LAW, tmp_path / "new", name="arm", without=("gravity",))  # over an export of its own
+    assert "is without gravity: the firmware adds that" in (tmp_path / "new" / "arm.h").read_text()
 
 
 @pytest.mark.parametrize(
