@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from plant import Record
 from plant.parts.arguments import choice, instance, known_options, real, whole
 from plant.parts.fields import Floats
-from plant.parts.figures import COLOURS, axes_of
+from plant.parts.figures import colour_of, legend_above, literal, row_by_row
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown
 from plant.parts.tables import Table
@@ -71,6 +71,7 @@ class FrequencyResponse(Shown, Frozen):
         response = getattr(self, choice("which", which, ("plant", "loop")))
         return control.FrequencyResponseData(response, 2 * np.pi * self.frequency, dt=self.period)
 
+    @literal
     def plot(self, ax: Any = None, *, model: Any = None) -> Any:
         """Draw magnitude and phase of the plant, each joint by its own torque, with two standard deviations.
 
@@ -80,20 +81,18 @@ class FrequencyResponse(Shown, Frozen):
         model : python-control system, optional
             Drawn beside it, such as a state space or transfer function from torques to angles.
         """
-        import matplotlib.pyplot as plt
-
-        axes = axes_of(ax, (2,), lambda: plt.subplots(2, 1, sharex=True, layout="constrained")[1])
+        axes = row_by_row(ax, 2, 1, time=False)[:, 0]
         modelled = None if model is None else model(np.exp(2j * np.pi * self.frequency * self.period), squeeze=False)
         for joint, label in enumerate(self.joints):
-            response, colour = self.plant[joint, joint], COLOURS[joint % len(COLOURS)]
+            response, colour = self.plant[joint, joint], colour_of(joint)
             axes[0].errorbar(self.frequency, np.abs(response), 2 * self.plant_std[joint, joint], fmt=".", color=colour)
             axes[1].plot(self.frequency, np.degrees(np.angle(response)), ".", color=colour, label=label)
             if modelled is not None:
                 axes[0].plot(self.frequency, np.abs(modelled[joint, joint]), color=colour)
                 axes[1].plot(self.frequency, np.degrees(np.angle(modelled[joint, joint])), color=colour)
-        axes[0].set(xscale="log", yscale="log", ylabel="angle / torque [rad/(N m)]")
+        axes[0].set(xscale="log", yscale="log", xlabel="frequency [Hz]", ylabel="angle / torque [rad/(N m)]")
         axes[1].set(xscale="log", xlabel="frequency [Hz]", ylabel="phase [degrees]")
-        axes[1].legend()
+        legend_above(axes[1])
         return axes
 
     def _short(self) -> str:

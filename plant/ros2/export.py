@@ -64,7 +64,7 @@ def to_ros2_control(
 
     See Also
     --------
-    plant.Law.to_c
+    plant.Law, plant.Guards
 
     Examples
     --------
