@@ -99,14 +99,12 @@ class FrequencyResponse(Shown, Frozen):
         return f"{len(self.frequency)} lines, {self.frequency[0]:.3g} to {self.frequency[-1]:.3g} Hz"
 
     def _shown(self) -> Iterator[Piece]:
-        some = np.unique(np.linspace(0, len(self.frequency) - 1, 8).astype(int))
+        head = ("plant [rad/(N m)]", *(f"at {self.frequency[k]:.3g} Hz" for k in (0, -1)), "std, median")
         rows = []
-        for k in some:
-            cells = [
-                f"{abs(self.plant[j, j, k]):.3g} +- {self.plant_std[j, j, k]:.1g}" for j in range(len(self.joints))
-            ]
-            rows.append((f"{self.frequency[k]:.4g}", *cells))
-        yield Table(("Hz", *(f"{joint} [rad/(N m)]" for joint in self.joints)), rows)
+        for j, joint in enumerate(self.joints):
+            size, std = np.abs(self.plant[j, j]), self.plant_std[j, j]
+            rows.append((joint, f"{size[0]:.3g}", f"{size[-1]:.3g}", f"{100 * np.median(std / size):.2g} %"))
+        yield Table(head, rows)
 
 
 @known_options
