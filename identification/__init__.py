@@ -31,6 +31,7 @@ from identification.planning.budget import pulse_budget
 from identification.planning.excitation import design_motion
 from identification.planning.motor import motor_test
 from identification.planning.ranges import LinkSize, ranges
+from identification.planning.response import frequency_response
 from identification.procedure import identify
 from identification.repeatability import spread
 from identification.replay.objective import Objective
@@ -49,6 +50,7 @@ known_options(GeneticSettings)
 
 __all__ = [
     "GeneticSettings", "Identification", "IdentificationWarning", "LinkSize", "Objective", "RecordError",
-    "Tolerances", "design_motion", "find_load", "fit_torque", "identify", "minimize_genetic", "motor_test",
-    "nearest_physical", "oscillation", "pulse_budget", "ranges", "spread", "without_delay", "write_model",
+    "Tolerances", "design_motion", "find_load", "fit_torque", "frequency_response", "identify",
+    "minimize_genetic", "motor_test", "nearest_physical", "oscillation", "pulse_budget", "ranges", "spread",
+    "without_delay", "write_model",
 ]  # fmt: skip

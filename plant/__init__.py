@@ -5,6 +5,7 @@ An experiment: Arm + Rig + Law + Reference -> Record. The rooms, each above all 
 =============== ====================================================================================================
 `models`        URDF, MJCF and robot files: edited in place, checked and repaired, read and written
 `robots`        the paper's two links
+`ros2`          a control law as a controller of ros2_control
 `analysis`      the loop linearised, python-control, P gains
 `simulation`    the closed loop as one symbolic step, the kernels made of it, `simulate` and `replay`
 `logs`          `Record`, and the readers of files
@@ -61,6 +62,7 @@ from plant.parts.part import Part, number, part, structure
 from plant.realtime.first_motion import FirstMotion
 from plant.realtime.guards import Guards
 from plant.robots import puma560
+from plant.ros2.export import to_ros2_control
 from plant.siblings import check_siblings
 from plant.simulation.followed_path import write_replay
 from plant.simulation.logged_run import DivergenceError
@@ -79,5 +81,5 @@ __all__ = [
     "Robot", "Setpoint", "Spline", "StatelessLaw", "SteppedArm", "Table", "TorqueRipple", "Transport",
     "check_model", "everyday_motions", "fastest", "linearise", "modes", "number",
     "p_gains", "part", "puma560", "read_records", "read_robot", "read_table", "replay", "simulate",
-    "structure", "to_control", "visibility", "write_replay", "write_robot",
+    "structure", "to_control", "to_ros2_control", "visibility", "write_replay", "write_robot",
 ]  # fmt: skip

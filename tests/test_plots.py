@@ -22,8 +22,8 @@ from ctc import (
     plot_record,
     sweep_resonance,
 )
-from identification import GeneticSettings, identify, oscillation
-from plant import puma560, read_robot, simulate
+from identification import GeneticSettings, frequency_response, identify, oscillation
+from plant import Harmonics, puma560, read_robot, simulate
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
@@ -62,6 +62,13 @@ def certificate(**options):
     return certify(ARM, RIG, LAW, PATH, **with_uncertainty(**drawn, **SHORT | {"steps_per_sample": 8}, **options))
 
 
+@functools.cache
+def response():
+    lines = 0.01 * np.eye(2)[:, :, None] * np.ones(3)
+    paths = [Harmonics(period=0.7, offset=(0.3, -0.4), cosine=each, sine=0 * each) for each in lines]
+    return frequency_response([simulate(ARM, RIG, P_LAW, path, duration=2.8) for path in paths])
+
+
 def models(ax=None):
     return plot_identification(record(), record(), record(), [record()], ax=ax)
 
@@ -83,6 +90,7 @@ PLOTS = {
     "Certificate.plot": (lambda ax=None: certificate().plot(ax=ax), (3,)),
     "Certificate.plot, resonances": (lambda ax=None: certificate(resonance=(200, 300)).plot(ax=ax), (4,)),
     "Identification.plot": (lambda ax=None: found().plot(ax=ax), (8,)),
+    "FrequencyResponse.plot": (lambda ax=None: response().plot(ax=ax), (2,)),
     "Oscillation.plot": (lambda ax=None: oscillation(record(), ARM).plot(ax=ax), (3,)),
     "Evaluation.plot, phase": (lambda ax=None: evaluation().plot(ax=ax, phase=True), (2,)),
     "plot_record": (lambda ax=None: plot_record(record(), ax=ax), (2, 2)),

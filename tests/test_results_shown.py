@@ -26,6 +26,7 @@ from identification.equation_error.band_choice import FitTrial
 from identification.payload.load import Load
 from identification.payload.posterior import PayloadEstimate
 from identification.planning.motor import MotorFit
+from identification.planning.response import FrequencyResponse
 from identification.repeatability import Spread
 from identification.results.model_files import WrittenModel
 from identification.results.physical import Physical
@@ -131,6 +132,10 @@ RESULTS = {
     "Margins": lambda: margins(arm(), RIG, ComputedTorque(arm(), RIG)),
     "ModelCheck": lambda: ModelCheck(path=Path(f"{NASTY[1]}.urdf"), findings=(RESULTS["ModelFinding"](),)),
     "ModelFinding": lambda: ModelFinding(link=NASTY[0], mistake="grams", evidence=9.0, repair=BODY),
+    "FrequencyResponse": lambda: FrequencyResponse(
+        frequency=np.array([1.0, 20.0]), plant=np.full((2, 2, 2), 1e-3 + 0j), plant_std=np.full((2, 2, 2), 1e-5),
+        loop=np.ones((2, 2, 2), complex), loop_std=np.full((2, 2, 2), 0.01), period=1e-3, joints=NASTY,
+    ),
     "MotorFit": lambda: MotorFit(names=("law.gain[0]",), values=np.array([0.3]), std=np.array([0.01])),
     "Oscillation": lambda: oscillation(record(), arm()),
     "PayloadEstimate": estimate,

@@ -98,10 +98,14 @@ class PDGravity(Aided):
     Source: Takegaki and Arimoto (1981).
     """
 
+    def model_parts(self, q: ca.SX, qd: ca.SX, qdd: ca.SX) -> dict[str, ca.SX]:
+        """Gravity alone."""
+        return {"gravity": self.arm.dynamics.gravity(q, self.arm.f)}
+
     def aid(self, rig: Rig, setpoint: Setpoint, pulses: ca.SX) -> ca.SX:
         """Torque of gravity, less that of springs (n,) [N m]."""
         q = rig.cell_centre(pulses)
-        return self.arm.dynamics.gravity(q, self.arm.f) - self.rig.spring_torque(q)
+        return self.model_parts(q, q, q)["gravity"] - self.rig.spring_torque(q)
 
 
 @part
@@ -137,5 +141,5 @@ class FeedForward(Aided):
 
     def aid(self, rig: Rig, setpoint: Setpoint, pulses: ca.SX) -> ca.SX:
         """Torque that the reference needs (n,) [N m]."""
-        moving = self.arm.dynamics.D(setpoint.q, self.arm.f) @ setpoint.qdd + self.h(setpoint.q, setpoint.qd)
-        return moving + self.rig.drive.friction(setpoint.qd)
+        parts = self.model_parts(*setpoint[:3])
+        return parts["inertia"] + self.h(setpoint.q, setpoint.qd) + parts["friction"]

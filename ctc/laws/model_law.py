@@ -138,6 +138,12 @@ class ModelLaw(Law):
         """Torque (n, 1) [N m] that the arm takes at q, qd beside inertia and friction: h-hat less the rig's springs."""
         return self.arm.dynamics.h(q, qd, self.arm.f) - self.rig.spring_torque(q)
 
+    def model_parts(self, q: ca.SX, qd: ca.SX, qdd: ca.SX) -> dict[str, ca.SX]:
+        """Gravity, friction (if the law knows that) and inertia (n, 1) [N m] of the identified arm and rig."""
+        model, f = self.arm.dynamics, self.arm.f
+        friction = {"friction": self.rig.drive.friction(qd)} if getattr(self, "friction", True) else {}
+        return {"gravity": model.gravity(q, f), **friction, "inertia": model.D(q, f) @ qdd}
+
     def block(self, rig: Rig) -> Block:
         rig.require_fit(self.arm.dynamics.chain)
         if abs(rig.period - self.rig.period) > 1e-9 * self.rig.period:

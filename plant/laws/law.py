@@ -7,6 +7,7 @@ sub-step), its state, and its `equations`: of them are made its kernel, the casa
 import abc
 import dataclasses
 import inspect
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -119,7 +120,7 @@ class Law(Part, abc.ABC):
         Returns
         -------
         torque, state : casadi SX (n, 1), (s, 1)
-            Commanded joint torque, before the amplifier's limit [N m], and the state that follows.
+            Commanded joint torque, before the amplifier's limit [N m]; what follows.
         """
 
     def has_memory(self, n: int) -> bool:
@@ -136,13 +137,7 @@ class Law(Part, abc.ABC):
         return self
 
     def replayed(self, record: Any) -> NDArray[np.float64] | None:
-        """The column of a `Record` that this law repeats, (N, n), or None for a controller.
-
-        Raises
-        ------
-        ValueError
-            A record without that column.
-        """
+        """The column (N, n) of a `Record` that this law repeats, if it has it, or None for a controller."""
         if self.replays is None:
             return None
         logged = getattr(record, self.replays)
@@ -153,11 +148,9 @@ class Law(Part, abc.ABC):
     @known_options
     def start(
         self, rig: Rig, pulses: ArrayLike, *, guards: Guards | None = Guards(),  # noqa: B008 - frozen
-        torque_limit: ArrayLike | None = None,
+        torque_limit: ArrayLike | None = None, without: Sequence[str] = (),
     ) -> Running:  # fmt: skip
-        """This law as a running controller for a control script.
-
-        A law without a period (`P`) is fast hardware: sampled, it has to be called far more often than the log's rate.
+        """This law as a running controller; one without a period (`P`) has to be called far more often.
 
         Parameters
         ----------
@@ -167,7 +160,10 @@ class Law(Part, abc.ABC):
         guards : Guards or None
             What is monitored, and how the arm is stopped; None for nothing.
         torque_limit : (n,) array_like, optional
-            Lower than the amplifier's [N m], magnitude, joint side.
+            Lower than the amplifier's [N m], joint side.
+        without : sequence of str
+            Of "gravity", "friction", "inertia" what firmware adds: left out of the torque that `step` returns, as it is
+            at the measured angle with the reference's speed and acceleration. Law, limits and guards know the whole.
 
         Returns
         -------
@@ -177,11 +173,16 @@ class Law(Part, abc.ABC):
         Raises
         ------
         ValueError
-            A law that only repeats a log.
+            A law that only repeats a log; a part that the law does not have.
         """
         if self.replays:
             raise ValueError(f"a law at work must be a controller; {type(self).__name__} repeats a log. Use another.")
-        return Running(self, rig, pulses, guards, torque_limit)
+        return Running(self, rig, pulses, guards, torque_limit, without)
+
+    def model_parts(self, q: ca.SX, qd: ca.SX, qdd: ca.SX) -> dict[str, ca.SX]:
+        """Torques (n, 1) of the model that firmware may add in its place; a law around a law has that one's."""
+        inner = getattr(self, "law", None)
+        return inner.model_parts(q, qd, qdd) if isinstance(inner, Law) else {}
 
     def friction_in(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
         """Friction (2, n) as learnt in a state of the law; of a law that learns none a ValueError."""
@@ -191,6 +192,7 @@ class Law(Part, abc.ABC):
     def to_c(
         self, folder: str | Path, rig: Rig | None = None, *, name: str = "controller", output: str = "torque",
         counts_per_ampere: ArrayLike | None = None, largest_count: int = 32767, guards: Guards | None = Guards(),  # noqa: B008
+        without: Sequence[str] = (),
     ) -> None:  # fmt: skip
         """This law as self-contained C99: a header, a source, a main that replays a record, and a Makefile.
 
@@ -199,26 +201,26 @@ class Law(Part, abc.ABC):
         folder : str or Path
             Made if it is not there; an earlier export of the same name in it is overwritten, nothing else is.
         rig : Rig, optional
-            What the controller drives; by default the rig that the law holds, if it does.
+            What the controller drives; by default the law's own.
         name : str
-            Of the files and the functions; small letters, digits and underscores.
+            Of files and functions; small letters, digits and underscores.
         output : {"torque", "dac"}
             Joint torque [N m], or counts of the converter that commands the motor currents.
         counts_per_ampere : (n,) array_like, optional
-            Of that converter, signed as it is wired; the output is rounded to whole counts.
+            Of that converter, signed as it is wired; the output is rounded to whole counts, within +- `largest_count`.
         largest_count : int
-            Range of the converter: counts within +- this.
         guards : Guards or None
-            For laws with a period: the C is then that of ``start(rig, pulses, guards=guards)``, with every guard and
-            stop. None, and laws without a period, for the equations alone, each number under its name.
+            The C is that of ``start(rig, pulses, guards=guards)``, with every guard and stop. None, and laws without a
+            period, for the equations alone, each number under its name.
+        without : sequence of str
+            What the firmware adds; as `start`.
 
         Raises
         ------
         ValueError
-            No rig; a name that C could not have; a converter that ends below the amplifier's limit; a file in the
-            folder that is not an earlier export.
+            No rig; names that C could not have; a converter that ends below the amplifier's limit; files of others.
         """
-        write_c(self, folder, rig, guards, name,
+        write_c(self, folder, rig, guards, name, without,
                 output=output, counts_per_ampere=counts_per_ampere, largest_count=largest_count)  # fmt: skip
 
     def block(self, rig: Rig) -> Block:
@@ -230,9 +232,8 @@ class Law(Part, abc.ABC):
         numbers = ca.SX.sym("numbers", len(own) + len(rigs))
         law, symbolic_rig = self.with_numbers(numbers[: len(own)]), rig.with_numbers(numbers[len(own) :])
         state, dt, kind = ca.SX.sym("state", len(initial)), ca.SX.sym("dt"), type(self).__name__
-        q, qd, qdd, reference_pulses, pulses, torque = (
-            ca.SX.sym(name, n) for name in ("q", "qd", "qdd", "reference_pulses", "pulses", "torque")
-        )
+        known = "q", "qd", "qdd", "reference_pulses", "pulses", "torque"
+        q, qd, qdd, reference_pulses, pulses, torque = (ca.SX.sym(name, n) for name in known)
         logged = [ca.SX.sym("logged", n)] if self.replays else []
         setpoint = Setpoint(q, qd, qdd, reference_pulses, *logged)
         symbols = (symbolic_rig, state, setpoint, pulses, torque, dt)
@@ -240,19 +241,18 @@ class Law(Part, abc.ABC):
             inspect.signature(law.equations).bind(*symbols)
         except TypeError:
             takes = f"equations of {kind} must take (self, rig, state, setpoint, pulses, torque, dt)"
-            raise ValueError(
-                f"{takes}; got {inspect.signature(type(self).equations)}. Correct the arguments."
-            ) from None
+            given = inspect.signature(type(self).equations)
+            raise ValueError(f"{takes}; got {given}. Correct the arguments.") from None
         result = law.equations(*symbols)
         if not isinstance(result, tuple) or len(result) != 2:
             raise ValueError(f"equations of {kind} must return (torque, state); got a {type(result).__name__}. Add it.")
         asked, following = result
         if asked.shape != (n, 1) or following.shape != (len(initial), 1):
+            rule = f"must give torque ({n}, 1) and state ({len(initial)}, 1)"
             raise ValueError(
-                f"{kind} must give torque ({n}, 1) and state ({len(initial)}, 1); got {asked.shape} and "
-                f"{following.shape}. One number per joint of the rig."
+                f"{kind} {rule}; got {asked.shape} and {following.shape}. One number per joint of the rig."
             )
-        names = ["state", "q", "qd", "qdd", "reference_pulses", "pulses", "torque", "dt", "numbers"]
+        names = ["state", *known, "dt", "numbers"]
         inputs = [state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers, *logged]
         step = ca.Function("law", inputs, [asked, following], [*names, "logged"][: len(inputs)], ["asked", "following"])
         values = np.append(self.number_values(), rig.number_values())

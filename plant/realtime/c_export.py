@@ -8,6 +8,7 @@ alone, allocates nothing and has no global state.
 import dataclasses
 import inspect
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,12 +28,14 @@ from plant.realtime.c_text import (
     declared,
     each,
     identifier,
+    left_to_firmware,
     paragraph,
     require_counts,
     require_name,
     write_files,
 )
 from plant.realtime.guards import Guards
+from plant.realtime.pieces import model_part
 
 _SECTIONS = {
     UNIFORM: "from the numbers alone: evaluated by the compiler",
@@ -41,7 +44,8 @@ _SECTIONS = {
 }
 
 
-def write_c(law: Any, folder: str | Path, rig: Rig | None, guards: Guards | None, name: str, **output: Any) -> None:
+def write_c(law: Any, folder: str | Path, rig: Rig | None, guards: Guards | None, name: str,
+            without: Sequence[str] = (), **output: Any) -> None:  # fmt: skip
     """Write the files of `Law.to_c`."""
     rig = getattr(law, "rig", None) if rig is None else rig
     if rig is None:
@@ -50,37 +54,40 @@ def write_c(law: Any, folder: str | Path, rig: Rig | None, guards: Guards | None
     if guards is not None:
         instance("guards", guards, Guards, "Give Guards(...), or None for none.").warn_of_units(rig)
         if law.period is not None:
-            write_running(law, rig, guards, folder, name, **output)
+            write_running(law, rig, guards, folder, name, without, **output)
             return
     require_counts(rig)
     require_name(name)
-    write_files(folder, name, "law", _values(law, rig, Output.of(law, rig, **output)))
+    write_files(folder, name, "law", _values(law, rig, Output.of(law, rig, **output), without))
 
 
-def _values(law, rig, output):
+def _values(law, rig, output, without):
     """What the templates say of a law alone."""
     block, n = law.block(rig), rig.n
-    period, states, counted = block.period or rig.period, len(block.initial), output.scale is not None
-    function, inputs = _step(block, rig, output)
+    period, states = block.period or rig.period, len(block.initial)
+    kept = "counts" if output.scale is not None else "given" if without else "torque"
+    more = n if kept != "torque" else 0
+    function, inputs = _step(law, block, rig, output, without)
     lines, results, used = statements(function, inputs)
     arrays, results = [], iter(results)
     for quantity, kind, size in (("asked", "double", n), ("torque_now", "double", n), ("following", "double", states),
-                                 ("counts_now", output.kind, n if counted else 0)):  # fmt: skip
+                                 (f"{kept}_now", output.kind, more)):  # fmt: skip
         arrays += [declared(quantity, kind, [next(results) for _ in range(size)])] if size else []
     blocks = [f"/* {said} */\n" + "\n".join(lines[kind]) for kind, said in _SECTIONS.items() if lines[kind]]
     unread = [x for x in ("pulses", "q_r", "qd_r", "qdd_r") if not any(f"{x}[" in name for name in used)]
     unread = [" ".join(f"(void){x};" for x in unread)] if unread else []
     body = "\n\n".join([*blocks, "\n".join(arrays), *unread])
     timing = constant("period", period, "From one step to the next [s].") if "period" in used else ""
-    memory = (("torque", n, "0.0", "torque_now"), ("counts", n * counted, "0", "counts_now"),
+    memory = (("torque", n, "0.0", "torque_now"), (kept, more, "0", f"{kept}_now"),
               ("state", states, "state[i]", "following"))  # fmt: skip
     stores = "".join(each(size, f"self->{name}[i] = {now}[i];") for name, size, _, now in memory)
     start = f"static const double state[{states}] = {braced(block.initial)};\n"
     return output.values | {
         "n": n,
         "period": literal(period),
-        "about": _about(law, rig, block),
-        "state": (f"    int32_t counts[{n}]; /* of the converter, for it */\n" if counted else "")
+        "about": _about(law, rig, block, without),
+        "kept": kept,
+        "state": (f"    {output.kind} {kept}[{n}]; /* what it gave last */\n" if more else "")
         + (f"    double state[{states}]; /* of the law */\n" if states else ""),
         "numbers": "\n".join(text for text in (constants(law, rig, used), timing, output.constant) if text),
         "helpers": helpers(body),
@@ -92,7 +99,7 @@ def _values(law, rig, output):
     }
 
 
-def _step(block, rig, output):
+def _step(law, block, rig, output, without):
     """One step as a Function of (state, torque, q_r, qd_r, qdd_r, pulses, numbers, dt, scale), and C for its inputs."""
     n, own = rig.n, len(rig.number_values())
     sizes = {"state": len(block.initial), "torque": n, "q_r": n, "qd_r": n, "qdd_r": n, "pulses": n,
@@ -102,9 +109,11 @@ def _step(block, rig, output):
     named = rig.with_numbers(numbers[len(block.names) - own :])
     asked, following = block.step(state, q, qd, qdd, named.counts(q), pulses, torque, dt, numbers)
     limited = named.drive.limited(asked)
+    own_law = law.with_numbers(numbers[: len(block.names) - own])
+    given = limited - model_part(own_law, named, without, (named.cell_centre(pulses), qd, qdd))
     results = [asked, limited, following]
-    if output.scale is not None:
-        results.append(output.converted(factor, named, limited))
+    if output.scale is not None or without:
+        results.append(output.converted(factor, named, given))
     function = ca.Function("step", symbols, ca.cse([ca.densify(result) for result in results]))
     inputs = [
         [(f"self->state[{i}]", STATE) for i in range(len(block.initial))],
@@ -118,7 +127,7 @@ def _step(block, rig, output):
     return function, inputs
 
 
-def _about(law, rig, block):
+def _about(law, rig, block, without):
     """Text of the header: the law, its options, sides and units, and how often it is to be called."""
     options = {field.name: getattr(law, field.name) for field in dataclasses.fields(law)}
     flags = ", ".join(f"{key} = {value}" for key, value in options.items() if isinstance(value, (bool, int, str)))
@@ -127,4 +136,4 @@ def _about(law, rig, block):
     if not law.has_memory(rig.n):
         called = "A law without memory, for fast hardware: as often as possible, at least once per period."
     said = f"{type(law).__name__}{f' ({flags})' if flags else ''}: {summary}"
-    return "\n *\n".join(map(paragraph, (said, f"{called} {SIDES}")))
+    return "\n *\n".join(map(paragraph, (said, f"{called} {left_to_firmware(without)}{SIDES}")))

@@ -8,6 +8,7 @@ allocated, and there is no state outside the struct.
 import ast
 import inspect
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,17 @@ from plant.compiler.python_to_c import CFunction, CNames
 from plant.machine.rig import Rig
 from plant.realtime import memory as layout
 from plant.realtime import safety, stopping, watching
-from plant.realtime.c_text import SIDES, Output, braced, comment, paragraph, require_counts, require_name, write_files
+from plant.realtime.c_text import (
+    SIDES,
+    Output,
+    braced,
+    comment,
+    left_to_firmware,
+    paragraph,
+    require_counts,
+    require_name,
+    write_files,
+)  # fmt: skip
 from plant.realtime.compiled_step import initial_memory
 from plant.realtime.guards import Guards
 from plant.realtime.pieces import RAMP, numbers_of, pieces_of
@@ -82,25 +93,31 @@ _CAUSES = ("RUNNING", "WAS_LATE", "HAD_GAPS", "HAS_JUMPED", "IS_STUCK", "IS_OFF"
            "OPPOSES")  # fmt: skip
 
 
-def write_running(law: Any, rig: Rig, guards: Guards | None, folder: str | Path, name: str, **output: Any) -> None:
+def write_running(law: Any, rig: Rig, guards: Guards | None, folder: str | Path, name: str,
+                  without: Sequence[str] = (), **output: Any) -> None:  # fmt: skip
     """Write the files of `Running.to_c`; `output` are the arguments of `Output.of`."""
     require_counts(rig)
     require_name(name)
-    given = Output.of(law, rig, **output)
+    write_files(folder, name, "running", values_of(law, rig, guards, name, Output.of(law, rig, **output), without))
+
+
+def values_of(
+    law: Any, rig: Rig, guards: Guards | None, name: str, given: Output, without: Sequence[str] = ()
+) -> dict[str, Any]:
+    """What the templates say of a running controller."""
     block, n = law.block(rig), rig.n
-    memory, pieces = initial_memory(law, rig, block, guards), pieces_of(law, rig, block)
+    memory, pieces = initial_memory(law, rig, block, guards), pieces_of(law, rig, block, without)
     body = "\n".join([*(_piece(which, *pieces[which]) for which in pieces), _giving(given, law, rig, block)])
     limits = "guards and stop" if guards is not None else "stop, without guards"
-    about = f"{type(law).__name__}, with the {limits} of the running controller. {SIDES}"
+    about = f"{type(law).__name__}, with the {limits} of the running controller. {left_to_firmware(without)}{SIDES}"
     causes = [(cause, getattr(layout, cause)) for cause in _CAUSES]
-    values = {
+    return given.values | {
         "n": n, "period": literal(block.period or rig.period), "prefix": PREFIX, "size": len(memory),
         "about": paragraph(about), "ramp": literal(RAMP),
         "causes": "".join(f"    {name.upper()}_{cause} = {code},{_in_words(code)}\n" for cause, code in causes),
         "constants": constants_of_logic(), "helpers": f"{HELPERS}\n{helpers(body)}",
         "pieces": body, "logic": translated(), "initial": braced(memory),
     }  # fmt: skip
-    write_files(folder, name, "running", given.values | values)
 
 
 def _in_words(code: int) -> str:

@@ -21,18 +21,24 @@ from plant.parts.meanings import meanings
 from plant.version import __version__
 
 _TEMPLATES = Path(__file__).with_name("c")
+RUNNING = {".h": _TEMPLATES / "running.h", ".c": _TEMPLATES / "running.c"}
 SIDES = """Counts are those of the motors' encoders, with their sign; reference and torque are joint side, SI units.
 Compile without -ffast-math, which would leave NaN unseen."""
 
 
 def write_files(folder: str | Path, name: str, kind: str, values: Mapping[str, Any]) -> None:
     """Write header and source of a `kind` ("law" or "running"), the program that replays a record, and a Makefile."""
-    templates = {f"{name}.h": f"{kind}.h", f"{name}.c": f"{kind}.c", "main.c": "main.c", "Makefile": "Makefile"}
+    files = {f"{name}.h": f"{kind}.h", f"{name}.c": f"{kind}.c", "main.c": "main.c", "Makefile": "Makefile"}
+    write_templates(folder, name, {file: _TEMPLATES / of for file, of in files.items()}, values)
+
+
+def write_templates(folder: str | Path, name: str, templates: Mapping[str, Path], values: Mapping[str, Any]) -> None:
+    """Write files of an export, each from its template: all or none."""
     values = {"name": name, "NAME": name.upper(), **values}
     place = _free_folder(folder, templates, name)
     texts = {}
     for file, of in templates.items():
-        template = Template((_TEMPLATES / of).read_text("ascii"))
+        template = Template(of.read_text("ascii"))
         texts[file] = template.substitute(values, made=f"{file} - made by onepulse {__version__} for {name}")
     place.mkdir(parents=True, exist_ok=True)
     for file, text in texts.items():
@@ -121,6 +127,11 @@ class Output(NamedTuple):
             return torque
         nearest = ca.floor(factor * rig.drive.current(torque) + 0.5)
         return ca.fmin(ca.fmax(nearest, -self.largest), self.largest)
+
+
+def left_to_firmware(without: Collection[str]) -> str:
+    """Sentence on the parts of the model that the output leaves out."""
+    return f"The torque is without {', '.join(without)}: the firmware adds that. " if without else ""
 
 
 def require_counts(rig: Rig) -> None:

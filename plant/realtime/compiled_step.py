@@ -8,7 +8,7 @@ once, in a kernel of its own: it takes five times as long as the pieces.
 import functools
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -47,10 +47,10 @@ class Core(NamedTuple):
         return self.memory[rows + states : rows + 2 * states]
 
 
-def compiled(law: Any, rig: Rig, block: Any, guards: Guards | None) -> Core:
+def compiled(law: Any, rig: Rig, block: Any, guards: Guards | None, without: Sequence[str] = ()) -> Core:
     """Core of a law on a rig, in its initial state; `block` is of that law for that rig."""
     memory = initial_memory(law, rig, block, guards)
-    kernel = Kernel(_source(pieces_of(law, rig, block)), ["step"])
+    kernel = Kernel(_source(pieces_of(law, rig, block, without)), ["step"])
     trial = [np.zeros(rig.n) for _ in range(4)]
     return Core(kernel.function("step", *trial, np.nan, memory.copy(), np.zeros(rig.n)), memory)
 
@@ -99,7 +99,7 @@ def compensates_gravity(law: Any, guards: Guards | None) -> bool:
 
 
 _PIECES = ("ahead", "moving", "measured", "counted", "standing", "slowing", "law", "monitored", "shifted", "ramp",
-           "needed", "bounds", "planned", "limited")  # fmt: skip
+           "needed", "bounds", "planned", "limited", "left_out")  # fmt: skip
 """What `plant.realtime.safety` calls of a law and a rig, in the order in which it numbers them."""
 
 

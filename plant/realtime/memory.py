@@ -18,7 +18,7 @@ JUMP, STUCK, ERROR, FRICTION, SATURATION, CHATTER = range(17, 23)
 RUN, AT_LIMIT, MEAN, SWING, OVER, NEWEST, OLDER = range(23, 30)
 REST, PUSHED, WAS_Q, WAS_QD, WAS_QDD, NEEDED, LEAST_STEP = range(34, 41)
 LOWER, UPPER, FASTEST, RATE, BEYOND, SLACK, BEGUN, PLANNED, LIMITED, LIMIT_TIME = range(41, 51)
-ACTED, STILL, REST_TORQUE, OFFSET, RAW, HELD, HELD_COUNTS, HELD_SPEED, FOLLOWED, ROWS = range(51, 61)
+ACTED, STILL, REST_TORQUE, OFFSET, RAW, HELD, HELD_COUNTS, HELD_SPEED, FOLLOWED, LEFT_OUT, ROWS = range(51, 62)
 
 DONE, BAD_PULSES, BAD_REFERENCE, BAD_CLOCK, BAD_LAW = range(5)
 """Return codes of a step; unless it is DONE, nothing has changed."""
@@ -37,8 +37,9 @@ PATIENT = (HAD_GAPS, HAS_JUMPED, NO_COUNTS, BAD_TIME, TOO_STEEP)
 """Causes that were bridged `PATIENCE` times in a row before they stopped the arm."""
 
 ahead = moving = measured = counted = standing = slowing = law = monitored = shifted = ramp = None
-needed = bounds = planned = limited = None
+needed = bounds = planned = limited = left_out = None
 """Generated: the reference one sample on; its speed in pulses; that of the counts; counts of the reference and angle of
 the counts; the motion where a stop begins; its reference; the law; saturation and chatter of its torque; a new slot of
 time; the torque of a stop without feedback; what the model's torque changed by since a joint's counts did; limits of
-position and speed; the speed in pulses of the reference of a stop; which way a torque at its limit pushes counts."""
+position and speed; the speed in pulses of the reference of a stop; which way a torque at its limit pushes counts; the
+torque that the firmware adds."""

@@ -11,6 +11,7 @@ oscillation of an unstable loop grows until it is the limit itself, at whatever 
 (`tests/benchmarks/guards.py`). A fast path moves the mean instead.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -60,14 +61,31 @@ def knows_arm(law: Any) -> bool:
     return getattr(law, "arm", None) is not None
 
 
-def pieces_of(law: Any, rig: Rig, block: Any) -> dict[str, tuple[ca.Function, list[Any], list[Any]]]:
+def model_part(law: Any, rig: Rig, without: Sequence[str], motion: tuple[ca.SX, ...]) -> ca.SX:
+    """Torque (n, 1) [N m] of these parts of a law's model, at q and with qd, qdd; zeros if it is none.
+
+    Raises
+    ------
+    ValueError
+        A part that the law does not have.
+    """
+    parts = law.model_parts(*motion)
+    if isinstance(without, str) or not set(without) <= set(parts) or len(set(without)) < len(without):
+        known = ", ".join(parts) or "none, since it has no model of the arm"
+        raise ValueError(f"without must be parts of {type(law).__name__} ({known}), each once; got {without!r:.60}.")
+    return sum((parts[each] for each in without), ca.SX.zeros(rig.n))
+
+
+def pieces_of(
+    law: Any, rig: Rig, block: Any, without: Sequence[str] = ()
+) -> dict[str, tuple[ca.Function, list[Any], list[Any]]]:
     """Name -> (function, places in the memory of each input, places of each output)."""
     n, s, own = rig.n, len(block.initial), len(law.number_names())
     per_joint = ("COUNTS", "BEFORE", "SPEED", "ANGLE", "Q", "QD", "QDD", "REFERENCE", "TORQUE", "FROM_Q", "FROM_QD")
     monitored = ("RUN", "AT_LIMIT", "MEAN", "SWING", "OVER", "NEWEST", "SATURATION", "CHATTER")
     stopping_too = ("WAS_Q", "WAS_QD", "WAS_QDD", "NEEDED", "LOWER", "UPPER", "FASTEST", "BEYOND", "PLANNED", "LIMITED")
-    rows = (*per_joint, "WANTED", "GIVEN", "FROM_TORQUE", *monitored, *stopping_too)
-    scalars = ("DT", "SINCE", "DURATION", "WEIGHT", "LEAST", "PASSED", "AGE", "FILLED")
+    rows = (*per_joint, "WANTED", "GIVEN", "FROM_TORQUE", *monitored, *stopping_too, "LEFT_OUT")
+    scalars = ("DT", "SINCE", "DURATION", "WEIGHT", "LEAST", "PASSED", "AGE", "FILLED", "RELEASED")
     places: dict[str, range | list[int]] = {name: row(getattr(layout, name), n) for name in rows}
     places |= {name: [getattr(layout, name)] for name in scalars}
     places["OLDER"] = range(row(layout.OLDER, n).start, row(layout.REST, n).start)
@@ -84,6 +102,8 @@ def pieces_of(law: Any, rig: Rig, block: Any) -> dict[str, tuple[ca.Function, li
     stop = _slowing(at["SINCE"], at["DURATION"], at["FROM_Q"], at["FROM_QD"])
     held = law.arm.dynamics.gravity(at["ANGLE"], law.arm.f) - rig.spring_torque(at["ANGLE"]) if knows_arm(law) else 0
     gravity = at["WEIGHT"] * held
+    follows = at["RELEASED"] == layout.HOLDING  # of a ramp there is no reference
+    now = at["ANGLE"], follows * at["QD"], follows * at["QDD"]
     written = {
         "ahead": dict(zip(("Q", "QD", "QDD"), _ahead(*motion, at["DT"]), strict=True)),
         "moving": {"SPEED": rig.position_in_pulses(at["QD"])},
@@ -99,6 +119,7 @@ def pieces_of(law: Any, rig: Rig, block: Any) -> dict[str, tuple[ca.Function, li
         "bounds": {"BEYOND": _bounds(rig, at)},
         "planned": {"PLANNED": rig.position_in_pulses(at["QD"])},
         "limited": {"LIMITED": _at_the_limit(at["TORQUE"], rig)},
+        "left_out": {"LEFT_OUT": model_part(law, rig, without, now)},
     }
     pieces = {}
     for name, results in written.items():

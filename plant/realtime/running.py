@@ -2,7 +2,7 @@
 
 import dataclasses
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -37,6 +37,8 @@ class Running:
     torque_limit : (n,) array_like, optional
         Largest torque [N m], magnitude, joint side (of coupled joints: on the shaft), where the amplifier can give
         more. Like the amplifier's limit it is known to the law, whose observer takes the limited torque.
+    without : sequence of str
+        Parts of the model that the firmware adds; as `Law.start`.
 
     Attributes
     ----------
@@ -45,7 +47,7 @@ class Running:
     pulses : (n,) numpy.ndarray
         Counts that the law was given in the last call.
     torque : (n,) numpy.ndarray
-        Joint torque of the last call [N m].
+        Joint torque of the last call [N m], with what the firmware adds.
     state : numpy.ndarray
         State of the law.
     reference : (n,) numpy.ndarray
@@ -62,7 +64,13 @@ class Running:
     """
 
     def __init__(
-        self, law: Any, rig: Rig, pulses: ArrayLike, guards: Guards | None = None, torque_limit: ArrayLike | None = None
+        self,
+        law: Any,
+        rig: Rig,
+        pulses: ArrayLike,
+        guards: Guards | None = None,
+        torque_limit: ArrayLike | None = None,
+        without: Sequence[str] = (),
     ) -> None:
         instance("rig", rig, Rig, "Pass found.rig.")
         if guards is not None:
@@ -77,7 +85,7 @@ class Running:
         self.law, self.rig, self.guards, self.n = law, rig, guards, rig.n
         self.period = block.period or rig.period
         counts = self._counts(pulses)
-        self.core = compiled(law, rig, block, guards)
+        self.core, self.without = compiled(law, rig, block, guards, without), without
         self._step, self._memory = self.core
         self._weighs = compensates_gravity(law, guards)
         self._shape, self._initial = (rig.n,), self._memory.copy()
@@ -91,7 +99,7 @@ class Running:
         counts_per_ampere: ArrayLike | None = None, largest_count: int = 32767,
     ) -> None:  # fmt: skip
         """This controller as C99, with every guard and stop that it has here; arguments as `Law.to_c`."""
-        write_running(self.law, self.rig, self.guards, folder, name,
+        write_running(self.law, self.rig, self.guards, folder, name, self.without,
                       output=output, counts_per_ampere=counts_per_ampere, largest_count=largest_count)  # fmt: skip
 
     def reset(self, pulses: ArrayLike) -> None:
@@ -127,7 +135,8 @@ class Running:
         Returns
         -------
         (n,) numpy.ndarray
-            Joint torque after the amplifier's limit [N m]; ``rig.drive.current(torque)`` is what to command.
+            Joint torque after the amplifier's limit, less what the firmware adds [N m]; to be commanded as
+            ``rig.drive.current(torque)``.
 
         Raises
         ------

@@ -16,10 +16,10 @@ import numpy as np
 
 from plant.realtime.memory import (
     ACTED, AT_LIMIT, BAD_LAW, BEFORE, BOUNDED, CALLS, CAUSE, COUNTS, DONE, DT, FILLED, FOLLOWED, FRESH, FROM_TORQUE,
-    FULL, GIVEN, GUARDED, HELD, HELD_COUNTS, HELD_SPEED, HOLDING, HURRIED, IS_SATURATED, LATCHED, LIMITED, MEAN, NOW,
-    NO_TORQUE, OPPOSES, OVER, PASSED, PATIENCE, PERIOD, PLANNED, RAMPING, RATE, RATED, REFERENCE, RELEASED, ROWS,
-    RUNNING, SCALARS, SINCE, SPEED, STATES, SWING, TOO_STEEP, TORQUE, WANTED, counted, law, limited, monitored, moving,
-    planned, ramp, shifted, slowing,
+    FULL, GIVEN, GUARDED, HELD, HELD_COUNTS, HELD_SPEED, HOLDING, HURRIED, IS_SATURATED, LATCHED, LEFT_OUT, LIMITED,
+    MEAN, NOW, NO_TORQUE, OPPOSES, OVER, PASSED, PATIENCE, PERIOD, PLANNED, RAMPING, RATE, RATED, REFERENCE, RELEASED,
+    ROWS, RUNNING, SCALARS, SINCE, SPEED, STATES, SWING, TOO_STEEP, TORQUE, WANTED, counted, law, left_out,
+    limited, monitored, moving, planned, ramp, shifted, slowing,
 )  # fmt: skip
 from plant.realtime.stopping import begin_stop, bridge, copy, limit_time, opposed, release, rising, stop, take_state
 from plant.realtime.watching import bounded, follow, in_time, read, refused, watch
@@ -34,7 +34,7 @@ NEAR, FAR_ENOUGH = 10.0, 100.0
 
 
 def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
-    """One sample: torque (n,) [N m] from counts (n,) and reference (n,) each; `now` [s] is NaN without a clock."""
+    """One sample: torque (n,) [N m], less what firmware adds; `now` [s] is NaN without a clock."""
     n, own = torque.shape[0], memory[:SCALARS]
     joints = memory[SCALARS : SCALARS + ROWS * n].reshape(ROWS, n)
     refusal = refused(pulses, q_r, qd_r, qdd_r, now, own)
@@ -87,10 +87,12 @@ def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
         ramp(memory)
     if own[CAUSE] != RUNNING:
         limit_time(own, joints, memory)
+    left_out(memory)
     for i in range(n):
         if own[RELEASED] == LATCHED:
             joints[TORQUE, i] = 0.0
-        joints[ACTED, i] = torque[i] = joints[TORQUE, i]
+        joints[ACTED, i] = joints[TORQUE, i]
+        torque[i] = joints[TORQUE, i] - joints[LEFT_OUT, i]
     return DONE
 
 

@@ -21,6 +21,6 @@ $body
 $check    if (sound) {
 $store    }
     for (int i = 0; i < $n; i++)
-        $output[i] = self->$output[i];
+        $output[i] = self->$kept[i];
     return !sound;
 }

@@ -40,6 +40,10 @@ void ${name}_init(${name}_state *self, const int32_t pulses[$n]);
 int ${name}_step(${name}_state *self, const int32_t pulses[$n], const double q_r[$n], const double qd_r[$n],
     const double qdd_r[$n], double now, $type $output[$n]);
 
+/* The same, of measured counts as numbers: NAN for one that is missing, which the guards bridge, or stop for. */
+int ${name}_sample(${name}_state *self, const double measured[$n], const double q_r[$n], const double qd_r[$n],
+    const double qdd_r[$n], double now, $type $output[$n]);
+
 /* 0 while it runs, otherwise why it stops the arm, until ${name}_init. */
 int ${name}_stopped(const ${name}_state *self);
 

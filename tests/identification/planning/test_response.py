@@ -1,0 +1,125 @@
+"""Measured frequency responses against the linear arm at the pose, sampled by scipy: its own discretisation."""
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete
+
+from identification import frequency_response
+from plant import PD, Harmonics, puma560, simulate
+from plant.machine.rig import sliding_rig
+
+ARM, POSE, DT = puma560.arm(), np.array([0.3, -0.4]), 0.0007
+SMOOTH = sliding_rig(puma560.rig())
+RIG = dataclasses.replace(SMOOTH, drive=dataclasses.replace(SMOOTH.drive, viscous=4 * SMOOTH.drive.viscous))
+LAW = PD(gain=(0.02, 0.01), derivative=(1e-12, 1e-12), filter=600, period=DT)
+SAMPLES, PERIODS = 1000, 6
+LINES = np.unique(np.geomspace(1, 60, 15).astype(int))
+
+
+def multisine(amplitude):
+    """A sum of sines at `LINES`, its phases after Schroeder: (SAMPLES,)."""
+    phases = -np.pi * np.arange(len(LINES)) ** 2 / len(LINES)
+    return amplitude * np.cos(2 * np.pi * np.outer(np.arange(SAMPLES) / SAMPLES, LINES) + phases).sum(axis=1)
+
+
+@cache
+def injected_records():
+    still, records = Harmonics(period=DT * SAMPLES, offset=POSE, cosine=np.zeros((2, 1)), sine=np.zeros((2, 1))), []
+    for joint, amplitude in ((0, 8.0), (1, 2.0)):
+        torque = np.zeros((SAMPLES * PERIODS, 2))
+        torque[:, joint] = np.tile(multisine(amplitude), PERIODS)
+        run = {"duration": DT * SAMPLES * PERIODS, "steps_per_sample": 32}
+        records.append(simulate(ARM, RIG, LAW, still, injected=torque, **run))
+    return records
+
+
+def truth(frequency):
+    """Plant (F, 2, 2) of held torques, at the pose where the arm hangs on its feedback."""
+    step, drive, rest = 1e-5, RIG.drive, np.zeros(2)
+    counted = injected_records()[0].reference_pulses - injected_records()[0].error_pulses
+    q = np.asarray(RIG.to_angle(counted[-SAMPLES:].mean(axis=0))).ravel()
+    stiffness = np.stack(
+        [(ARM.inverse(q + step * e, rest, rest) - ARM.inverse(q - step * e, rest, rest)) / 2 / step for e in np.eye(2)],
+        axis=1,
+    )
+    inverse, damping = np.linalg.inv(ARM.D(q)), np.diag(drive.gear**2 * drive.viscous)
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ stiffness, -inverse @ damping]])
+    B = np.vstack([np.zeros((2, 2)), inverse])
+    A, B, C, *_ = cont2discrete((A, B, np.eye(2, 4), np.zeros((2, 2))), DT)
+    z = np.exp(2j * np.pi * frequency * DT)
+    return np.stack([C @ np.linalg.solve(each * np.eye(4) - A, B) for each in z])
+
+
+def test_the_plant_is_the_linear_arm_within_its_standard_deviations():
+    measured = frequency_response(injected_records())
+    np.testing.assert_allclose(measured.frequency, LINES / (DT * SAMPLES))
+    exact = np.moveaxis(truth(measured.frequency), 0, -1)
+    off = np.abs(measured.plant - exact) / measured.plant_std
+    assert 0.6 < np.sqrt((off**2).mean()) < 1.2  # 52 complex numbers: 0.86
+    assert off.max() < 3
+    assert np.median(measured.plant_std / np.abs(exact).max(axis=1, keepdims=True)) < 0.05  # and they are small
+
+
+def test_the_loop_is_its_input_sensitivity_where_torque_is_injected():
+    measured = frequency_response(injected_records())
+    G = truth(measured.frequency)
+    feedback = np.diag(np.abs(RIG.drive.gear) * LAW.gain * np.abs(RIG.position_in_pulses(np.ones(2))))
+    exact = np.moveaxis(np.linalg.inv(np.eye(2) + feedback @ G), 0, -1)
+    assert (np.abs(measured.loop - exact) < 3 * measured.loop_std + 0.01 * np.abs(exact).max(axis=(0, 1))).mean() > 0.95
+
+
+def test_the_loop_is_the_complementary_sensitivity_where_the_reference_moves():
+    lines, records = np.zeros((2, 2, 12)), []
+    lines[0, 0, [2, 5, 11]] = lines[1, 1, [2, 5, 11]] = 0.002
+    for each in lines:
+        path = Harmonics(period=DT * SAMPLES, offset=POSE, cosine=each, sine=0 * each)
+        records.append(simulate(ARM, RIG, LAW, path, duration=DT * SAMPLES * 9, steps_per_sample=32))
+    measured = frequency_response(records, skip=6)
+    np.testing.assert_allclose(measured.frequency, np.array([3, 6, 12]) / (DT * SAMPLES))
+    G = truth(measured.frequency)
+    feedback = np.diag(np.abs(RIG.drive.gear) * LAW.gain * np.abs(RIG.position_in_pulses(np.ones(2))))
+    exact = np.moveaxis(np.linalg.inv(np.eye(2) + G @ feedback) @ G @ feedback, 0, -1)
+    np.testing.assert_allclose(measured.loop, exact, rtol=0, atol=0.02 * np.abs(exact).max())
+    system = measured.to_control("loop")
+    assert (system.ninputs, system.noutputs, system.dt) == (2, 2, DT)
+    np.testing.assert_allclose(system(2j * np.pi * measured.frequency[1]), measured.loop[:, :, 1])
+    assert "Hz" in str(measured)
+
+
+def test_it_draws_both_beside_a_model():
+    import control
+    import matplotlib.pyplot as plt
+
+    measured = frequency_response(injected_records())
+    model = control.ss(np.zeros((1, 1)), np.zeros((1, 2)), np.zeros((2, 1)), np.eye(2), DT)
+    axes = measured.plot(model=model)
+    assert len(axes[1].lines) == 4
+    plt.close(axes[0].figure)
+
+
+def without(**fields):
+    return [dataclasses.replace(each, **fields) for each in injected_records()]
+
+
+@pytest.mark.parametrize(
+    ("records", "options", "why"),
+    [
+        (lambda: injected_records()[0], {}, "records must be as many as joints, 2; got 1"),
+        (lambda: [injected_records()[0]] * 2, {}, "must excite all joints, each differently"),
+        (lambda: injected_records(), {"period": 0.70001}, "whole number of samples"),
+        (lambda: injected_records(), {"skip": 5}, "two periods at least"),
+        (lambda: without(torque=None, current=None), {}, "torques or currents"),
+        (lambda: without(valid=np.zeros(SAMPLES * PERIODS)), {}, "every sample"),
+        (lambda: without(reference=None), {}, "period must be given"),
+        (lambda: [injected_records()[0], without(injected=None)[1]], {}, "all have an injected torque, or none"),
+        (lambda: [7], {}, "each record must be"),
+        (list, {}, "got 0"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(records, options, why):
+    with pytest.raises(ValueError, match=why) as error:
+        frequency_response(records(), **options)
+    assert "\n" not in str(error.value)

@@ -1,0 +1,278 @@
+"""The exported controller of ros2_control: compiled, taken through its lifecycle, and the torques of `.step`."""
+
+import os
+import shutil
+import xml.etree.ElementTree as ElementTree
+from functools import cache
+
+import numpy as np
+import pytest
+from ros_controller import ACTIVE, FINALIZED, INACTIVE, UNCONFIGURED, Controller, array
+from scipy.interpolate import BPoly
+
+from ctc import ComputedTorque
+from plant import LoggedTorque, P, SteppedArm, everyday_motions, puma560, to_ros2_control
+from plant.realtime import memory
+
+ARM, RIG, JOINTS = puma560.arm(), puma560.rig(), ("joint2", "joint3")
+LAW, DT = ComputedTorque(ARM, RIG), RIG.period
+CXX = shutil.which("g++")
+needs_cxx = pytest.mark.skipif(CXX is None and "CI_CXX" not in os.environ, reason="no g++ here")
+
+
+def assert_equal(torques, share=1e-12):
+    """Torques of both to a share of the largest: sines of C's library are not those of the kernel."""
+    ours, theirs = torques[:, 0], torques[:, 1]
+    np.testing.assert_allclose(theirs, ours, rtol=0, atol=share * np.abs(ours).max())
+
+
+@cache
+def motions():
+    return everyday_motions(ARM, RIG)
+
+
+@pytest.fixture(scope="module")
+def controller(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ros2") / "arm_controller"
+    to_ros2_control(LAW, folder)
+    return Controller(folder)
+
+
+def angle(counts):
+    """Position as a driver makes it of counts."""
+    return np.asarray(RIG.to_angle(np.asarray(counts, float))).ravel()
+
+
+def followed(controller, path, samples, spoil=lambda k, at: at, start=0.0):
+    """Run Python's controller on an arm, and the plugin on what that one reads: states of `update`, both torques."""
+    robot = SteppedArm(ARM, RIG, path([start]).q[0])
+    running = LAW.start(RIG, robot.pulses)
+    codes, torques, now = [], [], 0.0
+    for k in range(samples):
+        motion = [each[0] for each in path([start + k * DT])[:3]]
+        now += 700_000 / 1e9
+        at = spoil(k, angle(robot.pulses))
+        seen = np.where(np.isfinite(at), np.round(RIG.position_in_pulses(at)), np.nan)
+        ours = running.step(seen, *motion, now=now)
+        yield motion
+        code, theirs = controller.update(at)
+        codes.append(code)
+        torques.append((ours, theirs))
+        robot.step(ours)
+    controller.result = np.array(codes), np.array(torques), running
+
+
+def in_chain(controller, path, samples, **options):
+    for motion in followed(controller, path, samples, **options):
+        assert controller.c.give_reference(array(np.concatenate(motion))) == 0
+    return controller.result
+
+
+@needs_cxx
+@pytest.mark.parametrize("which", ["far and fast", "there and back", "ten pulses"])
+def test_in_a_chain_it_gives_the_torques_of_step_and_allocates_nothing(controller, which):
+    path = next(each for name, each in motions().items() if which in name)
+    begin = angle(RIG.counts(path([0.0]).q[0]))
+    assert controller.begin(begin, chained=True) == [0, INACTIVE, ACTIVE]
+    names = [controller.c.reference_name(i).decode() for i in range(controller.c.reference_count())]
+    assert names == [f"arm_controller/{j}/{p}" for p in ("position", "velocity", "acceleration") for j in JOINTS]
+    before = controller.c.allocations()
+    codes, torques, running = in_chain(controller, path, 700)
+    assert controller.c.allocations() == before
+    assert not codes.any()
+    assert not running.stopped
+    assert np.abs(torques[:, 0]).max() > 10
+    assert_equal(torques)
+
+
+@needs_cxx
+def test_a_trajectory_with_its_joints_in_another_order_gives_the_same_torques(controller):
+    path = next(each for name, each in motions().items() if "there and back" in name)
+    samples = round(path.duration / DT) + 1
+    begin = angle(RIG.counts(path([0.0]).q[0]))
+    controller.begin(begin)
+    times = DT * np.arange(samples)
+    rows = np.stack([each[:, ::-1] for each in path(times)[:3]], axis=1)
+    rows[-1, 1:] = 0.0
+    assert controller.send(JOINTS[::-1], times, rows) == ""
+    for _ in followed(controller, path, min(samples, 700)):
+        pass
+    codes, torques, _ = controller.result
+    assert not codes.any()
+    assert_equal(torques)
+
+
+@needs_cxx
+def test_between_points_it_follows_the_polynomial_of_fifth_degree_and_then_holds(controller):
+    knots = np.array([0.0, 0.21, 0.35])
+    values = np.zeros((3, 3, 2))
+    values[:, 0] = [[0.2, -0.3], [0.23, -0.34], [0.25, -0.35]]
+    values[1, 1:] = [[0.15, -0.1], [0.4, -0.2]]
+    exact = [BPoly.from_derivatives(knots, values[:, :, j]) for j in range(2)]
+
+    def path(t):
+        at = np.minimum(t, knots[-1])
+        return tuple(np.stack([each(at, nu=order) * (order == 0 or t[0] < knots[-1]) for each in exact], 1)
+                     for order in range(3))  # fmt: skip
+
+    class Begun(tuple):
+        q = property(lambda self: self[0])
+
+    controller.begin(angle(RIG.counts(values[0, 0])))
+    controller.send(JOINTS, knots, values)
+    for _ in followed(controller, lambda t: Begun(path(t)), 600):
+        pass
+    codes, torques, running = controller.result
+    assert not codes.any()
+    assert_equal(torques, 1e-9)  # roundings of another polynomial
+    np.testing.assert_allclose(running.reference, values[-1, 0], atol=1e-12)
+
+
+@needs_cxx
+def test_counts_that_are_missing_are_bridged_and_then_stop_the_arm_as_in_python(controller):
+    path = next(each for name, each in motions().items() if "there and back" in name)
+    controller.begin(angle(RIG.counts(path([0.0]).q[0])), chained=True)
+
+    def spoil(k, at):
+        return np.where([100 <= k < 103 or k > 200, False], np.nan, at)
+
+    codes, torques, running = in_chain(controller, path, 400, spoil=spoil)
+    assert not codes.any()
+    assert_equal(torques)
+    assert running.stopped
+    assert controller.c.state_value(0) == memory.NO_COUNTS == controller.c.state_value(1)
+    assert controller.c.state_value(2) == running.status.brake
+
+
+@needs_cxx
+def test_without_a_reference_it_holds_and_its_lifecycle_can_be_run_through_again(controller):
+    counts = np.array([2000.0, -1500.0])
+    for unit, at in (("counts", counts), ("rad", angle(counts))):
+        assert controller.begin(at, unit=unit, chained=unit == "rad") == [0, INACTIVE, ACTIVE]
+        running = LAW.start(RIG, counts)
+        held = np.asarray(RIG.cell_centre(counts)).ravel()
+        for _ in range(50):
+            code, torque = controller.update(at)
+            np.testing.assert_allclose(torque, running.step(counts, held, (0, 0), (0, 0)), rtol=0, atol=1e-12)
+            assert code == 0
+        assert controller.c.deactivate() == INACTIVE
+        assert controller.c.cleanup() == UNCONFIGURED
+        assert controller.c.configure() == INACTIVE
+        assert controller.c.shut_down() == FINALIZED
+
+
+@needs_cxx
+def test_deactivated_it_commands_nothing_and_a_value_that_cannot_be_written_is_an_error_in_the_end(controller):
+    counts = np.array([2000.0, -1500.0])
+    controller.begin(counts, unit="counts")
+    controller.update(counts)
+    controller.c.hold(1)
+    codes = [controller.update(counts)[0] for _ in range(5)]
+    controller.c.hold(0)
+    assert codes == [0, 0, 0, 1, 1]
+    code, torque = controller.update(counts)
+    assert code == 0
+    assert np.abs(torque).max() > 1
+    controller.c.deactivate()
+    zero = np.full(2, 7.0)
+    assert controller.c.activate(array(counts)) == ACTIVE
+    assert (controller.update(counts)[1] != zero).all()
+
+
+@needs_cxx
+@pytest.mark.parametrize(
+    ("parameters", "why"),
+    [
+        ({"joints": ("a",)}, "joints must have 2 names; got 1"),
+        ({"joints": ("a", "a")}, "joints must be different names; got 'a'"),
+        ({"unit": "degrees"}, "unit must be rad or counts; got 'degrees'"),
+        ({"topic": ""}, "must not be empty"),
+        ({"rate": 1000}, "update_rate must be 1428.57"),
+    ],
+)
+def test_parameters_that_cannot_be_are_refused_in_configure(controller, parameters, why):
+    assert controller.begin((0.0, 0.0), **parameters) == [0, UNCONFIGURED]
+    assert why in controller.said
+
+
+@needs_cxx
+def test_a_parameter_of_another_type_and_counts_that_are_none_are_refused(controller):
+    assert controller.begin((0.0, 0.0), unit=("rad", "rad")) == [1]
+    assert "another type" in controller.said
+    assert controller.begin((0.5, 0.0), unit="counts") == [0, INACTIVE, INACTIVE]
+    assert "joint2 must have whole counts to begin with; got 0.5" in controller.said
+    assert controller.begin((np.nan, 0.0)) == [0, INACTIVE, INACTIVE]
+
+
+GOOD = np.zeros((2, 3, 2))
+
+
+@needs_cxx
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"joints": ("joint2", "joint4")}, "joint_names must be those of the controller"),
+        ({"times": (1.0, 1.0)}, "point 1 must come after the one before it"),
+        ({"accelerations": False}, "point 0 must have a position, a velocity and an acceleration"),
+        ({"rows": GOOD + np.array([[0, 0], [1, 0], [0, 0]])}, "it must end at rest"),
+        ({"rows": GOOD + np.nan}, "point 0 must be finite"),
+        ({"times": (), "rows": GOOD[:0]}, "it has no points"),
+    ],
+)
+def test_a_trajectory_that_cannot_be_is_refused_and_changes_nothing(controller, change, why):
+    counts = np.array([2000.0, -1500.0])
+    controller.begin(counts, unit="counts")
+    good = {"joints": JOINTS, "times": (0.5, 1.0), "rows": GOOD} | change
+    assert why in controller.send(**good)
+    running, held = LAW.start(RIG, counts), np.asarray(RIG.cell_centre(counts)).ravel()
+    for _ in range(5):
+        torque = controller.update(counts)[1]
+        np.testing.assert_allclose(torque, running.step(counts, held, (0, 0), (0, 0)), rtol=0, atol=1e-12)
+    controller.c.deactivate()
+    assert "not active" in controller.send(JOINTS, (0.5, 1.0), GOOD)
+
+
+def test_the_package_is_what_ros_reads(tmp_path):
+    to_ros2_control(LAW, tmp_path / "new", name="arm", joints=("shoulder", "elbow"))
+    package = ElementTree.parse(tmp_path / "new" / "package.xml").getroot()  # noqa: S314
+    assert package.findtext("name") == "arm"
+    plugin = ElementTree.parse(tmp_path / "new" / "arm_plugin.xml").getroot()  # noqa: S314
+    assert plugin.get("path") == "arm"
+    assert plugin[0].attrib == {
+        "name": "arm/Controller", "type": "arm_plugin::Controller",
+        "base_class_type": "controller_interface::ChainableControllerInterface",
+    }  # fmt: skip
+    compile((tmp_path / "new" / "arm.launch.py").read_text(), "arm.launch.py", "exec")
+    assert '"shoulder", "elbow"' in (tmp_path / "new" / "arm.yaml").read_text()
+    to_ros2_control(LAW, tmp_path / "new", name="arm", without=("gravity",))  # over an export of its own
+    header = " ".join((tmp_path / "new" / "arm.h").read_text().replace(" * ", "").split())
+    assert "is without gravity: the firmware adds that" in header
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "why"),
+    [
+        ((P(gain=(1, 1)),), {}, "rig must be given, since P holds none"),
+        ((P(gain=(1, 1)), RIG), {}, "law must have a period, to run in update; P has none"),
+        ((LoggedTorque(), RIG), {}, "repeats a log"),
+        ((7,), {}, "law must be"),
+        ((LAW,), {"name": "Arm"}, "name must be a small letter"),
+        ((LAW,), {"name": "a__b"}, "single underscores"),
+        ((LAW,), {"joints": ("a b", "c")}, "joints must be letters"),
+        ((LAW,), {"joints": ("a", "a")}, "2 different names"),
+        ((LAW,), {"guards": None}, "guards must be"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(tmp_path, arguments, options, why):
+    law, *rig = arguments
+    with pytest.raises(ValueError, match=why) as error:
+        to_ros2_control(law, tmp_path / "new", *rig, **options)
+    assert "\n" not in str(error.value)
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_folder_with_something_else_in_it_is_left_as_it_is(tmp_path):
+    (tmp_path / "README.md").write_text("mine\n")
+    with pytest.raises(ValueError, match=r"README.md must not exist, or be an export of arm_controller"):
+        to_ros2_control(LAW, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["README.md"]
