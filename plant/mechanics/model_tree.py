@@ -43,6 +43,8 @@ class ModelJoint:
     zero: float = 0.0
     limits: tuple[float, float, float, float] = (-np.inf, np.inf, np.inf, np.inf)
     """Lower and upper position, velocity, effort."""
+    friction: tuple[float, float] = (np.nan, np.nan)
+    """Viscous and Coulomb; NaN where not stated."""
     armature: float = 0.0
     element: Element | None = None
 
@@ -62,8 +64,14 @@ class ModelFile:
     links: dict[str, Element]
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
 
-    def chain_joints(self, names: Sequence[str] | None = None) -> list[ModelJoint]:
+    def chain_joints(
+        self, names: Sequence[str] | None = None, base: str | None = None, tip: str | None = None
+    ) -> list[ModelJoint]:
         """The joints of the chain, base first; by default all that move, but those that mimic and are mimicked."""
+        if base is not None or tip is not None:
+            if names is not None or tip is None:
+                raise ValueError(f"tip must be given with base, and no joints; got tip {tip}. Leave joints out.")
+            names = self.joints_between(base, tip)
         _require_tree(self.bodies, self.joints)
         return _chosen(self.joints, names)
 
@@ -79,15 +87,6 @@ class ModelFile:
         if not found:
             raise ValueError(f"a joint must move between base and tip {tip}; none does. Give links further apart.")
         return found
-
-
-def body_in(mass: float, inertia: Floats, name: str, pose: Placement) -> Body | None:
-    """The body of an element at this pose in its link's frame; None of one that has no mass and no inertia."""
-    if mass < 0:
-        raise ValueError(f"link {name} must have a positive mass; got {mass}. Correct it.")
-    if not mass and not np.any(inertia):
-        return None
-    return Body(mass=mass, com=np.zeros(3), inertia=inertia).seen_from(pose)
 
 
 def links_of_chain(model: ModelFile, names: Sequence[str] | None) -> tuple[tuple[Link, ...], tuple[Body, ...], Limits]:
