@@ -24,8 +24,8 @@ _ROUNDS, _MET = 12, 1.1
 _FASTEST = 0.5
 """Largest angular frequency of a mode times sub-step [rad] that the simulator and a control card resolve."""
 
-_UNDAMPED = 1e-6
-"""Ratio of a mode that only rounding damps."""
+_UNDAMPED = 1e-4
+"""Ratio of a mode that only the finite step of the derivative damps."""
 
 _DAMPING = 0.7
 """Ratio that the derivative gives a joint on its own."""
