@@ -108,7 +108,8 @@ def links_of_chain(model: ModelFile, names: Sequence[str] | None) -> tuple[tuple
         at = frame
         made.append(_lumped(model.bodies, hanging, joint.child, moving))
     for label, body in zip(joint_labels([joint.name for joint in chosen], len(chosen)), made, strict=True):
-        body.require_physical(f"behind {label}")
+        if body is made[-1] or body.standard_parameters.any():  # nothing may lie between two joints whose axes meet
+            body.require_physical(f"behind {label}")
     if most := max(rounded.values()):
         where = f"that before joint {max(rounded, key=lambda name: rounded[name])} by {most:.2g} rad"
         warnings.warn(f"{model.path.name} rounds right angles, {where}; they are put right.", stacklevel=3)
@@ -234,9 +235,7 @@ def _lumped(
         if (body := bodies[name]) is not None:
             body = body.seen_from(placement)
             found = body if found is None else found.joined(body)
-    if found is None:
-        raise ValueError(f"link {link} must have a mass, or something with a mass fixed to it; it has none. Add one.")
-    return found
+    return found or Body(mass=0.0, com=np.zeros(3))
 
 
 def _axis_frame(axis: Floats) -> Floats:

@@ -55,7 +55,7 @@ ARMS = {
     "G1, left arm": ("g1_29dof_rev_1_0", "torso_link", "left_wrist_yaw_link"),
     "G1, left leg": ("g1_29dof_rev_1_0", None, "left_ankle_roll_link"),
     "iCub, left arm": ("icub", "chest", "l_hand"),
-    "human, left arm": ("human", "middle_thorax", "left_hand"),
+    "human, left arm": ("human", "left_clavicle", "left_hand"),
     "simple humanoid, left arm": ("simple_humanoid", "torso", "l_wrist"),
 }
 """Name -> file, base, tip."""

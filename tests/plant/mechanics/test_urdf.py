@@ -1,5 +1,6 @@
 """URDF import against pinocchio's own reader, then files that must be refused."""
 
+import re
 import sys
 
 import numpy as np
@@ -314,3 +315,16 @@ def test_what_a_file_does_not_state_of_a_drive_is_said_with_its_joint(tmp_path, 
     with pytest.raises(ValueError, match=said) as error:
         Drive.from_urdf(path, **MOTORS | given)
     assert "\n" not in str(error.value)
+
+
+def test_a_link_without_mass_between_two_joints_is_that_of_pinocchio(tmp_path):
+    """As files write ball joints; the last link has a mass, or moves nothing."""
+    kinds = ("revolute", "revolute", "revolute")
+    text = re.sub(r'(<link name="l1">)<inertial>.*?</inertial>', r"\1", urdf(3, kinds=kinds), count=1)
+    assert text != urdf(3, kinds=kinds)
+    chain = Chain.from_urdf(written(tmp_path, text))
+    assert [body.mass > 0 for body in chain.bodies] == [False, True, True]
+    compared(chain, pin.buildModelFromXML(text))
+    bare = GOOD[: GOOD.rindex("<inertial>")] + GOOD[GOOD.rindex("</inertial>") + len("</inertial>") :]
+    with pytest.raises(ValueError, match=r"link behind joint shoulder \(q\[0\]\) must have a positive mass; got 0.0"):
+        Chain.from_urdf(written(tmp_path, bare))
