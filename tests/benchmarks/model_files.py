@@ -29,6 +29,7 @@ import numpy as np
 
 from ctc import ComputedTorque
 from identification import identify
+from identification.results.summary import doubts
 from plant import Chain, Drive, Dynamics, Encoder, Harmonics, Record, Rig, everyday_motions, p_gains, simulate
 
 ARMS = {
@@ -182,7 +183,7 @@ def row(name, seed, given):
     found = identify(dynamics, record, unknown=unknown, progress=False)
     seconds = time.process_time() - begun
     off, p = found.f - truth.f, len(truth.f)
-    cell = {"n": chain.n, "f": p, "cpu": seconds, "warnings": [w.split(";")[0] for w in found.warnings]}
+    cell = {"n": chain.n, "f": p, "cpu": seconds, "warnings": [each.split(";")[0] for each in doubts(found)]}
     if found.covariance is not None:
         cell["off"] = float(np.sqrt(off @ np.linalg.solve(found.covariance[:p, :p], off) / p))
         cell["within_3"] = float(np.mean(np.abs(off) <= 3 * found.fit.std[:p]))
