@@ -7,28 +7,21 @@ from typing import Any
 
 import numpy as np
 
+from plant.laws.pid import P
 from plant.machine.drive import Drive
+from plant.machine.encoder import Encoder
+from plant.machine.rig import Rig
 from plant.mechanics.chain import Chain
 from plant.mechanics.urdf_file import read_urdf
 from plant.models.arm_table import model_beside
-from plant.models.tables import check_keys, toml_lines
+from plant.models.tables import check_keys, meaning_of, toml_lines
 from plant.parts.part import Part
 
 MISSING, _STATED = "?", "urdf"
 """What stands for a value: nobody has said it yet; the URDF file states it, on the joint."""
 
 _OF_URDF = ("viscous", "coulomb", "current_limit")
-_WORDS = {
-    "period": "of the log [s]",
-    "gear": "motor turns per turn of the joint; negative where they turn against each other",
-    "motor_inertia": "of the rotor [kg m^2]; 1 kg cm^2 is 1e-4",
-    "motor_gain": "torque constant [N m/A]",
-    "viscous": "[N m s/rad]; a guess will do where it is identified",
-    "coulomb": "[N m]; a guess will do where it is identified",
-    "current_limit": "of the amplifier [A]",
-    "resolution": "counts per turn of the motor: 1,000 lines give 4,000",
-    "gain": "motor torque per count [N m] of the controller that logs; another kind of law has other keys",
-}
+_PARTS: dict[str, type] = {"rig": Rig, "drive": Drive, "encoder": Encoder, "law": P}
 
 
 def new_robot_file(path: str, target: Path, base: str | None, tip: str | None) -> str:
@@ -37,13 +30,13 @@ def new_robot_file(path: str, target: Path, base: str | None, tip: str | None) -
     names = [joint.name for joint in chosen]
     Chain.from_urdf(path, names)  # refuses what is no arm
     stated = np.array([(*joint.friction, joint.limits[3]) for joint in chosen]).T
-    comments = dict(_WORDS)
+    comments = dict[str, str]()
     drive: dict[str, Any] = dict.fromkeys(("gear", "motor_inertia", "motor_gain"), MISSING)
     for key, unit, values in zip(_OF_URDF, ("N m s/rad", "N m", "N m"), stated, strict=True):
         drive[key] = _STATED if np.isfinite(values).all() and values.any() else MISSING
         if drive[key] == _STATED:
             comments[key] = f"the file's {', '.join(f'{value:g}' for value in values)} {unit}, on the joints"
-    tables = {
+    tables: dict[str, Any] = {
         "name": Path(path).stem,
         "rig": {"period": MISSING},
         "drive": drive | {"joints": names},
@@ -51,9 +44,13 @@ def new_robot_file(path: str, target: Path, base: str | None, tip: str | None) -
         "arm": {"urdf": os.path.relpath(path, target.parent), "joints": names, "rotors": "drive"},
         "law": {"kind": "plant.P", "gain": MISSING},
     }
-    lines = toml_lines(tables, comment=lambda _, key: comments.get(key, ""))
+
+    def comment(where: tuple[str, ...], key: str) -> str:
+        missing = tables[where[0]][key] == MISSING if where else False
+        return meaning_of(_PARTS[where[0]], key) if missing else comments.get(key, "")
+
     head = f'# Replace each "{MISSING}", which {Path(path).name} does not say, by one number for all joints, or a list.'
-    return "\n".join([head, *lines, ""])
+    return "\n".join([head, *toml_lines(tables, comment=comment), ""])
 
 
 def require_complete(data: Mapping[str, Any]) -> None:
