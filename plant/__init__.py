@@ -24,7 +24,7 @@ All that is public is exported here; `docs/architecture.md` shows the house in o
 
 from plant.analysis.control_systems import to_control
 from plant.analysis.linearise import linearise, modes
-from plant.analysis.p_gains import p_gains
+from plant.analysis.p_gains import cascade_gains, p_gains
 from plant.laws.cascade import Cascade
 from plant.laws.law import Law, Setpoint, StatelessLaw
 from plant.laws.pid import PD, PID, P
@@ -79,7 +79,7 @@ __all__ = [
     "Link", "LinkReference", "LoadError", "LoggedCurrent", "LoggedTorque", "Lumping", "P", "Part", "Phase",
     "Placement", "PointToPoint", "Presliding", "QuadratureError", "Record", "Reference", "Resumed", "Rig",
     "Robot", "Setpoint", "Spline", "StatelessLaw", "SteppedArm", "Table", "TorqueRipple", "Transport",
-    "check_model", "everyday_motions", "fastest", "linearise", "modes", "number",
+    "cascade_gains", "check_model", "everyday_motions", "fastest", "linearise", "modes", "number",
     "p_gains", "part", "puma560", "read_records", "read_robot", "read_table", "replay", "simulate",
     "structure", "to_control", "to_ros2_control", "visibility", "write_replay", "write_robot",
 ]  # fmt: skip

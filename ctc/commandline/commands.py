@@ -21,6 +21,7 @@ from ctc.verdict.evaluations import evaluate
 from identification import Identification, identify
 from identification.results.summary import doubts
 from plant import Dynamics
+from plant.models.new_robot import MISSING, new_robot_file
 from plant.models.robot_file import FOLDER, read_robot
 from plant.parts.files import write_whole
 
@@ -40,6 +41,10 @@ def run_demo(given: Namespace) -> Answer:
 def run_robots(given: Namespace) -> Answer:
     """Robot files of the package: a list, or one of them to start from."""
     names = sorted(path.stem for path in FOLDER.glob("*.toml"))
+    if given.name == "new":
+        return _new_robot(given)
+    if given.model or given.base or given.tip:
+        raise ValueError("a model file, --base and --tip go with new: onepulse robots new ROBOT.urdf. Write so.")
     if given.name is None:
         titles = {name: read_robot(name).name for name in names}
         width = max(map(len, names))
@@ -56,6 +61,19 @@ def run_robots(given: Namespace) -> Answer:
         shutil.copyfile(model, places[1])
     write_whole(places[0], [text])
     return Answer(f"wrote {', '.join(map(str, places))}", {"robot": given.name, "files": [*map(str, places)]})
+
+
+def _new_robot(given: Namespace) -> Answer:
+    """A robot file to complete, of a URDF file."""
+    if given.model is None:
+        raise ValueError("a new robot file must be of a URDF file; got none. Write: onepulse robots new ROBOT.urdf.")
+    place = None if given.output is None else new_place(given.output, given.force, [given.model])
+    text = new_robot_file(given.model, place or Path("robot.toml"), given.base, given.tip)
+    text += _COLUMNS.read_text(encoding="utf-8")
+    if place is None:
+        return Answer(text.rstrip(), {"robot": given.name, "toml": text})
+    write_whole(place, [text])
+    return Answer(f'wrote {place}; replace each "{MISSING}" in it', {"robot": given.name, "files": [str(place)]})
 
 
 def run_check(given: Namespace) -> Answer:

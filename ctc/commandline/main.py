@@ -21,7 +21,7 @@ plant that exceeds the limit, a path that begins in motion; 2 bad input, reporte
 library; 130 interrupted"""
 
 
-_PLACES = {"command", "found", "logs", "name"}  # arguments that are no options
+_PLACES = {"command", "found", "logs", "name", "model"}  # arguments that are no options
 
 
 class _Parser(argparse.ArgumentParser):
@@ -181,7 +181,10 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
         _option("--figures", type=Path, default=Path("figures"), help="folder for the figures"),
     )),
     "robots": ("robot files of the package, to start from", (
-        _option("name", nargs="?", help="one of them; without a name, a list"),
+        _option("name", nargs="?", help="one of them, or new: of a URDF file, to complete; without a name, a list"),
+        _option("model", nargs="?", metavar="URDF", help="of new"),
+        _option("--base", metavar="LINK", help="of new: where the arm begins (default: the file's root)"),
+        _option("--tip", metavar="LINK", help="of new: where it ends"),
         *_output("write it there (default: print it)", required=False),
     )),
     "check": ("examine logs before anything is identified", (

@@ -16,9 +16,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant import Arm, Harmonics, Law, Rig
+from identification.planning.model_limits import experiment_of, motion_limits
+from plant import Arm, Chain, Harmonics, Law, Rig
 from plant.mechanics.symmetric_inverse import inverse
-from plant.parts.arguments import array, instance, known_options, real
+from plant.parts.arguments import instance, known_options, real
 from plant.parts.fields import Floats
 
 _SAMPLES = 120  # of a period, at which the equation is set up and the limits hold
@@ -26,6 +27,12 @@ _SAMPLES = 120  # of a period, at which the equation is set up and the limits ho
 _SHARPNESS = 4  # power of the mean that stands for the largest variance
 
 _MARGIN = 0.01  # share of a limit's width that is kept free: between the samples the motion goes a little further
+
+_EXACT = 20  # parameters up to which second derivatives are worked out: beyond, they take minutes
+
+_LEAST_UNIT = 1e-2  # of the largest parameter: as far as any other one is worth to be known
+
+_FULL = 100.0  # pulses of error at which a loop without a law takes its largest torque
 
 _LEAST_PULSES = 100  # by which every motor has to move, at least
 
@@ -36,40 +43,41 @@ _TORQUE = 0.8  # share of the amplifier's limit that the model's torque and fric
 
 @known_options
 def design_motion(
-    arm: Arm,
+    arm: Arm | Chain,
     rig: Rig,
-    law: Law,
+    law: Law | None = None,
     *,
-    period: float,
-    position: ArrayLike,
-    velocity: ArrayLike,
-    acceleration: ArrayLike,
+    period: float = 6.0,
+    position: ArrayLike | None = None,
+    velocity: ArrayLike | None = None,
+    acceleration: ArrayLike | None = None,
     harmonics: int = 5,
-    starts: int = 3,
+    starts: int | None = None,
     seed: int = 0,
-    iterations: int = 200,
+    iterations: int | None = None,
 ) -> Harmonics:
-    """Harmonics that excite the parameters of an arm.
+    """Harmonics that excite the parameters of an arm; ``design_motion(chain, rig)`` for a first experiment.
 
     Parameters
     ----------
-    arm : Arm
-        Known roughly; its torques are kept below the amplifier's limit.
+    arm : Arm or Chain
+        Known roughly, or as its model file says; its torques are kept below the amplifier's limit.
     rig : Rig
-    law : Law
-        Of the position loop, without memory; gives the torque of a pulse.
+    law : Law, optional
+        Of the position loop, without memory; gives the torque of a pulse. By default all joints have errors of the same
+        share of their largest torque.
     period : float
         [s]
-    position : (n, 2) array_like
-        Lowest and highest angle of each joint [rad].
-    velocity, acceleration : (n,) array_like
-        Largest magnitudes [rad/s], [rad/s^2].
+    position : (n, 2) array_like, optional
+        Lowest and highest angle of each joint [rad]; by default 90 % of the chain's limits, or within a right angle.
+    velocity, acceleration : (n,) array_like, optional
+        Largest magnitudes [rad/s], [rad/s^2]; by default 90 % of the chain's limits, and what the harmonics need.
     harmonics : int
-    starts : int
-        Random motions from which the search begins; the best end counts.
+    starts : int, optional
+        Random motions from which the search begins, of which the best end counts; 3, of many parameters 1.
     seed : int
-    iterations : int
-        Of Ipopt, per start.
+    iterations : int, optional
+        Of Ipopt, per start; 200, of many parameters 60.
 
     Returns
     -------
@@ -95,18 +103,14 @@ def design_motion(
     >>> path.n, path.period
     (2, 4.0)
     """
-    instance("arm", arm, Arm, "The order is arm, rig, law.")
     instance("rig", rig, Rig, "The order is arm, rig, law.")
-    n, advice = arm.n, "Give one per joint."
-    position = array("position", position, (n, 2), advice="Give the lowest and highest angle of each joint.")
-    velocity = array("velocity", velocity, (n,), advice=advice)
-    acceleration = array("acceleration", acceleration, (n,), advice=advice)
+    known, rig = experiment_of(arm, rig)
+    model: Arm = instance("arm", known, Arm, "The order is arm, rig, law.")
+    many = model.dynamics.p > _EXACT
+    starts, iterations = starts or (1 if many else 3), iterations or (60 if many else 200)
     period = real("period", period, "Give seconds.", positive=True)
-    if not (position[:, 0] < position[:, 1]).all() or not (velocity > 0).all() or not (acceleration > 0).all():
-        raise ValueError(
-            "position must be (low, high) with low < high, speeds and accelerations positive. Correct them."
-        )
-    problem = _Problem(arm, rig, law, period, harmonics)
+    position, velocity, acceleration = motion_limits(model, period, harmonics, position, velocity, acceleration)
+    problem = _Problem(model, rig, law, period, harmonics)
     problem.limit(position, velocity, acceleration)
     random = np.random.default_rng(seed)
     motion = problem.solved(_starts(random, starts, problem.rate, position, velocity, acceleration), iterations)
@@ -114,7 +118,7 @@ def design_motion(
         raise ValueError(f"limits must allow a motion; none of {starts} starts found one. Widen them.")
     moved = np.ptp(rig.position_in_pulses(motion(np.linspace(0, period, _SAMPLES)).q), axis=0)
     if (moved < _LEAST_PULSES).any():
-        label = arm.dynamics.chain.joint_labels[int(moved.argmin())]
+        label = model.dynamics.chain.joint_labels[int(moved.argmin())]
         raise ValueError(
             f"limits must allow {_LEAST_PULSES} pulses on every motor; that of {label} moves by {moved.min():.0f}. "
             "Widen them."
@@ -125,12 +129,13 @@ def design_motion(
 class _Problem:
     """The largest variance of f as a function of the amplitudes, for Ipopt."""
 
-    def __init__(self, arm: Arm, rig: Rig, law: Law, period: float, harmonics: int) -> None:
+    def __init__(self, arm: Arm, rig: Rig, law: Law | None, period: float, harmonics: int) -> None:
         self.period, order = period, np.arange(1, harmonics + 1)
         angle = 2 * np.pi / period * np.arange(_SAMPLES)[:, None] * period / _SAMPLES * order
         self.rate = rate = np.asarray(2 * np.pi / period * order, dtype=np.float64)
         c, s = np.cos(angle), np.sin(angle)
         n, p, self.opti = arm.n, arm.dynamics.p, ca.Opti()
+        self.curvature = "exact" if p <= _EXACT else "limited-memory"
         offset, cosine, sine = self.opti.variable(n), self.opti.variable(n, harmonics), self.opti.variable(n, harmonics)
         self.amplitudes = offset, cosine, sine
         self.q = ca.repmat(offset, 1, _SAMPLES) + cosine @ c.T + sine @ s.T
@@ -161,7 +166,17 @@ class _Problem:
         """The best end from these starts that keeps the limits."""
         opti = self.opti
         quiet = {"print_time": False, "error_on_fail": False}
-        opti.solver("ipopt", quiet, {"print_level": 0, "sb": "yes", "max_iter": iterations, "tol": 1e-4})
+        opti.solver(
+            "ipopt",
+            quiet,
+            {
+                "print_level": 0,
+                "sb": "yes",
+                "max_iter": iterations,
+                "tol": 1e-4,
+                "hessian_approximation": self.curvature,
+            },
+        )
         best: tuple[Any, ...] | None = None
         for start in starts:
             for amplitude, value in zip(self.amplitudes, start, strict=True):
@@ -189,12 +204,15 @@ def _starts(
         yield middle, share[0] * reach[:, None], share[1] * reach[:, None]
 
 
-def _equation(arm: Arm, rig: Rig, law: Law) -> tuple[ca.Function, ca.Function]:
+def _equation(arm: Arm, rig: Rig, law: Law | None) -> tuple[ca.Function, ca.Function]:
     """What one sample adds to the normal matrix, f relative to the width of its range; and its torque."""
     n, dynamics = arm.n, arm.dynamics
     q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
-    unit = np.abs(arm.f) if dynamics.ranges is None else np.diff(dynamics.ranges, axis=1).ravel()
-    unit = np.where(unit > 0, unit, unit.max())
+    if dynamics.ranges is None:
+        unit = np.maximum(np.abs(arm.f), _LEAST_UNIT * np.abs(arm.f).max())
+    else:
+        unit = np.diff(dynamics.ranges, axis=1).ravel()
+        unit = np.where(unit > 0, unit, unit.max())
     per_pulse = ca.repmat(ca.DM(_torque_per_pulse(rig, law)), 1, dynamics.p)
     scaled = dynamics.Y(q, qd, qdd) * ca.repmat(ca.DM(unit).T, n, 1) / per_pulse
     arguments, names = [q, qd, qdd], ["q", "qd", "qdd"]
@@ -205,8 +223,11 @@ def _equation(arm: Arm, rig: Rig, law: Law) -> tuple[ca.Function, ca.Function]:
     )
 
 
-def _torque_per_pulse(rig: Rig, law: Law) -> Floats:
-    """Joint torque [N m] (n,) that one pulse of error on every motor makes, magnitude."""
+def _torque_per_pulse(rig: Rig, law: Law | None) -> Floats:
+    """Joint torque [N m] (n,) that one pulse of error on every motor makes, magnitude; without a law its share."""
+    if law is None:
+        limit = rig.drive.torque_limit()
+        return np.where(np.isfinite(limit), limit, 1.0) / _FULL
     if law.has_memory(rig.n):
         raise ValueError(
             f"law must be fast and without memory, like P; got {type(law).__name__}. Give that of the log."

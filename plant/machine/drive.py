@@ -7,6 +7,8 @@ neglected (paper 3.3, 4.2: its time constant is far below the mechanical one): t
 """
 
 import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, Self
 
 import casadi as ca
@@ -18,6 +20,7 @@ from plant.machine.elasticity import Elasticity, Resonance
 from plant.machine.friction import FrictionCurve
 from plant.machine.presliding import Presliding
 from plant.mechanics.coupling import Coupling
+from plant.mechanics.urdf_file import read_urdf
 from plant.parts.arguments import instance, per_joint, real, signs
 from plant.parts.fields import ArrayOrSymbols, Floats, Vector
 from plant.parts.labels import joint_labels
@@ -26,7 +29,7 @@ from plant.parts.part import Part, number, part, structure
 
 @part
 class Drive(Part):
-    """Motors and gears of all joints; every field has one number per joint and is *motor side*.
+    """Motors and gears of all joints; every field has one number per joint, or one for all, and is *motor side*.
 
     Parameters
     ----------
@@ -124,6 +127,40 @@ class Drive(Part):
                 f"backlash must be within one turn of the motor, {turn:.3g} rad at {label}; got {play[joint]:g}. Give "
                 "it joint side, in rad."
             )
+
+    @classmethod
+    def from_urdf(
+        cls, path: str | Path, joints: Sequence[str] | None = None, *, base: str | None = None, tip: str | None = None,
+        **fields: Any,
+    ) -> Self:  # fmt: skip
+        """A drive with the friction and the efforts that a URDF file states on the joints of `Chain.from_urdf`.
+
+        The other ``fields`` are those of a `Drive`: gear, motor_inertia and motor_gain, which no file has; those that
+        the file has too go before it. A joint of which it does not state what is needed, or an effort of 0, is refused.
+
+        Examples
+        --------
+        >>> from plant import Drive, read_robot
+        >>> motors = {"gear": 101, "motor_inertia": 1e-4, "motor_gain": 0.1, "viscous": 1e-3, "coulomb": 0.05}
+        >>> Drive.from_urdf(read_robot("ur5e").model, tip="forearm", **motors).torque_limit().round()
+        array([150., 150., 150.])
+        """
+        chosen = read_urdf(path).chain_joints(joints, base, tip)
+        if np.ndim(fields.get("gear", ())) == 0:
+            fields["gear"] = np.full(len(chosen), fields["gear"])
+        names, own = tuple(joint.name for joint in chosen), {"viscous": 0.0, "coulomb": 0.0, "current_limit": np.inf}
+        drive = cls(**({"joints": names} | own | fields))
+        per_motor, stated = np.abs(drive.gear), np.array([(*joint.friction, joint.limits[3]) for joint in chosen]).T
+        scales = per_motor**2, per_motor, per_motor * drive.motor_gain
+        changes: dict[str, Any] = {}
+        for key, what, values, scale in zip(own, ("damping", "friction", "effort"), stated, scales, strict=True):
+            if key in fields:
+                continue
+            if (lacking := np.flatnonzero(~np.isfinite(values))).size:
+                where = f"{what} of joint {names[lacking[0]]} in {Path(path).name}"
+                raise ValueError(f"{where} must be stated; it is not, or 0. Give {key}, motor side.")
+            changes[key] = values / scale
+        return dataclasses.replace(drive, **changes)
 
     @property
     def n(self) -> int:

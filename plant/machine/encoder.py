@@ -82,8 +82,8 @@ class Encoder(Part):
 
     Parameters
     ----------
-    resolution : (n,) array_like
-        N_enc, pulses per turn of the *motor*.
+    resolution : (n,) array_like or float
+        N_enc, pulses per turn of the *motor*; one number where all are alike.
     smooth : bool
         True leaves out the quantisation, for derivatives (those of a quantiser are zero).
     floor : bool
@@ -111,7 +111,7 @@ class Encoder(Part):
     array([0.007854, 0.006283])
     """
 
-    resolution: Vector = number(("n",))
+    resolution: Vector = number(("n",), alike=True)
     smooth: bool = structure(bool, default=False)
     floor: bool = structure(bool, default=False)
     phase: Phase | None = structure(Phase, default=None)
@@ -122,7 +122,8 @@ class Encoder(Part):
         super().__post_init__()
         signs(self, positive=("resolution",), advice="Give pulses per motor turn.")
         choice("side", self.side, ("motor", "link", "both"))
-        self.require_joints(len(self.resolution))
+        if np.ndim(self.resolution):
+            self.require_joints(len(self.resolution))
 
     def position_in_pulses(self, q_m: ArrayOrSymbols) -> ArrayOrSymbols:
         """Motor angle [rad] in pulses, before rounding."""

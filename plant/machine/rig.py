@@ -169,6 +169,9 @@ class Rig(Part):
 
     def __post_init__(self) -> None:
         real("period", self.period, "Give seconds; the paper logs every 0.7e-3.", positive=True)
+        if np.ndim(self.encoder.resolution) == 0:
+            alike = np.full(self.drive.n, self.encoder.resolution)
+            object.__setattr__(self, "encoder", dataclasses.replace(self.encoder, resolution=alike))
         if len(self.encoder.resolution) != self.drive.n:
             raise ValueError(
                 f"encoder must have {self.drive.n} joints like the drive; got {len(self.encoder.resolution)}. "

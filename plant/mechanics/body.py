@@ -151,3 +151,12 @@ def from_pseudo_inertia(P: ArrayLike) -> Floats:
     moments = P[:3, :3]
     inertia = np.trace(moments) * np.eye(3) - moments
     return np.concatenate([[P[3, 3]], P[:3, 3], inertia[_UPPER]])
+
+
+def body_in(mass: float, inertia: Floats, name: str, pose: Placement) -> Body | None:
+    """The body of an element at this pose in its link's frame; None of one that has no mass and no inertia."""
+    if mass < 0:
+        raise ValueError(f"link {name} must have a positive mass; got {mass}. Correct it.")
+    if not mass and not np.any(inertia):
+        return None
+    return Body(mass=mass, com=np.zeros(3), inertia=inertia).seen_from(pose)

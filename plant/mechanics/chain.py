@@ -153,7 +153,8 @@ class Chain(Part):
         Returns
         -------
         Chain
-            Bodies in the frames of the file's links, with `limits`; meshes and transmissions are not read.
+            Bodies in the frames of the file's links, with `limits`; meshes and transmissions are not read. Friction and
+            efforts make a `Drive`: `Drive.from_urdf`.
 
         Raises
         ------
@@ -167,11 +168,8 @@ class Chain(Part):
             perpendicular have base parameters that no log excites.
         """
         model = read_urdf(path)
-        if base is not None or tip is not None:
-            if joints is not None or tip is None:
-                raise ValueError(f"tip must be given with base, and no joints; got tip {tip}. Leave joints out.")
-            joints = model.joints_between(base, tip)
-        links, bodies, limits = links_of_chain(model, joints)
+        names = [joint.name for joint in model.chain_joints(joints, base, tip)]
+        links, bodies, limits = links_of_chain(model, names)
         return cls(links=links, gravity=gravity, bodies=bodies, limits=limits)
 
     @classmethod

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from plant.mechanics.body import Body
-from plant.mechanics.model_tree import ModelFile, ModelJoint, body_in
+from plant.mechanics.body import Body, body_in
+from plant.mechanics.model_tree import ModelFile, ModelJoint
 from plant.mechanics.placement import Placement
 from plant.mechanics.xml_file import Element, numbers_of, parsed, rotation_of
 from plant.parts.arguments import choice

@@ -43,6 +43,8 @@ class ModelJoint:
     zero: float = 0.0
     limits: tuple[float, float, float, float] = (-np.inf, np.inf, np.inf, np.inf)
     """Lower and upper position, velocity, effort."""
+    friction: tuple[float, float] = (np.nan, np.nan)
+    """Viscous and Coulomb; NaN where not stated."""
     armature: float = 0.0
     element: Element | None = None
 
@@ -62,8 +64,14 @@ class ModelFile:
     links: dict[str, Element]
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
 
-    def chain_joints(self, names: Sequence[str] | None = None) -> list[ModelJoint]:
+    def chain_joints(
+        self, names: Sequence[str] | None = None, base: str | None = None, tip: str | None = None
+    ) -> list[ModelJoint]:
         """The joints of the chain, base first; by default all that move, but those that mimic and are mimicked."""
+        if base is not None or tip is not None:
+            if names is not None or tip is None:
+                raise ValueError(f"tip must be given with base, and no joints; got tip {tip}. Leave joints out.")
+            names = self.joints_between(base, tip)
         _require_tree(self.bodies, self.joints)
         return _chosen(self.joints, names)
 
@@ -79,15 +87,6 @@ class ModelFile:
         if not found:
             raise ValueError(f"a joint must move between base and tip {tip}; none does. Give links further apart.")
         return found
-
-
-def body_in(mass: float, inertia: Floats, name: str, pose: Placement) -> Body | None:
-    """The body of an element at this pose in its link's frame; None of one that has no mass and no inertia."""
-    if mass < 0:
-        raise ValueError(f"link {name} must have a positive mass; got {mass}. Correct it.")
-    if not mass and not np.any(inertia):
-        return None
-    return Body(mass=mass, com=np.zeros(3), inertia=inertia).seen_from(pose)
 
 
 def links_of_chain(model: ModelFile, names: Sequence[str] | None) -> tuple[tuple[Link, ...], tuple[Body, ...], Limits]:
@@ -109,7 +108,8 @@ def links_of_chain(model: ModelFile, names: Sequence[str] | None) -> tuple[tuple
         at = frame
         made.append(_lumped(model.bodies, hanging, joint.child, moving))
     for label, body in zip(joint_labels([joint.name for joint in chosen], len(chosen)), made, strict=True):
-        body.require_physical(f"behind {label}")
+        if body is made[-1] or body.standard_parameters.any():  # nothing may lie between two joints whose axes meet
+            body.require_physical(f"behind {label}")
     if most := max(rounded.values()):
         where = f"that before joint {max(rounded, key=lambda name: rounded[name])} by {most:.2g} rad"
         warnings.warn(f"{model.path.name} rounds right angles, {where}; they are put right.", stacklevel=3)
@@ -235,9 +235,7 @@ def _lumped(
         if (body := bodies[name]) is not None:
             body = body.seen_from(placement)
             found = body if found is None else found.joined(body)
-    if found is None:
-        raise ValueError(f"link {link} must have a mass, or something with a mass fixed to it; it has none. Add one.")
-    return found
+    return found or Body(mass=0.0, com=np.zeros(3))
 
 
 def _axis_frame(axis: Floats) -> Floats:

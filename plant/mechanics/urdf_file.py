@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from plant.mechanics.body import Body
-from plant.mechanics.model_tree import HERE, MOVING, ModelFile, ModelJoint, body_in
+from plant.mechanics.body import Body, body_in
+from plant.mechanics.model_tree import HERE, MOVING, ModelFile, ModelJoint
 from plant.mechanics.placement import Placement
 from plant.mechanics.xml_file import Element, numbers_of, parsed
 from plant.parts.arguments import choice
@@ -83,6 +83,7 @@ def _joints(robot: Element) -> dict[str, ModelJoint]:
         joints[name] = ModelJoint(
             name=name, kind=kind, parent=parent, child=child, origin=origin_of(element, where), axis=axis,
             mimics=mimics, limits=_limits(element.find("limit"), kind, where), element=element,
+            friction=_friction(element.find("dynamics"), where),
         )  # fmt: skip
     return joints
 
@@ -99,6 +100,17 @@ def _limits(limit: Element | None, kind: str, where: str) -> tuple[float, float,
     if kind == "continuous" or lower == upper == 0.0:
         lower, upper = -math.inf, math.inf
     return (lower, upper, velocity or math.inf, effort or math.inf)
+
+
+def _friction(dynamics: Element | None, where: str) -> tuple[float, float]:
+    """Viscous and Coulomb friction of a joint; NaN where the file states none."""
+    if dynamics is None:
+        return math.nan, math.nan
+    keys = "damping", "friction"
+    viscous, coulomb = (numbers_of(dynamics, key, 1, "0", f"{where}, dynamics")[0] for key in keys)
+    if min(viscous, coulomb) < 0:
+        raise ValueError(f"{where} must not have negative friction; got {viscous:g} and {coulomb:g}. Correct it.")
+    return viscous, coulomb
 
 
 def is_xacro(element: Element) -> bool:

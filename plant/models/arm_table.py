@@ -55,11 +55,9 @@ _ARM = (
 _BASE, _ROTORLESS = "base", "base without rotors"
 
 
-def dynamics_of(table: dict[str, Any], rig: Rig, folder: Path) -> tuple[Dynamics, Any]:
-    """Dynamics of [arm], and its f."""
-    for key in table:
-        choice("a key of [arm]", key, _ARM)
-    chain, rotors = _chain(table, folder), table.get("rotors")
+def dynamics_of(table: dict[str, Any], chain: Chain, rig: Rig) -> tuple[Dynamics, Any]:
+    """Dynamics of [arm], which has this chain, and its f."""
+    rotors = table.get("rotors")
     if rotors is not None:
         choice("rotors of [arm]", rotors, ("drive",))
         chain = chain.with_rotors(rig.drive)
@@ -80,7 +78,10 @@ def model_beside(table: dict[str, Any], folder: Path) -> Path | None:
     return None if named is None else folder / str(named)
 
 
-def _chain(table: dict[str, Any], folder: Path) -> Chain:
+def chain_of(table: dict[str, Any], folder: Path) -> Chain:
+    """The chain of [arm], without the rotors of a drive."""
+    for key in table:
+        choice("a key of [arm]", key, _ARM)
     sources = [key for key in ("links", "urdf", "mjcf") if key in table]
     if len(sources) != 1:
         raise ValueError(f"[arm] must have one of links, urdf, mjcf; got {' and '.join(sources) or 'none'}. Give one.")

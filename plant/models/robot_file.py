@@ -8,10 +8,12 @@ from typing import Any, cast
 
 from plant.laws.law import Law
 from plant.logs.mapping import mapped_names
+from plant.machine.drive import Drive
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.mechanics.dynamics import Dynamics
-from plant.models.arm_table import arm_table, dynamics_of, model_beside
+from plant.models.arm_table import arm_table, chain_of, dynamics_of, model_beside
+from plant.models.new_robot import drive_table, per_joint_table, require_complete
 from plant.models.tables import class_of, part_of, table_of, toml_lines, unit_of
 from plant.parts.arguments import choice, instance, known_options
 from plant.parts.files import require_new, write_whole
@@ -141,6 +143,7 @@ def read_robot(path: str | Path) -> Robot:
 
 
 def _robot(data: dict[str, Any], folder: Path) -> Robot:
+    require_complete(data)
     for key in data:
         choice("a table of the file", key, _KEYS)
     for key in ("arm", "drive", "encoder", "rig"):
@@ -150,13 +153,18 @@ def _robot(data: dict[str, Any], folder: Path) -> Robot:
     twice = [key for key in parts if key in data["rig"]]
     if twice:
         raise ValueError(f"[rig] must not have {twice[0]!r}: it has a table of its own. Move it to [{twice[0]}].")
+    chain = chain_of(data["arm"], folder)
+    parts["drive"] = drive_table(per_joint_table(parts["drive"], Drive, chain.n), data["arm"], folder)
     made = {key: part_of(table, f"plant.{key.capitalize()}", key) for key, table in parts.items()}
     places = {f"[{key}]": part for key, part in made.items()}
     rig = part_of(data["rig"] | {key: f"[{key}]" for key in made}, "plant.Rig", "rig", places)
-    dynamics, f = dynamics_of(data["arm"], rig, folder)
+    dynamics, f = dynamics_of(data["arm"], chain, rig)
     arm = None if f is None else dynamics.arm(f)
     known = {"[rig]": rig} | ({} if arm is None else {"[arm]": arm})
-    law = part_of(data["law"], "", "law", known) if "law" in data else None
+    law = None
+    if "law" in data:
+        kind = class_of(data["law"].get("kind", ""), "law") if isinstance(data["law"], dict) else Law
+        law = part_of(per_joint_table(data["law"], kind, chain.n), "", "law", known)
     uncertainty = part_of(data["uncertainty"], _UNCERTAINTY, "uncertainty") if "uncertainty" in data else None
     name = data.get("name", "")
     return Robot(

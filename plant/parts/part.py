@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
+import numbers
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Self, TypeVar, dataclass_transform
 
@@ -39,10 +40,13 @@ def declared(meaning: str) -> Any:
     return Declared(meaning)
 
 
-def number(shape: tuple[int | str, ...], *, default: Any = dataclasses.MISSING, finite: bool = True) -> Any:
+def number(
+    shape: tuple[int | str, ...], *, default: Any = dataclasses.MISSING, finite: bool = True, alike: bool = False
+) -> Any:
     """Declare a field of numbers: `shape` is () for one number or ("n",) for one per joint (any name for a length).
 
-    With `default` None it may be left out; then it is none of the part's numbers, and of no equation.
+    With `default` None it may be left out; then it is none of the part's numbers, and of no equation. One number stands
+    for all joints where another field says how many there are; if `alike`, it stays one until a part around it does.
 
     See Also
     --------
@@ -60,7 +64,7 @@ def number(shape: tuple[int | str, ...], *, default: Any = dataclasses.MISSING, 
     >>> Constant(level=(1.0, 2.0)).level
     array([1., 2.])
     """
-    return dataclasses.field(default=default, metadata={"number": shape, "finite": finite})
+    return dataclasses.field(default=default, metadata={"number": shape, "finite": finite, "alike": alike})
 
 
 def structure(
@@ -111,24 +115,27 @@ class Part(Saved):
         raise ValueError(f"{type(self).__name__} must be a dataclass of named fields; it is none. Put @part above it.")
 
     def __post_init__(self) -> None:
+        given = [field for field in dataclasses.fields(self) if "number" in field.metadata]
+        given = [field for field in given if getattr(self, field.name) is not None or field.default is not None]
         lengths: dict[str, int] = {}
-        for field in dataclasses.fields(self):
-            if "number" not in field.metadata:
-                continue
-            if getattr(self, field.name) is None and field.default is None:
-                continue  # a number that this one does not have
-            shape = field.metadata["number"]
+        for field in sorted(given, key=lambda field: np.ndim(getattr(self, field.name)) == 0):  # those alike last
+            shape, value = field.metadata["number"], getattr(self, field.name)
             known = tuple(lengths.get(s, s) for s in shape)
+            if shape == ("n",) and isinstance(value, numbers.Real) and not isinstance(value, bool):
+                if field.metadata["alike"]:
+                    known = ()
+                elif "n" in lengths:
+                    value = np.full(lengths["n"], value)
             value = array(
                 f"{field.name} of {type(self).__name__}",
-                getattr(self, field.name),
+                value,
                 known,
                 finite=field.metadata["finite"],
                 advice=f"Give {_amount(shape)}.",
             )
             if np.isnan(value).any():
                 raise ValueError(f"{field.name} of {type(self).__name__} must be numbers; got NaN. Give its value.")
-            lengths.update({s: got for s, got in zip(shape, value.shape, strict=True) if isinstance(s, str)})
+            lengths.update({s: got for s, got in zip(shape, value.shape, strict=False) if isinstance(s, str)})
             value.setflags(write=False)
             object.__setattr__(self, field.name, value if shape else float(value))
 

@@ -4,6 +4,7 @@ import csv
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 import types
@@ -11,6 +12,7 @@ import warnings
 
 import numpy as np
 import pytest
+from model_texts import urdf
 
 import ctc.commandline.commands as commands
 from ctc import Certificate
@@ -18,7 +20,7 @@ from ctc.commandline.inputs import path_of, records_of
 from ctc.commandline.main import main
 from identification import Identification
 from identification.results.summary import doubts
-from plant import everyday_motions, puma560, read_robot, simulate
+from plant import Chain, everyday_motions, puma560, read_robot, simulate
 from plant.models.robot_file import FOLDER
 
 MAPPED = """
@@ -317,6 +319,54 @@ def test_robots_of_the_package_are_written_with_their_models(tmp_path, capsys):
     assert code == 0
     assert out.startswith((FOLDER / "ur5e.toml").read_text())
     assert "# [columns]" in out
+
+
+UNFINISHED = {"period": "1e-3", "gear": "100", "motor_inertia": "1e-4", "motor_gain": "[0.1, 0.2]", "coulomb": "0.03",
+              "resolution": "4096", "gain": "0.02"}  # fmt: skip
+
+
+def test_a_new_robot_file_is_completed_to_the_same_chain(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = urdf(1, kinds=("revolute", "revolute"))
+    text = text.replace("</joint>", '<dynamics damping="0.5"/></joint>')
+    (tmp_path / "robot.urdf").write_text(text)
+    (tmp_path / "files").mkdir()
+    made = ("robots", "new", "robot.urdf", "--tip", "l2", "-o", "files/arm.toml")
+    code, out, err = run(capsys, *made)
+    assert (code, out, err) == (0, 'wrote files/arm.toml; replace each "?" in it\n', "")
+    assert run(capsys, *made)[0] == 2  # it is there
+    code, out, err = run(capsys, "check", "log.csv", "--robot", "files/arm.toml")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert (
+        "missing: rig.period, drive.gear, drive.motor_inertia, drive.motor_gain, drive.coulomb, encoder.resolution, "
+        "law.gain. Replace each '?'" in err
+    )
+    filled = (tmp_path / "files" / "arm.toml").read_text()
+    for key, value in UNFINISHED.items():
+        filled = filled.replace(f'{key} = "?"', f"{key} = {value}")
+    (tmp_path / "files" / "arm.toml").write_text(filled)
+    robot = read_robot(tmp_path / "files" / "arm.toml")
+    assert robot.dynamics.chain == Chain.from_urdf("robot.urdf", tip="l2").with_rotors(robot.rig.drive)
+    np.testing.assert_allclose(robot.rig.drive.torque_limit(), 1.0)  # of the file, as its damping
+    np.testing.assert_allclose(robot.rig.drive.joint_viscous(), 0.5)
+    assert robot.law.gain.tolist() == [0.02, 0.02]
+    assert robot.rig.drive.motor_inertia.tolist() == [1e-4, 1e-4]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("new",), "must be of a URDF file; got none"),
+        (("new", "none.urdf"), "none.urdf"),
+        (("ur5e", "--tip", "x"), "go with new"),
+        (("new", FOLDER / "ur5e.urdf", "--tip", "elbo"), "tip must be one of .*'forearm'"),
+        (("new", FOLDER / "ur5e.urdf", "-o", FOLDER / "ur5e.urdf", "--force"), "ur5e.urdf is what is read"),
+    ],
+)
+def test_what_no_robot_file_can_be_made_of(capsys, arguments, said):
+    code, out, err = run(capsys, "robots", *arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert re.search(said, err)
 
 
 def test_an_interruption_and_a_defect_have_codes_of_their_own(capsys, monkeypatch):

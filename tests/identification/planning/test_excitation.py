@@ -7,7 +7,21 @@ import pytest
 
 from ctc import ComputedTorque
 from identification import design_motion, identify, pulse_budget
-from plant import JointSpring, puma560, simulate
+from plant import (
+    Body,
+    Chain,
+    Drive,
+    Dynamics,
+    Encoder,
+    Harmonics,
+    JointSpring,
+    Limits,
+    Link,
+    Rig,
+    puma560,
+    read_robot,
+    simulate,
+)  # fmt: skip
 
 ARM, RIG, LAW = puma560.literature_arm(1.5), puma560.rig(), puma560.p_law()
 LIMITS = {"position": [(-1.6, 0.1), (-0.1, 1.7)], "velocity": (3.0, 4.0), "acceleration": (12.0, 16.0)}
@@ -89,3 +103,75 @@ def test_limits_without_room_are_refused():
     level = LIMITS | {"position": [(-0.2, 0.1), (-0.1, 0.2)]}
     with pytest.raises(ValueError, match="limits must allow"):
         design_motion(ARM, dataclasses.replace(RIG, drive=drive), LAW, period=3.65, starts=1, iterations=20, **level)
+
+
+# -- from a model file alone ----------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def first():
+    """Three joints of the UR5e, with limits that bind; a rig; its first experiment."""
+    model = read_robot("ur5e").model
+    chain = Chain.from_urdf(model, tip="forearm")
+    limits = Limits(lower=(-2.0, -2.5, -np.inf), upper=(1.0, 0.5, np.inf), velocity=(1.0, 2, 3), effort=(60, 120, 40))
+    chain = dataclasses.replace(chain, limits=limits)
+    drive = Drive.from_urdf(
+        model, tip="forearm", gear=101, motor_inertia=6e-5, motor_gain=0.1, viscous=1e-3, coulomb=0.06
+    )
+    rig = Rig(drive=drive, encoder=Encoder(resolution=4096), period=2e-3)
+    return model, chain, rig, design_motion(chain, rig, harmonics=3, starts=1, iterations=25)
+
+
+def test_a_first_experiment_keeps_the_limits_and_efforts_of_the_model_file(first):
+    """Torques by pinocchio of the same file."""
+    pin = pytest.importorskip("pinocchio")
+    file, chain, rig, motion = first
+    model = pin.buildModelFromUrdf(str(file))
+    data = model.createData()
+    q, qd, qdd = motion(np.linspace(0, motion.period, 800))
+    assert (q[:, :2] >= chain.limits.lower[:2]).all()
+    assert (q[:, :2] <= chain.limits.upper[:2]).all()
+    assert (np.abs(q[:, 2]) <= np.pi / 2).all()
+    assert (np.abs(qd) <= chain.limits.velocity).all()
+    tau = np.array(
+        [pin.rnea(model, data, *(np.append(x, np.zeros(3)) for x in s))[:3] for s in zip(q, qd, qdd, strict=True)]
+    )
+    tau += rig.drive.reflected_inertia() * qdd + rig.drive.friction(qd)
+    assert (np.abs(tau) < chain.limits.effort).all()
+    assert (np.abs(tau).max(axis=0) > 0.2 * chain.limits.effort).any()
+
+
+def test_a_first_experiment_shows_more_than_random_ones(first):
+    """The worst parameter's bound in torques of the regressor, against ten random motions in the same limits."""
+    _, chain, rig, motion = first
+    dynamics = Dynamics.from_chain(chain.with_rotors(rig.drive))
+    unit = np.maximum(np.abs(dynamics.f()), 1e-2 * np.abs(dynamics.f()).max())
+
+    def worst(path):
+        rows = [
+            dynamics.Y(*s).full() / chain.limits.effort[:, None]
+            for s in zip(*path(np.linspace(0, 6, 200)), strict=True)
+        ]
+        rows = np.concatenate(rows) * unit
+        return np.linalg.inv(rows.T @ rows).diagonal().max()
+
+    random, offset = np.random.default_rng(0), motion.offset
+    waves = 0.15 * random.normal(size=(10, 2, 3, 3))
+    others = [Harmonics(period=6.0, offset=offset, cosine=wave[0], sine=wave[1]) for wave in waves]
+    assert worst(motion) < 0.3 * min(worst(path) for path in others)
+
+
+def test_what_a_model_file_must_have_for_a_first_experiment(first):
+    _, chain, rig, _ = first
+    for given, said in (
+        ({"arm": dataclasses.replace(chain, bodies=())}, "bodies must be known"),
+        ({"arm": Chain(links=chain.links[:2], bodies=chain.bodies[:2])}, "rig must have 2 joints like the arm; got 3"),
+        ({"position": [(0, 1)]}, "position must have shape"),
+        ({"period": 0}, "period must be a positive number"),
+    ):
+        with pytest.raises(ValueError, match=said) as error:
+            design_motion(**{"arm": chain, "rig": rig} | given)
+        assert "\n" not in str(error.value)
+    sliding = Chain(links=(Link(name="rail", prismatic=True),), bodies=(Body(mass=1.0, com=(0, 0, 0)),))
+    one = Rig(drive=Drive(gear=(9,), **dict.fromkeys(("motor_inertia", "viscous", "coulomb", "motor_gain"), 1e-3),
+                          current_limit=1.0), encoder=Encoder(resolution=400), period=1e-3)  # fmt: skip
+    with pytest.raises(ValueError, match=r"position must be given: joint rail .* slides without limits"):
+        design_motion(sliding, one)

@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from plant import Encoder, PointToPoint, p_gains, puma560, simulate
+from plant import PD, Encoder, PointToPoint, cascade_gains, p_gains, puma560, simulate
+from plant.analysis.sampled_loops import SampledLoops
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 
@@ -67,3 +68,46 @@ def test_of_a_loop_that_hunts_the_best_attempt_is_taken_if_it_is_near(monkeypatc
         ) as error:
             p_gains(ARM, RIG, PATH, 10)
         assert "\n" not in str(error.value)
+
+
+UNDAMPED = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, viscous=(0.0, 0.0), coulomb=(1e-4, 1e-4)))
+
+
+def test_a_joint_without_damping_is_named_and_pd_gains_keep_what_p_cannot():
+    with pytest.raises(
+        ValueError, match=r"joint \S+ \(q\[\d\]\) has the least damping, a ratio of 0 .*derivative=True"
+    ) as error:
+        p_gains(ARM, UNDAMPED, PATH, 10)
+    assert "\n" not in str(error.value)
+    law = p_gains(ARM, UNDAMPED, PATH, 10, derivative=True)
+    assert isinstance(law, PD)
+    reached = np.abs(simulate(ARM, UNDAMPED, law, PATH, steps_per_sample=16).error_pulses).max(axis=0)
+    assert (reached <= 12).all()  # with other sub-steps than those of the search
+
+
+def test_pd_gains_damp_the_joint_alone_as_they_say():
+    """The ratio 0.7 at the largest inertia, with viscous friction: the closed form of one joint, the other one free."""
+    law = p_gains(ARM, RIG, PATH, 10, derivative=True)
+    drive, counts = RIG.drive, RIG.encoder.resolution / (2 * np.pi)
+    stiffness, rate = (np.square(drive.gear) * counts * gain for gain in (law.gain, law.derivative))
+    inertia = np.max([1 / np.diag(np.linalg.inv(ARM.D(q))) for q in PATH(np.linspace(0, 3.65, 400)).q], axis=0)
+    ratio = (rate + drive.joint_viscous()) / (2 * np.sqrt(stiffness * inertia))
+    np.testing.assert_allclose(ratio[rate > 0], 0.7, rtol=0.02)  # inertia of eight poses
+    assert (rate > 0).any()
+
+
+def test_a_cascade_meets_its_peak_and_holds_everywhere():
+    law = cascade_gains(ARM, RIG, PATH, 200)
+    reached = np.abs(simulate(ARM, RIG, law, PATH).error_pulses).max(axis=0)
+    assert (reached <= 200).all()
+    assert (reached >= 0.8 * 200 - 1).all()
+    assert SampledLoops(ARM, RIG, law, (0.0, 0.0)).unstable_pole() is None
+
+
+def test_a_cascade_that_would_outrun_its_sampling_says_which_peak_is_possible():
+    with pytest.raises(
+        ValueError, match=r"speed loop must be slower .* joint \S+ .* Allow a peak of \d+ pulses"
+    ) as error:
+        cascade_gains(ARM, RIG, PATH, 2)
+    possible = float(str(error.value).split("a peak of ")[1].split()[0])
+    assert cascade_gains(ARM, RIG, PATH, 2 * possible).position.max() < 200

@@ -187,3 +187,18 @@ def test_numbers_of_many_samples_are_taken_as_before():
     rig, q = puma560.rig(), np.linspace(-1, 1, 12).reshape(3, 2, 2)
     np.testing.assert_array_equal(rig.counts(q)[1, 0], rig.counts(q[1, 0]))
     np.testing.assert_array_equal(rig.drive.current(q)[2], rig.drive.current(q[2]))
+
+
+def test_one_number_stands_for_all_joints_where_it_is_written_so():
+    """A scalar, not a list of one: that is a mistake in the number of joints."""
+    drive = Drive(**FIELDS | {"viscous": 0.5})
+    assert drive == Drive(**FIELDS | {"viscous": (0.5, 0.5)})
+    rig = Rig(drive=drive, encoder=Encoder(resolution=4096), period=1e-3)
+    assert rig == Rig(drive=drive, encoder=Encoder(resolution=(4096, 4096)), period=1e-3)
+    assert Encoder(resolution=4096).to_angle(1024) == pytest.approx(np.pi / 2)
+    with pytest.raises(ValueError, match=r"viscous of Drive must have shape \(2,\); got shape \(1,\)"):
+        Drive(**FIELDS | {"viscous": (0.5,)})
+    with pytest.raises(ValueError, match="encoder must have 2 joints like the drive; got 1"):
+        Rig(drive=drive, encoder=Encoder(resolution=(4096,)), period=1e-3)
+    with pytest.raises(ValueError, match=r"gear of Drive must have shape \(n,\)"):
+        Drive(**dict.fromkeys(FIELDS, 1.0))

@@ -1,5 +1,6 @@
 """URDF import against pinocchio's own reader, then files that must be refused."""
 
+import re
 import sys
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from hypothesis import given as drawn
 from hypothesis import strategies as st
 
-from plant import Chain, Dynamics, Placement
+from plant import Chain, Drive, Dynamics, Placement
 from plant.mechanics.placement import righted
 
 pin = pytest.importorskip("pinocchio")
@@ -260,3 +261,70 @@ def test_xacro_without_its_tool_is_said(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "xacrodoc", None)
     with pytest.raises(ValueError, match=r"it is xacro. Expand it .*pip install xacrodoc"):
         Chain.from_urdf(written(tmp_path, XACRO))
+
+
+# -- friction and efforts -------------------------------------------------------------------------------------------
+MOTORS = {"gear": (100, -50), "motor_inertia": 1e-4, "motor_gain": 0.2}
+STATED = (
+    '<limit lower="-1" upper="2" velocity="3" effort="40"/><dynamics damping="2" friction="0.5"/>',
+    '<limit lower="-2" upper="1" velocity="4" effort="30"/><dynamics damping="0.7" friction="0.3"/>',
+)
+
+
+def two_joints(*more):
+    """Two revolute joints of a random file, with what is stated of each in place of its limits."""
+    text = urdf(1, kinds=("revolute", "revolute"))
+    for each in more:
+        text = text.replace('<limit lower="-1" upper="1" effort="1" velocity="1"/>', each, 1)
+    return text
+
+
+def test_a_drive_has_the_friction_and_the_efforts_of_pinocchio_s_reader(tmp_path):
+    text = two_joints(*STATED)
+    path, model = written(tmp_path, text), pin.buildModelFromXML(text)
+    drive = Drive.from_urdf(path, **MOTORS)
+    np.testing.assert_allclose(drive.joint_viscous(), model.damping, rtol=1e-14)
+    np.testing.assert_allclose(drive.joint_coulomb(), model.friction, rtol=1e-14)
+    np.testing.assert_allclose(drive.torque_limit(), model.effortLimit, rtol=1e-14)
+    limits = Chain.from_urdf(path).limits
+    np.testing.assert_array_equal(limits.velocity, model.velocityLimit)
+    np.testing.assert_array_equal(limits.lower, model.lowerPositionLimit)
+    assert drive.joints == ("j1", "j2")
+    mine = Drive.from_urdf(path, joints=["j2"], gear=50, motor_inertia=0, motor_gain=1, viscous=0.1)
+    assert (mine.n, mine.viscous.tolist(), mine.torque_limit().tolist()) == (1, [0.1], [30.0])
+
+
+@pytest.mark.parametrize(
+    ("second", "given", "said"),
+    [
+        (
+            STATED[1].replace('"30"', '"0"'),
+            {},
+            "effort of joint j2 in robot.urdf must be stated; .* Give current_limit",
+        ),
+        (STATED[1].split("<dyn")[0], {}, "damping of joint j2 in robot.urdf must be stated; .* Give viscous"),
+        (STATED[1].split("<dyn")[0], {"viscous": 1e-3}, "friction of joint j2 .* Give coulomb"),
+        (STATED[1].replace('"0.3"', '"-0.3"'), {}, "joint j2 must not have negative friction; got 0.7 and -0.3"),
+        (STATED[1], {"gear": (100, 0)}, "gear must not be zero; got 0.0 at joint j2"),
+        (STATED[1], {"gear": (1, 2, 3)}, "joints must be 3 names"),
+        (STATED[1], {"gears": 1}, "an option of Drive must be one of .*Did you mean 'gear'"),
+    ],
+)
+def test_what_a_file_does_not_state_of_a_drive_is_said_with_its_joint(tmp_path, second, given, said):
+    path = written(tmp_path, two_joints(STATED[0], second))
+    with pytest.raises(ValueError, match=said) as error:
+        Drive.from_urdf(path, **MOTORS | given)
+    assert "\n" not in str(error.value)
+
+
+def test_a_link_without_mass_between_two_joints_is_that_of_pinocchio(tmp_path):
+    """As files write ball joints; the last link has a mass, or moves nothing."""
+    kinds = ("revolute", "revolute", "revolute")
+    text = re.sub(r'(<link name="l1">)<inertial>.*?</inertial>', r"\1", urdf(3, kinds=kinds), count=1)
+    assert text != urdf(3, kinds=kinds)
+    chain = Chain.from_urdf(written(tmp_path, text))
+    assert [body.mass > 0 for body in chain.bodies] == [False, True, True]
+    compared(chain, pin.buildModelFromXML(text))
+    bare = GOOD[: GOOD.rindex("<inertial>")] + GOOD[GOOD.rindex("</inertial>") + len("</inertial>") :]
+    with pytest.raises(ValueError, match=r"link behind joint shoulder \(q\[0\]\) must have a positive mass; got 0.0"):
+        Chain.from_urdf(written(tmp_path, bare))

@@ -1,6 +1,7 @@
 """Robot files: the same bits on a round trip, the packaged robots, every key checked, no package imported."""
 
 import dataclasses
+import re
 import subprocess
 import sys
 import tomllib
@@ -149,6 +150,8 @@ PAPER = (FOLDER / "paper_puma560.toml").read_text()
         (PAPER.replace("[drive]", "drive = 3\n[x]", 1), "a table of the file must be one of"),
         ("a = ", "must be TOML"),
         ("", r"the file must have \[arm\]"),
+        (PAPER.replace("0.0007", '"?"').replace("107.8,", '"?",'), "still missing: rig.period, drive.gear. Rep"),
+        (re.sub(r"viscous = .*", 'viscous = "urdf"', PAPER), r"\[drive\] must have numbers where \[arm\] has no urdf"),
     ],
 )  # fmt: skip
 def test_a_bad_file_is_refused_in_one_line(tmp_path, text, said):
