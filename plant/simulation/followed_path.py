@@ -6,6 +6,7 @@ fractions of counts. Where the law needs the motion itself, with its acceleratio
 """
 
 import dataclasses
+import hashlib
 import os
 from typing import Any
 
@@ -81,11 +82,12 @@ class Logged:
 
         A `finer` one has so many times as many knots: where the two differ, rounding hides the motion.
         """
+        sampled = self.clock.t[self.clock.rows]
         if finer not in self._splines:
-            encoder, sampled = self.rig.encoder, self.clock.t[self.clock.rows]
+            encoder = self.rig.encoder
             centres = encoder.position_in_pulses(encoder.cell_centre(self.pulses)) if self.whole else self.pulses
-            self._splines[finer] = [_smooth_spline(sampled, column, self.whole, finer) for column in centres.T]
-        within, splines = np.clip(t, 0, self.clock.t[self.clock.rows[-1]]), self._splines[finer]
+            self._splines[finer] = _smooth_splines(sampled, centres, self.whole, finer)
+        within, splines = np.clip(t, 0, sampled[-1]), self._splines[finer]
         return Motion(*(self.rig.to_angle(np.column_stack([each(within, nu) for each in splines])) for nu in range(3)))
 
     def setpoint(self, t: Floats) -> Motion:
@@ -97,28 +99,62 @@ class Logged:
         return self.rig.to_angle(self.pulses[0]), np.zeros(self.rig.n)
 
 
-def _smooth_spline(t: Floats, column: Floats, rounded: bool, finer: float) -> Any:
-    """A quintic spline through values (N,) at times t (N,) [s]; of rounded ones, through the middles of their cells.
+_FOUND, _KEPT = dict[bytes, list[Any]](), 16  # splines of some logs: a law is run many times along one log
 
-    Its even knots are as few as leave no more than rounding does, a mean square of 1/12.
+
+def _smooth_splines(t: Floats, columns: Floats, rounded: bool, finer: float) -> list[Any]:
+    """Quintic splines through columns (N, n) at times t (N,) [s]; of rounded ones, through the middles of their cells.
+
+    Their even knots are as few as leave no more than rounding does, a mean square of 1/12.
     """
-    from scipy.interpolate import make_interp_spline, make_lsq_spline
+    from scipy.interpolate import make_interp_spline
 
-    count, span = len(t), t[-1] - t[0]
-    if not rounded or count <= 2 * (_QUINTIC + 1):
-        return make_interp_spline(t, column, k=min(_QUINTIC, count - 1))
-    enough, knots, spline = (1 + 2 / np.sqrt(count)) / 12, 1, None
-    while spline is None or knots * _SAMPLES_PER_KNOT <= count:
-        inner = np.linspace(t[0], t[0] + span, int(np.ceil(finer * knots)) + 1)
+    key = hashlib.blake2b(repr((columns.shape, rounded, finer)).encode())
+    for part in (t, columns):
+        key.update(np.ascontiguousarray(part))
+    if key.digest() not in _FOUND:
+        if rounded and len(t) > 2 * (_QUINTIC + 1):
+            splines = _fewest_knots(t, columns, finer)
+        else:
+            splines = [make_interp_spline(t, column, k=min(_QUINTIC, len(t) - 1)) for column in columns.T]
+        if len(_FOUND) >= _KEPT:
+            _FOUND.clear()
+        _FOUND[key.digest()] = splines
+    return _FOUND[key.digest()]
+
+
+def _fewest_knots(t: Floats, columns: Floats, finer: float) -> list[Any]:
+    count, knots, splines = len(t), 1, dict[int, Any]()
+    enough, open_ones = (1 + 2 / np.sqrt(count)) / 12, list(range(columns.shape[1]))
+    while open_ones and (not splines or knots * _SAMPLES_PER_KNOT <= count):
+        inner = np.linspace(t[0], t[-1], int(np.ceil(finer * knots)) + 1)
         try:
-            spline = make_lsq_spline(t, column, np.r_[[t[0]] * _QUINTIC, inner, [t[-1]] * _QUINTIC], k=_QUINTIC)
-        except (ValueError, np.linalg.LinAlgError):  # a gap in the log is longer than the knots are apart
+            some, left = _least_squares_splines(t, columns[:, open_ones], np.pad(inner, _QUINTIC, "edge"))
+        except np.linalg.LinAlgError:  # a gap in the log is longer than the knots are apart
             break
-        left = spline(t) - column
-        if left @ left <= enough * count:
-            break
+        splines |= dict(zip(open_ones, some, strict=True))
+        open_ones = [j for j, square in zip(open_ones, left, strict=True) if square > enough]
         knots = int(np.ceil(_MORE_KNOTS * knots))
-    return spline
+    return [splines[j] for j in range(columns.shape[1])]
+
+
+def _least_squares_splines(t: Floats, columns: Floats, knots: Floats) -> tuple[list[Any], Floats]:
+    """Splines on these knots, and the mean square that each leaves: from the products of neighbouring B-splines."""
+    from scipy.interpolate import BSpline
+    from scipy.linalg import solveh_banded
+
+    each, size = _QUINTIC + 1, len(knots) - _QUINTIC - 1
+    design = BSpline.design_matrix(t, knots, _QUINTIC)
+    value, place = design.data.reshape(-1, each), design.indices.reshape(-1, each)
+    products = np.zeros((each, size))
+    for i in range(each):
+        for j in range(i + 1):
+            products[i - j] += np.bincount(place[:, j], value[:, i] * value[:, j], size)
+    target = [sum(np.bincount(place[:, i], value[:, i] * column, size) for i in range(each)) for column in columns.T]
+    found = solveh_banded(products, np.column_stack(target), lower=True)
+    left = [np.mean(((value * own[place]).sum(axis=1) - column) ** 2)
+            for own, column in zip(found.T, columns.T, strict=True)]  # fmt: skip
+    return [BSpline(knots, own, _QUINTIC) for own in found.T], np.array(left)
 
 
 def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False) -> Path | Logged:
