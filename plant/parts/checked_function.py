@@ -48,8 +48,8 @@ def evaluated(function: ca.Function, *inputs: Any) -> list[Floats]:
     held = [np.ascontiguousarray(each, dtype=np.float64).reshape(-1) for each in inputs]
     found = [np.empty((function.size2_out(i), function.size1_out(i))) for i in range(function.n_out())]
     for i, each in enumerate(held):
-        buffer.set_arg(i, memoryview(each))
+        buffer.set_arg(i, each.data)
     for i, each in enumerate(found):
-        buffer.set_res(i, memoryview(each.reshape(-1)))
+        buffer.set_res(i, each.reshape(-1).data)
     evaluate()
     return found

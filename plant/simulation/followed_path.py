@@ -111,7 +111,7 @@ def _smooth_splines(t: Floats, columns: Floats, rounded: bool, finer: float) -> 
 
     key = hashlib.blake2b(repr((columns.shape, rounded, finer)).encode())
     for part in (t, columns):
-        key.update(np.ascontiguousarray(part))
+        key.update(np.ascontiguousarray(part).data)
     if key.digest() not in _FOUND:
         if rounded and len(t) > 2 * (_QUINTIC + 1):
             splines = _fewest_knots(t, columns, finer)
