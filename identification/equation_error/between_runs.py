@@ -8,7 +8,7 @@ it is what each run moves the values by: what a run hardly tells, it hardly move
 
 Sources: H. D. Patterson, R. Thompson, Recovery of inter-block information when block sizes are unequal, Biometrika 58,
 1971; W. G. Cochran, The combination of estimates from different experiments, Biometrics 10, 1954 (agreement); G. Knapp,
-J. Hartung, Improved tests for a random effects meta-regression, Statistics in Medicine 22, 2003 (few runs: Student's t).
+J. Hartung, Improved tests for a random effects meta-regression, Statistics in Medicine 22, 2003 (Student's t).
 """
 
 import dataclasses
@@ -22,13 +22,15 @@ from identification.equation_error.clustered import at_least, group_std, run_mov
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown
-from plant.parts.sums import product, products
+from plant.parts.sums import norm, product, products
 
 _SHOWN = 1e-10  # share of the largest direction from which on a run shows one, and of it that a value may lack
 
 _RELATIVE = ("drive.viscous", "drive.coulomb")
 
 _AGREE = 0.05  # chance that the intervals of a parameter are called apart, where only noise makes runs differ
+
+_EXACT, _HEARD = 1e-9, 1e-6  # standard deviation at least, in the torque; and share of a run that counts as one
 
 _TRIED = np.logspace(-6, 6, 121)  # variances between runs, in the largest that is seen
 
@@ -82,8 +84,11 @@ class BetweenRuns(Shown, Frozen):
 
 
 class _Runs(NamedTuple):
-    """Values (R, k) of each run alone, their standard deviations, the residual (M,) of all that is fitted run by run,
-    and how far a run moves a value if its own is larger by one, in R (R, k)."""
+    """What each run alone says.
+
+    `each`, `std` (R, k): values, NaN where it does not tell. `left` (M,): residual of these fits. `share` (R, k): how
+    far a run moves the common value if its own is larger by one, times R.
+    """
 
     each: Floats
     std: Floats
@@ -102,23 +107,24 @@ def between_runs(
 
     Raises a ValueError: a variance that does not follow from the logs.
     """
-    alone = _alone(values, rows, residual, runs, blocks)
+    scale = np.sqrt((rows * rows).sum(axis=0))
+    alone, exact = _alone(values, rows, residual, runs, blocks), _EXACT * norm(values * scale) / scale
     count, k = alone.each.shape
     covariance = at_least(noise, run_std(rows, alone.left, blocks))
     moved = count * run_moves(rows, residual, runs)
     scatter, owner = count * run_moves(rows, alone.left, blocks), _owner(runs, blocks)
     inside = np.stack([(scatter[owner == run] ** 2).sum(axis=0) for run in range(count)])
-    inside = np.maximum(inside, count * np.diag(noise))
-    alike = (scatter / np.sqrt((scatter**2).sum(axis=0))).T
-    known = np.isfinite(alone.std)
+    inside = np.maximum(np.maximum(inside, count * np.diag(noise)), exact**2)
+    alike = (scatter / np.maximum(np.sqrt((scatter**2).sum(axis=0)), 1e-300)).T
+    std, known = np.maximum(alone.std, exact), np.isfinite(alone.std)
     compared, groups = known.sum(axis=0) > 1, dict[str, float]()
     deviation, added, freedom = np.zeros(k), np.zeros(k), np.full(k, _MANY)
     for name, at in _groups(names, compared).items():
-        size = np.sqrt(np.nanmean(alone.std[:, at] ** 2, axis=0))
+        size = np.sqrt(np.nanmean(std[:, at] ** 2, axis=0))
         size = np.maximum(size, np.abs(values[at])) if name in _RELATIVE else size
-        apart = _restricted(name, alone.each[:, at] / size, alone.std[:, at] / size, known[:, at].astype(float))
+        apart = _restricted(name, alone.each[:, at] / size, std[:, at] / size, known[:, at].astype(float))
         groups[name], deviation[at] = np.sqrt(apart), np.sqrt(apart) * size
-        freedom[at] = (count - 1) * len(at) ** 2 / (product(alike[at], alike[at].T) ** 2).sum()
+        freedom[at] = (count - 1) * len(at) ** 2 / max((product(alike[at], alike[at].T) ** 2).sum(), len(at))
         share = np.abs(alone.share[:, at])
         if name not in _RELATIVE:  # what moves it is hardly a change of itself: it is as large as what moves it within
             size, share = np.sqrt(inside[:, at].mean(axis=0)), np.ones_like(share)
@@ -126,7 +132,7 @@ def between_runs(
         added[at] = variance * size**2 * (share**2).sum(axis=0) / count**2 * wider(freedom[at]) ** 2
     within = np.diag(covariance)
     found = BetweenRuns(
-        values=alone.each, std=alone.std, compared=compared, agree=compared & _agree(alone.each, alone.std),
+        values=alone.each, std=std, compared=compared, agree=compared & _agree(alone.each, std),
         groups=groups, deviation=deviation, freedom=freedom, further=_further(within, added, freedom, count),
     )  # fmt: skip
     return found, at_least(covariance, np.sqrt(within + added))
@@ -153,8 +159,9 @@ def _alone(
             scatter = group_std(own, left[some], np.unique(blocks[some], return_inverse=True)[1])
             std[run] = np.where(np.isfinite(scatter), np.maximum(std[run], scatter), std[run])
         hidden = (axes[:, ~seen] ** 2).sum(axis=1) > _SHOWN
-        each[run, hidden] = std[run, hidden] = np.nan
         share[run] = count * np.diag(np.linalg.solve(whole, information))
+        hidden |= np.abs(share[run]) < _HEARD
+        each[run, hidden] = std[run, hidden] = np.nan
     return _Runs(each, std / scale, left, share)
 
 

@@ -217,8 +217,9 @@ def weighted(
         else:
             covariance = at_least(covariance, group_std(*by_weight, blocks))
     return TorqueFit(
-        dynamics=dynamics, names=names, values=values, covariance=covariance, noise_covariance=noise, sigma=sigma, between=between,
-        relative_error=float(norm(residual) / norm(target)), rows=len(target), condition=condition, **report,
+        dynamics=dynamics, names=names, values=values, covariance=covariance, noise_covariance=noise, sigma=sigma,
+        between=between, relative_error=float(norm(residual) / norm(target)), rows=len(target), condition=condition,
+        **report,
     )  # fmt: skip
 
 

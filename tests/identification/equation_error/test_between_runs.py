@@ -1,4 +1,4 @@
-"""Variance between runs: against the analysis of variance of a balanced one-way design, and where it does not follow."""
+"""Variance between runs: against the analysis of variance of a balanced design, and where it does not follow."""
 
 import dataclasses
 
@@ -71,7 +71,7 @@ def test_agreement_is_cochrans_test():
 
 
 def test_a_variance_that_does_not_follow_is_refused():
-    with pytest.raises(ValueError, match="variance of drive.coulomb between runs must follow"):
+    with pytest.raises(ValueError, match=r"variance of drive\.coulomb between runs must follow"):
         _restricted("drive.coulomb", np.array([[0.0], [1.0]]), np.array([[np.nan], [1.0]]), np.ones((2, 1)))
     with pytest.raises(ValueError, match="must follow from the logs"):
         _restricted("f", np.array([[0.0], [1.0]]), np.ones((2, 1)), np.full((2, 1), 1e-9))
@@ -82,6 +82,19 @@ def test_what_differs_needs_three_times_as_many_logs_to_halve():
     """Without the gain of Student's quantile: 4 n logs halve; with it fewer, of a few."""
     assert _further(np.ones(3), np.zeros(3), np.full(3, 1e6), 5) == 15
     assert _further(np.zeros(3), np.ones(3), np.full(3, 1.0), 2) < 6
+
+
+def test_exact_logs_agree_and_one_that_is_not_heard_is_none():
+    random = np.random.default_rng(2)
+    rows, runs, blocks = random.normal(size=(120, 2)), np.repeat([0, 1], 60), np.repeat(np.arange(20), 6)
+    values = np.array([1.0, -3.0])
+    found, covariance = between_runs(("a", "b"), values, 1e-32 * np.eye(2), rows, np.zeros(120), runs, blocks)
+    assert found.agree.all()
+    assert (np.diag(covariance) < 1e-16).all()
+    assert found.groups == {"f": 0}
+    rows[runs == 1] *= 1e-9
+    residual = np.where(runs == 1, 5.0, 0.1) * random.normal(size=120)
+    assert not between_runs(("a", "b"), values, np.eye(2), rows, residual, runs, blocks)[0].compared.any()
 
 
 # -- an arm whose friction drifts ------------------------------------------------------------------------------------
