@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from identification.equation_error.band_choice import FitTrial
 from identification.equation_error.between_runs import BetweenRuns, between_runs
 from identification.equation_error.clustered import SEGMENTS, at_least, group_std
+from identification.equation_error.friction_trial import FrictionTrial
 from identification.equation_error.least_squares import least_squares
 from identification.equation_error.naming import short_names
 from identification.equation_error.regressor import Places, System
@@ -80,6 +81,9 @@ class TorqueFit(Shown, Frozen):
         The same of the least speed, most cautious first.
     between : BetweenRuns or None
         How two logs or more agree, and what their differences add to the covariance.
+    friction : tuple of FrictionTrial
+        Kinds of friction beyond what is fitted, by what they predict of blocks kept aside, best first; none where no
+        Coulomb friction is unknown. They are told, not fitted.
     """
 
     dynamics: Dynamics
@@ -101,6 +105,7 @@ class TorqueFit(Shown, Frozen):
     bands: tuple[FitTrial, ...] = ()
     least_speeds: tuple[FitTrial, ...] = ()
     between: BetweenRuns | None = None
+    friction: tuple[FrictionTrial, ...] = ()
 
     @property
     def f(self) -> Floats:
@@ -130,6 +135,7 @@ class TorqueFit(Shown, Frozen):
         yield Table((), rows + [(name, f"{value:.5g}", "known") for name, value in self._short_known()], words=(2,))
         yield from (f"left out: {joint}, {why}" for joint, why in self.left_out.items())
         yield from choices(self)
+        yield from (f"friction beside it, {trial}" for trial in self.friction[:1])
         yield f"{self.between}" if self.between is not None else _ONE_LOG
         yield Aside("What the parameters mean", self.dynamics.legend.splitlines())
 
@@ -149,6 +155,7 @@ class TorqueFit(Shown, Frozen):
                 f"{self.relative_error:.0%} of the torque is not explained; check units (rad, joint side N m), signs "
                 "and the order of the joints"
             )
+        found += [trial.advice for trial in self.friction[:1] if trial.clear]
         for (label, value), name in zip(self._short_known(), self.known, strict=True):
             asked, std = self.freed.get(name, (value, 0.0))
             if abs(asked - value) > max(_DOUBTED * std, _OTHERWISE * max(abs(asked), abs(value))):
