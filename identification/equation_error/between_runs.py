@@ -107,12 +107,12 @@ def between_runs(
 
     Raises a ValueError: a variance that does not follow from the logs.
     """
-    scale = np.sqrt((rows * rows).sum(axis=0))
+    scale, blocks = np.sqrt((rows * rows).sum(axis=0)), np.unique(blocks, return_inverse=True)[1]
     alone, exact = _alone(values, rows, residual, runs, blocks), _EXACT * norm(values * scale) / scale
     count, k = alone.each.shape
     covariance = at_least(noise, run_std(rows, alone.left, blocks))
     moved = count * run_moves(rows, residual, runs)
-    scatter, owner = count * run_moves(rows, alone.left, blocks), _owner(runs, blocks)
+    scatter, owner = count * run_moves(rows, alone.left, blocks), runs[np.unique(blocks, return_index=True)[1]]
     inside = np.stack([(scatter[owner == run] ** 2).sum(axis=0) for run in range(count)])
     inside = np.maximum(np.maximum(inside, count * np.diag(noise)), exact**2)
     alike = (scatter / np.maximum(np.sqrt((scatter**2).sum(axis=0)), 1e-300)).T
@@ -163,13 +163,6 @@ def _alone(
         hidden |= np.abs(share[run]) < _HEARD
         each[run, hidden] = std[run, hidden] = np.nan
     return _Runs(each, std / scale, left, share)
-
-
-def _owner(runs: NDArray[np.intp], blocks: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Run of each block; of a block without rows, that it has none: -1."""
-    found = np.full(int(blocks.max()) + 1, -1)
-    found[blocks] = runs
-    return found
 
 
 def _agree(each: Floats, std: Floats) -> NDArray[np.bool_]:

@@ -13,7 +13,7 @@ from identification.equation_error.least_squares import NotIdentifiableError, de
 from identification.equation_error.regressor import System, regressor_along
 from identification.equation_error.torque_equations import Columns, TorqueEquations, cutoff_of, equations_of, every_of
 from identification.equation_error.torque_fit import TorqueFit, weighted
-from plant import Dynamics, Record, Rig
+from plant import Dynamics, FrictionCurve, Record, Rig
 from plant.motion.reference import Motion
 from plant.parts.arguments import array, known_options, real, whole
 from plant.parts.fields import Floats
@@ -178,7 +178,8 @@ def _friction(task: TorqueEquations, fit: TorqueFit, settings: tuple[Any, ...]) 
 
     shapes: dict[tuple[str, float | None], Any] = {(KINDS[0], None): lambda _, qd: 1 + 0 * qd, (KINDS[1], None): load}
     for share in _SHARES:
-        shapes[KINDS[2], share] = lambda _, qd, v=share * usual: np.exp(-((qd / v) ** 2)) * np.sign(qd)
+        curve = FrictionCurve(offset=0 * usual, breakaway=1 + 0 * usual, speed=share * usual)
+        shapes[KINDS[2], share] = lambda _, qd, curve=curve: curve.level(qd) * np.sign(qd)
         shapes[KINDS[3], share] = lambda _, qd, v=share * usual: np.tanh(qd / v)
 
     def column(shape: Any, joint: int) -> Callable[..., Floats]:
