@@ -5,7 +5,7 @@ before these are blamed.
 """
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -81,19 +81,17 @@ def friction_trials(
     n, more = weights.shape[1], len(joints)
     first = systems[0].regressor.shape[2] - len(candidates) * more
 
-    def losses(columns: list[int]) -> tuple[Floats, Floats]:
-        some = [dataclasses.replace(each, regressor=each.regressor[:, :, columns]) for each in systems]
+    def beside(columns: Iterable[int]) -> tuple[Floats, Floats]:
+        places = [*range(first), *columns]
+        some = [dataclasses.replace(each, regressor=each.regressor[:, :, places]) for each in systems]
         found = tried(some, seconds, gap, weights)
-        empty = np.full(1, np.nan), np.full((1, len(columns)), np.nan)
-        return empty if found is None else (found.losses(found.without), found.without)
+        return (np.full(1, np.nan), np.empty(0)) if found is None else (found.losses(found.without), found.without)
 
-    base, _ = losses(list(range(first)))
-    trials = []
+    base, trials = beside(())[0], list[FrictionTrial]()
     for i, (kind, share) in enumerate(candidates):
-        missed, fits = losses([*range(first), *range(first + i * more, first + (i + 1) * more)])
-        gained = base - missed if len(missed) == len(base) else np.full(1, np.nan)
-        kept = gained[np.isfinite(gained)]
-        if len(kept) < 2:
+        missed, fits = beside(range(first + i * more, first + (i + 1) * more))
+        kept = (base - missed)[np.isfinite(base - missed)]
+        if len(kept) < 2:  # too few equations, or blocks
             continue
         levels = np.full(n, np.nan)
         levels[list(joints)] = np.nanmedian(fits[:, first:], axis=0)

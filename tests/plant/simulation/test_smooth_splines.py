@@ -8,7 +8,7 @@ from scipy.interpolate import make_lsq_spline
 from plant import PID, Resumed, puma560
 from plant.logs.record import Record
 from plant.parts.checked_function import evaluated
-from plant.simulation import followed_path, law_run
+from plant.simulation import law_run, smooth_splines
 from plant.simulation.law_run import run_law
 
 
@@ -17,7 +17,7 @@ def test_splines_are_those_of_a_qr_decomposition(pieces):
     t = np.sort(np.random.default_rng(0).uniform(0, 3, 700))
     columns = np.round(np.column_stack([300 * np.sin(t), 50 * np.cos(5 * t)])) + 0.5
     knots = np.pad(np.linspace(t[0], t[-1], pieces + 1), 5, "edge")
-    splines, left = followed_path._least_squares_splines(t, columns, knots)
+    splines, left = smooth_splines._least_squares_splines(t, columns, knots)
     for spline, square, column in zip(splines, left, columns.T, strict=True):
         expected = make_lsq_spline(t, column, knots, k=5)
         np.testing.assert_allclose(spline(t), expected(t), atol=1e-6)
@@ -59,9 +59,9 @@ def test_a_law_in_blocks_remembers_across_them(monkeypatch):
 
 def test_splines_of_one_log_are_made_once(monkeypatch):
     made = []
-    monkeypatch.setattr(followed_path, "_FOUND", {})
-    fewest = followed_path._fewest_knots
-    monkeypatch.setattr(followed_path, "_fewest_knots", lambda *given: made.append(1) or fewest(*given))
+    monkeypatch.setattr(smooth_splines, "_FOUND", {})
+    fewest = smooth_splines._fewest_knots
+    monkeypatch.setattr(smooth_splines, "_fewest_knots", lambda *given: made.append(1) or fewest(*given))
     for _ in range(3):
         run_law(log(500))
     assert len(made) == 1
