@@ -23,6 +23,8 @@ from ctc.verdict.comparison import Comparison
 from ctc.verdict.on_gears import LowestResonance
 from identification import fit_torque, identify, oscillation, pulse_budget
 from identification.equation_error.band_choice import FitTrial
+from identification.equation_error.between_runs import BetweenRuns
+from identification.equation_error.friction_trial import FrictionTrial
 from identification.payload.load import Load
 from identification.payload.posterior import PayloadEstimate
 from identification.planning.motor import MotorFit
@@ -121,9 +123,13 @@ RESULTS = {
     "Diagnostics": lambda: found().diagnostics,
     "Evaluation": lambda: compared({"P": LAW}).evaluations["P"],
     "Evaluations": lambda: evaluate(arm(), RIG, LAW, {NASTY[0]: PATH, "b": PATH.later(1)}, backend="numba", **SHORT),
+    "BetweenRuns": lambda: BetweenRuns(
+        values=np.ones((2, 3)), std=np.ones((2, 3)), compared=np.ones(3, bool), agree=np.ones(3, bool),
+        groups={"f": 0.5}, deviation=np.ones(3), freedom=np.ones(3), further=4),
     "Finding": lambda: record().check().findings[0],
     "Fit": lambda: found().fit,
     "FitTrial": lambda: FitTrial(at=40.0, unit="Hz", rows=99, worse=1.0, against=20.0, passed=True, chosen=True),
+    "FrictionTrial": lambda: FrictionTrial(kind="asymmetric", share=None, better=0.4, errors=9.0, levels=np.ones(2)),
     "GearResonance": gears,
     "Identification": found,
     "Learning": learning,

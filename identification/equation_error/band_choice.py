@@ -143,7 +143,7 @@ class _Choice:
 
     def worse(self, at: float, systems: Sequence[System], gap: float) -> float:
         """By how many standard errors it predicts worse than a more cautious one; -inf if there are too few yet."""
-        found = _tried(systems, self._seconds, gap, self._weights)
+        found = tried(systems, self._seconds, gap, self._weights)
         if found is None:
             return -np.inf
         scores = {other: each.worse(found) for other, each in self._tried.items() if self._cautious(other, at)}
@@ -201,7 +201,7 @@ def choose_speed(
     return best, choice.said(best, choice.trials)
 
 
-def _tried(systems: Sequence[System], seconds: Floats, gap: float, weights: Floats | None) -> _Tried | None:
+def tried(systems: Sequence[System], seconds: Floats, gap: float, weights: Floats | None) -> _Tried | None:
     """Fits without each segment, and without what is within a gap [s] of it; None of too few equations."""
     places = Places.of(systems)
     rows, target = (np.concatenate([getattr(each, part)[each.used] for each in systems])

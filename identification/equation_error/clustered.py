@@ -11,7 +11,7 @@ D. F. McCaffrey, Bias reduction in standard errors for linear regression with mu
 """
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from plant.parts.fields import Floats
 from plant.parts.sums import products
@@ -46,6 +46,12 @@ def group_std(rows: Floats, residual: Floats, groups: NDArray[np.intp]) -> Float
 
 def run_std(rows: Floats, residual: Floats, runs: NDArray[np.intp]) -> Floats:
     """The same for a few groups of unequal weight, such as runs; parameters as for `group_std`."""
+    moves = run_moves(rows, residual, runs)
+    return _student((moves**2).sum(axis=0), np.ones(rows.shape[1]), len(moves))
+
+
+def run_moves(rows: Floats, residual: Floats, runs: NDArray[np.intp]) -> Floats:
+    """How far each group moves the values (R, k), corrected by what of it the fit takes away."""
     count, scale = int(runs.max()) + 1, np.sqrt((rows * rows).sum(axis=0))
     inverse, scores = np.linalg.inv(products(rows / scale)), np.zeros((count, rows.shape[1]))
     for i in range(count):
@@ -57,14 +63,19 @@ def run_std(rows: Floats, residual: Floats, runs: NDArray[np.intp]) -> Floats:
         left = np.where(taken < 1 - _OWN, 1 - np.minimum(taken, 1 - _OWN), np.inf)
         score = directions.T @ (unroot.T @ (own * residual[runs == i, None]).sum(axis=0))
         scores[i] = root @ (directions @ (score / np.sqrt(left)))
-    return _student(((scores @ inverse) ** 2).sum(axis=0), scale, count)
+    return np.asarray(scores @ inverse / scale)
 
 
 def _student(variance: Floats, scale: Floats, count: int) -> Floats:
     """Standard deviations of values in these scales, as wide as Student's quantile of so many groups has them."""
+    return np.asarray(np.sqrt(variance) / scale * wider(count - 1))
+
+
+def wider(freedom: ArrayLike) -> Floats:
+    """Student's quantile of 95 % for these degrees of freedom, in that of the normal distribution."""
     from scipy.special import stdtrit
 
-    return np.asarray(np.sqrt(variance) / scale * stdtrit(count - 1, 0.975) / _NORMAL)
+    return np.asarray(stdtrit(freedom, 0.975) / _NORMAL)
 
 
 def at_least(covariance: Floats, std: Floats) -> Floats:

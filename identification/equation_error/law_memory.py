@@ -107,13 +107,14 @@ def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tu
     """
     given: Any = record.law
     record, usual = at_work(record, given)
-    names = linear(dynamics, record.rig, unknown)
+    names, bands = linear(dynamics, record.rig, unknown), BANDS[BAND_MOST / record.rig.period > BANDS]
     for _ in range(_ROUNDS):
         run = run_law(record)
         memory, columns = state_directions(record, run, usual)
         if not len(columns):
             break
-        change = memory.directions @ _fitted(dynamics, record, names, run, columns, memory.usual)
+        coordinates, bands = _fitted(dynamics, record, names, run, columns, memory.usual, bands)
+        change = memory.directions @ coordinates
         record, memory = _moved(record, change), dataclasses.replace(memory, state=memory.state + change)
     return dataclasses.replace(record, law=dataclasses.replace(given, state=memory.state)), memory
 
@@ -188,12 +189,13 @@ def state_directions(record: Record, run: LawRun, scale: Floats) -> tuple[Memory
 
 
 def _fitted(
-    dynamics: Dynamics, record: Record, unknown: tuple[str, ...], run: LawRun, columns: Floats, usual: Floats
-) -> Floats:
-    """Coordinates (r,) [N m] with which the torque equation holds best, of such as are usual."""
+    dynamics: Dynamics, record: Record, unknown: tuple[str, ...], run: LawRun, columns: Floats, usual: Floats,
+    bands: Floats,
+) -> tuple[Floats, Floats]:  # fmt: skip
+    """Coordinates (r,) [N m] with which the torque equation holds best, of such as are usual; and in which bands."""
     rig, torque, fits = record.rig, law_torque(record, run), []
     extra = {f"state[{i}]": lambda *_, column=column: -column for i, column in enumerate(columns)}
-    for band in BANDS[BAND_MOST / rig.period > BANDS]:
+    for band in bands:
         try:
             system = regressor_and_torque(
                 dynamics, rig.cell_centre(record.counts), torque, rig, filtering_of(rig, band), unknown, extra,
@@ -203,12 +205,12 @@ def _fitted(
         except ValueError:  # too few equations in this band, or unknowns that are not separately identifiable
             continue
         if fit.rows >= ENOUGH * len(fit.names):
-            fits.append((fit.relative_error, fit.sigma, system))
+            fits.append((fit.relative_error, fit.sigma, system, band))
     if not fits:
-        return np.zeros(len(columns))
-    _, sigma, best = min(fits, key=lambda each: each[0])
+        return np.zeros(len(columns)), bands
+    _, sigma, best, band = min(fits, key=lambda each: each[0])
     weight = 1 / sigma[np.nonzero(best.used)[1]]
     expected = np.hstack([np.zeros((len(columns), len(unknown))), np.diag(1 / (_AT_MOST * usual))])
     rows = np.vstack([best.regressor[best.used] * weight[:, None], expected])
     values = least(rows, np.append(best.torque[best.used] * weight, np.zeros(len(columns))))
-    return np.asarray(values[len(unknown) :])
+    return np.asarray(values[len(unknown) :]), np.array([band])

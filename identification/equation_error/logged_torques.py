@@ -1,18 +1,20 @@
 """`fit_torque`: f and linear numbers of the drive from logged positions and torques."""
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.equation_error.band_choice import SHARES, choose_band, choose_speed
+from identification.equation_error.friction_trial import KINDS, FrictionTrial, friction_trials
 from identification.equation_error.least_squares import NotIdentifiableError, dependent_columns
-from identification.equation_error.regressor import System
+from identification.equation_error.regressor import System, regressor_along
 from identification.equation_error.torque_equations import Columns, TorqueEquations, cutoff_of, equations_of, every_of
 from identification.equation_error.torque_fit import TorqueFit, weighted
-from plant import Dynamics, Record, Rig
+from plant import Dynamics, FrictionCurve, Record, Rig
+from plant.motion.reference import Motion
 from plant.parts.arguments import array, known_options, real, whole
 from plant.parts.fields import Floats
 
@@ -117,7 +119,8 @@ def fit_torque(
     report["every"] = tuple(every_of(width, log.rig.period, every) for log in task.logs)
     report["freed"] = dict(_freed(task, (width, cutoff, every, slowest), stated))
     try:
-        return weighted(task.dynamics, names, systems, stated, task.seconds, **report)
+        fit = weighted(task.dynamics, names, systems, stated, task.seconds, **report)
+        return dataclasses.replace(fit, friction=_friction(task, fit, (width, cutoff, None, slowest)))
     except NotIdentifiableError as error:
         raise NotIdentifiableError(_advice(names, systems, report["left_out"]), error.name) from error
 
@@ -157,6 +160,39 @@ def _freed(
         except ValueError:  # not separately identifiable, or too few equations
             continue
         yield name, (fit[name], float(fit.std[names.index(name)]))
+
+
+_SHARES = (0.02, 0.1, 0.5)
+"""Stribeck speeds, and those at which viscous friction saturates, that are tried, in the usual speed of each joint."""
+
+
+def _friction(task: TorqueEquations, fit: TorqueFit, settings: tuple[Any, ...]) -> tuple[FrictionTrial, ...]:
+    """Kinds of friction beyond Coulomb and viscous, on the joints whose Coulomb friction is unknown."""
+    dynamics, rig, usual = task.dynamics, task.logs[0].rig, np.maximum(task.usual_speed(), 1e-9)
+    coupling = rig.drive.coupling
+    joints = [j for j in range(dynamics.n) if f"drive.coulomb[{j}]" in fit.names and fit.sigma[j] > 0]
+
+    def load(motion: Motion, qd: Floats) -> Floats:
+        regressor, _ = regressor_along(dynamics, rig, dynamics.names, motion)
+        return np.abs(coupling.shaft_torque((regressor * fit.f).sum(axis=2))) * np.sign(qd)
+
+    shapes: dict[tuple[str, float | None], Any] = {(KINDS[0], None): lambda _, qd: 1 + 0 * qd, (KINDS[1], None): load}
+    for share in _SHARES:
+        curve = FrictionCurve(offset=0 * usual, breakaway=1 + 0 * usual, speed=share * usual)
+        shapes[KINDS[2], share] = lambda _, qd, curve=curve: curve.level(qd) * np.sign(qd)
+        shapes[KINDS[3], share] = lambda _, qd, v=share * usual: np.tanh(qd / v)
+
+    def column(shape: Any, joint: int) -> Callable[..., Floats]:
+        own = np.arange(dynamics.n) == joint
+        return lambda *motion: coupling.joint_torque(shape(Motion(*motion), coupling.shaft(motion[1])) * own)
+
+    columns = {f"{kind}, {share}, {j}": column(shape, j) for (kind, share), shape in shapes.items() for j in joints}
+    if not joints:
+        return ()
+    more = dataclasses.replace(task, extra={**task.extra, **columns})
+    weights = np.tile(1 / fit.sigma, (len(task.logs), 1))
+    systems = more.systems(*settings, thin=True)[1]
+    return friction_trials(systems, tuple(shapes), joints, task.seconds, 1 / settings[0], weights)
 
 
 def _weights(weights: ArrayLike | None, task: TorqueEquations) -> Floats | None:

@@ -127,12 +127,13 @@ def over_bands(
     what the torque does not drive: every value comes out too small. In between the equation holds best.
     """
     unknown, fits = linear(dynamics, records[0].rig, unknown), dict[float, TorqueFit]()
-    of_each(torque_of, records)  # refuses those without
     even = of_each(lambda record: record.resampled(record.rig.period), records)
+    torques = of_each(torque_of, even)
     highest = min(BAND_MOST / record.rig.period for record in even)
     for band in BANDS[highest > BANDS]:
         try:
-            systems = [system_of(dynamics, record, band, unknown) for record in even]
+            systems = [system_of(dynamics, record, band, unknown, torque=torque)
+                       for record, torque in zip(even, torques, strict=True)]  # fmt: skip
             fit = fit_systems(dynamics, unknown, known or {}, systems)
         except ValueError:  # a band without equations, or in which unknowns are not separately identifiable
             continue
@@ -170,13 +171,17 @@ def without_known(
 
 
 def system_of(
-    dynamics: Dynamics, record: Record, band: float, unknown: Sequence[str], q: Floats | None = None
-) -> System:
-    """The torque equation of a record in a band [Hz], along a motion q (N, n) [rad]; by default the counted one."""
-    rig = record.rig
+    dynamics: Dynamics, record: Record, band: float, unknown: Sequence[str], q: Floats | None = None,
+    torque: Floats | None = None,
+) -> System:  # fmt: skip
+    """The torque equation of a record in a band [Hz].
+
+    `q` (N, n) [rad]: along which motion; by default the counted one. `torque` (N, n): of `torque_of`.
+    """
+    rig, torque = record.rig, torque_of(record) if torque is None else torque
     q = rig.cell_centre(record.counts) if q is None else q
     filtering = filtering_of(rig, min(band, BAND_MOST / rig.period))
-    return regressor_and_torque(dynamics, q, torque_of(record), rig, filtering, unknown, {}, record.valid)
+    return regressor_and_torque(dynamics, q, torque, rig, filtering, unknown, {}, record.valid)
 
 
 def filtering_of(rig: Rig, band: float) -> Filtering:

@@ -20,6 +20,7 @@ from identification.equation_error.filters import derivatives, low_pass
 from plant import Dynamics, Rig
 from plant.motion.reference import Motion
 from plant.parts.arguments import array, near
+from plant.parts.checked_function import evaluated
 from plant.parts.fields import Floats
 
 LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
@@ -153,9 +154,8 @@ def regressor_along(
     for start in range(0, len(given), _AT_ONCE):
         some = slice(start, start + _AT_ONCE)
         mapped = _mapped(dynamics, rig, tuple(unknown), motors is not None, len(given[some]))
-        block, rest = mapped(*(part[some].T for part in motions), values)
-        regressor[some] = block.full().reshape(n, -1, k).transpose(1, 0, 2)
-        given[some] = rest.full().T
+        block, given[some] = evaluated(mapped, *(part[some] for part in motions), values)
+        regressor[some] = block.reshape(-1, k, n).transpose(0, 2, 1)
     return regressor, given
 
 
@@ -176,7 +176,8 @@ def linear(dynamics: Dynamics, rig: Rig, unknown: Iterable[str]) -> tuple[str, .
 @functools.lru_cache(maxsize=16)
 def _mapped(dynamics: Dynamics, rig: Rig, unknown: tuple[str, ...], elastic: bool, count: int) -> Any:
     """The function of `balance`, of so many samples at once."""
-    return balance(dynamics, rig, unknown, elastic)[1].map(count)
+    one = balance(dynamics, rig, unknown, elastic)[1]
+    return one.map("balances", "serial", count, [one.n_in() - 1], [])
 
 
 @functools.lru_cache(maxsize=16)
@@ -217,4 +218,4 @@ def balance(dynamics: Dynamics, rig: Rig, unknown: tuple[str, ...], elastic: boo
             )
         if regressor[:, unknown.index(name)].is_zero():
             raise ValueError(f"unknown must act on the torque; {name} does not. Leave it out.")
-    return names, ca.Function("balance", [q, qd, qdd, *motors, numbers], [regressor, tau])
+    return names, ca.Function("balance", [q, qd, qdd, *motors, numbers], [regressor, ca.densify(tau)])

@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.band_choice import FitTrial
-from identification.equation_error.clustered import RUNS, SEGMENTS, at_least, group_std, run_std
+from identification.equation_error.between_runs import BetweenRuns, between_runs
+from identification.equation_error.clustered import SEGMENTS, at_least, group_std
+from identification.equation_error.friction_trial import FrictionTrial
 from identification.equation_error.least_squares import least_squares
 from identification.equation_error.naming import short_names
 from identification.equation_error.regressor import Places, System
@@ -28,6 +30,8 @@ from plant.parts.sums import norm, product
 from plant.parts.tables import Table
 
 _POOR = 0.3  # relative torque error above which something is wrong with the log rather than with the arm
+
+_ONE_LOG = "intervals by blocks of one log: what differs between runs is not in them; a second log would tell"
 
 _DOUBTED, _OTHERWISE = 5.0, 0.2
 """Standard deviations, and share of the larger, by which a known number differs from what the torques ask for where it
@@ -45,8 +49,8 @@ class TorqueFit(Shown, Frozen):
     names : tuple of str
     values : (k,) numpy.ndarray
     covariance : (k, k) numpy.ndarray
-        Of the values: of white noise, and no less than how they differ between segments, or runs, of the logs (`spread
-        <../background/intervals>`). What the model lacks everywhere alike comes on top.
+        Of the values: of white noise, no less than how they differ between segments of the logs, and the variance
+        between logs (`spread <../background/intervals>`). What the model lacks everywhere alike comes on top.
     noise_covariance : (k, k) numpy.ndarray
         From the variance of each joint's residual alone, taken as white after decimation.
     sigma : (n,) numpy.ndarray
@@ -75,6 +79,11 @@ class TorqueFit(Shown, Frozen):
         What the choice of the band rests on, narrowest first; empty where the band was stated.
     least_speeds : tuple of FitTrial
         The same of the least speed, most cautious first.
+    between : BetweenRuns or None
+        How two logs or more agree, and what their differences add to the covariance.
+    friction : tuple of FrictionTrial
+        Kinds of friction beyond what is fitted, by what they predict of blocks kept aside, best first; none where no
+        Coulomb friction is unknown. They are told, not fitted.
     """
 
     dynamics: Dynamics
@@ -95,6 +104,8 @@ class TorqueFit(Shown, Frozen):
     least_speed: Floats | None = None
     bands: tuple[FitTrial, ...] = ()
     least_speeds: tuple[FitTrial, ...] = ()
+    between: BetweenRuns | None = None
+    friction: tuple[FrictionTrial, ...] = ()
 
     @property
     def f(self) -> Floats:
@@ -124,6 +135,8 @@ class TorqueFit(Shown, Frozen):
         yield Table((), rows + [(name, f"{value:.5g}", "known") for name, value in self._short_known()], words=(2,))
         yield from (f"left out: {joint}, {why}" for joint, why in self.left_out.items())
         yield from choices(self)
+        yield from (f"friction beside it, {trial}" for trial in self.friction[:1])
+        yield f"{self.between}" if self.between is not None else _ONE_LOG
         yield Aside("What the parameters mean", self.dynamics.legend.splitlines())
 
     def _short_known(self) -> list[tuple[str, float]]:
@@ -142,6 +155,7 @@ class TorqueFit(Shown, Frozen):
                 f"{self.relative_error:.0%} of the torque is not explained; check units (rad, joint side N m), signs "
                 "and the order of the joints"
             )
+        found += [trial.advice for trial in self.friction[:1] if trial.clear]
         for (label, value), name in zip(self._short_known(), self.known, strict=True):
             asked, std = self.freed.get(name, (value, 0.0))
             if abs(asked - value) > max(_DOUBTED * std, _OTHERWISE * max(abs(asked), abs(value))):
@@ -201,15 +215,18 @@ def weighted(
         spread = _deviations(residual, places.record * torque.shape[1] + joint, weights.size, freedom)
         scores = rows * (weight**2 * spread.reshape(weights.shape)[places.record, joint])[:, None]
         covariance = covariance @ product(scores.T, scores) @ covariance
-    noise = covariance
+    noise, between = covariance, None
     if seconds is not None:
         by_weight = rows * weight[:, None], residual * weight
-        covariance = at_least(covariance, group_std(*by_weight, places.segments(seconds, SEGMENTS)[0]))
-        if len(seconds) >= RUNS:
-            covariance = at_least(covariance, run_std(*by_weight, places.record))
+        blocks = places.segments(seconds, SEGMENTS * len(seconds))[0]
+        if len(seconds) > 1:
+            between, covariance = between_runs(names, values, covariance, *by_weight, places.record, blocks)
+        else:
+            covariance = at_least(covariance, group_std(*by_weight, blocks))
     return TorqueFit(
         dynamics=dynamics, names=names, values=values, covariance=covariance, noise_covariance=noise, sigma=sigma,
-        relative_error=float(norm(residual) / norm(target)), rows=len(target), condition=condition, **report,
+        between=between, relative_error=float(norm(residual) / norm(target)), rows=len(target), condition=condition,
+        **report,
     )  # fmt: skip
 
 

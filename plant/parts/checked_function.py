@@ -1,10 +1,12 @@
-"""A casadi Function that checks the shapes of its arguments, where casadi broadcasts and transposes silently."""
+"""casadi Functions called: with shapes checked that casadi broadcasts and transposes silently, or without copies."""
 
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from plant.parts.arguments import array
+from plant.parts.fields import Floats
 
 
 class CheckedFunction:
@@ -35,3 +37,19 @@ class CheckedFunction:
 
     def __repr__(self) -> str:
         return repr(self.function)
+
+
+def evaluated(function: ca.Function, *inputs: Any) -> list[Floats]:
+    """Dense outputs of a Function, each (columns, rows), at dense inputs that are given likewise.
+
+    Nothing is converted: of long arrays some ten times as fast as a call.
+    """
+    buffer, evaluate = function.buffer()
+    held = [np.ascontiguousarray(each, dtype=np.float64).reshape(-1) for each in inputs]
+    found = [np.empty((function.size2_out(i), function.size1_out(i))) for i in range(function.n_out())]
+    for i, each in enumerate(held):
+        buffer.set_arg(i, each.data)
+    for i, each in enumerate(found):
+        buffer.set_res(i, each.reshape(-1).data)
+    evaluate()
+    return found

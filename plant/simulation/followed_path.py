@@ -18,12 +18,7 @@ from plant.motion.reference import Motion, Reference
 from plant.motion.smooth import Spline
 from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
-
-_QUINTIC = 5
-"""Degree of the splines through commanded counts: accelerations are smooth."""
-
-_MORE_KNOTS, _SAMPLES_PER_KNOT = 1.3, 8
-"""Ratio of the numbers of knots that are tested, and samples that each has at least."""
+from plant.simulation.smooth_splines import smooth_splines
 
 _FEW, _MOST, _MISSED = 50, 100_000, 0.05
 """Samples of a path that is found from its counts, and the share of them that may have another count."""
@@ -81,11 +76,12 @@ class Logged:
 
         A `finer` one has so many times as many knots: where the two differ, rounding hides the motion.
         """
+        sampled = self.clock.t[self.clock.rows]
         if finer not in self._splines:
-            encoder, sampled = self.rig.encoder, self.clock.t[self.clock.rows]
+            encoder = self.rig.encoder
             centres = encoder.position_in_pulses(encoder.cell_centre(self.pulses)) if self.whole else self.pulses
-            self._splines[finer] = [_smooth_spline(sampled, column, self.whole, finer) for column in centres.T]
-        within, splines = np.clip(t, 0, self.clock.t[self.clock.rows[-1]]), self._splines[finer]
+            self._splines[finer] = smooth_splines(sampled, centres, self.whole, finer)
+        within, splines = np.clip(t, 0, sampled[-1]), self._splines[finer]
         return Motion(*(self.rig.to_angle(np.column_stack([each(within, nu) for each in splines])) for nu in range(3)))
 
     def setpoint(self, t: Floats) -> Motion:
@@ -95,30 +91,6 @@ class Logged:
     def start(self) -> tuple[Floats, Floats]:
         """Position at t = 0, at rest: two counts give no velocity."""
         return self.rig.to_angle(self.pulses[0]), np.zeros(self.rig.n)
-
-
-def _smooth_spline(t: Floats, column: Floats, rounded: bool, finer: float) -> Any:
-    """A quintic spline through values (N,) at times t (N,) [s]; of rounded ones, through the middles of their cells.
-
-    Its even knots are as few as leave no more than rounding does, a mean square of 1/12.
-    """
-    from scipy.interpolate import make_interp_spline, make_lsq_spline
-
-    count, span = len(t), t[-1] - t[0]
-    if not rounded or count <= 2 * (_QUINTIC + 1):
-        return make_interp_spline(t, column, k=min(_QUINTIC, count - 1))
-    enough, knots, spline = (1 + 2 / np.sqrt(count)) / 12, 1, None
-    while spline is None or knots * _SAMPLES_PER_KNOT <= count:
-        inner = np.linspace(t[0], t[0] + span, int(np.ceil(finer * knots)) + 1)
-        try:
-            spline = make_lsq_spline(t, column, np.r_[[t[0]] * _QUINTIC, inner, [t[-1]] * _QUINTIC], k=_QUINTIC)
-        except (ValueError, np.linalg.LinAlgError):  # a gap in the log is longer than the knots are apart
-            break
-        left = spline(t) - column
-        if left @ left <= enough * count:
-            break
-        knots = int(np.ceil(_MORE_KNOTS * knots))
-    return spline
 
 
 def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False) -> Path | Logged:

@@ -13,6 +13,7 @@ import numpy as np
 
 from plant.laws.resumed import AlongLog
 from plant.logs.record import Record
+from plant.parts.checked_function import evaluated
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.simulation.clock import Clock
@@ -20,6 +21,8 @@ from plant.simulation.followed_path import Logged, path_of
 
 _FAST = 4
 """Steps per sample of a law without a period."""
+
+_AT_ONCE = 1000  # steps of a law in one call
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,13 +65,18 @@ def run_from(record: Record, states: Iterable[Any], finer: float = 1.0) -> Itera
     t = np.asarray(period * np.arange(int(np.floor(clock.t[clock.rows[-1]] / period + 1e-6)) + 1), dtype=np.float64)
     motion = path.smoothed(t, finer) if isinstance(path, Logged) else path.setpoint(t)
     counts, n, s = clock.between(law.replayed(record), t), rig.n, len(block.initial)
-    along = _repeated(_step(block, rig).serialize(), len(t))
-    columns = *(part.T for part in motion), path(t)[1].T, counts.T, np.full((1, len(t)), period)
+    along, blocks = _repeated(_step(block, rig).serialize()), -(-len(t) // _AT_ONCE)
+    rows = np.minimum(np.arange(blocks * _AT_ONCE), len(t) - 1).reshape(blocks, -1)  # the last one is filled up
+    columns = *motion, path(t)[1], counts, np.full((len(t), 1), period)
     own = len(block.values) - len(rig.number_values())
     for state in states:
         numbers = np.concatenate([block.values[: own - s + 1], state, block.values[own:]])
-        carried = np.asarray(along(np.concatenate([block.initial, np.zeros(n)]), *columns, numbers).full().T)
-        yield LawRun(t=t, given=carried[:, s:], states=carried[:, : s - 1])
+        carried, last = np.empty((rows.size, s + n)), np.concatenate([block.initial, np.zeros(n)])
+        for some in rows:
+            first = some[0]
+            (done,) = evaluated(along, last, *(part[some] for part in columns), np.tile(numbers, (_AT_ONCE, 1)))
+            carried[first : first + _AT_ONCE], last = done, done[-1]
+        yield LawRun(t=t, given=carried[: len(t), s:], states=carried[: len(t), : s - 1])
 
 
 def _step(block: Any, rig: Any) -> ca.Function:
@@ -78,11 +86,10 @@ def _step(block: Any, rig: Any) -> ca.Function:
     columns = [ca.SX.sym(name, n) for name in ("q", "qd", "qdd", "reference_pulses", "counts")]
     asked, following = block.step(carried[:s], *columns[:4], columns[4], carried[s:], dt, numbers, columns[4])
     given = rig.with_numbers(numbers[own:]).drive.limited(asked)
-    return ca.Function("step", [carried, *columns, dt, numbers], [ca.vertcat(following, given)])
+    return ca.Function("step", [carried, *columns, dt, numbers], [ca.densify(ca.vertcat(following, given))])
 
 
 @functools.lru_cache(maxsize=8)
-def _repeated(step: str, count: int) -> ca.Function:
-    """So many steps in a row; `step` is serialised, the same for laws that differ in numbers."""
-    one = ca.Function.deserialize(step)
-    return one.mapaccum("along", count, {"base": 10}) if count > 1 else one
+def _repeated(step: str) -> ca.Function:
+    """Some steps in a row; `step` is serialised, the same for laws that differ in numbers."""
+    return ca.Function.deserialize(step).mapaccum("along", _AT_ONCE, {"base": 10})

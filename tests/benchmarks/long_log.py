@@ -1,13 +1,18 @@
 """What an identification of a long log takes: time per sample, and memory, beside a short one.
 
-    python tests/benchmarks/long_log.py [--samples 5215 100000 1000000]
+    python tests/benchmarks/long_log.py [--samples 5215 100000 1000000] [--law P PID] [--other TREE]
 
-The arm is the paper's under P control, on trajectory (6) again and again; each log is identified in a process of its
-own, with kernels built. Memory is the most that the process has held, less what it holds after the packages are
-imported; the log itself, at 100 bytes a sample, and what its simulation needs are in it.
+The arm is the paper's on trajectory (6) again and again, under P control with its reference known, or under a PID whose
+log begins in the middle of a motion and holds counts alone: no torque, no reference. Each log is identified in a
+process of its own, with kernels built; `--other` does the same with another tree of this project, in turn. Memory is
+the most that the process has held, less what it holds after the packages are imported; the log itself, at 100 bytes a
+sample, and what its simulation needs are in it. Time is that of the processor, which other work disturbs less, and of
+the clock.
 """
 
 import argparse
+import dataclasses
+import os
 import resource
 import subprocess
 import sys
@@ -15,7 +20,9 @@ import time
 from pathlib import Path
 
 from identification import identify
-from plant import puma560, simulate
+from plant import PID, puma560, simulate
+
+CUT = 0.437  # [s] before which the PID's log is thrown away
 
 
 def held():
@@ -23,41 +30,56 @@ def held():
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
-def identified(samples):
-    """Seconds, peak memory [bytes] and the largest error, in standard deviations, of one identification."""
-    arm, rig, law, path = puma560.literature_arm(1.5), puma560.rig(), puma560.p_law((0.1, 0.08)), puma560.reference()
-    identify(arm.dynamics, simulate(arm, rig, law, path, duration=0.5), progress=False)
+def logged(law, samples):
+    """The arm, and so many samples of its log under one of the two laws."""
+    arm, rig, path = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
+    if law == "P":
+        return arm, simulate(arm, rig, puma560.p_law((0.1, 0.08)), path, duration=samples * rig.period,
+                             steps_per_sample=16)  # fmt: skip
+    pid = PID(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0, integral=(0.5, 0.4), period=rig.period)
+    whole = simulate(arm, rig, pid, path, duration=CUT + samples * rig.period)
+    return arm, dataclasses.replace(whole, torque=None, true_q=None, true_qd=None, reference=None).cut(CUT)
+
+
+def identified(law, samples):
+    """Seconds (processor, clock), peak memory [bytes], largest error in standard deviations, of one identification."""
+    arm, short = logged(law, 1000)
+    identify(arm.dynamics, short, progress=False)
     before = held()
-    log = simulate(arm, rig, law, path, duration=samples * rig.period, steps_per_sample=16)
-    started = time.perf_counter()
+    arm, log = logged(law, samples)
+    started = time.process_time(), time.perf_counter()
     found = identify(arm.dynamics, log, seed=1, progress=False)
-    seconds = time.perf_counter() - started
+    took = time.process_time() - started[0], time.perf_counter() - started[1]
     peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-    return seconds, peak, abs((found.f - arm.f) / found.fit.std).max()
+    return *took, peak, abs((found.f - arm.f) / found.fit.std).max()
 
 
 def main():
-    """Print a table, a row per length."""
+    """Print a table, a row per law, length and tree."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, nargs="+", default=[5215, 100_000, 1_000_000])
-    parser.add_argument("--one", type=int, help=argparse.SUPPRESS)
+    parser.add_argument("--law", nargs="+", choices=["P", "PID"], default=["P"])
+    parser.add_argument("--other", type=Path, help="another tree of this project, to compare with")
+    parser.add_argument("--one", nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.one:
-        print(*identified(options.one))
+        print(*identified(options.one[0], int(options.one[1])))
         return
-    print("| samples | time [s] | per sample, first row as 1 | memory [GB] | kB per sample | largest error / std |")
-    print("|---|---|---|---|---|---|")
-    first = None
-    for samples in options.samples:
-        command = [sys.executable, __file__, "--one", str(samples)]
-        answer = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603 - this file
-        seconds, peak, error = map(float, answer.stdout.split()[-3:])
-        first = first or seconds / samples
-        print(
-            f"| {samples:,} | {seconds:.1f} | {seconds / samples / first:.2f} | {peak / 1e9:.2f} | "
-            f"{peak / samples / 1e3:.1f} | {error:.1f} |",
-            flush=True,
-        )
+    own = Path(__file__).resolve().parents[2]
+    print("| law | tree | samples | processor [s] | clock [s] | memory [GB] | kB per sample | largest error / std |")
+    print("|---|---|---|---|---|---|---|---|")
+    for law in options.law:
+        for samples in options.samples:
+            for tree in filter(None, (options.other, own)):
+                command = [sys.executable, __file__, "--one", law, str(samples)]
+                there = {**os.environ, "PYTHONPATH": str(tree)}
+                answer = subprocess.run(command, capture_output=True, text=True, check=True, env=there)  # noqa: S603
+                used, seconds, peak, error = map(float, answer.stdout.split()[-4:])
+                print(
+                    f"| {law} | {'this' if tree == own else 'other'} | {samples:,} | {used:.1f} | {seconds:.1f} | "
+                    f"{peak / 1e9:.2f} | {peak / samples / 1e3:.1f} | {error:.1f} |",
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

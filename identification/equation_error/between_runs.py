@@ -1,0 +1,225 @@
+"""What differs between runs of one machine: whether their own fits agree, and a variance that they share.
+
+Friction warms up, a cable lies elsewhere: each run has values of its own, about those of the machine. Of each group of
+parameters (f, viscous and Coulomb friction, offsets) the variance between runs is that of a one-way model of random
+effects, by restricted maximum likelihood over the parameters of the group, whose scatter within a run is known from
+noise and blocks. Friction differs relative to its size, the rest in standard deviations of one run. Of the common fit
+it is what each run moves the values by: what a run hardly tells, it hardly moves.
+
+Sources: H. D. Patterson, R. Thompson, Recovery of inter-block information when block sizes are unequal, Biometrika 58,
+1971; W. G. Cochran, The combination of estimates from different experiments, Biometrics 10, 1954 (agreement); G. Knapp,
+J. Hartung, Improved tests for a random effects meta-regression, Statistics in Medicine 22, 2003 (Student's t).
+"""
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from identification.equation_error.clustered import at_least, group_std, run_moves, run_std, wider
+from plant.parts.fields import Floats
+from plant.parts.frozen import Frozen
+from plant.parts.shown import Piece, Shown
+from plant.parts.sums import norm, product, products
+
+_SHOWN = 1e-10  # share of the largest direction from which on a run shows one, and of it that a value may lack
+
+_RELATIVE = ("drive.viscous", "drive.coulomb")
+
+_AGREE = 0.05  # chance that the intervals of a parameter are called apart, where only noise makes runs differ
+
+_EXACT, _HEARD = 1e-9, 1e-6  # standard deviation at least, in the torque; and share of a run that counts as one
+
+_TRIED = np.logspace(-6, 6, 121)  # variances between runs, in the largest that is seen
+
+_FLAT = 1e-9  # change of twice the log likelihood over all variances below which it says nothing of them
+
+_MOST, _MANY = 1000, 1e6  # logs that are counted; and degrees of freedom of what is not compared
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class BetweenRuns(Shown, Frozen):
+    """How the values of a fit differ between its logs.
+
+    Attributes
+    ----------
+    values, std : (R, k) numpy.ndarray
+        What each log alone says, and its standard deviation; NaN where it alone does not tell.
+    compared, agree : (k,) numpy.ndarray of bool
+        Whether two logs or more tell a value, and whether their intervals agree (Cochran's test at 95 %).
+    groups : dict of str to float
+        Standard deviation between logs of each group: of friction as a share of its value, of others in standard
+        deviations of one log.
+    deviation, freedom : (k,) numpy.ndarray
+        Standard deviation between logs of each value, 0 where it is not compared; and degrees of freedom of that.
+    further : int
+        Further logs that would halve the intervals of the common fit (of half of its values).
+    """
+
+    values: Floats
+    std: Floats
+    compared: NDArray[np.bool_]
+    agree: NDArray[np.bool_]
+    groups: dict[str, float]
+    deviation: Floats
+    freedom: Floats
+    further: int
+
+    @property
+    def half_width(self) -> Floats:
+        """Of the 95 % intervals (R, k) of what each log says, with what differs between logs."""
+        return np.asarray(1.96 * np.sqrt(self.std**2 + (self.deviation * wider(self.freedom)) ** 2))
+
+    def _short(self) -> str:
+        return f"{self.agree.sum()} of {self.compared.sum()} intervals agree between runs"
+
+    def _shown(self) -> Iterator[Piece]:
+        said = [f"{name} by {share:.1%}" if name in _RELATIVE else f"{name} by {share:.2g} standard deviations of a run"
+                for name, share in self.groups.items()]  # fmt: skip
+        yield f"{self._short()}; they differ in {', in '.join(said) or 'nothing that can be compared'}"
+        logs = "log" if self.further == 1 else "logs"
+        yield f"{self.further} further {logs} would halve the intervals, which count what differs between runs"
+
+
+class _Runs(NamedTuple):
+    """What each run alone says.
+
+    `each`, `std` (R, k): values, NaN where it does not tell. `left` (M,): residual of these fits. `share` (R, k): how
+    far a run moves the common value if its own is larger by one, times R.
+    """
+
+    each: Floats
+    std: Floats
+    left: Floats
+    share: Floats
+
+
+def between_runs(
+    names: Sequence[str], values: Floats, noise: Floats, rows: Floats, residual: Floats, runs: NDArray[np.intp],
+    blocks: NDArray[np.intp],
+) -> tuple[BetweenRuns, Floats]:  # fmt: skip
+    """How two logs or more of a weighted fit differ, and the covariance (k, k) of its values with that.
+
+    `values` (k,), `noise` (k, k): of the fit, and covariance by noise alone. `rows` (M, k), `residual` (M,): weighted.
+    `runs`, `blocks` (M,): log, and block of a log, of each row.
+
+    Raises a ValueError: a variance that does not follow from the logs.
+    """
+    scale, blocks = np.sqrt((rows * rows).sum(axis=0)), np.unique(blocks, return_inverse=True)[1]
+    alone, exact = _alone(values, rows, residual, runs, blocks), _EXACT * norm(values * scale) / scale
+    count, k = alone.each.shape
+    covariance = at_least(noise, run_std(rows, alone.left, blocks))
+    moved = count * run_moves(rows, residual, runs)
+    scatter, owner = count * run_moves(rows, alone.left, blocks), runs[np.unique(blocks, return_index=True)[1]]
+    inside = np.stack([(scatter[owner == run] ** 2).sum(axis=0) for run in range(count)])
+    inside = np.maximum(np.maximum(inside, count * np.diag(noise)), exact**2)
+    alike = (scatter / np.maximum(np.sqrt((scatter**2).sum(axis=0)), 1e-300)).T
+    std, known = np.maximum(alone.std, exact), np.isfinite(alone.std)
+    compared, groups = known.sum(axis=0) > 1, dict[str, float]()
+    deviation, added, freedom = np.zeros(k), np.zeros(k), np.full(k, _MANY)
+    for name, at in _groups(names, compared).items():
+        size = np.sqrt(np.nanmean(std[:, at] ** 2, axis=0))
+        size = np.maximum(size, np.abs(values[at])) if name in _RELATIVE else size
+        apart = _restricted(name, alone.each[:, at] / size, std[:, at] / size, known[:, at].astype(float))
+        groups[name], deviation[at] = np.sqrt(apart), np.sqrt(apart) * size
+        freedom[at] = (count - 1) * len(at) ** 2 / max((product(alike[at], alike[at].T) ** 2).sum(), len(at))
+        share = np.abs(alone.share[:, at])
+        if name not in _RELATIVE:  # what moves it is hardly a change of itself: it is as large as what moves it within
+            size, share = np.sqrt(inside[:, at].mean(axis=0)), np.ones_like(share)
+        variance = _restricted(name, moved[:, at] / size, np.sqrt(inside[:, at]) / size, share, about=0.0)
+        added[at] = variance * size**2 * (share**2).sum(axis=0) / count**2 * wider(freedom[at]) ** 2
+    within = np.diag(covariance)
+    found = BetweenRuns(
+        values=alone.each, std=std, compared=compared, agree=compared & _agree(alone.each, std),
+        groups=groups, deviation=deviation, freedom=freedom, further=_further(within, added, freedom, count),
+    )  # fmt: skip
+    return found, at_least(covariance, np.sqrt(within + added))
+
+
+def _alone(
+    values: Floats, rows: Floats, residual: Floats, runs: NDArray[np.intp], blocks: NDArray[np.intp]
+) -> _Runs:  # fmt: skip
+    scale = np.sqrt((rows * rows).sum(axis=0))
+    count, whole, left = int(runs.max()) + 1, products(rows / scale), residual.copy()
+    each, std, share = np.empty((3, count, len(values)))
+    for run in range(count):
+        some = runs == run
+        own = rows[some] / scale
+        information = products(own)
+        sizes, axes = np.linalg.eigh(information)
+        seen = sizes > _SHOWN * sizes[-1]
+        inverse = (axes[:, seen] / sizes[seen]) @ axes[:, seen].T
+        move = product(inverse, (own * residual[some, None]).sum(axis=0))
+        left[some] -= product(own, move)
+        each[run], square = values + move / scale, (left[some] ** 2).sum() / max(some.sum() - seen.sum(), 1)
+        std[run] = np.sqrt(np.diag(inverse) * square)
+        if seen.all():
+            scatter = group_std(own, left[some], np.unique(blocks[some], return_inverse=True)[1])
+            std[run] = np.where(np.isfinite(scatter), np.maximum(std[run], scatter), std[run])
+        hidden = (axes[:, ~seen] ** 2).sum(axis=1) > _SHOWN
+        share[run] = count * np.diag(np.linalg.solve(whole, information))
+        hidden |= np.abs(share[run]) < _HEARD
+        each[run, hidden] = std[run, hidden] = np.nan
+    return _Runs(each, std / scale, left, share)
+
+
+def _agree(each: Floats, std: Floats) -> NDArray[np.bool_]:
+    """Which values (k,) of runs (R, k) differ by no more than their intervals allow."""
+    from scipy.special import chdtri
+
+    weight = np.where(np.isfinite(std), 1 / std**2, 0.0)
+    mean = np.nansum(weight * each, axis=0) / np.maximum(weight.sum(axis=0), 1e-300)
+    squares, freedom = np.nansum(weight * (each - mean) ** 2, axis=0), (weight > 0).sum(axis=0) - 1
+    return np.asarray(squares <= chdtri(np.maximum(freedom, 1), _AGREE))
+
+
+def _groups(names: Sequence[str], compared: NDArray[np.bool_]) -> dict[str, list[int]]:
+    found = dict[str, list[int]]()
+    for i in np.flatnonzero(compared).tolist():
+        name = names[i].partition("[")[0]
+        found.setdefault(name if name.startswith("drive.") else "f", []).append(i)
+    return found
+
+
+def _restricted(name: str, each: Floats, std: Floats, share: Floats, about: float | None = None) -> float:
+    """Variance of what differs between runs: each (R, m) = mean + share times that + what deviates by std.
+
+    By restricted maximum likelihood; `share` is 0 where nothing is known. `about`: the mean, where that is known, and
+    `each` is corrected for what the fit takes away.
+    """
+    from scipy.optimize import minimize_scalar
+
+    known, each = share > 0, np.where(share > 0, each, 0.0)
+
+    def criterion(variance: float) -> float:
+        total = np.where(known, std**2 + variance * share**2, 1.0)
+        weight = known / total
+        mean = (weight * each).sum(axis=0) / weight.sum(axis=0) if about is None else about
+        squares, taken = weight * (each - mean) ** 2, np.log(weight.sum(axis=0)).sum() if about is None else 0.0
+        return float(np.log(total).sum() + taken + squares.sum())
+
+    largest = max(np.var(values[some], ddof=1) for values, some in zip(each.T, known.T, strict=True))
+    if largest == 0:
+        return 0.0
+    tried = _TRIED * largest
+    costs = np.array([criterion(variance) for variance in tried])
+    best = int(np.argmin(costs))
+    if not np.isfinite(costs).all() or best == len(tried) - 1 or np.ptp(costs) < _FLAT:
+        raise ValueError(
+            f"the variance of {name} between runs must follow from the logs; it does not. Give a known value of what "
+            "they barely excite."
+        )
+    around = np.log(tried[[max(best - 1, 0), best + 1]])
+    found = minimize_scalar(lambda x: criterion(np.exp(x)), bounds=around, method="bounded", options={"xatol": 1e-10})
+    return 0.0 if criterion(0.0) <= found.fun else float(np.exp(found.x))
+
+
+def _further(within: Floats, between: Floats, freedom: Floats, count: int) -> int:
+    """Logs beside so many that halve the standard deviations of half of the values, if they are alike."""
+    for logs in range(count + 1, count + _MOST):
+        narrower = wider(freedom * (logs - 1) / (count - 1)) / wider(freedom)
+        if np.median((within + between * narrower**2) / (within + between)) * count / logs <= 0.25:
+            return logs - count
+    return _MOST

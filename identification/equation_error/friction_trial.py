@@ -1,0 +1,103 @@
+"""Friction beyond Coulomb and viscous, tried by what it predicts of blocks of the logs that its fit has not seen.
+
+What a friction that is not modelled leaves looks like an offset, a gear that swings or a wrong gain, so it is tried
+before these are blamed.
+"""
+
+import dataclasses
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+
+from identification.equation_error.band_choice import tried
+from identification.equation_error.regressor import System
+from plant.parts.fields import Floats
+from plant.parts.shown import Piece, Shown
+
+KINDS = ("asymmetric", "load-dependent", "Stribeck", "saturating viscous")
+
+_ADVICE = dict(zip(KINDS, (
+    "give the drive a FrictionCurve, and add drive.curve.offset[i] to unknown",
+    "state it, Drive(load_friction=...)",
+    "state it, FrictionCurve(breakaway=..., speed=...)",
+    "trust the fit at the speeds of its logs only",
+), strict=True))  # fmt: skip
+
+_CLEAR, _ENOUGH = 3.0, 0.1  # standard errors, and share of the squared error, by which a candidate predicts better
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class FrictionTrial(Shown):
+    """One kind of friction on trial, beside what is fitted.
+
+    Attributes
+    ----------
+    kind : str
+    share : float or None
+        Stribeck speed, or speed at which viscous friction saturates, in the usual speed of each joint.
+    better : float
+        Share of the squared error, of torques in blocks kept aside, that it takes away; negative where it adds.
+    errors : float
+        The same, in standard errors over the blocks.
+    levels : (n,) numpy.ndarray
+        Its torque [N m] on the shaft of each joint (of load-dependent friction, per N m of load); NaN where it was not
+        tried.
+    """
+
+    kind: str
+    share: float | None
+    better: float
+    errors: float
+    levels: Floats
+
+    @property
+    def clear(self) -> bool:
+        """Whether it predicts better by more than chance, and by more than does not matter."""
+        return self.errors > _CLEAR and self.better > _ENOUGH
+
+    @property
+    def advice(self) -> str:
+        """What to do where it is clear, with what was found, in a line."""
+        levels = ", ".join("-" if np.isnan(level) else f"{level:.2g}" for level in self.levels)
+        unit = "" if self.kind == KINDS[1] else " N m"
+        return f"friction is {self._short()}; its levels on the shafts are {levels}{unit}: {_ADVICE[self.kind]}"
+
+    def _short(self) -> str:
+        at = "" if self.share is None else f" at {self.share:.0%} of the usual speed"
+        return f"{self.kind}{at}: blocks kept aside {self.better:+.0%} better ({self.errors:.1f} standard errors)"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield self._short()
+
+
+def friction_trials(
+    systems: Sequence[System], candidates: Sequence[tuple[str, float | None]], joints: Sequence[int], seconds: Floats,
+    gap: float, weights: Floats,
+) -> tuple[FrictionTrial, ...]:  # fmt: skip
+    """Trials, best first, of systems whose last columns are those of each candidate, one for each of these joints.
+
+    `seconds` (R,): length of each log. `gap` [s]: around a block, which is left out with it. `weights` (R, n).
+    """
+    n, more = weights.shape[1], len(joints)
+    first = systems[0].regressor.shape[2] - len(candidates) * more
+
+    def beside(columns: Iterable[int]) -> tuple[Floats, Floats]:
+        places = [*range(first), *columns]
+        some = [dataclasses.replace(each, regressor=each.regressor[:, :, places]) for each in systems]
+        found = tried(some, seconds, gap, weights)
+        return (np.full(1, np.nan), np.empty(0)) if found is None else (found.losses(found.without), found.without)
+
+    base, trials = beside(())[0], list[FrictionTrial]()
+    for i, (kind, share) in enumerate(candidates):
+        missed, fits = beside(range(first + i * more, first + (i + 1) * more))
+        kept = (base - missed)[np.isfinite(base - missed)]
+        if len(kept) < 2:  # too few equations, or blocks
+            continue
+        levels = np.full(n, np.nan)
+        levels[list(joints)] = np.nanmedian(fits[:, first:], axis=0)
+        if kind != KINDS[0] and np.nansum(levels) < 0:  # less of it than none: another kind, seen in a mirror
+            continue
+        error = max(float(kept.std(ddof=1)) / np.sqrt(len(kept)), 1e-300)
+        better = float(kept.mean() / np.nanmean(base))
+        trials.append(FrictionTrial(kind=kind, share=share, better=better, errors=kept.mean() / error, levels=levels))
+    return tuple(sorted(trials, key=lambda trial: -trial.better))

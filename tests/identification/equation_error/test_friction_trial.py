@@ -1,0 +1,52 @@
+"""Friction that is simulated and not modelled is named by its kind and its level; friction that is modelled, none."""
+
+import numpy as np
+import pytest
+from coupled_arm import PERIOD, arm_of, path_of, rig_of
+
+from identification import fit_torque
+
+RIG = rig_of(coulomb=(0.1, 0.08, 0.05), current_limit=(20.0,) * 3)
+ARM, MOTION, COUPLING = arm_of(RIG), path_of(4.0)(np.arange(0, 8, PERIOD)), RIG.drive.coupling
+SHAFT = COUPLING.shaft(MOTION.qd)
+USUAL, COULOMB = np.sqrt((SHAFT**2).mean(axis=0)), RIG.drive.joint_coulomb()
+RIGID = np.array([ARM.inverse(*state) for state in zip(*MOTION, strict=True)])
+FRICTION = tuple(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in range(3))
+
+KINDS = {  # torque on the shafts beside Coulomb and viscous friction
+    None: 0 * SHAFT,
+    "asymmetric": 0.25 * COULOMB + 0 * SHAFT,
+    "load-dependent": 0.08 * np.abs(COUPLING.shaft_torque(RIGID)) * np.sign(SHAFT),
+    "Stribeck": 0.8 * COULOMB * np.exp(-((SHAFT / (0.12 * USUAL)) ** 2)) * np.sign(SHAFT),
+    "saturating viscous": COULOMB * np.tanh(SHAFT / (0.5 * USUAL)),
+}
+
+
+def fit(kind, unknown=FRICTION):
+    shaft = COULOMB * np.sign(SHAFT) + RIG.drive.joint_viscous() * SHAFT + KINDS[kind]
+    noise = 0.5 * np.random.default_rng(0).normal(size=RIGID.shape)
+    torque = RIGID + COUPLING.joint_torque(shaft) + noise
+    return fit_torque(ARM.dynamics, MOTION.q, torque, rig=RIG, unknown=(*ARM.dynamics.names, *unknown), band=25.0)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind])
+def test_the_kind_is_named_first(kind):
+    found = fit(kind)
+    first = found.friction[0]
+    assert first.kind == kind
+    assert first.clear
+    assert [kind in warning for warning in found.warnings].count(True) == 1
+
+
+def test_levels_are_those_that_were_made():
+    np.testing.assert_allclose(fit("asymmetric").friction[0].levels, 0.25 * COULOMB, rtol=0.05)
+    np.testing.assert_allclose(fit("load-dependent").friction[0].levels, 0.08, rtol=0.1)
+
+
+def test_what_is_modelled_is_not_accused():
+    found = fit(None)
+    assert len(found.friction) > 3
+    assert not any(trial.clear for trial in found.friction)
+    assert found.warnings == []
+    assert "blocks kept aside" in " ".join(str(found).split())
+    assert fit(None, ()).friction == ()  # no friction is unknown, so none is tried
