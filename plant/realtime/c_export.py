@@ -18,6 +18,7 @@ from plant.compiler.instructions import STATE, TIME, UNIFORM
 from plant.machine.rig import Rig
 from plant.parts.arguments import instance
 from plant.realtime.c_running import write_running
+from plant.realtime.c_target import HOST
 from plant.realtime.c_text import (
     SIDES,
     Output,
@@ -54,7 +55,7 @@ def write_c(law: Any, folder: str | Path, rig: Rig | None, guards: Guards | None
             return
     require_counts(rig)
     require_name(name)
-    write_files(folder, name, "law", _values(law, rig, Output.of(law, rig, **output)))
+    write_files(folder, name, "law", HOST.values | _values(law, rig, Output.of(law, rig, **output)))
 
 
 def _values(law, rig, output):

@@ -19,6 +19,7 @@ from plant.compiler.python_to_c import CFunction, CNames
 from plant.machine.rig import Rig
 from plant.realtime import memory as layout
 from plant.realtime import safety, stopping, watching
+from plant.realtime.c_target import Target
 from plant.realtime.c_text import SIDES, Output, braced, comment, paragraph, require_counts, require_name, write_files
 from plant.realtime.compiled_step import initial_memory
 from plant.realtime.guards import Guards
@@ -82,9 +83,13 @@ _CAUSES = ("RUNNING", "WAS_LATE", "HAD_GAPS", "HAS_JUMPED", "IS_STUCK", "IS_OFF"
            "OPPOSES")  # fmt: skip
 
 
-def write_running(law: Any, rig: Rig, guards: Guards | None, folder: str | Path, name: str, **output: Any) -> None:
+def write_running(
+    law: Any, rig: Rig, guards: Guards | None, folder: str | Path, name: str, *, target: str | None = None,
+    precision: str = "double", **output: Any,
+) -> None:  # fmt: skip
     """Write the files of `Running.to_c`; `output` are the arguments of `Output.of`."""
     require_counts(rig)
+    place = Target.of(target, precision, rig)
     require_name(name)
     given = Output.of(law, rig, **output)
     block, n = law.block(rig), rig.n
@@ -97,10 +102,10 @@ def write_running(law: Any, rig: Rig, guards: Guards | None, folder: str | Path,
         "n": n, "period": literal(block.period or rig.period), "prefix": PREFIX, "size": len(memory),
         "about": paragraph(about), "ramp": literal(RAMP),
         "causes": "".join(f"    {name.upper()}_{cause} = {code},{_in_words(code)}\n" for cause, code in causes),
-        "constants": constants_of_logic(), "helpers": f"{HELPERS}\n{helpers(body)}",
+        "constants": constants_of_logic(), "helpers": f"{place.elementary}{HELPERS}\n{helpers(body)}",
         "pieces": body, "logic": translated(), "initial": braced(memory),
     }  # fmt: skip
-    write_files(folder, name, "running", given.values | values)
+    write_files(folder, name, "running", given.values | place.values | values, place)
 
 
 def _in_words(code: int) -> str:

@@ -88,11 +88,23 @@ class Running:
 
     def to_c(
         self, folder: str | Path, *, name: str = "controller", output: str = "torque",
-        counts_per_ampere: ArrayLike | None = None, largest_count: int = 32767,
+        counts_per_ampere: ArrayLike | None = None, largest_count: int = 32767, target: str | None = None,
+        precision: str = "double",
     ) -> None:  # fmt: skip
-        """This controller as C99, with every guard and stop that it has here; arguments as `Law.to_c`."""
-        write_running(self.law, self.rig, self.guards, folder, name,
-                      output=output, counts_per_ampere=counts_per_ampere, largest_count=largest_count)  # fmt: skip
+        """This controller as C99, with every guard and stop that it has here; arguments as `Law.to_c`, and two more.
+
+        Parameters
+        ----------
+        folder, name, output, counts_per_ampere, largest_count
+            As `Law.to_c` has them.
+        target : {None, "cortex-m7", "cortex-m4f"}
+            A microcontroller: with its toolchain file and Makefile, and a program that replays a record in QEMU. In
+            double precision its bits are those of any other processor.
+        precision : {"double", "single"}
+            Of all numbers. In single precision the C has no clock: a float cannot tell the time for hours.
+        """
+        write_running(self.law, self.rig, self.guards, folder, name, output=output, target=target, precision=precision,
+                      counts_per_ampere=counts_per_ampere, largest_count=largest_count)  # fmt: skip
 
     def reset(self, pulses: ArrayLike) -> None:
         """Start anew at these counts (n,), as after `Law.start`: with the law's initial state, and the stop cleared.

@@ -50,7 +50,7 @@ static void begin(${name}_state *self, const row *first)
 
 static int step(${name}_state *self, const row *now, $type $output[$n])
 {
-    return ${name}_step(self, now->pulses, now->motion[0], now->motion[1], now->motion[2], NAN, $output);
+    return ${name}_step(self, now->pulses, now->motion[0], now->motion[1], now->motion[2], ${never}$output);
 }
 
 static int stopped(const ${name}_state *self)
