@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from functools import cache
 
 import numpy as np
@@ -151,3 +152,19 @@ def test_bad_input_says_what_to_do(tmp_path):
     with pytest.raises(ValueError, match=r"precision must be 'double' for joint q\[0\]: in single it rounds by 6.7 pu"):
         LAW.start(fine, (0, 0)).to_c(tmp_path, precision="single")
     assert not list(tmp_path.iterdir())
+
+
+@needs_c
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="paced on Linux")
+def test_the_paced_program_counts_every_step(tmp_path):
+    folder = exported(tmp_path)
+    run(folder, "make", STRICT)
+    told = run(folder, "env", "./controller", "--paced", "0.7", "record.csv")
+    begun = re.findall(r"begun less than (\d+) us late: (\d+)", told)
+    assert sum(int(count) for _, count in begun) == 1000
+    late, steps = re.search(r"late steps: (\d+) of (\d+)", told).groups()
+    assert (int(steps), int(late) <= 1000) == (1000, True)
+    most = int(begun[-1][0]) * 1e-6  # half the largest delay, and no more
+    assert 0 < float(re.search(r"jitter=([\d.]+)", told)[1]) <= most / 2 / RIG.period + 1e-4
+    said = subprocess.run([folder / "controller", "--paced", "none", "record.csv"], cwd=folder, capture_output=True)
+    assert said.returncode == 2
