@@ -10,27 +10,9 @@ import numpy as np
 
 from plant.compiler.c_statements import helpers, statements
 from plant.compiler.instructions import STATE, TIME, UNIFORM
-from plant.fmu.variables import Variable, named_joints, of_joints
 from plant.mechanics.arm import Arm
 from plant.realtime.c_text import braced, comment
 from plant.simulation.closed_loop import ClosedLoop, bounded
-
-NAME = "arm"
-
-
-def arm_variables(arm: Arm) -> list[Variable]:
-    """What is exchanged, reals first."""
-    joints = named_joints(arm.dynamics.chain.joint_labels)
-    f = zip(arm.dynamics.names, arm.f, strict=True)
-    return [
-        *of_joints("torque", joints, "input", "joint torque; the amplifier's limit is kept", unit="N.m"),
-        *of_joints("q_start", joints, "parameter", "position at the start", unit="rad"),
-        *of_joints("qd_start", joints, "parameter", "velocity at the start", unit="rad/s"),
-        *(Variable(f"f.{name}", "parameter", "inertial parameter", start=value) for name, value in f),
-        *of_joints("q", joints, "output", "true joint position", unit="rad"),
-        *of_joints("qd", joints, "output", "true joint velocity", unit="rad/s"),
-        *of_joints("counts", joints, "output", "encoder count", whole=True),
-    ]
 
 
 def arm_values(arm: Arm, loop: ClosedLoop) -> dict[str, str]:
@@ -86,11 +68,9 @@ def _observed(loop: ClosedLoop) -> str:
 
 def _body(function: ca.Function, inputs: list[list[tuple[str, int]]], targets: dict[str, range | None]) -> str:
     """Statements that write the results, joined, into arrays; all are read before one is written."""
-    lines, values, used = statements(function, inputs)
-    unused = [name for name in ("q", "qd", "f", "torque") if any(f"{name}[" in x for row in inputs for x, _ in row)
-              and not any(x.startswith(f"{name}[") for x in used)]  # fmt: skip
+    lines, values, _ = statements(function, inputs)
     listed = "".join(f"    {value},\n" for value in values)
-    body = [*(f"(void){name};" for name in unused), *lines[UNIFORM], *lines[TIME], *lines[STATE]]
+    body = [*lines[UNIFORM], *lines[TIME], *lines[STATE]]
     body.append(f"const double results[{len(values)}] = {{\n{listed}}};")
     first = 0
     for name, places in targets.items():

@@ -15,13 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from plant.fmu import arm_source, law_source
-from plant.fmu.variables import Variable, build_description, model_description
+from plant.fmu.arm_source import arm_values
+from plant.fmu.variables import Variable, arm_variables, described, law_variables
 from plant.laws.law import Law
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.parts.arguments import choice, instance
-from plant.realtime.c_text import require_counts
+from plant.realtime.c_text import braced, require_counts
 from plant.realtime.running import Running
 from plant.simulation.stepped_arm import stepped_loop
 from plant.version import __version__
@@ -86,20 +86,24 @@ def to_fmu(model: Law | Running | Arm, path: str | Path, rig: Rig | None = None,
     choice("version", version, (2, 3))
     place = _free_place(path)
     made = _arm(model, rig) if isinstance(model, Arm) else _law(model, rig)
-    sources = _sources(made, f"fmi{version}.c")
-    token = str(uuid.UUID(bytes=hashlib.sha256(repr(sources).encode()).digest()[:16]))
-    values = {"token": token, "made": f"made by onepulse {__version__}"}
-    texts = {file: Template(text).substitute(made.values | values) for file, text in sources.items()}
-    texts |= made.files
-    files = [file for file in texts if file.endswith(".c") and file != "common.c"]
-    name = place.stem
-    described = model_description(version, name, token, made.said, made.step, made.variables, files)
-    content = {"modelDescription.xml": described, **{f"sources/{file}": text.encode() for file, text in texts.items()}}
+    sources, name = _sources(made, f"fmi{version}.c"), place.stem
+    token = str(uuid.UUID(bytes=hashlib.sha256(repr((sources, made)).encode()).digest()[:16]))
+    values = made.values | {"token": token, "made": f"made by onepulse {__version__}", "model": name}
+    texts = {f"sources/{file}": Template(text).substitute(values) for file, text in (sources | made.files).items()}
+    files = [file for file in sources | made.files if file.endswith(".c") and file != "common.c"]
+    values |= described(version, made.variables, files)
+    values |= {"said": made.said, "tool": f"onepulse {__version__}", "step": repr(made.step)}
+    described_in = {"modelDescription.xml": f"fmi{version}.xml"}
     if version == 3:
-        content["sources/buildDescription.xml"] = build_description(name, files)
+        described_in["sources/buildDescription.xml"] = "build.xml"
+    texts |= {file: Template(_template(of)).substitute(values) for file, of in described_in.items()}
     folder = "linux64" if version == 2 else "x86_64-linux"
-    content[f"binaries/{folder}/{name}.so"] = _compiled(texts, files)
-    _write(place, content)
+    binary = {f"binaries/{folder}/{name}.so": _compiled(texts, files)}
+    _write(place, {file: text.encode() for file, text in texts.items()} | binary)
+
+
+def _template(name: str) -> str:
+    return (_TEMPLATES / name).read_text("ascii")
 
 
 def _law(model: Law | Running, rig: Rig | None) -> _Model:
@@ -114,8 +118,15 @@ def _law(model: Law | Running, rig: Rig | None) -> _Model:
     elif rig is not None:
         raise ValueError("rig must be left out for a controller that law.start(...) gave; got one. It has its own.")
     said = f"{type(model.law).__name__} with the guards of its running controller"
-    return _Model(law_source.NAME, said, law_source.law_variables(model), law_source.law_files(model),
-                  law_source.law_values(model), model.period)  # fmt: skip
+    values = {"period": repr(model.period), "start": braced(np.zeros(4 * model.n))}
+    return _Model("controller", said, law_variables(model), _controller(model), values, model.period)
+
+
+def _controller(running: Running) -> dict[str, str]:
+    """The C of the controller."""
+    with tempfile.TemporaryDirectory() as folder:
+        running.to_c(folder)
+        return {file: (Path(folder) / file).read_text("ascii") for file in ("controller.h", "controller.c")}
 
 
 def _arm(arm: Arm, rig: Rig | None) -> _Model:
@@ -124,8 +135,8 @@ def _arm(arm: Arm, rig: Rig | None) -> _Model:
     loop = stepped_loop(arm, rig, 4, 3)
     require_counts(rig)
     said = "A geared arm with its drives and encoders"
-    values = arm_source.arm_values(arm, loop)
-    return _Model(arm_source.NAME, said, arm_source.arm_variables(arm), {}, values, rig.period)
+    values = arm_values(arm, loop)
+    return _Model("arm", said, arm_variables(arm), {}, values, rig.period)
 
 
 def _sources(made: _Model, interface: str) -> dict[str, str]:
@@ -137,9 +148,9 @@ def _sources(made: _Model, interface: str) -> dict[str, str]:
         reals=str(sum(not whole for whole, _ in kinds)), reals_set=str(kinds.count((False, True))),
         wholes=str(sum(whole for whole, _ in kinds)), wholes_set=str(kinds.count((True, True))),
     )  # fmt: skip
-    own = {"arm.h": "arm.h", "model.c": "arm.c"} if made.name == arm_source.NAME else {"model.c": "law.c"}
+    own = {"arm.h": "arm.h", "model.c": "arm.c"} if made.name == "arm" else {"model.c": "law.c"}
     shared = {file: file for file in ("fmu.h", "common.c", interface)}
-    return {file: (_TEMPLATES / of).read_text("ascii") for file, of in (shared | own).items()}
+    return {file: _template(of) for file, of in (shared | own).items()}
 
 
 def _compiled(texts: dict[str, str], files: list[str]) -> bytes:
@@ -152,7 +163,7 @@ def _compiled(texts: dict[str, str], files: list[str]) -> bytes:
         )
     with tempfile.TemporaryDirectory() as folder:
         for file, text in texts.items():
-            (Path(folder) / file).write_text(text, "ascii")
+            (Path(folder) / Path(file).name).write_text(text, "utf-8")
         command = [compiler, *_FLAGS, "-o", "fmu.so", *files, "-lm"]
         said = subprocess.run(command, cwd=folder, capture_output=True, text=True)  # noqa: S603 - the compiler
         if said.returncode:

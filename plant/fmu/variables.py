@@ -1,14 +1,12 @@
-"""What an FMU exchanges, by name, and its model description in both versions of FMI."""
+"""What an FMU exchanges, by name, and how the model descriptions of both versions of FMI list it."""
 
 import dataclasses
 import re
-import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
+from xml.sax.saxutils import quoteattr
 
-from plant.version import __version__
-
-_UNITS = {"rad": {"rad": "1"}, "rad/s": {"rad": "1", "s": "-1"}, "rad/s2": {"rad": "1", "s": "-2"},
-          "N.m": {"kg": "1", "m": "2", "s": "-2"}, "s": {"s": "1"}}  # fmt: skip
+from plant.mechanics.arm import Arm
+from plant.realtime.running import Running
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,9 +25,11 @@ class Variable:
         return self.causality != "output"
 
 
-def of_joints(quantity: str, joints: Sequence[str], causality: str, said: str, **options: object) -> list[Variable]:
+def of_joints(
+    quantity: str, joints: Sequence[str], causality: str, said: str, unit: str | None = None, whole: bool = False
+) -> list[Variable]:
     """One variable per joint, ``torque.elbow``."""
-    return [Variable(f"{quantity}.{joint}", causality, f"{said}, {joint}", **options) for joint in joints]  # type: ignore[arg-type]
+    return [Variable(f"{quantity}.{joint}", causality, f"{said}, {joint}", unit, whole=whole) for joint in joints]
 
 
 def named_joints(labels: Iterable[str]) -> list[str]:
@@ -41,57 +41,50 @@ def named_joints(labels: Iterable[str]) -> list[str]:
     return names
 
 
-def model_description(
-    version: int, name: str, token: str, said: str, step: float, variables: Sequence[Variable], files: Sequence[str]
-) -> bytes:
-    """The file modelDescription.xml; a variable's value reference is its place, in `variables` the reals come first."""
-    second = version == 2
-    root = ET.Element(
-        "fmiModelDescription", fmiVersion=f"{version}.0", modelName=name, description=said,
-        generationTool=f"onepulse {__version__}", variableNamingConvention="structured",
-    )  # fmt: skip
-    root.set("guid" if second else "instantiationToken", token)
-    state = "state" if second else "State"
-    able = {"modelIdentifier": name, f"canGetAndSetFMU{state}": "true", f"canSerializeFMU{state}": "true"}
-    kind = ET.SubElement(root, "CoSimulation", able if second else {**able, "fixedInternalStepSize": repr(step)})
-    if second:
-        listed = ET.SubElement(kind, "SourceFiles")
-        for file in files:
-            ET.SubElement(listed, "File", name=file)
-    units = ET.SubElement(root, "UnitDefinitions")
-    for unit, base in _UNITS.items():
-        ET.SubElement(ET.SubElement(units, "Unit", name=unit), "BaseUnit", base)
-    ET.SubElement(root, "DefaultExperiment", startTime="0.0", stepSize=repr(step))
-    listed = ET.SubElement(root, "ModelVariables")
-    for place, variable in enumerate(variables):
-        _declare(listed, variable, place, second)
-    structure = ET.SubElement(root, "ModelStructure")
-    outputs = [place for place, variable in enumerate(variables) if not variable.settable]
-    if second:
-        for group in ("Outputs", "InitialUnknowns"):
-            of = ET.SubElement(structure, group)
-            for place in outputs:
-                ET.SubElement(of, "Unknown", index=str(place + 1))
+def law_variables(running: Running) -> list[Variable]:
+    """What is exchanged, reals first."""
+    joints = named_joints(running.law.joint_labels(running.rig))
+    return [
+        *of_joints("q_r", joints, "input", "reference position", unit="rad"),
+        *of_joints("qd_r", joints, "input", "reference velocity", unit="rad/s"),
+        *of_joints("qdd_r", joints, "input", "reference acceleration", unit="rad/s2"),
+        *of_joints("torque", joints, "output", "joint torque after the amplifier's limit", unit="N.m"),
+        *of_joints("counts", joints, "input", "encoder count", whole=True),
+        Variable("stopped", "output", "0, or why the arm is stopped: a cause in controller.h", whole=True),
+        Variable("brake", "output", "1 where the mechanical brakes should hold the arm", whole=True),
+    ]
+
+
+def arm_variables(arm: Arm) -> list[Variable]:
+    """What is exchanged, reals first."""
+    joints = named_joints(arm.dynamics.chain.joint_labels)
+    f = zip(arm.dynamics.names, arm.f, strict=True)
+    return [
+        *of_joints("torque", joints, "input", "joint torque; the amplifier's limit is kept", unit="N.m"),
+        *of_joints("q_start", joints, "parameter", "position at the start", unit="rad"),
+        *of_joints("qd_start", joints, "parameter", "velocity at the start", unit="rad/s"),
+        *(Variable(f"f.{name}", "parameter", "inertial parameter", start=value) for name, value in f),
+        *of_joints("q", joints, "output", "true joint position", unit="rad"),
+        *of_joints("qd", joints, "output", "true joint velocity", unit="rad/s"),
+        *of_joints("counts", joints, "output", "encoder count", whole=True),
+    ]
+
+
+def described(version: int, variables: Sequence[Variable], files: Sequence[str]) -> dict[str, str]:
+    """Lists of a model description; a variable's value reference is its place, and the reals come first."""
+    places = [place for place, variable in enumerate(variables) if not variable.settable]
+    known = {"variables": [_declared(variable, place, version) for place, variable in enumerate(variables)]}
+    if version == 2:
+        known["outputs"] = [f'<Unknown index="{place + 1}"/>' for place in places]
+        known["files"] = [f'<File name="{file}"/>' for file in files]
     else:
-        ET.SubElement(listed, "Float64", name="time", valueReference=str(len(variables)), causality="independent",
-                      variability="continuous", unit="s")  # fmt: skip
-        for group in ("Output", "InitialUnknown"):
-            for place in outputs:
-                ET.SubElement(structure, group, valueReference=str(place))
-    return _text(root)
+        known["outputs"] = [f'<Output valueReference="{place}"/>' for place in places]
+        known["initial"] = [f'<InitialUnknown valueReference="{place}"/>' for place in places]
+        known["files"] = [f'<SourceFile name="{file}"/>' for file in files]
+    return {"count": str(len(variables)), **{name: "\n      ".join(lines) for name, lines in known.items()}}
 
 
-def build_description(name: str, files: Sequence[str]) -> bytes:
-    """The file buildDescription.xml of FMI 3's sources."""
-    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
-    build = ET.SubElement(root, "BuildConfiguration", modelIdentifier=name)
-    listed = ET.SubElement(build, "SourceFileSet", language="C99", compilerOptions="-ffp-contract=off")
-    for file in files:
-        ET.SubElement(listed, "SourceFile", name=file)
-    return _text(root)
-
-
-def _declare(listed: ET.Element, variable: Variable, place: int, second: bool) -> None:
+def _declared(variable: Variable, place: int, version: int) -> str:
     """One variable of ModelVariables."""
     about = {"name": variable.name, "valueReference": str(place), "description": variable.said,
              "causality": variable.causality}  # fmt: skip
@@ -99,18 +92,12 @@ def _declare(listed: ET.Element, variable: Variable, place: int, second: bool) -
         about["variability"] = "fixed"
     elif variable.whole:
         about["variability"] = "discrete"
-    if not variable.settable:
-        about["initial"] = "calculated"
     value = {} if variable.unit is None else {"unit": variable.unit}
     if variable.settable:
         value["start"] = str(int(variable.start)) if variable.whole else repr(float(variable.start))
-    if second:
-        ET.SubElement(ET.SubElement(listed, "ScalarVariable", about), "Integer" if variable.whole else "Real", value)
     else:
-        ET.SubElement(listed, "Int32" if variable.whole else "Float64", about | value)
-
-
-def _text(root: ET.Element) -> bytes:
-    ET.indent(root)
-    text: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
-    return text
+        about["initial"] = "calculated"
+    said, given = (" ".join(f"{key}={quoteattr(text)}" for key, text in each.items()) for each in (about, value))
+    if version == 2:
+        return f"<ScalarVariable {said}><{'Integer' if variable.whole else 'Real'} {given}/></ScalarVariable>"
+    return f"<{'Int32' if variable.whole else 'Float64'} {said} {given}/>"

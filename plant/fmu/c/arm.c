@@ -16,12 +16,14 @@ enum { Q_START = JOINTS, QD_START = 2 * JOINTS, F = 3 * JOINTS, SEEN = REALS_SET
 $helpers/* The state of an arm that starts there; elastic gears carry its weight. */
 static void settled(const double *q, const double *qd, const double *f, double *state)
 {
+    (void)qd, (void)f;
 $settled
 }
 
 /* One midpoint step. */
 static void moved(double *state, const double *torque, const double *f)
 {
+    (void)f;
 $moved
 }
 

@@ -156,10 +156,13 @@ static int paced(const row *rows, size_t count, int64_t steps)
         while (bin < BINS - 1 && delay >= (int64_t)1000 << bin)
             bin++;
         bins[bin]++;
+        longest = done - woke > longest ? done - woke : longest;
+        if (done - due > period) {
+            late++;
+            continue;
+        }
         least = delay < least ? delay : least;
         most = delay > most ? delay : most;
-        longest = done - woke > longest ? done - woke : longest;
-        late += done - due > period;
     }
     printf("%s, memory %s\n", first ? "SCHED_FIFO" : "no priority", kept ? "locked" : "not locked");
     for (int bin = 0; bin < BINS; bin++)
@@ -167,7 +170,8 @@ static int paced(const row *rows, size_t count, int64_t steps)
             printf("begun less than %lld us late: %lld\n", 1LL << bin, (long long)bins[bin]);
     printf("longest step: %.1f us\n", (double)longest / 1e3);
     printf("late steps: %lld of %lld\n", (long long)late, (long long)steps);
-    printf("jitter=%.4f\n", (double)(most - least) / 2.0 / (double)period);
+    if (late < steps)
+        printf("of the others jitter=%.4f\n", (double)(most - least) / 2.0 / (double)period);
     return 0;
 }
 #endif
