@@ -210,6 +210,11 @@ def test_a_step_of_the_wrong_length_or_an_arm_that_flies_away_is_refused(tmp_pat
     with pytest.raises(Exception, match="failed with status 3"):
         arm.set("q", (1.0, 0.0))  # an output
     arm.step(RIG.period / 4)  # a sub-step
+    arm.c.reset()
+    arm.begin(qd_start=(6e5, -6e5))
+    with pytest.raises(Exception, match="failed with status 3"):
+        arm.step()
+    np.testing.assert_array_equal(arm.get("qd"), (6e5, -6e5))  # as before
 
 
 def test_other_arms_and_controllers(tmp_path):
