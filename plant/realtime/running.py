@@ -95,8 +95,6 @@ class Running:
 
         Parameters
         ----------
-        folder, name, output, counts_per_ampere, largest_count
-            As `Law.to_c` has them.
         target : {None, "cortex-m7", "cortex-m4f"}
             A microcontroller: with its toolchain file and Makefile, and a program that replays a record in QEMU. In
             double precision its bits are those of any other processor.
@@ -245,7 +243,6 @@ class Running:
         raise ValueError(f"the law must give finite torques; it does not at pulses {counts}. Check its numbers.")
 
     def _counts(self, pulses: ArrayLike) -> NDArray[np.float64]:
-
         counts = array("pulses", pulses, (self.n,), advice="Give the encoder count of each joint.")
         if not self.rig.encoder.smooth and (counts != np.trunc(counts)).any():
             raise ValueError(f"pulses must be whole encoder counts; got {counts}. Give counts, not angles.")
