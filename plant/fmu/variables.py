@@ -58,12 +58,12 @@ def law_variables(running: Running) -> list[Variable]:
 def arm_variables(arm: Arm) -> list[Variable]:
     """What is exchanged, reals first."""
     joints = named_joints(arm.dynamics.chain.joint_labels)
-    f = zip(arm.dynamics.names, arm.f, strict=True)
+    f = enumerate(zip(arm.dynamics.names, arm.f, strict=True), 1)
     return [
         *of_joints("torque", joints, "input", "joint torque; the amplifier's limit is kept", unit="N.m"),
         *of_joints("q_start", joints, "parameter", "position at the start", unit="rad"),
         *of_joints("qd_start", joints, "parameter", "velocity at the start", unit="rad/s"),
-        *(Variable(f"f.{name}", "parameter", "inertial parameter", start=value) for name, value in f),
+        *(Variable(f"f[{i}]", "parameter", f"inertial parameter {name}", start=value) for i, (name, value) in f),
         *of_joints("q", joints, "output", "true joint position", unit="rad"),
         *of_joints("qd", joints, "output", "true joint velocity", unit="rad/s"),
         *of_joints("counts", joints, "output", "encoder count", whole=True),

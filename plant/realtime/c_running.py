@@ -89,9 +89,9 @@ def write_running(
 ) -> None:  # fmt: skip
     """Write the files of `Running.to_c`; `output` are the arguments of `Output.of`."""
     require_counts(rig)
-    place = Target.of(target, precision, rig)
     require_name(name)
     given = Output.of(law, rig, **output)
+    place = Target.of(target, precision, rig, given.largest)
     block, n = law.block(rig), rig.n
     memory, pieces = initial_memory(law, rig, block, guards), pieces_of(law, rig, block)
     body = "\n".join([*(_piece(which, *pieces[which]) for which in pieces), _giving(given, law, rig, block)])

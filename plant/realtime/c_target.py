@@ -20,14 +20,9 @@ _SINGLE = 2.0**-24
 _LOST = 0.5
 
 
-class _Processor(NamedTuple):
-    cpu: str
-    board: str
-
-
 _PROCESSORS = {
-    "cortex-m7": _Processor("-mcpu=cortex-m7 -mthumb -mfpu=fpv5-d16 -mfloat-abi=hard", "mps2-an500"),
-    "cortex-m4f": _Processor("-mcpu=cortex-m4 -mthumb -mfpu=fpv4-sp-d16 -mfloat-abi=hard", "mps2-an386"),
+    "cortex-m7": {"cpu": "-mcpu=cortex-m7 -mthumb -mfpu=fpv5-d16 -mfloat-abi=hard", "board": "mps2-an500"},
+    "cortex-m4f": {"cpu": "-mcpu=cortex-m4 -mthumb -mfpu=fpv4-sp-d16 -mfloat-abi=hard", "board": "mps2-an386"},
 }
 
 
@@ -38,8 +33,8 @@ class Target(NamedTuple):
     single: bool
 
     @classmethod
-    def of(cls, target: str | None, precision: str, rig: Rig) -> "Target":
-        """From the arguments of `Running.to_c`; single precision is refused where one turn of a joint loses counts."""
+    def of(cls, target: str | None, precision: str, rig: Rig, largest: float) -> "Target":
+        """From the arguments of `Running.to_c`; single precision is refused where it loses counts."""
         choice("target", target, (None, *_PROCESSORS))
         single = choice("precision", precision, ("double", "single")) == "single"
         lost = np.abs(rig.position_in_pulses(np.eye(rig.n) * 2 * np.pi * _SINGLE)).max(axis=0)
@@ -49,6 +44,8 @@ class Target(NamedTuple):
                 f"precision must be 'double' for {joint}: in single it rounds by {lost.max():.2g} pulses within a "
                 f"turn; at most {_LOST:g} are lost unseen. Use double, or an encoder of fewer pulses."
             )
+        if single and largest > 1 / _SINGLE:
+            raise ValueError(f"largest_count must be at most 2^24 in single precision; got {largest:g}. Use double.")
         return cls(target, single)
 
     @property
@@ -66,7 +63,7 @@ class Target(NamedTuple):
         clock = {} if self.single else {"clock": ", double now", "at": "now", "never": "NAN, "}
         about = f"Numbers: {words}{'' if self.name is None else f', for {self.name}'}."
         values = {"clock": "", "at": "NAN", "never": "", "precision": about} | clock
-        return values if self.name is None else values | _PROCESSORS[self.name]._asdict()
+        return values if self.name is None else values | _PROCESSORS[self.name]
 
     @property
     def elementary(self) -> str:

@@ -151,6 +151,8 @@ def test_bad_input_says_what_to_do(tmp_path):
     fine = dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, resolution=(2.0**20, 1000)))
     with pytest.raises(ValueError, match=r"precision must be 'double' for joint q\[0\]: in single it rounds by 6.7 pu"):
         LAW.start(fine, (0, 0)).to_c(tmp_path, precision="single")
+    with pytest.raises(ValueError, match=r"largest_count must be at most 2\^24 in single precision"):
+        running.to_c(tmp_path, precision="single", output="dac", counts_per_ampere=(9e6, 9e6), largest_count=2**30)
     assert not list(tmp_path.iterdir())
 
 
