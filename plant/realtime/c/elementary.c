@@ -1,7 +1,7 @@
 /* -- sine, cosine and exponential: of sums and products alone, so that every processor gives the same bits -- */
 
 /* Taylor's series of an angle within +-pi/4, or its derivative; NaN beyond a million quarter turns. */
-static double turned(double angle, int ahead)
+__attribute__((unused)) static double turned(double angle, int ahead)
 {
     static const double odd[] = {1.0 / 355687428096000.0, -1.0 / 1307674368000.0, 1.0 / 6227020800.0,
         -1.0 / 39916800.0, 1.0 / 362880.0, -1.0 / 5040.0, 1.0 / 120.0, -1.0 / 6.0};
@@ -21,17 +21,17 @@ static double turned(double angle, int ahead)
     return quarter / 2 % 2 ? -sum : sum;
 }
 
-static double sine(double angle)
+__attribute__((unused)) static double sine(double angle)
 {
     return turned(angle, 0);
 }
 
-static double cosine(double angle)
+__attribute__((unused)) static double cosine(double angle)
 {
     return turned(angle, 1);
 }
 
-static double exponential(double x)
+__attribute__((unused)) static double exponential(double x)
 {
     if (!(x < 709.0))
         return x + INFINITY;

@@ -171,3 +171,25 @@ def test_the_paced_program_counts_every_step(tmp_path):
         assert Uncertainty(jitter=float(jitter[1])).jitter[1] <= 0.5  # as certify takes it
     said = subprocess.run([folder / "controller", "--paced", "none", "record.csv"], cwd=folder, capture_output=True)
     assert said.returncode == 2
+
+
+@needs_board
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_a_law_that_needs_less_compiles_without_a_warning_and_gives_counts_of_a_converter(precision, tmp_path):
+    """Of a record to which it does not belong; a count is a rounded current, where half-way cases may differ."""
+    law, scale = puma560.p_law(), (2048.0, -2048.0)
+    law.start(RIG, (0, 0)).to_c(
+        tmp_path, target="cortex-m4f", precision=precision, output="dac", counts_per_ampere=scale
+    )
+    write_replay(recorded(), tmp_path / "record.csv")
+    run(tmp_path, "make", STRICT, "controller.elf")
+    counts = rows(run(tmp_path, "make", "-s", "run"))
+    running = law.start(RIG, recorded().counts[0])
+    motion = recorded().reference(recorded().t)
+    exact = [RIG.drive.current(running.step(*row)) * scale for row in zip(recorded().counts, *motion, strict=True)]
+    apart, pulse = np.abs(counts - exact), np.abs(RIG.drive.current(law.gain * RIG.drive.gear) * scale)
+    if precision == "double":
+        assert apart.max() <= 0.5 + 1e-9
+    else:  # a reference at the edge of a count may be rounded into the next
+        assert (apart <= pulse + 1).all()
+        assert (apart <= 0.6).mean() > 0.99
