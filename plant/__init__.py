@@ -6,6 +6,7 @@ An experiment: Arm + Rig + Law + Reference -> Record. The rooms, each above all 
 `models`        URDF, MJCF and robot files: edited in place, checked and repaired, read and written
 `robots`        the paper's two links
 `ros2`          a control law as a controller of ros2_control
+`fmu`           a law or an arm as an FMU
 `analysis`      the loop linearised, python-control, P gains
 `simulation`    the closed loop as one symbolic step, the kernels made of it, `simulate` and `replay`
 `logs`          `Record`, and the readers of files
@@ -25,6 +26,7 @@ All that is public is exported here; `docs/architecture.md` shows the house in o
 from plant.analysis.control_systems import to_control
 from plant.analysis.linearise import linearise, modes
 from plant.analysis.p_gains import cascade_gains, p_gains
+from plant.fmu.export import to_fmu
 from plant.laws.cascade import Cascade
 from plant.laws.law import Law, Setpoint, StatelessLaw
 from plant.laws.pid import PD, PID, P
@@ -81,5 +83,5 @@ __all__ = [
     "Robot", "Setpoint", "Spline", "StatelessLaw", "SteppedArm", "Table", "TorqueRipple", "Transport",
     "cascade_gains", "check_model", "everyday_motions", "fastest", "linearise", "modes", "number",
     "p_gains", "part", "puma560", "read_records", "read_robot", "read_table", "replay", "simulate",
-    "structure", "to_control", "to_ros2_control", "visibility", "write_replay", "write_robot",
+    "structure", "to_control", "to_fmu", "to_ros2_control", "visibility", "write_replay", "write_robot",
 ]  # fmt: skip

@@ -19,6 +19,7 @@ from plant.compiler.instructions import STATE, TIME, UNIFORM
 from plant.machine.rig import Rig
 from plant.parts.arguments import instance
 from plant.realtime.c_running import write_running
+from plant.realtime.c_target import HOST
 from plant.realtime.c_text import (
     SIDES,
     Output,
@@ -58,7 +59,8 @@ def write_c(law: Any, folder: str | Path, rig: Rig | None, guards: Guards | None
             return
     require_counts(rig)
     require_name(name)
-    write_files(folder, name, "law", _values(law, rig, Output.of(law, rig, **output), without))
+    values = _values(law, rig, Output.of(law, rig, **output), without)
+    write_files(folder, name, "law", HOST.values | values)
 
 
 def _values(law, rig, output, without):

@@ -20,6 +20,7 @@ from plant.compiler.python_to_c import CFunction, CNames
 from plant.machine.rig import Rig
 from plant.realtime import memory as layout
 from plant.realtime import safety, stopping, watching
+from plant.realtime.c_target import HOST, Target
 from plant.realtime.c_text import (
     SIDES,
     Output,
@@ -93,17 +94,22 @@ _CAUSES = ("RUNNING", "WAS_LATE", "HAD_GAPS", "HAS_JUMPED", "IS_STUCK", "IS_OFF"
            "OPPOSES")  # fmt: skip
 
 
-def write_running(law: Any, rig: Rig, guards: Guards | None, folder: str | Path, name: str,
-                  without: Sequence[str] = (), **output: Any) -> None:  # fmt: skip
+def write_running(
+    law: Any, rig: Rig, guards: Guards | None, folder: str | Path, name: str, without: Sequence[str] = (), *,
+    target: str | None = None, precision: str = "double", **output: Any,
+) -> None:  # fmt: skip
     """Write the files of `Running.to_c`; `output` are the arguments of `Output.of`."""
     require_counts(rig)
     require_name(name)
-    write_files(folder, name, "running", values_of(law, rig, guards, name, Output.of(law, rig, **output), without))
+    given = Output.of(law, rig, **output)
+    place = Target.of(target, precision, rig, given.largest)
+    write_files(folder, name, "running", values_of(law, rig, guards, name, given, without, place), place)
 
 
 def values_of(
-    law: Any, rig: Rig, guards: Guards | None, name: str, given: Output, without: Sequence[str] = ()
-) -> dict[str, Any]:
+    law: Any, rig: Rig, guards: Guards | None, name: str, given: Output, without: Sequence[str] = (),
+    place: Target = HOST,
+) -> dict[str, Any]:  # fmt: skip
     """What the templates say of a running controller."""
     block, n = law.block(rig), rig.n
     memory, pieces = initial_memory(law, rig, block, guards), pieces_of(law, rig, block, without)
@@ -111,11 +117,11 @@ def values_of(
     limits = "guards and stop" if guards is not None else "stop, without guards"
     about = f"{type(law).__name__}, with the {limits} of the running controller. {left_to_firmware(without)}{SIDES}"
     causes = [(cause, getattr(layout, cause)) for cause in _CAUSES]
-    return given.values | {
+    return given.values | place.values | {
         "n": n, "period": literal(block.period or rig.period), "prefix": PREFIX, "size": len(memory),
         "about": paragraph(about), "ramp": literal(RAMP),
         "causes": "".join(f"    {name.upper()}_{cause} = {code},{_in_words(code)}\n" for cause, code in causes),
-        "constants": constants_of_logic(), "helpers": f"{HELPERS}\n{helpers(body)}",
+        "constants": constants_of_logic(), "helpers": f"{place.elementary}{HELPERS}\n{helpers(body)}",
         "pieces": body, "logic": translated(), "initial": braced(memory),
     }  # fmt: skip
 

@@ -18,28 +18,34 @@ from plant.compiler.c_statements import literal
 from plant.machine.rig import Rig
 from plant.parts.arguments import array, choice, real
 from plant.parts.meanings import meanings
+from plant.realtime.c_target import HOST, Target
 from plant.version import __version__
 
 _TEMPLATES = Path(__file__).with_name("c")
 RUNNING = {".h": _TEMPLATES / "running.h", ".c": _TEMPLATES / "running.c"}
+_FLAGS = "-std=c99 -O2 -Wall -Wextra -pedantic -ffp-contract=off"
 SIDES = """Counts are those of the motors' encoders, with their sign; reference and torque are joint side, SI units.
 Compile without -ffast-math, which would leave NaN unseen."""
 
 
-def write_files(folder: str | Path, name: str, kind: str, values: Mapping[str, Any]) -> None:
-    """Write header and source of a `kind` ("law" or "running"), the program that replays a record, and a Makefile."""
-    files = {f"{name}.h": f"{kind}.h", f"{name}.c": f"{kind}.c", "main.c": "main.c", "Makefile": "Makefile"}
-    write_templates(folder, name, {file: _TEMPLATES / of for file, of in files.items()}, values)
+def write_files(folder: str | Path, name: str, kind: str, values: Mapping[str, Any], target: Target = HOST) -> None:
+    """Write header and source of a `kind` ("law" or "running"), a program that replays a record, and how to make it."""
+    templates = {f"{name}.h": f"{kind}.h", f"{name}.c": f"{kind}.c"}
+    templates |= {file: file for file in ("main.c", "Makefile", "CMakeLists.txt")} | target.files
+    write_templates(folder, name, {file: _TEMPLATES / of for file, of in templates.items()}, values, target)
 
 
-def write_templates(folder: str | Path, name: str, templates: Mapping[str, Path], values: Mapping[str, Any]) -> None:
+def write_templates(
+    folder: str | Path, name: str, templates: Mapping[str, Path], values: Mapping[str, Any], target: Target = HOST
+) -> None:
     """Write files of an export, each from its template: all or none."""
-    values = {"name": name, "NAME": name.upper(), **values}
+    values = {"name": name, "NAME": name.upper(), "flags": _FLAGS, **values}
     place = _free_folder(folder, templates, name)
     texts = {}
     for file, of in templates.items():
         template = Template(of.read_text("ascii"))
-        texts[file] = template.substitute(values, made=f"{file} - made by onepulse {__version__} for {name}")
+        text = template.substitute(values, made=f"{file} - made by onepulse {__version__} for {name}")
+        texts[file] = target.translated(text) if file.endswith((".c", ".h")) else text
     place.mkdir(parents=True, exist_ok=True)
     for file, text in texts.items():
         (place / file).write_bytes(text.encode("ascii"))

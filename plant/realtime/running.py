@@ -64,14 +64,9 @@ class Running:
     """
 
     def __init__(
-        self,
-        law: Any,
-        rig: Rig,
-        pulses: ArrayLike,
-        guards: Guards | None = None,
-        torque_limit: ArrayLike | None = None,
-        without: Sequence[str] = (),
-    ) -> None:
+        self, law: Any, rig: Rig, pulses: ArrayLike, guards: Guards | None = None,
+        torque_limit: ArrayLike | None = None, without: Sequence[str] = (),
+    ) -> None:  # fmt: skip
         instance("rig", rig, Rig, "Pass found.rig.")
         if guards is not None:
             instance("guards", guards, Guards, "Give Guards(...), or None for none.").warn_of_units(rig)
@@ -96,11 +91,24 @@ class Running:
 
     def to_c(
         self, folder: str | Path, *, name: str = "controller", output: str = "torque",
-        counts_per_ampere: ArrayLike | None = None, largest_count: int = 32767,
+        counts_per_ampere: ArrayLike | None = None, largest_count: int = 32767, target: str | None = None,
+        precision: str = "double",
     ) -> None:  # fmt: skip
-        """This controller as C99, with every guard and stop that it has here; arguments as `Law.to_c`."""
-        write_running(self.law, self.rig, self.guards, folder, name, self.without,
-                      output=output, counts_per_ampere=counts_per_ampere, largest_count=largest_count)  # fmt: skip
+        """This controller as C99, with every guard and stop that it has here; arguments as `Law.to_c`, and two more.
+
+        Parameters
+        ----------
+        target : {None, "cortex-m7", "cortex-m4f"}
+            A microcontroller: with toolchain file and Makefile, and a program that replays a record in QEMU.
+        precision : {"double", "single"}
+            Of all numbers: double gives the host's bits; single has no clock.
+        """
+        more: dict[str, Any] = {
+            "counts_per_ampere": counts_per_ampere,
+            "largest_count": largest_count,
+            "precision": precision,
+        }
+        write_running(self.law, self.rig, self.guards, folder, name, self.without, output=output, target=target, **more)
 
     def reset(self, pulses: ArrayLike) -> None:
         """Start anew at these counts (n,), as after `Law.start`: with the law's initial state, and the stop cleared.
@@ -235,14 +243,11 @@ class Running:
                 array(name, value, (self.n,), advice="Give one value per joint [SI].")
             raise ValueError(f"q_r must be below {FAR:g} rad; got {motion[0]}. Take whole turns off.")
         if refusal == layout.BAD_CLOCK:
-            last = self._memory[layout.NOW]
-            raise ValueError(
-                f"now must be finite and advance; got {time} after {last}. Give seconds of a steady clock."
-            )
+            last, advice = self._memory[layout.NOW], "Give seconds of a steady clock."
+            raise ValueError(f"now must be finite and advance; got {time} after {last}. {advice}")
         raise ValueError(f"the law must give finite torques; it does not at pulses {counts}. Check its numbers.")
 
     def _counts(self, pulses: ArrayLike) -> NDArray[np.float64]:
-
         counts = array("pulses", pulses, (self.n,), advice="Give the encoder count of each joint.")
         if not self.rig.encoder.smooth and (counts != np.trunc(counts)).any():
             raise ValueError(f"pulses must be whole encoder counts; got {counts}. Give counts, not angles.")

@@ -16,6 +16,16 @@ from plant.simulation.logged_run import DivergenceError
 from plant.simulation.loop_kernel import loop_kernel
 
 
+def stepped_loop(arm: Arm, rig: Rig, steps_per_sample: int, sweeps: int) -> ClosedLoop:
+    """The loop of an arm whose torque comes from outside."""
+    instance("arm", arm, Arm, "The order is arm, rig, q.")
+    instance("rig", rig, Rig, "The order is arm, rig, q.")
+    if rig.transport is not None or rig.jitter is not None:
+        raise ValueError("rig must be without transport and jitter here; got one. Delay the script's own calls.")
+    law = LoggedTorque()
+    return ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, sweeps=sweeps)
+
+
 @known_options
 class SteppedArm:
     """The arm of `simulate`, sample by sample, for a controller that `Law.start` gave.
@@ -59,13 +69,8 @@ class SteppedArm:
         self, arm: Arm, rig: Rig, q: ArrayLike, qd: ArrayLike | None = None, *, steps_per_sample: int = 4,
         sweeps: int = 3,
     ) -> None:  # fmt: skip
-        instance("arm", arm, Arm, "The order is arm, rig, q.")
-        instance("rig", rig, Rig, "The order is arm, rig, q.")
-        if rig.transport is not None or rig.jitter is not None:
-            raise ValueError("rig must be without transport and jitter here; got one. Delay the script's own calls.")
-        law = LoggedTorque()
+        loop = stepped_loop(arm, rig, steps_per_sample, sweeps)
         self.arm, self.rig, self.n = arm, rig, rig.n
-        loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, sweeps=sweeps)
         q = array("q", q, (rig.n,), advice="Give the position of each joint [rad].")
         qd = np.zeros(rig.n) if qd is None else array("qd", qd, (rig.n,), advice="Give the velocity of each joint.")
         self._loop, self._kernel, self._f = loop, loop_kernel(loop), np.array(arm.f)

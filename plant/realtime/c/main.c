@@ -2,10 +2,12 @@
  *
  * Replays a record:  ./$name record.csv > $output.csv
  * Time per step:     ./$name --time record.csv
+ * In its own time:   ./$name --paced 60 record.csv       (on Linux; the jitter of 60 s, again and again over the record)
  *
  * A line of the record holds the counts of the $n joints, then q_r, qd_r and qdd_r of each [rad, rad/s, rad/s^2], with
  * commas between them; a first line of names, empty lines and those that begin with # are skipped.
  */
+#define _POSIX_C_SOURCE 200809L
 #include "$name.h"
 
 #include <ctype.h>
@@ -16,6 +18,10 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#ifdef __linux__
+#include <sched.h>
+#include <sys/mman.h>
+#endif
 
 typedef struct {
     int32_t pulses[$n];
@@ -50,7 +56,7 @@ static void begin(${name}_state *self, const row *first)
 
 static int step(${name}_state *self, const row *now, $type $output[$n])
 {
-    return ${name}_step(self, now->pulses, now->motion[0], now->motion[1], now->motion[2], NAN, $output);
+    return ${name}_step(self, now->pulses, now->motion[0], now->motion[1], now->motion[2], ${never}$output);
 }
 
 static int stopped(const ${name}_state *self)
@@ -117,14 +123,79 @@ refused:
     return NULL;
 }
 
+#ifdef __linux__
+static int64_t nanoseconds(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return 1000000000 * (int64_t)now.tv_sec + now.tv_nsec;
+}
+
+/* One step per period, each begun at its own instant; how late they began [ns], and how many ended after their period. */
+static int paced(const row *rows, size_t count, int64_t steps)
+{
+    enum { BINS = 32 };
+    const int64_t period = (int64_t)(1e9 * ${NAME}_PERIOD + 0.5);
+    const struct sched_param above = {.sched_priority = 80};
+    const int first = !sched_setscheduler(0, SCHED_FIFO, &above), kept = !mlockall(MCL_CURRENT | MCL_FUTURE);
+    int64_t bins[BINS] = {0}, least = INT64_MAX, most = 0, late = 0, longest = 0;
+    ${name}_state self;
+    $type $output[$n];
+    const int64_t start = nanoseconds() + 10 * period;
+    for (int64_t k = 0; k < steps; k++) {
+        const int64_t due = start + k * period;
+        const struct timespec at = {.tv_sec = due / 1000000000, .tv_nsec = due % 1000000000};
+        while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, NULL))
+            ;
+        const int64_t woke = nanoseconds();
+        if (k % (int64_t)count == 0)
+            begin(&self, rows);
+        step(&self, &rows[k % (int64_t)count], $output);
+        const int64_t done = nanoseconds(), delay = woke - due;
+        int bin = 0;
+        while (bin < BINS - 1 && delay >= (int64_t)1000 << bin)
+            bin++;
+        bins[bin]++;
+        longest = done - woke > longest ? done - woke : longest;
+        if (done - due > period) {
+            late++;
+            continue;
+        }
+        least = delay < least ? delay : least;
+        most = delay > most ? delay : most;
+    }
+    printf("%s, memory %s\n", first ? "SCHED_FIFO" : "no priority", kept ? "locked" : "not locked");
+    for (int bin = 0; bin < BINS; bin++)
+        if (bins[bin])
+            printf("begun less than %lld us late: %lld\n", 1LL << bin, (long long)bins[bin]);
+    printf("longest step: %.1f us\n", (double)longest / 1e3);
+    printf("late steps: %lld of %lld\n", (long long)late, (long long)steps);
+    if (late < steps)
+        printf("of the others jitter=%.4f\n", (double)(most - least) / 2.0 / (double)period);
+    return 0;
+}
+#endif
+
 int main(int argc, char **argv)
 {
+#ifdef __linux__
+    if (argc == 4 && !strcmp(argv[1], "--paced")) {
+        size_t lines;
+        const int64_t steps = (int64_t)(strtod(argv[2], NULL) / ${NAME}_PERIOD);
+        row *const along = steps > 0 ? rows_of(argv[3], &lines) : NULL;
+        if (!along)
+            return 2;
+        const int failed = paced(along, lines, steps);
+        free(along);
+        return failed;
+    }
+#endif
     const int timed = argc == 3 && !strcmp(argv[1], "--time");
     size_t count;
     $type $output[$n];
     ${name}_state self;
     if (argc != 2 + timed) {
-        fprintf(stderr, "usage: %s [--time] record.csv\n", argv[0]);
+        fprintf(stderr, "usage: %s [--time | --paced seconds] record.csv\n", argv[0]);
         return 2;
     }
     row *rows = rows_of(argv[1 + timed], &count);

@@ -24,19 +24,19 @@ void ${name}_init(${name}_state *self, const int32_t pulses[N])
 }
 
 int ${name}_step(${name}_state *self, const int32_t pulses[N], const double q_r[N], const double qd_r[N],
-    const double qdd_r[N], double now, $type given[N])
+    const double qdd_r[N]$clock, $type given[N])
 {
     double counts[N];
     for (int i = 0; i < N; i++)
         counts[i] = (double)pulses[i];
-    return ${name}_sample(self, counts, q_r, qd_r, qdd_r, now, given);
+    return ${name}_sample(self, counts, q_r, qd_r, qdd_r$passed, given);
 }
 
 int ${name}_sample(${name}_state *self, const double measured[N], const double q_r[N], const double qd_r[N],
-    const double qdd_r[N], double now, $type given[N])
+    const double qdd_r[N]$clock, $type given[N])
 {
     double torque[N] = {0.0};
-    const int refusal = (int)${prefix}step(measured, q_r, qd_r, qdd_r, now, self->memory, torque);
+    const int refusal = (int)${prefix}step(measured, q_r, qd_r, qdd_r, $at, self->memory, torque);
     if (refusal == DONE)
         ${prefix}give(self->memory, torque, given);
     return refusal;

@@ -1,6 +1,7 @@
 /* $made
  *
 $about
+ * $precision
  */
 #ifndef ${NAME}_H
 #define ${NAME}_H
@@ -31,18 +32,18 @@ void ${name}_init(${name}_state *self, const int32_t pulses[$n]);
  *
  * pulses            encoder counts of the motors, read now
  * q_r, qd_r, qdd_r  reference for now, joint side [rad, rad/s, rad/s^2]
- * now               time of a steady clock [s]; NAN without one
+ * now               time of a steady clock [s], NAN without one; in single precision there is none
  * $output            $meaning
  *
  * Gives 0. A call that nothing can answer gives more, and changes neither *self nor $output: without guards NaN or an
  * infinity, with them only where the first call has one.
  */
 int ${name}_step(${name}_state *self, const int32_t pulses[$n], const double q_r[$n], const double qd_r[$n],
-    const double qdd_r[$n], double now, $type $output[$n]);
+    const double qdd_r[$n]$clock, $type $output[$n]);
 
 /* The same, of measured counts as numbers: NAN for one that is missing, which the guards bridge, or stop for. */
 int ${name}_sample(${name}_state *self, const double measured[$n], const double q_r[$n], const double qd_r[$n],
-    const double qdd_r[$n], double now, $type $output[$n]);
+    const double qdd_r[$n]$clock, $type $output[$n]);
 
 /* 0 while it runs, otherwise why it stops the arm, until ${name}_init. */
 int ${name}_stopped(const ${name}_state *self);

@@ -306,7 +306,7 @@ def test_files_that_are_not_its_own_stay(tmp_path):
     law.to_c(tmp_path, RIG)
     law.to_c(tmp_path, RIG)  # over its own
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "Makefile", "controller.c", "controller.h", "main.c", "notes.txt"]  # fmt: skip
+        "CMakeLists.txt", "Makefile", "controller.c", "controller.h", "main.c", "notes.txt"]  # fmt: skip
     with pytest.raises(ValueError, match=r"main.c must not exist, or be an export of left"):
         law.to_c(tmp_path, RIG, name="left")
     assert not (tmp_path / "left.c").exists()

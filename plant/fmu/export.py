@@ -1,0 +1,203 @@
+"""A control law or an arm as an FMU: model description, a binary for Linux on x86-64, and its sources."""
+
+import hashlib
+import io
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import uuid
+import zipfile
+from pathlib import Path
+from string import Template
+from typing import NamedTuple
+
+import numpy as np
+
+from plant.fmu.arm_source import arm_values
+from plant.fmu.variables import Variable, arm_variables, described, law_variables
+from plant.laws.law import Law
+from plant.machine.rig import Rig
+from plant.mechanics.arm import Arm
+from plant.parts.arguments import choice, instance
+from plant.realtime.c_text import braced, require_counts
+from plant.realtime.running import Running
+from plant.simulation.stepped_arm import stepped_loop
+from plant.version import __version__
+
+_TEMPLATES = Path(__file__).with_name("c")
+_STAMP = (1980, 1, 1, 0, 0, 0)
+_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
+
+
+class _Model(NamedTuple):
+    """What an FMU is made of: its variables, its own C by file, the values of the templates, its usual step [s]."""
+
+    name: str
+    said: str
+    variables: list[Variable]
+    files: dict[str, str]
+    values: dict[str, str]
+    step: float
+
+
+def to_fmu(model: Law | Running | Arm, path: str | Path, rig: Rig | None = None, version: int = 2) -> None:
+    """A control law, or an arm with its drives and encoders, as a functional mock-up unit for co-simulation.
+
+    It holds a binary for Linux on x86-64 and its C, and no Python. Its state can be saved, restored and serialised.
+
+    Parameters
+    ----------
+    model : Law, Running or Arm
+        A law with the guards of `Law.start`; what `Law.start` gave, with guards and limits of its own; or an arm.
+    path : str or Path
+        Of the file, which ends in ``.fmu``; its name is the model's. An earlier export is overwritten, nothing else is.
+    rig : Rig, optional
+        What the law drives, by default the rig that it holds; of an arm its drives and encoders.
+    version : {2, 3}
+        Of FMI.
+
+    Raises
+    ------
+    ValueError
+        No rig; a law that repeats a log; a name that C or FMI cannot have; another file of that name; no C compiler.
+
+    See Also
+    --------
+    plant.Law, plant.SteppedArm
+
+    Notes
+    -----
+    A step of a law is one period: it takes counts and reference of its beginning, and gives the torque to be held
+    along it. A step of an arm is any multiple of a quarter of the rig's period: it takes that torque, and gives the
+    counts of its end. A master that steps the law first, and then the arm with its torque, repeats `simulate`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from plant import puma560, to_fmu
+    >>> path = Path(tempfile.mkdtemp()) / "puma.fmu"
+    >>> to_fmu(puma560.arm(), path, rig=puma560.rig())
+    >>> path.exists()
+    True
+    """
+    choice("version", version, (2, 3))
+    place = _free_place(path)
+    made = _arm(model, rig) if isinstance(model, Arm) else _law(model, rig)
+    sources, name = _sources(made, f"fmi{version}.c"), place.stem
+    token = str(uuid.UUID(bytes=hashlib.sha256(repr((sources, made)).encode()).digest()[:16]))
+    values = made.values | {"token": token, "made": f"made by onepulse {__version__}", "model": name}
+    texts = {f"sources/{file}": Template(text).substitute(values) for file, text in (sources | made.files).items()}
+    files = [file for file in sources | made.files if file.endswith(".c") and file != "common.c"]
+    values |= described(version, made.variables, files)
+    values |= {"said": made.said, "tool": f"onepulse {__version__}", "step": repr(made.step)}
+    described_in = {"modelDescription.xml": f"fmi{version}.xml"}
+    if version == 3:
+        described_in["sources/buildDescription.xml"] = "build.xml"
+    texts |= {file: Template(_template(of)).substitute(values) for file, of in described_in.items()}
+    folder = "linux64" if version == 2 else "x86_64-linux"
+    binary = {f"binaries/{folder}/{name}.so": _compiled(texts, files)}
+    _write(place, {file: text.encode() for file, text in texts.items()} | binary)
+
+
+def _template(name: str) -> str:
+    return (_TEMPLATES / name).read_text("ascii")
+
+
+def _law(model: Law | Running, rig: Rig | None) -> _Model:
+    if not isinstance(model, Running):
+        instance("model", model, Law, "Give a law, what law.start(...) gave, or an arm.")
+        rig = getattr(model, "rig", None) if rig is None else rig
+        if rig is None:
+            kind = type(model).__name__
+            raise ValueError(f"rig must be given, since {kind} holds none. Call to_fmu(law, path, rig).")
+        instance("rig", rig, Rig, "Pass found.rig.")
+        model = model.start(rig, np.zeros(rig.n))
+    elif rig is not None:
+        raise ValueError("rig must be left out for a controller that law.start(...) gave; got one. It has its own.")
+    said = f"{type(model.law).__name__} with the guards of its running controller"
+    values = {"period": repr(model.period), "start": braced(np.zeros(4 * model.n))}
+    return _Model("controller", said, law_variables(model), _controller(model), values, model.period)
+
+
+def _controller(running: Running) -> dict[str, str]:
+    """The C of the controller."""
+    with tempfile.TemporaryDirectory() as folder:
+        running.to_c(folder)
+        return {file: (Path(folder) / file).read_text("ascii") for file in ("controller.h", "controller.c")}
+
+
+def _arm(arm: Arm, rig: Rig | None) -> _Model:
+    if rig is None:
+        raise ValueError("rig must be given with an arm: its drives and encoders. Call to_fmu(arm, path, rig=rig).")
+    loop = stepped_loop(arm, rig, 4, 3)
+    require_counts(rig)
+    said = "A geared arm with its drives and encoders"
+    values = arm_values(arm, loop)
+    return _Model("arm", said, arm_variables(arm), {}, values, rig.period)
+
+
+def _sources(made: _Model, interface: str) -> dict[str, str]:
+    """Templates by file, of which the numbers of variables are known."""
+    kinds = [(variable.whole, variable.settable) for variable in made.variables]
+    made.values.update(
+        name=made.name, NAME=made.name.upper(),
+        n=str(sum(variable.name.startswith("torque.") for variable in made.variables)),
+        reals=str(sum(not whole for whole, _ in kinds)), reals_set=str(kinds.count((False, True))),
+        wholes=str(sum(whole for whole, _ in kinds)), wholes_set=str(kinds.count((True, True))),
+    )  # fmt: skip
+    own = {"arm.h": "arm.h", "model.c": "arm.c"} if made.name == "arm" else {"model.c": "law.c"}
+    shared = {file: file for file in ("fmu.h", "common.c", interface)}
+    return {file: _template(of) for file, of in (shared | own).items()}
+
+
+def _compiled(texts: dict[str, str], files: list[str]) -> bytes:
+    """The shared library."""
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None or not sys.platform.startswith("linux") or platform.machine() != "x86_64":
+        raise ValueError(
+            f"to_fmu needs a C compiler (cc or gcc) on Linux, x86_64; this is {platform.system()} on "
+            f"{platform.machine()}, with {compiler or 'none'}. Install gcc there."
+        )
+    with tempfile.TemporaryDirectory() as folder:
+        for file, text in texts.items():
+            (Path(folder) / Path(file).name).write_text(text, "utf-8")
+        command = [compiler, *_FLAGS, "-o", "fmu.so", *files, "-lm"]
+        said = subprocess.run(command, cwd=folder, capture_output=True, text=True)  # noqa: S603 - the compiler
+        if said.returncode:
+            raise ValueError(
+                f"the C must compile; {compiler} says {said.stderr.strip()[:200]!r}. Try another compiler."
+            )
+        return (Path(folder) / "fmu.so").read_bytes()
+
+
+def _free_place(given: str | Path) -> Path:
+    """The path, if its name is one for C and nothing else lies there."""
+    if not isinstance(given, (str, Path)):
+        raise ValueError(f"path must be that of a file; got {given!r:.60}. Give a name that ends in .fmu.")
+    path = Path(given)
+    if path.suffix != ".fmu" or not (path.stem.isidentifier() and path.stem.isascii()):
+        raise ValueError(f"path must end in .fmu, its name in letters, digits and _; got {path.name!r:.60}. Rename it.")
+    if path.exists():
+        try:
+            with zipfile.ZipFile(path) as earlier:
+                ours = b'generationTool="onepulse' in earlier.read("modelDescription.xml")
+        except (OSError, KeyError, zipfile.BadZipFile):
+            ours = False
+        if not ours:
+            raise ValueError(f"{path} must not exist, or be an earlier export; it is another file. Choose a new name.")
+    return path
+
+
+def _write(path: Path, content: dict[str, bytes]) -> None:
+    """The archive, with the same bytes for the same content."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for file, data in content.items():
+            info = zipfile.ZipInfo(file, _STAMP)
+            info.compress_type, info.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            archive.writestr(info, data)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(buffer.getvalue())
