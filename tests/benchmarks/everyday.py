@@ -61,7 +61,7 @@ def frictions(n):
 def paper(floor, seed, friction=True):
     """The paper's arm, identified from one log."""
     rig, dynamics = puma560.rig(), puma560.dynamics()
-    rig = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, floor=floor))
+    rig = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, rounding="floor" if floor else "fix"))
     log = simulate(puma560.arm(), rig, puma560.p_law(), puma560.reference())
     unknown = [*dynamics.names, *(frictions(2) if friction else ())]
     return identify(dynamics, log, seed=seed, unknown=unknown, progress=False)
@@ -71,7 +71,7 @@ def geared():
     """An arm of two links with 60,000 counts per radian and more, under a PID, identified from one log."""
     drive = Drive(gear=(100, -80), motor_inertia=(1.2e-4, 8e-5), viscous=(6e-4, 5e-4), coulomb=(0.09, 0.06),
                   motor_gain=(0.15, 0.12), current_limit=(15, 12))  # fmt: skip
-    rig = Rig(drive=drive, encoder=Encoder(resolution=(4000, 4000), floor=True), period=1e-3)
+    rig = Rig(drive=drive, encoder=Encoder(resolution=(4000, 4000)), period=1e-3)
     rotors = drive.reflected_inertia()
     bodies = [
         Body(mass=7, com=(0.2, 0.01, 0), inertia=(0, 0, 0, 0.10, 0, 0.10), rotor=rotors[0]),

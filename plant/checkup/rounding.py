@@ -1,0 +1,121 @@
+"""How counters round, seen where joints pass zero: `fix` has a cell two pulses wide there, `floor` and `round` none.
+
+A polynomial in time and a step of the counts at zero are fitted about each crossing. The same at crossings of other counts,
+whose cells are one pulse wide, tells what a step of none looks like in this log; with two neighbouring cells merged, a
+step of `fix`. So the log is its own yardstick, whatever its motion and its noise.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from plant.checkup.finding import Finding
+from plant.checkup.signals import Signals
+
+_WINDOWS = tuple((half, degree) for half in (10, 20, 40, 80) for degree in (3, 5, 7))
+"""Rows to each side of a crossing, and degree of the polynomial in time: the pair that tells most is taken."""
+
+_MOST, _FEW = 300, 20
+"""Crossings of other counts that are fitted, at most; fewer tell nothing."""
+
+_SURE, _NEITHER = 0.95, 4.0
+"""Probability from which on a convention is seen; standard deviations from both at which it is neither."""
+
+_MOST_ODDS = 100.0
+"""Logarithm of odds beyond which it makes no difference."""
+
+_COMPARABLE = 2.0
+"""Windows whose standard deviation is at most so many times that of the best one tell the same."""
+
+_ALIKE, _SLOW = 2.0, 0.05
+"""Factor within which other counts are passed at the speeds at which zero is; and counts per row that pass nothing."""
+
+NAME = "rounding"
+
+
+def rounding_findings(signals: Signals) -> Iterator[Finding]:
+    """Yield the finding about the convention of the counters, of all joints together."""
+    stated = signals.rig.encoder.rounding
+    seen = None if signals.rig.encoder.smooth else fix_seen(signals)
+    if seen is None:
+        why = "the encoder is said not to round" if signals.rig.encoder.smooth else "no joint passes zero clearly"
+        yield Finding.unknown(NAME, None, f"{why}; {stated} is stated")
+        return
+    share = 100 * seen
+    if 1 - _SURE < seen < _SURE:
+        yield Finding.unknown(NAME, None, f"{stated} is stated, fix to {share:.0f} %", value=share, unit="% fix")
+    elif (seen > 0.5) == (stated == "fix"):
+        yield Finding.of(NAME, None, share, "% fix")
+    else:
+        yield Finding.of(NAME, None, share, "% fix", "wrong", f"{disagreement(seen, stated)}.")
+
+
+def disagreement(seen: float, stated: str) -> str:
+    """What the counts show against what is stated."""
+    shown = 'a cell two pulses wide at zero: Encoder(rounding="fix")'
+    if seen < 0.5:
+        shown, seen = 'no wide cell at zero: Encoder(rounding="floor"), or "round"', 1 - seen
+    return f"The counts show {shown} (probability {min(seen, 0.999):.1%}), not {stated!r} as stated"
+
+
+def fix_seen(signals: Signals) -> float | None:
+    """Probability (0 to 1) that the counts are rounded towards zero; None where the log does not tell."""
+    torque = signals.motor_torque
+    if torque is None and signals.reference is not None:
+        torque = signals.reference - signals.counts
+    forces = np.zeros((len(signals.t), 0)) if torque is None else torque / np.maximum(np.std(torque, axis=0), 1e-300)
+    odds = [odds for i in range(signals.n) if (odds := _odds(signals.counts[:, i], forces)) is not None]
+    return float(1 / (1 + np.exp(-np.clip(sum(odds), -_MOST_ODDS, _MOST_ODDS)))) if odds else None
+
+
+def _odds(counts, forces):
+    """Logarithm of the odds of `fix`, of counts (M,) of a joint under forces (M, k); None: no clear crossing of zero."""
+    tried = [each for window in _WINDOWS if (each := _step(counts, forces, *window)) is not None]
+    if (counts != np.round(counts)).any() or not tried:
+        return None
+    tried.sort(key=lambda each: each[3] / max(each[2] - each[1], 1e-9))
+    value, none, wide, std = tried[0]
+    near = [each[0] for each in tried if each[3] < _COMPARABLE * std]
+    std = np.hypot(std, np.sqrt(np.mean((np.array(near) - value) ** 2)))  # what windows of other lengths make of it
+    off = np.abs(value - np.array([none, wide])) / std
+    return None if off.min() > _NEITHER else float(off[0] ** 2 - off[1] ** 2) / 2
+
+
+def _step(counts, forces, half, degree):
+    """Mean step at zero; what it is without a wide cell, and with one; standard deviation of it. None: no crossings."""
+    if len(counts) < 4 * half:
+        return None
+    speed = np.pad(np.abs(counts[2 * half :] - counts[: -2 * half]) / (2 * half), half)
+    at_zero = np.flatnonzero(np.diff(counts >= 0) & (speed[1:] > _SLOW))
+    at_zero = at_zero[np.diff(at_zero, prepend=-half) >= half]
+    if not len(at_zero):
+        return None
+    alike = (speed >= speed[at_zero].min() / _ALIKE) & (speed <= speed[at_zero].max() * _ALIKE) & (speed > _SLOW)
+    away = np.abs(counts) > 2 * half * np.maximum(speed, 1)  # a wide cell would spoil it
+    others = np.flatnonzero((alike & away)[:-1] & (np.diff(counts) != 0))
+    others = others[:: max(1, len(others) // _MOST)]
+    if len(others) < _FEW:
+        return None
+    basis, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, 2 * half), degree + 1))
+    levels = np.maximum(counts[others], counts[others + 1])
+    off = np.arange(1 - half, half + 1)
+    windows, passed = counts[others[:, None] + off] - levels[:, None], counts[at_zero[:, None] + off]
+    moved = [np.cumsum(np.cumsum(forces[rows[:, None] + off], axis=1), axis=1) for rows in (others, at_zero)]
+    apart = moved[0].swapaxes(1, 2)
+    apart = (apart - apart @ basis @ basis.T).swapaxes(1, 2).reshape(-1, forces.shape[1])
+    gain = np.linalg.lstsq(apart, (windows - windows @ basis @ basis.T).ravel(), rcond=None)[0]
+    found, weight = _fitted(passed - moved[1] @ gain, basis, passed)
+    means, scale = [], 0.0
+    for window in (windows, windows + (windows < 0)):  # as they are; the cell at the level merged with the one below
+        sizes, weights = _fitted(window - moved[0] @ gain, basis, window)
+        means.append(float(np.average(sizes, weights=weights)))
+        scale = max(scale, 1.4826 * float(np.median(np.abs(sizes - means[-1]) * np.sqrt(weights))))
+    return float(np.average(found, weights=weight)), *means, scale / np.sqrt(weight.sum())
+
+
+def _fitted(windows, basis, counts):
+    """Steps where counts pass zero (K,) in windows (K, 2 half) beside a polynomial, in that of `fix`; their weights."""
+    step = -0.5 * np.sign(counts)
+    apart = step - (step @ basis) @ basis.T
+    weight = np.maximum((apart**2).sum(axis=1), 1e-9)
+    return (apart * windows).sum(axis=1) / weight, weight
