@@ -14,7 +14,7 @@ from plant.checkup.finding import Finding
 from plant.checkup.signals import Signals
 
 _WORSE, _CHANCE = 1.02, 1e-3
-"""Factor, and share, by which what is unexplained of the torque may rise: that of chance, and of counts rounded again."""
+"""Factor, and share, by which what is unexplained of the torque may rise: chance, and counts rounded again."""
 
 _TRIALS = 8
 """Corrections that are tried of one log; a log with more to correct is wrong throughout."""
@@ -30,7 +30,7 @@ _FACTORS = (1e-3, 1e3)
 """Of torques in another unit."""
 
 
-def tried(record: Any, examined: Callable[[Any], Sequence[Finding]]) -> tuple[tuple[Finding, ...], Any]:
+def tried(record: Any, examined: Callable[[Any], list[Finding]]) -> tuple[tuple[Finding, ...], Any]:
     """Findings about a record, each with what its correction does, and the record with all corrections that help.
 
     `examined`: the findings about a record.
@@ -49,8 +49,10 @@ def tried(record: Any, examined: Callable[[Any], Sequence[Finding]]) -> tuple[tu
             explains = unexplained(Signals(option))
             if explains > _WORSE * left + _CHANCE or _size(found := examined(option)) >= _size(now):
                 continue
-            said = f"Corrected so, {_size(now) - _size(found)} points fewer" if left >= 1 else (
-                f"Corrected so, the motion explains {1 - explains:.2%} of the torque in place of {1 - left:.2%}"
+            said = (
+                f"Corrected so, {_size(now) - _size(found)} points fewer"
+                if left >= 1
+                else (f"Corrected so, the motion explains {1 - explains:.2%} of the torque in place of {1 - left:.2%}")
             )
             findings[k] = dataclasses.replace(finding, advice=f"{finding.advice} {said}.")
             now, left, record, done = found, explains, option, finding.check

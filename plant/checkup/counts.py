@@ -42,10 +42,14 @@ def counts_findings(signals: Signals, whole: Signals) -> Iterator[Finding]:
     yield from signals.each(_motion)
     for i, (glitches, _, size, _) in enumerate(found):
         largest = np.abs(size[glitches - 1]).max(initial=0.0)
-        advice = f"Single counts are off by up to {largest:.0f} pulses; fits bridge them without weight; check the cable."
+        advice = (
+            f"Single counts are off by up to {largest:.0f} pulses; fits bridge them without weight; check the cable."
+        )
         yield Finding.graded("glitches", i, len(glitches), "", look=0, wrong=0.01 * len(signals.t), advice=advice)
     for i, (_, jumps, size, step) in enumerate(found):
-        jump = f"jump by up to {np.abs(size[jumps - 1]).max(initial=0.0):.0f} pulses and stay there, faster than any arm"
+        jump = (
+            f"jump by up to {np.abs(size[jumps - 1]).max(initial=0.0):.0f} pulses and stay there, faster than any arm"
+        )
         advice = f"The counts {jump}; cut the log there. Fits take whole turns back by themselves."
         if step:
             advice = f"In places the counts go in steps of {step:.3g} pulses; log them with more digits."

@@ -23,7 +23,7 @@ _FAST, _FOLLOWS, _AROUND = 2.0, 0.35, 4
 steps to each side that tell the motion."""
 
 _OFF, MOST = 1.0, 0.5
-"""Pulses by which a logged reference may differ from the stated one; share of lost rows beyond which nothing is left."""
+"""Pulses by which a logged reference may differ from the stated one; and share of rows that may be lost."""
 
 _OTHER = 0.2
 """Share of rows off the stated reference above which it is another one."""
@@ -78,11 +78,12 @@ def lost_rows(record: Any) -> LostRows:
 
 
 def bridged(record: Any) -> Any:
-    """The record with lost rows, and short gaps without weight, on straight lines in time and without weight; turns that
-    a counter lost or gained taken back. A record without any is returned as it is.
+    """The record with lost rows and short gaps on straight lines in time and without weight, and lost turns taken back.
+
+    A record without any is returned as it is.
 
     Raises a ValueError: more lost rows than measurements.
-    """  # fmt: skip
+    """
     lost = lost_rows(record)
     if lost.any.mean() > MOST:
         raise ValueError(
@@ -105,7 +106,7 @@ def repeats_bridged(record: Any, lost: LostRows) -> Any:
 
 
 def lost_packets(record: Any) -> NDArray[np.bool_]:
-    """Rows (N,) that repeat the reference of the one before where the stated one has gone on, and nearly all others not."""
+    """Rows (N,) that repeat the reference of the one before where the stated one has gone on; few of all do."""
     repeats = np.zeros(len(record), bool)
     if record.reference is None or record.reference.n != record.rig.n:
         return repeats

@@ -1,11 +1,12 @@
 """How counters round, seen where joints pass zero: `fix` has a cell two pulses wide there, `floor` and `round` none.
 
-A polynomial in time and a step of the counts at zero are fitted about each crossing. The same at crossings of other counts,
-whose cells are one pulse wide, tells what a step of none looks like in this log; with two neighbouring cells merged, a
-step of `fix`. So the log is its own yardstick, whatever its motion and its noise.
+A polynomial in time, what the torque adds to it, and a step of the counts at zero are fitted about each crossing. The
+same at crossings of other counts, whose cells are one pulse wide, tells what no step looks like in this log; with two
+neighbouring cells merged, a step of `fix`. So the log is its own yardstick, whatever its motion and its noise.
 """
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -50,6 +51,11 @@ def rounding_findings(signals: Signals) -> Iterator[Finding]:
         yield Finding.of(NAME, None, share, "% fix", "wrong", f"{disagreement(seen, stated)}.")
 
 
+def rounding_doubts(record: Any) -> list[str]:
+    """A line if the counts of a record contradict the stated convention, or none."""
+    return [finding.advice for finding in rounding_findings(Signals(record)) if not finding.ok]
+
+
 def disagreement(seen: float, stated: str) -> str:
     """What the counts show against what is stated."""
     shown = 'a cell two pulses wide at zero: Encoder(rounding="fix")'
@@ -69,7 +75,7 @@ def fix_seen(signals: Signals) -> float | None:
 
 
 def _odds(counts, forces):
-    """Logarithm of the odds of `fix`, of counts (M,) of a joint under forces (M, k); None: no clear crossing of zero."""
+    """Logarithm of the odds of `fix`, of counts (M,) of a joint under forces (M, k); None: not to be told."""
     tried = [each for window in _WINDOWS if (each := _step(counts, forces, *window)) is not None]
     if (counts != np.round(counts)).any() or not tried:
         return None
