@@ -3,9 +3,8 @@
 A correction is kept where fewer checks find something and the motion explains no less of the torque.
 """
 
-import contextlib
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -16,18 +15,12 @@ from plant.checkup.signals import Signals
 _WORSE, _CHANCE = 1.02, 1e-3
 """Factor, and share, by which what is unexplained of the torque may rise: chance, and counts rounded again."""
 
-_TRIALS = 8
+_TRIALS = 6
 """Corrections that are tried of one log; a log with more to correct is wrong throughout."""
 
-_IN_VAIN = "a correction was tried and does not make the log explain more, so leave it: another cause is likelier"
+_IN_VAIN = "; correcting that was tried and does not make the log explain more, so leave it: look for another cause."
 
-_WEIGHT = {"look": 1, "wrong": 2}
-
-_EVEN_ODDS = 50.0
-"""Probability of `fix` [%] above which it is likelier than `floor`."""
-
-_FACTORS = (1e-3, 1e3)
-"""Of torques in another unit."""
+_POINTS = {"look": 1, "wrong": 2}
 
 
 def tried(record: Any, examined: Callable[[Any], list[Finding]]) -> tuple[tuple[Finding, ...], Any]:
@@ -35,107 +28,67 @@ def tried(record: Any, examined: Callable[[Any], list[Finding]]) -> tuple[tuple[
 
     `examined`: the findings about a record.
     """
-    findings = list(examined(record))
-    now, left, trials, done = findings, unexplained(Signals(record)), 0, ""
+    findings = examined(record)
+    points, left, trials = _points(findings), unexplained(record), 0
     for k, finding in enumerate(findings):
-        if finding.ok or not finding.advice:
-            continue
-        if not any(finding.check == each.check and finding.joint == each.joint and not each.ok for each in now):
-            findings[k] = dataclasses.replace(finding, advice=f"Nothing of itself: gone with what {done} says.")
-            continue
-        options = list(_corrections(record, finding))[: max(0, _TRIALS - trials)]
+        options = [] if finding.ok else list(_corrections(record, finding))[: max(0, _TRIALS - trials)]
         trials += len(options)
         for option in options:
-            explains = unexplained(Signals(option))
-            if explains > _WORSE * left + _CHANCE or _size(found := examined(option)) >= _size(now):
+            explains = unexplained(option)
+            if explains > _WORSE * left + _CHANCE or (fewer := _points(examined(option))) >= points:
                 continue
-            said = (
-                f"Corrected so, {_size(now) - _size(found)} points fewer"
-                if left >= 1
-                else (f"Corrected so, the motion explains {1 - explains:.2%} of the torque in place of {1 - left:.2%}")
-            )
-            findings[k] = dataclasses.replace(finding, advice=f"{finding.advice} {said}.")
-            now, left, record, done = found, explains, option, finding.check
+            said = f"the motion explains {1 - explains:.2%} of the torque, before {1 - left:.2%}"
+            said = f"{finding.advice} Corrected so, {said if left < 1 else 'fewer checks find something'}."
+            findings[k] = dataclasses.replace(finding, advice=said)
+            points, left, record = fewer, explains, option
             break
         else:
-            if options:
-                seen = finding.advice.partition(";")[0].partition(": change")[0].rstrip(".")
-                findings[k] = dataclasses.replace(finding, advice=f"{seen}; {_IN_VAIN}.")
+            if options and finding.check in ("delay", "period"):
+                findings[k] = dataclasses.replace(finding, advice=finding.advice.partition(";")[0] + _IN_VAIN)
     return tuple(findings), record
 
 
-def unexplained(signals: Signals) -> float:
-    """Share of the motor torques' variance that the motion does not explain, mean over joints; NaN without torques."""
-    shares = [1.0 if each is None else each.unexplained for each in signals.regressions]
-    return 1.0 if signals.motor_torque is None else float(np.mean(shares))
+def unexplained(record: Any) -> float:
+    """Share of the motor torques' variance that the motion does not explain, mean over joints; 1 where none can be."""
+    signals = Signals(record)
+    if not signals.long_enough or signals.motor_torque is None:
+        return 1.0
+    return float(np.mean([1.0 if each is None else each.unexplained for each in signals.regressions]))
 
 
-def _size(findings: Sequence[Finding]) -> int:
-    return sum(_WEIGHT.get(finding.verdict, 0) for finding in findings)
+def _points(findings: list[Finding]) -> int:
+    return sum(_POINTS.get(finding.verdict, 0) for finding in findings)
 
 
 def _corrections(record: Any, finding: Finding) -> Iterator[Any]:
-    """What a finding suggests, as records, as far as its law can have run in them."""
-    with contextlib.suppress(ValueError):
-        yield from (option for option in _suggested(record, finding) if _runs(option))
-
-
-def _runs(record):
-    """Whether the law can be evaluated with the rig."""
-    try:
-        return record.law is None or bool(record.law.block(record.rig))
-    except ValueError:
-        return False
-
-
-def _suggested(record, finding):
-    i, encoder = finding.joint, record.rig.encoder
+    """What a finding suggests, as records; none where its law runs at one period alone."""
+    i, rig, value = finding.joint, record.rig, finding.value or 0.0
     if finding.check == "rounding":
-        changed = dataclasses.replace(encoder, rounding="fix" if finding.value > _EVEN_ODDS else "floor")
-        yield dataclasses.replace(record, rig=dataclasses.replace(record.rig, encoder=changed))
-    elif finding.check == "delay" and finding.value is not None:
-        yield _shifted(record, i, finding.value)
-    elif finding.check == "period" and finding.value is not None:
-        period = finding.value / 1e3
-        power = 1e3 ** np.round(np.log10(period / record.rig.period) / 3)
-        if power == 1:
-            yield dataclasses.replace(record, rig=dataclasses.replace(record.rig, period=period))
-        else:
-            yield dataclasses.replace(record, t=record.t / power)
+        encoder = dataclasses.replace(rig.encoder, rounding="floor" if rig.encoder.rounding == "fix" else "fix")
+        yield dataclasses.replace(record, rig=dataclasses.replace(rig, encoder=encoder))
+    elif finding.check == "delay":
+        yield _counting(record, i, _read_later(record, i, value))
+    elif finding.check == "period" and (power := 1e3 ** np.round(np.log10(value / 1e3 / rig.period) / 3)) != 1:
+        yield dataclasses.replace(record, t=record.t / power)
+    elif finding.check == "period" and getattr(record.law, "period", None) is None:
+        yield dataclasses.replace(record, rig=dataclasses.replace(rig, period=value / 1e3))
     elif finding.check in ("gear sign", "drive sign"):
-        names = ("torque", "current", "error_pulses", "counts")
-        yield from _scaled(record, names if finding.check == "drive sign" else names[::-1], i, -1.0)
-    elif finding.check == "units of torque":
-        gear = record.rig.drive.gear[i]
-        for factor in (*_FACTORS, gear, 1 / gear):
-            yield from _scaled(record, ("torque", "current"), i, factor)
-    elif finding.check in ("swapped joints", "swapped torques"):
-        for j in range(record.n):
-            order = [*range(record.n)]
-            order[i], order[j] = order[j], order[i]
-            if j != i and finding.check == "swapped joints":
-                yield _counting(record, record.counts[:, order])
-            elif j != i:
-                names = [name for name in ("torque", "current") if getattr(record, name) is not None]
-                yield dataclasses.replace(record, **{name: getattr(record, name)[:, order] for name in names})
+        turned = np.where(np.arange(record.n) == i, -1.0, 1.0)
+        names = ("torque", "current") if finding.check == "drive sign" else ("error_pulses",)
+        given = {name: getattr(record, name) for name in names}
+        yield dataclasses.replace(record, **{name: turned * x for name, x in given.items() if x is not None})
+        yield _counting(record, i, -record.counts[:, i])
 
 
-def _counting(record, counts):
-    return dataclasses.replace(record, error_pulses=record.reference_pulses - counts)
+def _counting(record, i, counts):
+    """The record with other counts (N,) of joint i."""
+    error = np.array(record.error_pulses)
+    error[:, i] = record.reference_pulses[:, i] - counts
+    return dataclasses.replace(record, error_pulses=error)
 
 
-def _scaled(record, names, i, factor):
-    """The record with joint i of each of these columns, where it is logged, times a factor."""
-    for name in names:
-        if getattr(record, name) is not None:
-            changed = np.array(getattr(record, name))
-            changed[:, i] *= factor
-            yield _counting(record, changed) if name == "counts" else dataclasses.replace(record, **{name: changed})
-
-
-def _shifted(record, i, late):
-    """The record with counts of joint i read so many rows later."""
-    encoder, rows, counts = record.rig.encoder, np.arange(len(record)), np.array(record.counts)
-    centres = encoder.position_in_pulses(encoder.cell_centre(counts))[:, i]
-    counts[:, i] = encoder.quantised(np.interp(rows + late, rows, centres)[:, None] * np.ones(record.n))[:, i]
-    return _counting(record, counts)
+def _read_later(record, i, samples):
+    """Counts (N,) of joint i that were so many samples late, as its encoder would count them in time."""
+    encoder, rows = record.rig.encoder, np.arange(len(record))
+    centres = encoder.position_in_pulses(encoder.cell_centre(record.counts))[:, i]
+    return encoder.quantised(np.interp(rows + samples, rows, centres))

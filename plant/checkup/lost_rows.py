@@ -31,8 +31,8 @@ _OTHER = 0.2
 _ODD, _EVEN = 0.2, 0.3
 """Intervals by which a stamp is late, at least; and of that, how far off the even time its count may be."""
 
-_TURN = 0.02
-"""Relative deviation from whole turns within which a jump is one; in counts, of an arm that moves, ten times."""
+_TURN, _REGISTERS = 0.02, (2.0**12, 2.0**16, 2.0**24, 2.0**32)
+"""Part of a turn within which a jump is a whole one; and counts after which registers begin again."""
 
 
 class LostRows(NamedTuple):
@@ -59,12 +59,13 @@ def lost_rows(record: Any) -> LostRows:
         return lost
     counts, reference = record.counts[rows], record.reference_pulses[rows]
     columns = np.hstack([counts, reference])
-    repeats, moving = (np.column_stack(each) for each in zip(*map(_repeats, columns.T), strict=True))
+    t = record.t[rows] / np.median(np.diff(record.t))
+    repeats, moving = (np.column_stack(each) for each in zip(*(_repeats(x, t) for x in columns.T), strict=True))
     packet = repeats[:, n:].any(axis=1) | (repeats == moving).all(axis=1) & repeats.any(axis=1)
     packet |= lost_packets(record)[rows]
     lost.packets[rows] = packet
     lost.stuck[rows] = repeats[:, :n].any(axis=1) & ~packet
-    mended = _lines(record, lost.any)
+    mended = on_lines(record, lost.any)
     signals = Signals(mended)
     kept = np.flatnonzero(mended.valid > 0)
     lost.late[kept] = _late(signals)
@@ -97,12 +98,12 @@ def all_bridged(record: Any, lost: LostRows) -> Any:
     """The record with these rows bridged, and turns taken back."""
     if lost.turns.any():
         record = dataclasses.replace(record, error_pulses=record.error_pulses + lost.turns)
-    return _lines(record, lost.any | short_gaps(record.valid == 0, BRIDGED))
+    return on_lines(record, lost.any | short_gaps(record.valid == 0, BRIDGED))
 
 
 def repeats_bridged(record: Any, lost: LostRows) -> Any:
     """The record with lost packets, stuck samples and late stamps bridged; glitches and jumps are as they were."""
-    return _lines(record, lost.packets | lost.stuck | lost.late)
+    return on_lines(record, lost.packets | lost.stuck | lost.late)
 
 
 def lost_packets(record: Any) -> NDArray[np.bool_]:
@@ -125,7 +126,7 @@ def short_gaps(missing: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
     return short
 
 
-def _lines(record, rows):
+def on_lines(record: Any, rows: NDArray[np.bool_]) -> Any:
     """The record with these rows on straight lines between the others, and without weight."""
     if not rows.any():
         return record
@@ -145,23 +146,27 @@ def _lines(record, rows):
     return dataclasses.replace(record, reference_pulses=reference, error_pulses=error, valid=valid, **values)
 
 
-def _repeats(column):
-    """Rows (M,) of a column that repeat the one before while it moves on; and rows in which it moves too fast to."""
+def _repeats(column, t):
+    """Rows (M,) of a column that repeat the one before while it moves on; and rows in which it moves too fast to.
+
+    `t` (M,): their times [median intervals].
+    """
     starts = np.append(0, np.flatnonzero(np.diff(column)) + 1)
     repeats, moving = np.zeros(len(column), bool), np.zeros(len(column), bool)
     if len(starts) < 2 * _AROUND + 2:
         return repeats, moving
-    length, jump = np.diff(starts), np.diff(column[starts])
+    length, jump = np.diff(t[starts]), np.diff(column[starts])
     around = np.lib.stride_tricks.sliding_window_view(jump / length, _AROUND)
     speed = np.median(around, axis=1)
     before = np.concatenate([np.full(_AROUND, speed[0]), speed[: len(jump) - _AROUND]])
     after = np.concatenate([speed[1:], np.full(_AROUND, speed[-1])])[: len(jump)]
     mean = (before + after) / 2
     fast = (np.minimum(np.abs(before), np.abs(after)) >= _FAST) & (before * after > 0)
-    follows = np.abs(jump - length * mean) <= _FAST + _FOLLOWS * np.abs(length * mean)
-    for start, rows, lost, quick in zip(starts[:-1], length, fast & follows & (length > 1), fast, strict=True):
-        repeats[start + 1 : start + rows] = lost
-        moving[start : start + rows] = quick
+    off = np.abs(jump - length * mean)
+    follows = (off <= _FAST + _FOLLOWS * np.abs(length * mean)) & (off < np.abs(jump - mean))
+    for start, end, lost, quick in zip(starts[:-1], starts[1:], fast & follows, fast, strict=True):
+        repeats[start + 1 : end] = lost
+        moving[start:end] = quick
     return repeats, moving
 
 
@@ -184,10 +189,7 @@ def _late(signals):
 def _turns(sizes, resolution):
     """Counts of whole turns, or of a register of bits, that jumps (J,) are; 0 where they are something else."""
     turns = np.zeros(len(sizes))
-    for k, size in enumerate(sizes):
-        bits = 2.0 ** np.round(np.log2(max(abs(size), 1.0)))
-        for one in (resolution, bits if bits >= 2**12 else np.inf):
-            whole = np.round(size / one) * one if np.isfinite(one) else 0.0
-            if whole and not turns[k] and abs(size - whole) < _TURN * one:
-                turns[k] = np.round(whole)
+    for one in (resolution, *_REGISTERS):
+        whole = np.round(sizes / one) * one
+        turns = np.where((turns == 0) & (np.abs(sizes - whole) < _TURN * one), np.round(whole), turns)
     return turns

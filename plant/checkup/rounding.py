@@ -69,7 +69,8 @@ def fix_seen(signals: Signals) -> float | None:
     torque = signals.motor_torque
     if torque is None and signals.reference is not None:
         torque = signals.reference - signals.counts
-    forces = np.zeros((len(signals.t), 0)) if torque is None else torque / np.maximum(np.std(torque, axis=0), 1e-300)
+    torque = np.zeros((len(signals.t), 1)) if torque is None else torque
+    forces = torque / np.maximum(np.std(torque, axis=0), 1e-300)
     odds = [odds for i in range(signals.n) if (odds := _odds(signals.counts[:, i], forces)) is not None]
     return float(1 / (1 + np.exp(-np.clip(sum(odds), -_MOST_ODDS, _MOST_ODDS)))) if odds else None
 

@@ -427,7 +427,7 @@ def two_masses(play, *, seconds=4.0, steps=20):
     q, v, q_load, v_load, log = 0.0, 0.0, 0.0, 0.0, []
     for k, torque in enumerate(drive):
         if k % steps == 0:
-            log.append((math.trunc(q / per_pulse), torque))
+            log.append((math.floor(q / per_pulse), torque))
         apart = q - q_load
         pressed = apart - math.copysign(gap, apart) if abs(apart) > gap else 0.0
         contact = 1e4 * pressed + 20 * (v - v_load) if pressed else 0.0
