@@ -62,13 +62,14 @@ def lost_rows(record: Any) -> LostRows:
     t = record.t[rows] / np.median(np.diff(record.t))
     repeats, moving = (np.column_stack(each) for each in zip(*(_repeats(x, t) for x in columns.T), strict=True))
     packet = repeats[:, n:].any(axis=1) | (repeats == moving).all(axis=1) & repeats.any(axis=1)
-    packet |= lost_packets(record)[rows]
-    lost.packets[rows] = packet
+    off, again = off_reference(record)[rows], np.diff(reference, axis=0, prepend=np.nan).any(axis=1)
+    packet |= off & ~again
+    lost.packets[rows], lost.late[rows] = packet, off & again
     lost.stuck[rows] = repeats[:, :n].any(axis=1) & ~packet
     mended = on_lines(record, lost.any)
     signals = Signals(mended)
     kept = np.flatnonzero(mended.valid > 0)
-    lost.late[kept] = _late(signals)
+    lost.late[kept] |= _late(signals)
     for i in range(n if len(kept) > 10 * _AROUND else 0):
         glitches, jumps, sizes, step = events(signals, i)
         lost.glitches[kept[glitches]] = True
@@ -106,15 +107,13 @@ def repeats_bridged(record: Any, lost: LostRows) -> Any:
     return on_lines(record, lost.packets | lost.stuck | lost.late)
 
 
-def lost_packets(record: Any) -> NDArray[np.bool_]:
-    """Rows (N,) that repeat the reference of the one before where the stated one has gone on; few of all do."""
-    repeats = np.zeros(len(record), bool)
+def off_reference(record: Any) -> NDArray[np.bool_]:
+    """Rows (N,), a few in a row, whose logged reference is not the stated one where nearly all others are."""
     if record.reference is None or record.reference.n != record.rig.n:
-        return repeats
+        return np.zeros(len(record), bool)
     stated = record.rig.counts(record.reference(record.t - record.t[0]).q)
     off = np.abs(stated - record.reference_pulses).max(axis=1) > _OFF
-    repeats[1:] = (np.diff(record.reference_pulses, axis=0) == 0).all(axis=1)
-    return off & repeats & (off.mean() < _OTHER)
+    return short_gaps(off, BRIDGED) & (off.mean() < _OTHER)
 
 
 def short_gaps(missing: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
@@ -152,9 +151,8 @@ def _repeats(column, t):
     `t` (M,): their times [median intervals].
     """
     starts = np.append(0, np.flatnonzero(np.diff(column)) + 1)
-    repeats, moving = np.zeros(len(column), bool), np.zeros(len(column), bool)
     if len(starts) < 2 * _AROUND + 2:
-        return repeats, moving
+        return np.zeros(len(column), bool), np.zeros(len(column), bool)
     length, jump = np.diff(t[starts]), np.diff(column[starts])
     around = np.lib.stride_tricks.sliding_window_view(jump / length, _AROUND)
     speed = np.median(around, axis=1)
@@ -164,10 +162,10 @@ def _repeats(column, t):
     fast = (np.minimum(np.abs(before), np.abs(after)) >= _FAST) & (before * after > 0)
     off = np.abs(jump - length * mean)
     follows = (off <= _FAST + _FOLLOWS * np.abs(length * mean)) & (off < np.abs(jump - mean))
-    for start, end, lost, quick in zip(starts[:-1], starts[1:], fast & follows, fast, strict=True):
-        repeats[start + 1 : end] = lost
-        moving[start:end] = quick
-    return repeats, moving
+    run = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(column)))
+    repeats = np.append(fast & follows, False)[run]
+    repeats[starts] = False
+    return repeats, np.append(fast, False)[run]
 
 
 def _late(signals):

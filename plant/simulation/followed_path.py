@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from plant.checkup.lost_rows import lost_packets
+from plant.checkup.lost_rows import off_reference
 from plant.laws.law import Law
 from plant.logs.record import Record
 from plant.machine.rig import Rig, smooth_rig
@@ -137,7 +137,7 @@ def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False)
     off = np.abs(path(clock.t[clock.rows])[1] - record.reference_pulses).max(axis=1)
     off[record.valid == 0] = 0
     wrong = np.flatnonzero(off > 1)
-    if len(wrong) and not lost_packets(record)[wrong].all():
+    if len(wrong) and not off_reference(record)[wrong].all():
         raise ValueError(
             f"reference_pulses must be the reference's own, from t = 0; sample {wrong[0]} is {off[wrong[0]]:.0f} "
             "pulses off. Correct the reference, or leave it out to replay the logged counts."
