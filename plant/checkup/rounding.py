@@ -66,6 +66,8 @@ def disagreement(seen: float, stated: str) -> str:
 
 def fix_seen(signals: Signals) -> float | None:
     """Probability (0 to 1) that the counts are rounded towards zero; None where the log does not tell."""
+    if not signals.long_enough:
+        return None
     torque = signals.motor_torque
     if torque is None and signals.reference is not None:
         torque = signals.reference - signals.counts
