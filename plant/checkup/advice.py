@@ -20,8 +20,6 @@ _TRIALS = 6
 
 _IN_VAIN = "; correcting that was tried and does not make the log explain more, so leave it: look for another cause."
 
-_POINTS = {"look": 1, "wrong": 2}
-
 
 def tried(record: Any, examined: Callable[[Any], list[Finding]]) -> tuple[tuple[Finding, ...], Any]:
     """Findings about a record, each with what its correction does, and the record with all corrections that help.
@@ -29,18 +27,19 @@ def tried(record: Any, examined: Callable[[Any], list[Finding]]) -> tuple[tuple[
     `examined`: the findings about a record.
     """
     findings = examined(record)
-    points, left, trials = _points(findings), unexplained(record), 0
+    odd, left, trials = sum(not each.ok for each in findings), unexplained(record), 0
     for k, finding in enumerate(findings):
         options = [] if finding.ok else list(_corrections(record, finding))[: max(0, _TRIALS - trials)]
         trials += len(options)
         for option in options:
             explains = unexplained(option)
-            if explains > _WORSE * left + _CHANCE or (fewer := _points(examined(option))) >= points:
+            fewer = sum(not each.ok for each in examined(option)) if explains <= _WORSE * left + _CHANCE else odd
+            if fewer >= odd:
                 continue
             said = f"the motion explains {1 - explains:.2%} of the torque, before {1 - left:.2%}"
             said = f"{finding.advice} Corrected so, {said if left < 1 else 'fewer checks find something'}."
             findings[k] = dataclasses.replace(finding, advice=said)
-            points, left, record = fewer, explains, option
+            odd, left, record = fewer, explains, option
             break
         else:
             if options and finding.check in ("delay", "period"):
@@ -54,10 +53,6 @@ def unexplained(record: Any) -> float:
     if not signals.long_enough or signals.motor_torque is None:
         return 1.0
     return float(np.mean([1.0 if each is None else each.unexplained for each in signals.regressions]))
-
-
-def _points(findings: list[Finding]) -> int:
-    return sum(_POINTS.get(finding.verdict, 0) for finding in findings)
 
 
 def _corrections(record: Any, finding: Finding) -> Iterator[Any]:

@@ -31,8 +31,6 @@ _COMPARABLE = 2.0
 _ALIKE, _SLOW = 2.0, 0.05
 """Factor within which other counts are passed at the speeds at which zero is; and counts per row that pass nothing."""
 
-NAME = "rounding"
-
 
 def rounding_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the finding about the convention of the counters, of all joints together."""
@@ -40,28 +38,26 @@ def rounding_findings(signals: Signals) -> Iterator[Finding]:
     seen = None if signals.rig.encoder.smooth else fix_seen(signals)
     if seen is None:
         why = "the encoder is said not to round" if signals.rig.encoder.smooth else "no joint passes zero clearly"
-        yield Finding.unknown(NAME, None, f"{why}; {stated} is stated")
+        yield Finding.unknown("rounding", None, f"{why}; {stated} is stated")
         return
     share = 100 * seen
     if 1 - _SURE < seen < _SURE:
-        yield Finding.unknown(NAME, None, f"{stated} is stated, fix to {share:.0f} %", value=share, unit="% fix")
+        yield Finding.unknown("rounding", None, f"{stated} is stated, fix to {share:.0f} %", value=share, unit="% fix")
     elif (seen > 0.5) == (stated == "fix"):
-        yield Finding.of(NAME, None, share, "% fix")
+        yield Finding.of("rounding", None, share, "% fix")
     else:
-        yield Finding.of(NAME, None, share, "% fix", "wrong", f"{disagreement(seen, stated)}.")
+        shown = f'a cell two pulses wide at zero: Encoder(rounding="fix") (probability {min(seen, 0.999):.1%})'
+        if seen < 0.5:
+            shown = (
+                f'no wide cell at zero: Encoder(rounding="floor"), or "round" (probability {min(1 - seen, 0.999):.1%})'
+            )
+        advice = f"The counts show {shown}, not {stated!r} as stated."
+        yield Finding.of("rounding", None, share, "% fix", "wrong", advice)
 
 
 def rounding_doubts(record: Any) -> list[str]:
     """A line if the counts of a record contradict the stated convention, or none."""
     return [finding.advice for finding in rounding_findings(Signals(record)) if not finding.ok]
-
-
-def disagreement(seen: float, stated: str) -> str:
-    """What the counts show against what is stated."""
-    shown = 'a cell two pulses wide at zero: Encoder(rounding="fix")'
-    if seen < 0.5:
-        shown, seen = 'no wide cell at zero: Encoder(rounding="floor"), or "round"', 1 - seen
-    return f"The counts show {shown} (probability {min(seen, 0.999):.1%}), not {stated!r} as stated"
 
 
 def fix_seen(signals: Signals) -> float | None:
@@ -72,8 +68,12 @@ def fix_seen(signals: Signals) -> float | None:
     if torque is None and signals.reference is not None:
         torque = signals.reference - signals.counts
     torque = np.zeros((len(signals.t), 1)) if torque is None else torque
-    forces = torque / np.maximum(np.std(torque, axis=0), 1e-300)
-    odds = [odds for i in range(signals.n) if (odds := _odds(signals.counts[:, i], forces)) is not None]
+    rows = np.flatnonzero(signals.record.valid > 0)
+    every = np.arange(rows[0], rows[-1] + 1)  # rows without weight on straight lines: the windows are of rows in turn
+    counts, forces = ([np.interp(every, rows, x) for x in table.T] for table in (signals.counts, torque))
+    counts = [np.where(np.isin(every, rows), x, np.round(x)) for x in counts]
+    forces = np.column_stack([x / max(np.std(x), 1e-300) for x in forces])
+    odds = [odds for x in counts if (odds := _odds(x, forces)) is not None]
     return float(1 / (1 + np.exp(-np.clip(sum(odds), -_MOST_ODDS, _MOST_ODDS)))) if odds else None
 
 
