@@ -70,9 +70,9 @@ def fix_seen(signals: Signals) -> float | None:
     torque = np.zeros((len(signals.t), 1)) if torque is None else torque
     rows = np.flatnonzero(signals.record.valid > 0)
     every = np.arange(rows[0], rows[-1] + 1)  # rows without weight on straight lines: the windows are of rows in turn
-    counts, forces = ([np.interp(every, rows, x) for x in table.T] for table in (signals.counts, torque))
+    counts, torques = ([np.interp(every, rows, x) for x in table.T] for table in (signals.counts, torque))
     counts = [np.where(np.isin(every, rows), x, np.round(x)) for x in counts]
-    forces = np.column_stack([x / max(np.std(x), 1e-300) for x in forces])
+    forces = np.column_stack([x / max(np.std(x), 1e-300) for x in torques])
     odds = [odds for x in counts if (odds := _odds(x, forces)) is not None]
     return float(1 / (1 + np.exp(-np.clip(sum(odds), -_MOST_ODDS, _MOST_ODDS)))) if odds else None
 
