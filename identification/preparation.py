@@ -18,6 +18,7 @@ from identification.search.genetic import GeneticSettings
 from identification.search.methods import METHODS
 from identification.search.problem import Problem, Tolerances
 from plant import Dynamics, Record
+from plant.checkup.lost_rows import bridged
 from plant.checkup.oscillation import own_oscillation
 from plant.parts.arguments import array, choice, instance
 from plant.parts.fields import Floats
@@ -162,14 +163,19 @@ def _set_aside(
     held_out: Record | Sequence[Record] | None, method: str,
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:  # fmt: skip
     """Records that are searched, and records that are held out."""
-    searched, _ = as_records(dynamics, records, unknown)
+    searched = _bridged(as_records(dynamics, records, unknown)[0])
     if method != "paper":  # which follows the straight lines between counts
         searched = tuple(map(with_path, searched))
     if held_out is None:
         return (searched[:-1], searched[-1:]) if len(searched) > 1 and method != "paper" else (searched, ())
     if isinstance(held_out, (tuple, list)) and not held_out:
         return searched, ()
-    return searched, tuple(map(with_path, as_records(dynamics, held_out, unknown)[0]))
+    return searched, tuple(map(with_path, _bridged(as_records(dynamics, held_out, unknown)[0])))
+
+
+def _bridged(records: Sequence[Record]) -> tuple[Record, ...]:
+    """Records whose lost rows are bridged, without weight."""
+    return tuple(naming.of_each(bridged, records))
 
 
 def _validated_ranges(ranges: ArrayLike, unknown: tuple[str, ...]) -> Floats:

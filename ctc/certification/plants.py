@@ -65,6 +65,8 @@ class Plants(Frozen):
         Probability that the counts of a sample are lost.
     redrawn : int
         How many samples were no arm, and were drawn again.
+    projected : int
+        How many of all were none again and again, and were moved towards the identified arm until they are one.
     seed : int
     own : Rig
         The nominal rig without what is sampled of gears and drives.
@@ -93,6 +95,7 @@ class Plants(Frozen):
     derived: NDArray[np.float64]
     said: tuple[tuple[str, ...], tuple[str, ...]]
     expected: NDArray[np.float64]
+    projected: int = 0
 
     def __repr__(self) -> str:
         return f"Plants({len(self)} that differ in {len(self.names)} numbers, seed {self.seed})"

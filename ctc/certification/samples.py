@@ -21,6 +21,7 @@ from plant.parts.checkpoint import Checkpoint
 from plant.parts.sums import product
 
 _PATIENCE = 20  # draws per plant at most, until one is an arm
+_CLOSER, _NEAREST = 0.9, 1e-4  # steps in which a draw goes towards the identified arm, and how near it comes at most
 _NOT_NEGATIVE = re.compile(r"drive\.(viscous|coulomb|curve\.breakaway|elasticity)|springs(\[\d+\])?\.stiffness")
 
 
@@ -46,7 +47,7 @@ def draw(
     arm, unknown, random = known.arm, known.names, np.random.default_rng(seed)
     places = np.random.default_rng((seed, 2)).uniform(0, 1, (samples, 1 + len(uncertainty.resonance or ())))
     rig = _with_found(rig, {n: v for n, v in zip(unknown, known.values, strict=True) if n not in arm.dynamics.names})
-    of_arms, numbers, f, redrawn = _arms(uncertainty, known, rig, random, places)
+    of_arms, numbers, f, redrawn, projected = _arms(uncertainty, known, rig, random, places)
     own, of_hardware, others = _hardware(uncertainty, random, rig, samples)
     rig = placed_in(_with_middle(uncertainty, arm, own, pose), uncertainty.imperfections)
     gears = _gears(uncertainty, random, arm, rig, f, pose, places)
@@ -57,9 +58,9 @@ def draw(
         expected[:, [names.index(name) for name in unknown]] = known.centres(places[:, :-1])
     return Plants(
         arm=arm, rig=rig, f=f, names=tuple(names[i] for i in varying), values=values[:, varying],
-        dropped=float(uncertainty.dropped), redrawn=redrawn, seed=seed, own=own, uncertainty=uncertainty,
-        derived_names=gears.derived_names, derived=gears.derived, said=statement(uncertainty, own, known),
-        expected=expected[:, varying],
+        dropped=float(uncertainty.dropped), redrawn=redrawn, projected=projected, seed=seed, own=own,
+        uncertainty=uncertainty, derived_names=gears.derived_names, derived=gears.derived,
+        said=statement(uncertainty, own, known), expected=expected[:, varying],
     )  # fmt: skip
 
 
@@ -74,41 +75,60 @@ def _require_possible(uncertainty: Uncertainty, rig: Rig) -> None:
 
 
 def _arms(uncertainty, known, rig, random, places):
-    """Names (K) and values (P, K) of numbers of arms, their f with the load (P, p), and how many were drawn again."""
+    """Names (K), values (P, K) and f with the load (P, p) of arms; how many were drawn again, and projected."""
     dynamics, samples = known.arm.dynamics, len(places)
     given = None if uncertainty.plants is None else _possible(dynamics, rig, uncertainty.plants)
     direction, friction = _load_direction(uncertainty, dynamics), _friction(uncertainty, rig, known.names)
 
-    def some(rows):
-        """Draws (count, K), their f with the load (count, p), whether each is an arm, and the names."""
+    def drawn(rows):
+        """Names and values (K, count) of draws."""
         count = len(rows)
         values = dict(zip(known.names, known.draw(random, places[rows, :-1]).T, strict=True))
         if given is not None:
             values = dict(zip(dynamics.names, given[rows % len(given)].T, strict=True))
         for name, level in friction.items():
             values[name] = level * (1 + uncertainty.friction * random.standard_normal(count))
-        values["load"] = random.uniform(*uncertainty.load, count)
-        f = np.tile(known.arm.f, (count, 1))
+        return values | {"load": random.uniform(*uncertainty.load, count)}
+
+    def arms(values):
+        """Their f with the load (count, p), and whether each is an arm."""
+        f = np.tile(known.arm.f, (len(values["load"]), 1))
         for i, name in enumerate(dynamics.names):
             f[:, i] = values.get(name, f[:, i])
         f = f + values["load"][:, None] * direction
         sound = least_inertia_margin(dynamics, rig, f) >= 0
         for name in values:
             sound &= not _NOT_NEGATIVE.match(name) or values[name] >= 0
-        return np.column_stack([*values.values()]), f, sound, tuple(values)
+        return f, sound
 
-    values, f, sound, names = some(np.arange(samples))
-    redrawn = 0
+    values = drawn(np.arange(samples))
+    (f, sound), redrawn, projected = arms(values), 0, 0
+    middle = dict(zip(known.names, known.values, strict=True)) | friction
     while not sound.all():
         again = np.flatnonzero(~sound)
         redrawn += len(again)
+        others = drawn(again)
         if redrawn > _PATIENCE * samples:
+            others, projected = _projected(others, middle, arms), len(again)
+        for name, some in others.items():
+            values[name][again] = some
+        f[again], sound[again] = arms(others)
+        if projected and not sound.all():
             raise ValueError(
-                f"samples must be arms; {redrawn} were not (D(q) indefinite, or negative friction), and "
-                f"{samples - len(again)} were. Give a smaller covariance, or identify with a better experiment."
+                f"samples must be arms; {redrawn} were not (D(q) indefinite, or negative friction), nor is the one "
+                "identified. Give a smaller covariance, or identify with a better experiment."
             )
-        values[again], f[again], sound[again], _ = some(again)
-    return names, values, f, redrawn
+    return tuple(values), np.column_stack([*values.values()]), f, redrawn, projected
+
+
+def _projected(values, middle, arms):
+    """Draws, name -> (count,), those that are no arms on straight lines towards the middle until they are."""
+    share, values = 1.0, dict(values)
+    while share > _NEAREST and not (sound := arms(values)[1]).all():
+        share *= _CLOSER
+        for name in middle.keys() & values.keys():
+            values[name] = np.where(sound, values[name], middle[name] + _CLOSER * (values[name] - middle[name]))
+    return values
 
 
 def _hardware(uncertainty, random, rig, samples):

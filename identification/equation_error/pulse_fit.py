@@ -17,6 +17,7 @@ from identification.equation_error.torque_fit import TorqueFit, weighted
 from identification.equation_error.torque_logs import torque_of
 from plant import Arm, Dynamics, Law, Record, Rig
 from plant.analysis.linearise import modes
+from plant.checkup.lost_rows import on_lines
 from plant.checkup.oscillation import spectrum
 from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
@@ -111,11 +112,7 @@ def _without_gaps(record: Record) -> Record:
     if Clock.of(record).even is None:
         record = record.resampled(record.rig.period)
     missing = record.valid == 0
-    if missing.all() or not missing.any():
-        return record
-    rows = np.arange(len(record))
-    lines = [np.interp(rows, rows[~missing], column[~missing]) for column in record.counts.T]
-    return dataclasses.replace(record, error_pulses=record.reference_pulses - np.round(np.column_stack(lines)))
+    return record if missing.all() else on_lines(record, missing)
 
 
 def over_bands(

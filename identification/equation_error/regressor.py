@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.filters import derivatives, low_pass
 from plant import Dynamics, Rig
+from plant.checkup.lost_rows import BRIDGED, short_gaps
 from plant.motion.reference import Motion
 from plant.parts.arguments import array, near
 from plant.parts.checked_function import evaluated
@@ -26,6 +27,9 @@ from plant.parts.fields import Floats
 LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
 SPRINGS = "springs"
 """What the names of friction in which the torque is linear begin with; and of springs, in some of which it is."""
+
+_WIDER = 8
+"""How much longer than a bridged gap the memory of a filter is."""
 
 _AT_ONCE, _TOGETHER = 4096, 2**18
 """Samples whose regressors are worked out in one go; values that are filtered in one."""
@@ -101,7 +105,8 @@ def regressor_and_torque(
 ) -> System:  # fmt: skip
     """Regressor of the unknowns and measured torque less that of what is known, both filtered.
 
-    Rows whose filters feel the ends of the log, or a sample without weight in `valid` (N,), do not count.
+    Rows whose filters feel the ends of the log, or a gap of samples without weight in `valid` (N,), do not count; short
+    gaps are bridged, and only they do not.
     """
     motion = derivatives(q, rig.period, filtering.cutoff)
     regressor, given = regressor_along(dynamics, rig, unknown, motion)
@@ -124,9 +129,11 @@ def compared(
     speed = np.abs(speed)
     used = (speed > slowest) | (slowest == 0)
     if valid is not None:
-        lost = np.append(0, np.cumsum(valid == 0))
+        missing = valid == 0
+        bridged = short_gaps(missing, int(np.clip(margin // _WIDER, 1, BRIDGED)))
+        lost = np.append(0, np.cumsum(missing & ~bridged))
         near = np.clip(np.arange(len(qd))[:, None] + (-margin, margin + 1), 0, len(qd))
-        used &= (lost[near[:, 1]] == lost[near[:, 0]])[rows, None]
+        used &= ((lost[near[:, 1]] == lost[near[:, 0]]) & ~bridged)[rows, None]
     sample = np.arange(len(qd))[rows]
     return System(
         regressor=np.stack(columns, axis=-1),

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from identification.equation_error.filters import low_pass
 from identification.equation_error.naming import each_named, record_label
 from plant import Dynamics, Record, Resumed, Rig
+from plant.checkup.lost_rows import bridged
 from plant.laws.replayed import commanded_torque
 from plant.parts.arguments import array, instance
 from plant.parts.fields import Floats
@@ -136,6 +137,7 @@ def _of_records(dynamics: Dynamics, records: Sequence[Record]) -> list[TorqueLog
     for k, (record, about) in enumerate(each_named(records)):
         with about:
             record.rig.require_fit(dynamics.chain)
+            record = bridged(record)
             if record.torque is None and record.current is None:
                 record = dataclasses.replace(record, torque=torque_of(record), law=None)
             even = record.t[0] + record.rig.period * np.arange(len(record))

@@ -32,6 +32,7 @@ from identification.search.memory import with_memory
 from identification.search.outcome import Outcome
 from identification.search.problem import Problem
 from plant import Arm, FrictionCurve, Record, Rig
+from plant.checkup.lost_rows import bridged
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.fields import Floats
 
@@ -103,7 +104,7 @@ def find_load(
         instance("record", each, Record, "The order is arm, record, position.")
     if uncertain is not None:
         warn_of_doubts(uncertain, "find_load")
-    records, _ = as_records(arm.dynamics, [_with_offsets(each) for each in given], None)
+    records, _ = as_records(arm.dynamics, [bridged(_with_offsets(each)) for each in given], None)
     if position is not None:
         position = array("position", position, (3,), advice="Give x, y and z in the frame of the link's body [m].")
     moments = array("inertia", np.zeros(6) if inertia is None else inertia, (6,), advice="Give Ixx ... Izz [kg m^2].")

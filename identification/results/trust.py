@@ -10,6 +10,7 @@ from identification.results.diagnostics import ROUNDINGS
 from identification.results.seen import APART, motion_of
 from plant import Chain, Record, Rig
 from plant.checkup.oscillation import own_oscillation
+from plant.checkup.rounding import rounding_doubts
 from plant.machine.motor_inertia import shaft_inertias
 from plant.machine.unlikely import unlikely_statements
 from plant.mechanics.lumping import STANDARD
@@ -106,7 +107,8 @@ def of_statements(rig: Rig, records: Iterable[Record], chain: Chain) -> Iterator
     for record in records:
         if len(record) > APART:
             q, qd = motion_of(record)
-            lines += [line for line in unlikely_statements(rig, q, qd, prismatic) if line not in lines]
+            said = [*unlikely_statements(rig, q, qd, prismatic), *rounding_doubts(record)]
+            lines += [line for line in said if line not in lines]
     yield from lines
 
 

@@ -1,6 +1,7 @@
 """Are the counts an encoder's: motion, glitches, jumps, standstill, clipping."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -35,19 +36,24 @@ _PLATEAU = 5
 """Samples at an extreme, and counts per sample on the way there, that make a clipped peak."""
 
 
-def counts_findings(signals: Signals) -> Iterator[Finding]:
-    """Yield the findings about counts, check by check."""
-    events = [_events(signals, i) for i in range(signals.n)]
+def counts_findings(signals: Signals, whole: Signals) -> Iterator[Finding]:
+    """Yield the findings about counts, check by check; `whole`: with lost packets and stuck samples bridged."""
+    found = [events(whole, i) for i in range(signals.n)]
     yield from signals.each(_motion)
-    for i, (glitches, _, size) in enumerate(events):
-        advice = f"Single counts are off by up to {size[0]:.0f} pulses; leave them out (valid = 0), check the cable."
-        yield Finding.graded("glitches", i, glitches, "", look=0, wrong=0.01 * len(signals.t), advice=advice)
-    for i, (_, jumps, size) in enumerate(events):
-        jump = f"jump by up to {size[1]:.0f} pulses and stay there, faster than any arm"
-        advice = f"The counts {jump}; unwrap the counter, or cut the log there."
-        if size[2]:
-            advice = f"In places the counts go in steps of {size[2]:.3g} pulses; log them with more digits."
-        yield Finding.graded("jumps", i, jumps, "", look=0, wrong=np.inf if size[2] else 0, advice=advice)
+    for i, (glitches, _, size, _) in enumerate(found):
+        largest = np.abs(size[glitches - 1]).max(initial=0.0)
+        advice = (
+            f"Single counts are off by up to {largest:.0f} pulses; fits bridge them without weight; check the cable."
+        )
+        yield Finding.graded("glitches", i, len(glitches), "", look=0, wrong=0.01 * len(signals.t), advice=advice)
+    for i, (_, jumps, size, step) in enumerate(found):
+        jump = (
+            f"jump by up to {np.abs(size[jumps - 1]).max(initial=0.0):.0f} pulses and stay there, faster than any arm"
+        )
+        advice = f"The counts {jump}; cut the log there. Fits take whole turns back by themselves."
+        if step:
+            advice = f"In places the counts go in steps of {step:.3g} pulses; log them with more digits."
+        yield Finding.graded("jumps", i, len(jumps), "", look=0, wrong=np.inf if step else 0, advice=advice)
     yield from signals.each(_stuck, _clipped)
 
 
@@ -63,8 +69,8 @@ def _motion(signals, i):
     return Finding.of("motion", i, moved * signals.least_count[i], "pulses", verdict, advice)
 
 
-def _events(signals, i):
-    """Number of glitches and of jumps; the largest of each, and the step of a coarse grid, or 0 [pulses]."""
+def events(signals: Signals, i: int) -> tuple[Any, Any, Any, float]:
+    """Rows of glitches and of jumps; how far each row is off (M - 1,); and the step of a coarse grid, or 0 [pulses]."""
     around, spans = signals.local_speed[:, i], np.diff(signals.t)
     innovation = np.diff(signals.counts[:, i]) - around * spans
     usual = np.quantile(np.abs(innovation), 0.98)
@@ -72,20 +78,22 @@ def _events(signals, i):
     mistimed = _MISTIMED * signals.interval + np.maximum(np.maximum(odd[:-2], odd[1:-1]), odd[2:])
     limit = _SPIKE * max(signals.least_count[i], usual) + np.abs(around) * mistimed
     strange = np.flatnonzero(np.abs(innovation) > limit)
-    glitches, jumps, sizes, last = 0, 0, [0.0, 0.0, 0.0], -2
     steps = np.abs(innovation[strange])
     common = np.median(steps) if len(steps) > _MANY else 0.0
     if common and np.mean(np.abs(steps - common) < 0.05 * common) > 0.8:  # no accident: a grid, coarse in places
-        return 0, len(steps), [0.0, common, common]
-    for k in strange:
+        return strange[:0] + 1, strange + 1, innovation, common
+    glitches, jumps, last = list[int](), list[int](), -2
+    for k in strange.tolist():
         if k == last:  # the way back from a glitch
             continue
         back = k + 1 < len(innovation) and innovation[k + 1] * innovation[k] < 0
         if back and abs(innovation[k + 1] + innovation[k]) < 0.5 * abs(innovation[k]):
-            glitches, sizes[0], last = glitches + 1, max(sizes[0], abs(innovation[k])), k + 1
+            glitches.append(k)
+            last = k + 1
         else:
-            jumps, sizes[1] = jumps + 1, max(sizes[1], abs(innovation[k]))
-    return glitches, jumps, sizes
+            jumps.append(k)
+    rows = np.array(glitches, dtype=int), np.array(jumps, dtype=int)
+    return rows[0] + 1, rows[1] + 1, innovation, 0.0
 
 
 def _runs(counts):

@@ -6,12 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from plant.checkup.advice import tried
 from plant.checkup.counts import counts_findings
 from plant.checkup.finding import Checkup, Finding, unless
+from plant.checkup.lost_rows import MOST, all_bridged, lost_rows, repeats_bridged
 from plant.checkup.oscillation import averaged, oscillation_findings, spectrum
 from plant.checkup.quantisation import quantisation_findings
+from plant.checkup.rounding import rounding_findings
 from plant.checkup.signals import Signals
-from plant.checkup.stamps import time_findings
+from plant.checkup.stamps import lost_findings, time_findings
 from plant.checkup.tracking import reference_findings
 from plant.checkup.units import unit_findings
 from plant.checkup.wiring import wiring_findings
@@ -152,16 +155,30 @@ _LEAST = 50
 """Samples with weight, below which only their times are checked."""
 
 
+_PARTS = (
+    quantisation_findings, rounding_findings, reference_findings, wiring_findings, unit_findings, torque_findings,
+    gear_findings, oscillation_findings,
+)  # fmt: skip
+"""Checks of a log whose lost rows are bridged."""
+
+
 def examine(record: Any) -> Checkup:
     """Check a record for errors; ``record.check()`` does."""
+    labels = tuple(Signals(record).joint_labels)
+    if (record.valid > 0).sum() < _LEAST:
+        return Checkup(findings=tuple(_findings(record)), joint_labels=labels, record=record)
+    findings, corrected = tried(record, _findings)
+    return Checkup(findings=findings, joint_labels=labels, record=corrected)
+
+
+def _findings(record: Any) -> list[Finding]:
     signals = Signals(record)
-    labels = tuple(signals.joint_labels)
     if len(signals.t) < _LEAST:
         few = Finding.unknown("counts, torque", None, f"only {len(signals.t)} samples have weight")
-        return Checkup(findings=(*time_findings(signals), few), joint_labels=labels)
-    parts = (
-        time_findings, counts_findings, quantisation_findings, reference_findings, wiring_findings, unit_findings,
-        torque_findings, gear_findings, oscillation_findings,
-    )  # fmt: skip
-    findings = tuple(finding for part in parts for finding in part(signals))
-    return Checkup(findings=findings, joint_labels=labels)
+        return [*time_findings(signals), few]
+    lost = lost_rows(record)
+    if lost.any.mean() > MOST:
+        return [*time_findings(signals), *lost_findings(signals, lost)]
+    whole, bridged = Signals(repeats_bridged(record, lost)), Signals(all_bridged(record, lost))
+    found = [*time_findings(signals), *lost_findings(signals, lost), *counts_findings(signals, whole)]
+    return [*found, *(finding for part in _PARTS for finding in part(bridged))]

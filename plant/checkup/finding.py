@@ -89,10 +89,13 @@ class Checkup(Shown):
     findings : tuple of Finding
     joint_labels : tuple of str
         What the table calls each joint.
+    record : Record
+        With every correction of the advice that was tried and helps; none, the same record.
     """
 
     findings: tuple[Finding, ...]
     joint_labels: tuple[str, ...] = ()
+    record: Any = None
 
     @property
     def ok(self) -> bool:

@@ -142,7 +142,7 @@ class Signals:
 
     def smooth_even(self, values: Floats) -> Floats:
         """Evenly spaced values (G,), averaged over the window."""
-        kernel = np.hanning(self.window + 2)
+        kernel = np.hanning(self.window + 2)[1:-1]  # as long as the window of `_grid`, in short logs too
         return np.convolve(values, kernel / kernel.sum(), mode="same")
 
     def rates(self, smoothed: Floats) -> tuple[Floats, Floats]:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from plant.checkup.finding import Finding
+from plant.checkup.lost_rows import LostRows
 from plant.checkup.signals import Signals
 
 _GAP, _CROWD = 1.5, 0.5
@@ -18,9 +19,6 @@ _JITTER, _UNTIMED = 1.0, 20.0
 
 _OFF, _OTHER = 1e-3, 2e-2
 """Relative error of the period: a thousandth is one sample in a thousand by the end."""
-
-_MOVING = 2.0
-"""Counts per sample from which on two rows of a log cannot be equal."""
 
 _MATCH, _EVEN = 0.7, 0.3
 """Regression coefficient (`Signals.row_shift`) above which stamps and counts belong together; and below which the
@@ -41,7 +39,7 @@ def time_findings(signals: Signals) -> Iterator[Finding]:
     advice = "Many samples have weight 0; see why they were dropped."
     yield Finding.graded("samples left out", None, left_out, "%", look=_LOST, wrong=50, advice=advice)
     if N < 3:
-        for name in ("period", "missing samples", "crowded samples", "time jitter", "rows and stamps", "repeated rows"):
+        for name in ("period", "missing samples", "crowded samples", "time jitter", "rows and stamps"):
             yield Finding.unknown(name, None, "fewer than three samples")
         return
     steps = np.diff(record.t) / signals.interval
@@ -59,7 +57,6 @@ def time_findings(signals: Signals) -> Iterator[Finding]:
     advice = "Intervals jitter; use the logged times, or let the controller's clock stamp the samples."
     yield Finding.graded("time jitter", None, jitter, "%", look=_JITTER, wrong=_UNTIMED, advice=advice)
     yield _stamps(signals)
-    yield _repeated(signals)
 
 
 def _period(signals):
@@ -92,14 +89,13 @@ def _stamps(signals):
     return Finding.of(name, None, shift, unit, "look", advice)
 
 
-def _repeated(signals):
-    """Rows that equal the one before while the arm moves."""
-    record = signals.record
-    columns = [record.counts, record.reference_pulses, *(x for x in (record.torque, record.current) if x is not None)]
-    same = (np.diff(np.hstack(columns), axis=0) == 0).all(axis=1)
-    steps = np.abs(np.diff(record.counts, axis=0)).max(axis=1) / signals.least_count.min()
-    moving = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(steps, 4, "edge"), 9), axis=1)
-    repeated = int((same & (moving >= _MOVING)).sum())
-    why = "the logger read faster than the controller wrote"
-    advice = f"Rows repeat the one before although the arm moves; {why}: drop them (valid = 0)."
-    return Finding.graded("repeated rows", None, repeated, "", look=0, wrong=0.05 * len(record), advice=advice)
+def lost_findings(signals: Signals, lost: LostRows) -> Iterator[Finding]:
+    """Yield the findings about rows that are no measurement, by cause."""
+    N, fits = len(signals.record), "Fits bridge them without weight"
+    causes = {
+        "lost packets": (lost.packets, "Rows, or their reference, repeat the one before although the arm moves"),
+        "stuck samples": (lost.stuck, "Counts of a joint repeat although it moves, and catch up"),
+        "late stamps": (lost.late, "Stamps are late or early whose counts were taken in time"),
+    }
+    for name, (rows, why) in causes.items():
+        yield Finding.graded(name, None, int(rows.sum()), "", look=0, wrong=0.05 * N, advice=f"{why}. {fits}.")

@@ -30,7 +30,7 @@ class TorqueRegression:
 
     Of the acceleration of every motor (n,) [kg m^2], of its own speed [N m s/rad] and its sign [N m]; delay of the
     counts behind the torque [samples]; motion of the motor alone where the load torque changes sign [pulses], and the
-    number of such reversals.
+    number of such reversals; share of the torque's variance that all this does not explain.
     """
 
     inertia: Floats
@@ -44,6 +44,7 @@ class TorqueRegression:
     backlash: float
     backlash_std: float
     reversals: int
+    unexplained: float
 
     @classmethod
     def of(cls, signals: Any, torque: Floats, i: int) -> Self | None:
@@ -70,6 +71,7 @@ class TorqueRegression:
         jerk = encoder.to_angle(np.gradient(acceleration, signals.interval, axis=0))
         value, std = fitted()
         with_jerk, with_jerk_std = fitted(jerk)
+        residual = measured[rows] - columns[rows] @ value
         late, late_std = (x[-n + i] / with_jerk[i] / signals.interval for x in (with_jerk, with_jerk_std))
         slope = fitted(np.gradient(measured, signals.interval))[0][-1] / signals.interval  # another estimate of it
         late_std = max(abs(late_std), abs(late - slope) / 2)
@@ -83,6 +85,7 @@ class TorqueRegression:
             inertia=value[:n], inertia_std=std[:n], viscous=value[n], viscous_std=std[n], coulomb=value[n + 1],
             coulomb_std=std[n + 1], delay=late, delay_std=abs(late_std), backlash=ahead[-1] * scale,
             backlash_std=ahead_std[-1] * scale, reversals=int(np.sum(np.diff(np.sign(load)) != 0)),
+            unexplained=float(np.mean(residual**2) / np.var(measured[rows])),
         )  # fmt: skip
 
 

@@ -86,9 +86,9 @@ class Encoder(Part):
         N_enc, pulses per turn of the *motor*; one number where all are alike.
     smooth : bool
         True leaves out the quantisation, for derivatives (those of a quantiser are zero).
-    floor : bool
-        True rounds down, as a quadrature counter does, whose cells are all one pulse wide. By default counts are
-        rounded towards zero (`fix`), as the paper's are: the cell around zero is two pulses wide.
+    rounding : {"floor", "fix", "round"}
+        Of a position in pulses to counts: down by default, as quadrature counters do, whose cells are all one pulse
+        wide; towards zero, as the paper's rig does: the cell around zero is two pulses wide; or to the nearest.
     phase : Phase, optional
         By default zero is where a pulse begins.
     quadrature : QuadratureError, optional
@@ -113,7 +113,7 @@ class Encoder(Part):
 
     resolution: Vector = number(("n",), alike=True)
     smooth: bool = structure(bool, default=False)
-    floor: bool = structure(bool, default=False)
+    rounding: str = structure(str, default="floor")
     phase: Phase | None = structure(Phase, default=None)
     side: str = structure(str, default="motor")
     quadrature: QuadratureError | None = structure(QuadratureError, default=None)
@@ -121,6 +121,7 @@ class Encoder(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         signs(self, positive=("resolution",), advice="Give pulses per motor turn.")
+        choice("rounding", self.rounding, ("floor", "fix", "round"))
         choice("side", self.side, ("motor", "link", "both"))
         if np.ndim(self.resolution):
             self.require_joints(len(self.resolution))
@@ -137,9 +138,10 @@ class Encoder(Part):
         """Counts of a position in pulses, without the phase; the position itself if the encoder is smooth."""
         if self.smooth:
             return position
-        if self.floor:
-            return ca.floor(position) if isinstance(position, ca.SX) else np.floor(position)
-        return fix(position)
+        if self.rounding == "fix":
+            return fix(position)
+        position = position + 0.5 if self.rounding == "round" else position
+        return ca.floor(position) if isinstance(position, ca.SX) else np.floor(position)
 
     def true_counts(self, position: ArrayOrSymbols) -> ArrayOrSymbols:
         """Counts at a position in pulses, with the phase and the quadrature error (a smooth encoder has none)."""
@@ -153,12 +155,12 @@ class Encoder(Part):
 
     def cell_centre(self, counts: ArrayOrSymbols) -> ArrayOrSymbols:
         """Motor angle [rad] in the middle of the quantisation cell of these counts, as far as a controller knows."""
-        if self.smooth:
+        if self.smooth or self.rounding == "round":
             return self.to_angle(counts)
-        if self.floor:
+        if self.rounding == "floor":
             return self.to_angle(counts + 0.5)
         return self.to_angle(counts + 0.5 * (ca.sign(counts) if isinstance(counts, ca.SX) else np.sign(counts)))
 
     def half_cell(self, counts: ArrayOrSymbols) -> ArrayOrSymbols:
         """Half the width of the quantisation cell of these counts [pulses]: a half, but around zero of `fix` one."""
-        return 0.5 + (0 * counts if self.floor else 0.5 * (counts == 0))
+        return 0.5 + (0.5 * (counts == 0) if self.rounding == "fix" else 0 * counts)

@@ -17,6 +17,8 @@ from plant.parts.fields import Floats
 T = TypeVar("T")
 C = TypeVar("C", bound=Callable[..., Any])
 
+_UNSOLVED = "needs equations with one solution"
+
 
 def array(
     name: str, value: ArrayLike, shape: tuple[int | str | None, ...], *, advice: str, finite: bool = True
@@ -35,6 +37,8 @@ def array(
     matches = result.ndim == len(shape) and all(
         not isinstance(s, int) or s == got for s, got in zip(shape, result.shape, strict=True)
     )
+    if not matches and result.ndim == len(shape) == 2 and result.T.shape == shape != result.shape:
+        advice = f"It lies on its side: give its transpose (.T). {advice}"
     if not matches:
         raise ValueError(f"{name} must have shape {expected}; got shape {result.shape}. {advice}")
     if finite and not np.isfinite(result).all():
@@ -152,7 +156,13 @@ def known_options(callable_: C) -> C:
     @functools.wraps(wrapped)
     def wrapper(*args, **kwargs):
         verify(args[is_class:], kwargs)  # without self
-        return wrapped(*args, **kwargs)
+        try:
+            return wrapped(*args, **kwargs)
+        except np.linalg.LinAlgError as error:
+            if _UNSOLVED in str(error):
+                raise
+            what = f"{callable_.__name__} {_UNSOLVED}; they have none or many ({error})"
+            raise np.linalg.LinAlgError(f"{what}. Look for a joint that hardly moves, or a column of zeros.") from error
 
     if not is_class:
         return wrapper  # type: ignore[return-value]  # has the signature of what it wraps

@@ -103,12 +103,8 @@ class Running:
         precision : {"double", "single"}
             Of all numbers: double gives the host's bits; single has no clock.
         """
-        more: dict[str, Any] = {
-            "counts_per_ampere": counts_per_ampere,
-            "largest_count": largest_count,
-            "precision": precision,
-        }
-        write_running(self.law, self.rig, self.guards, folder, name, self.without, output=output, target=target, **more)
+        write_running(self.law, self.rig, self.guards, folder, name, self.without, target=target, precision=precision,
+                      output=output, counts_per_ampere=counts_per_ampere, largest_count=largest_count)  # fmt: skip
 
     def reset(self, pulses: ArrayLike) -> None:
         """Start anew at these counts (n,), as after `Law.start`: with the law's initial state, and the stop cleared.

@@ -118,7 +118,7 @@ def rig() -> Rig:
         motor_gain=(0.228, 0.238),
         current_limit=(12.0, 12.0),
     )
-    return Rig(drive=drive, encoder=Encoder(resolution=(800, 1000)), period=0.7e-3)
+    return Rig(drive=drive, encoder=Encoder(resolution=(800, 1000), rounding="fix"), period=0.7e-3)
 
 
 def p_law(gain: ArrayLike = (0.20, 0.15)) -> P:

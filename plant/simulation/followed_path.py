@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from plant.checkup.lost_rows import off_reference
 from plant.laws.law import Law
 from plant.logs.record import Record
 from plant.machine.rig import Rig, smooth_rig
@@ -106,8 +107,9 @@ def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False)
         return Logged(centres, smooth_rig(rig), clock) if smooth else Logged(counts, rig, clock)
     path = Path(record.reference, record.rig)
     off = np.abs(path(clock.t[clock.rows])[1] - record.reference_pulses).max(axis=1)
+    off[record.valid == 0] = 0
     wrong = np.flatnonzero(off > 1)
-    if len(wrong):
+    if len(wrong) and not off_reference(record)[wrong].all():
         raise ValueError(
             f"reference_pulses must be the reference's own, from t = 0; sample {wrong[0]} is {off[wrong[0]]:.0f} "
             "pulses off. Correct the reference, or leave it out to replay the logged counts."

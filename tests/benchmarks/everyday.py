@@ -63,7 +63,7 @@ def frictions(n):
 def paper(floor, seed, friction=True, period=None, counts=None):
     """The paper's arm, identified from one log; `counts` per turn of the motor in place of its own."""
     rig, dynamics, law = puma560.rig(), puma560.dynamics(), puma560.p_law()
-    encoder = dataclasses.replace(rig.encoder, floor=floor)
+    encoder = dataclasses.replace(rig.encoder, rounding="floor" if floor else "fix")
     if counts is not None:
         law = dataclasses.replace(law, gain=law.gain * encoder.resolution / counts)
         encoder = dataclasses.replace(encoder, resolution=np.full(2, counts, float))
@@ -77,7 +77,7 @@ def geared():
     """An arm of two links with 60,000 counts per radian and more, under a PID, identified from one log."""
     drive = Drive(gear=(100, -80), motor_inertia=(1.2e-4, 8e-5), viscous=(6e-4, 5e-4), coulomb=(0.09, 0.06),
                   motor_gain=(0.15, 0.12), current_limit=(15, 12))  # fmt: skip
-    rig = Rig(drive=drive, encoder=Encoder(resolution=(4000, 4000), floor=True), period=1e-3)
+    rig = Rig(drive=drive, encoder=Encoder(resolution=(4000, 4000)), period=1e-3)
     rotors = drive.reflected_inertia()
     bodies = [
         Body(mass=7, com=(0.2, 0.01, 0), inertia=(0, 0, 0, 0.10, 0, 0.10), rotor=rotors[0]),

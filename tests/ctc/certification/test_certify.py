@@ -248,6 +248,19 @@ def test_draws_that_can_be_no_arm_are_drawn_again():
     assert (plants.values[:, friction] >= 0).all()
 
 
+def test_draws_of_which_hardly_one_is_an_arm_are_moved_until_they_are():
+    """Towards the arm that was identified, on a straight line; the share is printed."""
+    wide = np.zeros((9, 9))
+    wide[3, 3] = 100.0**2  # f4 couples the joints: D is indefinite on either side
+    certificate = certified(covariance=wide, samples=20)
+    plants = certificate.plants
+    assert plants.projected > 0
+    assert (least_inertia_margin(DYNAMICS, RIG, plants.f) >= 0).all()
+    assert len(np.unique(plants.f, axis=0)) == 20
+    said = " ".join(str(certificate).split())
+    assert f"{plants.projected / 20:.0%} of the samples were moved towards the identified arm" in said
+
+
 def test_a_load_is_a_body_in_the_hand():
     position = (0.1, -0.5, 0.0)
     plants = draw(Uncertainty(covariance=COVARIANCE, load=(0.2, 0.4), load_position=position), ARM, RIG, 50, 0)

@@ -96,7 +96,7 @@ def two_joints_of_a_ur5e():
     path = Harmonics(period=6.0, offset=(0.0, 0.0), cosine=(one, other), sine=(other, one))
     drive = Drive(gear=(100, 100), motor_inertia=(8e-5, 2e-5), viscous=(5e-4, 2e-4), coulomb=(0.04, 0.015),
                   motor_gain=(1, 1), current_limit=(4, 2))  # fmt: skip
-    rig = Rig(drive=drive, encoder=Encoder(resolution=(4096, 4096)), period=1e-3)
+    rig = Rig(drive=drive, encoder=Encoder(resolution=(4096, 4096), rounding="fix"), period=1e-3)
     dynamics = Dynamics.from_chain(chain.with_rotors(drive))
     return dynamics.arm(dynamics.f()), rig, path
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from identification import identify, nearest_physical
-from plant import Elasticity, Encoder, puma560, simulate
+from plant import Elasticity, puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference(2.0)
 NAMES = ARM.dynamics.names
@@ -20,7 +20,7 @@ WIDTH = np.ptp(puma560.PRINTED_RANGES, axis=1)
 
 
 def on(elasticity, side="motor"):
-    encoder = Encoder(resolution=(800, 1000), side=side)
+    encoder = dataclasses.replace(RIG.encoder, side=side)
     return dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=elasticity), encoder=encoder)
 
 

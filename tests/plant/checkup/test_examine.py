@@ -231,7 +231,7 @@ DEFECTS = {
     "samples scatter": (ALL, lambda r: jittered(r, 0.05, truly=True), "time jitter", None, 5.0, 0.1),
     "milliseconds": (ALL, lambda r: replace(r, t=1e3 * r.t), "period", None, None, None),
     "period off by 1 %": (ALL, lambda r: replace(r, t=1.01 * r.t), "period", None, None, None),
-    "repeated rows": (P_RECORDS, lambda r: repeated(r, 50), "repeated rows", None, 90, 0.3),
+    "lost packets": (P_RECORDS, lambda r: repeated(r, 50), "lost packets", None, 90, 0.3),
     "glitches": (ALL, lambda r: glitches(r, 0, 5, 40), "glitches", 0, 5, 0.0),
     "jump": (ALL, lambda r: jump(r, 0, 64), "jumps", 0, 1, 0.0),
     "stuck": (ALL, lambda r: stuck(r, 0, 0.2), "stuck encoder", 0, 0.2, 0.05),
@@ -427,7 +427,7 @@ def two_masses(play, *, seconds=4.0, steps=20):
     q, v, q_load, v_load, log = 0.0, 0.0, 0.0, 0.0, []
     for k, torque in enumerate(drive):
         if k % steps == 0:
-            log.append((math.trunc(q / per_pulse), torque))
+            log.append((math.floor(q / per_pulse), torque))
         apart = q - q_load
         pressed = apart - math.copysign(gap, apart) if abs(apart) > gap else 0.0
         contact = 1e4 * pressed + 20 * (v - v_load) if pressed else 0.0

@@ -76,19 +76,29 @@ def test_angle_at_count_zero_is_zero():
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.floats(-1e4, 1e4))
-def test_a_counter_that_rounds_down_has_cells_of_one_width(position):
+@given(st.floats(-1e4, 1e4), st.sampled_from(["floor", "round"]))
+def test_counters_have_cells_of_one_width(position, rounding):
     """No cell is wider, also around zero; the angle of a count is the middle of its cell; casadi counts alike."""
-    encoder = Encoder(resolution=(1000,), floor=True)
+    encoder = Encoder(resolution=(1000,), rounding=rounding)
+    begin = {"floor": 0.0, "round": -0.5}[rounding]
     x = np.array([position])
     count = encoder.quantised(x)
-    assert count <= x < count + 1
+    assert count + begin <= x < count + begin + 1
+    assert encoder.half_cell(count) == 0.5
     assert count == float(ca.evalf(encoder.quantised(ca.SX(x))))
     middle = encoder.position_in_pulses(encoder.cell_centre(count))
-    np.testing.assert_allclose(middle, count + 0.5, atol=1e-9)
+    np.testing.assert_allclose(middle, count + begin + 0.5, atol=1e-9)
     np.testing.assert_allclose(
         float(ca.evalf(encoder.cell_centre(ca.SX(count)))), encoder.cell_centre(count)[0], rtol=1e-12
     )
+
+
+def test_counters_round_down_by_default_and_the_paper_rig_towards_zero():
+    assert Encoder(resolution=(1000,)).quantised(np.array([-0.25])) == -1
+    assert puma560.rig().encoder.quantised(np.array([-0.25, -0.25])).tolist() == [0, 0]
+    np.testing.assert_array_equal(puma560.rig().encoder.half_cell(np.array([0, 3])), [1, 0.5])
+    with pytest.raises(ValueError, match="Did you mean 'floor'"):
+        Encoder(resolution=(1000,), rounding="flor")
 
 
 def test_smooth_encoder_counts_fractions_and_angle_inverts_it():

@@ -26,10 +26,10 @@ def edges(encoder, last):
 
 
 @pytest.mark.parametrize("amplitude", [0.05, 0.3, 0.6])
-@pytest.mark.parametrize("floor", [False, True])
-def test_every_second_edge_is_shifted_back_and_forth(amplitude, floor):
+@pytest.mark.parametrize("rounding", ["fix", "floor"])
+def test_every_second_edge_is_shifted_back_and_forth(amplitude, rounding):
     """Phase 0: edges 2 and 4 stay; edge 1 comes early by s = amplitude cos(pi s / 2), edge 3 late by as much."""
-    encoder = Encoder(resolution=(1000,), floor=floor, quadrature=QuadratureError(amplitude=(amplitude,)))
+    encoder = Encoder(resolution=(1000,), rounding=rounding, quadrature=QuadratureError(amplitude=(amplitude,)))
     shift = brentq(lambda s: s - amplitude * np.cos(np.pi * s / 2), 0, 1)
     np.testing.assert_allclose(edges(encoder, 8), [1 - shift, 2, 3 + shift, 4, 5 - shift, 6, 7 + shift, 8], atol=1e-8)
 

@@ -110,7 +110,7 @@ def test_casadi_gives_the_same():
 def test_a_shifted_encoder_is_a_shifted_arm():
     """Where no equation knows the position, a shift of the counters' zero is one of the arm, by so many pulses."""
     shift = np.array([0.375, -0.25])
-    encoder = Encoder(resolution=RIG.encoder.resolution, phase=Phase(shift=shift))
+    encoder = Encoder(resolution=RIG.encoder.resolution, rounding="fix", phase=Phase(shift=shift))
     law, q, qd = ComputedTorque(STILL, RIG), *(x[0] for x in PATH(np.zeros(1))[:2])
     shifted = simulate(STILL, dataclasses.replace(RIG, encoder=encoder), law, PATH, duration=0.3)
     by_hand = simulate(STILL, RIG, law, PATH, duration=0.3, initial=[q + RIG.to_angle(shift), qd])
@@ -121,7 +121,7 @@ def test_a_shifted_encoder_is_a_shifted_arm():
 
 
 def test_a_controller_does_not_know_the_phase():
-    encoder = Encoder(resolution=RIG.encoder.resolution, phase=Phase(shift=(0.5, 0.5)))
+    encoder = Encoder(resolution=RIG.encoder.resolution, rounding="fix", phase=Phase(shift=(0.5, 0.5)))
     rig, q = dataclasses.replace(RIG, encoder=encoder), RIG.to_angle(np.array([7.75, -7.75]))
     np.testing.assert_array_equal(rig.counts(q), [7, -7])
     np.testing.assert_array_equal(rig.true_counts(q), [8, -7])

@@ -25,6 +25,11 @@ def test_array_keeps_every_finite_number_and_copies(values):
     [
         ([1, 2], (3,), r"^x must have shape \(3,\); got shape \(2,\)\. Do so\.$"),
         ([[1, 2]], (2, "n"), r"^x must have shape \(2, n\); got shape \(1, 2\)\. Do so\.$"),
+        (
+            [[1], [2]],
+            (1, 2),
+            r"^x must have shape \(1, 2\); .* lies on its side: give its transpose \(\.T\)\. Do so\.$",
+        ),
         ([1, 2], (), r"^x must have shape \(\); got shape \(2,\)\. Do so\.$"),
         ([[1, 2], [3]], (2, 2), r"^x must be numbers of shape \(2, 2\); got list \[\[1, 2\], \[3\]\]\. Do so\.$"),
         ("one", (1,), r"^x must be numbers of shape \(1,\); got str 'one'\. Do so\.$"),
@@ -80,3 +85,12 @@ def test_misspelt_keyword_is_a_value_error_with_the_nearest_name():
         Options(gains=1)
     with pytest.raises(ValueError, match="takes any keyword"):
         known_options(lambda **anything: None)
+
+
+def test_singular_matrices_are_refused_in_words():
+    @known_options
+    def solve(matrix):
+        return np.linalg.solve(matrix, np.ones(2))
+
+    with pytest.raises(ValueError, match=r"solve needs equations with one solution; they have none or many \(Singular"):
+        solve(np.zeros((2, 2)))

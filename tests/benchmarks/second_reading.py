@@ -1,0 +1,175 @@
+"""Logs read a second time: is the convention of the counters found, does obeying `check()` do harm?
+
+    python tests/benchmarks/second_reading.py                 all, in this order
+    python tests/benchmarks/second_reading.py --logs 20       fewer of each
+    python tests/benchmarks/second_reading.py rounding
+
+Arms, paths, gains and friction are drawn anew for each log.
+"""
+
+import argparse
+import dataclasses
+import warnings
+
+import numpy as np
+
+from identification import identify
+from plant import Encoder, Harmonics, Phase, puma560, simulate
+from plant.checkup.rounding import fix_seen
+from plant.checkup.signals import Signals
+
+DYNAMICS, PAPER = puma560.dynamics(), puma560.rig()
+_FLOOR = 0.02  # of f's scale: below it a difference is that of two logs
+
+
+def drawn(seed, rounding="floor", crossing=True):
+    """Record of an arm, path and P loop drawn from a seed, and its f; crossing: whether joints pass zero."""
+    random = np.random.default_rng(seed)
+    arm = puma560.literature_arm(random.uniform(0.0, 1.5))
+    period = random.uniform(2.5, 4.0)
+    cosine, sine = (random.normal(size=(2, 3)) * 0.35 / np.arange(1, 4) for _ in range(2))
+    offset = random.uniform(-0.2, 0.2, 2) if crossing else np.abs(cosine).sum(axis=1) + np.abs(sine).sum(axis=1) + 0.1
+    path = Harmonics(period=period, offset=offset, cosine=cosine, sine=sine)
+    drive = dataclasses.replace(PAPER.drive, coulomb=PAPER.drive.coulomb * random.uniform(0.5, 1.2, 2))
+    encoder = dataclasses.replace(PAPER.encoder, rounding=rounding, phase=Phase(shift=random.uniform(-0.5, 0.5, 2)))
+    rig = dataclasses.replace(PAPER, drive=drive, encoder=encoder)
+    law = puma560.p_law(np.array((0.20, 0.15)) * random.uniform(0.3, 1.0))
+    record = simulate(arm, rig, law, path, duration=2 * period, steps_per_sample=8)
+    return dataclasses.replace(record, rig=stated(rig, rounding)), arm.f
+
+
+def stated(rig, rounding):
+    """The rig as its owner states it: he does not know the phase."""
+    return dataclasses.replace(rig, encoder=Encoder(resolution=rig.encoder.resolution, rounding=rounding))
+
+
+def rounding(logs):
+    """floor or fix, found from the log alone; and never where no joint passes zero."""
+    right, wrong, silent = 0, 0, 0
+    for seed in range(logs):
+        true = ("floor", "fix")[seed % 2]
+        seen = fix_seen(Signals(drawn(seed, true)[0]))
+        clear = seen is not None and abs(seen - 0.5) > 0.45
+        right, wrong = (
+            right + (clear and (seen > 0.5) == (true == "fix")),
+            wrong + (clear and (seen > 0.5) != (true == "fix")),
+        )
+        silent += not clear
+    print(f"floor or fix, joints pass zero: {right} of {logs} found, {wrong} wrong, {silent} said to be undecidable")
+    none = [fix_seen(Signals(drawn(seed, ("floor", "fix")[seed % 2], False)[0])) for seed in range(max(4, logs // 10))]
+    print(f"no joint passes zero: undecidable in {sum(seen is None for seen in none)} of {len(none)}")
+
+
+# -- one log, spoiled ------------------------------------------------------------------------------------------------
+def rows(record, row):
+    names = ("error_pulses", "reference_pulses", "torque", "current")
+    return dataclasses.replace(record, **{name: getattr(record, name)[row] for name in names})
+
+
+def counting(record, counts):
+    return dataclasses.replace(record, error_pulses=record.reference_pulses - counts)
+
+
+def lost_packets(record, random):
+    row = np.arange(len(record))
+    for k in np.flatnonzero(random.random(len(row)) < random.uniform(0.002, 0.02))[1:]:
+        row[k] = row[k - 1]
+    return rows(record, row)
+
+
+def stuck(record, random):
+    counts, joint = np.array(record.counts), random.integers(record.n)
+    for k in random.integers(10, len(record) - 10, 20):
+        counts[k : k + random.integers(1, 5), joint] = counts[k - 1, joint]
+    return counting(record, counts)
+
+
+def glitches(record, random):
+    counts = np.array(record.counts)
+    counts[random.integers(10, len(record) - 10, 8), random.integers(record.n)] += random.integers(50, 500)
+    return counting(record, counts)
+
+
+def turn(record, random):
+    counts, joint = np.array(record.counts), random.integers(record.n)
+    counts[random.integers(len(record) // 4, len(record)) :, joint] += record.rig.encoder.resolution[joint]
+    return counting(record, counts)
+
+
+def late_stamps(record, random):
+    t = np.array(record.t)
+    t[random.integers(10, len(t) - 10, 30)] += 0.4 * record.rig.period
+    return dataclasses.replace(record, t=t)
+
+
+def other_rounding(record, random):
+    other = "fix" if record.rig.encoder.rounding == "floor" else "floor"
+    return dataclasses.replace(record, rig=stated(record.rig, other))
+
+
+def late(record, random):
+    samples, row = random.uniform(0.3, 2.0), np.arange(len(record))
+    centres = record.rig.encoder.position_in_pulses(record.rig.encoder.cell_centre(record.counts))
+    moved = np.column_stack([np.interp(row - samples, row, column) for column in centres.T])
+    return counting(record, record.rig.encoder.quantised(moved))
+
+
+def turned_torque(record, random):
+    sign = np.where(np.arange(record.n) == random.integers(record.n), -1.0, 1.0)
+    return dataclasses.replace(record, torque=record.torque * sign, current=None)
+
+
+def milliseconds(record, random):
+    return dataclasses.replace(record, t=1e3 * record.t)
+
+
+SPOILED = (
+    lost_packets, stuck, glitches, turn, late_stamps, other_rounding, late, turned_torque, milliseconds,
+)  # fmt: skip
+
+
+def error(record, f):
+    """Largest error of the f that is found, in the share of the largest parameter; inf where it is refused."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = identify(DYNAMICS, record, method="prediction_error", progress=False)
+    except ValueError:
+        return np.inf
+    return float(np.abs(found.f - f).max() / np.abs(f).max())
+
+
+def obeyed(logs):
+    """Errors of f from the clean log, the spoiled one, and the spoiled one with all advice of check() followed."""
+    table = []
+    for seed in range(logs):
+        record, f = drawn(1000 + seed, ("floor", "fix")[seed % 2])
+        random = np.random.default_rng(seed)
+        kinds = random.choice(len(SPOILED), random.integers(1, 3), replace=False)
+        spoiled = record
+        for kind in sorted(kinds):
+            spoiled = SPOILED[kind](spoiled, random)
+        table.append([error(record, f), error(spoiled, f), error(spoiled.check().record, f)])
+        names = ", ".join(SPOILED[kind].__name__ for kind in sorted(kinds))
+        print(
+            f"  {seed:3d} clean {table[-1][0]:.4f} as it is {table[-1][1]:.4f} obeyed {table[-1][2]:.4f}  {names}",
+            flush=True,
+        )
+    clean, left, followed = np.array(table).T
+    with np.errstate(invalid="ignore"):
+        worse = int((followed > np.maximum(1.1 * left, left + _FLOOR)).sum())
+    print(f"advice followed: f worse in {worse} of {logs}; median error / clean: {np.median(followed / clean):.2f}")
+    print(f"as they are: median error / clean {np.median(left / clean):.2f}, refused {int(np.isinf(left).sum())}")
+
+
+BENCHES = {"rounding": (rounding, 100), "obeyed": (obeyed, 200)}
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("which", nargs="*", choices=[*BENCHES, []], default=list(BENCHES))
+    parser.add_argument("--logs", type=int, default=0)
+    options = parser.parse_args()
+    for name in options.which or BENCHES:
+        bench, usual = BENCHES[name]
+        bench(options.logs or usual)

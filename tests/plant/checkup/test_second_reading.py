@@ -1,0 +1,173 @@
+"""Conventions of counters, rows that are no measurement, advice that is tried: each seen in logs spoiled on purpose."""
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+
+from identification.replay.objective import Objective
+from plant import Encoder, Harmonics, Phase, PointToPoint, Record, puma560, simulate
+from plant.checkup.lost_rows import bridged, lost_rows, short_gaps
+from plant.checkup.rounding import fix_seen
+from plant.checkup.signals import Signals
+from plant.simulation.followed_path import path_of
+
+PATH = Harmonics(
+    period=3.0,
+    offset=(0.1, -0.05),
+    cosine=((0.2, 0.1, 0.1), (0.1, 0.2, -0.1)),
+    sine=((0.3, -0.2, 0.1), (-0.3, 0.1, 0.1)),
+)
+
+
+def rig(rounding, shift=(0.0, 0.0)):
+    encoder = Encoder(resolution=(800, 1000), rounding=rounding, phase=Phase(shift=shift))
+    return dataclasses.replace(puma560.rig(), encoder=encoder)
+
+
+@cache
+def log(rounding="floor"):
+    record = simulate(puma560.arm(), rig(rounding, (0.3, -0.4)), puma560.p_law((0.1, 0.08)), PATH, duration=6.0)
+    return dataclasses.replace(record, rig=rig(rounding))
+
+
+def rows(record, row):
+    names = ("error_pulses", "reference_pulses", "torque", "current")
+    return dataclasses.replace(record, **{name: getattr(record, name)[row] for name in names})
+
+
+def counting(record, counts):
+    return dataclasses.replace(record, error_pulses=record.reference_pulses - counts)
+
+
+def packets_lost(record, seed=0):
+    row = np.arange(len(record))
+    lost = np.flatnonzero(np.random.default_rng(seed).random(len(row)) < 0.01)
+    for k in lost:
+        row[k] = row[k - 1]
+    return rows(record, row), lost
+
+
+def finding(record, check):
+    return next(f for f in record.check().findings if f.check == check)
+
+
+# -- which way counters round ----------------------------------------------------------------------------------------
+@pytest.mark.parametrize("rounding", ["floor", "fix", "round"])
+def test_the_wide_cell_of_fix_is_seen_where_joints_pass_zero(rounding):
+    seen = fix_seen(Signals(log(rounding)))
+    assert seen > 0.95 if rounding == "fix" else seen < 0.05
+
+
+@pytest.mark.parametrize(("made", "stated"), [("floor", "fix"), ("fix", "floor")])
+def test_another_convention_than_stated_is_said_with_its_probability_and_corrected(made, stated):
+    wrong = dataclasses.replace(log(made), rig=rig(stated))
+    checkup = wrong.check()
+    found = next(f for f in checkup.findings if f.check == "rounding")
+    assert found.verdict == "wrong"
+    assert f'rounding="{made}"' in found.advice
+    assert "(probability 9" in found.advice
+    assert checkup.record.rig.encoder.rounding == made
+
+
+def test_where_no_joint_passes_zero_the_convention_is_undecidable():
+    path = dataclasses.replace(PATH, offset=(2.0, -2.0))
+    record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), path, duration=1.5)
+    assert finding(record, "rounding").verdict == "cannot tell: no joint passes zero clearly; fix is stated"
+
+
+# -- rows that are no measurement ------------------------------------------------------------------------------------
+def test_lost_packets_are_found_and_bridged_near_what_was_there():
+    spoiled, lost = packets_lost(log())
+    found = lost_rows(spoiled)
+    others = found.stuck | found.glitches | found.late | found.turns.any(axis=1)
+    assert not others.any()
+    assert set(np.flatnonzero(found.packets)) <= set(lost)
+    mended = bridged(spoiled)
+    assert np.abs(mended.counts - log().counts).max() <= 3
+    assert (mended.valid == ~found.packets).all()
+    assert bridged(mended) is not None
+    assert bridged(log()) is log()
+
+
+def test_a_lost_packet_in_a_log_whose_reference_is_stated_is_no_error():
+    spoiled, _ = packets_lost(log())
+    assert np.abs(path_of(spoiled)(spoiled.t)[1] - spoiled.reference_pulses).max() > 4
+    other = dataclasses.replace(spoiled, reference=dataclasses.replace(PATH, period=3.1))
+    with pytest.raises(ValueError, match="pulses off"):
+        path_of(other)
+
+
+def test_a_joint_at_rest_repeats_counts_and_is_no_lost_row():
+    move = PointToPoint(start=(0, 0), goal=(1.0, -0.7), duration=0.5)
+    record = simulate(puma560.arm(), rig("floor"), puma560.p_law(), move, duration=1.5)
+    assert (np.diff(record.counts, axis=0) == 0).all(axis=1).mean() > 0.3
+    assert not lost_rows(record).any.any()
+
+
+def test_stuck_samples_late_stamps_and_turns_are_told_apart():
+    record, counts = log(), np.array(log().counts)
+    fast = np.flatnonzero(np.abs(np.gradient(counts[:, 0])) > 12)[[50, 500, 1000]]
+    for k in fast:
+        counts[k : k + 3, 0] = counts[k - 1, 0]
+    found = lost_rows(counting(record, counts))
+    assert set(np.flatnonzero(found.stuck)) == {k + i for k in fast for i in range(3)}
+    assert not found.packets.any()
+
+    t = np.array(record.t)
+    t[fast] += 0.45 * record.rig.period
+    found = lost_rows(dataclasses.replace(record, t=t))
+    assert set(fast) <= set(np.flatnonzero(found.late)) <= {*fast, *(fast + 1), *(fast - 1)}
+    assert not (found.packets | found.stuck).any()
+
+    turned = np.array(record.counts)
+    turned[3000:, 1] -= 1000
+    np.testing.assert_array_equal(bridged(counting(record, turned)).counts, record.counts)
+
+
+def test_a_log_of_repeated_rows_alone_is_refused_in_one_line():
+    row = np.arange(len(log())) // 3 * 3
+    with pytest.raises(ValueError, match=r"most rows must be measurements; .* Log every sample once"):
+        bridged(rows(log(), row))
+
+
+def test_lost_packets_hardly_change_the_objective():
+    """Objective (4) counts errors of rows with weight alone: without the lost ones it is that of the clean log."""
+    spoiled, _ = packets_lost(log())
+    dynamics, f = puma560.dynamics(), puma560.arm().f[None]
+    clean, mended = (Objective(dynamics, record)(f)[0] for record in (log(), bridged(spoiled)))
+    assert 0.97 * clean < mended < 1.02 * clean
+
+
+def test_short_gaps():
+    missing = np.array([1, 0, 1, 1, 1, 0, 0, 1, 1], bool)
+    np.testing.assert_array_equal(short_gaps(missing, 2), [1, 0, 0, 0, 0, 0, 0, 1, 1])
+
+
+# -- advice ----------------------------------------------------------------------------------------------------------
+def test_advice_that_helps_says_by_how_much_and_gives_the_record():
+    record = dataclasses.replace(log(), torque=log().torque * (-1, 1), current=None)
+    checkup = record.check()
+    told = next(f for f in checkup.problems if f.check == "drive sign" and f.joint == 0)
+    assert "the motion explains 99" in told.advice
+    np.testing.assert_array_equal(checkup.record.torque, log().torque)
+    assert checkup.record.check().ok
+
+
+def test_a_healthy_log_is_left_as_it_is():
+    checkup = log().check()
+    assert checkup.ok
+    assert checkup.record is log()
+
+
+def test_advice_that_explains_no_more_is_not_given():
+    """Viscous friction above the stated one looks like late counts; shifting them explains no more."""
+    drive = dataclasses.replace(puma560.rig().drive, viscous=(5e-3, 5e-3))
+    made = simulate(puma560.arm(), dataclasses.replace(rig("floor"), drive=drive), puma560.p_law((0.1, 0.08)), PATH)
+    record: Record = dataclasses.replace(made, rig=rig("floor"), torque=None, current=None)
+    checkup = record.check()
+    told = [f for f in checkup.problems if f.check == "delay"]
+    assert told
+    for f in told:
+        assert ("look for another cause" in f.advice) == (checkup.record is record)
