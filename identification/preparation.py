@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from identification.equation_error import naming
 from identification.equation_error.law_memory import along_log
 from identification.equation_error.naming import column_of
+from identification.equation_error.prior import Prior
 from identification.equation_error.pulse_fit import mode_in
 from identification.equation_error.torque_logs import torque_of
 from identification.replay.experiment import as_records
@@ -83,12 +84,14 @@ def prepare(
     dynamics: Dynamics, records: Record | Sequence[Record], unknown: Iterable[str] | None,
     held_out: Record | Sequence[Record] | None, method: str, ranges: ArrayLike | None, settings: GeneticSettings | None,
     seed: int, zeros: bool, options: dict[str, Any], tolerances: Tolerances | None = None,
+    prior: Any = None,
 ) -> Problem:  # fmt: skip
     """The problem that a method is given; bad input is refused here, before any search."""
     choice("method", method, tuple(METHODS))
     instance("zeros", zeros, bool, "Give True or False.")
     _, unknown = as_records(dynamics, records, unknown)
     searched, kept = _set_aside(dynamics, records, unknown, held_out, method)
+    known = prior if prior is None or isinstance(prior, Prior) else Prior.of(dynamics, searched[0].rig, prior)
     _require_room(dynamics, (*searched, *kept), unknown, method)
     objective = Objective(dynamics, searched, unknown, **options)
     of_law = any(name.startswith("law.") for name in objective.unknown)
@@ -105,7 +108,7 @@ def prepare(
         dynamics=dynamics, records=followed, unknown=objective.unknown, objective=objective, held_out=aside,
         nominal=_nominal(objective), ranges=None if ranges is None else _validated_ranges(ranges, objective.unknown),
         method=method, settings=settings, seed=seed, zeros=zeros, options=options,
-        tolerances=tolerances or Tolerances(),
+        tolerances=tolerances or Tolerances(), prior=known,
     )  # fmt: skip
     if zeros and not all(problem.replays):
         raise ValueError("zeros can be found only of logs that replay their torque; got a controller. Leave it out.")

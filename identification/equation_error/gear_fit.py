@@ -19,6 +19,7 @@ import numpy as np
 
 from identification.equation_error.filters import by_differences, derivatives, low_pass
 from identification.equation_error.least_squares import least_squares
+from identification.equation_error.prior import Known
 from identification.equation_error.pulse_fit import CUTOFF, filtering_of, fit_systems, mode_in
 from identification.equation_error.regressor import System, compared, linear, regressor_along
 from identification.equation_error.torque_fit import TorqueFit
@@ -79,7 +80,7 @@ class _Seen:
 
 
 def fit_deflection(
-    dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known: Mapping[str, float]
+    dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known: Known
 ) -> GearFit:
     """Compliance of gears from records with `link_counts`; arguments as for `equation_error`."""
     names, seen = linear(dynamics, records[0].rig, unknown), [_Seen(record) for record in records]
@@ -147,7 +148,7 @@ class _Wound:
 
 
 def fit_gears(
-    dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known: Mapping[str, float], grid: Floats
+    dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known: Known, grid: Floats
 ) -> list[GearFit]:
     """Fits with the best compliances of a grid, one for each pass band in which there is one.
 
@@ -171,7 +172,7 @@ def _band(record: Record, i: int) -> float:
 
 
 def _best(
-    dynamics: Dynamics, wound: Sequence[_Wound], names: tuple[str, ...], known: Mapping[str, float], grid: Floats
+    dynamics: Dynamics, wound: Sequence[_Wound], names: tuple[str, ...], known: Known, grid: Floats
 ) -> GearFit:
     """The best fit in a band: of all gears together, then of each while the others stay."""
 

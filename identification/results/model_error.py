@@ -94,7 +94,8 @@ class Doubt:
         lengths = [rows.stop - rows.start for rows in at.model.rows() if rows.stop <= self.searched]
         by_runs = len(lengths) >= RUNS and self.apart
         each = 1 if by_runs else -(-SEGMENTS // len(lengths))
-        groups = np.concatenate([each * i + np.arange(n) * each // n for i, n in enumerate(lengths)])
+        own = [each * i + np.arange(n) * each // n for i, n in enumerate(lengths)]
+        groups = np.concatenate([np.full(at.model.prior.count, -1), *own])  # a prior is in no group: never left out
         differ = run_std if by_runs else group_std
         return self._of_unknowns(differ(at.rates[:, : self.searched].T, at.innovations[: self.searched], groups))
 
