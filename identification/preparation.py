@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.equation_error import naming
+from identification.equation_error.excitation import LEAST_PULSES, unexcited
 from identification.equation_error.law_memory import along_log
 from identification.equation_error.naming import column_of
 from identification.equation_error.prior import Prior
@@ -23,9 +24,8 @@ from plant.checkup.oscillation import own_oscillation
 from plant.parts.arguments import array, choice, instance
 from plant.parts.fields import Floats
 from plant.parts.room import require_room
+from plant.parts.user_warning import warn
 from plant.simulation.followed_path import with_path
-
-_LEAST_PULSES = 20  # counts that every motor has to move, at least
 
 _LEAST_SAMPLES = 200  # fewer hold no oscillation of a position loop that stands out from its noise
 
@@ -34,18 +34,20 @@ _SATURATED = 0.5  # share of the samples at the amplifier's limit above which a 
 _PERIODS = 4  # of the slow mode that a log has to hold
 
 
-def require_informative(record: Record, labels: Sequence[str]) -> None:
+def require_informative(record: Record, labels: Sequence[str], *, prior: bool = False) -> None:
     """Refuse a log that is too short for the loop's mode, or in which a motor hardly moves or mostly saturates.
+
+    With a prior, some motors may stand still.
 
     Raises a ValueError: with the joint, by these labels.
     """
     moved = np.ptp(record.counts, axis=0)
-    if (moved < _LEAST_PULSES).any():
+    if (moved < LEAST_PULSES).any() and not (prior and moved.max() >= LEAST_PULSES):
         motor = int(np.argmin(moved))
         raise ValueError(
-            f"every motor must move by at least {_LEAST_PULSES} pulses; that of {labels[motor]}"
-            f"{column_of(record, 'counts', motor)} moves by {moved[motor]:.0f}. Log a motion of all joints, or leave "
-            "out that record."
+            f"every motor must move by at least {LEAST_PULSES} pulses; that of {labels[motor]}"
+            f"{column_of(record, 'counts', motor)} moves by {moved[motor]:.0f}. Log a motion of all joints "
+            "(design_motion), leave out that record, or give prior=, such as 0.3, for what it does not excite."
         )
     if len(record) < _LEAST_SAMPLES:
         raise ValueError(f"a log must have at least {_LEAST_SAMPLES} samples; got {len(record)}. Log longer.")
@@ -96,7 +98,8 @@ def prepare(
     objective = Objective(dynamics, searched, unknown, **options)
     of_law = any(name.startswith("law.") for name in objective.unknown)
     followed = tuple(along_log(record, unknown_law=of_law) for record in objective.records)
-    naming.of_each(lambda record: require_informative(record, dynamics.chain.joint_labels), followed)
+    labels = dynamics.chain.joint_labels
+    naming.of_each(lambda record: require_informative(record, labels, prior=known is not None), followed)
     settings = GeneticSettings.paper() if settings is None else settings
     if not isinstance(settings, GeneticSettings):
         given = type(settings).__name__
@@ -117,6 +120,9 @@ def prepare(
         raise ValueError(f"{found[0]} can be found by prediction error, the default; got method={method!r}. Use it.")
     if zeros and method not in ("seeded", "prediction_error", "output_error"):
         raise ValueError(f"zeros must be found by prediction or output error; got method={method!r}. Use the default.")
+    if known is not None:
+        for line in unexcited(dynamics, followed, known):
+            warn(f"identify: {line}")
     return problem
 
 
