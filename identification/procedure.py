@@ -191,10 +191,6 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
     )
     doubt, grouped = diagnostics.detection.doubt, diagnostics.detection.grouped
     if fit.covariance is not None and fit.resonance is None and doubt is not None and grouped is not None:
-        if fit.prior is not None:  # whatever a log does
-            places = fit.prior.places(fit.unknown)
-            grouped = grouped.copy()
-            grouped[places] = np.minimum(grouped[places], np.sqrt(np.diag(fit.prior.covariance)))
         whole = at_least(fit.covariance + doubt, grouped)
         fit = dataclasses.replace(fit, covariance=whole, noise_covariance=fit.covariance)
     if fit.resonance is not None and diagnostics.detection.played:

@@ -64,7 +64,7 @@ class Extended:
     ) -> None:  # fmt: skip
         n, links = dynamics.n, _link_inertia(dynamics, records[0], f)
         self.records, self.threads = tuple(records), int(threads or cores())
-        own = {**options, "threads": self.threads}
+        own = {**options, "threads": self.threads, "moving": prior is not None}
         self._logs = [_Log(dynamics, record, tuple(unknown), links, own) for record in records]
         self._again = lambda others: Extended(dynamics, others, unknown, f, prior=prior, threads=threads, **options)
         first = self._logs[0].prediction

@@ -58,7 +58,8 @@ class Prediction:
     predicted. `zeros`: where the joints are when their counters say zero is unknown, in each record anew. `memories`:
     of each record, in which directions the state of its law before the log is unknown; None where it is known.
     `steady`: leave out samples while a joint is slow, and for a while after it: on elastic gears single counts are
-    felt. `prior`: of f; its deviations, times the noise of an innovation, come before the innovations.
+    felt. `prior`: of f; its deviations, times the noise of an innovation, come before the innovations. `moving`: leave out
+    joints that hardly move, which friction holds at will; so it is with a prior.
     `steps_per_sample`, `sweeps`, `threads`: as for `Objective`.
 
     Attributes: `unknown`: what `innovations` takes values for: the given names, then those of the *nuisances*: observer
@@ -72,7 +73,7 @@ class Prediction:
     def __init__(
         self, dynamics: Dynamics, records: Record | Iterable[Record], unknown: Iterable[str] | None = None, *,
         simulated: bool = False, zeros: bool = False, steady: bool = False, memories: Sequence[Memory | None] = (),
-        prior: Prior | None = None, steps_per_sample: int = 4, sweeps: int = 3, threads: int | None = None,
+        prior: Prior | None = None, moving: bool = False, steps_per_sample: int = 4, sweeps: int = 3, threads: int | None = None,
     ) -> None:  # fmt: skip
         records, unknown = as_records(dynamics, records, unknown)
         n, replayed = dynamics.n, any(record.law is not None and record.law.replays for record in records)
@@ -105,8 +106,12 @@ class Prediction:
         names = (*unknown, *gains, *(correction.number_names("correction.")[2 * n :] if zeros else ()))
         options = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "correction": correction}
         self._followed = of_each(
-            lambda record, memory: Followed(dynamics, record, names, options, steady, memory), records, self._memories
-        )
+            lambda record, memory: Followed(
+                dynamics, record, names, options, steady, memory, moving or prior is not None
+            ), records, self._memories,
+        )  # fmt: skip
+        heard = np.any([followed.heard for followed in self._followed], axis=0)
+        self.nuisance_steps[: len(gains)] *= np.tile(heard, 2)[: len(gains)]  # gains that nothing shows are kept
         weights = [followed.weight.ravel() for followed in self._followed]
         self.prior = PriorRows(prior, unknown)
         self.weights = np.concatenate([np.zeros(self.prior.count), *weights, np.zeros(count)])
@@ -152,11 +157,11 @@ class Prediction:
         for followed, own in self._each(values):
             readings = np.maximum((followed.weight**2).sum(axis=0), 1.0)
             squares = (followed.innovations(own).reshape(-1, followed.loop.n) ** 2).sum(axis=0)
-            rms.append(np.sqrt(squares / readings))
-        if not np.min(rms) > 0 or np.max(rms) < _UNEQUAL * np.min(rms):
+            rms.append(np.where(followed.heard, np.sqrt(squares / readings), np.nan))
+        if not np.nanmin(rms) > 0 or np.nanmax(rms) < _UNEQUAL * np.nanmin(rms):
             return settled
         rows = zip(self._followed, rms, strict=True)
-        scales = [np.broadcast_to(own, followed.weight.shape).ravel() for followed, own in rows]
+        scales = [np.broadcast_to(np.nan_to_num(own, nan=1.0), followed.weight.shape).ravel() for followed, own in rows]
         self.scales = np.concatenate([np.ones(self.prior.count), *scales, np.ones(len(self._expected))])
         return True
 
