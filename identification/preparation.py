@@ -91,7 +91,8 @@ def prepare(
     """The problem that a method is given; bad input is refused here, before any search."""
     choice("method", method, tuple(METHODS))
     instance("zeros", zeros, bool, "Give True or False.")
-    _, unknown = as_records(dynamics, records, unknown)
+    of_all, unknown = as_records(dynamics, records, unknown)
+    unknown = tuple(dict.fromkeys([*unknown, *_left_open(of_all)]))
     searched, kept = _set_aside(dynamics, records, unknown, held_out, method)
     known = prior if prior is None or isinstance(prior, Prior) else Prior.of(dynamics, searched[0].rig, prior)
     _require_room(dynamics, (*searched, *kept), unknown, method)
@@ -124,6 +125,15 @@ def prepare(
         for line in unexcited(dynamics, followed, known):
             warn(f"identify: {line}")
     return problem
+
+
+def _left_open(records: Sequence[Record]) -> list[str]:
+    """Friction that the rig leaves open, of joints that move; of others it stays zero, which is said."""
+    drive, moved = records[0].rig.drive, np.max([np.ptp(record.counts, axis=0) for record in records], axis=0)
+    if drive.left_open and (still := np.flatnonzero(moved < LEAST_PULSES)).size < drive.n:
+        for i in still:
+            warn(f"identify: friction of {records[0].joint_labels[i]} is taken as zero: the joint hardly moves.")
+    return [f"drive.{kind}[{i}]" for kind in drive.left_open for i in np.flatnonzero(moved >= LEAST_PULSES)]
 
 
 def _require_different(searched: Sequence[Record], kept: Sequence[Record]) -> None:

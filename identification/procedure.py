@@ -144,7 +144,9 @@ def identify(
     if instance("elasticity", elasticity, bool, "Give True or False."):
         records, held_out, unknown = with_gears(dynamics, records, held_out, unknown, method, ranges)
     tolerances = instance("tolerances", tolerances or Tolerances(), Tolerances, "Give Tolerances(gear=0.01).")
-    problem = prepare(dynamics, records, unknown, held_out, method, ranges, settings, seed, zeros, options, tolerances, prior)
+    problem = prepare(
+        dynamics, records, unknown, held_out, method, ranges, settings, seed, zeros, options, tolerances, prior
+    )
     with Checkpoint(checkpoint, "identify").bind(lambda: problem.inputs) as kept:
         problem = dataclasses.replace(problem, checkpoint=kept)
         outcome = kept.stage("search", lambda: search(problem, progress))

@@ -79,9 +79,7 @@ class _Seen:
         return compared(signals, self.motors.qd, self.rig.period, filtering, self.record.valid)
 
 
-def fit_deflection(
-    dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known: Known
-) -> GearFit:
+def fit_deflection(dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known: Known) -> GearFit:
     """Compliance of gears from records with `link_counts`; arguments as for `equation_error`."""
     names, seen = linear(dynamics, records[0].rig, unknown), [_Seen(record) for record in records]
     torque = fit_systems(dynamics, names, known, [each.system(dynamics, names) for each in seen])
@@ -171,9 +169,7 @@ def _band(record: Record, i: int) -> float:
     return _REPLAYED[i] if replays else _BANDS[i] * mode_in(record)
 
 
-def _best(
-    dynamics: Dynamics, wound: Sequence[_Wound], names: tuple[str, ...], known: Known, grid: Floats
-) -> GearFit:
+def _best(dynamics: Dynamics, wound: Sequence[_Wound], names: tuple[str, ...], known: Known, grid: Floats) -> GearFit:
     """The best fit in a band: of all gears together, then of each while the others stay."""
 
     def fitted(compliance: Floats) -> GearFit:

@@ -144,9 +144,7 @@ def over_bands(
     return fits
 
 
-def fit_systems(
-    dynamics: Dynamics, unknown: Sequence[str], known: Known, systems: Iterable[System]
-) -> TorqueFit:
+def fit_systems(dynamics: Dynamics, unknown: Sequence[str], known: Known, systems: Iterable[System]) -> TorqueFit:
     """Weighted fit of what is not known to systems of equations in all the unknowns, and to the prior."""
     names, less = without_known(unknown, known, systems)
     return weighted(dynamics, names, less, prior=None if known.prior is None else known.prior.rows(names, known))

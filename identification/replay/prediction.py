@@ -191,7 +191,9 @@ class Prediction:
                 logs = followed.rounded(own, list(moved), self.threads)
                 of_record[-1] = shared_out(functools.partial(followed.innovations_of, own), logs, self.threads)
         known = np.zeros(len(self._expected))
-        return [joined([np.zeros(self.prior.count), *rows, known], self.scales) for rows in zip(*of_record, strict=True)]
+        return [
+            joined([np.zeros(self.prior.count), *rows, known], self.scales) for rows in zip(*of_record, strict=True)
+        ]
 
     def all_innovations(self, many: Iterable[Floats]) -> list[Floats]:
         """The same for several vectors of values, side by side."""

@@ -33,15 +33,25 @@ class Seen(Frozen):
         tested, or gears are elastic already.
     beyond : tuple of str
         Where the path leaves angles and speeds of the logs, a joint each.
+    friction : dict
+        Standard deviation with which the log would identify friction that was not unknown, by the number's name.
     """
 
     resonance: float | None
     beyond: tuple[str, ...]
+    friction: dict[str, float] = dataclasses.field(default_factory=dict)
 
 
 def seen(found: Any, reference: Reference, duration: float) -> Seen:
     """What the logs of an `Identification` show, beside so many seconds of a path."""
-    return Seen(resonance=_resonance(found), beyond=tuple(_beyond(found, reference, duration)))
+    friction = {
+        f"drive.{name}": value / np.sqrt(sign.threshold)
+        for sign in found.diagnostics.detection.signs if sign.name == "friction"
+        for name, value in sign.visible.items()
+    }  # fmt: skip
+    return Seen(
+        resonance=_resonance(found), beyond=tuple(_beyond(found, reference, duration)), friction=friction
+    )  # fmt: skip
 
 
 def _resonance(found: Any) -> float | None:

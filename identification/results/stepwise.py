@@ -96,7 +96,9 @@ class _Search:
             values, step = start_of_fit(problem, torque_fit(problem))
         given = dict(zip(problem.unknown, values, strict=True))
         f = np.array([given[name] for name in problem.dynamics.names])
-        model = Extended(problem.dynamics, records, [problem.unknown[i] for i in keep], f, prior=problem.prior, **problem.options)
+        model = Extended(
+            problem.dynamics, records, [problem.unknown[i] for i in keep], f, prior=problem.prior, **problem.options
+        )
         gains, extra = model.gains if fit.gains is None else fit.gains, np.zeros(len(model.extra))
         self.step = np.concatenate([_STEP * step[keep], model.gain_steps, extra])
         limits = np.column_stack([model.least, np.full(len(extra), np.inf)])

@@ -76,7 +76,9 @@ def test_covariance_is_that_of_drawn_bodies():
         body = dataclasses.replace(Body.from_standard_parameters(pi), rotor=0.5 * (1 + 0.02 * draw.normal()))
         drawn.append(dynamics.f((body,)))
     prior = Prior.of(dynamics, rig(), 0.02)
-    assert np.cov(np.array(drawn).T) == pytest.approx(prior.covariance, rel=0.1, abs=0.05 * np.diag(prior.covariance).min())
+    assert np.cov(np.array(drawn).T) == pytest.approx(
+        prior.covariance, rel=0.1, abs=0.05 * np.diag(prior.covariance).min()
+    )
     whitened = np.array([prior.deviations(f) for f in drawn])
     assert np.cov(whitened.T) == pytest.approx(np.eye(3), abs=0.1)
 
