@@ -92,7 +92,7 @@ def prepare(
     choice("method", method, tuple(METHODS))
     instance("zeros", zeros, bool, "Give True or False.")
     of_all, unknown = as_records(dynamics, records, unknown)
-    unknown = tuple(dict.fromkeys([*unknown, *_left_open(of_all)]))
+    unknown = tuple(dict.fromkeys([*unknown, *_left_open(of_all, dynamics.chain.joint_labels)]))
     searched, kept = _set_aside(dynamics, records, unknown, held_out, method)
     known = prior if prior is None or isinstance(prior, Prior) else Prior.of(dynamics, searched[0].rig, prior)
     _require_room(dynamics, (*searched, *kept), unknown, method)
@@ -127,12 +127,12 @@ def prepare(
     return problem
 
 
-def _left_open(records: Sequence[Record]) -> list[str]:
+def _left_open(records: Sequence[Record], labels: Sequence[str]) -> list[str]:
     """Friction that the rig leaves open, of joints that move; of others it stays zero, which is said."""
     drive, moved = records[0].rig.drive, np.max([np.ptp(record.counts, axis=0) for record in records], axis=0)
     if drive.left_open and (still := np.flatnonzero(moved < LEAST_PULSES)).size < drive.n:
         for i in still:
-            warn(f"identify: friction of {records[0].joint_labels[i]} is taken as zero: the joint hardly moves.")
+            warn(f"identify: friction of {labels[int(i)]} is taken as zero: the joint hardly moves.")
     return [f"drive.{kind}[{i}]" for kind in drive.left_open for i in np.flatnonzero(moved >= LEAST_PULSES)]
 
 

@@ -26,7 +26,6 @@ from plant.parts.shown import Piece
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Runs
 
-
 _FIRST = 400  # samples of which is said what identifying friction would give
 
 

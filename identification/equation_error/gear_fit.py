@@ -13,7 +13,7 @@ Control 109 (1987) (equations of motion).
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 

@@ -75,13 +75,15 @@ class Prior(Frozen):
 
         Raises a ValueError: something else, or a parameter of which such a spread says nothing.
         """
-        mean, spread = given if isinstance(given, (tuple, list)) and len(given) == 2 else (dynamics.chain.bodies, given)
+        mean: Any
+        paired = isinstance(given, (tuple, list)) and len(given) == 2
+        mean, spread = given if paired else (dynamics.chain.bodies, given)
         spread = real("spread of the prior", spread, _ADVICE, positive=True)
-        if isinstance(mean, (tuple, list)) and any(isinstance(body, Body) for body in mean) or not np.size(mean):
+        if isinstance(mean, (tuple, list)) and all(isinstance(body, Body) for body in mean):
             f, columns = _of_bodies(dynamics, rig, tuple(mean))
         else:
-            f = mean.f if isinstance(mean, Arm) else mean
-            f = array("f of the prior", f, (dynamics.p,), advice=_ADVICE)
+            mean = mean.f if isinstance(mean, Arm) else mean
+            f = array("f of the prior", mean, (dynamics.p,), advice=_ADVICE)
             columns = np.diag(f)
         std = np.sqrt((columns**2).sum(axis=1))
         own = np.abs(np.diag(triangle((columns / np.where(std > 0, std, 1.0)[:, None]).T)))

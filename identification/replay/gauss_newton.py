@@ -54,7 +54,8 @@ def gauss_newton(
     """Least sum of squared innovations.
 
     `prediction`: or anything else with its `innovations`, `all_innovations`, `unknown`, `weights`, `scales` and
-    `dependent`. `start` (k,). `step` (k,): of the central differences; zero leaves an unknown as it is. `bounds` (k, 2): values stay inside.
+    `dependent`. `start` (k,). `step` (k,): of the central differences; zero leaves an unknown as it is. `bounds`
+    (k, 2): values stay inside.
     `tolerance`: relative decrease of the sum below which the search ends.
 
     Raises a ValueError: a start that diverges, or unknowns that are not separately identifiable (with names).

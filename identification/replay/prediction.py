@@ -58,9 +58,9 @@ class Prediction:
     predicted. `zeros`: where the joints are when their counters say zero is unknown, in each record anew. `memories`:
     of each record, in which directions the state of its law before the log is unknown; None where it is known.
     `steady`: leave out samples while a joint is slow, and for a while after it: on elastic gears single counts are
-    felt. `prior`: of f; its deviations, times the noise of an innovation, come before the innovations. `moving`: leave out
-    joints that hardly move, which friction holds at will; so it is with a prior.
-    `steps_per_sample`, `sweeps`, `threads`: as for `Objective`.
+    felt. `prior`: of f; its deviations, times the noise of an innovation, come before the innovations. `moving`:
+    leave out joints that hardly move, which friction holds at will; so it is with a prior. `steps_per_sample`,
+    `sweeps`, `threads`: as for `Objective`.
 
     Attributes: `unknown`: what `innovations` takes values for: the given names, then those of the *nuisances*: observer
     gains (``correction.position[0]`` and so on), the zeros of each record, and what its law remembered (``memory``).
@@ -73,7 +73,8 @@ class Prediction:
     def __init__(
         self, dynamics: Dynamics, records: Record | Iterable[Record], unknown: Iterable[str] | None = None, *,
         simulated: bool = False, zeros: bool = False, steady: bool = False, memories: Sequence[Memory | None] = (),
-        prior: Prior | None = None, moving: bool = False, steps_per_sample: int = 4, sweeps: int = 3, threads: int | None = None,
+        prior: Prior | None = None, moving: bool = False, steps_per_sample: int = 4, sweeps: int = 3,
+        threads: int | None = None,
     ) -> None:  # fmt: skip
         records, unknown = as_records(dynamics, records, unknown)
         n, replayed = dynamics.n, any(record.law is not None and record.law.replays for record in records)

@@ -44,14 +44,8 @@ class Seen(Frozen):
 
 def seen(found: Any, reference: Reference, duration: float) -> Seen:
     """What the logs of an `Identification` show, beside so many seconds of a path."""
-    friction = {
-        f"drive.{name}": value / np.sqrt(sign.threshold)
-        for sign in found.diagnostics.detection.signs if sign.name == "friction"
-        for name, value in sign.visible.items()
-    }  # fmt: skip
-    return Seen(
-        resonance=_resonance(found), beyond=tuple(_beyond(found, reference, duration)), friction=friction
-    )  # fmt: skip
+    friction = {f"drive.{name}": std for name, std in found.diagnostics.detection.friction.items()}
+    return Seen(resonance=_resonance(found), beyond=tuple(_beyond(found, reference, duration)), friction=friction)
 
 
 def _resonance(found: Any) -> float | None:

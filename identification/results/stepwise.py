@@ -62,7 +62,12 @@ def detect(problem: Problem, fit: Fit, delay: float = 0.0, rounding: Floats | No
         period = max(record.rig.period for record in problem.records)
         shown = tuple(_sampled(sign, period) for sign in detection.signs)
         return dataclasses.replace(
-            detection, signs=shown, doubt=added, grouped=doubt.grouped(), assumed=doubt.assumed()
+            detection,
+            signs=shown,
+            doubt=added,
+            grouped=doubt.grouped(),
+            assumed=doubt.assumed(),
+            friction=doubt.friction(problem.tolerances),
         )
     except (ValueError, np.linalg.LinAlgError) as error:
         return Detection(reason=str(error))

@@ -23,7 +23,6 @@ from plant.parts.fields import ArrayOrSymbols, Floats, Vector
 from plant.parts.labels import joint_labels
 from plant.parts.part import Part, number, part, structure
 
-
 _FRICTION = ("viscous", "coulomb")  # what may be left open
 
 
