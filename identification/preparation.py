@@ -7,8 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.equation_error import naming
+from identification.equation_error.excitation import LEAST_PULSES, unexcited
 from identification.equation_error.law_memory import along_log
 from identification.equation_error.naming import column_of
+from identification.equation_error.prior import Prior
 from identification.equation_error.pulse_fit import mode_in
 from identification.equation_error.torque_logs import torque_of
 from identification.replay.experiment import as_records
@@ -23,9 +25,8 @@ from plant.checkup.oscillation import own_oscillation
 from plant.parts.arguments import array, choice, instance
 from plant.parts.fields import Floats
 from plant.parts.room import require_room
+from plant.parts.user_warning import warn
 from plant.simulation.followed_path import with_path
-
-_LEAST_PULSES = 20  # counts that every motor has to move, at least
 
 _LEAST_SAMPLES = 200  # fewer hold no oscillation of a position loop that stands out from its noise
 
@@ -34,18 +35,20 @@ _SATURATED = 0.5  # share of the samples at the amplifier's limit above which a 
 _PERIODS = 4  # of the slow mode that a log has to hold
 
 
-def require_informative(record: Record, labels: Sequence[str]) -> None:
+def require_informative(record: Record, labels: Sequence[str], *, prior: bool = False) -> None:
     """Refuse a log that is too short for the loop's mode, or in which a motor hardly moves or mostly saturates.
+
+    With a prior, some motors may stand still.
 
     Raises a ValueError: with the joint, by these labels.
     """
     moved = np.ptp(record.counts, axis=0)
-    if (moved < _LEAST_PULSES).any():
+    if (moved < LEAST_PULSES).any() and not (prior and moved.max() >= LEAST_PULSES):
         motor = int(np.argmin(moved))
         raise ValueError(
-            f"every motor must move by at least {_LEAST_PULSES} pulses; that of {labels[motor]}"
-            f"{column_of(record, 'counts', motor)} moves by {moved[motor]:.0f}. Log a motion of all joints, or leave "
-            "out that record."
+            f"every motor must move by at least {LEAST_PULSES} pulses; that of {labels[motor]}"
+            f"{column_of(record, 'counts', motor)} moves by {moved[motor]:.0f}. Log a motion of all joints "
+            "(design_motion), leave out that record, or give prior=, such as 0.3, for what it does not excite."
         )
     if len(record) < _LEAST_SAMPLES:
         raise ValueError(f"a log must have at least {_LEAST_SAMPLES} samples; got {len(record)}. Log longer.")
@@ -84,17 +87,21 @@ def prepare(
     dynamics: Dynamics, records: Record | Sequence[Record], unknown: Iterable[str] | None,
     held_out: Record | Sequence[Record] | None, method: str, ranges: ArrayLike | None, settings: GeneticSettings | None,
     seed: int, zeros: bool, options: dict[str, Any], tolerances: Tolerances | None = None,
+    prior: Any = None,
 ) -> Problem:  # fmt: skip
     """The problem that a method is given; bad input is refused here, before any search."""
     choice("method", method, tuple(METHODS))
     instance("zeros", zeros, bool, "Give True or False.")
-    _, unknown = as_records(dynamics, records, unknown)
+    of_all, unknown = as_records(dynamics, records, unknown)
+    unknown = tuple(dict.fromkeys([*unknown, *_left_open(of_all, dynamics.chain.joint_labels)]))
     searched, kept = _set_aside(dynamics, records, unknown, held_out, method)
+    known = prior if prior is None or isinstance(prior, Prior) else Prior.of(dynamics, searched[0].rig, prior)
     _require_room(dynamics, (*searched, *kept), unknown, method)
     objective = Objective(dynamics, searched, unknown, **options)
     of_law = any(name.startswith("law.") for name in objective.unknown)
     followed = tuple(along_log(record, unknown_law=of_law) for record in objective.records)
-    naming.of_each(lambda record: require_informative(record, dynamics.chain.joint_labels), followed)
+    labels = dynamics.chain.joint_labels
+    naming.of_each(lambda record: require_informative(record, labels, prior=known is not None), followed)
     settings = GeneticSettings.paper() if settings is None else settings
     if not isinstance(settings, GeneticSettings):
         given = type(settings).__name__
@@ -106,7 +113,7 @@ def prepare(
         dynamics=dynamics, records=followed, unknown=objective.unknown, objective=objective, held_out=aside,
         nominal=_nominal(objective), ranges=None if ranges is None else _validated_ranges(ranges, objective.unknown),
         method=method, settings=settings, seed=seed, zeros=zeros, options=options,
-        tolerances=tolerances or Tolerances(),
+        tolerances=tolerances or Tolerances(), prior=known,
     )  # fmt: skip
     if zeros and not all(problem.replays):
         raise ValueError("zeros can be found only of logs that replay their torque; got a controller. Leave it out.")
@@ -115,7 +122,19 @@ def prepare(
         raise ValueError(f"{found[0]} can be found by prediction error, the default; got method={method!r}. Use it.")
     if zeros and method not in ("seeded", "prediction_error", "output_error"):
         raise ValueError(f"zeros must be found by prediction or output error; got method={method!r}. Use the default.")
+    if known is not None:
+        for line in unexcited(dynamics, followed, known):
+            warn(f"identify: {line}")
     return problem
+
+
+def _left_open(records: Sequence[Record], labels: Sequence[str]) -> list[str]:
+    """Friction that the rig leaves open, of joints that move; of others it stays zero, which is said."""
+    drive, moved = records[0].rig.drive, np.max([np.ptp(record.counts, axis=0) for record in records], axis=0)
+    if drive.left_open and (still := np.flatnonzero(moved < LEAST_PULSES)).size < drive.n:
+        for i in still:
+            warn(f"identify: friction of {labels[int(i)]} is taken as zero: the joint hardly moves.")
+    return [f"drive.{kind}[{i}]" for kind in drive.left_open for i in np.flatnonzero(moved >= LEAST_PULSES)]
 
 
 def _require_different(searched: Sequence[Record], kept: Sequence[Record]) -> None:

@@ -5,6 +5,7 @@ import itertools
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,6 +48,7 @@ def identify(
     zeros: bool = False,
     elasticity: bool = False,
     tolerances: Tolerances | None = None,
+    prior: Any = None,
     checkpoint: str | Path | Checkpoint | None = None,
 ) -> Identification:
     """Find the parameters with which the model repeats the tracking errors of the robot.
@@ -99,6 +101,10 @@ def identify(
         Find stiffness and damping of all gears too, whatever the rigs say of them: ``found.fit.resonance``.
     tolerances : Tolerances, optional
         Within which the rigs are right; intervals count them. ``Tolerances.none()`` takes rigs for exact.
+    prior : float, or tuple of bodies or f and a float, optional
+        What is known of f before the log, for what the log does not excite: the relative standard deviation of the
+        chain's own bodies, as 0.3; or ``(bodies, 0.3)`` of others, one `Body` per link; or ``(f, 0.3)``. The result
+        says which combinations of f come from it (``found.fit.prior``).
     checkpoint : str or Path, optional
         File in which finished stages are kept: killed and called again with it, the work goes on, to the same bits. One
         of other inputs, versions or another processor is refused.
@@ -138,7 +144,9 @@ def identify(
     if instance("elasticity", elasticity, bool, "Give True or False."):
         records, held_out, unknown = with_gears(dynamics, records, held_out, unknown, method, ranges)
     tolerances = instance("tolerances", tolerances or Tolerances(), Tolerances, "Give Tolerances(gear=0.01).")
-    problem = prepare(dynamics, records, unknown, held_out, method, ranges, settings, seed, zeros, options, tolerances)
+    problem = prepare(
+        dynamics, records, unknown, held_out, method, ranges, settings, seed, zeros, options, tolerances, prior
+    )
     with Checkpoint(checkpoint, "identify").bind(lambda: problem.inputs) as kept:
         problem = dataclasses.replace(problem, checkpoint=kept)
         outcome = kept.stage("search", lambda: search(problem, progress))
@@ -164,7 +172,7 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
 
     Raises a ValueError: no candidate that can be simulated.
     """
-    fit, genetic, objective = outcome.fit, outcome.genetic, problem.objective
+    fit, genetic, objective = dataclasses.replace(outcome.fit, prior=problem.prior), outcome.genetic, problem.objective
     if fit.zeros is not None:
         moved = with_zeros(objective.records, fit.zeros)
         objective = Objective(problem.dynamics, moved, fit.unknown, **problem.options)

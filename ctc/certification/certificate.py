@@ -26,6 +26,8 @@ from plant.parts.shown import Piece
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Runs
 
+_FIRST = 400  # samples of which is said what identifying friction would give
+
 
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -92,6 +94,30 @@ class Certificate(Certified):
     def from_rest(self) -> FromRest | None:
         """What the nominal arm does from rest, where the path begins in motion and exceeds the limit."""
         return from_rest(*self._loop)
+
+    @functools.cached_property
+    def friction_known(self) -> float | None:
+        """Share of the first samples that exceed the limit where friction is known as the log would identify it.
+
+        None where all that is sampled of it was identified, or no log is there.
+        """
+        known = {} if self.seen is None else self.seen.friction
+        plants = self.plants.first(_FIRST)
+        values, stated = (
+            plants.values.copy(),
+            dict(zip(plants.rig.number_names(), plants.rig.number_values().tolist(), strict=True)),
+        )
+        those = [i for i, name in enumerate(plants.names) if name in known]
+        for i in those:
+            level = stated[plants.names[i]]
+            left = known[plants.names[i]] / (plants.uncertainty.friction * level)
+            values[:, i] = level + min(1.0, left) * (values[:, i] - level)
+        if not those:
+            return None
+        options = {name: self.settings[name] for name in ("steps_per_sample", "duration", "after")}
+        plants = dataclasses.replace(plants, values=values)
+        runs = plants.under(self.law, self.reference, within=self.within, **options).run(self.threads)
+        return float((runs.outside > 0).mean())
 
     @property
     def _loop(self) -> Any:

@@ -77,6 +77,11 @@ class Certificates(Certified, Mapping[str, Certificate]):
         return max(self, key=lambda name: (self[name].failures, self[name].runs.unrounded.max()))
 
     @property
+    def friction_known(self) -> float | None:
+        """`Certificate.friction_known` of the worst motion."""
+        return self[self.worst].friction_known
+
+    @property
     def holds(self) -> bool:
         """Whether no sample exceeds the limit in any motion, nor the nominal arm from rest."""
         return all(each.holds for each in self.values())

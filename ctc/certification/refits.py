@@ -134,7 +134,7 @@ def _on_gears(found: Identification, arm: Arm, hz: Any, ratio: float, pose: Arra
         records = [dataclasses.replace(record, rig=with_gears(record.rig, gears)) for record in found.records]
         problem = prepare(
             found.arm.dynamics, records, found.fit.unknown, (), "prediction_error", found.search.ranges, None,
-            found.search.seed, False, {},
+            found.search.seed, False, {}, prior=found.fit.prior,
         )  # fmt: skip
         fit = search(problem, False).fit
     except ValueError:  # no fit on such gears: the log contradicts them, or they cannot carry the arm

@@ -18,6 +18,8 @@ _DECIDES, _AT_ALL = 0.5, 0.25  # shares of what is explained, and of all that va
 
 _SHOWN = 5  # sensitivities in the table
 
+_LESS = 0.5  # share of the samples beyond the limit that may be left where friction is known, if it decides
+
 _MOST = 0.5  # share of samples that exceed the limit beyond which nothing is said of the nominal one
 
 
@@ -190,6 +192,11 @@ def _explained(certificate: Any) -> Iterator[Piece]:
             "how well f is known decides: identify from more records, or from a motion of design_motion; or let tune "
             "search for a controller that holds all of it"
         )
+    elif certificate.failures and (known := _friction(certificate)) is not None:
+        yield (
+            f"that friction is uncertain decides: known as this log would identify it, {percent(known)} of the first "
+            'samples exceed the limit. Call identify(..., unknown="friction")'
+        )
     elif certificate.failures:
         yield "another controller may hold: tune searches for it, along this path and over what is sampled here"
     if certificate.plants.redrawn:
@@ -199,6 +206,14 @@ def _explained(certificate: Any) -> Iterator[Piece]:
         yield f"{share:.0%} of the samples were moved towards the identified arm, until they are arms"
     for what, names in zip(("sampled", "not sampled"), certificate.plants.said, strict=True):
         yield f"{what}: {', '.join(names)}"
+
+
+def _friction(certificate: Any) -> float | None:
+    """Share that exceeds the limit where friction is identified, in the worst motion, if that is what decides."""
+    if certificate.probability <= _MOST:
+        return None
+    known = certificate.friction_known
+    return known if known is not None and known < _LESS * certificate.probability else None
 
 
 def _against_the_log(certificate: Any) -> Iterator[str]:

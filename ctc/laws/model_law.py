@@ -65,6 +65,7 @@ class ModelLaw(Law):
             raise ValueError(
                 f"arm and rig must have equal joints; got {self.arm.n} and {self.rig.n}. Pass found.arm and found.rig."
             )
+        self.rig.drive.require_friction()
         require_inertia(self.arm, self.rig)
 
     @property

@@ -13,12 +13,13 @@ Control 109 (1987) (equations of motion).
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from identification.equation_error.filters import by_differences, derivatives, low_pass
 from identification.equation_error.least_squares import least_squares
+from identification.equation_error.prior import Known
 from identification.equation_error.pulse_fit import CUTOFF, filtering_of, fit_systems, mode_in
 from identification.equation_error.regressor import System, compared, linear, regressor_along
 from identification.equation_error.torque_fit import TorqueFit
@@ -78,9 +79,7 @@ class _Seen:
         return compared(signals, self.motors.qd, self.rig.period, filtering, self.record.valid)
 
 
-def fit_deflection(
-    dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known: Mapping[str, float]
-) -> GearFit:
+def fit_deflection(dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known: Known) -> GearFit:
     """Compliance of gears from records with `link_counts`; arguments as for `equation_error`."""
     names, seen = linear(dynamics, records[0].rig, unknown), [_Seen(record) for record in records]
     torque = fit_systems(dynamics, names, known, [each.system(dynamics, names) for each in seen])
@@ -147,7 +146,7 @@ class _Wound:
 
 
 def fit_gears(
-    dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known: Mapping[str, float], grid: Floats
+    dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known: Known, grid: Floats
 ) -> list[GearFit]:
     """Fits with the best compliances of a grid, one for each pass band in which there is one.
 
@@ -170,9 +169,7 @@ def _band(record: Record, i: int) -> float:
     return _REPLAYED[i] if replays else _BANDS[i] * mode_in(record)
 
 
-def _best(
-    dynamics: Dynamics, wound: Sequence[_Wound], names: tuple[str, ...], known: Mapping[str, float], grid: Floats
-) -> GearFit:
+def _best(dynamics: Dynamics, wound: Sequence[_Wound], names: tuple[str, ...], known: Known, grid: Floats) -> GearFit:
     """The best fit in a band: of all gears together, then of each while the others stay."""
 
     def fitted(compliance: Floats) -> GearFit:

@@ -75,7 +75,7 @@ class _Told(NamedTuple):
             others = [self.names[j] for j in np.flatnonzero(np.abs(shares) > 1e-3).tolist()]
             raise NotIdentifiableError(
                 f"unknowns must be separately identifiable; {self.names[i]} is a combination of {', '.join(others)}. "
-                "Fix one of them, or log a motion that excites more.",
+                "Fix one of them, log a motion that excites more (design_motion), or give identify a prior=.",
                 self.names[i],
             )
 

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from identification.equation_error.naming import of_each
+from identification.equation_error.prior import Known
 from identification.equation_error.regressor import Filtering, System, linear, regressor_and_torque
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from identification.equation_error.torque_logs import torque_of
@@ -88,9 +89,9 @@ def equation_error(
     """Fit of the torque equation to records, in their pass bands.
 
     `unknown`: all of f, and linear numbers of the drive; others keep their values in the record. `known`: what some of
-    them are.
+    them are, and the prior of f.
     """
-    known, unknown = dict(known or {}), linear(dynamics, records[0].rig, unknown)
+    known, unknown = Known(known), linear(dynamics, records[0].rig, unknown)
     records = [_without_gaps(record) for record in records]
 
     def fitted(bands: list[float]) -> TorqueFit:
@@ -98,7 +99,7 @@ def equation_error(
         return fit_systems(dynamics, unknown, known, systems)
 
     first = fitted([pass_band(record) for record in records])
-    values = known | dict(zip(first.names, first.values, strict=True))
+    values = {**known, **dict(zip(first.names, first.values, strict=True))}
     arm = dynamics.arm([values[name] for name in dynamics.names])
     try:
         bands = [pass_band(record, arm) for record in records]
@@ -131,7 +132,7 @@ def over_bands(
         try:
             systems = [system_of(dynamics, record, band, unknown, torque=torque)
                        for record, torque in zip(even, torques, strict=True)]  # fmt: skip
-            fit = fit_systems(dynamics, unknown, known or {}, systems)
+            fit = fit_systems(dynamics, unknown, Known(known), systems)
         except ValueError:  # a band without equations, or in which unknowns are not separately identifiable
             continue
         if fit.rows >= ENOUGH * len(fit.names):
@@ -141,12 +142,10 @@ def over_bands(
     return fits
 
 
-def fit_systems(
-    dynamics: Dynamics, unknown: Sequence[str], known: Mapping[str, float], systems: Iterable[System]
-) -> TorqueFit:
-    """Weighted fit of what is not known to systems of equations in all the unknowns."""
+def fit_systems(dynamics: Dynamics, unknown: Sequence[str], known: Known, systems: Iterable[System]) -> TorqueFit:
+    """Weighted fit of what is not known to systems of equations in all the unknowns, and to the prior."""
     names, less = without_known(unknown, known, systems)
-    return weighted(dynamics, names, less)
+    return weighted(dynamics, names, less, prior=None if known.prior is None else known.prior.rows(names, known))
 
 
 def without_known(

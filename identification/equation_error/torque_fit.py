@@ -183,13 +183,14 @@ def _trials(trials: Iterable[FitTrial]) -> Table:
 
 def weighted(
     dynamics: Dynamics, names: tuple[str, ...], systems: Iterable[System], weights: Floats | None = None,
-    seconds: Floats | None = None, **report: Any,
+    seconds: Floats | None = None, prior: tuple[Floats, Floats] | None = None, **report: Any,
 ) -> TorqueFit:  # fmt: skip
     """Least squares of one or more logs' equations.
 
     `dynamics`, `names`: names of the columns. `systems`: one per record. `weights` (R, n): of each record and joint, up
     to a common factor; by default 1 over a joint's residual in an unweighted fit. `seconds` (R,): length of each log:
-    the covariance counts how its segments, and logs, differ. `report`: further fields of the result.
+    the covariance counts how its segments, and logs, differ. `prior`: rows (m, k) and target (m,) of further equations,
+    of standard deviation 1. `report`: further fields of the result.
     """
     systems = tuple(systems)
     regressor, torque, used = (
@@ -204,8 +205,13 @@ def weighted(
     joint = places.joint
     rows, target = regressor[used], torque[used]
     weight = np.ones(len(target)) if weights is None else weights[places.record, joint]
-    for _ in range(2 if weights is None else 1):
-        values, covariance, condition = least_squares(names, rows * weight[:, None], target * weight)
+    if prior is not None:  # torques that are all noise, to begin with
+        weight /= norm(target) / np.sqrt(len(target))
+    for _ in range((2 if weights is None else 1) + (2 if prior is not None else 0)):
+        given = rows * weight[:, None], target * weight
+        if prior is not None:
+            given = np.vstack([given[0], prior[0]]), np.append(given[1], prior[1])
+        values, covariance, condition = least_squares(names, *given)
         residual = target - product(rows, values)
         freedom = 1 - len(values) / len(target)  # degrees of freedom that are left, per equation
         sigma = _deviations(residual, joint, torque.shape[1], freedom)

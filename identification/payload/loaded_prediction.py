@@ -39,7 +39,7 @@ class WithLoad:
         self.unknown = (*map(spoken, search.load.names), *friction, *prediction.unknown[p + len(friction) :])
         self._first, self._gains = len(search.load.names), sum("correction." in name for name in self.unknown)
         self._stated = np.flatnonzero(np.isfinite(search.deviation) & (search.deviation > 0))
-        self._trust = _ROUNDING
+        self._trust, self.dependent = _ROUNDING, prediction.dependent
         self.weights = np.append(prediction.weights, np.zeros(len(self._stated)))
 
     @property

@@ -14,8 +14,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from identification.equation_error.prior import Prior
 from identification.replay.followed import joined
 from identification.replay.prediction import Prediction
+from identification.replay.prior_rows import PriorRows
 from identification.replay.timing import without_delay
 from plant import Dynamics, Elasticity, FrictionCurve, Law, Record, Rig
 from plant.parts.arguments import instance
@@ -44,7 +46,7 @@ class Extended:
     """Innovations of a model that follows records, with what its rig leaves out.
 
     `unknown`: all of f, and numbers of rig and law. `f` (p,): known roughly: it says what the links weigh whose gears
-    give. `**options`: sub-steps and sweeps, as for `Prediction`.
+    give. `prior`: of f. `**options`: sub-steps and sweeps, as for `Prediction`.
 
     Attributes: `unknown`: what `innovations` takes values for: the given names, observer gains, then `extra`. `extra`:
     what the rig may leave out, or have wrong, zero where it is right: ``compliance[i]``, one over the square of the
@@ -58,20 +60,22 @@ class Extended:
 
     def __init__(
         self, dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], f: Floats, *,
-        threads: int | None = None, **options: Any,
+        prior: Prior | None = None, threads: int | None = None, **options: Any,
     ) -> None:  # fmt: skip
         n, links = dynamics.n, _link_inertia(dynamics, records[0], f)
         self.records, self.threads = tuple(records), int(threads or cores())
-        own = {**options, "threads": self.threads}
+        own = {**options, "threads": self.threads, "moving": prior is not None}
         self._logs = [_Log(dynamics, record, tuple(unknown), links, own) for record in records]
-        self._again = lambda others: Extended(dynamics, others, unknown, f, threads=threads, **options)
+        self._again = lambda others: Extended(dynamics, others, unknown, f, prior=prior, threads=threads, **options)
         first = self._logs[0].prediction
         self.gains, self.gain_steps, self.gain_bounds = first.nuisances, first.nuisance_steps, first.nuisance_bounds
         names = (*(() if links is None else _GIVING), *_FRICTION, "offset", "gear", "motor_gain")
         self.extra = (*(f"{name}[{i}]" for name in names for i in range(n)), "lag", *self._logs[0].law)
         self.least = np.array([self._logs[0].least(name) for name in self.extra])
         self.unknown = (*unknown, *first.unknown[len(first.unknown) - len(self.gains) :], *self.extra)
-        self.weights = np.concatenate([log.prediction.weights for log in self._logs])
+        self.prior = PriorRows(prior, self.unknown)
+        own_weights = [log.prediction.weights for log in self._logs]
+        self.weights = np.concatenate([np.zeros(self.prior.count), *own_weights])
         self.scales = np.ones(len(self.weights))
 
     def innovations(self, values: Floats) -> Floats:
@@ -82,7 +86,7 @@ class Extended:
         """The same for several vectors of values, side by side."""
         many = list(many)
         of_record = [log.all_innovations([self._apart(values) for values in many]) for log in self._logs]
-        return [joined(row, self.scales) for row in zip(*of_record, strict=True)]
+        return [joined(row, self.scales) for row in zip(map(self.prior.of, many), *of_record, strict=True)]
 
     def _apart(self, values: Floats) -> tuple[Floats, dict[str, float]]:
         """Unknowns and observer gains, and the extra numbers by name."""
@@ -92,7 +96,7 @@ class Extended:
     def late(self, samples: float) -> "Extended":
         """The same model, following records whose counts are so many samples later."""
         later = self._again([without_delay(record, -samples) for record in self.records])
-        later.scales = self.scales
+        later.scales, later.prior = self.scales, self.prior
         return later
 
     def stated(self) -> dict[str, float]:
@@ -106,7 +110,7 @@ class Extended:
 
     def rows(self) -> list[slice]:
         """Where the innovations of each record are."""
-        ends = np.cumsum([0, *(len(log.prediction.weights) for log in self._logs)]).tolist()
+        ends = np.cumsum([self.prior.count, *(len(log.prediction.weights) for log in self._logs)]).tolist()
         return [slice(*pair) for pair in itertools.pairwise(ends)]
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from identification.equation_error.excitation import LEAST_PULSES
 from identification.equation_error.law_memory import FADED, Memory, Resumption
 from identification.replay.experiment import Experiment, Rounding
 from plant import Dynamics, Record
@@ -23,11 +24,11 @@ _SLOW, _RINGING = 1.0, 30
 
 
 class Followed(Experiment):
-    """One record, ready to be followed."""
+    """One record, ready to be followed; `heard` (n,): joints that are compared, of `moving` those that move."""
 
     def __init__(
         self, dynamics: Dynamics, record: Record, unknown: Sequence[str], options: dict[str, Any], steady: bool,
-        memory: Memory | None,
+        memory: Memory | None, moving: bool = False,
     ) -> None:  # fmt: skip
         self.memory, self._steady = memory, steady
         super().__init__(dynamics, record, unknown, smooth=True, **options)
@@ -37,6 +38,7 @@ class Followed(Experiment):
             self.places += [i for i, name in enumerate(self.loop.number_names) if name.startswith("law.state[")]
         self._kernel = logged_kernel(self.loop, self.places, uneven=self.clock.even is None)
         self._rounding: Rounding | None = None
+        self.heard = (np.ptp(record.counts, axis=0) >= LEAST_PULSES) | (not moving)
         self._tables = self._kernel.along(self.loop, **self.driven, data=self._measured(record.counts))
         self._weigh(record.counts)
 
@@ -52,7 +54,7 @@ class Followed(Experiment):
         after = np.minimum(np.arange(len(counts)) + _WINDOW, len(counts) - 1)
         steps = np.vstack([np.zeros(record.n), np.abs(np.diff(counts, axis=0)).cumsum(axis=0)])
         moved = (steps[after] - steps[before]) / np.maximum(after - before, 1)[:, None]
-        self.weight = np.sqrt(np.minimum(1.0, moved) * (record.valid * self._settled())[:, None])
+        self.weight = np.sqrt(np.minimum(1.0, moved) * (record.valid * self._settled())[:, None]) * self.heard
         if self._steady and not self.loop.law.replays:
             self.weight *= _steady(moved)[:, None]
 

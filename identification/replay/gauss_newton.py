@@ -53,8 +53,9 @@ def gauss_newton(
 ) -> Solution:
     """Least sum of squared innovations.
 
-    `prediction`: or anything else with its `innovations`, `all_innovations`, `unknown`, `weights` and `scales`. `start`
-    (k,). `step` (k,): of the central differences; zero leaves an unknown as it is. `bounds` (k, 2): values stay inside.
+    `prediction`: or anything else with its `innovations`, `all_innovations`, `unknown`, `weights`, `scales` and
+    `dependent`. `start` (k,). `step` (k,): of the central differences; zero leaves an unknown as it is. `bounds`
+    (k, 2): values stay inside.
     `tolerance`: relative decrease of the sum below which the search ends.
 
     Raises a ValueError: a start that diverges, or unknowns that are not separately identifiable (with names).
@@ -74,7 +75,7 @@ def gauss_newton(
     moved = True
     for left in reversed(range(rounds)):
         change_per_step = slopes(prediction, values, step, varied, residual)
-        solved = functools.partial(_solved, names, change_per_step, residual)
+        solved = functools.partial(_solved, names, change_per_step, residual, prediction.dependent)
         change = within_bounds(solved, values, step, bounds)
         cost, lengths = dot(residual, residual), 0.5 ** np.arange(8)
         tried = np.clip(values + lengths[:, None] * change, *bounds.T)
@@ -93,7 +94,9 @@ def gauss_newton(
         change_per_step = np.empty((0, 0))
         change_per_step = slopes(prediction, values, step, varied, residual)
     covariance, unscaled = np.zeros((len(values), len(values))), residual * prediction.scales
-    part = least_squares(names, change_per_step, residual, dependent=DEPENDENT)[1] * np.outer(*[step[varied]] * 2)
+    part = least_squares(names, change_per_step, residual, dependent=prediction.dependent)[1] * np.outer(
+        *[step[varied]] * 2
+    )
     covariance[np.ix_(varied, varied)] = part * noise(prediction, residual)
     rms = float(np.sqrt(dot(unscaled, unscaled) / dot(prediction.weights, prediction.weights)))
     change_per_step /= step[varied]
@@ -138,10 +141,12 @@ def within_bounds(
     return change
 
 
-def _solved(names: Sequence[str], change_per_step: Floats, residual: Floats, moving: NDArray[np.bool_]) -> Floats:
+def _solved(
+    names: Sequence[str], change_per_step: Floats, residual: Floats, dependent: float, moving: NDArray[np.bool_]
+) -> Floats:
     left = [name for name, moves in zip(names, moving, strict=True) if moves]
     columns = change_per_step if moving.all() else change_per_step[:, moving]
-    return least_squares(left, columns, residual, dependent=DEPENDENT)[0]
+    return least_squares(left, columns, residual, dependent=dependent)[0]
 
 
 def slopes(

@@ -67,10 +67,11 @@ def fitted(model: Extended, values: Floats, step: Floats, bounds: Floats) -> Opt
     unknown = int((varied < len(values) - len(model.extra) - len(model.gains)).sum())
     if not np.isfinite(innovations).all():
         raise ValueError("the model with what was found does not follow the log")
+    own = model.prior.own(_OWN)
     for left in reversed(range(_ROUNDS)):
         rates = slopes(model, values, step, varied).T
-        made = directions(rates)
-        before, solved = (innovations**2).sum(), functools.partial(_solved, made, rates, innovations)
+        made = directions(rates, own)
+        before, solved = (innovations**2).sum(), functools.partial(_solved, made, rates, innovations, own)
         change = within_bounds(solved, values, step, bounds)
         for length in _LENGTHS:
             trial = np.clip(values + length * change, *bounds.T)
@@ -84,15 +85,17 @@ def fitted(model: Extended, values: Floats, step: Floats, bounds: Floats) -> Opt
     return Optimum(model=model, values=values, innovations=innovations, rates=rates, made=made, unknown=unknown)
 
 
-def _solved(made: Floats, rates: Floats, innovations: Floats, moving: NDArray[np.bool_]) -> Floats:
+def _solved(made: Floats, rates: Floats, innovations: Floats, own: float, moving: NDArray[np.bool_]) -> Floats:
     """Coefficients of the rates that move; `made`: directions of all of them."""
     if not moving.all():
-        made, rates = directions(rates[moving]), rates[moving]
+        made, rates = directions(rates[moving], own), rates[moving]
     return along(made, rates, innovations)
 
 
-def directions(rates: Floats) -> Floats:
+def directions(rates: Floats, share: float = _OWN) -> Floats:
     """What orthonormal directions are of rates (v, M): (r, v), none for a rate that is a combination of others.
+
+    `share`: of a rate that must be its own.
 
     By Gram-Schmidt on the products of the rates.
     """
@@ -105,7 +108,7 @@ def directions(rates: Floats) -> Floats:
         for _ in range(2):
             own = own - product(made.T, product(made, product(together, own)))
         size = np.sqrt(max(dot(own, product(together, own)), 0.0))
-        if size > _OWN:
+        if size > share:
             made = np.vstack([made, own / size])
     return np.asarray(made / lengths)
 

@@ -19,8 +19,11 @@ import numpy as np
 
 from identification.equation_error.law_memory import Memory, Resumption
 from identification.equation_error.naming import of_each, record_label
+from identification.equation_error.prior import Prior
 from identification.replay.experiment import as_records
 from identification.replay.followed import Followed, joined
+from identification.replay.gauss_newton import DEPENDENT, noise
+from identification.replay.prior_rows import PriorRows
 from plant import Dynamics, Record
 from plant.parts.fields import Floats
 from plant.simulation.layout import Correction
@@ -55,20 +58,23 @@ class Prediction:
     predicted. `zeros`: where the joints are when their counters say zero is unknown, in each record anew. `memories`:
     of each record, in which directions the state of its law before the log is unknown; None where it is known.
     `steady`: leave out samples while a joint is slow, and for a while after it: on elastic gears single counts are
-    felt. `steps_per_sample`, `sweeps`, `threads`: as for `Objective`.
+    felt. `prior`: of f; its deviations, times the noise of an innovation, come before the innovations. `moving`:
+    leave out joints that hardly move, which friction holds at will; so it is with a prior. `steps_per_sample`,
+    `sweeps`, `threads`: as for `Objective`.
 
     Attributes: `unknown`: what `innovations` takes values for: the given names, then those of the *nuisances*: observer
     gains (``correction.position[0]`` and so on), the zeros of each record, and what its law remembered (``memory``).
     `nuisances`, `nuisance_steps` (m,): their values to begin with, and steps of their central differences; zero for one
     that is kept. `nuisance_bounds` (m, 2). `weights` (M,): weight of each innovation: the root of the independent
     readings that its sample gives. `scales` (M,): what each innovation is divided by; 1 [pulse] until `reweigh`.
-    `evaluations`: simulations so far.
+    `dependent`: share of its own that the slope of each unknown must have. `evaluations`: simulations so far.
     """
 
     def __init__(
         self, dynamics: Dynamics, records: Record | Iterable[Record], unknown: Iterable[str] | None = None, *,
         simulated: bool = False, zeros: bool = False, steady: bool = False, memories: Sequence[Memory | None] = (),
-        steps_per_sample: int = 4, sweeps: int = 3, threads: int | None = None,
+        prior: Prior | None = None, moving: bool = False, steps_per_sample: int = 4, sweeps: int = 3,
+        threads: int | None = None,
     ) -> None:  # fmt: skip
         records, unknown = as_records(dynamics, records, unknown)
         n, replayed = dynamics.n, any(record.law is not None and record.law.replays for record in records)
@@ -101,13 +107,18 @@ class Prediction:
         names = (*unknown, *gains, *(correction.number_names("correction.")[2 * n :] if zeros else ()))
         options = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "correction": correction}
         self._followed = of_each(
-            lambda record, memory: Followed(dynamics, record, names, options, steady, memory), records, self._memories
-        )
+            lambda record, memory: Followed(
+                dynamics, record, names, options, steady, memory, moving or prior is not None
+            ), records, self._memories,
+        )  # fmt: skip
+        heard = np.any([followed.heard for followed in self._followed], axis=0)
+        self.nuisance_steps[: len(gains)] *= np.tile(heard, 2)[: len(gains)]  # gains that nothing shows are kept
         weights = [followed.weight.ravel() for followed in self._followed]
-        self.weights = np.concatenate([*weights, np.zeros(count)])
+        self.prior = PriorRows(prior, unknown)
+        self.weights = np.concatenate([np.zeros(self.prior.count), *weights, np.zeros(count)])
         self.scales = np.ones(len(self.weights))
         self.threads = int(threads or cores())
-        self.evaluations = 0
+        self.dependent, self.evaluations = self.prior.own(DEPENDENT), 0
 
     def _each(self, values: Floats) -> Iterator[tuple[Followed, Floats]]:
         """Each record's loop, and what it is given of values (k,)."""
@@ -137,22 +148,22 @@ class Prediction:
         return ""
 
     def reweigh(self, values: Floats) -> bool:
-        """Weight each joint of each record by its RMS innovation.
+        """Weight each joint of each record by its RMS innovation, and a prior by the noise.
 
         What the model lacks differs between records; the one that it follows worst must not dominate the sum.
 
-        Returns whether scales have changed: not while all are followed about equally well.
+        Returns whether weights have changed: scales do not while all are followed about equally well.
         """
-        rms = []
+        rms, settled = [], self.prior.settle(noise(self, self.innovations(values))) if self.prior.count else False
         for followed, own in self._each(values):
             readings = np.maximum((followed.weight**2).sum(axis=0), 1.0)
             squares = (followed.innovations(own).reshape(-1, followed.loop.n) ** 2).sum(axis=0)
-            rms.append(np.sqrt(squares / readings))
-        if not np.min(rms) > 0 or np.max(rms) < _UNEQUAL * np.min(rms):
-            return False
+            rms.append(np.where(followed.heard, np.sqrt(squares / readings), np.nan))
+        if not np.nanmin(rms) > 0 or np.nanmax(rms) < _UNEQUAL * np.nanmin(rms):
+            return settled
         rows = zip(self._followed, rms, strict=True)
-        scales = [np.broadcast_to(own, followed.weight.shape).ravel() for followed, own in rows]
-        self.scales = np.concatenate([*scales, np.ones(len(self._expected))])
+        scales = [np.broadcast_to(np.nan_to_num(own, nan=1.0), followed.weight.shape).ravel() for followed, own in rows]
+        self.scales = np.concatenate([np.ones(self.prior.count), *scales, np.ones(len(self._expected))])
         return True
 
     @property
@@ -181,7 +192,9 @@ class Prediction:
                 logs = followed.rounded(own, list(moved), self.threads)
                 of_record[-1] = shared_out(functools.partial(followed.innovations_of, own), logs, self.threads)
         known = np.zeros(len(self._expected))
-        return [joined([*rows, known], self.scales) for rows in zip(*of_record, strict=True)]
+        return [
+            joined([np.zeros(self.prior.count), *rows, known], self.scales) for rows in zip(*of_record, strict=True)
+        ]
 
     def all_innovations(self, many: Iterable[Floats]) -> list[Floats]:
         """The same for several vectors of values, side by side."""
@@ -198,7 +211,7 @@ class Prediction:
         for (k, _), found in zip(blocks, shared_out(run, blocks, self.threads), strict=True):
             of_record[k] += found
         known = (self._expected * values[len(values) - len(self._expected) :] for values in many)
-        return [joined(row, self.scales) for row in zip(*of_record, known, strict=True)]
+        return [joined(row, self.scales) for row in zip(map(self.prior.of, many), *of_record, known, strict=True)]
 
     def motions(self, values: Floats) -> list[Floats]:
         """Joint positions (N, n) [rad] of each record's arm with these values."""

@@ -172,6 +172,11 @@ class Resonances:
         return np.append(self.prediction.scales, np.ones(self._more))
 
     @property
+    def dependent(self) -> float:
+        """Share of its own that the slope of each unknown must have."""
+        return self.prediction.dependent
+
+    @property
     def _more(self) -> int:
         """What is known beside the innovations."""
         return len(self.damping) + (0 if self._measured is None else len(self.stiffness))

@@ -70,6 +70,8 @@ class Detection(Shown, Frozen):
         Their least standard deviations, from how they differ between segments or runs; see `clustered`.
     assumed : dict
         Their change (k,) if a gear, a motor's gain, or a gain of the law is 1 % larger, by its name.
+    friction : dict
+        Standard deviations of friction that was not unknown, if it had been, by the names of a sign's values.
     """
 
     signs: tuple[Sign, ...] = ()
@@ -80,6 +82,7 @@ class Detection(Shown, Frozen):
     doubt: Floats | None = None
     grouped: Floats | None = None
     assumed: dict[str, Floats] = dataclasses.field(default_factory=dict)
+    friction: dict[str, float] = dataclasses.field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -75,7 +75,7 @@ class Doubt:
                 effects[name], named[name] = at.rates[i] / self.step[varied[i]], np.inf
         own = [i for i, place in enumerate(varied) if at.model.unknown[place] not in at.model.extra]
         prior = {**priors(tolerances, list(effects), self.efforts), **named}
-        change, more = consider(at.rates[own], residual, prior, effects, at.unit(at.innovations))
+        change, more, _ = consider(at.rates[own], residual, prior, effects, at.unit(at.innovations))
         bias, total = at.values[:known] - self.first.values[:known], np.zeros((known, known))
         some = np.array([i for i, j in enumerate(own) if varied[j] < known], dtype=int)
         places = varied[own][some]
@@ -84,6 +84,14 @@ class Doubt:
         whole = np.zeros((self.unknown, self.unknown))
         whole[np.ix_(self.keep, self.keep)] = total + np.outer(bias, bias)
         return whole
+
+    def friction(self, tolerances: Tolerances) -> dict[str, float]:
+        """Standard deviations of friction that is not unknown, if it is fitted with all else, by its name."""
+        own, residual = self.at.rates, self.at.innovations[: self.searched]
+        names = [name for name in self.effects if name.partition("[")[0] in _BY_KIND]
+        prior = priors(tolerances, list(self.effects), self.efforts) | dict.fromkeys(names, np.inf)
+        std = consider(own, residual, prior, self.effects, self.at.unit(self.at.innovations))[2]
+        return {name: std[name] for name in names if std.get(name, 0.0) > 0}
 
     def grouped(self) -> Floats:
         """Standard deviations (k,) of the unknowns, from how they differ between segments.
@@ -94,7 +102,8 @@ class Doubt:
         lengths = [rows.stop - rows.start for rows in at.model.rows() if rows.stop <= self.searched]
         by_runs = len(lengths) >= RUNS and self.apart
         each = 1 if by_runs else -(-SEGMENTS // len(lengths))
-        groups = np.concatenate([each * i + np.arange(n) * each // n for i, n in enumerate(lengths)])
+        own = [each * i + np.arange(n) * each // n for i, n in enumerate(lengths)]
+        groups = np.concatenate([np.full(at.model.prior.count, -1), *own])  # a prior is in no group: never left out
         differ = run_std if by_runs else group_std
         return self._of_unknowns(differ(at.rates[:, : self.searched].T, at.innovations[: self.searched], groups))
 
@@ -118,8 +127,11 @@ def priors(tolerances: Tolerances, names: Sequence[str], efforts: Floats) -> dic
 
 def consider(
     rates: Floats, residual: Floats, prior: Mapping[str, float], effects: Mapping[str, Floats], unit: float
-) -> tuple[Floats, Floats]:
-    """Change (v,) of the unknowns if what is in `prior` were fitted too, and what that adds to their covariance (v, v).
+) -> tuple[Floats, Floats, dict[str, float]]:
+    """What comes of fitting what is in `prior` too.
+
+    Returns the change (v,) of the unknowns, what is added to their covariance (v, v), and the standard deviations of
+    what is in `prior`.
 
     `rates` (v, M): change of the innovations with each unknown. `residual` (M',): innovations of the first M' rows,
     those that were fitted. `prior`: standard deviations, by name; inf of what has none. `effects`: change of the
@@ -138,7 +150,8 @@ def consider(
     places = np.arange(count, len(information))
     information[places, places] += np.isfinite(sizes)
     inverse, alone = _inverse(information), _inverse(information[:count, :count])
-    return alone @ slope[:count] - inverse[:count] @ slope, inverse[:count, :count] - alone
+    std = dict(zip(names, (scale * np.sqrt(np.maximum(np.diag(inverse)[count:], 0.0))).tolist(), strict=True))
+    return alone @ slope[:count] - inverse[:count] @ slope, inverse[:count, :count] - alone, std
 
 
 def _inverse(matrix: Floats) -> Floats:

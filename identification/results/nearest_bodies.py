@@ -21,6 +21,7 @@ import dataclasses
 
 import numpy as np
 
+from plant.mechanics.body import symmetric_basis
 from plant.parts.fields import Floats
 
 _STEPS = 100
@@ -46,17 +47,6 @@ class Block:
     def size(self) -> int:
         """D"""
         return len(self.factor)
-
-
-def basis(d: int) -> Floats:
-    """Orthonormal basis of the symmetric matrices (d, d): (d (d + 1) / 2, d, d)."""
-    found = []
-    for i in range(d):
-        for j in range(i, d):
-            matrix = np.zeros((d, d))
-            matrix[i, j] = matrix[j, i] = 1.0 if i == j else np.sqrt(0.5)
-            found.append(matrix)
-    return np.array(found)
 
 
 def nearest_realisation(
@@ -104,7 +94,7 @@ class _Problem:
     """The divergence of several blocks, as a function of all their x (in an orthonormal basis)."""
 
     def __init__(self, sizes: list[int]) -> None:
-        self.bases = [basis(d) for d in sizes]
+        self.bases = [symmetric_basis(d) for d in sizes]
         ends = np.cumsum([len(each) for each in self.bases])
         self.places = [slice(end - len(each), end) for end, each in zip(ends, self.bases, strict=True)]
         self.prior = np.concatenate([np.einsum("kii->k", each) for each in self.bases])

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.results.identification import Identification
-from identification.results.nearest_bodies import Block, basis, nearest_realisation
+from identification.results.nearest_bodies import Block, nearest_realisation
 from identification.results.physical import Physical, whitening
 from plant import Arm, Body
-from plant.mechanics.body import from_pseudo_inertia, pseudo_inertia
+from plant.mechanics.body import from_pseudo_inertia, prior_changes, prior_factor
 from plant.mechanics.link import Link
 from plant.mechanics.lumping import STANDARD
 from plant.mechanics.model_tree import ModelFile, ModelJoint, fixed_to, links_of_chain
@@ -19,8 +19,6 @@ from plant.mechanics.placement import Placement
 from plant.parts.arguments import choice, instance
 from plant.parts.fields import Floats
 from plant.parts.user_warning import warn
-
-_THIN = 0.03  # extent [m], root mean square, that a prior gets where it has none: a point mass, a rod
 
 _SAME = 1e-12  # relative difference of f below which bodies have it already
 
@@ -156,17 +154,8 @@ def _inertials(model: ModelFile, joints: list[ModelJoint], prior: Mapping[str, B
 
 def _block(each: _Inertial, columns: Floats) -> Block:
     """The prior's factor, and the columns of f; a prior without extent is made a little thick."""
-    P = pseudo_inertia(each.body.standard_parameters)
-    if not P[3, 3] > 0:
-        P = P + np.diag([0.0, 0.0, 0.0, 1e-3 * max(1e-3, float(np.trace(P[:3, :3])))])
-    central = P[:3, :3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3]
-    widths, axes = np.linalg.eigh(central)
-    thin = np.maximum(widths, _THIN**2 * P[3, 3] * (widths < (1e-3 * _THIN) ** 2 * P[3, 3])) - widths
-    P[:3, :3] += axes @ np.diag(thin) @ axes.T
-    L = np.asarray(np.linalg.cholesky(P), dtype=float)
-    moved = each.matrix @ L
-    x = np.array([from_pseudo_inertia(moved @ S @ moved.T) for S in basis(4)]).T
-    return Block(L, columns @ x)
+    L = prior_factor(each.body.standard_parameters)
+    return Block(L, columns @ prior_changes(each.matrix @ L))
 
 
 def _result(

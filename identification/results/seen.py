@@ -1,7 +1,8 @@
-"""What the logs of an identification show, and where a path leaves it."""
+"""What the logs of an identification show, what they leave to a prior, and where a path leaves them."""
 
 import dataclasses
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -9,6 +10,8 @@ from plant import Record, Reference
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
+from plant.parts.shown import Piece
+from plant.parts.tables import Table
 
 _BEYOND = 0.1  # share of a log's range, or of its largest speed, by which a path may leave it
 
@@ -30,15 +33,19 @@ class Seen(Frozen):
         tested, or gears are elastic already.
     beyond : tuple of str
         Where the path leaves angles and speeds of the logs, a joint each.
+    friction : dict
+        Standard deviation with which the log would identify friction that was not unknown, by the number's name.
     """
 
     resonance: float | None
     beyond: tuple[str, ...]
+    friction: dict[str, float] = dataclasses.field(default_factory=dict)
 
 
 def seen(found: Any, reference: Reference, duration: float) -> Seen:
     """What the logs of an `Identification` show, beside so many seconds of a path."""
-    return Seen(resonance=_resonance(found), beyond=tuple(_beyond(found, reference, duration)))
+    friction = {f"drive.{name}": std for name, std in found.diagnostics.detection.friction.items()}
+    return Seen(resonance=_resonance(found), beyond=tuple(_beyond(found, reference, duration)), friction=friction)
 
 
 def _resonance(found: Any) -> float | None:
@@ -76,3 +83,73 @@ def motion_of(record: Record) -> tuple[Floats, Floats]:
     q = record.rig.to_angle(record.counts)
     every = slice(None, None, min(APART, len(q) - 1))
     return q, np.diff(q[every], axis=0) / np.diff(record.t[every])[:, None]
+
+
+_TOLD = 0.5  # share of its prior standard deviation below which a combination of f comes from the log
+
+_TERMS, _SMALL = 3, 0.2  # parameters that name a combination, at most, and the least coefficient of one
+
+_CHANCE = 1e-4  # probability with which a log contradicts a prior that is right
+
+
+class Told(NamedTuple):
+    """Independent combinations of f under a prior, best told first: `names` of f; `axes` (p, p): their coefficients of
+    f, in columns, so that the prior has a standard deviation of 1; `shares` (p,): standard deviations that are left;
+    `off` (p,): from the mean of the prior, in its standard deviations.
+    """
+
+    names: tuple[str, ...]
+    axes: Floats
+    shares: Floats
+    off: Floats
+
+
+def told(found: Any) -> Told | None:
+    """What the log of an `Identification` tells beside its prior; None without one, or without a covariance."""
+    prior, fit = found.fit.prior, found.fit
+    if prior is None or fit.covariance is None or fit.fallback_reason is not None:
+        return None
+    left = prior.whitening @ fit.covariance_of(prior.names) @ prior.whitening.T
+    squares, axes = np.linalg.eigh((left + left.T) / 2)
+    axes = prior.whitening.T @ axes
+    off = axes.T @ (found.f - prior.mean)
+    return Told(found.arm.dynamics.short_names, axes, np.sqrt(np.clip(squares, 0.0, 1.0)), off)
+
+
+def origins(found: Any, full: bool) -> Iterator[Piece]:
+    """Which combinations of f come from the log, and which from the prior, best told first; full: all of these."""
+    if (told_of := told(found)) is None:
+        return
+    std = np.sqrt(np.diag(found.fit.prior.covariance))
+    those = np.flatnonzero(told_of.shares >= _TOLD)
+    count, spread = len(std), 100 * found.fit.prior.spread
+    yield (
+        f"of {count} combinations of f, {count - len(those)} come from the log, {len(those)} from the prior "
+        f"({spread:.3g} %), of whose standard deviation the log leaves more than {_TOLD:.0%}"
+    )
+    rows = []
+    for i in those if full else those[::-1][:_TERMS]:
+        parts = told_of.axes[:, i] * std
+        order = np.argsort(-np.abs(parts))[:_TERMS]
+        parts = parts / parts[order[0]]
+        terms = [f"{parts[k]:+.2g} {told_of.names[k]}" for k in order if abs(parts[k]) > _SMALL]
+        rows.append((", ".join(terms).lstrip("+"), f"{told_of.shares[i]:.0%}", f"{told_of.off[i]:+.1f}"))
+    if rows:
+        head = "from the prior, least told first" if not full else "from the prior"
+        yield Table((f"{head} (f in its standard deviations)", "left", "off"), rows, words=(0,))
+
+
+def contradicted(found: Any) -> Iterator[str]:
+    """A line where the log contradicts the prior by more than its spread."""
+    from scipy.special import chdtrc
+
+    if (told_of := told(found)) is None or not (seen_ones := told_of.shares < _TOLD).any():
+        return
+    chi_square = float((told_of.off[seen_ones] ** 2 / (1 - told_of.shares[seen_ones] ** 2)).sum())
+    if chdtrc(seen_ones.sum(), chi_square) < _CHANCE:
+        off = (found.f - found.fit.prior.mean) / np.sqrt(np.diag(found.fit.prior.covariance))
+        most = ", ".join(f"{told_of.names[k]} by {off[k]:+.1f}" for k in np.argsort(-np.abs(off))[:_TERMS])
+        yield (
+            f"the log contradicts the prior: {most} of its standard deviations (chi-square {chi_square:.0f} of "
+            f"{seen_ones.sum()}); what comes from the prior may be as wrong. Check its bodies, or widen the spread."
+        )

@@ -62,7 +62,12 @@ def detect(problem: Problem, fit: Fit, delay: float = 0.0, rounding: Floats | No
         period = max(record.rig.period for record in problem.records)
         shown = tuple(_sampled(sign, period) for sign in detection.signs)
         return dataclasses.replace(
-            detection, signs=shown, doubt=added, grouped=doubt.grouped(), assumed=doubt.assumed()
+            detection,
+            signs=shown,
+            doubt=added,
+            grouped=doubt.grouped(),
+            assumed=doubt.assumed(),
+            friction=doubt.friction(problem.tolerances),
         )
     except (ValueError, np.linalg.LinAlgError) as error:
         return Detection(reason=str(error))
@@ -96,12 +101,17 @@ class _Search:
             values, step = start_of_fit(problem, torque_fit(problem))
         given = dict(zip(problem.unknown, values, strict=True))
         f = np.array([given[name] for name in problem.dynamics.names])
-        model = Extended(problem.dynamics, records, [problem.unknown[i] for i in keep], f, **problem.options)
+        model = Extended(
+            problem.dynamics, records, [problem.unknown[i] for i in keep], f, prior=problem.prior, **problem.options
+        )
         gains, extra = model.gains if fit.gains is None else fit.gains, np.zeros(len(model.extra))
         self.step = np.concatenate([_STEP * step[keep], model.gain_steps, extra])
         limits = np.column_stack([model.least, np.full(len(extra), np.inf)])
         self.bounds = np.vstack([problem.bounds[keep], model.gain_bounds, limits])
-        self.at = self._first = fitted(model, np.concatenate([values[keep], gains, extra]), self.step, self.bounds)
+        first = fitted(model, np.concatenate([values[keep], gains, extra]), self.step, self.bounds)
+        if model.prior.settle(first.unit(first.innovations)):
+            first = fitted(model, first.values, self.step, self.bounds)
+        self.at = self._first = first
         self._searched = model.rows()[len(problem.records) - 1].stop
         self._efforts, self.joints = _efforts(records[0]), tuple(problem.dynamics.chain.joint_labels)
         self.effects = effects_of(self.at, self._efforts)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from identification.results.seen import origins
 from identification.results.trust import warnings_of
 from plant.parts.shown import Aside, Piece, Verdict, Warned, inside
 from plant.parts.tables import WIDTH, Table
@@ -64,6 +65,7 @@ def said_of(found: Any, full: bool) -> Iterator[Piece]:
         named = ", ".join(record.name or f"a record of {len(record)} samples" for record in found.held_out)
         yield f"validation, only simulated: {named}"
     yield from [_values(found)] if full else _abreast(found)
+    yield from origins(found, full)
     yield from inside(found.diagnostics)
     if found.fit.noise_covariance is not None:
         yield f"intervals count noise and {found.search.tolerances}"

@@ -7,7 +7,7 @@ import numpy as np
 
 from identification.replay.timing import is_late
 from identification.results.diagnostics import ROUNDINGS
-from identification.results.seen import APART, motion_of
+from identification.results.seen import APART, contradicted, motion_of
 from plant import Chain, Record, Rig
 from plant.checkup.oscillation import own_oscillation
 from plant.checkup.rounding import rounding_doubts
@@ -98,6 +98,7 @@ def warnings_of(found: Any, always: bool = True) -> list[str]:
         *_of_detection(found, replayed),
         *_of_repeats(found, replayed),
         *_of_pairs(found),
+        *contradicted(found),
     ]
 
 

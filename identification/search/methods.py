@@ -66,7 +66,7 @@ def _as_good(vectors: Floats, costs: Floats) -> Floats:
 
 
 def _genetic(problem: Problem, ranges: Floats) -> GeneticResult:
-    costs, show = problem.checkpoint.remembered("costs", problem.objective), problem.show
+    costs, show = problem.checkpoint.remembered("costs", problem.costs), problem.show
     shown = None if show is None else lambda state: show(state.best_cost)
     return minimize_genetic(costs, ranges, problem.settings, problem.seed, callback=shown)
 
@@ -132,7 +132,11 @@ def seeded(problem: Problem) -> Outcome:
     if any(problem.replays) or problem.elastic:
         return prediction_error(problem)
     values, step = start_of_fit(problem, torque_fit(problem))
-    result = _genetic(problem, np.clip([values - _BOX * step, values + _BOX * step], *problem.bounds.T).T)
+    room = _BOX * step
+    if problem.prior is not None:  # not far outside it: few such numbers are an arm
+        places = problem.prior.places(problem.unknown)
+        room[places] = np.minimum(room[places], np.sqrt(np.diag(problem.prior.covariance)))
+    result = _genetic(problem, np.clip([values - room, values + room], *problem.bounds.T).T)
     if not np.isfinite(result.cost) and problem.everywhere is not None:  # the log was too poor for a box
         result = _genetic(problem, problem.everywhere)
     stages = {"equation error": values, "genetic": result.x}
@@ -145,7 +149,7 @@ def seeded(problem: Problem) -> Outcome:
     moves = np.random.default_rng(problem.seed).normal(size=(_NEIGHBOURS, len(step)))
     moves = _NEAR * (moves[:, None, :] * _root(np.asarray(fit.covariance))).sum(axis=2)
     near = np.clip(np.vstack([fit.values, fit.values + moves]), *problem.bounds.T)
-    costs = problem.objective(near)
+    costs = problem.costs(near)
     outcome = dataclasses.replace(
         outcome, genetic=result, evaluations=result.evaluations + outcome.evaluations + len(near)
     )

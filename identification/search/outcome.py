@@ -7,6 +7,7 @@ from typing import Any, Self
 import numpy as np
 
 from identification.equation_error.law_memory import Resumption
+from identification.equation_error.prior import Prior
 from identification.replay.gauss_newton import Solution
 from identification.search.gear_resonance import GearResonance
 from identification.search.genetic import GeneticResult, GeneticSettings
@@ -52,6 +53,8 @@ class Fit(Shown, Frozen):
         Observer gains of the innovations, of position and of speed, where these were fitted.
     resonance : GearResonance or None
         Of elastic gears. Where it only gives a bound, stiffness and damping have no variance.
+    prior : Prior or None
+        Of f, if one was given.
     """
 
     unknown: tuple[str, ...]
@@ -65,6 +68,7 @@ class Fit(Shown, Frozen):
     resumptions: tuple[Resumption | None, ...] = ()
     gains: Floats | None = None
     resonance: GearResonance | None = None
+    prior: Prior | None = None
 
     def _short(self) -> str:
         known = "no covariance" if self.covariance is None else "with covariance"

@@ -11,12 +11,13 @@ from identification.equation_error.pulse_fit import equation_error as fit_pulses
 from identification.equation_error.pulse_fit import over_bands
 from identification.equation_error.regressor import SPRINGS
 from identification.equation_error.torque_fit import TorqueFit
-from identification.replay.gauss_newton import DEPENDENT, Solution, gauss_newton, noise, reweighed
+from identification.replay.gauss_newton import Solution, gauss_newton, noise, reweighed
 from identification.replay.prediction import Prediction
 from identification.search.outcome import Outcome, fit_of
 from identification.search.problem import Problem
 from plant.machine.motor_inertia import least_inertia_margin
 from plant.parts.fields import Floats
+from plant.parts.sums import products
 
 _SMALL = 0.01  # step of the central differences, in standard deviations of the equation error
 
@@ -122,13 +123,15 @@ def _unbiased(prediction: Prediction, solution: Solution, bounds: Floats, seed: 
     if not np.isfinite(logs).all():
         return solution, None
     names = [prediction.unknown[i] for i in solution.varied]
-    inverse = least_squares(names, solution.slopes, logs[0], dependent=DEPENDENT)[1]
+    inverse = least_squares(names, solution.slopes, logs[0], dependent=prediction.dependent)[1]
     found = [inverse @ np.einsum("mi,m->i", solution.slopes, log) for log in logs]
     values = values.copy()
     values[solution.varied] += np.mean(found, axis=0)
     noises = np.array([noise(prediction, log) for log in logs])
     squares = (found - np.mean(found, axis=0)) ** 2 / np.outer(noises, np.diag(inverse))
     ratio = squares.mean() * _ROUNDED / (_ROUNDED - 1)
+    if count := prediction.prior.count:  # which does not scatter
+        ratio /= 1 - np.mean(np.diag(inverse @ products(solution.slopes[:count]) @ inverse) / np.diag(inverse))
     share = min(1.0, noises.mean() / noise(prediction, solution.residual / prediction.scales))
     scale = (1 + 1 / _ROUNDED) * (1 + share * (ratio - 1) / 2)
     covariance = scale * solution.covariance

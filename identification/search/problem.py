@@ -8,6 +8,7 @@ from typing import Any, Self
 import numpy as np
 
 from identification.equation_error.law_memory import Memory
+from identification.equation_error.prior import Known, Prior
 from identification.replay.objective import Objective
 from identification.replay.prediction import Prediction
 from identification.search.genetic import GeneticSettings
@@ -80,6 +81,8 @@ class Tolerances(Frozen):
         return cls(**dict.fromkeys((field.name for field in dataclasses.fields(cls)), 0.0))
 
 
+_TWO_ROUNDINGS = 1 / 6  # variance of the difference of two logs that are rounded [pulses^2]
+
 _POSITIVE = re.compile(r"drive\.(viscous|coulomb|elasticity)|law\.gain|springs(\[\d+\])?\.stiffness")
 """What the names of numbers that cannot be negative begin with."""
 
@@ -94,7 +97,7 @@ class Problem:
     for f. `ranges` (k, 2) or None. `zeros`: whether the zeros of each record's counters are unknown. `options`:
     sub-steps, sweeps and threads of the model. `tolerances`: within which the records' rigs are right. `show`: called
     with the best cost after each generation. `memories`: of each record, what is unknown of its law's state before the
-    log. `checkpoint`: where finished stages are kept.
+    log. `prior`: of f, or None. `checkpoint`: where finished stages are kept.
     """
 
     dynamics: Dynamics
@@ -112,6 +115,7 @@ class Problem:
     tolerances: Tolerances = dataclasses.field(default_factory=Tolerances)
     show: Callable[..., Any] | None = None
     memories: tuple[Memory | None, ...] = ()
+    prior: Prior | None = None
     checkpoint: Checkpoint = dataclasses.field(default_factory=lambda: Checkpoint(None, ""))
 
     @property
@@ -122,7 +126,7 @@ class Problem:
         return {
             "arm": self.dynamics, "log": (self.objective.records, kept), "unknowns": self.unknown,
             "method": self.method, "seed": self.seed,
-            "settings": (self.settings, self.ranges, self.zeros, self.tolerances, model),
+            "settings": (self.settings, self.ranges, self.zeros, self.tolerances, model, self.prior),
         }  # fmt: skip
 
     @property
@@ -143,11 +147,10 @@ class Problem:
         return self.ranges
 
     @property
-    def known(self) -> dict[str, float]:
-        """What needs no search, because both ends of its range are one: name -> value."""
-        if self.ranges is None:
-            return {}
-        return {name: low for name, (low, high) in zip(self.unknown, self.ranges.tolist(), strict=True) if low == high}
+    def known(self) -> Known:
+        """What needs no search, because both ends of its range are one: name -> value; and the prior."""
+        rows = () if self.ranges is None else zip(self.unknown, self.ranges.tolist(), strict=True)
+        return Known({name: low for name, (low, high) in rows if low == high}, self.prior)
 
     @property
     def bounds(self) -> Floats:
@@ -159,7 +162,16 @@ class Problem:
 
     def prediction(self, **settings: Any) -> Prediction:
         """Of these unknowns in these records; `settings`: those of `Prediction` beside its options."""
-        return Prediction(self.dynamics, self.records, self.unknown, **settings, **self.options)
+        return Prediction(
+            self.dynamics, self.records, self.unknown, prior=self.prior, **settings, **self.options
+        )  # fmt: skip
+
+    def costs(self, vectors: Floats) -> Floats:
+        """Objective (4) of vectors (P, k), with what the prior costs where two roundings are the noise [pulses^2]."""
+        costs = self.objective(vectors)
+        if self.prior is None:
+            return costs
+        return costs + _TWO_ROUNDINGS * self.prior.squares(vectors[:, self.prior.places(self.unknown)])
 
     def parts(self, values: Floats) -> tuple[Arm, Rig, Law]:
         """Arm, rig and law of the first record with these values (k,) of the unknowns."""

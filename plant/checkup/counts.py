@@ -62,7 +62,7 @@ def _motion(signals, i):
     others = np.delete(np.ptp(signals.counts, axis=0) / signals.least_count, i)
     verdict, advice = "fine", ""
     if moved < LEAST_MOTION:
-        verdict, advice = "wrong", "The motor hardly moves: log a motion of all joints."
+        verdict, advice = "wrong", "The motor hardly moves: log a motion of all joints (design_motion), or give prior=."
         if len(others) and others.max() > 10 * LEAST_MOTION:
             reasons = "it sticks, its brake is on, or its encoder is dead or in other units"
             advice = f"The motor stands still while others move: {reasons}."

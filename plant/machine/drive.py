@@ -26,6 +26,8 @@ from plant.parts.fields import ArrayOrSymbols, Floats, Vector
 from plant.parts.labels import joint_labels
 from plant.parts.part import Part, number, part, structure
 
+_FRICTION = ("viscous", "coulomb")  # what may be left open
+
 
 @part
 class Drive(Part):
@@ -37,10 +39,10 @@ class Drive(Part):
         k, motor turns per turn of the joint, signed: negative where the motor turns against the joint.
     motor_inertia : (n,) array_like
         Jm [kg m^2]. Already inside f (f1 and f7 of the paper hold Jm k^2): never added to D a second time.
-    viscous : (n,) array_like
-        Kfr-visc [N m s/rad].
-    coulomb : (n,) array_like
-        Kfr-stat, static and sliding friction alike [N m].
+    viscous : (n,) array_like or None
+        Kfr-visc [N m s/rad]. None leaves it open: `identification.identify` finds it together with f.
+    coulomb : (n,) array_like or None
+        Kfr-stat, static and sliding friction alike [N m]; None likewise.
     motor_gain : (n,) array_like
         K_i, motor torque per current [N m/A].
     current_limit : (n,) array_like
@@ -64,6 +66,8 @@ class Drive(Part):
         Cogging of the motors [N m] over their angle [rad]; none by default.
     joints : tuple of str, optional
         Names of the joints, for messages, tables and figures of the logs and the laws of this drive.
+    left_open : tuple of str, optional
+        Which of "viscous" and "coulomb" are open, and zero until they are found; None adds them.
 
     See Also
     --------
@@ -94,9 +98,16 @@ class Drive(Part):
     load_friction: Any = structure(default=None)
     friction_drift: FrictionDrift | None = structure(FrictionDrift, default=None)
     ripple: TorqueRipple | None = structure(TorqueRipple, default=None)
+    left_open: tuple[str, ...] = structure(default=())
 
     def __post_init__(self) -> None:
+        for name in _FRICTION:
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.zeros(np.shape(self.gear)))
+                object.__setattr__(self, "left_open", (*self.left_open, name))
         super().__post_init__()
+        still_open = tuple(name for name in _FRICTION if name in self.left_open and not getattr(self, name).any())
+        object.__setattr__(self, "left_open", still_open)
         joints = self.joints
         if isinstance(joints, str) or not all(isinstance(j, str) for j in joints) or len(joints) not in (0, self.n):
             raise ValueError(f"joints must be {self.n} names, or none; got {joints!r:.80}. Name every joint.")
@@ -166,6 +177,14 @@ class Drive(Part):
     def n(self) -> int:
         """Number of joints."""
         return int(self.gear.shape[0])
+
+    def require_friction(self) -> None:
+        """Refuse friction that is left open."""
+        if self.left_open:
+            raise ValueError(
+                f"friction must be known; this drive leaves {' and '.join(self.left_open)} open. Take found.rig of "
+                "identify, which finds it, or give numbers; 0 is none."
+            )
 
     def motor_angle(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
         """Motor angle q_m = k q [rad]."""

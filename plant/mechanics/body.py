@@ -160,3 +160,34 @@ def body_in(mass: float, inertia: Floats, name: str, pose: Placement) -> Body | 
     if not mass and not np.any(inertia):
         return None
     return Body(mass=mass, com=np.zeros(3), inertia=inertia).seen_from(pose)
+
+
+def symmetric_basis(d: int) -> Floats:
+    """Orthonormal basis of the symmetric matrices (d, d): (d (d + 1) / 2, d, d)."""
+    found = []
+    for i in range(d):
+        for j in range(i, d):
+            matrix = np.zeros((d, d))
+            matrix[i, j] = matrix[j, i] = 1.0 if i == j else np.sqrt(0.5)
+            found.append(matrix)
+    return np.array(found)
+
+
+_THIN = 0.03  # extent [m], root mean square, that a prior gets where it has none: a point mass, a rod
+
+
+def prior_factor(parameters: ArrayLike) -> Floats:
+    """L (4, 4) with L L' the pseudo-inertia of a body (10,) that is a prior, made a little thick where it is thin."""
+    P = pseudo_inertia(parameters)
+    if not P[3, 3] > 0:
+        P = P + np.diag([0.0, 0.0, 0.0, 1e-3 * max(1e-3, float(np.trace(P[:3, :3])))])
+    central = P[:3, :3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3]
+    widths, axes = np.linalg.eigh(central)
+    thin = np.maximum(widths, _THIN**2 * P[3, 3] * (widths < (1e-3 * _THIN) ** 2 * P[3, 3])) - widths
+    P[:3, :3] += axes @ np.diag(thin) @ axes.T
+    return np.asarray(np.linalg.cholesky(P), dtype=float)
+
+
+def prior_changes(factor: Floats) -> Floats:
+    """Standard parameters (10, 10) of L S L' for each S of an orthonormal basis, in columns."""
+    return np.array([from_pseudo_inertia(factor @ S @ factor.T) for S in symmetric_basis(4)]).T

@@ -102,6 +102,7 @@ def run(
     kinds = {"arm": (arm, Arm), "rig": (rig, Rig), "law": (law, Law), "reference": (reference, Reference)}
     for name, (value, kind) in kinds.items():
         instance(name, value, kind, "The order is arm, rig, law, reference.")
+    rig.drive.require_friction()
     if law.replays:
         raise ValueError(f"the law must be a controller; {type(law).__name__} repeats a log. Use replay(arm, record).")
     steps: dict[str, Any] = {"steps_per_sample": steps_per_sample, "sweeps": sweeps}

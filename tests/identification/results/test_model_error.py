@@ -26,7 +26,7 @@ def test_without_prior_it_is_the_fit_of_both():
     random = np.random.default_rng(0)
     rows, residual = random.normal(size=(100, 3)), random.normal(size=100)
     residual -= rows[:, :2] @ np.linalg.lstsq(rows[:, :2], residual, rcond=None)[0]
-    change, added = consider(rows[:, :2].T, residual, {"third": np.inf}, {"third": rows[:, 2]}, 2.0)
+    change, added, _ = consider(rows[:, :2].T, residual, {"third": np.inf}, {"third": rows[:, 2]}, 2.0)
     both = -np.linalg.lstsq(rows, residual, rcond=None)[0]
     np.testing.assert_allclose(change, both[:2], rtol=1e-9)
     apart = np.linalg.inv(rows.T @ rows)[:2, :2] - np.linalg.inv(rows[:, :2].T @ rows[:, :2])
@@ -36,7 +36,7 @@ def test_without_prior_it_is_the_fit_of_both():
 def test_a_narrow_prior_leaves_all_as_it_is():
     random = np.random.default_rng(1)
     rows, residual = random.normal(size=(100, 3)), random.normal(size=100)
-    change, added = consider(rows[:, :2].T, residual, {"third": 1e-9}, {"third": rows[:, 2]}, 1.0)
+    change, added, _ = consider(rows[:, :2].T, residual, {"third": 1e-9}, {"third": rows[:, 2]}, 1.0)
     assert np.abs(change).max() < 1e-9
     assert np.abs(added).max() < 1e-15
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from identification import identify, write_model
-from identification.results.nearest_bodies import Block, basis, nearest_realisation
+from identification.results.nearest_bodies import Block, nearest_realisation
 from plant import Body, Chain, Coupling, Dynamics, Harmonics, P, puma560, simulate
-from plant.mechanics.body import from_pseudo_inertia, pseudo_inertia
+from plant.mechanics.body import from_pseudo_inertia, pseudo_inertia, symmetric_basis
 
 pytest.importorskip("mujoco")
 pytest.importorskip("pinocchio")
@@ -182,13 +182,13 @@ def test_optimum_is_that_of_a_general_solver():
     def divergence(x):
         total = 0.0
         for part in np.split(x, 2):
-            sign, logdet = np.linalg.slogdet(np.einsum("k,kij->ij", part, basis(4)))
-            total += np.trace(np.einsum("k,kij->ij", part, basis(4))) - (logdet if sign > 0 else -1e6)
+            sign, logdet = np.linalg.slogdet(np.einsum("k,kij->ij", part, symmetric_basis(4)))
+            total += np.trace(np.einsum("k,kij->ij", part, symmetric_basis(4))) - (logdet if sign > 0 else -1e6)
         return total
 
     A = np.column_stack([block.columns for block in blocks])
     x = np.concatenate([
-        np.einsum("kij,ij->k", basis(4), np.linalg.solve(b.factor, np.linalg.solve(b.factor, P).T))
+        np.einsum("kij,ij->k", symmetric_basis(4), np.linalg.solve(b.factor, np.linalg.solve(b.factor, P).T))
         for b, P in zip(blocks, matrices, strict=True)
     ])  # fmt: skip
     assert np.allclose(A @ x, f)
@@ -204,7 +204,7 @@ def test_nearest_f_of_a_pendulum():
     """f = (Izz, m x, m y) about its axis. No body has Izz < 0; near 0 there are heavy ones for any m x, m y."""
     body = Body(mass=1.0, com=(0.3, 0, 0), inertia=(0.1, 0, 0, 0.1, 0, 0.1))
     L = np.linalg.cholesky(pseudo_inertia(body.standard_parameters))
-    rows = np.array([from_pseudo_inertia(L @ S @ L.T) for S in basis(4)]).T[[9, 1, 2]]
+    rows = np.array([from_pseudo_inertia(L @ S @ L.T) for S in symmetric_basis(4)]).T[[9, 1, 2]]
     f = np.array([-0.05, 0.3, 0.0])
     assert nearest_realisation([Block(L, rows)], f) is None
     _, near = nearest_realisation([Block(L, rows)], f, np.eye(3))

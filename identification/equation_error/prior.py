@@ -1,0 +1,121 @@
+"""What is known of f before a log: bodies, or f, with a relative spread; and values of unknowns that need no search.
+
+A body with the pseudo-inertia P = L L' becomes L (1 + spread S) L', where the entries of S in an orthonormal basis of
+the symmetric matrices are standard normal. Whatever the frame, its mass and each second moment then have this relative
+standard deviation, and its centre one of spread / sqrt(2) radii of gyration. A rotor has it too.
+
+Source: T. Lee, P. M. Wensing, F. C. Park, Geometric robot dynamic identification: a convex programming approach, IEEE
+Transactions on Robotics 36 (2020) (the metric).
+"""
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
+
+import numpy as np
+
+from plant import Arm, Body, Dynamics, Rig
+from plant.mechanics.body import prior_changes, prior_factor
+from plant.mechanics.lumping import STANDARD
+from plant.parts.arguments import array, real
+from plant.parts.fields import Floats
+from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
+from plant.parts.sums import dot, triangle
+
+_ADVICE = "Give a relative spread such as 0.3, or (bodies or f, 0.3)."
+
+_CERTAIN = 1e-6  # share of the spread of a parameter that is its own, below which it follows from others
+
+
+@kept
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Prior(Frozen):
+    """Gaussian prior of f: `names` (p), `mean` (p,), `covariance` (p, p), and the relative `spread` it was made of."""
+
+    names: tuple[str, ...]
+    mean: Floats
+    covariance: Floats
+    spread: float
+
+    @functools.cached_property
+    def whitening(self) -> Floats:
+        """W (p, p) with W C W' = 1."""
+        std = np.sqrt(np.diag(self.covariance))
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariance / np.outer(std, std))) / std)
+
+    def places(self, unknown: Sequence[str]) -> list[int]:
+        """Where the parameters are among the unknowns, all of f among them."""
+        return [unknown.index(name) for name in self.names]
+
+    def rows(self, unknown: Sequence[str], known: Mapping[str, float]) -> tuple[Floats, Floats]:
+        """Equations rows x = target, of standard deviation 1, in the unknowns (k); `known`: parameters that are not."""
+        rows, given = np.zeros((len(self.names), len(unknown))), self.mean.copy()
+        for i, name in enumerate(self.names):
+            if name in unknown:
+                rows[:, unknown.index(name)] = self.whitening[:, i]
+            else:
+                given[i] -= known[name]
+        return rows, np.asarray((self.whitening * given).sum(axis=1))
+
+    def deviations(self, f: Floats) -> Floats:
+        """Whitened deviations (p,) of f from the mean: independent, of standard deviation 1."""
+        return np.asarray((self.whitening * (f - self.mean)).sum(axis=1))
+
+    def squares(self, vectors: Floats) -> Floats:
+        """Sum (P,) of the squares of these, of several f (P, p)."""
+        return np.array([dot(each, each) for each in map(self.deviations, vectors)])
+
+    @classmethod
+    def of(cls, dynamics: Dynamics, rig: Rig, given: Any) -> Self:
+        """Of what a user gave: a spread of the chain's own bodies, or (bodies or f or an arm, spread).
+
+        Bodies without any rotor have those of the rig.
+
+        Raises a ValueError: something else, or a parameter of which such a spread says nothing.
+        """
+        mean: Any
+        paired = isinstance(given, (tuple, list)) and len(given) == 2
+        mean, spread = given if paired else (dynamics.chain.bodies, given)
+        spread = real("spread of the prior", spread, _ADVICE, positive=True)
+        if isinstance(mean, (tuple, list)) and all(isinstance(body, Body) for body in mean):
+            f, columns = _of_bodies(dynamics, rig, tuple(mean))
+        else:
+            mean = mean.f if isinstance(mean, Arm) else mean
+            f = array("f of the prior", mean, (dynamics.p,), advice=_ADVICE)
+            columns = np.diag(f)
+        std = np.sqrt((columns**2).sum(axis=1))
+        own = np.abs(np.diag(triangle((columns / np.where(std > 0, std, 1.0)[:, None]).T)))
+        for name, share in zip(dynamics.names, own.tolist(), strict=True):
+            if not share > _CERTAIN:
+                raise ValueError(
+                    f"prior must spread every parameter; {name} has no spread of its own: it is zero, or follows from "
+                    "others (a link without mass, no rotor). State motor_inertia, or give bodies or f that have it."
+                )
+        covariance = spread**2 * (columns @ columns.T)
+        return cls(names=dynamics.names, mean=f, covariance=covariance, spread=spread)
+
+
+def _of_bodies(dynamics: Dynamics, rig: Rig, bodies: tuple[Body, ...]) -> tuple[Floats, Floats]:
+    """The f (p,) of bodies, and its changes (p, m) with independent ones of the bodies."""
+    if not bodies:
+        raise ValueError(f"prior needs bodies; the chain has none. {_ADVICE}")
+    chain = dataclasses.replace(dynamics.chain, bodies=bodies)
+    if not any(body.rotor for body in bodies):
+        chain = chain.with_rotors(rig.drive)
+    matrix, width, columns = np.array(dynamics.lumping.matrix), len(STANDARD), []
+    for i, (body, link) in enumerate(zip(chain.bodies, chain.links, strict=True)):
+        own, placed = matrix[:, width * i :][:, :width], body.seen_from(link.frame)
+        if body.mass or body.inertia.any():
+            columns.append(own[:, : width - 1] @ prior_changes(prior_factor(placed.standard_parameters)))
+        columns.append(own[:, [STANDARD.index("J")]] * body.rotor)
+    return dynamics.f(chain.bodies), np.hstack(columns)
+
+
+class Known(dict[str, float]):
+    """What is known before a fit: values of some unknowns by name, and the `prior` of f, or None."""
+
+    def __init__(self, values: Mapping[str, float] | None = None, prior: Prior | None = None) -> None:
+        super().__init__(values or {})
+        self.prior = prior if prior is not None else getattr(values, "prior", None)

@@ -1,0 +1,76 @@
+"""Friction that a drive leaves open is identified with f; what identifying it would give a certificate."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from ctc import ComputedTorque, Uncertainty, certify
+from identification import identify
+from plant import Drive, Rig, puma560, simulate
+from plant.parts.kinds import class_of
+
+
+def with_drive(rig, **changes):
+    return dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, **changes))
+
+
+@pytest.fixture(scope="module")
+def record():
+    return simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
+
+
+def found_of(record, **options):
+    return identify(puma560.dynamics(), record, method="equation_error", progress=False, **options)
+
+
+def test_open_friction_is_what_unknown_friction_is(record):
+    opened = dataclasses.replace(record, rig=with_drive(record.rig, viscous=None, coulomb=None))
+    found, other = found_of(opened), found_of(record, unknown="friction")
+    assert found.fit.unknown == other.fit.unknown
+    assert found.fit.values == pytest.approx(other.fit.values, rel=1e-9)
+    assert found.rig.drive.left_open == ()
+    assert found.rig.drive.coulomb == pytest.approx(record.rig.drive.coulomb, rel=0.2)
+
+
+def test_what_is_stated_is_taken_as_stated(record):
+    found = found_of(dataclasses.replace(record, rig=with_drive(record.rig, coulomb=None)))
+    assert [name for name in found.fit.unknown if "drive" in name] == ["drive.coulomb[0]", "drive.coulomb[1]"]
+    assert (found.rig.drive.viscous == record.rig.drive.viscous).all()
+
+
+def test_an_open_drive_is_no_plant():
+    rig = with_drive(puma560.rig(), viscous=None)
+    assert rig.drive.left_open == ("viscous",)
+    for refused in (
+        lambda: simulate(puma560.arm(), rig, puma560.p_law(), puma560.reference()),
+        lambda: ComputedTorque(puma560.arm(), rig),
+    ):
+        with pytest.raises(ValueError, match=r"leaves viscous open. Take found.rig"):
+            refused()
+    assert with_drive(rig, viscous=(1e-3, 1e-3)).drive.left_open == ()
+
+
+def test_an_open_drive_is_saved_and_restored(tmp_path):
+    rig = with_drive(puma560.rig(), viscous=None, coulomb=None)
+    rig.save(tmp_path / "rig.json")
+    assert class_of("plant.Rig") is Rig
+    assert Rig.load(tmp_path / "rig.json") == rig
+    assert isinstance(rig.drive, Drive)
+
+
+def test_certificate_says_what_identified_friction_would_give(record):
+    """Of friction that is stated to 50 %; the share is about that of a certificate with friction identified."""
+    found = identify(puma560.dynamics(), record, method="prediction_error", progress=False)
+    known = found.diagnostics.detection.friction
+    better = identify(puma560.dynamics(), record, method="prediction_error", unknown="friction", progress=False)
+    std = dict(zip(better.fit.unknown, np.sqrt(np.diag(better.fit.noise_covariance)), strict=True))
+    for name, value in known.items():
+        assert 0.5 < value / std[f"drive.{name}"] < 2
+    law, options = ComputedTorque(found, bandwidth=60), {"samples": 200, "duration": 1.0, "progress": False}
+    certificate = certify(found, found.rig, law, puma560.reference(), Uncertainty(friction=0.5), **options)
+    assert certificate.probability > 0.5
+    assert certificate.friction_known < 0.3
+    assert 'identify(..., unknown="friction")' in " ".join(str(certificate).split())
+    fine = certify(found, found.rig, law, puma560.reference(), Uncertainty(friction=0.02), **options)
+    assert "unknown=" not in str(fine)

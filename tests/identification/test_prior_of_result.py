@@ -1,0 +1,164 @@
+"""Joints that hardly move, or move in step, identified with a prior: f is whole, and right where the log tells it."""
+
+import dataclasses
+import warnings
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ctc import ComputedTorque, Uncertainty, certify
+from identification import Identification, identify
+from identification.results.seen import told
+from plant import Body, Chain, Drive, Dynamics, Encoder, Harmonics, Link, Rig, p_gains, simulate
+from tests.oracles.pinocchio_arm import pinocchio_model
+
+BODIES = (
+    Body(mass=8.0, com=(0.05, 0.02, -0.1), inertia=(0.2, 0.01, 0.02, 0.25, -0.01, 0.1), rotor=1.5),
+    Body(mass=6.0, com=(0.2, 0.01, 0.05), inertia=(0.03, 0.01, -0.005, 0.2, 0.004, 0.2), rotor=1.0),
+    Body(mass=2.0, com=(0.15, -0.03, 0.02), inertia=(0.01, 0.002, 0.001, 0.04, 0.001, 0.035), rotor=0.3),
+)
+"""The truth; the model file has other masses and centres, within its spread."""
+
+FILE = tuple(
+    dataclasses.replace(body, mass=body.mass * share, com=body.com * np.array(shift), inertia=body.inertia * share)
+    for body, share, shift in zip(BODIES, (1.1, 0.9, 0.85), ((1.1, 1, 0.9), (1.1, 1, 1), (0.9, 1.1, 1)), strict=True)
+)
+
+LINKS = (Link(name="base"), Link(name="shoulder", alpha=-np.pi / 2, d=0.1), Link(name="elbow", a=0.4))
+
+GEAR = 100.0
+
+
+def chain(bodies):
+    return Chain(links=LINKS, bodies=bodies)
+
+
+def logged(amplitudes):
+    """The log of the true arm whose joints swing by these amplitudes [rad], and the torque of two speeds in step."""
+    every, truth = np.ones(3), Dynamics.from_chain(chain(BODIES)).arm(Dynamics.from_chain(chain(BODIES)).f())
+    drive = Drive(
+        gear=GEAR * every, motor_inertia=[body.rotor / GEAR**2 for body in BODIES], viscous=1e-3 * every,
+        coulomb=(0.02, 0.02, 0.12), motor_gain=every, current_limit=10 * every, joints=("base", "shoulder", "elbow"),
+    )  # fmt: skip
+    rig = Rig(drive=drive, encoder=Encoder(resolution=4096 * every), period=1e-3)
+    waves = np.array([[[0.5, 0.3, -0.2], [0.3, -0.5, 0.2], [0.2, 0.3, 0.5]]] * 2) * np.array([[[1.0]], [[-0.6]]])
+    waves = np.einsum("kij,il->klj", waves, np.asarray(amplitudes))
+    path = Harmonics(period=4.0, offset=np.array([0.2, -0.8, 0.6]), cosine=waves[0], sine=waves[1])
+    law = p_gains(truth, rig, path, peak=30 * every)
+    return simulate(truth, rig, law, path, duration=4.0, steps_per_sample=8)
+
+
+def found_of(record, **options):
+    """What is found from the file's bodies, and what was said before the search."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        options = {"method": "prediction_error", "progress": False} | options
+        found = identify(Dynamics.from_chain(chain(FILE)), record, **options)
+    return found, [str(each.message) for each in said]
+
+
+@pytest.fixture(scope="module")
+def still():
+    """The elbow is asked to move by some pulses."""
+    return found_of(logged(np.diag([0.8, 0.6, 1e-4])), prior=0.3)
+
+
+def torque_off(arm, joints):
+    """Error of torques (n,) on another path of these joints, against pinocchio with the true bodies; relative, rms."""
+    model = pinocchio_model(chain(BODIES), BODIES)
+    data, t = model.createData(), np.linspace(0, 6, 100)
+    q, qd, qdd = (np.zeros((100, 3)) for _ in range(3))
+    q[:, 2] = 0.6
+    for i in joints:
+        rate = 1.0 + 0.7 * i
+        q[:, i], qd[:, i], qdd[:, i] = np.sin(rate * t), rate * np.cos(rate * t), -(rate**2) * np.sin(rate * t)
+    rotors = np.array([body.rotor for body in BODIES])
+    true = np.array([pin.rnea(model, data, *state) for state in zip(q, qd, qdd, strict=True)]) + rotors * qdd
+    ours = np.array([arm.inverse(*state) for state in zip(q, qd, qdd, strict=True)])
+    return np.sqrt(np.mean((ours - true) ** 2, axis=0) / np.mean(true**2, axis=0))
+
+
+def test_the_joint_is_named_before_the_search(still):
+    said = still[1]
+    assert "joint elbow (q[2]) moves by" in said[0]
+    assert "design_motion" in said[0]
+    assert "\n" not in said[0]
+    named = said[0].partition("parameters: ")[2].partition(". design_motion")[0].split(", ")
+    dynamics = still[0].arm.dynamics
+    long = dict(zip(dynamics.short_names, dynamics.names, strict=True))
+    assert named
+    assert not any(long[name].startswith("mx_shoulder") for name in named)
+
+
+def test_f_is_whole_and_right(still):
+    found, _ = still
+    truth = found.arm.dynamics.f(BODIES)
+    prior, off = found.fit.prior, found.f - found.arm.dynamics.f(BODIES)
+    assert (found.fit.std > 0).all()
+    assert np.linalg.eigvalsh(found.fit.correlation).min() > 0
+    assert np.abs(off / found.fit.std).max() < 3
+    left = found.fit.std / np.sqrt(np.diag(prior.covariance))
+    assert (left < 1.1).all()
+    assert (left < 0.2).sum() > 3
+    off_before = np.abs(truth - prior.mean)
+    assert np.abs(off[left < 0.2]).max() < 0.2 * off_before[left < 0.2].max()
+
+
+def test_torque_of_the_other_joints_is_right(still):
+    """Where the elbow stands still as in the log; where it moves its own rotor is the prior's."""
+    assert torque_off(still[0].arm, (0, 1))[:2].max() < 0.02
+    dynamics = still[0].arm.dynamics
+    assert torque_off(dynamics.arm(dynamics.f(FILE)), (0, 1))[:2].max() > 0.04
+
+
+def test_what_came_from_where(still):
+    found, _ = still
+    those = told(found)
+    count = int((those.shares >= 0.5).sum())
+    assert 0 < count < len(those.shares)
+    text = found.summary()
+    assert f"{len(those.shares) - count} come from the log, {count} from the prior (30 %)" in " ".join(text.split())
+    left = found.fit.std / np.sqrt(np.diag(found.fit.prior.covariance))
+    (rotor,) = [i for i, name in enumerate(found.arm.dynamics.names) if name == "J_elbow"]
+    assert left[rotor] > 0.8
+    assert not [line for line in found.warnings if "prior" in line]
+
+
+def test_certify_draws_both(still):
+    found, _ = still
+    law = ComputedTorque(found.arm, found.rig, bandwidth=60)
+    certificate = certify(
+        found, found.rig, law, found.records[0].reference, Uncertainty(friction=0.0), samples=64, duration=0.2,
+        progress=False,
+    )  # fmt: skip
+    drawn = certificate.plants.f.std(axis=0)
+    assert drawn == pytest.approx(found.fit.std, rel=0.5)
+
+
+def test_saved(still, tmp_path):
+    found, _ = still
+    found.save(tmp_path / "found.json")
+    assert Identification.load(tmp_path / "found.json") == found
+
+
+def test_joints_in_step():
+    """The elbow follows the shoulder: their parameters are told apart by the prior."""
+    follows = np.array([[0.8, 0, 0], [0, 0.6, 0.6], [0, 0, 0]])
+    found, said = found_of(logged(follows), prior=0.3)
+    assert "joint shoulder (q[1]) and joint elbow (q[2]) move in step" in said[0]
+    assert np.abs((found.f - found.arm.dynamics.f(BODIES)) / found.fit.std).max() < 3
+    assert torque_off(found.arm, (0, 1, 2)).max() < 0.05
+
+
+def test_a_contradicted_prior_is_said():
+    """Bodies of half the mass with a spread of 5 %."""
+    half = tuple(dataclasses.replace(body, mass=body.mass / 2, inertia=body.inertia / 2) for body in BODIES)
+    found, _ = found_of(logged(np.diag([0.8, 0.6, 0.7])), prior=(half, 0.05), method="equation_error")
+    (line,) = [line for line in found.warnings if "contradicts the prior" in line]
+    assert "\n" not in line
+
+
+def test_without_a_prior_the_joint_is_refused_with_the_way_out():
+    with pytest.raises(ValueError, match=r"joint elbow .* moves by .*design_motion.*prior="):
+        found_of(logged(np.diag([0.8, 0.6, 1e-4])))
