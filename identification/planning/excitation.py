@@ -9,6 +9,7 @@ Source: J. Swevers et al., Optimal robot excitation and identification, IEEE Tra
 (1997), for sums of harmonics.
 """
 
+import functools
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -20,6 +21,7 @@ from plant import Arm, Harmonics, Law, Rig
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.fields import Floats
+from plant.simulation.executors import mapped
 
 _SAMPLES = 120  # of a period, at which the equation is set up and the limits hold
 
@@ -48,6 +50,7 @@ def design_motion(
     starts: int = 3,
     seed: int = 0,
     iterations: int = 200,
+    executor: Any = None,
 ) -> Harmonics:
     """Harmonics that excite the parameters of an arm.
 
@@ -70,6 +73,9 @@ def design_motion(
     seed : int
     iterations : int
         Of Ipopt, per start.
+    executor : optional
+        Where the starts are followed, side by side: a `concurrent.futures.Executor`, a Dask ``Client``, or a function
+        that makes one.
 
     Returns
     -------
@@ -106,10 +112,13 @@ def design_motion(
         raise ValueError(
             "position must be (low, high) with low < high, speeds and accelerations positive. Correct them."
         )
-    problem = _Problem(arm, rig, law, period, harmonics)
-    problem.limit(position, velocity, acceleration)
-    random = np.random.default_rng(seed)
-    motion = problem.solved(_starts(random, starts, problem.rate, position, velocity, acceleration), iterations)
+    of_problem, limits = (arm, rig, law, period, harmonics), (position, velocity, acceleration)
+    begins = list(_starts(np.random.default_rng(seed), starts, _rates(period, harmonics), *limits))
+    if executor is None:
+        found = [_end(of_problem, limits, iterations, begins)]
+    else:
+        found = mapped(functools.partial(_end, of_problem, limits, iterations), [[each] for each in begins], executor)
+    _, motion = min((end for end in found if end is not None), key=lambda end: end[0], default=(None, None))
     if motion is None:
         raise ValueError(f"limits must allow a motion; none of {starts} starts found one. Widen them.")
     moved = np.ptp(rig.position_in_pulses(motion(np.linspace(0, period, _SAMPLES)).q), axis=0)
@@ -122,13 +131,25 @@ def design_motion(
     return motion
 
 
+def _rates(period: float, harmonics: int) -> Floats:
+    """Angular frequency of each harmonic [rad/s]."""
+    return np.asarray(2 * np.pi / period * np.arange(1, harmonics + 1), dtype=np.float64)
+
+
+def _end(of_problem: Any, limits: Any, iterations: int, starts: list[Any]) -> tuple[float, Harmonics] | None:
+    """The best end of these starts, in a problem of its own."""
+    problem = _Problem(*of_problem)
+    problem.limit(*limits)
+    return problem.solved(starts, iterations)
+
+
 class _Problem:
     """The largest variance of f as a function of the amplitudes, for Ipopt."""
 
     def __init__(self, arm: Arm, rig: Rig, law: Law, period: float, harmonics: int) -> None:
         self.period, order = period, np.arange(1, harmonics + 1)
         angle = 2 * np.pi / period * np.arange(_SAMPLES)[:, None] * period / _SAMPLES * order
-        self.rate = rate = np.asarray(2 * np.pi / period * order, dtype=np.float64)
+        rate = _rates(period, harmonics)
         c, s = np.cos(angle), np.sin(angle)
         n, p, self.opti = arm.n, arm.dynamics.p, ca.Opti()
         offset, cosine, sine = self.opti.variable(n), self.opti.variable(n, harmonics), self.opti.variable(n, harmonics)
@@ -157,8 +178,8 @@ class _Problem:
                     margin = _MARGIN * (high[i] - low[i])
                     self.opti.subject_to(self.opti.bounded(low[i] + margin, value[i, :].T, high[i] - margin))
 
-    def solved(self, starts: Iterable[tuple[Floats, ...]], iterations: int) -> Harmonics | None:
-        """The best end from these starts that keeps the limits."""
+    def solved(self, starts: Iterable[tuple[Floats, ...]], iterations: int) -> tuple[float, Harmonics] | None:
+        """Cost and motion of the best end from these starts that keeps the limits."""
         opti = self.opti
         quiet = {"print_time": False, "error_on_fail": False}
         opti.solver("ipopt", quiet, {"print_level": 0, "sb": "yes", "max_iter": iterations, "tol": 1e-4})
@@ -175,7 +196,7 @@ class _Problem:
                 best = found.value(opti.f), *(np.reshape(found.value(x), x.shape) for x in self.amplitudes)
         if best is None:
             return None
-        return Harmonics(period=self.period, offset=best[1].ravel(), cosine=best[2], sine=best[3])
+        return best[0], Harmonics(period=self.period, offset=best[1].ravel(), cosine=best[2], sine=best[3])
 
 
 def _starts(
