@@ -3,7 +3,7 @@
 Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above all that it imports:
 
 =============== ====================================================================================================
-`commandline`   ``onepulse check | identify | certify | report | robots | demo``
+`commandline`   ``onepulse check | identify | certify | campaign | report | robots | demo``
 `campaigns`     `campaign`: many tasks on one machine or many, kept in a folder as they end
 `report`        `write_report`: an identification and its controller as one page
 `tuning`        `tune`: the controller of least chatter that keeps a pulse limit over stated uncertainty

@@ -137,7 +137,7 @@ class Population:
         initial: NDArray[np.float64] | None = None, lost: Callable[..., NDArray[np.bool_]] | None = None,
     ) -> None:  # fmt: skip
         options = {"within": within, "steps_per_sample": steps_per_sample, "duration": duration, "after": after}
-        self._made = (arm, rig, law, reference, tuple(names)), options | {"initial": initial, "lost": lost}
+        self._made: Any = (arm, rig, law, reference, tuple(names)), options | {"initial": initial, "lost": lost}
         nominal = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, phase=None), transport=None)
         loop = ClosedLoop(
             dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, score=tally(nominal)

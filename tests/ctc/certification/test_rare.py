@@ -75,18 +75,20 @@ def test_samples_of_normals_have_the_distribution_of_certify():
 
 
 def test_a_certificate_has_it_for_one_motion_or_several():
+    """With a controller that is too slow, f decides; to 1e-4, against 40,000 samples: tests/benchmarks/campaign.py."""
     arm, rig, path = puma560.arm(), puma560.rig(), puma560.reference()
-    law = ComputedTorque(arm, rig, bandwidth=150)
-    options = {"samples": 200, "duration": 0.1, "progress": False, "rare": 1e-3, "within": 0.9}
-    certificate = certify(arm, rig, law, path, STATED, **options)
-    share = (certificate.runs.unrounded.max(axis=1) > 0.9).mean()
-    rare = certificate.rare
-    assert share == pytest.approx(rare.probability, abs=4 * np.hypot(np.sqrt(share * (1 - share) / 200), 0.05 * share))
-    assert str(rare) in " ".join(str(certificate).split())
+    law = ComputedTorque(arm, rig, bandwidth=62)
+    options = {"samples": 2000, "duration": 0.05, "steps_per_sample": 4, "progress": False, "rare": 1e-4}
+    certificate = certify(arm, rig, law, path, STATED, within=1.3, **options)
+    share, rare = (certificate.runs.unrounded.max(axis=1) > 1.3).mean(), certificate.rare
+    assert 0.001 < share < 0.1
+    assert abs(share - rare.probability) < 4 * np.hypot(np.sqrt(share / 2000), rare.variation * rare.probability)
+    assert " ".join(str(rare).split()) in " ".join(str(certificate).split())
     assert certificate.holds is False
-    both = certify(arm, rig, law, {"a": path, "b": path}, STATED, **options)
-    assert both.rare.probability == rare.probability
+    both = certify(arm, rig, law, {"a": path, "b": path}, STATED, within=1.0, **options | {"samples": 10})
     assert both["a"].rare is None
+    assert both.rare.evaluations <= 3000
+    assert both.rare.probability > rare.probability
 
 
 def test_what_is_drawn_at_every_instant_is_refused():
