@@ -38,7 +38,7 @@ def run_campaign(given: Namespace, parse: Parse) -> Answer:
         return _status(folder)
     if (folder / "ledger.sqlite").exists() and not given.resume:
         raise ValueError(f"{folder} holds a campaign. Pass --resume to go on with it, or name another folder.")
-    tasks = {
+    tasks: dict[str, Any] = {
         name: (_worked, (steps, stamp), {}) for name, steps, stamp in _tasks(plan, Path(given.plan), folder, parse)
     }
     where = given.executor or plan.get("executor", "threads")

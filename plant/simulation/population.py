@@ -221,10 +221,10 @@ class Population:
 
 def _blocks(name: str, made: Any, part: tuple[int, NDArray[np.float64]]) -> list[_Block]:
     """What a worker does: some blocks of a population, from the first on."""
-    (first, values), (arguments, options) = part, made
+    first, values = part
+    arguments, options = made
     while name not in _BUILT and len(_BUILT) >= 4:
         _BUILT.pop(next(iter(_BUILT)), None)
-    if name not in _BUILT:
-        _BUILT[name] = Population(*arguments, values, **options)
-    population: Population = _BUILT[name]
+    population: Population = _BUILT.get(name) or Population(*arguments, values=values, **options)
+    _BUILT[name] = population
     return [population._block(first + i // LANES, values[i : i + LANES]) for i in range(0, len(values), LANES)]

@@ -2,8 +2,8 @@
 
 - Overhead: time of tasks that do nothing, by threads and by Dask with two workers, with and without a folder; beside
   Dask's own `submit` in the same run, and the memory that the coordinator takes.
-- Efficiency: identifications of simulated logs of several robots by one thread, two threads, two processes and Dask with
-  two workers: times and whether all bits are the same.
+- Efficiency: identifications of simulated logs of several robots by one thread, two threads, two processes and Dask
+  with two workers: times and whether all bits are the same.
 - Kills: a campaign killed at random instants and called again: what was lost, and what was done twice.
 - ``--rare``: subset simulation against an exact 1e-6 and against brute force on the arm.
 """
