@@ -137,7 +137,10 @@ class Population:
         initial: NDArray[np.float64] | None = None, lost: Callable[..., NDArray[np.bool_]] | None = None,
     ) -> None:  # fmt: skip
         options = {"within": within, "steps_per_sample": steps_per_sample, "duration": duration, "after": after}
-        self._made: Any = (arm, rig, law, reference, tuple(names)), options | {"initial": initial, "lost": lost}
+        self._made: dict[str, Any] = options | {
+            "arm": arm, "rig": rig, "law": law, "reference": reference, "names": tuple(names), "initial": initial,
+            "lost": lost,
+        }  # fmt: skip
         nominal = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, phase=None), transport=None)
         loop = ClosedLoop(
             dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, score=tally(nominal)
@@ -219,12 +222,11 @@ class Population:
         return final[:, :count].T, missing[:count]
 
 
-def _blocks(name: str, made: Any, part: tuple[int, NDArray[np.float64]]) -> list[_Block]:
+def _blocks(name: str, made: dict[str, Any], part: tuple[int, NDArray[np.float64]]) -> list[_Block]:
     """What a worker does: some blocks of a population, from the first on."""
     first, values = part
-    arguments, options = made
     while name not in _BUILT and len(_BUILT) >= 4:
         _BUILT.pop(next(iter(_BUILT)), None)
-    population: Population = _BUILT.get(name) or Population(*arguments, values=values, **options)
+    population: Population = _BUILT.get(name) or Population(values=values, **made)
     _BUILT[name] = population
     return [population._block(first + i // LANES, values[i : i + LANES]) for i in range(0, len(values), LANES)]
