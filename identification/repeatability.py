@@ -1,6 +1,7 @@
 """Spread of the result over a series of identifications. Source: paper 4.2 (alteration)."""
 
 import dataclasses
+import functools
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Aside, Piece, Shown, Verdict
 from plant.parts.tables import Table
+from plant.simulation.executors import mapped
 
 
 def alteration(f: ArrayLike) -> Floats:
@@ -71,6 +73,7 @@ def spread(
     published: ArrayLike | None = None,
     method: str = "paper",
     checkpoint: str | Path | None = None,
+    executor: Any = None,
     **options: Any,
 ) -> Spread:
     """Identify the same records with several seeds and say how much each f varies.
@@ -86,6 +89,9 @@ def spread(
         The paper's by default: it is its series that varies; the default of `identify` varies far less.
     checkpoint : str or Path, optional
         File in which finished stages of the runs are kept, as of `identify`; more seeds go on from those that it has.
+    executor : optional
+        Where the runs are made, side by side: a `concurrent.futures.Executor`, a Dask ``Client``, or a function that
+        makes one. It takes no checkpoint.
     **options
         Of `identify`.
 
@@ -116,10 +122,17 @@ def spread(
         raise ValueError(f"seeds must be two or more; got {len(seeds)}. A spread needs a series of runs.")
     if published is not None:
         published = array("published", published, (dynamics.p,), advice="Give one alteration per f.")
-    with Checkpoint(checkpoint, "spread") as kept:
-        runs = tuple(
-            identify(dynamics, records, seed=seed, method=method, checkpoint=kept.part(f"seed {seed}"), **options)
-            for seed in seeds
-        )
+    if executor is not None and checkpoint is not None:
+        raise ValueError("checkpoint must be left out with an executor; got both. Leave out one.")
+    run = functools.partial(_run, dynamics, records, {"method": method, **options})
+    if executor is None:
+        with Checkpoint(checkpoint, "spread") as kept:
+            runs = tuple(run(seed, checkpoint=kept.part(f"seed {seed}")) for seed in seeds)
+    else:
+        runs = tuple(mapped(run, seeds, executor))
     f = np.array([run.f for run in runs])
     return Spread(names=dynamics.names, runs=runs, f=f, alteration=alteration(f), published=published)
+
+
+def _run(dynamics: Dynamics, records: Any, options: dict[str, Any], seed: int, **kept: Any) -> Identification:
+    return identify(dynamics, records, seed=seed, **options, **kept)

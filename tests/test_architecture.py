@@ -81,6 +81,7 @@ def test_import_linter_sees_every_breach(tmp_path):
 
 LATE = {  # slow library -> what it costs beside numba and casadi, and who needs it
     "control": "1.1 s: linear analysis and design",
+    "distributed": "an extra: a campaign on a Dask cluster",
     "matplotlib": "0.3 s: figures",
     "scipy.interpolate": "0.3 s: splines as references, scaled and fastest paths",
     "scipy.linalg": "0.1 s: dynamics; logs are read and checked without",

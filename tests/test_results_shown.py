@@ -14,6 +14,7 @@ import ctc
 import identification
 import plant
 from ctc import ComputedTorque, Uncertainty, certify, compare, evaluate, margins, sweep_resonance
+from ctc.campaigns.campaign import Campaign
 from ctc.certification.reserves import Reserves
 from ctc.learning.learning import Learning
 from ctc.learning.learnt_torque import LearntTorque
@@ -112,6 +113,7 @@ BODY = Body(mass=1.0, com=(0, 0, 0.1))
 RESULTS = {
     "Assumed": lambda: found().assumed(),
     "Budget": lambda: pulse_budget(arm(), RIG, LAW, PATH, duration=0.5),
+    "Campaign": lambda: Campaign(results={NASTY[0]: 1.0}, errors={NASTY[1]: f"ValueError: {NASTY[0]}"}),
     "Certificate": certificate,
     "Certificates": lambda: certify(
         arm(), RIG, LAW, {NASTY[0]: PATH, NASTY[1]: PATH.later(1.0)},

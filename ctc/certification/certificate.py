@@ -52,6 +52,8 @@ class Certificate(Certified):
         That the runs took.
     seen : Seen or None
         What the logs show of gears, and where the path exceeds it; None of an arm that was not identified.
+    rare : Rare or None
+        What ``certify(..., rare=)`` asked for.
     versions : dict
         Of the library, numpy, casadi and Python that made it.
 
@@ -128,8 +130,8 @@ class Certificate(Certified):
 
     @property
     def holds(self) -> bool:
-        """Whether no sample exceeds the limit, nor the nominal arm from rest."""
-        return self.failures == 0 and self.from_rest is None
+        """Whether no sample exceeds the limit, nor the nominal arm from rest, and failures are as rare as was asked."""
+        return self.failures == 0 and self.from_rest is None and (self.rare is None or self.rare.met)
 
     @property
     def lowest_resonance(self) -> float | None:

@@ -36,6 +36,8 @@ class Certificates(Certified, Mapping[str, Certificate]):
     threads : int
     seconds : float
         That the runs took.
+    rare : Rare or None
+        Of failures in any of the motions.
     versions : dict
         Of the library, numpy, casadi and Python that made it.
     """
@@ -46,7 +48,7 @@ class Certificates(Certified, Mapping[str, Certificate]):
 
     @functools.cached_property
     def _each(self) -> dict[str, Certificate]:
-        same = {field.name: getattr(self, field.name) for field in dataclasses.fields(Certified)}
+        same = {field.name: getattr(self, field.name) for field in dataclasses.fields(Certified)} | {"rare": None}
         return {
             name: Certificate(reference=path, runs=runs, settings=settings, seen=seen, **same)
             for name, (path, runs, settings, seen) in self.motions.items()
@@ -83,8 +85,8 @@ class Certificates(Certified, Mapping[str, Certificate]):
 
     @property
     def holds(self) -> bool:
-        """Whether no sample exceeds the limit in any motion, nor the nominal arm from rest."""
-        return all(each.holds for each in self.values())
+        """Whether no sample exceeds the limit in any motion, nor the nominal arm from rest, and as `Certificate`."""
+        return all(each.holds for each in self.values()) and (self.rare is None or self.rare.met)
 
     @property
     def lowest_resonance(self) -> float | None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ctc.certification.cells import Cell, cells, clopper_pearson
 from ctc.certification.plants import Plants
+from ctc.certification.rare import Rare
 from ctc.certification.sensitivity import Influence, influences
 from ctc.certification.statement import percent
 from plant import Law
@@ -38,6 +39,7 @@ class Certified(_WithRuns, Shown, Saved, Frozen):
     confidence: float
     threads: int = dataclasses.field(compare=False)
     seconds: float = dataclasses.field(compare=False)
+    rare: Rare | None = None
     versions: dict[str, str] = dataclasses.field(compare=False, default_factory=versions)
 
     def provenance(self) -> dict[str, Any]:

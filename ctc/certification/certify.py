@@ -5,6 +5,7 @@ A controller is designed for one estimate, and the arm differs from it. Arms are
 that exceed the limit are counted (`ctc.certification.certified`). It holds for the uncertainty that was sampled alone.
 """
 
+import dataclasses
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any, overload
 
 from ctc.certification.certificate import Certificate
 from ctc.certification.certificates import Certificates
+from ctc.certification.normals import rare_failure
 from ctc.certification.task import Motions, Task
 from ctc.certification.uncertainty import Uncertainty
 from ctc.verdict.on_gears import SETTLED
@@ -28,7 +30,7 @@ def certify(
     found: Identification | Arm, rig: Rig, law: Law, reference: Reference, uncertainty: Uncertainty | None = ..., *,
     samples: int = ..., seed: int = ..., within: float = ..., confidence: float = ..., after: float | None = ...,
     steps_per_sample: int = ..., duration: float | None = ..., threads: int | None = ..., progress: bool = ...,
-    checkpoint: str | Path | Checkpoint | None = ...,
+    checkpoint: str | Path | Checkpoint | None = ..., rare: float | None = ..., executor: Any = ...,
 ) -> Certificate: ...  # fmt: skip
 @overload
 def certify(
@@ -36,14 +38,14 @@ def certify(
     uncertainty: Uncertainty | None = ..., *,
     samples: int = ..., seed: int = ..., within: float = ..., confidence: float = ..., after: float | None = ...,
     steps_per_sample: int = ..., duration: float | None = ..., threads: int | None = ..., progress: bool = ...,
-    checkpoint: str | Path | Checkpoint | None = ...,
+    checkpoint: str | Path | Checkpoint | None = ..., rare: float | None = ..., executor: Any = ...,
 ) -> Certificates: ...  # fmt: skip
 @known_options
 def certify(
     found: Identification | Arm, rig: Rig, law: Law, reference: Motions, uncertainty: Uncertainty | None = None, *,
     samples: int = 10_000, seed: int = 0, within: float = 1, confidence: float = 0.95, after: float | None = None,
     steps_per_sample: int = 16, duration: float | None = None, threads: int | None = None, progress: bool = True,
-    checkpoint: str | Path | Checkpoint | None = None,
+    checkpoint: str | Path | Checkpoint | None = None, rare: float | None = None, executor: Any = None,
 ) -> Certificate | Certificates:  # fmt: skip
     """Monte Carlo probability of exceeding a pulse limit under parameter uncertainty.
 
@@ -89,6 +91,12 @@ def certify(
     checkpoint : str or Path, optional
         File in which these fits and finished loops are kept: killed and called again with it, the work goes on, to the
         same bits. One of other inputs, versions or another processor is refused.
+    rare : float, optional
+        Probability, such as 1e-6, to which that of an error before rounding beyond the limit is pursued by subset
+        simulation: ``certificate.rare``, with its coefficient of variation. Where the counts exceed the limit, so does
+        this error. It ends early where it is commoner; of several motions it is that of any.
+    executor : optional
+        Where the samples are simulated, as of `campaign`, in place of `threads`; the same bits. It takes no checkpoint.
 
     Returns
     -------
@@ -131,12 +139,19 @@ def certify(
         "certify", found, rig, (law,), reference, uncertainty, within=within, after=after, duration=duration,
         samples=samples, seed=seed, threads=threads, progress=progress, checkpoint=checkpoint,
         steps_per_sample=steps_per_sample, inputs={"law": law, "number of samples": samples},
+        settings=() if rare is None else (rare,),
     )  # fmt: skip
     if task.within < 0 or not 0.5 < real("confidence", confidence, "Give a share, such as 0.95.") < 1:
         raise ValueError(
             f"within must not be negative and confidence between 0.5 and 1; got {within:g} and {confidence:g}. "
             "The promise is 1 pulse, the usual confidence 0.95."
         )
+    if executor is not None and checkpoint is not None:
+        raise ValueError(
+            "checkpoint must be left out with an executor; got both. Use campaign(folder=) for many calls."
+        )
+    if rare is not None and not 0 < real("rare", rare, "Give a probability, such as 1e-6.") < 1:
+        raise ValueError(f"rare must be between 0 and 1; got {rare:g}. Give a probability, such as 1e-6.")
     motions = dict[str, tuple[Reference, Runs, dict[str, Any], Seen | None]]()
     with task.checkpoint as kept:
         plants = task.sampled(samples)
@@ -145,11 +160,21 @@ def certify(
             begins = (min(SETTLED, lasts / 2) if elastic else 0.0) if after is None else float(after)
             settings: dict[str, Any] = {"steps_per_sample": steps_per_sample, "duration": lasts, "after": begins}
             population = plants.under(law, path, within=task.within, **settings)
-            runs = population.run(task.threads, kept.part(name) if name else kept, progress=progress)
+            runs = population.run(task.threads, kept.part(name) if name else kept, progress=progress, executor=executor)
             of_log = seen(found, path, lasts) if isinstance(found, Identification) else None
             motions[name] = path, runs, settings | {"law_steps": population.law_steps}, of_log
+        names = ("steps_per_sample", "duration", "after")
+        driven = {
+            motion: (path, {name: settings[name] for name in names})
+            for motion, (path, _, settings, _) in motions.items()
+        }
+        found_rare = (
+            None
+            if rare is None
+            else kept.stage("rare", lambda: rare_failure(task, law, driven, float(rare), float(confidence)))
+        )
     made = Certificates(
-        law=law, plants=plants, within=task.within, confidence=float(confidence), motions=motions,
+        rare=found_rare, law=law, plants=plants, within=task.within, confidence=float(confidence), motions=motions,
         threads=task.threads, seconds=time.perf_counter() - started,
     )  # fmt: skip
-    return made if task.several else made[""]
+    return made if task.several else dataclasses.replace(made[""], rare=found_rare)

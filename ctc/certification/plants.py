@@ -1,6 +1,7 @@
 """Plants sampled from what is uncertain: arms, rigs, and the samples that they lose."""
 
 import dataclasses
+import functools
 from collections.abc import Iterator
 from typing import Any, Self
 
@@ -123,14 +124,12 @@ class Plants(Frozen):
 
     def under(self, law: Law, reference: Reference, **options: Any) -> Population:
         """All of them under a controller on a reference, ready to run; options as of `Population`."""
-        lost = self.lost if self.dropped else None
+        lost = functools.partial(_lost, self.seed, self.dropped) if self.dropped else None
         return Population(self.arm, self.rig, law, reference, *self.numbers(), lost=lost, **options)
 
     def lost(self, block: int, width: int, steps: int) -> NDArray[np.bool_]:
         """Whether the counts of each step of the controller are lost, (steps, width), in a block of so many loops."""
-        lost = np.random.default_rng((self.seed, 1, block)).random((steps, width)) < self.dropped
-        lost[:1] = False  # there is nothing before
-        return lost
+        return _lost(self.seed, self.dropped, block, width, steps)
 
     def plant(self, i: int, width: int, steps: int) -> tuple[Arm, Rig]:
         """Arm and rig of plant i, with its own lost samples; `width` and `steps` as for `lost`."""
@@ -141,3 +140,9 @@ class Plants(Frozen):
             lost = tuple(np.flatnonzero(self.lost(block, width, steps)[:, lane]).tolist())
             rig = dataclasses.replace(rig, transport=dataclasses.replace(rig.transport, lost=lost))
         return self.arm.dynamics.arm(self.f[i]), rig
+
+
+def _lost(seed: int, dropped: float, block: int, width: int, steps: int) -> NDArray[np.bool_]:
+    lost = np.random.default_rng((seed, 1, block)).random((steps, width)) < dropped
+    lost[:1] = False  # there is nothing before
+    return lost

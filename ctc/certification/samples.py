@@ -27,13 +27,14 @@ _NOT_NEGATIVE = re.compile(r"drive\.(viscous|coulomb|curve\.breakaway|elasticity
 
 def draw(
     uncertainty: Uncertainty, found: Identification | Arm, rig: Rig, samples: int, seed: int, pose: Any = None,
-    progress: bool = False, checkpoint: Checkpoint | None = None,
+    progress: bool = False, checkpoint: Checkpoint | None = None, normals: Any = None,
 ) -> Plants:  # fmt: skip
     """Monte Carlo samples of the arm `found` and its rig, as an `Uncertainty` states them.
 
     Sampled are the identified numbers (from their covariance, or from given arms), friction that was not identified,
     and what else is stated; resonances are those of the gears at `pose` (n,) [rad], zeros by default. A progress bar
-    and the stages of a checkpoint are those of the records that are fitted again on elastic gears.
+    and the stages of a checkpoint are those of the records that are fitted again on elastic gears. `normals`, in place
+    of a random generator, gives the samples as a function of its numbers; which of them are arms it is told.
 
     Raises
     ------
@@ -44,8 +45,10 @@ def draw(
     pose = np.zeros(rig.n) if pose is None else pose
     _require_possible(uncertainty, rig)
     known = identified(uncertainty, found, pose, progress, checkpoint)
-    arm, unknown, random = known.arm, known.names, np.random.default_rng(seed)
-    places = np.random.default_rng((seed, 2)).uniform(0, 1, (samples, 1 + len(uncertainty.resonance or ())))
+    arm, unknown, random = known.arm, known.names, normals or np.random.default_rng(seed)
+    places = (normals or np.random.default_rng((seed, 2))).uniform(
+        0, 1, (samples, 1 + len(uncertainty.resonance or ()))
+    )
     rig = _with_found(rig, {n: v for n, v in zip(unknown, known.values, strict=True) if n not in arm.dynamics.names})
     of_arms, numbers, f, redrawn, projected = _arms(uncertainty, known, rig, random, places)
     own, of_hardware, others = _hardware(uncertainty, random, rig, samples)
@@ -104,6 +107,10 @@ def _arms(uncertainty, known, rig, random, places):
     values = drawn(np.arange(samples))
     (f, sound), redrawn, projected = arms(values), 0, 0
     middle = dict(zip(known.names, known.values, strict=True)) | friction
+    if not isinstance(random, np.random.Generator):  # its numbers are given: the first arm stands where there is none
+        random.sound = sound
+        instead = np.where(sound, np.arange(len(f)), sound.argmax())
+        return tuple(values), np.column_stack([*values.values()])[instead], f[instead], redrawn, projected
     while not sound.all():
         again = np.flatnonzero(~sound)
         redrawn += len(again)

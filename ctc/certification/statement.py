@@ -147,6 +147,8 @@ def shown(certificate: Any) -> Iterator[Piece]:
     ]
     yield Verdict(f"{type(certificate.law).__name__}: {certificate.verdict}", certificate.holds)
     yield Table((), rows)
+    if certificate.rare is not None:
+        yield str(certificate.rare)
     yield by_joint(certificate.plants.arm.dynamics.chain.joint_labels, quantities)
     yield from _explained(certificate)
     if certificate.seen is not None:
@@ -169,6 +171,8 @@ def shown_set(certificates: Any) -> Iterator[Piece]:
     head += [f"in the first {after:g} s, left out", "with the start"] if after else []
     yield Verdict(f"{type(certificates.law).__name__}: {certificates.verdict}", certificates.holds)
     yield Table(head, rows)
+    if certificates.rare is not None:
+        yield str(certificates.rare)
     yield from _explained(certificates)
     beyond = [name for name, each in certificates.items() if each.seen is not None and each.seen.beyond]
     if beyond:

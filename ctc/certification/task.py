@@ -67,10 +67,10 @@ class Task:
         }  # fmt: skip
         self.checkpoint = Checkpoint(checkpoint, work).bind(lambda: inputs)
 
-    def sampled(self, count: int, further: int = 0) -> Plants:
+    def sampled(self, count: int, further: int = 0, normals: Any = None) -> Plants:
         """Monte Carlo samples, the same for all motions; resonances are those at the pose where the first begins."""
         pose = self.first(np.zeros(1)).q[0]
         return draw(
             self.uncertainty, self.found, self.rig, int(count), self.seed + further, pose, self.progress,
-            self.checkpoint,
+            self.checkpoint, normals,
         )  # fmt: skip

@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 
 from ctc.certification.imperfections import IMPERFECTIONS
 from ctc.commandline.commands import COMMANDS
+from ctc.commandline.plan import run_campaign
 from identification.results.summary import IdentificationWarning
 from plant.parts.arguments import real
 from plant.version import __version__
@@ -21,7 +22,7 @@ plant that exceeds the limit, a path that begins in motion; 2 bad input, reporte
 library; 130 interrupted"""
 
 
-_PLACES = {"command", "found", "logs", "name", "model"}  # arguments that are no options
+_PLACES = {"command", "found", "logs", "name", "model", "plan"}  # arguments that are no options
 
 
 class _Parser(argparse.ArgumentParser):
@@ -51,7 +52,10 @@ def main(arguments: list[str] | None = None) -> int:
             warnings.simplefilter("ignore", IdentificationWarning)  # they are part of the answer
             warnings.simplefilter("ignore", RuntimeWarning)  # numpy's, of numbers whose finiteness is checked
             warnings.showwarning = _said
-            answer = COMMANDS[given.command](given)
+            if given.command == "campaign":
+                answer = run_campaign(given, _parser().parse_args)
+            else:
+                answer = COMMANDS[given.command](given)
     except KeyboardInterrupt:
         kept = f" What was finished is in {given.checkpoint}: call again." if getattr(given, "checkpoint", None) else ""
         return _failed(f"interrupted.{kept}", 130)
@@ -201,6 +205,12 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
     )),
     "certify": ("the probability that computed torque exceeds the pulse limit", (*_UNCERTAIN, _BANDWIDTH, _PATH)),
     "tune": ("the controller of least activity within the pulse limit, and its certificate", (*_UNCERTAIN, _PATH)),
+    "campaign": ("the commands above over the logs of many robots, as a plan says", (
+        _option("plan", metavar="PLAN.toml", help="robots, logs, what to do, and where results are kept"),
+        _option("--executor", metavar="WHERE", help="threads (default), processes, or dask:ADDRESS"),
+        _option("--resume", action="store_true", help="go on with what the folder of the plan holds"),
+        _option("--status", action="store_true", help="how far it is; runs nothing"),
+    )),
     "report": ("one page of an identification and its controller (HTML)", (
         _FOUND, _option("--certificate", metavar="FILE", help="file of certify -o or tune -o"),
         _BANDWIDTH, _PATH, *_output("the page, such as page.html"),

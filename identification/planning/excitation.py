@@ -9,6 +9,7 @@ Source: J. Swevers et al., Optimal robot excitation and identification, IEEE Tra
 (1997), for sums of harmonics.
 """
 
+import functools
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -21,6 +22,7 @@ from plant import Arm, Chain, Harmonics, Law, Rig
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import instance, known_options, real
 from plant.parts.fields import Floats
+from plant.simulation.executors import mapped
 
 _SAMPLES = 120  # of a period, at which the equation is set up and the limits hold
 
@@ -55,6 +57,7 @@ def design_motion(
     starts: int | None = None,
     seed: int = 0,
     iterations: int | None = None,
+    executor: Any = None,
 ) -> Harmonics:
     """Harmonics that excite the parameters of an arm; ``design_motion(chain, rig)`` for a first experiment.
 
@@ -78,6 +81,9 @@ def design_motion(
     seed : int
     iterations : int, optional
         Of Ipopt, per start; 200, of many parameters 60.
+    executor : optional
+        Where the starts are followed, side by side: a `concurrent.futures.Executor`, a Dask ``Client``, or a function
+        that makes one.
 
     Returns
     -------
@@ -109,11 +115,14 @@ def design_motion(
     many = model.dynamics.p > _EXACT
     starts, iterations = starts or (1 if many else 3), iterations or (60 if many else 200)
     period = real("period", period, "Give seconds.", positive=True)
-    position, velocity, acceleration = motion_limits(model, period, harmonics, position, velocity, acceleration)
-    problem = _Problem(model, rig, law, period, harmonics)
-    problem.limit(position, velocity, acceleration)
-    random = np.random.default_rng(seed)
-    motion = problem.solved(_starts(random, starts, problem.rate, position, velocity, acceleration), iterations)
+    limits = motion_limits(model, period, harmonics, position, velocity, acceleration)
+    of_problem = model, rig, law, period, harmonics
+    begins = list(_starts(np.random.default_rng(seed), starts, _rates(period, harmonics), *limits))
+    if executor is None:
+        found = [_end(of_problem, limits, iterations, begins)]
+    else:
+        found = mapped(functools.partial(_end, of_problem, limits, iterations), [[each] for each in begins], executor)
+    _, motion = min((end for end in found if end is not None), key=lambda end: end[0], default=(None, None))
     if motion is None:
         raise ValueError(f"limits must allow a motion; none of {starts} starts found one. Widen them.")
     moved = np.ptp(rig.position_in_pulses(motion(np.linspace(0, period, _SAMPLES)).q), axis=0)
@@ -126,13 +135,25 @@ def design_motion(
     return motion
 
 
+def _rates(period: float, harmonics: int) -> Floats:
+    """Angular frequency of each harmonic [rad/s]."""
+    return np.asarray(2 * np.pi / period * np.arange(1, harmonics + 1), dtype=np.float64)
+
+
+def _end(of_problem: Any, limits: Any, iterations: int, starts: list[Any]) -> tuple[float, Harmonics] | None:
+    """The best end of these starts, in a problem of its own."""
+    problem = _Problem(*of_problem)
+    problem.limit(*limits)
+    return problem.solved(starts, iterations)
+
+
 class _Problem:
     """The largest variance of f as a function of the amplitudes, for Ipopt."""
 
     def __init__(self, arm: Arm, rig: Rig, law: Law | None, period: float, harmonics: int) -> None:
         self.period, order = period, np.arange(1, harmonics + 1)
         angle = 2 * np.pi / period * np.arange(_SAMPLES)[:, None] * period / _SAMPLES * order
-        self.rate = rate = np.asarray(2 * np.pi / period * order, dtype=np.float64)
+        rate = _rates(period, harmonics)
         c, s = np.cos(angle), np.sin(angle)
         n, p, self.opti = arm.n, arm.dynamics.p, ca.Opti()
         self.curvature = "exact" if p <= _EXACT else "limited-memory"
@@ -162,8 +183,8 @@ class _Problem:
                     margin = _MARGIN * (high[i] - low[i])
                     self.opti.subject_to(self.opti.bounded(low[i] + margin, value[i, :].T, high[i] - margin))
 
-    def solved(self, starts: Iterable[tuple[Floats, ...]], iterations: int) -> Harmonics | None:
-        """The best end from these starts that keeps the limits."""
+    def solved(self, starts: Iterable[tuple[Floats, ...]], iterations: int) -> tuple[float, Harmonics] | None:
+        """Cost and motion of the best end from these starts that keeps the limits."""
         opti = self.opti
         quiet = {"print_time": False, "error_on_fail": False}
         opti.solver(
@@ -190,7 +211,7 @@ class _Problem:
                 best = found.value(opti.f), *(np.reshape(found.value(x), x.shape) for x in self.amplitudes)
         if best is None:
             return None
-        return Harmonics(period=self.period, offset=best[1].ravel(), cosine=best[2], sine=best[3])
+        return best[0], Harmonics(period=self.period, offset=best[1].ravel(), cosine=best[2], sine=best[3])
 
 
 def _starts(

@@ -8,7 +8,9 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import secrets
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -24,6 +26,7 @@ from plant.parts.kinds import kept
 from plant.parts.progress import progress_bar
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop, bounded
+from plant.simulation.executors import mapped
 from plant.simulation.followed_path import Path
 from plant.simulation.loop_kernel import LANES, loop_kernel
 from plant.simulation.threads import shared_out
@@ -112,6 +115,13 @@ class Runs(Frozen):
         return cls(**largest, **sums, chatter=chatter, first=np.fmin.reduce(of["first"]), samples=samples)
 
 
+_Block = tuple[NDArray[np.float64], NDArray[np.int64]]
+_SENT = 8  # blocks that an executor is given at once
+
+_BUILT: dict[str, Any] = {}
+"""Populations that a worker has built, by a name that is new for each; at most four."""
+
+
 class Population:
     """Plants (or laws) that differ in numbers, on one reference, ready to run.
 
@@ -126,6 +136,11 @@ class Population:
         within: float, steps_per_sample: int, duration: float, after: float = 0.0,
         initial: NDArray[np.float64] | None = None, lost: Callable[..., NDArray[np.bool_]] | None = None,
     ) -> None:  # fmt: skip
+        options = {"within": within, "steps_per_sample": steps_per_sample, "duration": duration, "after": after}
+        self._made: dict[str, Any] = options | {
+            "arm": arm, "rig": rig, "law": law, "reference": reference, "names": tuple(names), "initial": initial,
+            "lost": lost,
+        }  # fmt: skip
         nominal = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, phase=None), transport=None)
         loop = ClosedLoop(
             dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, score=tally(nominal)
@@ -143,17 +158,29 @@ class Population:
         self._tables = self._kernel.prepared((*self._times, np.column_stack(data)))
         self._numbers, self._start = loop.number_values(arm.f), path.start() if initial is None else initial
 
-    def run(self, threads: int, checkpoint: Checkpoint | None = None, *, progress: bool = False) -> Runs:
-        """Run them all; blocks of them are stages of a checkpoint, and what a progress bar counts."""
+    def run(
+        self, threads: int, checkpoint: Checkpoint | None = None, *, progress: bool = False, executor: Any = None
+    ) -> Runs:  # fmt: skip
+        """Run them all; blocks of them are stages of a checkpoint, and what a progress bar counts.
+
+        On an executor they have neither, and `threads` does not count.
+        """
         kept = Checkpoint(checkpoint, "")
 
-        def block(i: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-            made = kept.stage(f"loops from {i * LANES}", lambda: self._block(i))
+        def block(i: int) -> _Block:
+            made = kept.stage(f"loops from {i * LANES}", lambda: self._block(i, self._values[i * LANES :][:LANES]))
             bar.update(len(made[1]))
             return made
 
+        if executor is not None:
+            sent = _SENT * LANES
+            parts = [(i // LANES, self._values[i : i + sent]) for i in range(0, len(self._values), sent)]
+            made = mapped(functools.partial(_blocks, secrets.token_hex(8), self._made), parts, executor)
+            return self._runs([each for some in made for each in some])
         with progress_bar(len(self._values), "closed loops", "loop", progress) as bar:
-            blocks = shared_out(block, range(-(-len(self._values) // LANES)), threads)
+            return self._runs(shared_out(block, range(-(-len(self._values) // LANES)), threads))
+
+    def _runs(self, blocks: list[_Block]) -> Runs:
         final, missing = (np.concatenate(each) for each in zip(*blocks, strict=True))
         n = self.loop.n
         counted, highest, lowest, current, chatter, _ = np.hsplit(final[:, -4 - 6 * n : -4], 6)
@@ -174,9 +201,8 @@ class Population:
             samples=self.samples,
         )
 
-    def _block(self, block: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def _block(self, block: int, values: NDArray[np.float64]) -> _Block:
         """Final states (W, s) of at most `LANES` loops, and their lost counts; empty lanes repeat the last."""
-        values = self._values[block * LANES : (block + 1) * LANES]
         count, tables, missing = len(values), self._tables, np.zeros(LANES, int)
         lanes = np.vstack([values, np.repeat(values[-1:], LANES - count, axis=0)]).T
         if self._lost:
@@ -194,3 +220,13 @@ class Population:
         if steps < self._steps:  # all have diverged
             final[-1] = 0.0
         return final[:, :count].T, missing[:count]
+
+
+def _blocks(name: str, made: dict[str, Any], part: tuple[int, NDArray[np.float64]]) -> list[_Block]:
+    """What a worker does: some blocks of a population, from the first on."""
+    first, values = part
+    while name not in _BUILT and len(_BUILT) >= 4:
+        _BUILT.pop(next(iter(_BUILT)), None)
+    population: Population = _BUILT.get(name) or Population(values=values, **made)
+    _BUILT[name] = population
+    return [population._block(first + i // LANES, values[i : i + LANES]) for i in range(0, len(values), LANES)]

@@ -1,0 +1,218 @@
+"""What a campaign has finished: in memory, or in a folder that outlives the process.
+
+The folder has ``ledger.sqlite`` and ``results/``. Table ``campaign`` (key, value) holds format, versions and processor;
+table ``tasks`` one row per task that was begun: ``number`` (place in the order given), ``name``, ``work`` (SHA-256 of
+function and arguments), ``state`` (open, done, failed), ``seconds`` (from its beginning to its end, waiting included),
+``error``, and of results ``file`` (written by their `save`, relative to the folder) or ``value`` (JSON). The
+coordinator alone writes; other tools may read at any time.
+"""
+
+import contextlib
+import json
+import re
+import sqlite3
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from llvmlite.binding import get_host_cpu_name
+
+from plant.parts.plain import from_plain, to_plain
+from plant.parts.saved import Saved, parsed, versions, written
+
+_FORMAT = "1"
+_TASKS = """create table if not exists tasks (number integer primary key, name text unique not null, work text not null,
+    state text not null default 'open', began real not null, seconds real, error text, file text, value text)"""
+_WHERE = "results/{:03d}"  # folders of a thousand files
+
+
+class InMemory:
+    """Without a folder: results and errors as they are."""
+
+    def __init__(self) -> None:
+        self._names: set[str] = set()
+        self._results: dict[int, tuple[str, Any]] = {}
+        self._errors: dict[int, tuple[str, str]] = {}
+
+    def __enter__(self) -> Any:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def begins(self, number: int, name: str, work: Any) -> bool:
+        """Whether a task is still to be done: all are; a name that comes twice is refused."""
+        if name in self._names:
+            raise _twice(name)
+        self._names.add(name)
+        return True
+
+    def done(self, number: int, name: str, result: Any) -> Any:
+        """Keep a result, and hand it back as it was kept."""
+        self._results[number] = name, result
+        return result
+
+    def failed(self, number: int, name: str, error: str) -> None:
+        """Keep the reason of a failure."""
+        self._errors[number] = name, error
+
+    @property
+    def results(self) -> dict[str, Any]:
+        """Name -> result, in the order of the tasks."""
+        return dict(value for _, value in sorted(self._results.items(), key=lambda item: item[0]))
+
+    @property
+    def errors(self) -> dict[str, str]:
+        """Name -> why it failed."""
+        return dict(value for _, value in sorted(self._errors.items()))
+
+
+def _twice(name: str) -> ValueError:
+    return ValueError(f"names of tasks must differ; {name!r:.80} comes twice. Rename one.")
+
+
+class Ledger:
+    """In a folder, made if it is not there; use it in a ``with`` statement. `work` of a task is its SHA-256."""
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        self.path = self.folder / "ledger.sqlite"
+
+    def __enter__(self) -> "Ledger":
+        with self._writing():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._lock = sqlite3.connect(self.folder / "lock.sqlite", timeout=0)  # ends with the process that holds it
+            try:
+                self._lock.execute("begin exclusive")
+            except sqlite3.OperationalError:
+                self._lock.close()
+                raise ValueError(
+                    f"folder {self.folder} must be of no other campaign that runs; one holds it. Wait for its end."
+                ) from None
+            self._base = sqlite3.connect(self.path, isolation_level=None)
+            try:
+                self._open()
+            except BaseException:
+                self.__exit__()
+                raise
+        return self
+
+    def _open(self) -> None:
+        head = {"format": _FORMAT, "versions": json.dumps(versions()), "processor": get_host_cpu_name()}
+        try:
+            self._base.execute("pragma journal_mode = wal")
+            self._base.execute("pragma synchronous = normal")
+            self._base.execute("create table if not exists campaign (key text primary key, value text not null)")
+            self._base.execute(_TASKS)
+            held = dict(self._base.execute("select key, value from campaign"))
+        except sqlite3.DatabaseError as error:
+            raise ValueError(f"{self.path} must be a ledger of campaign; {error}. Give another folder.") from None
+        for key, value in head.items():
+            if held.setdefault(key, value) != value:
+                raise ValueError(
+                    f"folder {self.folder} must be of the {key} {value:.200}; got {held[key]:.200}. Give another."
+                )
+        self._base.executemany("insert or ignore into campaign values (?, ?)", head.items())
+
+    def __exit__(self, *_: object) -> None:
+        self._base.close()
+        self._lock.close()
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except (OSError, sqlite3.OperationalError) as error:
+            said = error.strerror if isinstance(error, OSError) else error
+            raise ValueError(
+                f"folder {self.folder} must be one that can be written; {said}. What was finished is kept: make room, "
+                "or give access, and call again."
+            ) from None
+
+    def begins(self, number: int, name: str, work: Any) -> bool:
+        """Whether a task is still to be done; another than that of before at this place is refused."""
+        held = self._base.execute("select name, work, state from tasks where number = ?", (number,)).fetchone()
+        if held is None:
+            with self._writing():
+                try:
+                    self._base.execute("insert into tasks (number, name, work, began) values (?, ?, ?, ?)",
+                                       (number, name, work, time.time()))  # fmt: skip
+                except sqlite3.IntegrityError:
+                    raise _twice(name) from None
+            return True
+        if held[:2] != (name, work):
+            what = f"{held[0]!r:.80}" if held[0] != name else "other work of this name"
+            raise ValueError(
+                f"folder {self.folder} must be of the same campaign; its task {number} is {what}, got {name!r:.80}. "
+                "Give the same tasks in the same order, or another folder."
+            )
+        return bool(held[2] != "done")
+
+    def done(self, number: int, name: str, result: Any) -> Any:
+        """Keep a result, and hand it back as it was kept; what no file can hold is a ValueError."""
+        file = value = None
+        if isinstance(result, Saved):
+            short = re.sub(r"[^\w.+=-]+", "_", name)[:60]
+            file = f"{_WHERE.format(number // 1000)}/{number:06d}_{short}.json"
+            with self._writing():
+                (self.folder / file).parent.mkdir(parents=True, exist_ok=True)
+                result.save(self.folder / file)
+        else:
+            value = "".join(written(to_plain(result)))
+            result = from_plain(parsed(value.encode()))
+        self._end(number, "done", None, file, value)
+        return result
+
+    def failed(self, number: int, name: str, error: str) -> None:
+        """Keep the reason of a failure; the next call tries it again."""
+        self._end(number, "failed", error, None, None)
+
+    def _end(self, number: int, *ends: Any) -> None:
+        with self._writing():
+            self._base.execute(
+                "update tasks set state = ?, error = ?, file = ?, value = ?, seconds = ? - began where number = ?",
+                (*ends, time.time(), number),
+            )
+
+    @property
+    def results(self) -> Mapping[str, Any]:
+        """Name -> result, read from the folder when it is asked for."""
+        return _Rows(self, "done", "file, value")
+
+    @property
+    def errors(self) -> Mapping[str, str]:
+        """Name -> why it failed."""
+        return _Rows(self, "failed", "error, null")
+
+
+class _Rows(Mapping[str, Any]):
+    """Rows of one state, in the order of the tasks."""
+
+    def __init__(self, ledger: Ledger, state: str, columns: str) -> None:
+        self._ledger, self._state, self._columns = ledger, state, columns
+
+    def _rows(self, what: str, *more: str) -> Iterator[tuple[Any, ...]]:
+        given = " and name = ?" if more else ""
+        with contextlib.closing(sqlite3.connect(f"{self._ledger.path.absolute().as_uri()}?mode=ro", uri=True)) as base:
+            text = f"select {what} from tasks where state = ?{given} order by number"  # noqa: S608 - of this file
+            yield from base.execute(text, (self._state, *more))
+
+    def __getitem__(self, name: str) -> Any:
+        for text, value in self._rows(self._columns, name):
+            if self._state == "failed":
+                return text
+            if text is not None:
+                return Saved.load(self._ledger.folder / text)
+            return from_plain(parsed(value.encode()))
+        raise KeyError(name)
+
+    def __iter__(self) -> Iterator[str]:
+        for (name,) in self._rows("name"):
+            yield name
+
+    def __len__(self) -> int:
+        return int(next(self._rows("count(*)"))[0])
+
+    def __repr__(self) -> str:
+        return f"{len(self)} of {self._ledger.folder}"

@@ -1,0 +1,162 @@
+"""``onepulse campaign PLAN.toml``: the other commands over the logs of many robots, kept in a folder as they end.
+
+A plan names robots, each with a robot file and a pattern of logs; what to `do`, of check, identify, certify, report;
+and the options of these commands, a table for each. Every log is a task, ``ROBOT/LOG``.
+"""
+
+import contextlib
+import functools
+import glob
+import multiprocessing
+import sqlite3
+import tomllib
+from argparse import Namespace
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from ctc.campaigns.campaign import campaign
+from ctc.commandline.commands import COMMANDS
+from ctc.commandline.inputs import Answer
+from plant.models.robot_file import read_robot
+from plant.parts.arguments import choice
+from plant.simulation.threads import cores
+
+_DO = ("check", "identify", "certify", "report")
+_KEYS, _ROBOT_KEYS = ("folder", "do", "robots", "executor", *_DO), ("robot", "logs")
+_EXECUTORS = "threads, processes or dask:ADDRESS, such as dask:tcp://10.0.0.5:8786"
+
+Parse = Callable[[list[str]], Namespace]
+
+
+def run_campaign(given: Namespace, parse: Parse) -> Answer:
+    """What a plan asks for; `parse` reads the options of the other commands."""
+    plan = _read(Path(given.plan))
+    folder = Path(given.plan).parent / plan["folder"]
+    if given.status:
+        return _status(folder)
+    if (folder / "ledger.sqlite").exists() and not given.resume:
+        raise ValueError(f"{folder} holds a campaign. Pass --resume to go on with it, or name another folder.")
+    tasks: dict[str, Any] = {
+        name: (_worked, (steps, stamp), {}) for name, steps, stamp in _tasks(plan, Path(given.plan), folder, parse)
+    }
+    where = given.executor or plan.get("executor", "threads")
+    with _executor(where) as executor:
+        done = campaign(tasks, executor=executor, folder=folder, retries=0, progress=not given.quiet)
+    results = dict(done.results)
+    negative = [name for name, result in results.items() if not all(each["good"] for each in result.values())]
+    said = [f"{name}: {', '.join(c for c, each in results[name].items() if not each['good'])}" for name in negative]
+    said += [f"{name}: failed: {error}" for name, error in done.errors.items()]
+    counts = f"{len(results)} logs done, {len(negative)} with a negative verdict, {len(done.errors)} failed"
+    data = {"results": results, "errors": dict(done.errors), "negative": negative, "folder": str(folder)}
+    return Answer("\n".join([counts, *said, f"results are in {folder}"]), data, not said)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """A plan, its keys checked."""
+    try:
+        plan = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path} must be a plan in TOML; {' '.join(str(error).split())}. Correct it.") from None
+    for key in plan:
+        choice(f"a key of {path}", key, _KEYS)
+    robots, do = plan.get("robots"), plan.get("do")
+    if not isinstance(plan.get("folder"), str) or not isinstance(robots, dict) or not robots:
+        raise ValueError(f'{path} must have folder = "..." and a table [robots.NAME] for each robot. Add them.')
+    if not isinstance(do, list) or not do or [each for each in _DO if each in do] != do:
+        raise ValueError(f"do of {path} must be some of {', '.join(_DO)}, in this order; got {do!r:.80}. Correct it.")
+    if "identify" not in do and do != ["check"]:
+        raise ValueError(f"do of {path} must have identify before {do[-1]}; it has not. Add it.")
+    for name, robot in robots.items():
+        if not isinstance(robot, dict) or set(robot) != set(_ROBOT_KEYS):
+            raise ValueError(f"[robots.{name}] of {path} must have robot and logs; got {robot!r:.80}. Correct it.")
+    return plan
+
+
+def _tasks(plan: dict[str, Any], path: Path, folder: Path, parse: Parse) -> Iterator[tuple[str, Any, Any]]:
+    """Name, arguments of its commands, and size and time of the log, of each log."""
+    for name, of_robot in plan["robots"].items():
+        own = path.parent / of_robot["robot"]
+        robot = str(own) if own.is_file() else of_robot["robot"]
+        read_robot(robot)
+        patterns = of_robot["logs"] if isinstance(of_robot["logs"], list) else [of_robot["logs"]]
+        for pattern in patterns:
+            logs = sorted(glob.glob(str(path.parent / pattern)))
+            if not logs:
+                raise ValueError(
+                    f"logs of robot {name} must be there; {pattern!r} matches nothing. Correct the pattern."
+                )
+            for log in logs:
+                place, status = folder / name / Path(log).stem, Path(log).stat()
+                steps = [vars(parse(_arguments(each, plan, robot, log, place))) for each in plan["do"]]
+                yield f"{name}/{Path(log).stem}", steps, [status.st_size, status.st_mtime_ns]
+
+
+def _arguments(command: str, plan: dict[str, Any], robot: str, log: str, place: Path) -> list[str]:
+    """One command as it would be typed."""
+    found, certificate = str(place / "found.json"), str(place / "certificate.json")
+    own = {
+        "check": [log, "--robot", robot],
+        "identify": [log, "--robot", robot, "-o", found, "--force"],
+        "certify": [found, "-o", certificate, "--force"],
+        "report": [found, "-o", str(place / "page.html"), "--force",
+                   *(["--certificate", certificate] if "certify" in plan["do"] else [])],
+    }  # fmt: skip
+    more = []
+    for key, value in plan.get(command, {}).items():
+        values = [] if value is True else value if isinstance(value, list) else [value]
+        more += [f"--{key.replace('_', '-')}", *map(str, values)]
+    return [command, *own[command], *more, "--quiet"]
+
+
+def _worked(steps: list[dict[str, Any]], stamp: Any) -> dict[str, Any]:
+    """What a worker does with a log: each command, and what it answers."""
+    answers = {}
+    for step in steps:
+        if step.get("output"):
+            Path(step["output"]).parent.mkdir(parents=True, exist_ok=True)
+        answer = COMMANDS[step["command"]](Namespace(**step))
+        answers[step["command"]] = answer.data | {"good": bool(answer.good)}
+    return answers
+
+
+@contextlib.contextmanager
+def _executor(where: str) -> Iterator[Any]:
+    """The executor of a name."""
+    if where == "threads":
+        yield None
+    elif where == "processes":
+        methods = multiprocessing.get_all_start_methods()
+        context = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
+        if hasattr(context, "set_forkserver_preload"):
+            context.set_forkserver_preload(["ctc.commandline.plan"])
+        yield functools.partial(ProcessPoolExecutor, cores(), mp_context=context)
+    elif where.startswith("dask:"):
+        try:
+            from distributed import Client
+        except ImportError:
+            raise ValueError("executor dask needs distributed: pip install 'onepulse[dask]'.") from None
+        try:
+            client = Client(where.removeprefix("dask:"), timeout=10)
+        except (OSError, ValueError) as error:
+            raise ValueError(
+                f"executor must be a scheduler that runs; {where}: {error}. Start dask scheduler."
+            ) from None
+        with client:
+            yield client
+    else:
+        raise ValueError(f"executor must be {_EXECUTORS}; got {where!r:.60}. Correct it.")
+
+
+def _status(folder: Path) -> Answer:
+    """How many tasks are in which state, from the ledger alone."""
+    path = folder / "ledger.sqlite"
+    if not path.is_file():
+        raise ValueError(f"{folder} must hold a campaign; there is none. Run it without --status first.")
+    with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:
+        states = dict(base.execute("select state, count(*) from tasks group by state"))
+        failed = dict(base.execute("select name, error from tasks where state = 'failed' order by number"))
+    data = {state: states.get(state, 0) for state in ("done", "open", "failed")}
+    text = ", ".join(f"{count} {state}" for state, count in data.items())
+    return Answer("\n".join([text, *(f"{name}: {error}" for name, error in failed.items())]), data | {"errors": failed})

@@ -1,0 +1,237 @@
+"""Campaigns: results by name, failures named, nothing lost when killed, and folders that refuse what is not theirs."""
+
+import os
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import campaign_tasks as work
+import numpy as np
+import pytest
+
+from ctc import ComputedTorque, campaign
+from plant import puma560
+
+
+def run(tasks, **options):
+    return campaign(tasks, progress=False, **options)
+
+
+def test_results_and_errors_by_name():
+    done = run({"a": (work.square, (3,), {}), "b": (work.failing, (), {"x": 1}), "c": (work.square, (), {"x": 4})})
+    assert dict(done.results) == {"a": 9, "c": 16}
+    assert dict(done.errors) == {"b": "RuntimeError: no 1 at all"}
+    assert "2 tasks done, 1 failed" in str(done)
+    assert "no 1 at all" in str(done)
+
+
+def test_a_million_are_not_listed():
+    """An iterable is read as workers become free: never much farther than what has ended."""
+    read, ended, ahead = 0, 0, 0
+    lock = threading.Lock()
+
+    def given():
+        nonlocal read, ahead
+        for i in range(500):
+            read += 1
+            ahead = max(ahead, read - ended)
+            yield str(i), (count, (i,), {})
+
+    def count(i):
+        nonlocal ended
+        with lock:
+            ended += 1
+        return i
+
+    came = []
+    run(given(), executor=lambda: ThreadPoolExecutor(2), each=lambda name, result: came.append(name))
+    assert sorted(came, key=int) == [str(i) for i in range(500)]
+    assert ahead <= 8
+
+
+def test_memory_does_not_grow_with_the_tasks_of_a_folder(tmp_path):
+    peaks = []
+    for count in (300, 1500):
+        tracemalloc.start()
+        run(((str(i), (bytes.decode, (b"x" * 2000,), {})) for i in range(count)), folder=tmp_path / str(count))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < peaks[0] + 300_000  # the results alone are 2.4 MB more
+
+
+def test_a_task_that_fails_is_tried_again_so_often_and_no_more(tmp_path):
+    def flaky(path):
+        path.write_text(path.read_text() + "x" if path.exists() else "x")
+        if len(path.read_text()) < 3:
+            raise OSError("the network is gone")
+        return 1
+
+    assert run({"a": (flaky, (tmp_path / "a",), {})}, retries=2).results == {"a": 1}
+    assert "network" in run({"b": (flaky, (tmp_path / "b",), {})}, retries=1).errors["b"]
+    assert (tmp_path / "b").read_text() == "xx"
+
+
+def test_results_in_a_folder_come_back_as_they_were(tmp_path):
+    law = ComputedTorque(puma560.arm(), puma560.rig(), bandwidth=150)
+    values = {"law/a": law, "x": np.arange(3.0), "nan": float("nan"), "mixed": {"a": [1, (2.5, None)]}, "text": "ä\n"}
+    done = run({name: (_same, (value,), {}) for name, value in values.items()}, folder=tmp_path)
+    assert not done.errors
+    assert list(done.results) == list(values)
+    assert done.results["law/a"] == law
+    assert np.array_equal(done.results["x"], values["x"])
+    assert np.isnan(done.results["nan"])
+    assert done.results["mixed"] == {"a": [1, [2.5, None]]} or done.results["mixed"] == {"a": [1, (2.5, None)]}
+    (file,) = (tmp_path / "results").rglob("*.json")
+    assert ComputedTorque.load(file) == law
+    with pytest.raises(KeyError):
+        done.results["nothing"]
+
+
+def test_what_no_file_can_hold_is_named(tmp_path):
+    done = run({"a": (_same, (threading.Lock(),), {}), "b": (work.square, (2,), {})}, folder=tmp_path)
+    assert done.results["b"] == 4
+    assert "must be kept in a file" in done.errors["a"]
+
+
+def _same(value):
+    return value
+
+
+def start(folder, log, count, kind):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join((os.getcwd(), str(Path(work.__file__).parent)))}
+    return subprocess.Popen(  # noqa: S603 - the script beside this one
+        [sys.executable, work.__file__, folder, log, str(count), kind], env=environment, stdout=subprocess.PIPE,
+    )  # fmt: skip
+
+
+def test_a_killed_campaign_goes_on_and_does_nothing_twice_but_what_was_open(tmp_path):
+    """On processes, and killed ten times: tests/benchmarks/campaign.py."""
+    kind, count, log = "threads", 120, tmp_path / "log"
+    kills = np.random.default_rng(1)
+    opened = 0
+    for _ in range(2):
+        process = start(tmp_path / "folder", log, count, kind)
+        process.stdout.readline()
+        time.sleep(kills.uniform(0.05, 0.5))
+        process.kill()
+        process.wait()
+        process.stdout.close()
+        opened += _states(tmp_path / "folder").count("open")
+    done = run(work.tasks(log, count, 0.01), folder=tmp_path / "folder", executor=work.KINDS[kind])
+    assert list(done.results) == [f"task {i}" for i in range(count)]
+    for i, result in enumerate(done.results.values()):
+        assert np.array_equal(result, np.random.default_rng(i).standard_normal(3))
+    ran = log.read_text().split()
+    assert set(map(int, ran)) == set(range(count))
+    assert len(ran) <= count + opened
+    assert run(work.tasks(log, count, 0.01), folder=tmp_path / "folder").results["task 7"] is not None
+    assert log.read_text().split() == ran
+
+
+def _states(folder):
+    if not (folder / "ledger.sqlite").exists():
+        return []
+    try:
+        return [row[0] for row in sqlite3.connect(folder / "ledger.sqlite").execute("select state from tasks")]
+    except sqlite3.OperationalError:  # killed before the table was made
+        return []
+
+
+def test_two_campaigns_in_one_folder_refuse_each_other(tmp_path):
+    with pytest.raises(ValueError, match=r"folder .* must be of no other campaign that runs; one holds it"):
+        run({"a": (_nested, (tmp_path,), {})}, folder=tmp_path, each=lambda name, result: run({}, folder=tmp_path))
+    assert run({"a": (_nested, (tmp_path,), {})}, folder=tmp_path).results["a"] == 1
+
+
+def _nested(path):
+    return 1
+
+
+def test_folders_of_other_tasks_and_versions_are_refused(tmp_path):
+    tasks = {"a": (work.square, (3,), {}), "b": (work.square, (4,), {})}
+    run(tasks, folder=tmp_path)
+    for other, what in (
+        ({"z": (work.square, (3,), {})}, "its task 0 is 'a', got 'z'"),
+        ({"a": (work.square, (5,), {})}, "other work of this name"),
+        ({"a": (work.failing, (3,), {})}, "other work of this name"),
+    ):
+        with pytest.raises(ValueError, match=what):
+            run(other, folder=tmp_path)
+    run(tasks | {"c": (work.square, (5,), {})}, folder=tmp_path)  # more may follow
+    with sqlite3.connect(tmp_path / "ledger.sqlite") as base:
+        base.execute("update campaign set value = 'other' where key = 'versions'")
+    base.close()
+    with pytest.raises(ValueError, match=r"must be of the versions .* got other\. Give another"):
+        run(tasks, folder=tmp_path)
+    (tmp_path / "text").mkdir()
+    (tmp_path / "text" / "ledger.sqlite").write_text("no base, " * 200)
+    with pytest.raises(ValueError, match="must be a ledger of campaign"):
+        run(tasks, folder=tmp_path / "text")
+
+
+def test_a_failure_is_tried_again_by_the_next_call(tmp_path):
+    path = tmp_path / "given"
+    tasks = {"a": (_read, (path,), {})}
+    assert "FileNotFoundError" in run(tasks, folder=tmp_path / "folder").errors["a"]
+    path.write_text("7")
+    again = run(tasks, folder=tmp_path / "folder")
+    assert (dict(again.results), dict(again.errors)) == ({"a": "7"}, {})
+
+
+def _read(path):
+    return path.read_text()
+
+
+def test_a_folder_that_fills_loses_nothing(tmp_path, monkeypatch):
+    law = ComputedTorque(puma560.arm(), puma560.rig(), bandwidth=150)
+    tasks = {"a": (work.square, (1,), {}), "b": (_same, (law,), {}), "c": (work.square, (2,), {})}
+    full = OSError(28, "No space left on device")
+
+    def save(self, path):
+        raise full
+
+    with monkeypatch.context() as patched:
+        patched.setattr(type(law), "save", save)
+        with pytest.raises(ValueError, match=r"folder .* can be written; No space left on device.*kept"):
+            run(tasks, folder=tmp_path, executor=lambda: ThreadPoolExecutor(1))
+    done = run(tasks, folder=tmp_path)
+    assert list(done.results) == ["a", "b", "c"]
+    assert done.results["b"] == law
+
+
+@pytest.mark.parametrize(
+    ("tasks", "options", "said"),
+    [
+        (3, {}, "tasks must be a mapping or pairs; got a value of type int"),
+        ([("a",)], {}, "a task must be a name and"),
+        ([("a", (3, (), {}))], {}, r"task 'a' must be \(function, args, kwargs\)"),
+        ([("a", (abs, 3, {}))], {}, r"task 'a' must be \(function, args, kwargs\)"),
+        ([("a", (abs, (1,), {}))] * 2, {}, "names of tasks must differ; 'a' comes twice"),
+        ({}, {"executor": 3}, "executor must take calls; got a value of type int"),
+        ({}, {"executor": lambda: 3}, "executor must make an executor; it made a int"),
+        ({}, {"retries": -1}, "retries must be a whole number"),
+    ],
+)
+def test_bad_input_is_one_line(tasks, options, said, tmp_path):
+    for more in ({}, {"folder": tmp_path}):
+        with pytest.raises(ValueError, match=said) as caught:
+            run(tasks, **options, **more)
+        assert "\n" not in str(caught.value)
+
+
+def test_a_closed_executor_is_refused():
+    pool = ThreadPoolExecutor(1)
+    pool.shutdown()
+    with pytest.raises(ValueError, match="executor must be open; it is closed"):
+        run({"a": (abs, (1,), {})}, executor=pool)
+
+
+def test_the_users_own_executor_stays_open():
+    with ThreadPoolExecutor(1) as pool:
+        assert run({"a": (abs, (-1,), {})}, executor=pool).results == {"a": 1}
+        assert pool.submit(abs, -2).result() == 2

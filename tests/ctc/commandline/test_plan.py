@@ -1,0 +1,104 @@
+"""``onepulse campaign``: the other commands over many robots' logs, by a plan."""
+
+import json
+
+import pytest
+
+from ctc.commandline.main import main
+from identification import Identification
+from plant import puma560, read_robot, simulate
+
+PLAN = """
+folder = "study"
+do = ["check", "identify", "certify"]
+
+[robots.left]
+robot = "paper_puma560"
+logs = "left_*.csv"
+
+[robots.right]
+robot = "paper_puma560"
+logs = ["right.csv"]
+
+[identify]
+seed = 3
+
+[certify]
+samples = 20
+within = 40
+bandwidth = 150
+"""
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cell")
+    robot = read_robot("paper_puma560")
+    record = simulate(robot.arm, robot.rig, robot.law, puma560.reference(), duration=1.0)
+    for name in ("left_1", "left_2"):
+        record.to_csv(folder / f"{name}.csv")
+    (folder / "right.csv").write_text("t,what\n0,1\n")
+    (folder / "plan.toml").write_text(PLAN)
+    return folder
+
+
+def run(capsys, *arguments):
+    code = main(["campaign", *map(str, arguments)])
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+def test_a_plan_from_end_to_end(place, capsys):
+    code, out, err = run(capsys, place / "plan.toml", "--json")
+    data = json.loads(out)
+    assert (code, err) == (1, ""), err
+    assert sorted(data["results"]) == ["left/left_1", "left/left_2"]
+    assert list(data["errors"]) == ["right/right"]
+    assert "right.csv" in data["errors"]["right/right"]
+    assert data["results"]["left/left_1"]["certify"]["samples"] == 20
+    found = Identification.load(place / "study" / "left" / "left_1" / "found.json")
+    assert found.search.seed == 3
+
+    code, out, err = run(capsys, place / "plan.toml", "--status")
+    assert (code, out.splitlines()[0]) == (0, "2 done, 0 open, 1 failed")
+    code, out, err = run(capsys, place / "plan.toml")
+    assert code == 2
+    assert "holds a campaign. Pass --resume" in err
+    before = (place / "study" / "left" / "left_1" / "found.json").stat().st_mtime_ns
+    code, out, err = run(capsys, place / "plan.toml", "--resume")
+    assert code == 1
+    assert "right/right: failed" in out
+    assert (place / "study" / "left" / "left_1" / "found.json").stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("[identify]", "[identfy]", "must be one of"),
+        ("seed = 3", "sed_of = 3", "unrecognized arguments: --sed-of"),
+        ('"left_*.csv"', '"wrong_*.csv"', "'wrong_*.csv' matches nothing"),
+        ('"check", "identify", "certify"', '"certify"', "must have identify before certify"),
+        ('"check", "identify", "certify"', '"identify", "check"', "in this order"),
+        ('robot = "paper_puma560"\nlogs = "left', 'robot = "nothing"\nlogs = "left', "nothing"),
+        ('folder = "study"', "", "must have folder"),
+        ("[certify]", "[certify", "must be a plan in TOML"),
+        ('folder = "study"', 'folder = "new"\nexecutor = "cloud"', "executor must be threads, processes or dask:"),
+    ],
+)  # fmt: skip
+def test_bad_plans_are_one_line(place, capsys, old, new, said):
+    (place / "bad.toml").write_text(PLAN.replace(old, new, 1))
+    try:
+        code, out, err = run(capsys, place / "bad.toml", "--resume")
+    except SystemExit as stop:
+        code, err = stop.code, capsys.readouterr().err
+    assert code == 2
+    assert said in err
+    assert err.count("\n") == 1
+    assert not (place / "new").exists()
+
+
+def test_status_of_nothing(place, capsys, tmp_path):
+    (tmp_path / "plan.toml").write_text(PLAN)
+    code, out, err = run(capsys, tmp_path / "plan.toml", "--status")
+    assert code == 2
+    assert "there is none" in err
