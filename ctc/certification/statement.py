@@ -205,8 +205,7 @@ def _explained(certificate: Any) -> Iterator[Piece]:
         yield "another controller may hold: tune searches for it, along this path and over what is sampled here"
     if certificate.plants.redrawn:
         yield f"{certificate.plants.redrawn} samples were no arm, and were replaced"
-    if certificate.plants.projected:
-        share = certificate.plants.projected / len(certificate.plants)
+    if share := certificate.plants.projected / len(certificate.plants):
         yield f"{share:.0%} of the samples were moved towards the identified arm, until they are arms"
     for what, names in zip(("sampled", "not sampled"), certificate.plants.said, strict=True):
         yield f"{what}: {', '.join(names)}"

@@ -45,20 +45,10 @@ _TORQUE = 0.8  # share of the amplifier's limit that the model's torque and fric
 
 @known_options
 def design_motion(
-    arm: Arm | Chain,
-    rig: Rig,
-    law: Law | None = None,
-    *,
-    period: float = 6.0,
-    position: ArrayLike | None = None,
-    velocity: ArrayLike | None = None,
-    acceleration: ArrayLike | None = None,
-    harmonics: int = 5,
-    starts: int | None = None,
-    seed: int = 0,
-    iterations: int | None = None,
-    executor: Any = None,
-) -> Harmonics:
+    arm: Arm | Chain, rig: Rig, law: Law | None = None, *, period: float = 6.0, position: ArrayLike | None = None,
+    velocity: ArrayLike | None = None, acceleration: ArrayLike | None = None, harmonics: int = 5,
+    starts: int | None = None, seed: int = 0, iterations: int | None = None, executor: Any = None,
+) -> Harmonics:  # fmt: skip
     """Harmonics that excite the parameters of an arm; ``design_motion(chain, rig)`` for a first experiment.
 
     Parameters
