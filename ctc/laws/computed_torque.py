@@ -236,6 +236,7 @@ class ComputedTorque(ModelLaw):
         deviation = coupling.shaft(e), coupling.shaft(rate), *([] if rigid else kept[:2])
         deviation, impulse = predicted(deviation, impulse, torque - (before + needed) / 2, begun * dt)
         outside = setpoint.q - coupling.joint(deviation[0]) - rig.cell_centre(pulses)
+        seen = begun * rig.position_in_pulses(outside)
         begins = ca.fabs(speed_share(self.rig, speed, _BEGINS))
         share = ca.fmin(self.dead_zone * (_STANDING - (_STANDING - 1) * begins), 1)
         outside = coupling.shaft(rig.outside_cell(outside, pulses, share))
@@ -264,8 +265,7 @@ class ComputedTorque(ModelLaw):
         coming = begun * (0.5 + self.delay) * self.rig.period / dt * (needed - before)
         wanted = needed + coming + delta + coupling.joint_torque(feedback)
         turns = speed * (speed + dt * coupling.shaft(setpoint.qdd)) <= 0  # back, or from rest
-        seen = begun * rig.position_in_pulses(coupling.joint(outside))
-        after = fresh_and_swings(seen, turns, fresh, kept[:2], dt, self.start_time)
+        after = fresh_and_swings(seen, turns, fresh, kept[:2], dt, self.bandwidth, self.start_time)
         fresh, *kept = after if rigid else (fresh, *deviation[2:], *link)
         acting, later = (pending[0], [wanted]) if self.delay else (wanted, [])
         e, rate = (coupling.joint(each) for each in deviation[:2])
