@@ -15,7 +15,7 @@ from plant.analysis.sampled_loops import SampledLoops
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 START = PATH([0.0]).q[0]
-LAW = ComputedTorque(ARM, RIG, bandwidth=150)
+LAW = ComputedTorque(ARM, RIG, bandwidth=150, start_boost=1.0)  # what is unstable is so from one resonance on
 SHORT = {"duration": 0.2, "steps_per_sample": 8, "samples": 60, "covariance": np.diag((0.01 * ARM.f) ** 2)}
 
 
@@ -66,8 +66,9 @@ def test_each_lane_is_a_simulation_of_gears_with_their_resonance(options):
 
 def test_the_bound_is_that_of_the_worst_part_of_the_range():
     """From 60 Hz, where the law is unstable, to 400 Hz, where it holds: 'most of them hold' would be no verdict."""
+    law = dataclasses.replace(LAW, bandwidth=250.0)
     found = certify(
-        ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT | {"samples": 400, "duration": 0.4}, resonance=(60, 400))
+        ARM, RIG, law, PATH, **with_uncertainty(**SHORT | {"samples": 400, "duration": 0.4}, resonance=(60, 400))
     )
     left, hz = found.runs.outside > 0, found.plants.values[:, found.plants.names.index("resonance")]
     assert left[hz < 100].all()

@@ -148,7 +148,7 @@ def test_what_was_unstable_does_not_hold_the_arm(hz, bandwidth, guards):
 
 def test_a_hold_on_an_unstable_loop_becomes_a_ramp():
     """Stopped by the tracking error before, it would go on oscillating under the law that holds."""
-    law = ComputedTorque(arm(1.5), RIG, bandwidth=150)
+    law = ComputedTorque(arm(1.5), RIG, bandwidth=250)
     blind = Guards(error=8, jump=np.inf, saturation=None, chatter=None)
     rig, runs = elastic(arm(1.5), 100), []
     for guards in (blind, Guards(error=8, jump=np.inf)):

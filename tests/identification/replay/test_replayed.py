@@ -8,7 +8,7 @@ import pytest
 
 from ctc import ComputedTorque
 from identification import Objective, identify
-from identification.replay.gauss_newton import gauss_newton
+from identification.replay.gauss_newton import DEPENDENT, gauss_newton
 from identification.replay.prediction import Prediction
 from identification.search import polish
 from plant import Chain, Drive, Dynamics, Encoder, Link, LoggedTorque, Record, Rig, puma560, replay, simulate
@@ -205,7 +205,7 @@ def test_a_log_of_computed_torque_tells_f_by_its_torques():
 class Line:
     """y = a + b t, as if it were a prediction."""
 
-    unknown = ("a", "b")
+    unknown, dependent = ("a", "b"), DEPENDENT
 
     def __init__(self):
         self.t = np.linspace(0, 1, 50)

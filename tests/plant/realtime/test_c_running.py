@@ -151,9 +151,9 @@ int main(void)
 
 @cache
 def unstable():
-    """A law of 200 rad/s and the counts (N, 2) that it sees on gears of 100 Hz, without guards."""
+    """A law of 250 rad/s and the counts (N, 2) that it sees on gears of 100 Hz, without guards."""
     arm = puma560.literature_arm(1.5)
-    law = ComputedTorque(arm, RIG, bandwidth=200)
+    law = ComputedTorque(arm, RIG, bandwidth=250)
     return law, closed(arm, elastic(arm, 100), law, PATH, samples=500, guards=None).counts
 
 
