@@ -71,7 +71,7 @@ def draw():
         axis.add_patch(arrow)
         axis.text(x + 0.02, y + 0.12, text, ha="center", va="bottom", fontsize=10, color="#c8553d")
     axis.text(
-        left - 0.85, 9.6,
+        left - 0.85, tallest + 0.35,
         "A room imports from the rooms below it and from the houses on its left, never the other way.",
         ha="right", fontsize=10, style="italic", color="0.3",
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""A control law, or a geared arm with its drives and encoders, as a functional mock-up unit (FMI, co-simulation).
+"""A control law, or an arm with its drives, as a functional mock-up unit (FMI).
 
 Reading order: `variables` (what is exchanged, as the model description lists it) -> `arm_source` (the C of an arm) ->
 `export` (`to_fmu`). The interface itself is in the templates ``c/``.
