@@ -4,11 +4,14 @@ Gears that no one stated swing under a faster controller long before they do und
 off by then changes sign within milliseconds, as it does not on a rigid arm, and the joint is boosted no more.
 """
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 
-_UNEXPECTED, _SWINGS = 0.95, 0.7
-"""Predicted distances from the middle of the counted cell [pulses]: of a load, or friction that is off; of a swing."""
+_SWINGS, _QUIETER, _UNEXPECTED = 1.0, 0.75, 0.25
+"""Predicted distance from the middle of the counted cell [pulses] of a swing, less the second times the dead zone (the
+smaller that is, the more of the rounding is predicted); and by how much that of a load is more."""
 
 _NEAR = 5.0
 """Error [pulses] beyond which the boost is less in proportion: it would take the torque from limit to limit."""
@@ -24,7 +27,7 @@ def boosted(most: float, share: ca.SX, error: ca.SX, swings: ca.SX) -> ca.SX:
 
 
 def fresh_and_swings(
-    seen: ca.SX, begins: ca.SX, fresh: ca.SX, known: list[ca.SX], dt: ca.SX, bandwidth: float, lasts: float
+    seen: ca.SX, begins: ca.SX, fresh: ca.SX, known: list[ca.SX], dt: ca.SX, law: Any
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """What is left of the boost, the sign of the last large distance, and the swings, all (n, 1), one sample later.
 
@@ -38,14 +41,13 @@ def fresh_and_swings(
         What was left a sample ago; that sign and the swings then.
     dt
         [s].
-    bandwidth
-        [rad/s].
-    lasts
-        Time constant of the boost [s].
+    law
+        Computed torque, with its numbers.
     """
     (last, swings), size, sign = known, ca.fabs(seen), ca.sign(seen)
-    turned = ca.logic_and(size > _SWINGS, last * sign < -np.exp(-1))
-    unexpected = ca.logic_and(size > _UNEXPECTED, last * sign > np.exp(-1))
+    least = _SWINGS - _QUIETER * law.dead_zone
+    turned = ca.logic_and(size > least, last * sign < -np.exp(-1))
+    unexpected = ca.logic_and(size > least + _UNEXPECTED, last * sign > np.exp(-1))
     swings = ca.if_else(turned, ca.fmin(2, swings + 1), swings * ca.exp(-dt / _REMEMBERED))
-    last = ca.if_else(size > _SWINGS, sign, last * ca.exp(-dt * bandwidth / _WITHIN))
-    return ca.if_else(ca.logic_or(begins, unexpected), 1, fresh * ca.exp(-dt / lasts)), last, swings
+    last = ca.if_else(size > least, sign, last * ca.exp(-dt * law.bandwidth / _WITHIN))
+    return ca.if_else(ca.logic_or(begins, unexpected), 1, fresh * ca.exp(-dt / law.start_time)), last, swings

@@ -265,7 +265,7 @@ class ComputedTorque(ModelLaw):
         coming = begun * (0.5 + self.delay) * self.rig.period / dt * (needed - before)
         wanted = needed + coming + delta + coupling.joint_torque(feedback)
         turns = speed * (speed + dt * coupling.shaft(setpoint.qdd)) <= 0  # back, or from rest
-        after = fresh_and_swings(seen, turns, fresh, kept[:2], dt, self.bandwidth, self.start_time)
+        after = fresh_and_swings(seen, turns, fresh, kept[:2], dt, self)
         fresh, *kept = after if rigid else (fresh, *deviation[2:], *link)
         acting, later = (pending[0], [wanted]) if self.delay else (wanted, [])
         e, rate = (coupling.joint(each) for each in deviation[:2])

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ctc import ComputedTorque, evaluate
+from ctc.laws.boost import _REMEMBERED, _WITHIN
 from ctc.laws.computed_torque import _BEGINS, _SLIDES
 from ctc.laws.observer import DRIFT
 from plant import PD, Harmonics, Rig, puma560, simulate
@@ -136,7 +137,7 @@ def weightless():
 @pytest.mark.parametrize("period", [0.7e-3, 2e-5])
 @pytest.mark.parametrize(("bandwidth", "ratio", "delay"), [(250.0, 1.5, 0), (120.0, 4.0, 0), (100.0, 1.5, 1)])
 def test_the_closed_loop_is_the_one_written_down_by_hand(period, bandwidth, ratio, delay):
-    """All poles: the coupled joints, what is held (score, flag), and memory that does not last.
+    """All poles: coupled joints, what is held (score, flag), what is known of swings, and memory that does not last.
 
     Compared by the coefficients of the characteristic polynomial, which are well conditioned where multiple poles are
     not: some hundred roundings of coefficients up to 20,000.
@@ -144,7 +145,8 @@ def test_the_closed_loop_is_the_one_written_down_by_hand(period, bandwidth, rati
     robot = weightless()
     A, B, C = error_loops(np.linalg.inv(robot.D(POSE)), bandwidth, ratio * bandwidth, period, delay)
     got = linearised(robot, period, bandwidth=bandwidth, observer_ratio=ratio, delay=delay)
-    known = np.concatenate([np.linalg.eigvals(A + B @ C), np.ones(2)])
+    swings = np.exp(-period * np.repeat([bandwidth / _WITHIN, 1 / _REMEMBERED], 2))
+    known = np.concatenate([np.linalg.eigvals(A + B @ C), np.ones(2), swings])
     expected = np.concatenate([known, np.zeros(len(got) - len(known))])
     np.testing.assert_allclose(np.poly(got), np.poly(expected), rtol=0, atol=2e-8)
 
@@ -159,7 +161,7 @@ def test_the_poles_are_as_designed_for_a_short_period():
     poles = np.log(np.array([z for z in spectrum if abs(z) < 1 - 1e-6 and abs(z) > 0.9])) / 2e-5
     zeros = np.roots([1, 0, 0, 0, 400.0**4, 0, -((DRIFT * 400.0) ** 6)])
     expected = np.concatenate([200 * np.array([-1 + 1j, -1 - 1j]) / np.sqrt(2), zeros[zeros.real < 0]])
-    assert len(poles) == 10
+    assert len(poles) == 10 + 4  # and what is known of swings
     for pole in expected:
         np.testing.assert_allclose(np.sort(np.abs(poles - pole))[:2], 0, atol=0.02 * abs(pole))
 
@@ -171,7 +173,7 @@ LEVEL = RIG.drive.coulomb * np.abs(RIG.drive.gear)
 
 def begun(controller, e=STILL, rate=STILL, torque_needed=STILL, impulse=STILL):
     """State of a law in the middle of its run, its disturbance torque zero and its boost spent."""
-    state = np.concatenate([e, rate, STILL, torque_needed, impulse, np.zeros(2 * controller.delay + 2), [1.0]])
+    state = np.concatenate([e, rate, STILL, torque_needed, impulse, np.zeros(2 * controller.delay + 6), [1.0]])
     assert state.shape == controller.initial_state(2).shape
     return state
 

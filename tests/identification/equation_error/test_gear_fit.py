@@ -7,6 +7,7 @@ import pytest
 from elastic_motion import STIFFNESS, experiment
 
 from identification.equation_error.gear_fit import fit_deflection, fit_gears
+from identification.equation_error.prior import Known
 from identification.equation_error.regressor import regressor_along
 from plant import Elasticity, JointSpring, puma560, simulate
 from plant.motion.reference import Motion
@@ -21,9 +22,9 @@ def test_the_compliances_of_an_exact_motion_are_found_among_others(made):
     """In the band of the motion; a rigid fit is far off. Coupled shafts: each motor turns several joints."""
     dynamics, record, f = made
     grid = np.geomspace(1 / 9, 9, 5)[:, None] / STIFFNESS
-    fit = fit_gears(dynamics, [record], dynamics.names, {}, grid)[0]
+    fit = fit_gears(dynamics, [record], dynamics.names, Known(), grid)[0]
     np.testing.assert_array_equal(fit.compliance, 1 / STIFFNESS)
-    rigid = fit_gears(dynamics, [record], dynamics.names, {}, np.full((1, 3), 1e-12))[0]
+    rigid = fit_gears(dynamics, [record], dynamics.names, Known(), np.full((1, 3), 1e-12))[0]
     assert np.abs(fit.torque.values - f).max() < 0.012 < 0.1 < np.abs(rigid.torque.values - f).max()
 
 
@@ -31,10 +32,10 @@ def test_two_sensors_show_compliances_and_the_offset_of_their_zeros(made):
     dynamics, record, f = made
     shifted = dataclasses.replace(record, link_counts=record.link_counts + np.array([30.0, -20.0, 10.0]))
     for each in (record, shifted):
-        seen = fit_deflection(dynamics, [each], dynamics.names, {})
+        seen = fit_deflection(dynamics, [each], dynamics.names, Known())
         np.testing.assert_allclose(seen.compliance * STIFFNESS, 1, atol=0.005)
         assert np.abs(seen.torque.values - f).max() < 0.015
-    apart = fit_deflection(dynamics, [record, shifted], dynamics.names, {})  # an offset for each record
+    apart = fit_deflection(dynamics, [record, shifted], dynamics.names, Known())  # an offset for each record
     np.testing.assert_allclose(apart.compliance, seen.compliance, rtol=1e-3)
 
 
@@ -43,14 +44,14 @@ def test_springs_on_the_links_are_no_part_of_what_the_gears_wind():
     springs = JointSpring(stiffness=(60.0, 40.0, 10.0), angle=(0.4, -0.3, 0.2))
     dynamics, record, f = experiment(springs=springs)
     grid = np.geomspace(1 / 9, 9, 5)[:, None] / STIFFNESS
-    fit = fit_gears(dynamics, [record], dynamics.names, {}, grid)[0]
+    fit = fit_gears(dynamics, [record], dynamics.names, Known(), grid)[0]
     np.testing.assert_array_equal(fit.compliance, 1 / STIFFNESS)
     assert np.abs(fit.torque.values - f).max() < 0.012
-    seen = fit_deflection(dynamics, [record], dynamics.names, {})
+    seen = fit_deflection(dynamics, [record], dynamics.names, Known())
     np.testing.assert_allclose(seen.compliance * STIFFNESS, 1, atol=0.005)
     unknown = (*dynamics.names, "springs.stiffness[1]")
     other = dataclasses.replace(record.rig, springs=dataclasses.replace(springs, stiffness=(60.0, 0.0, 10.0)))
-    seen = fit_deflection(dynamics, [dataclasses.replace(record, rig=other)], unknown, {})
+    seen = fit_deflection(dynamics, [dataclasses.replace(record, rig=other)], unknown, Known())
     assert seen.torque["springs.stiffness[1]"] == pytest.approx(40.0, abs=0.5)
 
 
@@ -87,7 +88,7 @@ def test_counts_of_a_p_loop_show_its_resonance(hz):
     log = simulate(arm, elastic, puma560.p_law((0.1, 0.08)), puma560.reference(), steps_per_sample=16)
     record = dataclasses.replace(log, rig=rig)
     grid = 1.3 ** np.arange(-8.0, 9.0, 2)[:, None] / elasticity.stiffness
-    fits = fit_gears(arm.dynamics, [record], arm.dynamics.names, {}, grid)
+    fits = fit_gears(arm.dynamics, [record], arm.dynamics.names, Known(), grid)
     best = min(fits, key=lambda fit: np.abs(fit.torque.values - arm.f).max())
     assert len(fits) == 4
     assert np.median([fit.compliance * elasticity.stiffness for fit in fits], axis=0) == pytest.approx(1, rel=0.75)
