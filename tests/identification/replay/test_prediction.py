@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from identification.replay.gauss_newton import gauss_newton, slopes
+from identification.replay.gauss_newton import DEPENDENT, gauss_newton, slopes
 from identification.replay.prediction import Prediction
 from plant import PointToPoint, puma560, simulate
 
@@ -60,7 +60,7 @@ def test_an_arm_that_is_none_has_infinite_innovations(record):
 class Curve:
     """y = a exp(-b t) + noise, as if it were a prediction; not linear in b."""
 
-    unknown = ("a", "b", "c")
+    unknown, dependent = ("a", "b", "c"), DEPENDENT
 
     def __init__(self, noise, seed=0):
         self.t = np.linspace(0, 3, 400)

@@ -101,7 +101,7 @@ def two_joints_of_a_ur5e():
     return dynamics.arm(dynamics.f()), rig, path
 
 
-@pytest.mark.parametrize(("gain", "hunts"), [((0.080, 0.0295), ()), ((0.039, 0.0142), (0,))])
+@pytest.mark.parametrize(("gain", "hunts"), [((0.080, 0.0295), ()), ((0.042, 0.0153), (0,))])
 def test_a_loop_that_hunts_by_counts_is_described_and_not_doubted(gain, hunts):
     arm, rig, path = two_joints_of_a_ur5e()
     record = simulate(arm, rig, P(gain=gain), path, duration=3.0, steps_per_sample=16)

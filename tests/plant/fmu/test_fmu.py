@@ -298,13 +298,14 @@ def test_an_arm_of_six_joints_whose_parameters_have_long_names(tmp_path):
     robot = read_robot("ur5e")
     to_fmu(robot.arm, tmp_path / "ur5e.fmu", rig=robot.rig, version=3)
     assert validate_fmu(str(tmp_path / "ur5e.fmu")) == []
+    joints = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
     told = fmpy.simulate_fmu(
-        str(tmp_path / "ur5e.fmu"), stop_time=50 * robot.rig.period, output_interval=robot.rig.period
-    )
-    stepped = SteppedArm(robot.arm, robot.rig, np.zeros(6))
+        str(tmp_path / "ur5e.fmu"), stop_time=50 * robot.rig.period, output_interval=robot.rig.period,
+        start_values={f"q_start.joint_{joint}": 0.1 for joint in joints},
+    )  # fmt: skip
+    stepped = SteppedArm(robot.arm, robot.rig, np.full(6, 0.1))
     for _ in range(50):
         counts = stepped.step(np.zeros(6))
-    joints = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
     assert [told[f"counts.joint_{joint}"][-1] for joint in joints] == list(counts)
 
 
