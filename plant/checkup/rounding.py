@@ -25,7 +25,7 @@ _SURE, _NEITHER = 0.95, 4.0
 _MOST_ODDS = 100.0
 """Logarithm of odds beyond which it makes no difference."""
 
-_COMPARABLE = 2.0
+_COMPARABLE = 3.0
 """Windows whose standard deviation is at most so many times that of the best one tell the same."""
 
 _ALIKE, _SLOW = 2.0, 0.05
@@ -82,11 +82,15 @@ def _odds(counts, forces):
     tried = [each for window in _WINDOWS if (each := _step(counts, forces, *window)) is not None]
     if (counts != np.round(counts)).any() or not tried:
         return None
-    tried.sort(key=lambda each: each[3] / max(each[2] - each[1], 1e-9))
-    value, none, wide, std = tried[0]
-    near = [each[0] for each in tried if each[3] < _COMPARABLE * std]
-    std = np.hypot(std, np.sqrt(np.mean((np.array(near) - value) ** 2)))  # what windows of other lengths make of it
-    off = np.abs(value - np.array([none, wide])) / std
+    value, none, wide, std = np.array(tried).T
+    width = np.maximum(wide - none, 1e-9)
+    share, std = (value - none) / width, std / width  # of a wide cell's step
+    best = np.argmin(std)
+    near = share[std < _COMPARABLE * std[best]]
+    spread = np.hypot(
+        std[best], np.sqrt(np.mean((near - share[best]) ** 2))
+    )  # what windows of other lengths make of it
+    off = np.abs(share[best] - np.array([0, 1])) / spread
     return None if off.min() > _NEITHER else float(off[0] ** 2 - off[1] ** 2) / 2
 
 
