@@ -235,22 +235,24 @@ def draw(rows):
     from matplotlib.figure import Figure
 
     names = [name for name in ARMS if any(cell["arm"] == name for cell in rows)][::-1]
-    figure = Figure(figsize=(10, 0.28 * len(names) + 1.4), layout="constrained")
+    figure = Figure(figsize=(10, 0.28 * len(names) + 1.7), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     for source, marker in (("own", "o"), ("MuJoCo", "s")):
         cells = [cell for cell in rows if cell["log"] == source and not cell.get("refused")]
+        if not cells:
+            continue
         for axes, key, factor in ((left, "off", 1), (right, "torque", 100)):
             shown = [cell for cell in cells if key in cell]
             places = [names.index(cell["arm"]) + (0.12 if source == "own" else -0.12) for cell in shown]
             axes.plot([factor * cell[key] for cell in shown], places, marker, ms=5, mfc="none", label=f"{source} log")
     left.axvspan(0.7, 1.3, color="0.92", zorder=0)
-    left.set(xlabel="error of f in its covariance, per parameter [-]", xscale="log")
+    left.set(xlabel="error of f in its covariance, per parameter [-]", xlim=(0, None))
     left.set_yticks(range(len(names)), names)
     right.axvline(1, color="0.8", zorder=0)
     right.set(xlabel="torque on another path, rms error [%]", xscale="log")
     for axes in (left, right):
         axes.grid(True, color="0.92")
-    right.legend(loc="best")
+    figure.legend(*right.get_legend_handles_labels(), loc="outside upper right", ncols=2)
     return figure
 
 
