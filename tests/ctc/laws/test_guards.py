@@ -98,7 +98,7 @@ def test_a_start_off_the_path_runs(bandwidth):
 
 
 # -- unstable loops: all are stopped ---------------------------------------------------------------------------------
-UNSTABLE = [(hz, bandwidth) for hz in (100, 60) for bandwidth in (200, 250)]
+UNSTABLE = [(hz, bandwidth) for hz in (100, 60) for bandwidth in (250, 300)]
 ALONE = {"both": Guards(), "saturation": Guards(chatter=None), "chatter": Guards(saturation=None)}
 
 
