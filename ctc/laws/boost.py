@@ -7,7 +7,6 @@ off by then changes sign within milliseconds, as it does not on a rigid arm, and
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 _SWINGS, _QUIETER, _UNEXPECTED = 1.0, 0.75, 0.25
 """Predicted distance from the middle of the counted cell [pulses] of a swing, less the second times the dead zone (the
@@ -16,8 +15,8 @@ smaller that is, the more of the rounding is predicted); and by how much that of
 _NEAR = 5.0
 """Error [pulses] beyond which the boost is less in proportion: it would take the torque from limit to limit."""
 
-_WITHIN, _REMEMBERED = 0.6, 10.0
-"""Time between distances of opposite signs for a swing, at most, over that of the bandwidth; its memory [s]."""
+_WITHIN, _REMEMBERED = 0.67, 10.0
+"""Time between distances of opposite signs for a swing, at most, less a sample, times the bandwidth; its memory [s]."""
 
 
 def boosted(most: float, share: ca.SX, error: ca.SX, swings: ca.SX) -> ca.SX:
@@ -45,9 +44,9 @@ def fresh_and_swings(
         Computed torque, with its numbers.
     """
     (last, swings), size, sign = known, ca.fabs(seen), ca.sign(seen)
-    least = _SWINGS - _QUIETER * law.dead_zone
-    turned = ca.logic_and(size > least, last * sign < -np.exp(-1))
-    unexpected = ca.logic_and(size > least + _UNEXPECTED, last * sign > np.exp(-1))
+    least, soon = _SWINGS - _QUIETER * law.dead_zone, ca.exp(dt * law.bandwidth / _WITHIN - 1)
+    turned = ca.logic_and(size > least, last * sign < -soon)
+    unexpected = ca.logic_and(size > least + _UNEXPECTED, last * sign > soon)
     swings = ca.if_else(turned, ca.fmin(2, swings + 1), swings * ca.exp(-dt / _REMEMBERED))
     last = ca.if_else(size > least, sign, last * ca.exp(-dt * law.bandwidth / _WITHIN))
     return ca.if_else(ca.logic_or(begins, unexpected), 1, fresh * ca.exp(-dt / law.start_time)), last, swings
