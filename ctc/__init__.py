@@ -4,7 +4,7 @@ Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above
 
 =============== ====================================================================================================
 `commandline`   ``onepulse check | identify | certify | campaign | report | robots | demo``
-`campaigns`     `campaign`: many tasks on one machine or many, kept in a folder as they end
+`campaigns`     `campaign`: many tasks on one machine or many; `Fleet`: what was found of many robots over weeks
 `report`        `write_report`: an identification and its controller as one page
 `tuning`        `tune`: the controller of least chatter that keeps a pulse limit over stated uncertainty
 `learning`      `learn`: the torque that was missing along a path, from repetitions of it
@@ -32,6 +32,7 @@ for _name in ("plant", "identification"):
         )
 
 from ctc.campaigns.campaign import campaign
+from ctc.campaigns.fleet import Fleet
 from ctc.certification.certificate import Certificate
 from ctc.certification.certify import certify
 from ctc.certification.uncertainty import Uncertainty
@@ -58,8 +59,8 @@ from ctc.verdict.resonance_sweep import sweep_resonance
 
 __all__ = [
     "Adaptive", "Certificate", "ComputedTorque", "ComputedTorqueIntegral", "ComputedTorquePID", "Evaluation",
-    "FeedForward", "LearntTorque", "PDGravity", "PayloadEstimator", "SlidingMode",
-    "Uncertainty", "animate", "campaign", "certify", "compare", "error_loop", "evaluate", "learn", "margins",
+    "FeedForward", "Fleet", "LearntTorque", "PDGravity", "PayloadEstimator", "SlidingMode", "Uncertainty",
+    "animate", "campaign", "certify", "compare", "error_loop", "evaluate", "learn", "margins",
     "motor_gain", "observer_gains", "pid_gains", "plot_arm", "plot_identification", "plot_record", "sweep_resonance",
     "tune", "write_report",
 ]  # fmt: skip

@@ -83,6 +83,7 @@ LATE = {  # slow library -> what it costs beside numba and casadi, and who needs
     "control": "1.1 s: linear analysis and design",
     "distributed": "an extra: a campaign on a Dask cluster",
     "matplotlib": "0.3 s: figures",
+    "pyarrow": "an extra: a fleet as Parquet",
     "scipy.interpolate": "0.3 s: splines as references, scaled and fastest paths",
     "scipy.linalg": "0.1 s: dynamics; logs are read and checked without",
     "scipy.optimize": "0.3 s: the nearest physical arm",

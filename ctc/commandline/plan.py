@@ -1,7 +1,9 @@
 """``onepulse campaign PLAN.toml``: the other commands over the logs of many robots, kept in a folder as they end.
 
 A plan names robots, each with a robot file and a pattern of logs; what to `do`, of check, identify, certify, report;
-and the options of these commands, a table for each. Every log is a task, ``ROBOT/LOG``.
+and the options of these commands, a table for each. Every log is a task, ``ROBOT/LOG``. With ``fleet``, what was
+identified goes into a file of a `Fleet`, and onto its page; robot and time are the plan's, and the log's own or those
+of a pattern of file names in ``notes``.
 """
 
 import contextlib
@@ -17,14 +19,17 @@ from pathlib import Path
 from typing import Any
 
 from ctc.campaigns.campaign import campaign
+from ctc.campaigns.fleet import Fleet
 from ctc.commandline.commands import COMMANDS
 from ctc.commandline.inputs import Answer
+from identification import Identification
+from plant.logs.several import notes_of
 from plant.models.robot_file import read_robot
 from plant.parts.arguments import choice
 from plant.simulation.threads import cores
 
 _DO = ("check", "identify", "certify", "report")
-_KEYS, _ROBOT_KEYS = ("folder", "do", "robots", "executor", *_DO), ("robot", "logs")
+_KEYS, _ROBOT_KEYS = ("folder", "do", "robots", "executor", "fleet", "notes", *_DO), ("robot", "logs")
 _EXECUTORS = "threads, processes or dask:ADDRESS, such as dask:tcp://10.0.0.5:8786"
 
 Parse = Callable[[list[str]], Namespace]
@@ -45,11 +50,14 @@ def run_campaign(given: Namespace, parse: Parse) -> Answer:
     with _executor(where) as executor:
         done = campaign(tasks, executor=executor, folder=folder, retries=0, progress=not given.quiet)
     results = dict(done.results)
+    judged = _fleet(plan, Path(given.plan), tasks, results) if "fleet" in plan else {}
     negative = [name for name, result in results.items() if not all(each["good"] for each in result.values())]
     said = [f"{name}: {', '.join(c for c, each in results[name].items() if not each['good'])}" for name in negative]
     said += [f"{name}: failed: {error}" for name, error in done.errors.items()]
+    said += [f"{robot}: {verdict}" for robot, verdict in judged.items()]
     counts = f"{len(results)} logs done, {len(negative)} with a negative verdict, {len(done.errors)} failed"
     data = {"results": results, "errors": dict(done.errors), "negative": negative, "folder": str(folder)}
+    data |= {"changed": judged} if "fleet" in plan else {}
     return Answer("\n".join([counts, *said, f"results are in {folder}"]), data, not said)
 
 
@@ -68,6 +76,11 @@ def _read(path: Path) -> dict[str, Any]:
         raise ValueError(f"do of {path} must be some of {', '.join(_DO)}, in this order; got {do!r:.80}. Correct it.")
     if "identify" not in do and do != ["check"]:
         raise ValueError(f"do of {path} must have identify before {do[-1]}; it has not. Add it.")
+    for key in ("fleet", "notes"):
+        if key in plan and (not isinstance(plan[key], str) or "identify" not in do or "fleet" not in plan):
+            raise ValueError(
+                f"{key} of {path} must be text beside fleet and identify; got {plan[key]!r:.60}. Correct it."
+            )
     for name, robot in robots.items():
         if not isinstance(robot, dict) or set(robot) != set(_ROBOT_KEYS):
             raise ValueError(f"[robots.{name}] of {path} must have robot and logs; got {robot!r:.80}. Correct it.")
@@ -91,6 +104,18 @@ def _tasks(plan: dict[str, Any], path: Path, folder: Path, parse: Parse) -> Iter
                 place, status = folder / name / Path(log).stem, Path(log).stat()
                 steps = [vars(parse(_arguments(each, plan, robot, log, place))) for each in plan["do"]]
                 yield f"{name}/{Path(log).stem}", steps, [status.st_size, status.st_mtime_ns]
+
+
+def _fleet(plan: dict[str, Any], path: Path, tasks: dict[str, Any], results: dict[str, Any]) -> dict[str, str]:
+    """What was identified, into the fleet and onto its page; robots that changed, and how."""
+    place, pattern = path.parent / plan["fleet"], plan.get("notes", {})
+    fleet = Fleet(place)
+    for name in results:
+        step = next(each for each in tasks[name][1][0] if each["command"] == "identify")
+        notes = notes_of(pattern, step["logs"][0]) | {"robot": name.split("/")[0]}
+        fleet.add(Identification.load(step["output"]), notes=notes)
+    fleet.report(place.with_suffix(".html"), overwrite=True)
+    return {each.robot: each.verdict for each in fleet if each.changes}
 
 
 def _arguments(command: str, plan: dict[str, Any], robot: str, log: str, place: Path) -> list[str]:

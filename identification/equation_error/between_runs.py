@@ -122,13 +122,13 @@ def between_runs(
     for name, at in _groups(names, compared).items():
         size = np.sqrt(np.nanmean(std[:, at] ** 2, axis=0))
         size = np.maximum(size, np.abs(values[at])) if name in _RELATIVE else size
-        apart = _restricted(name, alone.each[:, at] / size, std[:, at] / size, known[:, at].astype(float))
+        apart = restricted(name, alone.each[:, at] / size, std[:, at] / size, known[:, at].astype(float))
         groups[name], deviation[at] = np.sqrt(apart), np.sqrt(apart) * size
         freedom[at] = (count - 1) * len(at) ** 2 / max((product(alike[at], alike[at].T) ** 2).sum(), len(at))
         share = np.abs(alone.share[:, at])
         if name not in _RELATIVE:  # what moves it is hardly a change of itself: it is as large as what moves it within
             size, share = np.sqrt(inside[:, at].mean(axis=0)), np.ones_like(share)
-        variance = _restricted(name, moved[:, at] / size, np.sqrt(inside[:, at]) / size, share, about=0.0)
+        variance = restricted(name, moved[:, at] / size, np.sqrt(inside[:, at]) / size, share, about=0.0)
         added[at] = variance * size**2 * (share**2).sum(axis=0) / count**2 * wider(freedom[at]) ** 2
     within = np.diag(covariance)
     found = BetweenRuns(
@@ -183,7 +183,7 @@ def _groups(names: Sequence[str], compared: NDArray[np.bool_]) -> dict[str, list
     return found
 
 
-def _restricted(name: str, each: Floats, std: Floats, share: Floats, about: float | None = None) -> float:
+def restricted(name: str, each: Floats, std: Floats, share: Floats, about: float | None = None) -> float:
     """Variance of what differs between runs: each (R, m) = mean + share times that + what deviates by std.
 
     By restricted maximum likelihood; `share` is 0 where nothing is known. `about`: the mean, where that is known, and

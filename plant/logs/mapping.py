@@ -16,7 +16,8 @@ from plant.parts.user_warning import warn
 
 MEASURED = ("position", "motor_position", "counts", "error_pulses")
 _ASKED = ("reference_position", "reference_motor_position")
-_KNOWN = (*UNITS, "valid")
+_NOTED: dict[str, Any] = {"temperature": np.nanmean, "time": lambda rows: rows[0]}  # one number of a column
+_KNOWN = (*UNITS, "valid", *_NOTED)
 
 
 def mapped_names(columns: Mapping[str, Any], units: Mapping[str, Unit] | None) -> list[str]:
@@ -56,6 +57,7 @@ def record_fields(
     if len(N) > 1:
         lengths = ", ".join(f"{field} {len(value)}" for field, value in values.items())
         raise ValueError(f"columns must have one length; got {lengths}. Map columns of one sampling.")
+    notes = {field: float(of(values.pop(field))) for field, of in _NOTED.items() if field in values}
     values, t = _in_time(values, stated, rig)
     asked = next((each for each in _ASKED if each in values), None)
     known = None if asked is None else ~np.isnan(values[asked]).any(axis=1)
@@ -63,7 +65,7 @@ def record_fields(
     measured = next(field for field in MEASURED if field in values)
     if wrap is not None:
         values[measured] = _unwrapped(values[measured], wrap, rig.joint_labels)
-    fields = {"t": t, "valid": valid}
+    fields = {"t": t, "valid": valid, "notes": notes}
     for field in values.keys() - {"valid"}:
         fields |= converted(field, values[field], stated[field], rig)
     if reference is None and asked is not None and known is not None and not rig.encoder.smooth:
@@ -96,7 +98,7 @@ def _names(value):
 
 def _block(table, field, value, n):
     """The columns of one field, (N, n); (N,) where there is one for all joints."""
-    single = field in ("t", "valid")
+    single = field in ("t", "valid", *_NOTED)
     parts = []
     for name in _names(value):
         part = np.asarray(table[name])

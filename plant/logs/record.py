@@ -25,6 +25,8 @@ from plant.parts.kinds import kept
 
 _COLUMNS = ("reference_pulses", "error_pulses", "torque", "current", "injected", "link_counts", "true_q", "true_qd")
 _LEFT_OUT: Any = None
+NUMBERS = ("temperature",)
+"""Notes that are numbers."""
 
 
 @kept
@@ -63,10 +65,13 @@ class Record(FromFiles, Frozen):
     true_q, true_qd : (N, n) array_like, optional
         True joint motion; only a simulation knows it, and identification never reads it.
     name : str
-        What messages call it: of a record that was read, its file. Records that differ only in this, or in `columns`,
-        are equal.
+        What messages call it: of a record that was read, its file. Records that differ only in this, in `columns` or in
+        `notes` are equal.
     columns : dict, optional
         Field -> name of its column in the file, or names, one per joint, as `from_table` was given them; for messages.
+    notes : dict, optional
+        What is known of the log: text or numbers by name, such as ``robot``, ``time`` (ISO 8601, or Unix seconds),
+        ``temperature`` [°C]; a `ctc.Fleet` reads these three.
 
     Raises
     ------
@@ -104,6 +109,7 @@ class Record(FromFiles, Frozen):
     true_qd: NDArray[Any] | None = None
     name: str = dataclasses.field(default="", compare=False)
     columns: Mapping[str, Any] | None = dataclasses.field(default=None, compare=False)
+    notes: Mapping[str, Any] | None = dataclasses.field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         for name, kind in (("rig", Rig), ("law", (Law, type(None))), ("reference", (Reference, type(None)))):
@@ -112,6 +118,7 @@ class Record(FromFiles, Frozen):
         instance("name", self.name, str, "Give a word, such as the file's name.")
         if self.columns is not None:
             instance("columns", self.columns, dict, "Give the mapping of from_table.")
+        object.__setattr__(self, "notes", _noted(self.notes))
         t = array("t", self.t, ("N",), advice="Give the time of each sample [s].")
         if not len(t):
             raise ValueError("t must hold samples; got none. Check that the log was written to the end.")
@@ -219,3 +226,15 @@ class Record(FromFiles, Frozen):
             A period more than 20 times longer or shorter than the nominal interval: it is in another unit.
         """
         return type(self)(**resampled_fields(self, real("period", period, "Give seconds.", positive=True)))
+
+
+def _noted(notes: Any) -> dict[str, str | float]:
+    """Text, or finite numbers, by name; anything else is refused."""
+    advice = 'Give such as {"robot": "cell_7", "time": "2026-05-12", "temperature": 24.5}.'
+    given = {} if notes is None else instance("notes", notes, dict, advice)
+    for name, value in given.items():
+        if not isinstance(name, str) or not name or value == "":
+            raise ValueError(f"notes must be text or numbers by name; got {name!r:.40}: {value!r:.40}. {advice}")
+        if name in NUMBERS or not isinstance(value, str):
+            real(f"note {name!r:.40}", value, advice)
+    return {name: value if isinstance(value, str) else float(value) for name, value in given.items()}

@@ -32,6 +32,7 @@ def write(record: Any, path: str | Path) -> None:
     parts = {name: getattr(record, name) for name in ("rig", "law", "reference")}
     header = {"onepulse": 1, **{name: None if part is None else part.describe() for name, part in parts.items()}}
     header["initial"] = None if record.initial is None else record.initial.tolist()
+    header["notes"] = dict(record.notes)
     names, columns = ["t [s]"], [record.t[:, None]]
     for field, name, unit in _COLUMNS:
         value = getattr(record, field)
@@ -66,6 +67,7 @@ def read(
         "law": law or _part(header, "law"),
         "reference": reference or _part(header, "reference"),
         "initial": header.get("initial") if initial is None else initial,
+        "notes": header.get("notes"),
     }
 
 

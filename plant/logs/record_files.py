@@ -27,7 +27,7 @@ class FromFiles:
     """The readers and the writer of a `Record`."""
 
     def to_csv(self, path: str | Path) -> None:
-        """Write a CSV file that `from_csv` reads back without loss, with rig, law, reference and initial in line 1."""
+        """Write a CSV file that `from_csv` reads back without loss; line 1 has what are no columns, such as the rig."""
         record_csv.write(self, path)
 
     @classmethod
@@ -126,7 +126,8 @@ class FromFiles:
             angles), ``motor_position``, ``counts`` and ``error_pulses``; and if there are, ``t``, ``valid``,
             ``torque``, ``current``, ``injected``, ``link_position`` (a second sensor's) and one of
             ``reference_pulses``, ``reference_position``, ``reference_motor_position``. Positions that are smooth and
-            not rounded become the record's reference.
+            not rounded become the record's reference. The mean of ``temperature`` [°C], and the first of ``time`` (Unix
+            seconds), become notes.
         units : dict
             Field -> unit: ``s``, ``ms``, ``us`` or ``ns`` of t, ``rad``, ``deg`` or ``pulses`` of positions, of joints
             that slide ``m`` or ``mm``, ``N m`` (of the joint), ``N`` (of one that slides) or ``motor N m`` of torques,

@@ -1,6 +1,8 @@
 """Several files, or all episodes of a data set, as a list of records."""
 
+import dataclasses
 import glob
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,10 +12,10 @@ from numpy.typing import ArrayLike
 from plant.laws.law import Law
 from plant.logs.formats.lerobot import episodes_of
 from plant.logs.logfile import LoadError, kind_of, load_errors
-from plant.logs.record import Record
+from plant.logs.record import NUMBERS, Record
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
-from plant.parts.arguments import known_options
+from plant.parts.arguments import decimal, known_options
 
 
 @known_options
@@ -21,6 +23,7 @@ def read_records(
     paths: str | Path | Iterable[str | Path], *, rig: Rig | None = None, columns: Mapping[str, Any] | None = None,
     units: Mapping[str, Any] | None = None, wrap: ArrayLike | None = None, prefix: str = "", law: Law | None = None,
     reference: Reference | None = None, initial: ArrayLike | None = None, episodes: Iterable[int] | None = None,
+    notes: str | Mapping[str, Any] | None = None,
 ) -> tuple[Record, ...]:  # fmt: skip
     """Read several logs of one machine, of any format that `read_table` knows, each as a record.
 
@@ -31,6 +34,9 @@ def read_records(
         as one record per episode.
     episodes : sequence of int, optional
         Of LeRobot data sets; by default all.
+    notes : str or dict, optional
+        What is noted of each record, beside what its file says: a pattern of file names such as
+        ``"{robot}/{time}_{temperature}C"``, or names and values for all.
     rig, columns, units, wrap, prefix, law, reference, initial
         As in `Record.from_csv`, the same for all. Without `columns` the files are those of `Record.to_csv`.
 
@@ -64,7 +70,8 @@ def read_records(
         raise ValueError("paths must name at least one file; got none. Give files, or a pattern such as 'runs/*.csv'.")
     log: dict[str, Any] = {"rig": rig, "law": law, "reference": reference, "initial": initial}
     if columns is None:
-        return tuple(Record.from_csv(file, **log, units=units, wrap=wrap, prefix=prefix) for file in files)
+        read = (Record.from_csv(file, **log, units=units, wrap=wrap, prefix=prefix) for file in files)
+        return tuple(_with_notes(record, notes, file) for record, file in zip(read, files, strict=True))
     log |= {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix}
     records = list[Record]()
     for file in files:
@@ -72,8 +79,38 @@ def read_records(
             kind = kind_of(file)
             chosen = tuple(range(episodes_of(str(file))) if episodes is None else episodes) if kind == "lerobot" else ()
         for episode in chosen or (None,):
-            records.append(Record.read(file, episode=episode, **log))
+            records.append(_with_notes(Record.read(file, episode=episode, **log), notes, file))
     return tuple(records)
+
+
+def notes_of(given: str | Mapping[str, Any], path: str | Path) -> dict[str, Any]:
+    """Notes as given, or what a pattern such as ``"{robot}/{time}_{temperature}C"`` finds in the name of a file.
+
+    It is held against the end of the path without its ending, from a folder or the first letter on; what comes first
+    takes the most.
+    """
+    if not isinstance(given, str):
+        return dict(given)
+    parts = re.split(r"\{(\w+)\}", given)
+    names = parts[1::2]
+    if not names or len(set(names)) < len(names) or not all(name.isidentifier() for name in names):
+        raise ValueError(
+            f'notes must name what they find in braces, as "{{robot}}_{{time}}"; got {given!r:.60}. Do so.'
+        )
+    spelt = "".join(f"(?P<{part}>[^/]+)" if i % 2 else re.escape(part) for i, part in enumerate(parts))
+    found = re.fullmatch(f"(?:.*/)?{spelt}", re.sub(r"\.[A-Za-z]\w*$", "", Path(path).as_posix()))
+    if found is None:
+        raise ValueError(
+            f"notes must fit the name {Path(path).name!r:.80}; {given!r:.60} does not. Correct the pattern."
+        )
+    return {name: decimal(text) if name in NUMBERS else text for name, text in found.groupdict().items()}
+
+
+def _with_notes(record: Record, notes: Any, file: str | Path) -> Record:
+    """A record with what is noted of it beside what its file says."""
+    if notes is None:
+        return record
+    return dataclasses.replace(record, notes={**(record.notes or {}), **notes_of(notes, file)})
 
 
 def _matches(path: str | Path) -> list[str | Path]:

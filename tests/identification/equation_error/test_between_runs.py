@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from identification import fit_torque
-from identification.equation_error.between_runs import _agree, _further, _restricted, between_runs
+from identification.equation_error.between_runs import _agree, _further, between_runs, restricted
 from plant import Harmonics, puma560, simulate
 
 RUNS, EACH = 6, 40
@@ -24,14 +24,14 @@ def one_way(deviation, seed=0, values=3):
 
 
 @pytest.mark.parametrize("deviation", [0.0, 0.3, 2.0])
-def test_restricted_likelihood_is_the_analysis_of_variance(deviation):
+def testrestricted_likelihood_is_the_analysis_of_variance(deviation):
     """Of a balanced design: (mean square between - mean square within) / samples of a run, or 0."""
     *_, samples, _ = one_way(deviation, values=1)
     means = samples[..., 0].mean(axis=1)
     within = samples[..., 0].var(axis=1, ddof=1).mean()
     analysis = max(0.0, (EACH * means.var(ddof=1) - within) / EACH)
     std = np.full((RUNS, 1), np.sqrt(within / EACH))
-    found = _restricted("f", means[:, None], std, np.ones((RUNS, 1)))
+    found = restricted("f", means[:, None], std, np.ones((RUNS, 1)))
     assert found == pytest.approx(analysis, rel=1e-6, abs=1e-12)
     assert (found > 0.05) == (deviation > 0)
 
@@ -39,7 +39,7 @@ def test_restricted_likelihood_is_the_analysis_of_variance(deviation):
 def test_parameters_of_a_group_share_a_variance():
     means = np.random.default_rng(1).normal(size=(5, 4)) * 3
     std = np.full((5, 4), 0.5)
-    assert _restricted("f", means, std, np.ones((5, 4))) == pytest.approx(means.var(axis=0, ddof=1).mean() - 0.25)
+    assert restricted("f", means, std, np.ones((5, 4))) == pytest.approx(means.var(axis=0, ddof=1).mean() - 0.25)
 
 
 def test_the_covariance_of_a_mean_is_that_of_the_runs():
@@ -72,10 +72,10 @@ def test_agreement_is_cochrans_test():
 
 def test_a_variance_that_does_not_follow_is_refused():
     with pytest.raises(ValueError, match=r"variance of drive\.coulomb between runs must follow"):
-        _restricted("drive.coulomb", np.array([[0.0], [1.0]]), np.array([[np.nan], [1.0]]), np.ones((2, 1)))
+        restricted("drive.coulomb", np.array([[0.0], [1.0]]), np.array([[np.nan], [1.0]]), np.ones((2, 1)))
     with pytest.raises(ValueError, match="must follow from the logs"):
-        _restricted("f", np.array([[0.0], [1.0]]), np.ones((2, 1)), np.full((2, 1), 1e-9))
-    assert _restricted("f", np.ones((2, 1)), np.ones((2, 1)), np.ones((2, 1))) == 0
+        restricted("f", np.array([[0.0], [1.0]]), np.ones((2, 1)), np.full((2, 1), 1e-9))
+    assert restricted("f", np.ones((2, 1)), np.ones((2, 1)), np.ones((2, 1))) == 0
 
 
 def test_what_differs_needs_three_times_as_many_logs_to_halve():

@@ -1,0 +1,230 @@
+"""A fleet over weeks: what is told of robots whose truth is known, and what is refused."""
+
+import contextlib
+import copy
+import csv
+import dataclasses
+import sqlite3
+
+import numpy as np
+import pytest
+
+from ctc import Fleet
+from ctc.campaigns.effects import Values, effect_of
+from identification import fit_torque
+from plant import Record, puma560, read_records, simulate
+from plant.parts.plain import from_plain, to_plain
+
+ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
+LOG = simulate(ARM, RIG, puma560.p_law(), PATH, duration=0.1)
+NAMES = (*ARM.dynamics.names, "drive.viscous[1]", "drive.coulomb[0]")
+NOTES = {"robot": "cell_7", "time": "2026-05-12", "temperature": 24.5}
+STD = 0.01
+LONG = simulate(ARM, RIG, puma560.p_law(), PATH, duration=2.0)
+FIT = fit_torque(ARM.dynamics, LONG, band=20.0, unknown=NAMES)
+
+
+def found(values):
+    """What a fit that gives these values looks like."""
+    return dataclasses.replace(FIT, values=np.array(values), covariance=STD**2 * np.eye(len(values)))
+
+
+def log(i, robot="cell_7", week=0, **more):
+    """The i-th log, unlike all others."""
+    day = str(np.datetime64("2026-03-02") + 7 * week)
+    return dataclasses.replace(LOG, t=LOG.t * (1 + 1e-6 * i), notes={"robot": robot, "time": day, **more})
+
+
+def filled(path, weeks=8, robots=6, growing=None, slope=0.0, seed=0):
+    """A fleet of known truth: values about 2, robots differ by 0.2, weeks by 0.03; one may grow."""
+    random, fleet = np.random.default_rng(seed), Fleet(path)
+    own = 2 + 0.2 * random.standard_normal((robots, len(NAMES)))
+    for week in range(weeks):
+        for robot in range(robots):
+            warm = 20 + 5 * random.standard_normal()
+            y = own[robot] + np.hypot(0.03, STD) * random.standard_normal(len(NAMES))
+            y[-2] += slope * (warm - 20)
+            if robot == growing:
+                y[-1] += 0.1 * week
+            fleet.add(log(week * robots + robot, f"cell_{robot}", week, temperature=warm), found(y))
+    return fleet, own
+
+
+# -- notes of a record -------------------------------------------------------------------------------------------------
+def test_notes_are_kept_by_files_and_processes(tmp_path):
+    record = dataclasses.replace(LOG, notes=NOTES)
+    record.to_csv(tmp_path / "log.csv")
+    again = (from_plain(to_plain(record)), Record.from_csv(tmp_path / "log.csv"),
+             copy.deepcopy(record), record.cut(0.02), record.resampled(2 * RIG.period))  # fmt: skip
+    assert [each.notes for each in again] == 5 * [NOTES]
+    assert record == LOG
+    assert LOG.notes == {}
+
+
+def test_notes_come_from_names_of_files_and_from_columns(tmp_path):
+    (tmp_path / "cell_7").mkdir()
+    LOG.to_csv(tmp_path / "cell_7" / "run_2026-05-12_24.5C.csv")
+    pattern = str(tmp_path / "*" / "*.csv")
+    assert read_records(pattern, notes="{robot}/run_{time}_{temperature}C")[0].notes == NOTES
+    assert read_records(pattern, notes={"robot": "x"})[0].notes == {"robot": "x"}
+    with pytest.raises(ValueError, match=r"notes must fit the name 'run_2026-05-12_24.5C.csv'"):
+        read_records(pattern, notes="{robot}_at_{time}")
+    with pytest.raises(ValueError, match="in braces"):
+        read_records(pattern, notes="robot")
+    table = {"q": np.zeros((4, 2)), "warm": [np.nan, 20, 22, 24], "clock": [5e8, 6e8, 7e8, 8e8]}
+    record = Record.from_table(table, rig=RIG, columns={"counts": "q", "temperature": "warm", "time": "clock"})
+    assert record.notes == {"temperature": 22.0, "time": 5e8}
+    assert (record.valid == 1).all()
+
+
+@pytest.mark.parametrize("wrong", [{"temperature": "warm"}, {"robot": ""}, {3: "x"}, {"load": np.nan}, ["robot"]])
+def test_notes_that_are_none_are_refused(wrong):
+    with pytest.raises(ValueError, match="note"):
+        dataclasses.replace(LOG, notes=wrong)
+
+
+# -- the statistics ----------------------------------------------------------------------------------------------------
+def test_effects_are_those_that_made_the_values():
+    random, J, R = np.random.default_rng(1), 300, 12
+    robot = np.tile(np.arange(J), R)
+    warm, std = 5 * random.standard_normal(J * R), random.uniform(0.01, 0.05, J * R)
+    value = 2 + 0.2 * random.standard_normal(J)[robot] + 0.03 * random.standard_normal(J * R)
+    value += std * random.standard_normal(J * R) - 0.004 * warm
+    names = tuple(map(str, range(J)))
+    effect = effect_of(Values("f1", "f1", "", names, robot, np.repeat(np.arange(R), J) * 1.0, warm, value, std))
+    assert effect.robots == pytest.approx(0.2, rel=3 / np.sqrt(2 * J))  # three standard deviations of a deviation's
+    assert effect.weeks == pytest.approx(0.03, rel=6 / np.sqrt(2 * J * R))  # noise of the logs is twice that of weeks
+    assert abs(effect.slope + 0.004) < 4 * effect.slope_std < 0.002
+    assert effect.mean == pytest.approx(2, abs=4 * 0.2 / np.sqrt(J))
+    assert effect.freedom == J * (R - 1)
+
+
+def test_false_alarms_are_as_rare_as_said(tmp_path):
+    """Of robots that do not change: differences in their standard deviations are Student's, and so is what is told."""
+    chances, z = [], []
+    for seed in range(5):
+        fleet, own = filled(tmp_path / f"{seed}.sqlite", weeks=2, robots=20, seed=seed)  # too few for a line
+        random = np.random.default_rng(100 + seed)
+        for robot in range(20):
+            y = own[robot] + np.hypot(0.03, STD) * random.standard_normal(len(NAMES))
+            looked = fleet.judge(log(999, f"cell_{robot}", 3, temperature=20.0), found(y)).looked
+            chances.append(looked[0].false_alarm)
+            z += [(each.after - each.before) / each.std for each in looked]
+    assert np.std(z) == pytest.approx(np.sqrt(20 / 18), rel=0.08)  # 1,100 of them, of 55 variances of 20 degrees
+    assert (np.array(chances) < 0.2).mean() == pytest.approx(0.18, abs=0.12)  # three standard deviations of 100
+
+
+def test_a_change_is_named(tmp_path):
+    fleet, own = filled(tmp_path / "fleet.sqlite", robots=30)
+    y = own[3] + np.array([*np.zeros(len(NAMES) - 1), 0.5])
+    judged = fleet.judge(log(999, "cell_3", 9, temperature=20.0), found(y), level=1e-3)
+    assert [each.name for each in judged.changes] == ["drive.coulomb[0]"]
+    assert judged.verdict.startswith("Coulomb friction of joint 2 up 2")
+    assert "%" in judged.verdict
+    assert fleet.judge(log(999, "cell_3", 9, temperature=20.0), found(own[3])).verdict == "same arm"
+
+
+def test_what_grows_is_seen_in_a_line_before_it_stands_out(tmp_path):
+    fleet, _ = filled(tmp_path / "fleet.sqlite", growing=2)
+    first = next(iter(fleet))
+    assert (first.robot, first.looked[0].name) == ("cell_2", "drive.coulomb[0]")
+    assert first.looked[0].since is not None
+    assert [each.robot for each in fleet if each.changes] == ["cell_2"]
+
+
+def test_temperature_is_taken_out_before_a_log_is_judged(tmp_path):
+    fleet, own = filled(tmp_path / "fleet.sqlite", robots=20, slope=-0.02)
+    effect = next(each for each in fleet.effects() if each.of.name == "drive.viscous[1]")
+    assert effect.slope == pytest.approx(-0.02, abs=4 * effect.slope_std)
+    y = own[4] + np.array([*np.zeros(len(NAMES) - 2), -0.02 * 15, 0])
+    assert fleet.judge(log(999, "cell_4", 9, temperature=35.0), found(y)).verdict == "same arm"
+    assert fleet.judge(log(999, "cell_4", 9, temperature=20.0), found(y)).changes[0].name == "drive.viscous[1]"
+
+
+def test_a_robot_unlike_the_others_is_set_apart(tmp_path):
+    fleet, own = filled(tmp_path / "fleet.sqlite", robots=12)
+    odd = own[5] + np.array([2.0, *np.zeros(len(NAMES) - 1)])
+    for week in range(3):
+        fleet.add(log(500 + week, "odd", week), found(odd))
+    effect = fleet.effects()[0]
+    apart = [robot for robot, chance in zip(effect.of.robots, effect.apart, strict=True) if chance < 0.01]
+    assert apart == ["odd"]
+    assert effect.robots < 0.35  # as without it
+
+
+# -- the file ----------------------------------------------------------------------------------------------------------
+def test_the_file_is_as_documented_and_adding_again_replaces(tmp_path):
+    fleet, own = filled(tmp_path / "fleet.sqlite", weeks=2)
+    fleet.add(log(0, "cell_0", 0), found(own[0]))
+    assert len(fleet) == 12
+    with contextlib.closing(sqlite3.connect(tmp_path / "fleet.sqlite")) as base:
+        text = """select value from parameters join logs using (identification)
+            join identifications on identifications.id = identification join robots on robots.id = robot
+            where robots.name = 'cell_0' and parameters.name = 'f1' order by time"""
+        assert base.execute(text).fetchone() == (own[0][0],)
+        assert base.execute("select count(*) from logs").fetchone() == (12,)
+        assert base.execute("select count(*) from parameters").fetchone() == (12 * len(NAMES),)
+    rows = Fleet(tmp_path / "fleet.sqlite").parameters()
+    assert rows == fleet.parameters()
+    assert rows[0]._fields == ("robot", "time", "temperature", "name", "label", "value", "std", "unit")
+
+
+def test_csv_and_parquet_have_the_same_rows(tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    fleet, _ = filled(tmp_path / "fleet.sqlite", weeks=2)
+    fleet.to_csv(tmp_path / "fleet.csv")
+    fleet.to_parquet(tmp_path / "fleet.parquet")
+    rows = [row._asdict() for row in fleet.parameters()]
+    assert parquet.read_table(tmp_path / "fleet.parquet").to_pylist() == rows
+    with open(tmp_path / "fleet.csv", encoding="utf-8", newline="") as file:
+        assert list(csv.DictReader(file)) == [{name: str(value) for name, value in row.items()} for row in rows]
+    with pytest.raises(ValueError, match="target must be a new file"):
+        fleet.to_csv(tmp_path / "fleet.csv")
+
+
+def test_the_page_does_not_grow_with_logs(tmp_path):
+    sizes = []
+    for weeks, robots in ((6, 16), (30, 40)):
+        fleet, _ = filled(tmp_path / f"{weeks}.sqlite", weeks=weeks, robots=robots, growing=3)
+        fleet.report(tmp_path / f"{weeks}.html")
+        page = (tmp_path / f"{weeks}.html").read_text()
+        assert "cell_3" in page
+        assert "Coulomb friction of joint 2 up" in page
+        sizes.append(len(page))
+    assert sizes[1] < 1.6 * sizes[0]  # 12.5 times the logs; the figure has up to 60 instants
+
+
+@pytest.mark.parametrize(("change", "said"), [
+    (lambda record, fit: (dataclasses.replace(record, notes={"time": 0.0}), fit), "robot is missing"),
+    (lambda record, fit: (dataclasses.replace(record, notes={"robot": "a"}), fit), "time is missing"),
+    (lambda record, fit: (dataclasses.replace(record, notes={"robot": "a", "time": "May"}), fit), "time must be Unix"),
+    (lambda record, fit: (fit,), "got TorqueFit"),
+    (lambda record, fit: (), "got nothing"),
+])  # fmt: skip
+def test_what_is_no_log_of_a_robot_is_refused(tmp_path, change, said):
+    fleet = Fleet(tmp_path / "fleet.sqlite")
+    with pytest.raises(ValueError, match=said):
+        fleet.add(*change(log(0), FIT))
+    assert len(fleet) == 0
+
+
+def test_bad_files_and_empty_fleets_are_refused_in_a_line(tmp_path):
+    (tmp_path / "text").write_text("no database, and long enough to be told from one")
+    with pytest.raises(ValueError, match="file is not a database"):
+        Fleet(tmp_path / "text")
+    with pytest.raises(ValueError, match="unable to open"):
+        Fleet(tmp_path / "none" / "fleet.sqlite")
+    with contextlib.closing(sqlite3.connect(tmp_path / "other")) as base:
+        base.execute("create table x (y)")
+    with pytest.raises(ValueError, match="is another database"):
+        Fleet(tmp_path / "other")
+    fleet = Fleet(tmp_path / "fleet.sqlite")
+    for draw in (fleet.plot, lambda: fleet.report(tmp_path / "page.html")):
+        with pytest.raises(ValueError, match="it is empty"):
+            draw()
+    fleet.add(log(0), FIT)
+    assert next(iter(fleet)).verdict.startswith("not judged: it has no log before")
+    fleet.report(tmp_path / "page.html")
+    assert fleet.judge(log(1, week=1), FIT).verdict.startswith("not judged: no robot has two logs")
+    with pytest.raises(ValueError, match="level must be between"):
+        fleet.judge(log(1, week=1), FIT, level=2)
