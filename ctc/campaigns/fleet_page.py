@@ -69,7 +69,7 @@ def fleet_page(title: str, effects: Sequence[Effect], order: Sequence[Judgement]
     if not effects:
         raise ValueError("the fleet must hold identifications; it is empty. Add some first.")
     ends = [day_of(time) for each in effects[:1] for time in (each.of.time.min(), each.of.time.max())]
-    subtitle = f"{len(order)} robots, {logs} identifications, {ends[0]} to {ends[1]}"
+    subtitle = f"{len(order)} robot{'s' * (len(order) > 1)}, {logs} identifications, {ends[0]} to {ends[1]}"
     return page(title, subtitle, _parts(effects, order))
 
 

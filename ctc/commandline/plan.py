@@ -54,10 +54,10 @@ def run_campaign(given: Namespace, parse: Parse) -> Answer:
     negative = [name for name, result in results.items() if not all(each["good"] for each in result.values())]
     said = [f"{name}: {', '.join(c for c, each in results[name].items() if not each['good'])}" for name in negative]
     said += [f"{name}: failed: {error}" for name, error in done.errors.items()]
-    said += [f"{robot}: {verdict}" for robot, verdict in judged.items()]
+    said += [f"{name}: {each}" for name, each in judged.items()]
     counts = f"{len(results)} logs done, {len(negative)} with a negative verdict, {len(done.errors)} failed"
     data = {"results": results, "errors": dict(done.errors), "negative": negative, "folder": str(folder)}
-    data |= {"changed": judged} if "fleet" in plan else {}
+    data |= {"fleet": judged} if "fleet" in plan else {}
     return Answer("\n".join([counts, *said, f"results are in {folder}"]), data, not said)
 
 
@@ -107,15 +107,19 @@ def _tasks(plan: dict[str, Any], path: Path, folder: Path, parse: Parse) -> Iter
 
 
 def _fleet(plan: dict[str, Any], path: Path, tasks: dict[str, Any], results: dict[str, Any]) -> dict[str, str]:
-    """What was identified, into the fleet and onto its page; robots that changed, and how."""
-    place, pattern = path.parent / plan["fleet"], plan.get("notes", {})
+    """What was identified, into the fleet and onto its page; what became of robots that changed, and why logs did not."""
+    place, said = path.parent / plan["fleet"], {}
     fleet = Fleet(place)
     for name in results:
         step = next(each for each in tasks[name][1][0] if each["command"] == "identify")
-        notes = notes_of(pattern, step["logs"][0]) | {"robot": name.split("/")[0]}
-        fleet.add(Identification.load(step["output"]), notes=notes)
-    fleet.report(place.with_suffix(".html"), overwrite=True)
-    return {each.robot: each.verdict for each in fleet if each.changes}
+        try:
+            notes = notes_of(plan.get("notes", {}), step["logs"][0]) | {"robot": name.split("/")[0]}
+            fleet.add(Identification.load(step["output"]), notes=notes)
+        except ValueError as error:
+            said[name] = f"not in the fleet: {error}"
+    if len(fleet):
+        fleet.report(place.with_suffix(".html"), overwrite=True)
+    return {each.robot: each.verdict for each in fleet if each.changes} | said
 
 
 def _arguments(command: str, plan: dict[str, Any], robot: str, log: str, place: Path) -> list[str]:

@@ -1,5 +1,6 @@
 """`learn`: the torque that was missing along a path, from repetitions of it under any law."""
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,6 +15,7 @@ from identification import Identification
 from plant import Arm, Law, Record, Reference, Rig
 from plant.parts.arguments import instance, known_options
 from plant.parts.fields import Floats
+from plant.simulation.executors import mapped
 
 _GAIN, _FALLS, _WORSE = 0.7, 0.8, 0.005
 """Share of the missing torque that is added; to which share of the last it must fall; and by which share of the samples
@@ -34,7 +36,7 @@ _STIFF, _AHEAD, _BLURRED = 14.0, 0.015, 0.008
 @known_options
 def learn(
     law: Law | Learning, rig: Rig, reference: Reference, records: Record | Sequence[Record], *,
-    found: Identification | Arm | None = None,
+    found: Identification | Arm | None = None, executor: Any = None,
 ) -> Learning:  # fmt: skip
     """Learn the torque that was missing along a path from logs of it, of any law.
 
@@ -54,6 +56,8 @@ def learn(
     found : Identification or Arm, optional
         The model; by default the arm that the law holds. An identification gives its covariance to the regression, in
         place of 5 % of f and 20 % of friction.
+    executor : optional
+        Where the smoothers run, one call per log, as of `certify`: the same bits.
 
     Returns
     -------
@@ -99,8 +103,9 @@ def learn(
 
     innovations, left_out = list(before.innovations) if before else [], list(before.left_out) if before else []
     corrections, errors = [], []
-    for record in logs:
-        correction, innovation = _correction(arm, rig, plant, motion, moves, record, known)
+    smoothed = functools.partial(_correction, arm, rig, plant, motion, moves, known)
+    found_in = [smoothed(each) for each in logs] if executor is None else mapped(smoothed, logs, executor)
+    for record, (correction, innovation) in zip(logs, found_in, strict=True):
         innovations.append(innovation)
         if innovation > _SURPRISES or innovation > max(_MORE * min(innovations), 1.0):
             name = record.name or f"repetition {len(innovations)}"
@@ -188,7 +193,7 @@ def _applied(record: Record, count: int) -> Floats:
 
 
 def _correction(
-    arm: Arm, rig: Rig, plant: PathPlant, motion: Any, moves: Any, record: Record, known: Floats
+    arm: Arm, rig: Rig, plant: PathPlant, motion: Any, moves: Any, known: Floats, record: Record
 ) -> tuple[Floats, float]:  # fmt: skip
     """Torque (N, n) that is missing beside the known one, and the mean normalised innovation."""
     count, dt, counts = len(known), rig.period, record.counts[: len(known)]

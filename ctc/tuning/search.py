@@ -19,6 +19,7 @@ from ctc.tuning.tuning import Trial
 from identification import GeneticSettings, minimize_genetic
 from plant import Reference
 from plant.parts.checkpoint import Checkpoint
+from plant.simulation.executors import Executor
 from plant.simulation.population import Population, Runs
 
 ROUNDS = (24, np.inf), (12, np.inf), (12, 1.1), (12, 1.0), (12, 0.95), (12, 0.85)
@@ -77,6 +78,8 @@ class Tunings:
         Share of the samples that may exceed the limit; if any may, none joins a search.
     checkpoint : Checkpoint
         Where costs and trials are kept.
+    executor : Executor, optional
+        Where loops run, in place of threads.
     """
 
     family: Family
@@ -87,6 +90,7 @@ class Tunings:
     threads: int
     allowed: float = 0.0
     checkpoint: Checkpoint = dataclasses.field(default_factory=lambda: Checkpoint(None, ""))
+    executor: Executor | None = None
 
     def runs(self, values: Floats, plants: Floats, steps: int) -> tuple[Runs, tuple[int, int]]:
         """Samples (P, L) under tunings (T, k), tuning by tuning, and the shape (T, P)."""
@@ -100,7 +104,10 @@ class Tunings:
             Population(arm, rig, law, path, (*own, *names), lanes, duration=lasts, **options)
             for path, lasts in self.motions
         )
-        return Runs.joined([population.run(self.threads) for population in populations]), (count, each)
+        return Runs.joined([population.run(self.threads, executor=self.executor) for population in populations]), (
+            count,
+            each,
+        )
 
     def costs(self, values: Floats, plants: Floats, aim: float) -> Floats:
         """What the search minimises, (T,): mean chatter, and what exceeds the limit, or a share of it."""

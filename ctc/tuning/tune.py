@@ -1,7 +1,9 @@
 """The controller with the least torque chatter that keeps its limit over what is stated to be uncertain."""
 
+import contextlib
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,7 @@ from identification import Identification, IdentificationWarning
 from plant import Arm, Reference, Rig
 from plant.parts.arguments import known_options, real
 from plant.parts.progress import progress_bar
+from plant.simulation.executors import Executor
 
 _PLANTS, _MORE, _FRESH, _MOTIONS = 16, 80, 2000, 4
 """Samples with which a search begins; with how many if some may exceed the limit; others for its best, of one path; and
@@ -32,7 +35,7 @@ def tune(
     found: Identification | Arm, rig: Rig, reference: Motions, uncertainty: Uncertainty | None = None, *,
     within: float = 1, allowed: float = 0.0, after: float = SETTLED, samples: int = 10_000, seed: int = 0,
     duration: float | None = None, threads: int | None = None, progress: bool = True,
-    checkpoint: str | Path | None = None,
+    checkpoint: str | Path | None = None, executor: Any = None,
 ) -> Tuning:  # fmt: skip
     """Find the controller with the least torque chatter that keeps its limit over the stated uncertainty.
 
@@ -72,6 +75,8 @@ def tune(
         Show a progress bar, where standard error is a terminal.
     checkpoint : str or Path, optional
         File in which what has been tested is kept, as of `certify`.
+    executor : optional
+        Where loops run, as of `certify`: the same bits; without a checkpoint.
 
     Returns
     -------
@@ -113,6 +118,8 @@ def tune(
         seed=seed, threads=threads, progress=progress, checkpoint=checkpoint, steps_per_sample=4,
         settings=(allowed,),
     )  # fmt: skip
+    if executor is not None and checkpoint is not None:
+        raise ValueError("checkpoint must be left out with an executor; got both. Leave out one.")
     if not task.within > 0:
         raise ValueError(f"within must be positive; got {within:g}. The promise is 1 pulse.")
     if not 0 <= real("allowed", allowed, "Give a share, such as 0.05.") < 1:
@@ -120,13 +127,19 @@ def tune(
     validated = _FRESH // min(len(task.motions), _MOTIONS)
     searching, fresh = (task.sampled(count, i) for i, count in enumerate((_MORE if allowed else _PLANTS, validated)))
     laws, trials = families(fresh.arm, fresh.own, task.first), list[Trial]()
-    with task.checkpoint as kept, progress_bar(len(laws) * _GENERATIONS, "tune", "generation", progress) as bar:
+    where = contextlib.nullcontext() if executor is None else Executor(executor)
+    with (
+        where as there,
+        task.checkpoint as kept,
+        progress_bar(len(laws) * _GENERATIONS, "tune", "generation", progress) as bar,
+    ):
         for i, family in enumerate(laws):
             bar.set_postfix_str(family.name)
             tunings = Tunings(
                 family=family, plants=fresh, motions=tuple(task.motions.values()),
                 options={"within": task.within, "after": after}, scale=_scale(fresh.arm, fresh.rig, task.motions),
                 threads=task.threads, allowed=float(allowed), checkpoint=kept.part(family.name),
+                executor=there,
             )  # fmt: skip
             safe = min((trial.noise for trial in trials if trial.holds), default=np.inf)
             trials.append(tunings.best(searching.numbers()[1], seed, bar.update, safe))
@@ -136,7 +149,8 @@ def tune(
         warnings.simplefilter("ignore", IdentificationWarning)  # said by tune
         certificate: Certificate | Certificates = certify(
             found, rig, best.law, reference, task.uncertainty, samples=samples, seed=seed + 2, within=within,
-            after=after, threads=threads, duration=duration, progress=progress, checkpoint=kept.part("certificate"),
+            after=after, threads=threads, duration=duration, progress=progress, executor=executor,
+            checkpoint=None if executor is not None else kept.part("certificate"),
         )  # fmt: skip
     return Tuning(law=best.law, trials=tuple(trials), certificate=certificate, fresh=validated)
 

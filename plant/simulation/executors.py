@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from queue import SimpleQueue
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 from plant.simulation.threads import cores
 from plant.version import __version__
@@ -46,15 +46,27 @@ class OtherVersionError(ValueError):
 
 
 class Executor:
-    """What a user gave as `executor=`: submits, and is made anew by its factory."""
+    """What a user gave as `executor=`: submits, and is made anew by its factory.
+
+    In a ``with`` statement it serves several maps, and ends with it.
+    """
 
     def __init__(self, given: Any) -> None:
         self._factory: Any
+        self._held = False
         self._own = given is None or (callable(given) and (isinstance(given, type) or not hasattr(given, "submit")))
         self._factory = functools.partial(ThreadPoolExecutor, cores()) if given is None else given
         if not self._own and not hasattr(given, "submit"):
             raise ValueError(f"executor must take calls; got a value of type {type(given).__name__}. {_ADVICE}")
         self._renew()
+
+    def __enter__(self) -> Self:
+        self._held = True
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._held = False
+        self.close()
 
     def _renew(self) -> None:
         executor = self._factory() if self._own else self._factory
@@ -71,7 +83,9 @@ class Executor:
                 f"executor must be one whose workers live; one was killed while {_listed(names)} ran. Give a function "
                 "that makes executors, such as lambda: ProcessPoolExecutor(2), which then makes another."
             )
+        held, self._held = self._held, False
         self.close()
+        self._held = held
         self._renew()
 
     def submit(self, work: _Work) -> Future[Any]:
@@ -91,6 +105,8 @@ class Executor:
 
     def close(self, wait: bool = True) -> None:
         """Give up an executor that was made here; the user's own stays open."""
+        if self._held:
+            return
         if self._own and self._client is not None:
             self._client.close()
         elif self._own:
@@ -171,7 +187,7 @@ def mapped(function: Callable[[Any], T], items: Sequence[Any], executor: Any) ->
     """[function(item) for item in items] on the user's executor; the first failure is raised."""
     results: list[Any] = [None] * len(items)
     calls: Any = ((i, (function, (item,), {})) for i, item in enumerate(items))
-    for i, result, error in finished(calls, Executor(executor)):
+    for i, result, error in finished(calls, executor if isinstance(executor, Executor) else Executor(executor)):
         if isinstance(error, ValueError):
             raise error
         if error is not None:

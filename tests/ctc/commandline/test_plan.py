@@ -1,9 +1,11 @@
 """``onepulse campaign``: the other commands over many robots' logs, by a plan."""
 
 import json
+import shutil
 
 import pytest
 
+from ctc import Fleet
 from ctc.commandline.main import main
 from identification import Identification
 from plant import puma560, read_robot, simulate
@@ -46,6 +48,35 @@ def run(capsys, *arguments):
     code = main(["campaign", *map(str, arguments)])
     said = capsys.readouterr()
     return code, said.out, said.err
+
+
+def test_a_plan_fills_a_fleet_and_writes_its_page(place, capsys):
+    (place / "fleet.toml").write_text("""folder = "weeks"
+do = ["identify"]
+fleet = "cell.sqlite"
+notes = "left_{week}"
+
+[robots.left]
+robot = "paper_puma560"
+logs = "left_*.csv"
+""")
+    code, out, err = run(capsys, place / "fleet.toml")
+    assert (code, err) == (1, "")
+    assert "left/left_1: not in the fleet: the record must have notes of robot and time; time is missing" in out
+    text = (place / "fleet.toml").read_text().replace("left_{week}", "{robot}_{time}").replace("_*.csv", "_2026*.csv")
+    for day in ("2026-05-04", "2026-05-11"):
+        shutil.copyfile(place / "left_1.csv", place / f"left_{day}.csv")
+    (place / "fleet.toml").write_text(text.replace("weeks", "dated"))
+    code, out, err = run(capsys, place / "fleet.toml", "--json")
+    assert (code, err, json.loads(out)["fleet"]) == (0, "", {})
+    assert [row.time for row in Fleet(place / "cell.sqlite").parameters()][::9] == [1778457600.0]  # one log, put twice
+    assert "1 robots" not in (place / "cell.html").read_text()
+    (place / "fleet.toml").write_text(text.replace('"cell.sqlite"', "3"))
+    code, out, err = run(capsys, place / "fleet.toml")
+    assert code == 2
+    assert "fleet of" in err
+    for path in place.glob("left_2026*.csv"):
+        path.unlink()
 
 
 def test_a_plan_from_end_to_end(place, capsys):
