@@ -69,7 +69,7 @@ def fleet_page(title: str, effects: Sequence[Effect], order: Sequence[Judgement]
     if not effects:
         raise ValueError("the fleet must hold identifications; it is empty. Add some first.")
     ends = [day_of(time) for each in effects[:1] for time in (each.of.time.min(), each.of.time.max())]
-    subtitle = f"{len(order)} robot{'s' * (len(order) > 1)}, {logs} identifications, {ends[0]} to {ends[1]}"
+    subtitle = f"{len(order)} robots, {logs} identifications, {ends[0]} to {ends[1]}"
     return page(title, subtitle, _parts(effects, order))
 
 
@@ -77,9 +77,9 @@ def _parts(effects: Sequence[Effect], order: Sequence[Judgement]) -> Iterator[st
     changed = [each for each in order if each.changes]
     lines = [f'<li class="bad"><b>✗ {text(each.robot)}, {each.day}</b>{text(each.verdict)}</li>'
              for each in changed[:_ROWS]]  # fmt: skip
-    rest = f"{len(order) - len(changed)} of {len(order)} robots: the last log shows the same arm"
     unknown = sum(bool(each.unknown) for each in order)
-    rest += f", or cannot be judged yet ({unknown})" * bool(unknown) + "."
+    rest = f"{len(order) - len(changed) - unknown} of {len(order)} robots: the last log shows the same arm"
+    rest += f"; {unknown} cannot be judged yet." if unknown else "."
     more = f" {len(changed) - _ROWS} more changed." * (len(changed) > _ROWS)
     lines.append(f'<li class="good"><b>✓ {text(rest + more)}</b></li>')
     level = order[0].level

@@ -107,7 +107,7 @@ def _tasks(plan: dict[str, Any], path: Path, folder: Path, parse: Parse) -> Iter
 
 
 def _fleet(plan: dict[str, Any], path: Path, tasks: dict[str, Any], results: dict[str, Any]) -> dict[str, str]:
-    """What was identified, into the fleet and onto its page; what became of robots that changed, and why logs did not."""
+    """What was identified, into the fleet and onto its page; robots that changed, and logs that are no part of it."""
     place, said = path.parent / plan["fleet"], {}
     fleet = Fleet(place)
     for name in results:

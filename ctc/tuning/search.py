@@ -104,10 +104,8 @@ class Tunings:
             Population(arm, rig, law, path, (*own, *names), lanes, duration=lasts, **options)
             for path, lasts in self.motions
         )
-        return Runs.joined([population.run(self.threads, executor=self.executor) for population in populations]), (
-            count,
-            each,
-        )
+        made = [population.run(self.threads, executor=self.executor) for population in populations]
+        return Runs.joined(made), (count, each)
 
     def costs(self, values: Floats, plants: Floats, aim: float) -> Floats:
         """What the search minimises, (T,): mean chatter, and what exceeds the limit, or a share of it."""

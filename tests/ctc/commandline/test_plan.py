@@ -70,7 +70,9 @@ logs = "left_*.csv"
     code, out, err = run(capsys, place / "fleet.toml", "--json")
     assert (code, err, json.loads(out)["fleet"]) == (0, "", {})
     assert [row.time for row in Fleet(place / "cell.sqlite").parameters()][::9] == [1778457600.0]  # one log, put twice
-    assert "1 robots" not in (place / "cell.html").read_text()
+    assert (
+        "0 of 1 robots: the last log shows the same arm; 1 cannot be judged yet." in (place / "cell.html").read_text()
+    )
     (place / "fleet.toml").write_text(text.replace('"cell.sqlite"', "3"))
     code, out, err = run(capsys, place / "fleet.toml")
     assert code == 2
