@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import math
+import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -16,6 +17,7 @@ from ctc.certification.reserves import Reserves, reserves
 from ctc.certification.starts import held
 from ctc.certification.statement import shown, verdict
 from ctc.verdict.conditions import FromRest, from_rest
+from ctc.verdict.evaluations import evaluate
 from ctc.verdict.on_gears import SETTLED, LowestResonance, lowest_resonance
 from identification.results.seen import Seen
 from plant import Reference
@@ -23,6 +25,7 @@ from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import known_options
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece
+from plant.simulation.logged_run import DivergenceError
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Runs
 
@@ -96,6 +99,20 @@ class Certificate(Certified):
     def from_rest(self) -> FromRest | None:
         """What the nominal arm does from rest, where the path begins in motion and exceeds the limit."""
         return from_rest(*self._loop)
+
+    @functools.cached_property
+    def by_counts(self) -> NDArray[np.float64]:
+        """Largest true error (n,) [pulses] where plant, friction and start are the controller's own: what rounding adds
+        by itself to what an unknown f does. Infinite where that loop diverges.
+        """
+        arm, rig, law, path, _, duration, steps = self._loop
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what it says of rig and path was said of the samples
+            try:
+                own = evaluate(getattr(law, "arm", arm), rig, law, path, duration=duration, steps_per_sample=steps)
+            except DivergenceError:
+                return np.full(rig.n, np.inf)
+        return own.max_true_error_pulses
 
     @functools.cached_property
     def friction_known(self) -> float | None:

@@ -141,6 +141,7 @@ def shown(certificate: Any) -> Iterator[Piece]:
         ("encoder error, worst peak [pulses]", *(f"{peak:.0f}" for peak in runs.peak.max(axis=0))),
         ("error before rounding, median peak [pulses]", *(f"{x:.2f}" for x in np.median(runs.unrounded, axis=0))),
         ("error before rounding, 99 % below [pulses]", *(f"{x:.2f}" for x in high_quantile)),
+        ("of it by rounding alone, f exact [pulses]", *(f"{x:.2f}" for x in certificate.by_counts)),
         ("torque chatter per sample, median [N m]", *(f"{x:.1f}" for x in np.median(runs.chatter, axis=0))),
         ("motor current, median peak / limit", *(f"{share:.0%}" for share in certificate.current_share)),
         ("loops that reach the limit", *map(percent, certificate.saturation)),

@@ -1,15 +1,23 @@
-"""Campaigns measured: ``python tests/benchmarks/campaign.py [--tasks N] [--kills N] [--logs N] [--rare]``.
+"""Campaigns measured: ``python tests/benchmarks/campaign.py [--fleet | --scale | --rare] [--write]``.
 
 - Overhead: time of tasks that do nothing, by threads and by Dask with two workers, with and without a folder; beside
   Dask's own `submit` in the same run, and the memory that the coordinator takes.
-- Efficiency: identifications of simulated logs of several robots by one thread, two threads, two processes and Dask
-  with two workers: times and whether all bits are the same.
+- Efficiency: 200 simulated logs of 20 robots over ten weeks, identified by one thread, two threads, one process, two
+  processes and Dask with two workers: times, and whether all bits are the same.
+- Fleet (``--fleet`` for it and efficiency alone): friction of one robot and an inertia of another grow; in which week
+  each is named, and how many of the healthy are accused; then of 20 fleets of the same truth.
 - Kills: a campaign killed at random instants and called again: what was lost, and what was done twice.
+- ``--scale``: costs on one core, bytes per task, and what follows; ``--write`` puts them into docs/background/scale.md,
+  and the picture of the fleet into docs/images.
 - ``--rare``: subset simulation against an exact 1e-6 and against brute force on the arm.
 """
 
 import argparse
+import dataclasses
+import datetime
 import os
+import pickle
+import platform
 import subprocess
 import sys
 import tempfile
@@ -20,6 +28,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
+from llvmlite.binding import get_host_cpu_name
+from scipy.stats import t as student
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "oracles")]
@@ -28,9 +38,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import campaign_tasks as work  # noqa: E402
 
-from ctc import ComputedTorque, Uncertainty, campaign, certify  # noqa: E402
+from ctc import ComputedTorque, Fleet, Uncertainty, campaign, certify  # noqa: E402
 from ctc.certification.rare import subset_simulation  # noqa: E402
-from identification import identify  # noqa: E402
+from identification import fit_torque, identify  # noqa: E402
 from plant import puma560, simulate  # noqa: E402
 
 
@@ -84,20 +94,48 @@ def overhead(count):
             print(f"  Dask, {name}: {per_task(count, make, client)}", flush=True)
 
 
+ARM, RIG, PATH, WEEKS, ROBOTS = puma560.arm(), puma560.rig(), puma560.reference(), 10, 20
+NAMES = (*ARM.dynamics.names, *(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in range(2)))
+SCALE, PICTURE = ROOT / "docs" / "background" / "scale.md", ROOT / "docs" / "images" / "fleet.png"
+PRICE = 0.05  # of a core hour, in dollars: an assumption, of the order of what clouds ask
+DEFECTS = {3: ("drive.coulomb[1]", 0.03), 12: ("f1", 0.01)}  # robot -> what grows, by which share a week
+
+
+def truth(robot, week):
+    """Values of a robot in a week, and its temperature: robots differ by 5 %, friction also by 1.5 % from week to week
+    and, where it is viscous, by -0.6 % per degree.
+    """
+    own, now = np.random.default_rng(robot), np.random.default_rng([robot, week])
+    values = np.concatenate([ARM.f, RIG.drive.viscous, RIG.drive.coulomb]) * (1 + 0.05 * own.standard_normal(13))
+    warm = 22 + 4 * now.standard_normal()
+    values[9:] *= 1 + 0.015 * now.standard_normal(4)
+    values[9:11] *= 1 - 0.006 * (warm - 22)
+    if robot in DEFECTS:
+        name, rate = DEFECTS[robot]
+        values[NAMES.index(name)] *= 1 + rate * week
+    return values, warm, now
+
+
 def one_log(robot, week):
-    """Identification of one simulated log: f of the robot is the paper's, changed by its number."""
-    random = np.random.default_rng(robot)
-    arm = puma560.dynamics().arm(puma560.arm().f * (1 + 0.02 * random.standard_normal(9)))
-    record = simulate(arm, puma560.rig(), puma560.p_law(), puma560.reference(), duration=1.0 + 0.002 * week)
-    return identify(puma560.dynamics(), record, seed=week, progress=False).f
+    """A log of 3.65 s of one robot in one week, and what its torques say."""
+    values, warm, now = truth(robot, week)
+    drive = dataclasses.replace(RIG.drive, viscous=values[9:11], coulomb=values[11:])
+    start = PATH(np.zeros(1))
+    begin = np.array([start.q[0] + RIG.to_angle(now.uniform(-0.5, 0.5, 2)), start.qd[0]])
+    rig = dataclasses.replace(RIG, drive=drive)
+    log = simulate(ARM.dynamics.arm(values[:9]), rig, puma560.p_law(), PATH, initial=begin)
+    notes = {"robot": f"cell_{robot}", "time": 1772409600.0 + 7 * 86400 * week, "temperature": warm}
+    log = dataclasses.replace(log, rig=RIG, notes=notes)
+    return log, fit_torque(ARM.dynamics, log, band=64.0, unknown=NAMES)
 
 
-def efficiency(count):
+def efficiency():
     import distributed
 
-    tasks = {f"robot {i % 20}, week {i // 20}": (one_log, (i % 20, i // 20), {}) for i in range(count)}
+    tasks = {f"robot {i % ROBOTS}, week {i // ROBOTS}": (one_log, (i % ROBOTS, i // ROBOTS), {})
+             for i in range(ROBOTS * WEEKS)}  # fmt: skip
     one_log(0, 0)
-    print(f"{count} logs of {min(count, 20)} robots, identified")
+    print(f"{len(tasks)} logs of {ROBOTS} robots, identified")
     with cluster() as two, distributed.Client(two) as client:
         kinds = {
             "one thread": lambda: ThreadPoolExecutor(1), "two threads": lambda: ThreadPoolExecutor(2),
@@ -108,9 +146,63 @@ def efficiency(count):
             began = time.perf_counter()
             done = campaign(tasks, executor=executor, progress=False)
             lasted = time.perf_counter() - began
+            assert not done.errors, done
             first = first or done.results
-            same = all(np.array_equal(first[name], done.results[name]) for name in tasks)
+            same = all(np.array_equal(first[name][1].values, done.results[name][1].values) for name in tasks)
             print(f"  {name}: {lasted:.1f} s, same bits: {same}", flush=True)
+    return [[first[f"robot {robot}, week {week}"] for robot in range(ROBOTS)] for week in range(WEEKS)]
+
+
+def fleet_of(weeks, picture=None):
+    """Each log judged, then added: first week in which each robot is accused of each parameter, and in which its defect
+    is larger than the interval at that level.
+    """
+    accused, due = {}, {}
+    with tempfile.TemporaryDirectory() as place:
+        fleet = Fleet(Path(place, "fleet.sqlite"))
+        for week, logs in enumerate(weeks):
+            judged = [fleet.judge(*each) for each in logs]
+            for robot, each in enumerate(judged):
+                for change in each.changes:
+                    accused.setdefault((robot, change.name), week)
+                if robot in DEFECTS and each.looked:
+                    name, rate = DEFECTS[robot]
+                    change = next(change for change in each.looked if change.name == name)
+                    true = abs(truth(robot, 0)[0][NAMES.index(name)]) * rate
+                    true *= week if change.since else (week + 1) / 2
+                    tests, freedom = (1 + (week > 2)) * len(each.looked), fleet.effects()[0].freedom
+                    if true > student.isf(1e-3 / 2 / tests, freedom) * change.std:
+                        due.setdefault(robot, week)
+            for each in logs:
+                fleet.add(*each)
+        size = (Path(place) / "fleet.sqlite").stat().st_size
+        fleet.report(Path(place, "fleet.html"))
+        if picture is not None:
+            fleet.plot()[0, 0].figure.savefig(picture, dpi=110)
+        page = Path(place, "fleet.html").stat().st_size
+        print(f"  {len(fleet)} logs: {size / 1e3:.0f} kB of SQLite, {page / 1e3:.0f} kB of HTML")
+    for robot, (name, rate) in DEFECTS.items():
+        named = accused.get((robot, name))
+        beyond = f"{name} {rate:+.0%} a week: beyond its interval from week {due.get(robot)}"
+        print(f"  robot {robot}, {beyond}, named in week {named}")
+    wrong = sorted(key for key in accused if key[0] not in DEFECTS)
+    print(
+        f"  healthy robots accused: {len({robot for robot, _ in wrong})} of {ROBOTS - len(DEFECTS)} {wrong}", flush=True
+    )
+
+
+def fleets(weeks, count):
+    """The same with values drawn from the covariance of each log's fit, about the same truth."""
+    print(f"{count} fleets of the same truth, values drawn from the covariances of the logs")
+    for seed in range(count):
+        random, drawn = np.random.default_rng(1000 + seed), []
+        for week, logs in enumerate(weeks):
+            values = [random.multivariate_normal(truth(robot, week)[0], fit.covariance)
+                      for robot, (_, fit) in enumerate(logs)]  # fmt: skip
+            drawn.append(
+                [(log, dataclasses.replace(fit, values=own)) for (log, fit), own in zip(logs, values, strict=True)]
+            )
+        fleet_of(drawn)
 
 
 def kills(count):
@@ -137,6 +229,68 @@ def kills(count):
         print(f"{count} kills, {kind}: {lost} results lost or other, {twice} done twice, {beyond} beyond what was open")
 
 
+def scale(write):
+    """The table of docs/background/scale.md: costs on one core of this machine, bytes, and what follows from them."""
+    log, fit = one_log(0, 0)
+    found, seconds = identify(ARM.dynamics, log, unknown=("f", "friction"), progress=False), {}
+    laws, stated = ComputedTorque(found), Uncertainty(friction=0.02)
+    options = {"samples": 2000, "progress": False, "threads": 1}
+
+    def timed(call):
+        call()  # kernels are compiled
+        began = time.process_time()
+        call()
+        return time.process_time() - began
+
+    each = seconds["`identify`, f and friction, a log of 3.65 s"] = timed(
+        lambda: identify(ARM.dynamics, log, unknown=("f", "friction"), progress=False)
+    )
+    seconds["`fit_torque`, f and friction, the same log, band stated"] = timed(
+        lambda: fit_torque(ARM.dynamics, log, band=64.0, unknown=NAMES)
+    )
+    motion = seconds["`certify`, one motion of 3.65 s, 2,000 samples"] = timed(
+        lambda: certify(found, found.rig, laws, PATH, stated, **options)
+    )
+    overhead = {}
+    for name, executor in (("threads", ThreadPoolExecutor(1)), ("processes", work.pool(1))):
+        with executor:
+            small(1, executor)
+            began = time.perf_counter()
+            small(2000, executor)
+            overhead[name] = (time.perf_counter() - began) / 2000
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.perf_counter()
+        small(2000, lambda: ThreadPoolExecutor(1), folder)
+        overhead["a folder, beside"] = (time.perf_counter() - began) / 2000 - overhead["threads"]
+        ledger = sum(path.stat().st_size for path in Path(folder).glob("ledger*")) / 2000
+        found.save(Path(folder, "found.json"))
+        saved = Path(folder, "found.json").stat().st_size
+    sizes = {
+        "a task of `one_log` (two numbers), sent": len(pickle.dumps((one_log, (0, 0), {}))),
+        "its log and fit, sent back": len(pickle.dumps((log, fit))),
+        "an identification with its log, sent": len(pickle.dumps(found)), "the same, saved": saved,
+        "a small task in the ledger": ledger,
+    }  # fmt: skip
+    hours = {"10,000 robots a week (a log identified, one motion certified)": 1e4 * (each + motion) / 3600,
+             "10^9 samples of one motion": 1e9 * motion / 2000 / 3600}  # fmt: skip
+    lines = [f"`python tests/benchmarks/campaign.py --scale --write`, {datetime.date.today()}, one core of "
+             f"{platform.processor() or platform.machine()} ({get_host_cpu_name()}):", ""]  # fmt: skip
+    lines += ["| work | processor time |", "|---|---|", *(f"| {name} | {s:.3g} s |" for name, s in seconds.items())]
+    lines += [f"| a task that does nothing: {name} | {1e3 * s:.2g} ms |" for name, s in overhead.items()]
+    lines += ["", "| bytes | |", "|---|---|", *(f"| {name} | {size / 1e3:.3g} kB |" for name, size in sizes.items())]
+    lines += ["", f"| what follows | core hours | at {PRICE:g} a core hour | workers that one coordinator feeds |",
+              "|---|---|---|---|"]  # fmt: skip
+    for (name, hour), task in zip(hours.items(), (each + motion, motion), strict=True):
+        lines.append(f"| {name} | {hour:.3g} | {PRICE * hour:.3g} | {task / overhead['processes']:.0f} |")
+    text = "\n".join(lines)
+    print(text)
+    if write:
+        page = SCALE.read_text(encoding="utf-8")
+        begin, end = "<!-- measured -->\n", "<!-- end -->"
+        head, rest = page.split(begin)
+        SCALE.write_text(f"{head}{begin}{text}\n{end}{rest.split(end)[1]}", encoding="utf-8")
+
+
 def rare():
     weights, limit = np.ones(10) / np.sqrt(10), 4.753424308822899
     found = [subset_simulation(lambda u: u @ weights, limit, 10, 1e-9, seed) for seed in range(60)]
@@ -160,12 +314,17 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--tasks", type=int, default=10_000)
     parser.add_argument("--kills", type=int, default=10)
-    parser.add_argument("--logs", type=int, default=200)
-    parser.add_argument("--rare", action="store_true")
+    for name in ("--fleet", "--scale", "--rare", "--write"):
+        parser.add_argument(name, action="store_true")
     given = parser.parse_args()
     if given.rare:
         rare()
+    elif given.scale:
+        scale(given.write)
     else:
-        overhead(given.tasks)
-        kills(given.kills)
-        efficiency(given.logs)
+        if not given.fleet:
+            overhead(given.tasks)
+            kills(given.kills)
+        found = efficiency()
+        fleet_of(found, PICTURE if given.write else None)
+        fleets(found, 20)
