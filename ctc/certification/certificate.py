@@ -102,8 +102,8 @@ class Certificate(Certified):
 
     @functools.cached_property
     def by_counts(self) -> NDArray[np.float64]:
-        """Largest true error (n,) [pulses] where plant, friction and start are the controller's own: what rounding adds
-        by itself to what an unknown f does. Infinite where that loop diverges.
+        """Largest error before rounding (n,) [pulses] where f and start are the controller's own: what rounding adds by
+        itself, to what an unknown f does. Infinite where that loop diverges.
         """
         arm, rig, law, path, _, duration, steps = self._loop
         with warnings.catch_warnings():
@@ -112,7 +112,8 @@ class Certificate(Certified):
                 own = evaluate(getattr(law, "arm", arm), rig, law, path, duration=duration, steps_per_sample=steps)
             except DivergenceError:
                 return np.full(rig.n, np.inf)
-        return own.max_true_error_pulses
+        begins = steps * math.ceil(self.settings["after"] / rig.period - 1e-9)
+        return np.asarray(np.abs(own.true_error_pulses[begins:]).max(axis=0))
 
     @functools.cached_property
     def friction_known(self) -> float | None:

@@ -88,6 +88,16 @@ def test_the_worst_runs_again():
     assert dataclasses.replace(certificate, runs=runs).worst.index == worst.index  # what is counted comes first
 
 
+def test_what_rounding_adds_is_the_error_of_samples_that_do_not_differ():
+    same = certified(covariance=1e-24 * COVARIANCE, friction=0.0, phase=False, samples=2, duration=0.3)
+    assert same.by_counts == pytest.approx(same.runs.unrounded[0], rel=0.01)  # between the samples, too
+    assert 0.1 < same.by_counts.max() < 1.0
+    assert "of it by rounding alone, f exact [pulses]" in str(same)
+    wrong = certified(covariance=COVARIANCE, friction=0.0, samples=2, duration=0.3)
+    assert wrong.by_counts == pytest.approx(same.by_counts)
+    assert (wrong.runs.unrounded.max(axis=0) > same.by_counts).any()
+
+
 def test_a_loop_that_diverges_leaves_and_is_the_worst():
     law = PD(gain=(5, 5), derivative=(0.05, 0.05), filter=3000.0, period=RIG.period)
     drive = dataclasses.replace(RIG.drive, current_limit=(np.inf, np.inf))
