@@ -1,8 +1,11 @@
 """Every public plot: draws on the axes that it is given and returns them, names every axis, writes on no curve."""
 
+import dataclasses
 import functools
 import inspect
 import sys
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +16,7 @@ import identification
 import plant
 from ctc import (
     ComputedTorque,
+    Fleet,
     certify,
     compare,
     evaluate,
@@ -22,7 +26,7 @@ from ctc import (
     plot_record,
     sweep_resonance,
 )
-from identification import GeneticSettings, frequency_response, identify, oscillation
+from identification import GeneticSettings, fit_torque, frequency_response, identify, oscillation
 from plant import Harmonics, puma560, read_robot, simulate
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -69,6 +73,19 @@ def response():
     return frequency_response([simulate(ARM, RIG, P_LAW, path, duration=2.8) for path in paths])
 
 
+@functools.cache
+def fleet():
+    made = Fleet(Path(tempfile.mkdtemp()) / "fleet.sqlite")
+    fit = fit_torque(ARM.dynamics, record(), band=20.0)
+    for i in range(8):
+        log = dataclasses.replace(record(), t=record().t * (1 + 1e-6 * i))
+        values = fit.values * (1 + 0.5 * (i == 7))
+        made.add(
+            log, dataclasses.replace(fit, values=values), notes={"robot": f"$r_{{{i % 2}}}$", "time": 1e9 + 1e6 * i}
+        )
+    return made
+
+
 def models(ax=None):
     return plot_identification(record(), record(), record(), [record()], ax=ax)
 
@@ -93,6 +110,7 @@ PLOTS = {
     "FrequencyResponse.plot": (lambda ax=None: response().plot(ax=ax), (2,)),
     "Oscillation.plot": (lambda ax=None: oscillation(record(), ARM).plot(ax=ax), (3,)),
     "Evaluation.plot, phase": (lambda ax=None: evaluation().plot(ax=ax, phase=True), (2,)),
+    "Fleet.plot": (lambda ax=None: fleet().plot(ax=ax), (3, 1)),
     "plot_record": (lambda ax=None: plot_record(record(), ax=ax), (2, 2)),
     "plot_identification": (models, (2, 2)),
     "plot_arm": (lambda ax=None: plot_arm(ARM, (0.3, -0.6), tip=(0, -0.4, 0), ax=ax), ()),

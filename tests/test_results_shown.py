@@ -15,6 +15,7 @@ import identification
 import plant
 from ctc import ComputedTorque, Uncertainty, certify, compare, evaluate, margins, sweep_resonance
 from ctc.campaigns.campaign import Campaign
+from ctc.campaigns.judgement import Change, Judgement
 from ctc.certification.reserves import Reserves
 from ctc.learning.learning import Learning
 from ctc.learning.learnt_torque import LearntTorque
@@ -134,6 +135,9 @@ RESULTS = {
     "FrictionTrial": lambda: FrictionTrial(kind="asymmetric", share=None, better=0.4, errors=9.0, levels=np.ones(2)),
     "GearResonance": gears,
     "Identification": found,
+    "Judgement": lambda: Judgement(
+        robot=NASTY[0], time=0.0, level=0.01, looked=(Change(NASTY[1], NASTY[1], "N m", 1.0, 1.2, 0.01, 1e-9, 0.0),),
+    ),
     "Learning": learning,
     "Load": load,
     "LowestResonance": lambda: LowestResonance(hz=60.0, damping_ratio=0.01, within=1),

@@ -6,7 +6,8 @@ means of the robots, that of robots on these means; the slope by weighted least 
 Robots that scatter beyond the others (chi-square), or lie apart from them (Student), count in neither variance.
 """
 
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,19 @@ class Effect(NamedTuple):
     means: Floats
     std: Floats
     apart: Floats
+
+
+def values_of(rows: Iterable[Any]) -> Iterator[Values]:
+    """Each parameter in all logs that tell it, of rows of a fleet in the order of time."""
+    told = dict[str, list[Any]]()
+    for row in rows:
+        if row.std is not None:
+            told.setdefault(row.name, []).append(row)
+    for name, own in told.items():
+        robots = {robot: i for i, robot in enumerate(dict.fromkeys(row.robot for row in own))}
+        at = np.array([robots[row.robot] for row in own], dtype=np.intp)
+        columns = np.array([(row.time, row.temperature, row.value, row.std) for row in own], dtype=float).T
+        yield Values(name, own[-1].label, own[-1].unit, tuple(robots), at, *columns)
 
 
 def effect_of(values: Values) -> Effect:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ctc.campaigns.effects import Effect, Values, effect_of
+from ctc.campaigns.effects import Effect, effect_of, values_of
 from ctc.campaigns.fleet_page import fleet_page, plot_fleet
 from ctc.campaigns.judgement import Judgement, Logged, judged, logged
 from identification.equation_error.naming import short_names, units
@@ -177,7 +177,7 @@ class Fleet:
         with self._base() as base:
             state = base.execute("select count(*), max(id) from identifications").fetchone()
         if self._known[0] != state:
-            self._known = state, tuple(effect_of(each) for each in _values(self.parameters()))
+            self._known = state, tuple(effect_of(each) for each in values_of(self.parameters()))
         return self._known[1]
 
     @known_options
@@ -256,16 +256,3 @@ def _labels(dynamics: Any, names: Sequence[str]) -> list[str]:
             f"{_WORDS[kind]} of {joints[int(at)].split(' (q[')[0]}" if kind in _WORDS and at.isdigit() else short
         )
     return labels
-
-
-def _values(rows: Sequence[FleetRow]) -> Iterator[Values]:
-    """Each parameter in all logs that tell it."""
-    told = dict[str, list[FleetRow]]()
-    for row in rows:
-        if row.std is not None:
-            told.setdefault(row.name, []).append(row)
-    for name, own in told.items():
-        robots = {robot: i for i, robot in enumerate(dict.fromkeys(row.robot for row in own))}
-        at = np.array([robots[row.robot] for row in own], dtype=np.intp)
-        columns = np.array([(row.time, row.temperature, row.value, row.std) for row in own], dtype=float).T
-        yield Values(name, own[-1].label, own[-1].unit, tuple(robots), at, *columns)

@@ -31,6 +31,7 @@ def plot_fleet(effects: Sequence[Effect], order: Sequence[Judgement], ax: Any = 
     axes = row_by_row(ax, len(names), 1, time=False)
     for name, axis in zip(names, axes[:, 0], strict=True):
         _panel(axis, next(effect for effect in effects if effect.of.name == name), shown)
+    axes[-1, 0].set_xlabel("time [date, UTC]")
     if shown:
         legend_above(axes[0, 0], columns=_CURVES + 1)
     return axes

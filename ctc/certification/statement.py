@@ -19,7 +19,6 @@ _DECIDES, _AT_ALL = 0.5, 0.25  # shares of what is explained, and of all that va
 _SHOWN = 5  # sensitivities in the table
 
 _LESS = 0.5  # share of the samples beyond the limit that may be left where friction is known, if it decides
-
 _MOST = 0.5  # share of samples that exceed the limit beyond which nothing is said of the nominal one
 
 

@@ -19,7 +19,6 @@ from ctc.tuning.tuning import Trial
 from identification import GeneticSettings, minimize_genetic
 from plant import Reference
 from plant.parts.checkpoint import Checkpoint
-from plant.simulation.executors import Executor
 from plant.simulation.population import Population, Runs
 
 ROUNDS = (24, np.inf), (12, np.inf), (12, 1.1), (12, 1.0), (12, 0.95), (12, 0.85)
@@ -73,13 +72,11 @@ class Tunings:
         Of `plant.simulation.population.Population`.
     scale : (n,) numpy.ndarray
         Torque [N m] of each joint to which its chatter is compared.
-    threads : int
+    by : dict of str, as of `Population.run`: threads, executor
     allowed : float
         Share of the samples that may exceed the limit; if any may, none joins a search.
     checkpoint : Checkpoint
         Where costs and trials are kept.
-    executor : Executor, optional
-        Where loops run, in place of threads.
     """
 
     family: Family
@@ -87,10 +84,9 @@ class Tunings:
     motions: tuple[tuple[Reference, float], ...]
     options: dict[str, Any]
     scale: Floats
-    threads: int
+    by: dict[str, Any]
     allowed: float = 0.0
     checkpoint: Checkpoint = dataclasses.field(default_factory=lambda: Checkpoint(None, ""))
-    executor: Executor | None = None
 
     def runs(self, values: Floats, plants: Floats, steps: int) -> tuple[Runs, tuple[int, int]]:
         """Samples (P, L) under tunings (T, k), tuning by tuning, and the shape (T, P)."""
@@ -104,8 +100,7 @@ class Tunings:
             Population(arm, rig, law, path, (*own, *names), lanes, duration=lasts, **options)
             for path, lasts in self.motions
         )
-        made = [population.run(self.threads, executor=self.executor) for population in populations]
-        return Runs.joined(made), (count, each)
+        return Runs.joined([population.run(**self.by) for population in populations]), (count, each)
 
     def costs(self, values: Floats, plants: Floats, aim: float) -> Floats:
         """What the search minimises, (T,): mean chatter, and what exceeds the limit, or a share of it."""

@@ -138,8 +138,8 @@ def tune(
             tunings = Tunings(
                 family=family, plants=fresh, motions=tuple(task.motions.values()),
                 options={"within": task.within, "after": after}, scale=_scale(fresh.arm, fresh.rig, task.motions),
-                threads=task.threads, allowed=float(allowed), checkpoint=kept.part(family.name),
-                executor=there,
+                by={"threads": task.threads, "executor": there}, allowed=float(allowed),
+                checkpoint=kept.part(family.name),
             )  # fmt: skip
             safe = min((trial.noise for trial in trials if trial.holds), default=np.inf)
             trials.append(tunings.best(searching.numbers()[1], seed, bar.update, safe))

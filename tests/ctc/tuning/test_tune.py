@@ -68,7 +68,7 @@ def test_a_tuning_side_by_side_is_its_law_simulated(which):
     values = np.array([list(each.values()) for each in family.known])[:2] * 0.9
     tunings = Tunings(
         family=family, plants=plants, motions=((PATH, 0.2),), options={"within": 1, "after": 0.02},
-        scale=np.ones(2), threads=1,
+        scale=np.ones(2), by={"threads": 1},
     )  # fmt: skip
     runs, shape = tunings.runs(values, plants.numbers()[1], 8)
     assert shape == (2, 3)
@@ -95,7 +95,7 @@ def test_plants_that_leave_join_the_search(monkeypatch):
     plants = draw(uncertainty, ARM, RIG, 40, 5, START)
     tunings = Tunings(
         family=family, plants=plants, motions=((PATH, 0.2),), options={"within": 1, "after": 0.02},
-        scale=np.ones(2), threads=2,
+        scale=np.ones(2), by={"threads": 2},
     )  # fmt: skip
     tunings.best(plants.numbers()[1][:1], 0, lambda: None)
     assert seen[0] == 1
@@ -116,7 +116,7 @@ def test_it_goes_on_from_the_first_that_holds_and_gives_up_what_is_beaten(monkey
     plants = draw(uncertainty, ARM, RIG, 30, 5, START)
     tunings = Tunings(
         family=family, plants=plants, motions=((PATH, 0.4),), options={"within": 1, "after": 0.02},
-        scale=np.ones(2), threads=2,
+        scale=np.ones(2), by={"threads": 2},
     )  # fmt: skip
     some = plants.numbers()[1]
     longer = tunings.best(some[:2], 0, lambda: None)
