@@ -19,9 +19,9 @@ from typing import Any
 from ctc.campaigns.campaign import campaign
 from ctc.commandline.commands import COMMANDS
 from ctc.commandline.inputs import Answer
+from plant.compiler.background import cores
 from plant.models.robot_file import read_robot
 from plant.parts.arguments import choice
-from plant.simulation.threads import cores
 
 _DO = ("check", "identify", "certify", "report")
 _KEYS, _ROBOT_KEYS = ("folder", "do", "robots", "executor", *_DO), ("robot", "logs")
