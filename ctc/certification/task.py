@@ -12,10 +12,10 @@ from ctc.certification.uncertainty import Uncertainty
 from identification import Identification
 from identification.results.summary import warn_of_doubts
 from plant import Arm, Law, Reference, Rig
+from plant.compiler.background import cores
 from plant.motion.everyday import motions_of, naming
 from plant.parts.arguments import instance, real, whole
 from plant.parts.checkpoint import Checkpoint
-from plant.simulation.threads import cores
 
 Motions = Reference | Mapping[str, Reference]
 

@@ -23,10 +23,10 @@ from ctc.campaigns.fleet import Fleet
 from ctc.commandline.commands import COMMANDS
 from ctc.commandline.inputs import Answer
 from identification import Identification
+from plant.compiler.background import cores
 from plant.logs.several import notes_of
 from plant.models.robot_file import read_robot
 from plant.parts.arguments import choice
-from plant.simulation.threads import cores
 
 _DO = ("check", "identify", "certify", "report")
 _KEYS, _ROBOT_KEYS = ("folder", "do", "robots", "executor", "fleet", "notes", *_DO), ("robot", "logs")

@@ -14,11 +14,11 @@ from ctc.figures.errors import plot_evaluation, plot_phase
 from ctc.verdict.conditions import FromRest, from_rest, refused
 from ctc.verdict.on_gears import SETTLED, LowestResonance, lowest_resonance
 from plant import Arm, Record
+from plant.compiler.background import cores
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.labels import joint_labels
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import by_joint
-from plant.simulation.threads import cores
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

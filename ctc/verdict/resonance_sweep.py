@@ -12,12 +12,12 @@ from ctc.verdict.comparison import require_laws
 from ctc.verdict.on_gears import HIGHEST, LOWEST, RIGID, SETTLED, OnGears, arm_of, damping_of, require_followed
 from identification import Identification
 from plant import Arm, Law, Reference, Rig
+from plant.compiler.background import cores
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import array, known_options
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
-from plant.simulation.threads import cores
 
 _POINTS = 79  # resonances of a sweep unless given
 _COLUMNS = 7  # resonances in the table

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from plant import Phase
+from plant.compiler.background import shared_out
 from plant.logs.record import Record
 from plant.machine.rig import smooth_rig
 from plant.mechanics.dynamics import Dynamics
@@ -22,7 +23,6 @@ from plant.simulation.closed_loop import ClosedLoop, bounded
 from plant.simulation.followed_path import Logged, path_of, start_of
 from plant.simulation.loop_kernel import loop_kernel
 from plant.simulation.simulator import injected_beside
-from plant.simulation.threads import shared_out
 
 GROUPS = {"friction": ("drive.viscous", "drive.coulomb"), "gains": ("law.gain",)}
 """What one word stands for among the unknowns."""

@@ -20,9 +20,9 @@ from identification.replay.prediction import Prediction
 from identification.replay.prior_rows import PriorRows
 from identification.replay.timing import without_delay
 from plant import Dynamics, Elasticity, FrictionCurve, Law, Record, Rig
+from plant.compiler.background import cores
 from plant.parts.arguments import instance
 from plant.parts.fields import Floats
-from plant.simulation.threads import cores
 
 _RIGID = 1e5  # locked-rotor resonance of a rigid gear [Hz]
 

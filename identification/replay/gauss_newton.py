@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.least_squares import least_squares
+from plant.compiler.background import cores
 from plant.parts.fields import Floats
 from plant.parts.sums import dot, norm
-from plant.simulation.threads import cores
 
 DEPENDENT = 1e-4
 """An unknown whose slope is independent of the others' by less than this share is not separately identifiable."""

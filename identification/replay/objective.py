@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 from identification.equation_error.naming import of_each
 from identification.replay.experiment import Experiment, as_records
 from plant import Dynamics, Record
+from plant.compiler.background import cores, shared_out
 from plant.machine.motor_inertia import least_inertia_margin
 from plant.parts.arguments import array, known_options, whole
 from plant.parts.fields import Floats
 from plant.simulation.closed_loop import bounded
 from plant.simulation.loop_kernel import LANES
-from plant.simulation.threads import cores, shared_out
 
 _FEW = 2  # joints up to which the inertia of candidates is checked at too few poses to be worth another thread
 

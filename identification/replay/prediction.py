@@ -25,10 +25,10 @@ from identification.replay.followed import Followed, joined
 from identification.replay.gauss_newton import DEPENDENT, noise
 from identification.replay.prior_rows import PriorRows
 from plant import Dynamics, Record
+from plant.compiler.background import cores, shared_out
 from plant.parts.fields import Floats
 from plant.simulation.layout import Correction
 from plant.simulation.loop_kernel import LOGGED
-from plant.simulation.threads import cores, shared_out
 
 _MEMORY = 10  # samples over which the observer forgets, to begin with
 

@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike
 from identification.replay.gauss_newton import variance_inflation
 from identification.replay.prediction import Prediction
 from plant import Dynamics, Elasticity, Record, Rig
+from plant.compiler.background import shared_out
 from plant.parts.fields import Floats
 from plant.parts.sums import dot
-from plant.simulation.threads import shared_out
 
 STIFFNESS, DAMPING = "drive.elasticity.stiffness", "drive.elasticity.damping"
 

@@ -5,8 +5,9 @@ dropped; a compilation is there for the next call.
 """
 
 import contextvars
+import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -41,4 +42,29 @@ def in_background(function: Callable[[], T], *, others: int = 0) -> list[T]:
         pass
     if failures:
         raise failures[0]
+    return results
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def shared_out(function: Callable[[Any], T], items: Sequence[Any], threads: int) -> list[T]:
+    """[function(item) for item in items], by so many threads; what raises, and Ctrl-C, ends them after their item."""
+    results: list[Any] = [None] * len(items)
+    places = list(reversed(range(len(items))))
+
+    def work() -> None:
+        while places:
+            try:
+                i = places.pop()
+            except IndexError:  # another thread took the last one
+                return
+            results[i] = function(items[i])
+
+    try:
+        in_background(work, others=max(min(threads, len(items)) - 1, 0))
+    finally:
+        places.clear()
     return results

@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from plant.parts.arguments import near
-from plant.parts.kinds import PARTS, kind_of
-from plant.parts.meanings import meanings
+from plant.parts.kinds import PARTS, kind_of, meanings
 from plant.parts.part import Part
 from plant.parts.plain import from_plain
 

@@ -6,8 +6,12 @@ file decides what is imported or called.
 
 import dataclasses
 import difflib
+import functools
 import inspect
+import re
 from typing import Any, TypeVar
+
+_HEAD = re.compile(r"^    (\w+(?:, \w+)*) : .*$")
 
 C = TypeVar("C", bound=type)
 
@@ -68,3 +72,19 @@ def source_of(cls: type) -> str:
             f"{cls.__name__} must be written in a file, so that a checkpoint can tell whether it has changed; its text "
             "is not there. Move it to a module."
         ) from None
+
+
+@functools.cache
+def meanings(cls: type) -> dict[str, str]:
+    """Field -> its description, in one line; that of a class itself before those of its bases."""
+    found: dict[str, str] = {}
+    names: list[str] = []
+    for line in "\n".join(base.__doc__ or "" for base in reversed(cls.__mro__)).splitlines():
+        if head := _HEAD.match(line):
+            names = head[1].split(", ")
+            found |= dict.fromkeys(names, "")
+        elif line.startswith("        ") and names:
+            found |= {name: f"{found[name]} {line.strip()}".strip() for name in names}
+        elif line.strip():
+            names = []
+    return found

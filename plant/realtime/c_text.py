@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from plant.compiler.c_statements import literal
 from plant.machine.rig import Rig
 from plant.parts.arguments import array, choice, real
-from plant.parts.meanings import meanings
+from plant.parts.kinds import meanings
 from plant.realtime.c_target import HOST, Target
 from plant.version import __version__
 

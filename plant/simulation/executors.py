@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Any, Self, TypeVar
 
-from plant.simulation.threads import cores
+from plant.compiler.background import cores
 from plant.version import __version__
 
 T = TypeVar("T")

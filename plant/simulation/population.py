@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from plant.compiler.background import shared_out
 from plant.laws.law import Law
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
@@ -29,7 +30,6 @@ from plant.simulation.closed_loop import ClosedLoop, bounded
 from plant.simulation.executors import mapped
 from plant.simulation.followed_path import Path
 from plant.simulation.loop_kernel import LANES, loop_kernel
-from plant.simulation.threads import shared_out
 from plant.simulation.time_tables import time_tables
 
 

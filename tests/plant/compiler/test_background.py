@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plant.compiler.background import in_background
-from plant.simulation.threads import shared_out
+from plant.compiler.background import in_background, shared_out
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
 
