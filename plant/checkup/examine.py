@@ -1,6 +1,5 @@
 """The checkup of a record: what its rig and law state against what its columns show, without a model of the arm."""
 
-import functools
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,7 +9,7 @@ from plant.checkup.advice import tried
 from plant.checkup.counts import counts_findings
 from plant.checkup.finding import Checkup, Finding, unless
 from plant.checkup.lost_rows import MOST, all_bridged, lost_rows, repeats_bridged
-from plant.checkup.oscillation import averaged, oscillation_findings, spectrum
+from plant.checkup.oscillation import oscillation_findings
 from plant.checkup.quantisation import quantisation_findings
 from plant.checkup.rounding import rounding_findings
 from plant.checkup.signals import Signals
@@ -94,70 +93,13 @@ def _backlash(signals, i):
     return Finding.of(name, i, play, unit)
 
 
-_AVERAGED = 9
-"""Neighbouring frequencies whose power is averaged."""
-
-_ABOVE, _PEAK = 8.0, 4.0
-"""Power of an oscillation, in that of the rounding; and in that of the valley on either side."""
-
-_VALLEY = 40
-"""Frequencies on either side, in which that valley is."""
-
-_MARGIN = 1.25
-"""By how much an oscillation must be faster than any of rigid gears."""
-
-_UNTOLD = "identify() tests it, with a model"
-
-
-def gear_findings(signals: Signals) -> Iterator[Finding]:
-    """Yield the findings about compliance and lag, joint by joint."""
-    fastest = _fastest(signals)
-    if fastest is None:
-        yield Finding.unknown("compliance", None, f"no fast proportional law and motor inertia; {_UNTOLD}")
-    else:
-        yield from signals.each(functools.partial(_compliance, fastest=fastest))
-    yield Finding.unknown("lag", None, _UNTOLD)
-
-
-def _fastest(signals):
-    """Frequency [Hz] that no mode of a loop with rigid gears exceeds; None where law or rig do not tell."""
-    inertia = signals.rig.drive.motor_inertia
-    if signals.commanded is None or not signals.long_enough or not (inertia > 0).all():
-        return None
-    error = signals.reference - signals.counts
-    per_pulse = (error * signals.commanded).sum(axis=0) / np.maximum((error**2).sum(axis=0), 1e-300)
-    stiffness = per_pulse * signals.rig.encoder.position_in_pulses(np.ones(signals.n))
-    return float(np.sqrt(max(0.0, (stiffness / inertia).max())) / (2 * np.pi))
-
-
-def _compliance(signals, i, fastest):
-    name, error = "compliance", signals.even((signals.reference - signals.counts)[:, i])
-    frequency, power = spectrum(error, signals.interval)
-    found = averaged(power, _AVERAGED)
-    above = np.flatnonzero(frequency > _MARGIN * fastest)
-    above = above[above > _VALLEY]
-    if len(above) < 4 * _VALLEY:
-        return Finding.unknown(name, i, f"sampled too slowly; {_UNTOLD}")
-    floor = np.median(found[above[len(above) // 2] :])
-    for k in above[np.argsort(-found[above])]:
-        if found[k] < _ABOVE * floor:
-            break
-        highest = found[k - _AVERAGED : k + _AVERAGED + 1].max()
-        valley = max(found[k - _VALLEY : k].min(), found[k : k + _VALLEY].min())
-        if found[k] == highest and found[k] > _PEAK * valley:
-            why = f"On rigid gears nothing in this loop oscillates faster than {fastest:.0f} Hz"
-            reasons = "the gear is elastic, or the motor's inertia is below the stated one"
-            return Finding.of(name, i, frequency[k], "Hz", "look", f"{why}: {reasons}. identify() tests it.")
-    return Finding.unknown(name, i, f"no oscillation above the {fastest:.0f} Hz of rigid gears; {_UNTOLD}")
-
-
 _LEAST = 50
 """Samples with weight, below which only their times are checked."""
 
 
 _PARTS = (
     quantisation_findings, rounding_findings, reference_findings, wiring_findings, unit_findings, torque_findings,
-    gear_findings, oscillation_findings,
+    oscillation_findings,
 )  # fmt: skip
 """Checks of a log whose lost rows are bridged."""
 
