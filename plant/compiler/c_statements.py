@@ -86,11 +86,13 @@ def helpers(body: str) -> str:
     return "".join(text for name, text in _HELPERS.items() if re.search(rf"\b{name}\(", body))
 
 
-def statements(function: ca.Function, inputs: list[list[tuple[str, int]]]) -> tuple[list[str], list[str], set[str]]:
-    """What an SX Function does, in C: declarations, expressions of results, and the inputs that occur.
+def statements(
+    function: ca.Function, inputs: list[list[tuple[str, int]]]
+) -> tuple[dict[int, list[str]], list[str], set[str]]:
+    """What an SX Function does, in C: declarations by their kind, expressions of results, and the inputs that occur.
 
-    For each component of each input, `inputs` holds the C expression that reads it and its kind: UNIFORM, TIME and
-    STATE are declared in this order. The results are those of all outputs, joined.
+    For each component of each input, `inputs` holds the C expression that reads it and its kind. The declarations of
+    UNIFORM, TIME and STATE stand in this order; the results are those of all outputs, joined.
     """
     nodes, outputs = rewritten(*single_assignment(function, inputs), relaxed=False)
     order = needed(nodes, outputs)
@@ -122,4 +124,4 @@ def statements(function: ca.Function, inputs: list[list[tuple[str, int]]]) -> tu
             name = f"{'krx'[(UNIFORM, TIME, STATE).index(kind)]}{len(lines[kind]) + 1}"
             lines[kind].append(f"const double {name} = {text[index]};")
             text[index], strength[index] = name, _WHOLE
-    return [line for kind in lines.values() for line in kind], [text[index] for index in outputs], used
+    return lines, [text[index] for index in outputs], used

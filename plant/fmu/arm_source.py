@@ -70,7 +70,8 @@ def _body(function: ca.Function, inputs: list[list[tuple[str, int]]], targets: d
     """Statements that write the results, joined, into arrays; all are read before one is written."""
     lines, values, _ = statements(function, inputs)
     listed = "".join(f"    {value},\n" for value in values)
-    body = [*lines, f"const double results[{len(values)}] = {{\n{listed}}};"]
+    body = [*lines[UNIFORM], *lines[TIME], *lines[STATE]]
+    body.append(f"const double results[{len(values)}] = {{\n{listed}}};")
     first = 0
     for name, places in targets.items():
         count = 1 if places is None else len(places)

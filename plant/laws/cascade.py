@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from plant.laws.law import Law, Setpoint, Step
 from plant.laws.terms import difference, filtered_difference, integrated, no_reading
 from plant.machine.rig import Rig
-from plant.parts.arguments import optional_period, signs, whole
+from plant.parts.arguments import optional_period, signs
 from plant.parts.fields import Vector
 from plant.parts.part import number, part, structure
 
@@ -59,7 +59,8 @@ class Cascade(Law):
         super().__post_init__()
         signs(self, positive=("speed",), not_negative=("position", "integral"))
         optional_period(self)
-        whole("difference", self.difference, "Give samples, 1 or more.", least=0)
+        if isinstance(self.difference, bool) or not isinstance(self.difference, int) or self.difference < 0:
+            raise ValueError(f"difference must be a number of samples; got {self.difference!r}. Give 1 or more.")
         if (self.filter is None) == (not self.difference):
             raise ValueError(
                 f"one of filter and difference must be given; got {self.filter} and {self.difference}. Give the pole "

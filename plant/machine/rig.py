@@ -11,7 +11,7 @@ from plant.machine.encoder import Encoder
 from plant.machine.friction_step import DRY_FRICTION
 from plant.machine.known_torque import KnownTorque, require_torques, total_torque
 from plant.mechanics.chain import Chain
-from plant.parts.arguments import per_joint, real, signs, whole
+from plant.parts.arguments import per_joint, real, signs
 from plant.parts.fields import ArrayOrSymbols
 from plant.parts.labels import joint_labels
 from plant.parts.part import Part, number, part, structure
@@ -55,9 +55,11 @@ class Jitter(Part):
         super().__post_init__()
         if not 0 <= self.share <= 0.5:
             raise ValueError(f"share must be from 0 to 0.5 of the period; got {self.share:g}. Instants stay apart so.")
+        if isinstance(self.seed, bool) or not isinstance(self.seed, (int, np.integer)) or self.seed < 0:
+            raise ValueError(f"seed must be a whole number, 0 or more; got {self.seed!r:.60}. Give one, such as 0.")
         if self.stream < 0 or self.stream % 1:
             raise ValueError(f"stream must be a whole number, 0 or more; got {self.stream:g}. One loop needs none.")
-        object.__setattr__(self, "seed", whole("seed", self.seed, "Give one, such as 0.", least=0))
+        object.__setattr__(self, "seed", int(self.seed))
 
     def draws(self, steps: int) -> NDArray[np.float64]:
         """One draw (steps,) from 0 to 1 for each step of the law."""

@@ -15,7 +15,7 @@ from typing import Any
 import casadi as ca
 
 from plant.compiler.c_statements import helpers, literal, statements
-from plant.compiler.instructions import STATE
+from plant.compiler.instructions import STATE, UNIFORM
 from plant.compiler.python_to_c import CFunction, CNames
 from plant.machine.rig import Rig
 from plant.realtime import memory as layout
@@ -137,7 +137,7 @@ def _piece(name: str, function: Any, sources: Any, targets: Any) -> str:
     lines, values, _ = statements(function, inputs)
     places = [place for each in targets for place in each]
     listed = "".join(f"    {value},\n" for value in values)
-    body = [*lines, f"const double results[{len(values)}] = {{\n{listed}}};"]
+    body = [*lines[UNIFORM], *lines[STATE], f"const double results[{len(values)}] = {{\n{listed}}};"]
     body += [f"memory[{place}] = results[{i}];" for i, place in enumerate(places)]
     inner = textwrap.indent("\n".join(body), "    ")
     return f"static void {PREFIX}{name}(double *memory)\n{{\n{inner}\n}}\n"
@@ -155,7 +155,7 @@ def _giving(output: Output, law: Any, rig: Rig, block: Any) -> str:
         [f"counts_per_ampere[{i}]" for i in range(n)],
     )
     lines, values, used = statements(function, [[(text, STATE) for text in texts] for texts in sources])
-    body = [*([] if any("memory" in text for text in used) else ["(void)memory;"]), *lines]
+    body = [*([] if any("memory" in text for text in used) else ["(void)memory;"]), *lines[UNIFORM], *lines[STATE]]
     body += [f"given[{i}] = ({output.kind})({value});" for i, value in enumerate(values)]
     inner = textwrap.indent("\n".join(body), "    ")
     head = f"static void {PREFIX}give(const double *memory, const double *torque, {output.kind} *given)"

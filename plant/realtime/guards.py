@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from plant.machine.rig import Rig
 from plant.mechanics.link import Limits
-from plant.parts.arguments import array, choice, instance, known_options, real, whole
+from plant.parts.arguments import array, choice, instance, known_options, real
 from plant.parts.user_warning import warn
 
 WINDOW = 0.1
@@ -147,7 +147,8 @@ class Guards:
             given = array(name, np.inf if value is None else value, np.shape(value)[:1], finite=False, advice=advice)
             if not ((given > 0) & ((given <= 1) | (given == np.inf))).all():
                 raise ValueError(f"{name} must be above 0 and at most 1; got {value}. {advice}")
-        whole("patience", self.patience, "Give samples; try 3.", least=0)
+        if isinstance(self.patience, bool) or not isinstance(self.patience, (int, np.integer)) or self.patience < 0:
+            raise ValueError(f"patience must be a whole number of samples, 0 or more; got {self.patience!r}. Try 3.")
         if np.ndim(self.late):
             raise ValueError(f"late must be one number; got {self.late}. Give a share of the period.")
         choice("stop", self.stop, STOPS)

@@ -12,7 +12,7 @@ from xml.sax.saxutils import escape
 import casadi as ca
 
 from plant.compiler.c_statements import helpers, statements
-from plant.compiler.instructions import STATE
+from plant.compiler.instructions import STATE, TIME, UNIFORM
 from plant.laws.law import Law
 from plant.machine.rig import Rig
 from plant.parts.arguments import instance, known_options
@@ -152,5 +152,6 @@ def _function(name: str, inputs: list[tuple[str, ca.SX]], output: str, value: ca
     function = ca.Function(name, [symbol for _, symbol in inputs], [ca.densify(ca.cse(value))])
     lines, values, _ = statements(function, sources)
     taken = ", ".join(f"double {each}" if each in scalar else f"const double * {each}" for each, _ in inputs)
-    body = [*lines, *(f"{output}[{i}] = {text};" for i, text in enumerate(values))]
+    body = [*lines[UNIFORM], *lines[TIME], *lines[STATE]]
+    body += [f"{output}[{i}] = {text};" for i, text in enumerate(values)]
     return f"void {name}({taken}, double * {output})\n{{\n" + "".join(f"  {line}\n" for line in body) + "}\n"
