@@ -18,9 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from plant.machine.rig import Rig
 from plant.parts.arguments import known_options
 from plant.parts.part import Part, declared
-from plant.realtime.c_running import write_running
-from plant.realtime.c_text import rig_of
-from plant.realtime.guards import Guards, checked
+from plant.realtime.c_export import write_c
+from plant.realtime.guards import Guards
 from plant.realtime.running import Running
 
 Step = tuple[ca.SX, ca.SX]  # torque that a law commands, and the state that follows
@@ -202,7 +201,8 @@ class Law(Part, abc.ABC):
             Of that converter, signed as it is wired; the output is rounded to whole counts, within +- `largest_count`.
         largest_count : int
         guards : Guards or None
-            The C is that of ``start(rig, pulses, guards=guards)``, with every guard and stop.
+            The C is that of ``start(rig, pulses, guards=guards)``, with every guard and stop. None, and laws without a
+            period, for the equations alone, each number under its name.
         without : sequence of str
             What the firmware adds; as `start`.
 
@@ -211,9 +211,8 @@ class Law(Part, abc.ABC):
         ValueError
             No rig; names that C could not have; a converter that ends below the amplifier's limit; files of others.
         """
-        rig = rig_of(self, rig, "to_c(folder, rig)")
-        write_running(self, rig, checked(guards, rig), folder, name, without,
-                      output=output, counts_per_ampere=counts_per_ampere, largest_count=largest_count)  # fmt: skip
+        write_c(self, folder, rig, guards, name, without,
+                output=output, counts_per_ampere=counts_per_ampere, largest_count=largest_count)  # fmt: skip
 
     def block(self, rig: Rig) -> Block:
         """This law as a symbolic step for a rig."""

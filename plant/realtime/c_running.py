@@ -103,7 +103,7 @@ def write_running(
     require_name(name)
     given = Output.of(law, rig, **output)
     place = Target.of(target, precision, rig, given.largest)
-    write_files(folder, name, values_of(law, rig, guards, name, given, without, place), place)
+    write_files(folder, name, "running", values_of(law, rig, guards, name, given, without, place), place)
 
 
 def values_of(

@@ -1,4 +1,7 @@
-"""What the exports to C share: files from templates (`plant/realtime/c`), their output, comments, and constants."""
+"""What the two exports to C share: files from templates (`plant/realtime/c`), their output, comments, and constants.
+
+The numbers of a law and its rig are declared each under its description from the class's docstring.
+"""
 
 import re
 import textwrap
@@ -13,7 +16,8 @@ from numpy.typing import NDArray
 
 from plant.compiler.c_statements import literal
 from plant.machine.rig import Rig
-from plant.parts.arguments import array, choice, instance, real
+from plant.parts.arguments import array, choice, real
+from plant.parts.kinds import meanings
 from plant.realtime.c_target import HOST, Target
 from plant.version import __version__
 
@@ -24,9 +28,9 @@ SIDES = """Counts are those of the motors' encoders, with their sign; reference 
 Compile without -ffast-math, which would leave NaN unseen."""
 
 
-def write_files(folder: str | Path, name: str, values: Mapping[str, Any], target: Target = HOST) -> None:
-    """Write header and source of a controller, a program that replays a record, and how to make it."""
-    templates = {f"{name}.h": "running.h", f"{name}.c": "running.c"}
+def write_files(folder: str | Path, name: str, kind: str, values: Mapping[str, Any], target: Target = HOST) -> None:
+    """Write header and source of a `kind` ("law" or "running"), a program that replays a record, and how to make it."""
+    templates = {f"{name}.h": f"{kind}.h", f"{name}.c": f"{kind}.c"}
     templates |= {file: file for file in ("main.c", "Makefile", "CMakeLists.txt")} | target.files
     write_templates(folder, name, {file: _TEMPLATES / of for file, of in templates.items()}, values, target)
 
@@ -136,14 +140,6 @@ def left_to_firmware(without: Collection[str]) -> str:
     return f"The torque is without {', '.join(without)}: the firmware adds that. " if without else ""
 
 
-def rig_of(law: Any, rig: Rig | None, call: str) -> Rig:
-    """The rig of an export, by default the one that the law holds."""
-    rig = getattr(law, "rig", None) if rig is None else rig
-    if rig is None:
-        raise ValueError(f"rig must be given, since {type(law).__name__} holds none. Call {call}.")
-    return instance("rig", rig, Rig, "Pass found.rig.")
-
-
 def require_counts(rig: Rig) -> None:
     """Refuse an encoder that does not count."""
     if rig.encoder.smooth:
@@ -151,6 +147,22 @@ def require_counts(rig: Rig) -> None:
 
 
 # -- text ----------------------------------------------------------------------------------------------------------
+def declared(name: str, kind: str, values: Collection[str]) -> str:
+    """Declaration of an array of expressions, of kind double or int32_t."""
+    values = [f"(int32_t)({value})" for value in values] if kind == "int32_t" else values
+    return f"const {kind} {name}[{len(values)}] = {{\n" + "".join(f"    {value},\n" for value in values) + "};"
+
+
+def each(count: int, statement: str) -> str:
+    """A statement for every i below a count."""
+    return f"    for (int i = 0; i < {count}; i++)\n        {statement}\n" if count else ""
+
+
+def identifier(name: str) -> str:
+    """A number's name as C writes it: ``drive.gear[0]`` is ``drive_gear[0]``, ``springs[1].at`` is ``springs_1_at``."""
+    return re.sub(r"\[(\d+)\]\.", r"_\1_", name).replace(".", "_")
+
+
 def comment(text: str, width: int = 116) -> str:
     """A C comment of one or more lines, without what could end it or is not ASCII."""
     text = re.sub(r"[^\w\s()\[\]{}+\-^.,:;=*<>'/|%]", " ", text, flags=re.ASCII)
@@ -176,3 +188,21 @@ def constant(name: str, values: Any, said: str) -> str:
     if np.ndim(values):
         return f"{comment(said)}\nstatic const double {name}[{len(values)}] = {braced(values)};\n"
     return f"{comment(said)}\nstatic const double {name} = {literal(values)};\n"
+
+
+def constants(law: Any, rig: Rig, used: Collection[str]) -> str:
+    """Declarations of the numbers whose expressions are in `used`, in the order of `Law.block`."""
+    text = []
+    for name, owner, field, value in (*law._leaves("law."), *rig._leaves()):
+        name = identifier(name)
+        if name in used or any(each.startswith(f"{name}[") for each in used):
+            text.append(constant(name, value, _said(owner, field.name)))
+    return "\n".join(text)
+
+
+def _said(owner: Any, field: str) -> str:
+    """Description of a field from the docstring of a part, or of a base class; of f with its parameters' names."""
+    cls: type = type(owner)
+    said = meanings(cls).get(field) or f"{field} of {cls.__name__}"
+    names = getattr(getattr(owner, "dynamics", None), "names", None)
+    return f"{said} {', '.join(names)}" if names and field == "f" else said

@@ -216,10 +216,3 @@ class Guards:
             return default
         value = np.full(len(default), value) if np.ndim(value) == 0 else value
         return array(name, value, default.shape, finite=False, advice="Give one number, or one per joint.")
-
-
-def checked(guards: Guards | None, rig: Rig) -> Guards | None:
-    """The guards of a controller, or None; anything else is refused, limits that stop no arm on this rig warn."""
-    if guards is not None:
-        instance("guards", guards, Guards, "Give Guards(...), or None for none.").warn_of_units(rig)
-    return guards

@@ -14,7 +14,7 @@ from plant.parts.arguments import array, choice, instance
 from plant.realtime import memory as layout
 from plant.realtime.c_running import write_running
 from plant.realtime.compiled_step import compensates_gravity, compiled
-from plant.realtime.guards import Guards, checked
+from plant.realtime.guards import Guards
 from plant.realtime.pieces import row
 from plant.realtime.status import Status, clock, numbers
 from plant.realtime.watching import FAR
@@ -68,7 +68,8 @@ class Running:
         torque_limit: ArrayLike | None = None, without: Sequence[str] = (),
     ) -> None:  # fmt: skip
         instance("rig", rig, Rig, "Pass found.rig.")
-        checked(guards, rig)
+        if guards is not None:
+            instance("guards", guards, Guards, "Give Guards(...), or None for none.").warn_of_units(rig)
         if torque_limit is not None:
             advice = "Give one torque above 0 per joint [N m]."
             limit = array("torque_limit", torque_limit, (rig.n,), advice=advice, finite=False)

@@ -17,7 +17,7 @@ from plant.laws.law import Law
 from plant.machine.rig import Rig
 from plant.parts.arguments import instance, known_options
 from plant.realtime.c_running import values_of
-from plant.realtime.c_text import RUNNING, Output, paragraph, require_counts, require_name, rig_of, write_templates
+from plant.realtime.c_text import RUNNING, Output, paragraph, require_counts, require_name, write_templates
 from plant.realtime.guards import Guards
 
 _TEMPLATES = Path(__file__).with_name("templates")
@@ -78,7 +78,11 @@ def to_ros2_control(
     True
     """
     instance("law", law, Law, "Pass a control law, such as ComputedTorque(found).")
-    rig, kind = rig_of(law, rig, "to_ros2_control(law, folder, rig)"), type(law).__name__
+    rig = getattr(law, "rig", None) if rig is None else rig
+    kind = type(law).__name__
+    if rig is None:
+        raise ValueError(f"rig must be given, since {kind} holds none. Call to_ros2_control(law, folder, rig).")
+    instance("rig", rig, Rig, "Pass found.rig.")
     instance("guards", guards, Guards, "Give Guards(...).").warn_of_units(rig)
     if law.replays:
         raise ValueError(f"a law at work must be a controller; {kind} repeats a log. Use another.")

@@ -4,7 +4,7 @@
 
 Every law is exported, compiled by its Makefile, fed the pulses of a simulated trajectory (6), and compared with the
 torque that the simulation logged; then the same program times itself, over whole records, seven times. Last, one
-with all guards.
+with all guards of the running controller.
 """
 
 import subprocess

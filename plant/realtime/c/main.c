@@ -48,6 +48,7 @@ static int parsed(const char *text, row *to)
     return end[strspn(end, " \t\r\n")] == '\0';
 }
 
+#ifdef ${NAME}_GUARDED
 static void begin(${name}_state *self, const row *first)
 {
     ${name}_init(self, first->pulses);
@@ -62,6 +63,24 @@ static int stopped(const ${name}_state *self)
 {
     return ${name}_stopped(self);
 }
+#else
+static void begin(${name}_state *self, const row *first)
+{
+    (void)first;
+    ${name}_init(self);
+}
+
+static int step(${name}_state *self, const row *now, $type $output[$n])
+{
+    return ${name}_step(self, now->pulses, now->motion[0], now->motion[1], now->motion[2], $output);
+}
+
+static int stopped(const ${name}_state *self)
+{
+    (void)self;
+    return 0;
+}
+#endif
 
 /* All rows of a file; NULL, with a message, if it has none or one that is wrong. */
 static row *rows_of(const char *path, size_t *count)

@@ -12,6 +12,7 @@ $about
 extern "C" {
 #endif
 
+#define ${NAME}_GUARDED 1 /* the running controller: it reads a clock, and stops the arm */
 #define ${NAME}_JOINTS $n
 #define ${NAME}_PERIOD $period /* [s], from one call of ${name}_step to the next */
 

@@ -11,7 +11,6 @@ import pytest
 from ctc import ComputedTorque, ComputedTorqueIntegral, ComputedTorquePID
 from ctc.payload.payload_law import PayloadLaw
 from plant import PD, Body, JointSpring, SteppedArm, puma560
-from plant.realtime.memory import ROWS, SCALARS
 from plant.simulation.simulator import run
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
@@ -142,13 +141,13 @@ def test_its_c_swaps_likewise(tmp_path):
     subprocess.run([str(part) for part in command], check=True)  # noqa: S603 - the compiler of this machine
     library = ctypes.CDLL(str(tmp_path / "stage.so"))
     states, where = len(law.initial_state(2)), law.places(2)
-    memory = (ctypes.c_double * 8192)()
-    offset = SCALARS + ROWS * 2 + states
+    memory = (ctypes.c_double * (2 + states + 64))()
+    library.stage_init(memory)
+    offset = next(i for i in range(64) if list(memory[i : i + states]) == law.initial_state(2).tolist() and i >= 2)
     motion = PATH(np.arange(600) * RIG.period)
     stepped = SteppedArm(ARM, RIG, motion.q[0], motion.qd[0])
     running, pulses = law.start(RIG, stepped.pulses, guards=None), stepped.pulses
     vector, counts, out = ctypes.c_double * 2, ctypes.c_int32 * 2, (ctypes.c_double * 2)()
-    library.stage_init(memory, counts(*map(int, pulses)))
     for k in range(600):
         if k == 300:
             for i, value in zip(where["wanted"], 3.0 * ONE, strict=True):
@@ -156,7 +155,6 @@ def test_its_c_swaps_likewise(tmp_path):
                 state_of(running, law)[i] = value
         state = [x[k] for x in motion]
         torque = running.step(pulses, *state)
-        given = counts(*map(int, pulses)), *(vector(*x) for x in state), ctypes.c_double(np.nan)
-        assert library.stage_step(memory, *given, out) == 0
+        assert library.stage_step(memory, counts(*map(int, pulses)), *(vector(*x) for x in state), out) == 0
         np.testing.assert_allclose(list(out), torque, rtol=1e-9, atol=1e-7)
         pulses = stepped.step(torque)

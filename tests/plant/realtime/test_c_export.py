@@ -87,10 +87,11 @@ def replayed(program, record):
 @needs_c
 @pytest.mark.parametrize("name", LAWS)
 def test_the_same_pulses_give_the_torque_of_the_simulation(tmp_path, name):
-    """All of (6), to 1e-11 of the largest torque: some thousand roundings, which learnt friction carries along."""
+    """All of (6), to 1e-12 of the largest torque: some thousand roundings, which the observer's gains amplify."""
     record = simulated(name)
     torque = replayed(built(tmp_path, LAWS[name]), record)
-    np.testing.assert_allclose(torque, record.torque, rtol=0, atol=1e-11 * np.abs(record.torque).max())
+    off = 1e-11 if name == "elastic gears" else 1e-12  # links that swing on their gears sum rounding up
+    np.testing.assert_allclose(torque, record.torque, rtol=0, atol=off * np.abs(record.torque).max())
 
 
 @needs_c
@@ -204,17 +205,13 @@ class Controller:
     """One instance in C, as a program in C would have it."""
 
     def __init__(self, library):
-        self.library, self.memory = library, ctypes.create_string_buffer(8192)
-        self.begin()
-
-    def begin(self):
-        self.library.controller_init(self.memory, (ctypes.c_int32 * 2)(3, -2))
+        self.library, self.memory = library, ctypes.create_string_buffer(4096)
+        library.controller_init(self.memory)
 
     def step(self, pulses, q, qd, qdd):
         torque = (ctypes.c_double * 2)()
         motion = [(ctypes.c_double * 2)(*each) for each in (q, qd, qdd)]
-        given = (ctypes.c_int32 * 2)(*pulses), *motion, ctypes.c_double(np.nan), torque
-        refused = self.library.controller_step(self.memory, *given)
+        refused = self.library.controller_step(self.memory, (ctypes.c_int32 * 2)(*pulses), *motion, torque)
         return refused, list(torque)
 
 
@@ -226,7 +223,7 @@ def test_two_controllers_do_not_share_state(tmp_path):
     first = one.step((3, -3), *on_it)
     assert one.step((3, -3), *on_it) != first  # there is a state
     assert other.step((3, -3), *on_it) == first
-    one.begin()
+    c.controller_init(one.memory)
     assert one.step((3, -3), *on_it) == first
 
 
@@ -242,7 +239,7 @@ def test_a_reference_that_is_no_number_changes_nothing(tmp_path, bad):
         motion = [list(each) for each in good]
         motion[place][1] = bad
         memory = bytes(one.memory)
-        assert one.step((3, -2), *motion) == (2, [0.0, 0.0])
+        assert one.step((3, -2), *motion) == (1, before[1])
         assert bytes(one.memory) == memory
     assert one.step((4, -2), *good) == other.step((4, -2), *good)
 
@@ -254,9 +251,26 @@ def test_the_object_needs_only_mathematics_and_has_no_memory_of_its_own(tmp_path
     built(tmp_path, LAWS["measured and delayed"])
     symbols = [line.split()[-2:] for line in run("nm", tmp_path / "controller.o").stdout.splitlines()]
     needed = {name.split("@")[0].lstrip("_") for kind, name in symbols if kind == "U"}
-    known = {"sin", "cos", "sincos", "exp", "sqrt", "trunc", "floor", "ceil", "GLOBAL_OFFSET_TABLE_"}
+    known = {"sin", "cos", "sincos", "sqrt", "trunc", "floor", "GLOBAL_OFFSET_TABLE_"}
     assert needed <= known
     assert not [name for kind, name in symbols if kind in "bBdDC"]
+
+
+@needs_c
+def test_every_number_of_the_controller_has_a_name_and_a_comment(tmp_path):
+    f = ARM.f.copy()
+    f[6] += 1 / 3
+    ComputedTorque(puma560.dynamics().arm(f), RIG, bandwidth=123.456).to_c(tmp_path, guards=None)
+    source = (tmp_path / "controller.c").read_text()
+    assert repr(float(f[6])) in source
+    assert "Of the regulator [rad/s]" in source
+    assert "static const double law_bandwidth = 123.456;" in source
+    assert len(re.findall(r"^/\* .*?\*/\nstatic const double", source, re.M | re.S)) == len(
+        re.findall(r"^static const double", source, re.M)
+    )
+    header = (tmp_path / "controller.h").read_text()
+    assert "#define CONTROLLER_PERIOD 0.0007" in header
+    assert "ComputedTorque" in header
 
 
 # -- the program that replays a record ------------------------------------------------------------------------------
@@ -361,7 +375,7 @@ int main(void)
     controller_state *self = malloc(sizeof *self);
     double torque[CONTROLLER_JOINTS] = {0.0}, limit = 1e9;
     long refused = 0, bad = 0;
-    controller_init(self, counts);
+    controller_init(self);
     for (long k = 0; k < 60000; ++k) {
         double q[CONTROLLER_JOINTS], qd[CONTROLLER_JOINTS], qdd[CONTROLLER_JOINTS];
         int32_t pulses[CONTROLLER_JOINTS];
@@ -377,13 +391,13 @@ int main(void)
                 pulses[j] = counts[rand() % numbers];
             }
         }
-        const int gave = controller_step(self, pulses, q, qd, qdd, NAN, torque);
-        refused += gave != 0;
+        const int gave = controller_step(self, pulses, q, qd, qdd, torque);
+        refused += gave == 1;
         for (int j = 0; j < CONTROLLER_JOINTS; ++j) {
             bad += !(fabs(torque[j]) < limit);
         }
         if (k % 2000 == 1999) {
-            controller_init(self, counts);
+            controller_init(self);
         }
     }
     free(self);

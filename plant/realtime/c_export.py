@@ -1,0 +1,141 @@
+"""C99 code of a law for an embedded controller: header, source, a program that replays a record, and a Makefile.
+
+The equations are those of `Law.block`, of the rig's encoder and of its amplifier's limit; here they are put into files.
+With guards, the C is that of the running controller (`plant.realtime.c_running`). The C needs the standard library
+alone, allocates nothing and has no global state.
+"""
+
+import dataclasses
+import inspect
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+
+from plant.compiler.c_statements import helpers, literal, statements
+from plant.compiler.instructions import STATE, TIME, UNIFORM
+from plant.machine.rig import Rig
+from plant.parts.arguments import instance
+from plant.realtime.c_running import write_running
+from plant.realtime.c_target import HOST
+from plant.realtime.c_text import (
+    SIDES,
+    Output,
+    braced,
+    constant,
+    constants,
+    declared,
+    each,
+    identifier,
+    left_to_firmware,
+    paragraph,
+    require_counts,
+    require_name,
+    write_files,
+)
+from plant.realtime.guards import Guards
+from plant.realtime.pieces import model_part
+
+_SECTIONS = {
+    UNIFORM: "from the numbers alone: evaluated by the compiler",
+    TIME: "from the reference alone",
+    STATE: "from counts and state",
+}
+
+
+def write_c(law: Any, folder: str | Path, rig: Rig | None, guards: Guards | None, name: str,
+            without: Sequence[str] = (), **output: Any) -> None:  # fmt: skip
+    """Write the files of `Law.to_c`."""
+    rig = getattr(law, "rig", None) if rig is None else rig
+    if rig is None:
+        raise ValueError(f"rig must be given, since {type(law).__name__} holds none. Call to_c(folder, rig).")
+    instance("rig", rig, Rig, "Pass found.rig.")
+    if guards is not None:
+        instance("guards", guards, Guards, "Give Guards(...), or None for none.").warn_of_units(rig)
+        if law.period is not None:
+            write_running(law, rig, guards, folder, name, without, **output)
+            return
+    require_counts(rig)
+    require_name(name)
+    values = _values(law, rig, Output.of(law, rig, **output), without)
+    write_files(folder, name, "law", HOST.values | values)
+
+
+def _values(law, rig, output, without):
+    """What the templates say of a law alone."""
+    block, n = law.block(rig), rig.n
+    period, states = block.period or rig.period, len(block.initial)
+    kept = "counts" if output.scale is not None else "given" if without else "torque"
+    more = n if kept != "torque" else 0
+    function, inputs = _step(law, block, rig, output, without)
+    lines, results, used = statements(function, inputs)
+    arrays, results = [], iter(results)
+    for quantity, kind, size in (("asked", "double", n), ("torque_now", "double", n), ("following", "double", states),
+                                 (f"{kept}_now", output.kind, more)):  # fmt: skip
+        arrays += [declared(quantity, kind, [next(results) for _ in range(size)])] if size else []
+    blocks = [f"/* {said} */\n" + "\n".join(lines[kind]) for kind, said in _SECTIONS.items() if lines[kind]]
+    unread = [x for x in ("pulses", "q_r", "qd_r", "qdd_r") if not any(f"{x}[" in name for name in used)]
+    unread = [" ".join(f"(void){x};" for x in unread)] if unread else []
+    body = "\n\n".join([*blocks, "\n".join(arrays), *unread])
+    timing = constant("period", period, "From one step to the next [s].") if "period" in used else ""
+    memory = (("torque", n, "0.0", "torque_now"), (kept, more, "0", f"{kept}_now"),
+              ("state", states, "state[i]", "following"))  # fmt: skip
+    stores = "".join(each(size, f"self->{name}[i] = {now}[i];") for name, size, _, now in memory)
+    start = f"static const double state[{states}] = {braced(block.initial)};\n"
+    return output.values | {
+        "n": n,
+        "period": literal(period),
+        "about": _about(law, rig, block, without),
+        "kept": kept,
+        "state": (f"    {output.kind} {kept}[{n}]; /* what it gave last */\n" if more else "")
+        + (f"    double state[{states}]; /* of the law */\n" if states else ""),
+        "numbers": "\n".join(text for text in (constants(law, rig, used), timing, output.constant) if text),
+        "helpers": helpers(body),
+        "start": textwrap.indent(start, "    ") if states else "",
+        "initial": "".join(each(size, f"self->{name}[i] = {begun};") for name, size, begun, _ in memory),
+        "body": textwrap.indent(body, "    "),
+        "check": each(states, "sound = sound && isfinite(following[i]);"),
+        "store": textwrap.indent(stores, "    "),
+    }
+
+
+def _step(law, block, rig, output, without):
+    """One step as a Function of (state, torque, q_r, qd_r, qdd_r, pulses, numbers, dt, scale), and C for its inputs."""
+    n, own = rig.n, len(rig.number_values())
+    sizes = {"state": len(block.initial), "torque": n, "q_r": n, "qd_r": n, "qdd_r": n, "pulses": n,
+             "numbers": len(block.names), "dt": 1, "scale": n}  # fmt: skip
+    symbols = [ca.SX.sym(name, size) for name, size in sizes.items()]
+    state, torque, q, qd, qdd, pulses, numbers, dt, factor = symbols
+    named = rig.with_numbers(numbers[len(block.names) - own :])
+    asked, following = block.step(state, q, qd, qdd, named.counts(q), pulses, torque, dt, numbers)
+    limited = named.drive.limited(asked)
+    own_law = law.with_numbers(numbers[: len(block.names) - own])
+    given = limited - model_part(own_law, named, without, (named.cell_centre(pulses), qd, qdd))
+    results = [asked, limited, following]
+    if output.scale is not None or without:
+        results.append(output.converted(factor, named, given))
+    function = ca.Function("step", symbols, ca.cse([ca.densify(result) for result in results]))
+    inputs = [
+        [(f"self->state[{i}]", STATE) for i in range(len(block.initial))],
+        [(f"self->torque[{i}]", STATE) for i in range(n)],
+        *([(f"{x}[{i}]", TIME) for i in range(n)] for x in ("q_r", "qd_r", "qdd_r")),
+        [(f"(double)pulses[{i}]", STATE) for i in range(n)],
+        [(identifier(number), UNIFORM) for number in block.names],
+        [("period", UNIFORM)],
+        [(f"counts_per_ampere[{i}]", UNIFORM) for i in range(n)],
+    ]
+    return function, inputs
+
+
+def _about(law, rig, block, without):
+    """Text of the header: the law, its options, sides and units, and how often it is to be called."""
+    options = {field.name: getattr(law, field.name) for field in dataclasses.fields(law)}
+    flags = ", ".join(f"{key} = {value}" for key, value in options.items() if isinstance(value, (bool, int, str)))
+    summary = inspect.cleandoc(type(law).__doc__ or "").split("\n\n")[0]
+    called = f"Once every {block.period or rig.period:.9g} s."
+    if not law.has_memory(rig.n):
+        called = "A law without memory, for fast hardware: as often as possible, at least once per period."
+    said = f"{type(law).__name__}{f' ({flags})' if flags else ''}: {summary}"
+    return "\n *\n".join(map(paragraph, (said, f"{called} {left_to_firmware(without)}{SIDES}")))
