@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.equation_error.clustered import at_least
+from identification.equation_error.least_squares import at_least
 from identification.preparation import prepare, with_gears
 from identification.replay.experiment import with_zeros
 from identification.replay.objective import Objective

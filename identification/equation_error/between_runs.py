@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.clustered import at_least, group_std, run_moves, run_std, wider
+from identification.equation_error.least_squares import at_least, group_std, run_moves, run_std, wider
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from identification.equation_error.band_choice import FitTrial
 from identification.equation_error.between_runs import BetweenRuns, between_runs
-from identification.equation_error.clustered import SEGMENTS, at_least, group_std
 from identification.equation_error.friction_trial import FrictionTrial
-from identification.equation_error.least_squares import least_squares
+from identification.equation_error.least_squares import SEGMENTS, at_least, group_std, least_squares
 from identification.equation_error.naming import short_names
 from identification.equation_error.regressor import Places, System
 from plant import Dynamics

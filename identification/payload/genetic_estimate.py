@@ -14,9 +14,8 @@ import functools
 import casadi as ca
 import numpy as np
 
-from identification.payload.posterior import PayloadEstimate, judged
-from identification.payload.shape import LoadShape
-from identification.payload.torque_window import Smoothing, Window
+from identification.payload.kernel_estimate import Smoothing, Window
+from identification.payload.posterior import LoadShape, PayloadEstimate, judged
 from identification.search.genetic import GeneticSettings, minimize_genetic
 from plant import Arm, LoggedTorque, Rig
 from plant.machine.rig import smooth_rig

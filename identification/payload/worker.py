@@ -18,10 +18,8 @@ from typing import Any
 import numpy as np
 
 from identification.payload.genetic_estimate import GeneticEstimator
-from identification.payload.kernel_estimate import KernelEstimator
-from identification.payload.posterior import PayloadEstimate
-from identification.payload.shape import LoadShape
-from identification.payload.torque_window import Window
+from identification.payload.kernel_estimate import KernelEstimator, Window
+from identification.payload.posterior import LoadShape, PayloadEstimate
 from plant import Arm, Rig
 from plant.parts.fields import Floats
 

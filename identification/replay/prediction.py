@@ -19,11 +19,10 @@ import numpy as np
 
 from identification.equation_error.law_memory import Memory, Resumption
 from identification.equation_error.naming import of_each, record_label
-from identification.equation_error.prior import Prior
+from identification.equation_error.prior import Prior, PriorRows
 from identification.replay.experiment import as_records
 from identification.replay.followed import Followed, joined
 from identification.replay.gauss_newton import DEPENDENT, noise
-from identification.replay.prior_rows import PriorRows
 from plant import Dynamics, Record
 from plant.compiler.background import cores, shared_out
 from plant.parts.fields import Floats
