@@ -39,8 +39,6 @@ def require_informative(record: Record, labels: Sequence[str], *, prior: bool = 
     """Refuse a log that is too short for the loop's mode, or in which a motor hardly moves or mostly saturates.
 
     With a prior, some motors may stand still.
-
-    Raises a ValueError: with the joint, by these labels.
     """
     moved = np.ptp(record.counts, axis=0)
     if (moved < LEAST_PULSES).any() and not (prior and moved.max() >= LEAST_PULSES):

@@ -48,8 +48,6 @@ def least_squares(
 
     Returns values (k,); covariance (k, k): of the values, where the residual of every row has a standard deviation of
     1; condition: of the columns, scaled to one length.
-
-    Raises a ValueError: a column that is zero, or a combination of others; with the names.
     """
     k = rows.shape[1]
     lengths = np.sqrt(np.einsum("mi,mi->i", rows, rows))

@@ -72,8 +72,6 @@ class Prior(Frozen):
         """Of what a user gave: a spread of the chain's own bodies, or (bodies or f or an arm, spread).
 
         Bodies without any rotor have those of the rig.
-
-        Raises a ValueError: something else, or a parameter of which such a spread says nothing.
         """
         mean: Any
         paired = isinstance(given, (tuple, list)) and len(given) == 2

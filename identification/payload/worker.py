@@ -85,10 +85,7 @@ class Worker:
         return self._process.poll() is None
 
     def prepare(self, specification: Specification) -> int:
-        """Number of an estimator that is made, compiled and warm.
-
-        Raises a ValueError: what its making raised.
-        """
+        """Number of an estimator that is made, compiled and warm."""
         number = self._send("make", specification)
         self.wait(number, _STARTING)
         return number
@@ -102,10 +99,7 @@ class Worker:
         return self._answer(job, 0.0)
 
     def wait(self, job: int, seconds: float) -> Any:
-        """The answer of a job.
-
-        Raises a ValueError: what the job raised, or no answer in this time.
-        """
+        """The answer of a job."""
         answer = self._answer(job, seconds)
         if answer is None:
             raise ValueError("the process of the estimator must answer; it does not. Start the controller anew.")

@@ -188,10 +188,7 @@ class Rounding(Experiment):
     def counts(
         self, start: Any, numbers: Floats, names: Sequence[str], shifts: Sequence[Floats], threads: int
     ) -> list[Floats]:
-        """Counts (N, n) from a start, with numbers (k,) of these names, for encoders shifted by so many pulses (n,).
-
-        Raises a ValueError: an arm that diverges.
-        """
+        """Counts (N, n) from a start, with numbers (k,) of these names, for encoders shifted by so many pulses (n,)."""
         own, n = self.numbers.copy(), self.loop.n
         places = {name: i for i, name in enumerate(self.loop.number_names)}
         for name, value in zip(names, numbers.tolist(), strict=True):

@@ -61,10 +61,7 @@ class Optimum:
 
 
 def fitted(model: Extended, values: Floats, step: Floats, bounds: Floats) -> Optimum:
-    """Gauss-Newton from values (k,), with steps (k,) of the central differences; zero leaves an unknown as it is.
-
-    Raises a ValueError: values with which the model does not follow the log.
-    """
+    """Gauss-Newton from values (k,), with steps (k,) of the central differences; zero leaves an unknown as it is."""
     step, values = step.copy(), np.clip(values, *bounds.T)
     varied, innovations = np.flatnonzero(step), model.innovations(values)
     unknown = int((varied < len(values) - len(model.extra) - len(model.gains)).sum())

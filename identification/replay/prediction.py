@@ -180,8 +180,6 @@ class Prediction:
 
         Shifts (L, R, n) [pulses] are those of the encoders of each record, for L logs of each. Innovations of records
         that did not feel rounding are zero.
-
-        Raises a ValueError: an arm that diverges.
         """
         of_record = list[list[Floats]]()
         for (followed, own), moved in zip(self._each(values), np.swapaxes(shifts, 0, 1), strict=True):

@@ -53,10 +53,7 @@ def link_inertia(dynamics: Dynamics, rig: Rig, pose: ArrayLike) -> tuple[Floats,
 
 
 def on_gears(record: Record) -> Record:
-    """The same record on elastic gears, where its rig says nothing of them; their numbers say nothing yet.
-
-    Raises a ValueError: a motor without inertia.
-    """
+    """The same record on elastic gears, where its rig says nothing of them; their numbers say nothing yet."""
     rig, rotors = record.rig, record.rig.drive.reflected_inertia()
     if rig.drive.elasticity is not None:
         return record
