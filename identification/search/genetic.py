@@ -132,6 +132,7 @@ def minimize_genetic(
     settings: GeneticSettings | None = None,
     seed: int = 0,
     *,
+    initial: ArrayLike | None = None,
     callback: Callable[[GeneticState], object] | None = None,
 ) -> GeneticResult:
     """Minimise an objective inside a box. Source: paper section 3.7.
@@ -146,6 +147,8 @@ def minimize_genetic(
         By default `GeneticSettings.paper()`.
     seed : int
         Same seed, same bits.
+    initial : array_like (k, p), optional
+        Points whose nearest chromosomes become the first k rows of the initial population.
     callback : callable, optional
         Called with the `GeneticState` after each generation but the initial one; a true answer stops the run.
 
@@ -182,6 +185,10 @@ def minimize_genetic(
 
     rng = np.random.default_rng(int(seed))
     chromosomes = rng.integers(0, 2, shape, dtype=np.uint8)
+    if initial is not None:
+        seeds = encode(_points("initial", initial, len(np.asarray(bounds))), *code)
+        _require(len(seeds) <= shape[0], f"initial must be at most {shape[0]} points; got {len(seeds)}. Pass fewer.")
+        chromosomes[: len(seeds)] = seeds
     x, costs = evaluate(chromosomes)
     blank = GeneticState(chromosomes=chromosomes, costs=costs, best_x=x[0], history=np.empty((0, 3)), rng=rng)
     first = state = _advance(blank, chromosomes, costs, x, costs)
@@ -298,6 +305,21 @@ def decode(
         digits = np.bitwise_xor.accumulate(block, axis=1) if coding == "gray" else block
         whole[:, j] = digits @ 2.0 ** np.arange(widths[j])[::-1]  # exact up to 53 bits
     return np.clip(lower + (upper - lower) * (whole / (2.0**widths - 1)), lower, upper)
+
+
+def encode(
+    points: ArrayLike, bounds: ArrayLike, bits_per_variable: int | tuple[int, ...], coding: str = "binary"
+) -> Bits:
+    """Return the chromosomes (k, L) nearest to points (k, p); what lies outside goes to the bound.
+
+    The other arguments are those of `decode`. Source: paper section 3.2.
+    """
+    lower, upper, widths = _code(bounds, bits_per_variable, coding)
+    inside = np.clip(_points("points", points, len(widths)), lower, upper)
+    share = (inside - lower) / np.where(upper > lower, upper - lower, 1)
+    whole = np.rint(share * (2.0**widths - 1)).astype(np.int64)
+    whole = whole ^ (whole >> 1) if coding == "gray" else whole
+    return np.hstack([whole[:, [j]] >> np.arange(n)[::-1] & 1 for j, n in enumerate(widths)]).astype(np.uint8)
 
 
 def rank_linear(costs: Floats, pressure: float = 2.0) -> Floats:

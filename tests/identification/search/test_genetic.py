@@ -13,6 +13,7 @@ from identification.search.genetic import (
     GeneticSettings,
     crossover,
     decode,
+    encode,
     migrate,
     minimize_genetic,
     mutate,
@@ -74,10 +75,26 @@ def test_53_bits_are_exact():
 
 
 def test_neighbours_in_gray_code_differ_in_one_bit():
-    bits = np.indices((2,) * 6).reshape(6, -1).T
-    whole = decode(bits, [(0, 63)], 6, "gray")[:, 0].astype(int)
-    np.testing.assert_array_equal(np.abs(np.diff(bits[np.argsort(whole)], axis=0)).sum(axis=1), 1)
-    np.testing.assert_array_equal(np.sort(whole), range(64))
+    bits = encode(np.arange(64)[:, None], [(0, 63)], 6, "gray")
+    np.testing.assert_array_equal(np.abs(np.diff(bits.astype(int), axis=0)).sum(axis=1), 1)
+
+
+@given(st.integers(0, 2**32), st.sampled_from(["binary", "gray"]), st.lists(st.integers(1, 40), min_size=1, max_size=5))
+def test_encode_inverts_decode(seed, coding, widths):
+    rng = np.random.default_rng(seed)
+    bits = rng.integers(0, 2, (7, sum(widths)), dtype=np.uint8)
+    lower = rng.uniform(-1, 1, len(widths))
+    code = np.column_stack([lower, lower + rng.uniform(0.5, 2, len(widths))]), tuple(widths), coding
+    np.testing.assert_array_equal(encode(decode(bits, *code), *code), bits)
+
+
+@pytest.mark.parametrize("coding", ["binary", "gray"])
+def test_encode_is_nearest_and_clips(coding):
+    bounds, step = [(-1, 2), (3, 4)], np.array([3, 1]) / (2**6 - 1)
+    x = np.random.default_rng(0).uniform([-1, 3], [2, 4], (200, 2))
+    error = np.abs(decode(encode(x, bounds, 6, coding), bounds, 6, coding) - x)
+    assert (error <= step / 2 * (1 + 1e-12)).all()  # rounding of the decoded value
+    np.testing.assert_array_equal(decode(encode([(-9, 9)], bounds, 6, coding), bounds, 6, coding), [(-1, 4)])
 
 
 # --------------------------------------------------------------------------------------------------------- ranking
@@ -408,8 +425,18 @@ def test_an_objective_that_overwrites_its_arrays_changes_nothing():
     assert identical(minimize_genetic(vandal, BOX), minimize_genetic(sphere, BOX))
 
 
+def test_initial_points_are_the_first_rows():
+    points = np.array([(0.5, -0.5, 1, -1), (3, 0, 0, 0), (0.7, 0.7, 0.7, 0.7)])
+    with_points, without = (minimize_genetic(sphere, BOX, one_subpopulation(), initial=i) for i in (points, None))
+    half_step = 4 / (2**16 - 1) / 2
+    np.testing.assert_allclose(with_points.initial_population[:3], np.minimum(points, 2), atol=half_step * (1 + 1e-9))
+    np.testing.assert_array_equal(with_points.initial_population[3:], without.initial_population[3:])
+    assert with_points.cost <= 4 * half_step**2
+
+
 @pytest.mark.filterwarnings("error")
 def test_equal_bounds_fix_a_variable():
+    np.testing.assert_array_equal(encode([(1, 0.25), (0, 9)], [(0, 1), (0.25, 0.25)], 2), [(1, 1, 0, 0), (0, 0, 0, 0)])
     found = minimize_genetic(sphere, [(-2, 2), (0.25, 0.25), (-2, 2)], seed=1)
     assert (found.final_population[:, 1] == 0.25).all()
     assert found.cost == pytest.approx(0.45**2, abs=0.02)
@@ -526,6 +553,7 @@ BAD_BOUNDS = [
 def test_bad_bounds(bounds):
     refused(lambda: minimize_genetic(sphere, bounds), "bounds")
     refused(lambda: decode(np.zeros((1, 16)), bounds, 16), "bounds")
+    refused(lambda: encode(np.zeros((1, 1)), bounds, 16), "bounds")
 
 
 def test_other_bad_arguments():
@@ -533,9 +561,14 @@ def test_other_bad_arguments():
     refused(lambda: minimize_genetic(sphere, BOX, GeneticSettings.paper(bits_per_variable=(8, 8))), "bits_per_variable")
     for seed in (-1, 1.5, None, "0"):
         refused(lambda seed=seed: minimize_genetic(sphere, BOX, seed=seed), "seed")
+    refused(lambda: minimize_genetic(sphere, BOX, initial=np.zeros((81, 4))), "initial")
+    for points in (np.zeros(4), np.zeros((2, 3)), np.full((1, 4), NAN), "middle"):
+        refused(lambda points=points: minimize_genetic(sphere, BOX, initial=points), "initial")
+        refused(lambda points=points: encode(points, BOX, 6), "points")
     for bits in (np.zeros((2, 5)), np.zeros(6), 3):
         refused(lambda bits=bits: decode(bits, [(0, 1)], 6), "bits")
     refused(lambda: decode(np.zeros((2, 6)), [(0, 1)], 6, "grey"), "coding")
+    refused(lambda: encode(np.zeros((2, 1)), [(0, 1)], 6, "grey"), "coding")
     refused(lambda: minimize_genetic(sphere, np.empty((0, 2))), "bits_per_variable")
 
 
