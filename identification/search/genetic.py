@@ -64,6 +64,7 @@ class GeneticSettings:
     migration_rate: float = _within(0.3, Real, 0, 1)  # migrants per individual; 0: none
     migration_interval: int = _within(20, Integral, 1)  # generations
     safe: bool = True  # see `reinsert` and `migrate`; False: as in the original toolbox
+    target: float | None = _within(None, Real, -INF)  # stop when the best cost is at most this
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -243,7 +244,9 @@ def _advance(state: GeneticState, chromosomes: Bits, costs: Floats, x: Floats, t
 def _reason_to_stop(state: GeneticState, settings: GeneticSettings, stopped: bool = False) -> str:
     """Return the message of the result, or "" while there is no reason to stop."""
     reason, done = "", state.generation
-    if done == settings.generations:
+    if settings.target is not None and state.best_cost <= settings.target:
+        reason = f"Stopped in generation {done}: the best cost reached the target {settings.target:g}."
+    elif done == settings.generations:
         reason = f"All {done} generations done."
     elif stopped:
         reason = f"Stopped in generation {done} by the callback."

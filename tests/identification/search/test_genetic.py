@@ -293,7 +293,7 @@ def test_the_settings_of_the_paper():
     printed = {"individuals": 20, "pressure": 2.0, "crossover_probability": 0.6, "subpopulations": 4}
     printed |= {"migration_rate": 0.3, "generation_gap": 0.94, "generations": 40}
     fixed_here = {"ranking": "linear", "coding": "binary", "bits_per_variable": 16, "mutation_probability": None}
-    fixed_here |= {"migration_interval": 20, "safe": True}
+    fixed_here |= {"migration_interval": 20, "safe": True, "target": None}
     assert paper == printed | fixed_here
     assert GeneticSettings() == GeneticSettings.paper()
     assert GeneticSettings.paper(individuals=30).individuals == 30
@@ -333,7 +333,8 @@ def test_the_result_agrees_with_itself_and_with_what_was_evaluated():
         np.testing.assert_array_equal([seen[tuple(x)] for x in population.tolist()], costs)
         assert (np.abs(population) <= 2).all()
     assert found.initial_cost == np.nanmin(found.initial_costs) == found.history[0, 0]
-    assert not np.shares_memory(found.x, found.initial_population)
+    best_at_once = minimize_genetic(sphere, BOX, GeneticSettings.paper(target=99))
+    assert not np.shares_memory(best_at_once.x, best_at_once.initial_population)
     for row, costs in ((0, found.initial_costs), (-1, found.final_costs)):
         finite = costs[np.isfinite(costs)]
         np.testing.assert_allclose(found.history[row], [finite.min(), finite.mean(), finite.max()], rtol=1e-15)
@@ -454,6 +455,14 @@ def test_clearly_better_than_random_search_of_the_same_budget(objective, factor,
 
 
 # --------------------------------------------------------------------------------------------------------- stopping
+def test_stops_at_the_target():
+    found = minimize_genetic(sphere, BOX, GeneticSettings.paper(target=0.05))
+    done = len(found.history) - 1
+    assert found.cost <= 0.05 < found.history[-2, 0]
+    assert found.message.startswith(f"Stopped in generation {done}: the best cost reached the target 0.05. Best cost")
+    assert len(minimize_genetic(sphere, BOX, GeneticSettings.paper(target=99)).history) == 1
+
+
 def test_callback_sees_each_generation_and_stops():
     states = []
     minimize_genetic(sphere, BOX, one_subpopulation(), callback=states.append)
@@ -507,6 +516,7 @@ BAD_SETTINGS = [
     {"migration_rate": "a third"},
     {"migration_interval": 0},
     {"safe": 1},
+    {"target": NAN},
 ]
 
 
