@@ -186,7 +186,7 @@ def weighted(
 ) -> TorqueFit:  # fmt: skip
     """Least squares of one or more logs' equations.
 
-    `dynamics`, `names`: names of the columns. `systems`: one per record. `weights` (R, n): of each record and joint, up
+    `names`: of the columns. `systems`: one per record. `weights` (R, n): of each record and joint, up
     to a common factor; by default 1 over a joint's residual in an unweighted fit. `seconds` (R,): length of each log:
     the covariance counts how its segments, and logs, differ. `prior`: rows (m, k) and target (m,) of further equations,
     of standard deviation 1. `report`: further fields of the result.

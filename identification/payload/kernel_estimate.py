@@ -97,11 +97,9 @@ class Window:
 
 
 class TorqueWindow:
-    """The torque equation of one arm, with a load and with all that is uncertain, along windows.
+    """The torque equation of an arm and a rig as identified, with a load, along windows.
 
-    `arm`: without a load, as identified. `rig`: as identified; it drives the friction. `unknown`: names of what is
-    uncertain beside the load: all of f, and friction. `uncertain`: whether they are; otherwise arm and friction are
-    known.
+    `unknown`: names of what is `uncertain` beside the load, or else known: all of f, and friction.
     """
 
     def __init__(
@@ -218,8 +216,6 @@ class KernelEstimator:
 
     `arm`: without a load. `root` (u, v): root of the covariance of the unknowns; with no columns all is known.
 
-    Notes
-    -----
     The applied torque is one side of the equation, so that a saturated amplifier does no harm to it. Behind elastic
     gears the equation is that of rigid ones: the kernel is long enough to take out their resonance (`kernel_length`).
     """

@@ -29,11 +29,7 @@ FORGETTING = 0.02
 
 @dataclasses.dataclass(frozen=True)
 class Specification:
-    """An estimator of either kind.
-
-    `arm`, `rig`, `shape`, `unknown`, `root`: as for `KernelEstimator`. `samples`: of the windows. `seed`: of the
-    genetic algorithm.
-    """
+    """An estimator of either kind, for windows of so many `samples`; the rest is as for the estimators."""
 
     method: str
     arm: Arm

@@ -83,9 +83,7 @@ class Experiment:
         if record.law is None:
             raise ValueError("the record must name the law that made it; got None. Pass law= when loading it.")
         if record.n != dynamics.n:
-            raise ValueError(
-                f"the record must have {dynamics.n} joints; it has {record.n}. Use the record of this arm."
-            )
+            raise ValueError(f"the record must have {dynamics.n} joints; it has {record.n}. Use one of this arm.")
         rig = smooth_rig(record.rig) if smooth else record.rig
         self.record, added = record, injected_beside(record)
         self.loop = ClosedLoop(dynamics=dynamics, rig=rig, law=record.law, injected=added is not None, **options)

@@ -152,9 +152,7 @@ class _Scored(Experiment):
 
     def _block(self, candidates: Floats) -> Floats:
         """Costs of at most `LANES` candidates; empty lanes repeat the last."""
-        lanes = np.empty((len(self.places), LANES))
-        lanes[:, : len(candidates)] = candidates.T
-        lanes[:, len(candidates) :] = candidates[-1][:, None]
+        lanes = candidates[np.minimum(np.arange(LANES), len(candidates) - 1)].T.copy()
         numbers = np.repeat(self.numbers[:, None], LANES, axis=1)
         numbers[self.places] = lanes
         state = np.ascontiguousarray(self.loop.initial_state(*self.began(numbers), numbers))

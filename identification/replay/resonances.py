@@ -100,7 +100,7 @@ class Resonances:
             {i: places[f"{field}[{i}]"] for i in range(dynamics.n) if f"{field}[{i}]" in places}
             for field in (STIFFNESS, DAMPING)
         )
-        self.noise = _ROUNDING
+        self.noise, self.dependent = _ROUNDING, prediction.dependent
         self._measured = None if measured is None else np.asarray(measured, dtype=float)
 
     # -- coordinates ---------------------------------------------------------------------------------------------
@@ -167,11 +167,6 @@ class Resonances:
     def scales(self) -> Floats:
         """What each innovation is divided by."""
         return np.append(self.prediction.scales, np.ones(self._more))
-
-    @property
-    def dependent(self) -> float:
-        """Share of its own that the slope of each unknown must have."""
-        return self.prediction.dependent
 
     @property
     def _more(self) -> int:
