@@ -39,8 +39,6 @@ def require_informative(record: Record, labels: Sequence[str], *, prior: bool = 
     """Refuse a log that is too short for the loop's mode, or in which a motor hardly moves or mostly saturates.
 
     With a prior, some motors may stand still.
-
-    Raises a ValueError: with the joint, by these labels.
     """
     moved = np.ptp(record.counts, axis=0)
     if (moved < LEAST_PULSES).any() and not (prior and moved.max() >= LEAST_PULSES):
@@ -94,7 +92,7 @@ def prepare(
     instance("zeros", zeros, bool, "Give True or False.")
     of_all, unknown = as_records(dynamics, records, unknown)
     unknown = tuple(dict.fromkeys([*unknown, *_left_open(of_all, dynamics.chain.joint_labels)]))
-    searched, kept = _set_aside(dynamics, records, unknown, held_out, method)
+    searched, kept = _set_aside(dynamics, of_all, held_out, method)
     known = prior if prior is None or isinstance(prior, Prior) else Prior.of(dynamics, searched[0].rig, prior)
     _require_room(dynamics, (*searched, *kept), unknown, method)
     objective = Objective(dynamics, searched, unknown, **options)
@@ -102,10 +100,8 @@ def prepare(
     followed = tuple(along_log(record, unknown_law=of_law) for record in objective.records)
     labels = dynamics.chain.joint_labels
     naming.of_each(lambda record: require_informative(record, labels, prior=known is not None), followed)
-    settings = GeneticSettings.paper() if settings is None else settings
-    if not isinstance(settings, GeneticSettings):
-        given = type(settings).__name__
-        raise ValueError(f"settings must be GeneticSettings; got {given}. Leave it out for those of the paper.")
+    chosen = GeneticSettings.paper() if settings is None else settings
+    settings = instance("settings", chosen, GeneticSettings, "Leave it out for those of the paper.")
     with naming.held_out(kept, len(searched), among=held_out is None):
         aside = Objective(dynamics, kept, unknown, **options) if kept else None
     _require_different(searched, kept)
@@ -171,30 +167,24 @@ def with_gears(
     """Records that are searched and held out, on elastic gears, and the unknowns with those of the gears."""
     if ranges is not None:
         raise ValueError("ranges need every unknown by name; got elasticity=True. Name stiffness and damping instead.")
-    _, unknown = as_records(dynamics, records, unknown)
-    searched, kept = (tuple(map(on_gears, some)) for some in _set_aside(dynamics, records, unknown, held_out, method))
+    given, unknown = as_records(dynamics, records, unknown)
+    searched, kept = (tuple(map(on_gears, some)) for some in _set_aside(dynamics, given, held_out, method))
     gears = [f"{field}[{i}]" for field in (STIFFNESS, DAMPING) for i in range(dynamics.n)]
     return searched, kept, (*unknown, *(name for name in gears if name not in unknown))
 
 
 def _set_aside(
-    dynamics: Dynamics, records: Record | Sequence[Record], unknown: Iterable[str] | None,
-    held_out: Record | Sequence[Record] | None, method: str,
-) -> tuple[tuple[Record, ...], tuple[Record, ...]]:  # fmt: skip
-    """Records that are searched, and records that are held out."""
-    searched = _bridged(as_records(dynamics, records, unknown)[0])
+    dynamics: Dynamics, records: Sequence[Record], held_out: Record | Sequence[Record] | None, method: str
+) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
+    """Records that are searched, and records that are held out; lost rows of all are bridged, without weight."""
+    searched = tuple(naming.of_each(bridged, records))
     if method != "paper":  # which follows the straight lines between counts
         searched = tuple(map(with_path, searched))
     if held_out is None:
         return (searched[:-1], searched[-1:]) if len(searched) > 1 and method != "paper" else (searched, ())
     if isinstance(held_out, (tuple, list)) and not held_out:
         return searched, ()
-    return searched, tuple(map(with_path, _bridged(as_records(dynamics, held_out, unknown)[0])))
-
-
-def _bridged(records: Sequence[Record]) -> tuple[Record, ...]:
-    """Records whose lost rows are bridged, without weight."""
-    return tuple(naming.of_each(bridged, records))
+    return searched, tuple(map(with_path, naming.of_each(bridged, as_records(dynamics, held_out, None)[0])))
 
 
 def _validated_ranges(ranges: ArrayLike, unknown: tuple[str, ...]) -> Floats:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.equation_error.clustered import at_least
+from identification.equation_error.least_squares import at_least
 from identification.preparation import prepare, with_gears
 from identification.replay.experiment import with_zeros
 from identification.replay.objective import Objective
@@ -168,10 +168,7 @@ def search(problem: Problem, progress: bool) -> Outcome:
 
 
 def _assess(problem: Problem, outcome: Outcome, started: float) -> Identification:
-    """The result: the arm, and how well it repeats the records.
-
-    Raises a ValueError: no candidate that can be simulated.
-    """
+    """The result: the arm, and how well it repeats the records."""
     fit, genetic, objective = dataclasses.replace(outcome.fit, prior=problem.prior), outcome.genetic, problem.objective
     if fit.zeros is not None:
         moved = with_zeros(objective.records, fit.zeros)

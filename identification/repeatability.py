@@ -33,8 +33,7 @@ class Spread(Shown, Frozen):
 
     Attributes
     ----------
-    names : tuple of str
-    runs : tuple of Identification
+    names, runs : tuple of str, tuple of Identification
     f : (S, p) numpy.ndarray
     alteration : (p,) numpy.ndarray
         As a fraction.

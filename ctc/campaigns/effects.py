@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.between_runs import restricted
-from identification.equation_error.clustered import wider
+from identification.equation_error.least_squares import wider
 from plant.parts.fields import Floats
 
 APART = 0.01

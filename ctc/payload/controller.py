@@ -9,8 +9,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from identification.payload.kernel_estimate import Window
 from identification.payload.posterior import PayloadEstimate
-from identification.payload.torque_window import Window
 from identification.payload.worker import Worker, shared_worker
 from plant.parts.shown import Piece, Shown
 from plant.realtime.running import Running

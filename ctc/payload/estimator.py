@@ -11,8 +11,7 @@ from ctc.payload.controller import PayloadController
 from ctc.payload.payload_law import PayloadLaw
 from identification import Identification
 from identification.payload.kernel_estimate import KERNEL, uncertainty
-from identification.payload.posterior import PayloadEstimate, nothing
-from identification.payload.shape import LoadShape
+from identification.payload.posterior import LoadShape, PayloadEstimate, nothing
 from identification.payload.worker import Specification
 from plant import Law, Rig
 from plant.parts.arguments import choice, instance, known_options, real

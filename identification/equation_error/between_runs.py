@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.clustered import at_least, group_std, run_moves, run_std, wider
+from identification.equation_error.least_squares import at_least, group_std, run_moves, run_std, wider
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown
@@ -104,8 +104,6 @@ def between_runs(
 
     `values` (k,), `noise` (k, k): of the fit, and covariance by noise alone. `rows` (M, k), `residual` (M,): weighted.
     `runs`, `blocks` (M,): log, and block of a log, of each row.
-
-    Raises a ValueError: a variance that does not follow from the logs.
     """
     scale, blocks = np.sqrt((rows * rows).sum(axis=0)), np.unique(blocks, return_inverse=True)[1]
     alone, exact = _alone(values, rows, residual, runs, blocks), _EXACT * norm(values * scale) / scale

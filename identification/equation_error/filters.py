@@ -14,10 +14,7 @@ _ORDER = 4
 
 
 def low_pass(x: ArrayLike, period: float, cutoff: float) -> Floats:
-    """Zero-phase low-pass of the columns of x (N, ...), sampled every `period` [s]; `cutoff` in Hz.
-
-    Raises a ValueError: a cutoff that is not below half of the sample rate, or fewer samples than the filter needs.
-    """
+    """Zero-phase low-pass of the columns of x (N, ...), sampled every `period` [s]; `cutoff` in Hz."""
     from scipy.signal import sosfiltfilt  # a third of a second that the genetic algorithm does not need
 
     x, cutoff = np.asarray(x), real("cutoff", cutoff, "Give Hz.", positive=True)

@@ -120,10 +120,7 @@ def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tu
 
 
 def at_work(record: Record, law: Resumed) -> tuple[Record, Floats]:
-    """The record with its law reading the log as if it had been at work before, and usual magnitudes (s,) of its state.
-
-    Raises a ValueError: a law whose torque hangs on what the rounding of its reference hides.
-    """
+    """The record, its law reading the log as if at work before it, and usual magnitudes (s,) of its state."""
     record = reading(record, law)
     _require_reference(record)
     states = run_law(record).states

@@ -72,8 +72,6 @@ class Prior(Frozen):
         """Of what a user gave: a spread of the chain's own bodies, or (bodies or f or an arm, spread).
 
         Bodies without any rotor have those of the rig.
-
-        Raises a ValueError: something else, or a parameter of which such a spread says nothing.
         """
         mean: Any
         paired = isinstance(given, (tuple, list)) and len(given) == 2
@@ -119,3 +117,39 @@ class Known(dict[str, float]):
     def __init__(self, values: Mapping[str, float] | None = None, prior: Prior | None = None) -> None:
         super().__init__(values or {})
         self.prior = prior if prior is not None else getattr(values, "prior", None)
+
+
+_ROUNDING = 0.289  # noise [pulses] that is expected of an innovation, until it is known
+
+_SETTLED = 0.05  # relative change of the noise that does not count
+
+_OWN = 1e-5
+"""Share of its own that the slope of an unknown must have with a prior, which tells apart what a log cannot."""
+
+
+class PriorRows:
+    """Rows of a prior, or none: whitened deviations of f, times the `noise` of an innovation [pulses]."""
+
+    def __init__(self, prior: Prior | None, unknown: Sequence[str]) -> None:
+        self._prior, self.noise = prior, _ROUNDING
+        self._places = [] if prior is None else prior.places(unknown)
+
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return len(self._places)
+
+    def own(self, usual: float) -> float:
+        """Share of its own that the slope of an unknown must have, where without a prior it is the usual one."""
+        return usual if self._prior is None else _OWN
+
+    def of(self, values: Floats) -> Floats:
+        """The rows of values (k,)."""
+        if self._prior is None:
+            return np.empty(0)
+        return self.noise * self._prior.deviations(values[self._places])
+
+    def settle(self, variance: float) -> bool:
+        """Weigh the rows by the variance of an innovation; whether that changes much."""
+        before, self.noise = self.noise, float(np.sqrt(variance))
+        return bool(self._places) and abs(self.noise / before - 1) > _SETTLED

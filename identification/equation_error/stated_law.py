@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 
 from identification.equation_error.law_memory import FADED, at_work, reading, state_directions
-from identification.equation_error.torque_logs import driven, law_torque, logged_torque
+from identification.equation_error.torque_logs import law_torque, logged_torque, torque_of
 from plant import Record, Resumed
-from plant.laws.replayed import commanded_torque
 from plant.parts.fields import Floats
 from plant.simulation.followed_path import path_of, start_of
 from plant.simulation.law_run import run_law
@@ -30,13 +29,13 @@ def torque_apart(record: Record) -> Floats | None:
     if law is None or not _comparable(record):
         return None
     logged = logged_torque(record)
-    if not law.has_memory(record.n):
-        commanded = commanded_torque(record)
-        own = None if commanded is None else driven(record, record.rig.drive.limited(commanded))
+    if not law.has_memory(record.n) or (isinstance(law, Resumed) and law.period is not None):
+        own = torque_of(record)
     else:
-        own = None if law.period is None else _along(record, logged)
-    if own is None:
-        return None
+        found = _nearest(record, logged)
+        if found is None:
+            return None
+        own = law_torque(found)
     rows = np.flatnonzero(record.valid > 0)
     rows = rows[rows >= FADED]
     off, size = (np.sqrt(np.mean(each[rows] ** 2, axis=0)) for each in (own - logged, logged))
@@ -52,7 +51,7 @@ def begun(record: Record) -> Record:
     if law is None or not _comparable(record) or not law.has_memory(record.n) or isinstance(law, Resumed):
         return record
     logged, rows = logged_torque(record), np.flatnonzero(record.valid > 0)
-    found = None if law.period is None else _nearest(record, logged)
+    found = _nearest(record, logged)
     if found is None:
         return record
     anew = reading(record, Resumed(law=law, state=law.initial_state(record.n)))
@@ -62,15 +61,6 @@ def begun(record: Record) -> Record:
     state: Any = found.law.state  # type: ignore[union-attr]  # AlongLog
     start = np.array(start_of(record, path_of(record)))
     return dataclasses.replace(record, law=Resumed(law=law, state=state), initial=start)
-
-
-def _along(record: Record, logged: Floats) -> Floats | None:
-    """Torque (N, n) of a law with a memory, from the state with which it is nearest to the logged one."""
-    law = record.law
-    if isinstance(law, Resumed):  # in a stated state
-        return law_torque(dataclasses.replace(record, law=law.along(record.rig)))
-    found = _nearest(record, logged)
-    return None if found is None else law_torque(found)
 
 
 def _comparable(record: Record) -> bool:
@@ -86,9 +76,11 @@ def _comparable(record: Record) -> bool:
 def _nearest(record: Record, logged: Floats) -> Record | None:
     """The record with its law reading the log, from the state with which it is nearest to the logged torque (N, n).
 
-    None where its reference does not tell its torque.
+    None where its reference does not tell its torque, and of fast hardware.
     """
     law: Any = record.law
+    if law.period is None:
+        return None
     try:
         followed, usual = at_work(record, Resumed(law=law, state=law.initial_state(record.n)))
     except ValueError:

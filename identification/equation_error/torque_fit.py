@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from identification.equation_error.band_choice import FitTrial
 from identification.equation_error.between_runs import BetweenRuns, between_runs
-from identification.equation_error.clustered import SEGMENTS, at_least, group_std
 from identification.equation_error.friction_trial import FrictionTrial
-from identification.equation_error.least_squares import least_squares
+from identification.equation_error.least_squares import SEGMENTS, at_least, group_std, least_squares
 from identification.equation_error.naming import short_names
 from identification.equation_error.regressor import Places, System
 from plant import Dynamics
@@ -187,7 +186,7 @@ def weighted(
 ) -> TorqueFit:  # fmt: skip
     """Least squares of one or more logs' equations.
 
-    `dynamics`, `names`: names of the columns. `systems`: one per record. `weights` (R, n): of each record and joint, up
+    `names`: of the columns. `systems`: one per record. `weights` (R, n): of each record and joint, up
     to a common factor; by default 1 over a joint's residual in an unweighted fit. `seconds` (R,): length of each log:
     the covariance counts how its segments, and logs, differ. `prior`: rows (m, k) and target (m,) of further equations,
     of standard deviation 1. `report`: further fields of the result.

@@ -33,18 +33,21 @@ def torque_of(record: Record) -> Floats:
     return logged_torque(record)
 
 
+def measured_torque(record: Record) -> Floats:
+    """Joint torques (N, n) [N m] as they were logged, or by the currents; they hold what was injected."""
+    if record.torque is not None:
+        return record.torque
+    if record.current is not None:
+        return np.asarray(record.rig.drive.joint_torque(record.rig.drive.motor_gain * record.current))
+    raise ValueError(
+        f"the record must hold torques or currents; the counts under {type(record.law).__name__} do not give them. Log "
+        "one of them, state what the law remembered (Resumed), or use identify, which finds it."
+    )
+
+
 def logged_torque(record: Record) -> Floats:
     """Joint torques (N, n) [N m] that a record has logged, half at both ends of a sample that holds them."""
-    law, rig = record.law, record.rig
-    if record.torque is not None:
-        logged = record.torque
-    elif record.current is not None:
-        logged = rig.drive.joint_torque(rig.drive.motor_gain * record.current)
-    else:
-        raise ValueError(
-            f"the record must hold torques or currents; the counts under {type(law).__name__} do not give them. Log "
-            "one of them, state what the law remembered (Resumed), or use identify, which finds it."
-        )
+    law, logged = record.law, measured_torque(record)
     if law is None or (law.period is None and not law.replays):
         return logged
     return _held(logged)

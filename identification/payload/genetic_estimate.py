@@ -14,9 +14,8 @@ import functools
 import casadi as ca
 import numpy as np
 
-from identification.payload.posterior import PayloadEstimate, judged
-from identification.payload.shape import LoadShape
-from identification.payload.torque_window import Smoothing, Window
+from identification.payload.kernel_estimate import Smoothing, Window
+from identification.payload.posterior import LoadShape, PayloadEstimate, judged
 from identification.search.genetic import GeneticSettings, minimize_genetic
 from plant import Arm, LoggedTorque, Rig
 from plant.machine.rig import smooth_rig
@@ -35,11 +34,7 @@ _ROUNDING = np.sqrt(1 / 12)  # standard deviation of a rounded count [pulses]
 
 
 class GeneticEstimator:
-    """A load from a window by the genetic algorithm, with the settings of 3.7.
-
-    `arm`: without a load, as identified. `rig`: as identified. `length`: over which a replay forgets [s]. `settings`:
-    by default those of the paper.
-    """
+    """A load from a window by the genetic algorithm, with the settings of 3.7; a replay forgets over `length` [s]."""
 
     def __init__(
         self, arm: Arm, rig: Rig, shape: LoadShape, length: float, settings: GeneticSettings | None = None,
@@ -121,8 +116,7 @@ class GeneticEstimator:
 
     def _block(self, f, state, tables, uniform):
         """Costs of at most `LANES` candidates; empty lanes repeat the last."""
-        lanes = np.empty((f.shape[1], LANES))
-        lanes[:, : len(f)], lanes[:, len(f) :] = f.T, f[-1][:, None]
+        lanes = f[np.minimum(np.arange(LANES), len(f) - 1)].T.copy()
         final, _ = self._kernel.run(tables, state, lanes, uniform)
         return np.where(final[-1] > 0, final[-2], np.inf)[: len(f)]
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from identification.replay.gauss_newton import Solution, gauss_newton, reweighed, variance_inflation
+from identification.replay.gauss_newton import Solution, reweighed, variance_inflation
 from identification.replay.prediction import Prediction
 from identification.search.polish import by_stages
 from plant.parts.fields import Floats
@@ -56,10 +56,7 @@ class WithLoad:
         k, own = len(steps), self.prediction
         first = np.append(start, own.nuisances) if len(start) == k else start
         steps, bounds = np.append(steps, own.nuisance_steps), np.vstack([bounds, own.nuisance_bounds])
-        if by_stage:
-            solution = by_stages(self, first, steps, bounds, slice(k, k + self._gains))
-        else:
-            solution = gauss_newton(self, first, steps, bounds)
+        solution = by_stages(self, first, steps, bounds, slice(k, k + self._gains) if by_stage else None)
         return reweighed(self, solution, steps, bounds, lambda found: self.reweigh(found.values) | self.trust(found))
 
     def _with_stated(self, innovations: Floats, values: Floats) -> Floats:

@@ -99,12 +99,10 @@ def find_load(
     """
     exact, uncertain = (arm.arm, arm) if isinstance(arm, Identification) else (arm, None)
     arm = instance("arm", exact, Arm, "The order is arm, record, position.")
-    given = record if isinstance(record, (tuple, list)) else (record,)
-    for each in given:
-        instance("record", each, Record, "The order is arm, record, position.")
+    given, _ = as_records(arm.dynamics, record, None)
     if uncertain is not None:
         warn_of_doubts(uncertain, "find_load")
-    records, _ = as_records(arm.dynamics, [bridged(_with_offsets(each)) for each in given], None)
+    records = [bridged(_with_offsets(each)) for each in given]
     if position is not None:
         position = array("position", position, (3,), advice="Give x, y and z in the frame of the link's body [m].")
     moments = array("inertia", np.zeros(6) if inertia is None else inertia, (6,), advice="Give Ixx ... Izz [kg m^2].")

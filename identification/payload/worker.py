@@ -18,10 +18,8 @@ from typing import Any
 import numpy as np
 
 from identification.payload.genetic_estimate import GeneticEstimator
-from identification.payload.kernel_estimate import KernelEstimator
-from identification.payload.posterior import PayloadEstimate
-from identification.payload.shape import LoadShape
-from identification.payload.torque_window import Window
+from identification.payload.kernel_estimate import KernelEstimator, Window
+from identification.payload.posterior import LoadShape, PayloadEstimate
 from plant import Arm, Rig
 from plant.parts.fields import Floats
 
@@ -31,11 +29,7 @@ FORGETTING = 0.02
 
 @dataclasses.dataclass(frozen=True)
 class Specification:
-    """An estimator of either kind.
-
-    `arm`, `rig`, `shape`, `unknown`, `root`: as for `KernelEstimator`. `samples`: of the windows. `seed`: of the
-    genetic algorithm.
-    """
+    """An estimator of either kind, for windows of so many `samples`; the rest is as for the estimators."""
 
     method: str
     arm: Arm
@@ -87,10 +81,7 @@ class Worker:
         return self._process.poll() is None
 
     def prepare(self, specification: Specification) -> int:
-        """Number of an estimator that is made, compiled and warm.
-
-        Raises a ValueError: what its making raised.
-        """
+        """Number of an estimator that is made, compiled and warm."""
         number = self._send("make", specification)
         self.wait(number, _STARTING)
         return number
@@ -104,10 +95,7 @@ class Worker:
         return self._answer(job, 0.0)
 
     def wait(self, job: int, seconds: float) -> Any:
-        """The answer of a job.
-
-        Raises a ValueError: what the job raised, or no answer in this time.
-        """
+        """The answer of a job."""
         answer = self._answer(job, seconds)
         if answer is None:
             raise ValueError("the process of the estimator must answer; it does not. Start the controller anew.")

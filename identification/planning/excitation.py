@@ -175,19 +175,9 @@ class _Problem:
 
     def solved(self, starts: Iterable[tuple[Floats, ...]], iterations: int) -> tuple[float, Harmonics] | None:
         """Cost and motion of the best end from these starts that keeps the limits."""
-        opti = self.opti
-        quiet = {"print_time": False, "error_on_fail": False}
-        opti.solver(
-            "ipopt",
-            quiet,
-            {
-                "print_level": 0,
-                "sb": "yes",
-                "max_iter": iterations,
-                "tol": 1e-4,
-                "hessian_approximation": self.curvature,
-            },
-        )
+        opti, quiet = self.opti, {"print_time": False, "error_on_fail": False}
+        settings = {"print_level": 0, "sb": "yes", "max_iter": iterations, "tol": 1e-4}
+        opti.solver("ipopt", quiet, settings | {"hessian_approximation": self.curvature})
         best: tuple[Any, ...] | None = None
         for start in starts:
             for amplitude, value in zip(self.amplitudes, start, strict=True):

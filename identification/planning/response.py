@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from identification.equation_error.torque_logs import measured_torque
 from plant import Record
 from plant.parts.arguments import choice, instance, known_options, real, whole
 from plant.parts.fields import Floats
@@ -196,24 +197,13 @@ def _lines(record: Record, samples: int, skip: int) -> dict[str, Complex]:
         got = f"{len(record) / samples:.3g} periods, of which {skip} are skipped"
         raise ValueError(f"records must have two periods at least after those skipped; got {got}. Log for longer.")
     reference = record.reference_pulses
-    signals = {"angle": rig.to_angle(reference - record.error_pulses), "torque": _torque(record)}
+    signals = {"angle": rig.to_angle(reference - record.error_pulses), "torque": measured_torque(record)}
     signals["excitation"] = rig.to_angle(reference) if record.injected is None else record.injected
     cut = slice(skip * samples, (skip + periods) * samples)
     return {
         name: 2 / samples * np.fft.rfft(np.asarray(each)[cut].reshape(periods, samples, -1), axis=1)[:, 1:]
         for name, each in signals.items()
     }
-
-
-def _torque(record: Record) -> Floats:
-    """Joint torques (N, n) [N m] as logged, with what was injected."""
-    if record.torque is not None:
-        return record.torque
-    if record.current is None:
-        raise ValueError("records must hold torques or currents; got counts alone. Log one of them.")
-    drive = record.rig.drive
-    torque: Floats = drive.joint_torque(drive.motor_gain * record.current)
-    return torque
 
 
 def _rounding(record: Record, samples: int) -> Floats:

@@ -83,9 +83,7 @@ class Experiment:
         if record.law is None:
             raise ValueError("the record must name the law that made it; got None. Pass law= when loading it.")
         if record.n != dynamics.n:
-            raise ValueError(
-                f"the record must have {dynamics.n} joints; it has {record.n}. Use the record of this arm."
-            )
+            raise ValueError(f"the record must have {dynamics.n} joints; it has {record.n}. Use one of this arm.")
         rig = smooth_rig(record.rig) if smooth else record.rig
         self.record, added = record, injected_beside(record)
         self.loop = ClosedLoop(dynamics=dynamics, rig=rig, law=record.law, injected=added is not None, **options)
@@ -188,10 +186,7 @@ class Rounding(Experiment):
     def counts(
         self, start: Any, numbers: Floats, names: Sequence[str], shifts: Sequence[Floats], threads: int
     ) -> list[Floats]:
-        """Counts (N, n) from a start, with numbers (k,) of these names, for encoders shifted by so many pulses (n,).
-
-        Raises a ValueError: an arm that diverges.
-        """
+        """Counts (N, n) from a start, with numbers (k,) of these names, for encoders shifted by so many pulses (n,)."""
         own, n = self.numbers.copy(), self.loop.n
         places = {name: i for i, name in enumerate(self.loop.number_names)}
         for name, value in zip(names, numbers.tolist(), strict=True):

@@ -14,10 +14,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from identification.equation_error.prior import Prior
+from identification.equation_error.prior import Prior, PriorRows
 from identification.replay.followed import joined
 from identification.replay.prediction import Prediction
-from identification.replay.prior_rows import PriorRows
 from identification.replay.timing import without_delay
 from plant import Dynamics, Elasticity, FrictionCurve, Law, Record, Rig
 from plant.compiler.background import cores

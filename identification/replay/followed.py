@@ -94,10 +94,7 @@ class Followed(Experiment):
         return not (self.loop.law.replays or self.record.rig.encoder.smooth)
 
     def rounded(self, values: Floats, shifts: Sequence[Floats], threads: int) -> list[Floats]:
-        """Counts (N, n) of the logs that the model itself makes with values, its encoders shifted (n,) and rounding.
-
-        Raises a ValueError: an arm that diverges.
-        """
+        """Counts (N, n) of the logs that the model itself makes with values, its encoders shifted (n,) and rounding."""
         if self._rounding is None:
             self._rounding = Rounding(self.loop, self.record)
         start, numbers = self._start(values)

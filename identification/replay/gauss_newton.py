@@ -57,8 +57,6 @@ def gauss_newton(
     `dependent`. `start` (k,). `step` (k,): of the central differences; zero leaves an unknown as it is. `bounds`
     (k, 2): values stay inside.
     `tolerance`: relative decrease of the sum below which the search ends.
-
-    Raises a ValueError: a start that diverges, or unknowns that are not separately identifiable (with names).
     """
     bounds, step = np.asarray(bounds, float), np.array(step, float)
     values = np.clip(start, *bounds.T)

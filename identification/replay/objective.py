@@ -22,39 +22,13 @@ _FEW = 2  # joints up to which the inertia of candidates is checked at too few p
 
 
 @functools.lru_cache
-def squared_error(n: int, sections: tuple[tuple[float, ...], ...] = ()) -> ca.Function:
+def squared_error(n: int) -> ca.Function:
     """The term that one sample adds, (log, data, memory) -> sum over joints of (e^r - e^m)^2, memory.
 
-    The data are the measured errors and the root of the sample's weight. With second-order `sections` (b0, b1, b2, 1,
-    a1, a2) both errors pass them first, alike.
-
-    Source: paper eq. (4).
+    The data are the measured errors and the root of the sample's weight. Source: paper eq. (4).
     """
-    log, data = ca.SX.sym("log", 4 * n), ca.SX.sym("data", n + 1)
-    memory, following = ca.SX.sym("memory", 2 * n * len(sections)), []
-    difference = data[n] * (data[:n] - log[:n])
-    for i, (b0, b1, b2, _, a1, a2) in enumerate(sections):
-        first, second = memory[2 * n * i : 2 * n * i + n], memory[2 * n * i + n : 2 * n * (i + 1)]
-        passed = b0 * difference + first
-        following += [b1 * difference - a1 * passed + second, b2 * difference - a2 * passed]
-        difference = passed
-    return ca.Function("squared_error", [log, data, memory], [ca.sumsqr(difference), ca.vertcat(*following)])
-
-
-def _sections(ignoring: ArrayLike | None, period: float) -> tuple[tuple[float, ...], ...]:
-    """A band-stop as second-order sections, run twice: the energy that passes is that of one run both ways."""
-    if ignoring is None:
-        return ()
-    from scipy.signal import butter
-
-    low, high = array("ignoring", ignoring, (2,), advice="Give the lowest and highest frequency to leave out [Hz].")
-    if not 0 < low < high < 0.5 / period:
-        raise ValueError(
-            f"ignoring must be a band below half of the sample rate, {0.5 / period:.4g} Hz; got {low:g} to {high:g}. "
-            "Give (low, high) in Hz."
-        )
-    once = butter(3, np.array([low, high]) * 2 * period, "bandstop", output="sos")
-    return tuple(tuple(section) for section in np.vstack([once, once]).tolist())
+    log, data, memory = ca.SX.sym("log", 4 * n), ca.SX.sym("data", n + 1), ca.SX.sym("memory", 0)
+    return ca.Function("squared_error", [log, data, memory], [ca.sumsqr(data[n] * (data[:n] - log[:n])), memory])
 
 
 @known_options
@@ -73,9 +47,6 @@ class Objective:
         Sub-steps of the simulation, and sweeps of its friction law, as for `plant.simulate`.
     threads : int, optional
         By default one per core. The result is the same bits for any number.
-    ignoring : (2,) array_like, optional
-        Band of frequencies [Hz] in which errors are not compared, such as a disturbance that `oscillation` has found:
-        measured and simulated errors pass the same band-stop.
 
     Notes
     -----
@@ -108,12 +79,11 @@ class Objective:
         steps_per_sample: int = 4,
         sweeps: int = 3,
         threads: int | None = None,
-        ignoring: ArrayLike | None = None,
     ) -> None:
         self.threads = cores() if threads is None else whole("threads", threads, "Leave it out for all.")
         self.dynamics = dynamics
         self.records, self.unknown = as_records(dynamics, records, unknown)
-        settings = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "ignoring": ignoring}
+        settings = {"steps_per_sample": steps_per_sample, "sweeps": sweeps}
         self._experiments = of_each(lambda record: _Scored(dynamics, record, self.unknown, settings), self.records)
 
     @property
@@ -140,9 +110,7 @@ class _Scored(Experiment):
     """One record, ready to be replayed with any number of candidates."""
 
     def __init__(self, dynamics: Dynamics, record: Record, unknown: tuple[str, ...], settings: dict[str, Any]) -> None:
-        settings = dict(settings)
-        score = squared_error(dynamics.n, _sections(settings.pop("ignoring"), record.rig.period))
-        super().__init__(dynamics, record, unknown, score=score, **settings)
+        super().__init__(dynamics, record, unknown, score=squared_error(dynamics.n), **settings)
         self._kernel = self.kernel(self.places)
         self._tables = self._kernel.along(self.loop, **self.driven, data=self.data(record.error_pulses))
 
@@ -184,9 +152,7 @@ class _Scored(Experiment):
 
     def _block(self, candidates: Floats) -> Floats:
         """Costs of at most `LANES` candidates; empty lanes repeat the last."""
-        lanes = np.empty((len(self.places), LANES))
-        lanes[:, : len(candidates)] = candidates.T
-        lanes[:, len(candidates) :] = candidates[-1][:, None]
+        lanes = candidates[np.minimum(np.arange(LANES), len(candidates) - 1)].T.copy()
         numbers = np.repeat(self.numbers[:, None], LANES, axis=1)
         numbers[self.places] = lanes
         state = np.ascontiguousarray(self.loop.initial_state(*self.began(numbers), numbers))

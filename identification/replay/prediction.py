@@ -19,11 +19,10 @@ import numpy as np
 
 from identification.equation_error.law_memory import Memory, Resumption
 from identification.equation_error.naming import of_each, record_label
-from identification.equation_error.prior import Prior
+from identification.equation_error.prior import Prior, PriorRows
 from identification.replay.experiment import as_records
 from identification.replay.followed import Followed, joined
 from identification.replay.gauss_newton import DEPENDENT, noise
-from identification.replay.prior_rows import PriorRows
 from plant import Dynamics, Record
 from plant.compiler.background import cores, shared_out
 from plant.parts.fields import Floats
@@ -181,8 +180,6 @@ class Prediction:
 
         Shifts (L, R, n) [pulses] are those of the encoders of each record, for L logs of each. Innovations of records
         that did not feel rounding are zero.
-
-        Raises a ValueError: an arm that diverges.
         """
         of_record = list[list[Floats]]()
         for (followed, own), moved in zip(self._each(values), np.swapaxes(shifts, 0, 1), strict=True):

@@ -53,10 +53,7 @@ def link_inertia(dynamics: Dynamics, rig: Rig, pose: ArrayLike) -> tuple[Floats,
 
 
 def on_gears(record: Record) -> Record:
-    """The same record on elastic gears, where its rig says nothing of them; their numbers say nothing yet.
-
-    Raises a ValueError: a motor without inertia.
-    """
+    """The same record on elastic gears, where its rig says nothing of them; their numbers say nothing yet."""
     rig, rotors = record.rig, record.rig.drive.reflected_inertia()
     if rig.drive.elasticity is not None:
         return record
@@ -103,7 +100,7 @@ class Resonances:
             {i: places[f"{field}[{i}]"] for i in range(dynamics.n) if f"{field}[{i}]" in places}
             for field in (STIFFNESS, DAMPING)
         )
-        self.noise = _ROUNDING
+        self.noise, self.dependent = _ROUNDING, prediction.dependent
         self._measured = None if measured is None else np.asarray(measured, dtype=float)
 
     # -- coordinates ---------------------------------------------------------------------------------------------
@@ -170,11 +167,6 @@ class Resonances:
     def scales(self) -> Floats:
         """What each innovation is divided by."""
         return np.append(self.prediction.scales, np.ones(self._more))
-
-    @property
-    def dependent(self) -> float:
-        """Share of its own that the slope of each unknown must have."""
-        return self.prediction.dependent
 
     @property
     def _more(self) -> int:

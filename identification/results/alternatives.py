@@ -3,7 +3,7 @@
 The change of the innovations with a number that is zero in the model, less what the fitted unknowns can do as well, is
 a direction in which the innovations of a right model lie by chance alone. The sum of squares that goes with it, in
 units of their variance (inflated by their autocorrelation), is a chi-square. What does not act linearly is tried
-(`identification.results.trials`).
+(`identification.replay.optimum`).
 
 Source: R. F. Engle, Wald, likelihood ratio, and Lagrange multiplier tests in econometrics, Handbook of Econometrics II,
 1984, ch. 13.
@@ -15,8 +15,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from identification.replay.extended import Extended
-from identification.replay.optimum import Optimum, along, directions
-from identification.results.trials import Trial, backlash, compliance
+from identification.replay.optimum import Optimum, Trial, along, backlash, compliance, directions
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept

@@ -98,18 +98,7 @@ class Assumed(Shown, Frozen):
     def covariance(self, percent: ArrayLike = 1.0) -> Floats:
         """Covariance (k, k) of the values by assumed numbers that are right within standard deviations of percent.
 
-        Parameters
-        ----------
-        percent : float or (a,) array_like
-            One for all, or one of each of `names`.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from identification import Assumed
-        >>> assumed = Assumed(names=("drive.gear[0]",), unknown=("f1",), moves=np.array([[0.2]]), std=np.ones(1))
-        >>> round(assumed.covariance(0.5).item(), 6)
-        0.01
+        `percent`: one for all, or one of each of `names`.
         """
         sizes = np.array([real("percent", each, "Give a standard deviation.") for each in np.ravel(percent).tolist()])
         if sizes.shape not in ((1,), (len(self.names),)) or (sizes < 0).any():

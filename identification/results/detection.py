@@ -67,7 +67,7 @@ class Detection(Shown, Frozen):
     doubt : (k, k) numpy.ndarray or None
         What is added to the covariance of the unknowns for what the model may lack; see `model_error`.
     grouped : (k,) numpy.ndarray or None
-        Their least standard deviations, from how they differ between segments or runs; see `clustered`.
+        Their least standard deviations, from how they differ between segments or runs; see `least_squares`.
     assumed : dict
         Their change (k,) if a gear, a motor's gain, or a gain of the law is 1 % larger, by its name.
     friction : dict

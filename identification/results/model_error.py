@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from identification.equation_error.clustered import RUNS, SEGMENTS, group_std, run_std
+from identification.equation_error.least_squares import RUNS, SEGMENTS, group_std, run_std
 from identification.replay.optimum import Optimum
 from identification.results.assumed import moved
 from identification.search.problem import Tolerances

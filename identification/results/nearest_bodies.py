@@ -43,11 +43,6 @@ class Block:
     factor: Floats
     columns: Floats
 
-    @property
-    def size(self) -> int:
-        """D"""
-        return len(self.factor)
-
 
 def nearest_realisation(
     blocks: list[Block], f: Floats, scale: Floats | None = None
@@ -60,7 +55,7 @@ def nearest_realisation(
     Returns pseudo-inertias, and the f that they have; None where no bodies with f were found.
     """
     A = np.column_stack([block.columns for block in blocks])
-    problem = _Problem([block.size for block in blocks])
+    problem = _Problem([len(block.factor) for block in blocks])
     if scale is None:
         found = None
         if (rows := _independent(A, f)) is not None:

@@ -11,6 +11,7 @@ identification, IEEE Robotics and Automation Letters 3 (2018) (physical consiste
 """
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Iterable, Iterator
 
@@ -135,10 +136,8 @@ def nearest_physical(found: Identification, boxes: ArrayLike, *, points: int = 5
 
 def _body(masses: list[tuple[float, Floats]], rotor: float) -> Body:
     """One body of point masses (mass, place), with its motor."""
-    body = Body(mass=0.0, com=(0, 0, 0))
-    for mass, place in masses:
-        body = body.joined(Body(mass=float(mass), com=place))
-    return dataclasses.replace(body, rotor=rotor)
+    points = (Body(mass=float(mass), com=place) for mass, place in masses)
+    return dataclasses.replace(functools.reduce(Body.joined, points, Body(mass=0.0, com=(0, 0, 0))), rotor=rotor)
 
 
 def whitening(found: Identification) -> Floats:

@@ -41,8 +41,6 @@ def plot_identification(found: Any, ax: Any = None) -> NDArray[Any]:
     95 % intervals, as shares of the values. A figure of its own says below what short names of parameters mean.
 
     `ax` (3 n + 2,): where to draw, joint by joint; a new figure by default.
-
-    Raises a ValueError: another number of Axes.
     """
     dynamics, record, n = found.arm.dynamics, found.records[0], found.arm.n
     axes = axes_of(ax, (3 * n + 2,), lambda: _new_axes(n, len(found.fit.values), dynamics.legend.splitlines()), _ADVICE)
@@ -126,8 +124,6 @@ def plot_oscillation(found: Any, ax: Any = None) -> NDArray[Any]:
     """Draw an `Oscillation`: errors measured and without it, one row per joint, and their spectrum below.
 
     `ax` (n + 1,): where to draw; a new figure by default.
-
-    Raises a ValueError: another number of Axes.
 
     Source: paper Figs. 10-11.
     """

@@ -86,8 +86,6 @@ def realised(arm: Arm, model: ModelFile, rotors: Floats, prior: Mapping[str, Bod
     `rotors` (n,): prior of the reflected rotor inertias [kg m^2]. `prior`: bodies of links, in their frames, instead of
     the file's. `scale` (p, p): whitening matrix of f, for the nearest one; by default relative to what the prior's
     bodies give.
-
-    Raises a ValueError: a file that does not describe this arm.
     """
     joints = matching_joints(arm, model)
     for name in prior:

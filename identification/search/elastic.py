@@ -117,8 +117,6 @@ def gear_fits(problem: Problem) -> list[GearFit]:
     """Fits of the torque equation: with rigid gears first, then with the best of a grid of resonances in each band.
 
     Gears that are known stay as they are.
-
-    Raises a ValueError: no band in which there is a fit.
     """
     dynamics, records, rig = problem.dynamics, problem.records, problem.records[0].rig
     slope, rotors = link_inertia(dynamics, rig, pose_of(problem))

@@ -65,7 +65,6 @@ class GeneticSettings:
     migration_interval: int = _within(20, Integral, 1)  # generations
     safe: bool = True  # see `reinsert` and `migrate`; False: as in the original toolbox
     target: float | None = _within(None, Real, -INF)  # stop when the best cost is at most this
-    patience: int | None = _within(None, Integral, 1)  # stop after so many generations without a better best
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -100,7 +99,6 @@ class GeneticState:
     costs: Floats  # (P,)
     best_x: Floats  # (p,) best individual evaluated so far
     best_cost: float = float("nan")
-    best_generation: int = 0  # that found it
     generation: int = -1  # 0: the initial population is evaluated
     evaluations: int = 0
     history: Floats  # (generation + 1, 3), as in `GeneticResult`
@@ -180,11 +178,10 @@ def minimize_genetic(
     _require(known, f"settings must be GeneticSettings; got {given}. Pass None for those of the paper.")
     _check_number("seed", seed, Integral, 0, INF)
     code = bounds, settings.bits_per_variable, settings.coding
-    known_code = _code(*code)
-    shape = settings.subpopulations * settings.individuals, sum(known_code[2])
+    shape = settings.subpopulations * settings.individuals, sum(_code(*code)[2])
 
     def evaluate(chromosomes: Bits) -> tuple[Floats, Floats]:
-        x = _decoded(chromosomes, *known_code, settings.coding)
+        x = decode(chromosomes, *code)
         return x, _evaluate(objective, x)
 
     rng = np.random.default_rng(int(seed))
@@ -202,7 +199,7 @@ def minimize_genetic(
         message = _reason_to_stop(state, settings, callback is not None and bool(callback(state)))
     return GeneticResult(
         x=state.best_x, cost=state.best_cost, initial_cost=first.best_cost, initial_population=x,
-        initial_costs=first.costs, final_population=_decoded(state.chromosomes, *known_code, settings.coding),
+        initial_costs=first.costs, final_population=decode(state.chromosomes, *code),
         final_costs=state.costs, history=state.history, evaluations=state.evaluations, seed=int(seed),
         settings=settings, message=message,
     )  # fmt: skip
@@ -236,7 +233,7 @@ def _advance(state: GeneticState, chromosomes: Bits, costs: Floats, x: Floats, t
     """Return the state one generation later, in which points x (M, p) were evaluated at costs tried (M,)."""
     best, finite, generation = np.argsort(tried, kind="stable")[0], costs[np.isfinite(costs)], state.generation + 1
     if tried[best] < state.best_cost or (np.isnan(state.best_cost) and not np.isnan(tried[best])):
-        state = replace(state, best_x=x[best].copy(), best_cost=float(tried[best]), best_generation=generation)
+        state = replace(state, best_x=x[best].copy(), best_cost=float(tried[best]))
     row = (np.fmin.reduce(costs, initial=INF), *((finite.mean(), finite.max()) if finite.size else (INF, INF)))
     return replace(
         state, chromosomes=chromosomes, costs=costs, generation=generation, evaluations=state.evaluations + len(x),
@@ -251,8 +248,6 @@ def _reason_to_stop(state: GeneticState, settings: GeneticSettings, stopped: boo
         reason = f"Stopped in generation {done}: the best cost reached the target {settings.target:g}."
     elif done == settings.generations:
         reason = f"All {done} generations done."
-    elif settings.patience is not None and done - state.best_generation >= settings.patience:
-        reason = f"Stopped in generation {done}: no better best for {settings.patience} generations."
     elif stopped:
         reason = f"Stopped in generation {done} by the callback."
     found = f"Best cost {state.best_cost:.6g}." if np.isfinite(state.best_cost) else "No candidate had a finite cost."
@@ -307,11 +302,7 @@ def decode(
     I is read most significant bit first; in Gray code each digit is the running parity. Source: paper section 3.7.
     """
     lower, upper, widths = _code(bounds, bits_per_variable, coding)
-    return _decoded(_points("bits", bits, widths.sum()).astype(np.uint8), lower, upper, widths, coding)
-
-
-def _decoded(rows: Bits, lower: Floats, upper: Floats, widths: NDArray[np.int_], coding: str) -> Floats:
-    """`decode`, of what has been validated."""
+    rows = _points("bits", bits, widths.sum()).astype(np.uint8)
     whole = np.empty((len(rows), len(widths)))
     for j, block in enumerate(np.split(rows, np.cumsum(widths)[:-1], axis=1)):
         digits = np.bitwise_xor.accumulate(block, axis=1) if coding == "gray" else block

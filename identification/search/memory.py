@@ -77,10 +77,7 @@ def repeating(problem: Problem, objective: Objective, places: Sequence[Resumptio
 
 
 def as_tested(problem: Problem, fit: Fit) -> tuple[list[Record], list[int]]:
-    """The records that are followed, and which of the unknowns act on them.
-
-    Raises a ValueError: a record that cannot be followed.
-    """
+    """The records that are followed, and which of the unknowns act on them."""
     if fit.zeros is not None:
         given = with_zeros(problem.records, fit.zeros)
     else:

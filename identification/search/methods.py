@@ -1,11 +1,4 @@
-"""Methods of identification, all with one interface: a `Problem` in, an `Outcome` out.
-
-paper             the genetic algorithm of 3.7 on objective (4), in given ranges
-equation_error    the torque equation in a pass band, by least squares (`identification.equation_error.pulse_fit`)
-didim             the same with the motion of a simulated arm in place of the measured one, again and again
-output_error      simulated against counted positions, from the equation error's start, by Gauss-Newton
-prediction_error  predicted against counted positions (`identification.replay.prediction`), from the same start
-seeded            equation error, then the genetic algorithm in a box around it, then the prediction error
+"""Methods of identification, all with one interface: a `Problem` in, an `Outcome` out; `identify` lists them.
 
 Sources: paper 3.2, 3.7; M. Gautier, A. Janot, P.-O. Vandanjon, A new closed-loop output error method
 for parameter identification of robot dynamics, IEEE Transactions on Control Systems Technology 21 (2013) (didim).

@@ -148,9 +148,7 @@ class Search(Shown, Frozen):
 
     Attributes
     ----------
-    method : str
-    seed : int
-    settings : GeneticSettings
+    method, seed, settings : str, int, GeneticSettings
     tolerances : Tolerances
         Within which the rigs are right, as the intervals count them.
     ranges : (k, 2) numpy.ndarray or None

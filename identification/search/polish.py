@@ -73,11 +73,8 @@ def polished(
     k, bounds = len(start), np.vstack([problem.bounds, prediction.nuisance_bounds])
     steps = np.append(_SMALL * step, prediction.nuisance_steps)
     first = np.append(start, prediction.nuisances)
-    if problem.memories and not simulated:
-        solution = by_stages(prediction, first, steps, bounds, slice(k, k + 2 * problem.dynamics.n))
-    else:
-        solution = gauss_newton(prediction, first, steps, bounds)
-    solution = reweighed(prediction, solution, steps, bounds)
+    gains = slice(k, k + 2 * problem.dynamics.n) if problem.memories and not simulated else None
+    solution = reweighed(prediction, by_stages(prediction, first, steps, bounds, gains), steps, bounds)
     rounding = None
     if prediction.rounds:
         solution, rounding = _unbiased(prediction, solution, bounds, problem.seed)
@@ -89,8 +86,8 @@ def polished(
         )
         values = start
     resumptions = prediction.resumptions(solution.values) if problem.memories else ()
-    gains = None if simulated else solution.values[k : k + 2 * problem.dynamics.n]
-    own = {"values": values, "fallback_reason": reason, "resumptions": resumptions, "gains": gains}
+    found = None if simulated else solution.values[k : k + 2 * problem.dynamics.n]
+    own = {"values": values, "fallback_reason": reason, "resumptions": resumptions, "gains": found}
     outcome = outcome_of(problem, prediction, solution, solution.values, stages, **own)
     return dataclasses.replace(outcome, rounding=rounding)
 
@@ -139,11 +136,13 @@ def _unbiased(prediction: Prediction, solution: Solution, bounds: Floats, seed: 
     return unbiased, np.mean(logs, axis=0) * prediction.scales
 
 
-def by_stages(prediction: Any, values: Floats, steps: Floats, bounds: Floats, gains: slice) -> Solution:
-    """Least sum of squares with observer gains that go down by stages, then are free.
+def by_stages(prediction: Any, values: Floats, steps: Floats, bounds: Floats, gains: slice | None) -> Solution:
+    """Least sum of squares with observer gains that go down by stages, then are free; at once where these are None.
 
     With high gains the innovations are nearly linear in what is unknown of a law's memory; low ones tell most.
     """
+    if gains is None:
+        return gauss_newton(prediction, values, steps, bounds)
     found, half = list[Solution](), (gains.stop - gains.start) // 2
     kept = steps.copy()
     kept[gains] = 0

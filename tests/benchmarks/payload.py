@@ -15,7 +15,7 @@ import numpy as np
 
 from ctc import ComputedTorque, ComputedTorquePID, PayloadEstimator
 from identification import identify
-from identification.payload.torque_window import Window
+from identification.payload.kernel_estimate import Window
 from plant import Body, Elasticity, SteppedArm, puma560, simulate
 
 RIG, PATH = puma560.rig(), puma560.reference()

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from identification.equation_error.clustered import at_least, group_std, run_std
+from identification.equation_error.least_squares import at_least, group_std, run_std
 from plant.parts.sums import products
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from ctc import ComputedTorque
 from identification.payload.genetic_estimate import GeneticEstimator
-from identification.payload.shape import LoadShape
-from identification.payload.torque_window import Window
+from identification.payload.kernel_estimate import Window
+from identification.payload.posterior import LoadShape
 from identification.search.genetic import GeneticSettings
 from plant import Body, puma560, simulate
 

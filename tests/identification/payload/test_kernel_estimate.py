@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque
-from identification.payload.kernel_estimate import KernelEstimator, uncertainty
-from identification.payload.shape import LoadShape
-from identification.payload.torque_window import Window
+from identification.payload.kernel_estimate import KernelEstimator, Window, uncertainty
+from identification.payload.posterior import LoadShape
 from plant import Body, Harmonics, puma560, simulate
 
 RIG, PATH, N = puma560.rig(), puma560.reference(), 286

@@ -196,11 +196,11 @@ def test_a_negative_mass_is_said():
     ("change", "says"),
     [
         ({"arm": puma560.dynamics()}, "arm must be of type Arm"),
-        ({"record": RIG}, "record must be of type Record"),
+        ({"record": RIG}, "records must be at least one Record; got Rig"),
         ({"position": (0, 1)}, "position must have shape"),
         ({"postion": PLACE}, "Did you mean 'position'"),
         ({"link": 0, "position": (0, 0, 0)}, "load does not in this motion"),
-        ({"record": [RIG]}, "record must be of type Record"),
+        ({"record": [RIG]}, "records must be at least one Record; got Rig"),
         ({"record": []}, "records must be at least one Record"),
         ({"mass": (2.0, 1.0)}, "mass must increase"),
         ({"mass": (-1.0, 1.0), "position": None}, "mass must be positive where the place"),

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from identification.payload.posterior import information, posterior
-from identification.payload.shape import LoadShape
+from identification.payload.posterior import LoadShape, information, posterior
 from plant import puma560
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from identification.payload.torque_window import Smoothing
+from identification.payload.kernel_estimate import Smoothing
 
 SMOOTHING = Smoothing(0.04, 0.7e-3)
 

@@ -341,38 +341,3 @@ def test_a_log_that_starts_later_is_the_same_log():
     later = dataclasses.replace(robot(), t=robot().t + 12.5)
     population = candidates(3)
     np.testing.assert_array_equal(objective(later)(population), objective()(population))
-
-
-# -- errors filtered alike -------------------------------------------------------------------------------------------
-def test_a_band_is_ignored_as_scipy_filters_it():
-    """Both errors through the same band-stop twice, by another implementation; the energy is that of zero phase."""
-    from scipy.signal import butter, sosfilt, sosfiltfilt
-
-    record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), steps_per_sample=16)
-    candidate = puma560.PUBLISHED * 1.05
-    model = simulate(puma560.dynamics().arm(candidate), puma560.rig(), puma560.p_law(), puma560.reference())
-    got = Objective(puma560.dynamics(), record, ignoring=(20, 36))(candidate[None])[0]
-    sections = butter(3, np.array([20, 36]) * 2 * record.rig.period, "bandstop", output="sos")
-    difference = record.error_pulses - model.error_pulses
-    expected = np.sum(sosfilt(sections, sosfilt(sections, difference, axis=0), axis=0) ** 2)
-    np.testing.assert_allclose(got, expected, rtol=1e-9)
-    np.testing.assert_allclose(got, np.sum(sosfiltfilt(sections, difference, axis=0) ** 2), rtol=0.05)
-    assert got < 0.9 * np.sum(difference**2)
-
-
-def test_a_disturbance_that_is_ignored_costs_nothing():
-    clean = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), steps_per_sample=16)
-    wave = np.round(6 * np.sin(2 * np.pi * 70 * clean.t))[:, None]
-    shaken = dataclasses.replace(clean, error_pulses=clean.error_pulses + wave)
-    plain, ignored, both = (
-        Objective(puma560.dynamics(), record, ignoring=band)(puma560.PUBLISHED[None])[0]
-        for record, band in ((shaken, None), (shaken, (50, 95)), (clean, (50, 95)))
-    )
-    assert plain > 20 * both
-    assert ignored < 2 * both
-
-
-@pytest.mark.parametrize("band", [(30, 20), (0, 30), (20, 2000), (20,), "20"])
-def test_a_band_that_is_none_is_refused(band):
-    with pytest.raises(ValueError, match="ignoring must"):
-        objective(ignoring=band)
