@@ -12,7 +12,7 @@ Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above
 `stability`     the error loop linearised, its margins, gains by design (python-control)
 `verdict`       `evaluate` one arm under one controller, `compare` several, animate
 `payload`       a load in the gripper, identified and taken into the model while the arm runs
-`laws`          computed torque (observer, PID, integral), feed-forward, adaptive ...
+`laws`          computed torque (observer, PID), feed-forward, adaptive ...
 `figures`       figures of records and results, in one style
 =============== ====================================================================================================
 
@@ -39,7 +39,6 @@ from ctc.certification.uncertainty import Uncertainty
 from ctc.figures.records import plot_identification, plot_record
 from ctc.laws.adaptive import Adaptive
 from ctc.laws.computed_torque import ComputedTorque
-from ctc.laws.computed_torque_integral import ComputedTorqueIntegral
 from ctc.laws.computed_torque_pid import ComputedTorquePID
 from ctc.laws.feed_forward import FeedForward, PDGravity
 from ctc.laws.sliding_mode import SlidingMode
@@ -58,7 +57,7 @@ from ctc.verdict.evaluations import evaluate
 from ctc.verdict.resonance_sweep import sweep_resonance
 
 __all__ = [
-    "Adaptive", "Certificate", "ComputedTorque", "ComputedTorqueIntegral", "ComputedTorquePID", "Evaluation",
+    "Adaptive", "Certificate", "ComputedTorque", "ComputedTorquePID", "Evaluation",
     "FeedForward", "Fleet", "LearntTorque", "PDGravity", "PayloadEstimator", "SlidingMode", "Uncertainty",
     "animate", "campaign", "certify", "compare", "error_loop", "evaluate", "learn", "margins",
     "motor_gain", "observer_gains", "pid_gains", "plot_arm", "plot_identification", "plot_record", "sweep_resonance",
