@@ -15,24 +15,7 @@ from plant.parts.part import number, part
 def rolled_off(
     signal: ca.SX, before: ca.SX, value: ca.SX, rate: ca.SX, corner: ca.SX, damping: ca.SX, dt: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
-    """Filtered signal and its rate, one step later.
-
-    Parameters
-    ----------
-    signal, before : casadi SX (n, 1)
-        Read now, and in the step before.
-    value, rate : casadi SX (n, 1)
-        Filtered signal, and its rate, in the step before.
-    corner : casadi SX
-        f [rad/s]
-    damping : casadi SX
-        z
-    dt : casadi SX
-        Time since the step before [s].
-
-    Returns
-    -------
-    value, rate : casadi SX (n, 1)
+    """Filtered signal (n, 1) and its rate, one step later; of the step before it has signal, value and rate.
 
     Source: Tustin's method, which is the trapezoidal rule: s = 2 / dt (z - 1) / (z + 1).
     """
@@ -54,10 +37,8 @@ class ComputedTorquePID(ModelLaw):
 
     Parameters
     ----------
-    arm : Arm or Identification
-        The identified arm; an identification gives its rig, too.
-    rig : Rig, optional
-        The identified rig, ``found.rig``: its friction is fed forward.
+    arm, rig
+        As of `ComputedTorque`.
     bandwidth : float
         w, where the loop's gain is about one [rad/s]: far above its zeros, and below f, a(s) is w s.
     ratio : float

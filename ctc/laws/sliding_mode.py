@@ -21,10 +21,8 @@ class SlidingMode(ModelLaw):
 
     Parameters
     ----------
-    arm : Arm or Identification
-        The identified arm; an identification gives its rig, too.
-    rig : Rig, optional
-        The identified rig, ``found.rig``: its friction is fed forward.
+    arm, rig
+        As of `ComputedTorque`.
     bandwidth : float
         w: how fast e goes to zero on the surface s = 0 [rad/s].
     reach : float

@@ -14,7 +14,7 @@ from identification.payload.kernel_estimate import KERNEL, uncertainty
 from identification.payload.posterior import PayloadEstimate, nothing
 from identification.payload.shape import LoadShape
 from identification.payload.worker import Specification
-from plant import Law, Rig
+from plant import Rig
 from plant.parts.arguments import choice, instance, known_options, real
 
 _LEAST_WINDOW = 0.1  # [s]; the paper's shortest
@@ -91,15 +91,12 @@ class PayloadEstimator:
     """
 
     def __init__(
-        self, law: Law, *, mass: ArrayLike = (0, 5), position: ArrayLike | None = None, window: float = 0.2,
+        self, law: ModelLaw, *, mass: ArrayLike = (0, 5), position: ArrayLike | None = None, window: float = 0.2,
         along: ArrayLike | None = None, reach: ArrayLike = (0.2, 0.5), inertia: ArrayLike = (0,) * 6,
         prior: float | None = None, found: Identification | None = None, friction: float = 0.0,
         tolerated: float = 0.05, alarm: float = 1.7, method: str = "kernel", beside: bool = True, seed: int = 0,
     ) -> None:  # fmt: skip
-        known = law if isinstance(law, ModelLaw) else None
-        if not isinstance(law, Law) or known is None:
-            given = type(law).__name__
-            raise ValueError(f"law must hold an arm, such as ComputedTorque; {given} knows none. Give it the model.")
+        known = instance("law", law, ModelLaw, "It must hold an arm, such as ComputedTorque.")
         if isinstance(law, Adaptive):
             raise ValueError("law must keep the model it is given; Adaptive changes it by itself. Use ComputedTorque.")
         self.law, self.method, self.beside = known, choice("method", method, ("kernel", "genetic")), beside
