@@ -36,7 +36,7 @@ from ctc.campaigns.fleet import Fleet
 from ctc.certification.certificate import Certificate
 from ctc.certification.certify import certify
 from ctc.certification.uncertainty import Uncertainty
-from ctc.figures.records import plot_identification, plot_record
+from ctc.figures.records import plot_record
 from ctc.laws.adaptive import Adaptive
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.laws.computed_torque_pid import ComputedTorquePID
@@ -60,6 +60,6 @@ __all__ = [
     "Adaptive", "Certificate", "ComputedTorque", "ComputedTorquePID", "Evaluation",
     "FeedForward", "Fleet", "LearntTorque", "PDGravity", "PayloadEstimator", "SlidingMode", "Uncertainty",
     "animate", "campaign", "certify", "compare", "error_loop", "evaluate", "learn", "margins",
-    "motor_gain", "observer_gains", "pid_gains", "plot_arm", "plot_identification", "plot_record", "sweep_resonance",
+    "motor_gain", "observer_gains", "pid_gains", "plot_arm", "plot_record", "sweep_resonance",
     "tune", "write_report",
 ]  # fmt: skip

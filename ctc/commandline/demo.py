@@ -4,7 +4,7 @@ import time
 from pathlib import Path
 
 from ctc.figures.errors import plot_comparison, plot_evaluation
-from ctc.figures.records import plot_identification, plot_record
+from ctc.figures.records import plot_record
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.verdict.evaluation import Evaluation
 from ctc.verdict.evaluations import evaluate
@@ -58,7 +58,7 @@ def _save_figures(
     best = simulate(found.arm, rig, p, path)
     figures = {
         "1_experiment": plot_record(measured, joints),
-        "2_identification": plot_identification(measured, models[0], best, models[1:], joints),
+        "2_identification": plot_record(measured, joints, models=(models, best)),
         "2_fit": found.plot(),
         "3_p_against_computed_torque": plot_comparison(verdicts),
         "4_computed_torque": plot_evaluation(verdicts["computed torque"]),
