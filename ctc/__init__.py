@@ -47,8 +47,7 @@ from ctc.learning.learnt_torque import LearntTorque
 from ctc.payload.estimator import PayloadEstimator
 from ctc.report.report import write_report
 from ctc.stability.design import motor_gain, observer_gains, pid_gains
-from ctc.stability.error_loop import error_loop
-from ctc.stability.margins import margins
+from ctc.stability.margins import error_loop, margins
 from ctc.tuning.tune import tune
 from ctc.verdict.animation import animate, plot_arm
 from ctc.verdict.comparison import compare

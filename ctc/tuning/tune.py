@@ -116,10 +116,8 @@ def tune(
     task = Task(
         "tune", found, rig, (), reference, uncertainty, within=within, after=after, duration=duration, samples=samples,
         seed=seed, threads=threads, progress=progress, checkpoint=checkpoint, steps_per_sample=4,
-        settings=(allowed,),
+        executor=executor, settings=(allowed,),
     )  # fmt: skip
-    if executor is not None and checkpoint is not None:
-        raise ValueError("checkpoint must be left out with an executor; got both. Leave out one.")
     if not task.within > 0:
         raise ValueError(f"within must be positive; got {within:g}. The promise is 1 pulse.")
     if not 0 <= real("allowed", allowed, "Give a share, such as 0.05.") < 1:
