@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
 from plant import Rig, Setpoint
+from plant.laws.law import Step
 from plant.laws.terms import filtered_difference, no_reading
 from plant.parts.arguments import array, signs
 from plant.parts.fields import Nested, Vector
@@ -91,9 +92,7 @@ class Adaptive(ModelLaw):
         """The arm's f, no reading yet, no torque commanded."""
         return np.concatenate([self.arm.f, no_reading(n), np.zeros(n)])
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """One sample: error and its rate -> s -> torque with f-hat as it was -> f-hat."""
         n, model = self.arm.n, self.arm.dynamics
         f, memory, commanded = state[: model.p], state[model.p : -n], state[-n:]

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
 from plant import Rig, Setpoint
+from plant.laws.law import Step
 from plant.laws.terms import integrated
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
@@ -90,9 +91,7 @@ class ComputedTorquePID(ModelLaw):
         """The integral."""
         return (range(1, 1 + n),)
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """One sample: what was cut off -> integral -> filtered error and its rate -> acceleration -> torque."""
         n, model, f = self.arm.n, self.arm.dynamics, self.arm.f
         read, integral, before, value, rate, commanded = (

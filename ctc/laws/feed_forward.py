@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw, base
 from plant import Law, Rig, Setpoint
-from plant.laws.law import Block
+from plant.laws.law import Block, Step
 from plant.parts.part import part, structure
 
 
@@ -50,9 +50,7 @@ class Aided(ModelLaw):
         """The feedback's, and no aid given yet."""
         return np.concatenate([self.feedback.initial_state(n), np.zeros(n)])
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """Tau = feedback + aid."""
         n = rig.n
         commanded, memory = self.feedback.equations(rig, state[:-n], setpoint, pulses, torque - state[-n:], dt)

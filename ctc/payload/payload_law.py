@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ctc.laws.model_law import ModelLaw
 from ctc.laws.observer import correct, predict, triple_pole
 from plant import Law, Rig, Setpoint
-from plant.laws.law import Block
+from plant.laws.law import Block, Step
 from plant.mechanics.lumping import LOAD
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
@@ -113,9 +113,7 @@ class PayloadLaw(Law):
         self.law.block(rig)  # refuses a rig that is not the law's
         return super().block(rig)
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """One sample: swap -> law with the model that carries the load -> disturbance -> change."""
         n, dynamics = rig.n, self.arm.dynamics
         parts = {name: state[where.start : where.stop] for name, where in self.places(n).items()}

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ctc.certification.cells import clopper_pearson
 from ctc.certification.plants import Plants
@@ -19,6 +18,7 @@ from ctc.tuning.tuning import Trial
 from identification import GeneticSettings, minimize_genetic
 from plant import Reference
 from plant.parts.checkpoint import Checkpoint
+from plant.parts.fields import Floats
 from plant.simulation.population import Population, Runs
 
 ROUNDS = (24, np.inf), (12, np.inf), (12, 1.1), (12, 1.0), (12, 0.95), (12, 0.85)
@@ -53,8 +53,6 @@ _FAR = 20.0  # peak error [pulses] beyond which one is as bad as another
 
 _HOPE, _HOPELESS = 8, 0.5
 """Generation after which a search is given up under whose best tuning such a share still exceeds the limit."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
