@@ -15,12 +15,7 @@ from plant.parts.shown import Piece, Shown, Verdict
 
 
 def require_laws(laws: Any) -> None:
-    """Refuse what is no dict of name -> Law.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse what is no dict of name -> Law."""
     if not isinstance(laws, dict) or not laws or not all(isinstance(name, str) for name in laws):
         raise ValueError(f"laws must be a dict of name -> Law; got {laws!r:.60}. Pass {{'P': p_law, ...}}.")
     for name, law in laws.items():
@@ -85,14 +80,8 @@ def compare(
     laws : dict of str -> Law
         By the name that each is to have in the table.
     reference : Reference
-    backend : {"numba", "casadi"}
-        As in `ctc.evaluate`.
-    duration : float, optional
-        [s]; by default one period of the reference.
-    steps_per_sample : int
-        Integration steps between two samples.
-    initial : (2, n) array_like, optional
-        Position [rad] and velocity [rad/s] at t = 0; by default those of the reference.
+    backend, duration, steps_per_sample, initial
+        As of `ctc.evaluate`.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What a verdict by simulation does not state: an arm at rest on a moving path, a controller that cannot start.
+"""What a verdict by simulation does not state: an arm at rest on a moving path.
 
 A path gives the simulator its first speed, too; a real arm is at rest until the first sample of its controller.
 """
@@ -9,9 +9,8 @@ import warnings
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ctc.laws.model_law import ModelLaw
 from plant import Arm, Law, Reference, Rig
 from plant.simulation.logged_run import DivergenceError
 from plant.simulation.simulator import run
@@ -22,18 +21,8 @@ _STILL = 1e-9  # share of the largest speed of a path that is none
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FromRest:
-    """A run from rest on a path that begins in motion.
-
-    Attributes
-    ----------
-    begins : str
-        Speed at which the path begins, and the joint.
-    peak : float
-        Largest encoder error [pulses]; infinite where the run diverges.
-    back : float
-        Time from which on the arm is within the limit [s]; NaN where that is later than was simulated.
-    within : float
-        The limit [pulses].
+    """A run from rest on a path that begins in motion: the joint and its speed, the largest encoder error [pulses], the
+    time from which on the arm is within the limit [s], NaN where later than was simulated, and the limit.
     """
 
     begins: str
@@ -79,16 +68,6 @@ def from_rest(
     outside = np.flatnonzero(error > within)
     back = np.nan if outside[-1] == len(error) - 1 else float(record.t[outside[-1] + 1])
     return FromRest(begins=begins, peak=float(error.max()), back=back, within=within)
-
-
-def refused(law: Law, rig: Rig, counts: ArrayLike) -> str | None:
-    """Why `Law.start` would refuse at these counts (n,); None where it would not."""
-    if isinstance(law, ModelLaw):
-        try:
-            law.require_stable(rig, counts)
-        except ValueError as error:
-            return f"`start` refuses this controller: {error}"
-    return None
 
 
 def _first_speed(reference: Reference, duration: float) -> NDArray[np.float64]:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctc.figures.errors import plot_evaluation, plot_phase
-from ctc.verdict.conditions import FromRest, from_rest, refused
+from ctc.laws.model_law import ModelLaw
+from ctc.verdict.conditions import FromRest, from_rest
 from ctc.verdict.on_gears import SETTLED, LowestResonance, lowest_resonance
 from plant import Arm, Record
 from plant.compiler.background import cores
@@ -119,7 +120,12 @@ class Evaluation(Shown):
     def refused(self) -> str | None:
         """Why `start` would refuse this controller at the first sample; None where it would not."""
         record: Any = self.record
-        return refused(record.law, record.rig, record.counts[0])
+        if isinstance(record.law, ModelLaw):
+            try:
+                record.law.require_stable(record.rig, record.counts[0])
+            except ValueError as error:
+                return f"`start` refuses this controller: {error}"
+        return None
 
     @property
     def holds(self) -> bool:
