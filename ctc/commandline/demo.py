@@ -9,7 +9,7 @@ from ctc.laws.computed_torque import ComputedTorque
 from ctc.verdict.evaluation import Evaluation
 from ctc.verdict.evaluations import evaluate
 from identification import Identification, identify
-from plant import Arm, Record, Reference, Rig, puma560, simulate
+from plant import puma560, simulate
 
 
 def demo(seed: int, figures: Path) -> bool:
@@ -39,20 +39,18 @@ def demo(seed: int, figures: Path) -> bool:
         print("\n   " + str(verdict).replace("\n", "\n   "))
 
     print(f"\n4. figures, saved in the folder {figures}")
-    _save_figures(figures, robot, rig, path, measured, paper, found, verdicts)
+    _save_figures(figures, paper, found, verdicts)
     print(f"   done after {time.perf_counter() - started:.1f} s")
     return verdicts["computed torque"].within(1)
 
 
-def _save_figures(
-    folder: Path, robot: Arm, rig: Rig, path: Reference, measured: Record, paper: Identification,
-    found: Identification, verdicts: dict[str, Evaluation],
-) -> None:  # fmt: skip
+def _save_figures(folder: Path, paper: Identification, found: Identification, verdicts: dict[str, Evaluation]) -> None:
     import matplotlib
 
     matplotlib.use("Agg")
     folder.mkdir(parents=True, exist_ok=True)
-    dynamics, p, joints = robot.dynamics, found.law, verdicts["P"].joints
+    rig, path, p, (measured,) = puma560.rig(), puma560.reference(), found.law, found.records
+    dynamics, joints = found.arm.dynamics, verdicts["P"].joints
     leading = paper.initial_population[paper.search.initial_costs.argsort()[:4]]
     models = [simulate(dynamics.arm(f), rig, p, path) for f in leading]
     best = simulate(found.arm, rig, p, path)

@@ -10,7 +10,6 @@ import contextlib
 import functools
 import glob
 import multiprocessing
-import sqlite3
 import tomllib
 from argparse import Namespace
 from collections.abc import Callable, Iterator
@@ -20,6 +19,7 @@ from typing import Any
 
 from ctc.campaigns.campaign import campaign
 from ctc.campaigns.fleet import Fleet
+from ctc.campaigns.ledger import rows_of
 from ctc.commandline.commands import COMMANDS
 from ctc.commandline.inputs import Answer
 from identification import Identification
@@ -183,9 +183,8 @@ def _status(folder: Path) -> Answer:
     path = folder / "ledger.sqlite"
     if not path.is_file():
         raise ValueError(f"{folder} must hold a campaign; there is none. Run it without --status first.")
-    with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:
-        states = dict(base.execute("select state, count(*) from tasks group by state"))
-        failed = dict(base.execute("select name, error from tasks where state = 'failed' order by number"))
+    states = dict(rows_of(path, "select state, count(*) from tasks group by state"))
+    failed = dict(rows_of(path, "select name, error from tasks where state = 'failed' order by number"))
     data = {state: states.get(state, 0) for state in ("done", "open", "failed")}
     text = ", ".join(f"{count} {state}" for state, count in data.items())
     return Answer("\n".join([text, *(f"{name}: {error}" for name, error in failed.items())]), data | {"errors": failed})
