@@ -65,14 +65,11 @@ class Certificate(Certified):
 
     Examples
     --------
-    >>> from plant import puma560, simulate
-    >>> from identification import identify
+    >>> from plant import puma560
     >>> from ctc import ComputedTorque, Uncertainty, certify
-    >>> path = puma560.reference()
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), path)
-    >>> found = identify(puma560.dynamics(), record, progress=False)
-    >>> law = ComputedTorque(found, bandwidth=150)
-    >>> certificate = certify(found, found.rig, law, path, Uncertainty(friction=0.02), samples=64, progress=False)
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> law, stated = ComputedTorque(arm, rig, bandwidth=150), Uncertainty(plants=[arm.f], friction=0.02)
+    >>> certificate = certify(arm, rig, law, puma560.reference(), stated, samples=64, progress=False)
     >>> certificate.failures, certificate.upper < 0.1
     (0, True)
     """

@@ -35,11 +35,6 @@ def draw(
     and what else is stated; resonances are those of the gears at `pose` (n,) [rad], zeros by default. A progress bar
     and the stages of a checkpoint are those of the records that are fitted again on elastic gears. `normals`, in place
     of a random generator, gives the samples as a function of its numbers; which of them are arms it is told.
-
-    Raises
-    ------
-    ValueError
-        No covariance to sample from, or one so large that hardly a sample is an arm.
     """
     instance("rig", rig, Rig, "The order is found, rig, law, reference.")
     pose = np.zeros(rig.n) if pose is None else pose

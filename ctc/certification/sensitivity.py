@@ -37,19 +37,7 @@ class Influence(NamedTuple):
 
 
 def influences(names: Sequence[str], values: NDArray[np.float64], peaks: NDArray[np.float64]) -> list[Influence]:
-    """Influence of each number, the largest share first.
-
-    Parameters
-    ----------
-    names : sequence of str
-    values : (P, K) numpy.ndarray
-    peaks : (P,) numpy.ndarray
-        May be infinite.
-
-    Returns
-    -------
-    list of Influence
-    """
+    """Influence of each number, of values (P, K) on peaks (P,) that may be infinite, the largest share first."""
     from scipy.stats import rankdata
 
     ranks, count = rankdata(peaks), len(peaks)

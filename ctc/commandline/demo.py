@@ -50,7 +50,7 @@ def _save_figures(folder: Path, paper: Identification, found: Identification, ve
     matplotlib.use("Agg")
     folder.mkdir(parents=True, exist_ok=True)
     rig, path, p, (measured,) = puma560.rig(), puma560.reference(), found.law, found.records
-    dynamics, joints = found.arm.dynamics, verdicts["P"].joints
+    dynamics, joints = found.arm.dynamics, [link.name or "" for link in found.arm.dynamics.chain.links]
     leading = paper.initial_population[paper.search.initial_costs.argsort()[:4]]
     models = [simulate(dynamics.arm(f), rig, p, path) for f in leading]
     best = simulate(found.arm, rig, p, path)

@@ -104,31 +104,20 @@ class ModelLaw(Law):
         return super().start(rig, pulses, **options)
 
     def require_stable(self, rig: Rig, pulses: ArrayLike) -> None:
-        """Refuse what `start` refuses.
-
-        Raises
-        ------
-        ValueError
-            An unstable loop.
-        """
+        """Refuse what `start` refuses: an unstable loop."""
         stated = rig if getattr(rig.drive, "elasticity", None) is not None else self.rig
         fast = getattr(self, "bandwidth", 0.0) * self.rig.period > _FAST
-        if self.period is not None and (fast or stated.drive.elasticity is not None):
-            self._require_stable(stated, pulses)
-
-    def _require_stable(self, rig: Rig, pulses: ArrayLike) -> None:
-        counts = array("pulses", pulses, (rig.n,), advice="Give the encoder count of each joint.")
+        if self.period is None or not (fast or stated.drive.elasticity is not None):
+            return
+        counts = array("pulses", pulses, (stated.n,), advice="Give the encoder count of each joint.")
         try:
-            pole = SampledLoops(self.arm, rig, self, rig.cell_centre(counts)).unstable_pole()
+            pole = SampledLoops(self.arm, stated, self, stated.cell_centre(counts)).unstable_pole()
         except ValueError:  # it cannot hold this pose at rest, so there is no loop to linearise
             return
         if pole is not None:
-            bandwidth = getattr(self, "bandwidth", None)
-            own = (
-                ""
-                if bandwidth is None
-                else (f"; its bandwidth is {bandwidth:g} rad/s, {bandwidth * rig.period:.2g} times the period")
-            )
+            own, bandwidth = "", getattr(self, "bandwidth", None)
+            if bandwidth is not None:
+                own = f"; its bandwidth is {bandwidth:g} rad/s, {bandwidth * stated.period:.2g} times the period"
             raise ValueError(
                 f"{type(self).__name__} must be stable on this rig; linearised it swings up at "
                 f"{abs(pole.imag) / (2 * np.pi):.3g} Hz with the time constant {1 / pole.real:.2g} s{own}. "

@@ -22,16 +22,10 @@ _HALVINGS = 3
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PathPlant:
-    """N samples of the model along a reference, without Coulomb friction in its deviations.
+    """N samples of the model along a reference: motion of the links, and the torque [N m] that it needs to the next.
 
-    Attributes
-    ----------
-    torque : (N, n) numpy.ndarray
-        That the model needs from each sample to the next, friction included [N m].
-    transition : (N, m + n, m + n) numpy.ndarray
-        Of deviations: angles and speeds (of motors, then links), and the torque (n) that is missing.
-    q, qd, qdd : (N, n) numpy.ndarray
-        Motion of the links.
+    The transition (N, m + n, m + n) is of deviations, without Coulomb friction: angles and speeds (of motors, then
+    links), and the torque (n) that is missing.
     """
 
     torque: Floats

@@ -17,7 +17,6 @@ from ctc.verdict.on_gears import SETTLED, LowestResonance, lowest_resonance
 from plant import Arm, Record
 from plant.compiler.background import cores
 from plant.machine.elasticity import DAMPING_RATIO
-from plant.parts.labels import joint_labels
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import by_joint
 
@@ -28,7 +27,6 @@ class Evaluation(Shown):
 
     Attributes
     ----------
-    joints : tuple of str
     arm : Arm
     record : Record
     true_error_pulses : (N steps_per_sample, n) numpy.ndarray
@@ -60,7 +58,6 @@ class Evaluation(Shown):
     (True, '100.00%')
     """
 
-    joints: tuple[str, ...]
     arm: Arm
     record: Record
     true_error_pulses: NDArray[np.float64]
@@ -68,7 +65,7 @@ class Evaluation(Shown):
     @property
     def joint_labels(self) -> list[str]:
         """What to call each joint in tables and figures."""
-        return joint_labels(self.joints, len(self.joints))
+        return self.arm.dynamics.chain.joint_labels
 
     @property
     def max_error_pulses(self) -> NDArray[np.float64]:

@@ -159,6 +159,8 @@ def lowest_resonance(
     try:
         runs = on_gears(arm, rig, law, reference, ratio, threads, initial=start, **options)
     except ValueError as error:
+        if rig.drive.elasticity is not None:
+            raise
         return LowestResonance(hz=np.nan, damping_ratio=ratio, within=within, reason=str(error))
 
     def leaves(hz: Any) -> Any:
