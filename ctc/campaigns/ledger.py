@@ -75,9 +75,8 @@ class Ledger:
                 self._lock.execute("begin exclusive")
             except sqlite3.OperationalError:
                 self._lock.close()
-                raise ValueError(
-                    f"folder {self.folder} must be of no other campaign that runs; one holds it. Wait for its end."
-                ) from None
+                said = "must be of no other campaign that runs; one holds it. Wait for its end."
+                raise ValueError(f"folder {self.folder} {said}") from None
             self._base = sqlite3.connect(self.path, isolation_level=None)
             try:
                 self._open()
@@ -98,9 +97,8 @@ class Ledger:
             raise ValueError(f"{self.path} must be a ledger of campaign; {error}. Give another folder.") from None
         for key, value in head.items():
             if held.setdefault(key, value) != value:
-                raise ValueError(
-                    f"folder {self.folder} must be of the {key} {value:.200}; got {held[key]:.200}. Give another."
-                )
+                got = f"{value:.200}; got {held[key]:.200}"
+                raise ValueError(f"folder {self.folder} must be of the {key} {got}. Give another.")
         self._base.executemany("insert or ignore into campaign values (?, ?)", head.items())
 
     def __exit__(self, *_: object) -> None:
@@ -113,10 +111,8 @@ class Ledger:
             yield
         except (OSError, sqlite3.OperationalError) as error:
             said = error.strerror if isinstance(error, OSError) else error
-            raise ValueError(
-                f"folder {self.folder} must be one that can be written; {said}. What was finished is kept: make room, "
-                "or give access, and call again."
-            ) from None
+            kept = "What was finished is kept: make room, or give access, and call again."
+            raise ValueError(f"folder {self.folder} must be one that can be written; {said}. {kept}") from None
 
     def begins(self, number: int, name: str, work: Any) -> bool:
         """Whether a task is still to be done; another than that of before at this place is refused."""
@@ -131,10 +127,8 @@ class Ledger:
             return True
         if held[:2] != (name, work):
             what = f"{held[0]!r:.80}" if held[0] != name else "other work of this name"
-            raise ValueError(
-                f"folder {self.folder} must be of the same campaign; its task {number} is {what}, got {name!r:.80}. "
-                "Give the same tasks in the same order, or another folder."
-            )
+            differs = f"its task {number} is {what}, got {name!r:.80}. Give the same tasks in the same order"
+            raise ValueError(f"folder {self.folder} must be of the same campaign; {differs}, or another folder.")
         return bool(held[2] != "done")
 
     def done(self, number: int, name: str, result: Any) -> Any:

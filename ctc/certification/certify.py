@@ -142,10 +142,8 @@ def certify(
         settings=() if rare is None else (rare,),
     )  # fmt: skip
     if task.within < 0 or not 0.5 < real("confidence", confidence, "Give a share, such as 0.95.") < 1:
-        raise ValueError(
-            f"within must not be negative and confidence between 0.5 and 1; got {within:g} and {confidence:g}. "
-            "The promise is 1 pulse, the usual confidence 0.95."
-        )
+        got = f"got {within:g} and {confidence:g}. The promise is 1 pulse, the usual confidence 0.95."
+        raise ValueError(f"within must not be negative and confidence between 0.5 and 1; {got}")
     if rare is not None and not 0 < real("rare", rare, "Give a probability, such as 1e-6.") < 1:
         raise ValueError(f"rare must be between 0 and 1; got {rare:g}. Give a probability, such as 1e-6.")
     motions = dict[str, tuple[Reference, Runs, dict[str, Any], Seen | None]]()

@@ -205,8 +205,6 @@ def _root(covariance: NDArray[np.float64], plant: list[int]) -> NDArray[np.float
     scale[scale == 0] = 1.0  # what is known exactly
     sizes, axes = np.linalg.eigh((covariance + covariance.T) / 2 / np.outer(scale, scale))
     if sizes.min() < -1e-6 * max(1.0, sizes.max()):
-        raise ValueError(
-            f"covariance must be positive semidefinite; its correlations have the eigenvalue {sizes.min():.3g}. "
-            "Check its order, or pass found.covariance."
-        )
+        has = f"its correlations have the eigenvalue {sizes.min():.3g}. Check its order, or pass found.covariance."
+        raise ValueError(f"covariance must be positive semidefinite; {has}")
     return np.asarray(scale[:, None] * axes * np.sqrt(np.maximum(sizes, 0)))

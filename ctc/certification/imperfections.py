@@ -51,9 +51,7 @@ class Imperfection:
     def placed(self, rig: Rig, value: float) -> Rig:
         """The rig with it, all joints alike; it is there also where it does not vary."""
         if self.place.startswith("drive.elasticity") and rig.drive.elasticity is None:
-            raise ValueError(
-                f"{self.words} needs elastic joints; got a rigid rig. State their resonance= as well [Hz]."
-            )
+            raise ValueError(f"{self.words} needs elastic joints; got a rigid rig. State their resonance= too [Hz].")
         return _replaced(rig, self.place.split("."), self.made(np.full(rig.n, value) if self.each else value))
 
 

@@ -77,9 +77,7 @@ class Rare(Frozen):
         if self.below:
             some = f"rarer than {self.asked:g}: at most {self.upper:.2g}"
         elif self.stuck:
-            some = (
-                f"at most {self.upper:.2g}, and no further, since rounding decides beyond {self.levels[-1]:.2f} pulses"
-            )
+            some = f"at most {self.upper:.2g}, no further: rounding decides beyond {self.levels[-1]:.2f} pulses"
         return f"error before rounding beyond the limit: {some} ({how})"
 
 
@@ -97,9 +95,7 @@ def subset_simulation(
     g, evaluations, steps = response(u), _POPULATION, 1
     u, g = u[g > -np.inf], g[g > -np.inf]
     if len(g) < _POPULATION / 2:
-        raise ValueError(
-            f"samples must be arms; {_POPULATION - len(g)} of {_POPULATION} are not. Give less covariance."
-        )
+        raise ValueError(f"samples must be arms; {_POPULATION - len(g)} of them are not. Give less covariance.")
     probability, squares, levels, stuck = 1.0, 0.0, list[float](), False
     while True:
         failed, above = g > limit, int(_SHARE * len(g))

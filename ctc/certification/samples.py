@@ -41,9 +41,8 @@ def draw(
     _require_possible(uncertainty, rig)
     known = identified(uncertainty, found, pose, progress, checkpoint)
     arm, unknown, random = known.arm, known.names, normals or np.random.default_rng(seed)
-    places = (normals or np.random.default_rng((seed, 2))).uniform(
-        0, 1, (samples, 1 + len(uncertainty.resonance or ()))
-    )
+    shape = samples, 1 + len(uncertainty.resonance or ())
+    places = (normals or np.random.default_rng((seed, 2))).uniform(0, 1, shape)
     rig = _with_found(rig, {n: v for n, v in zip(unknown, known.values, strict=True) if n not in arm.dynamics.names})
     of_arms, numbers, f, redrawn, projected = _arms(uncertainty, known, rig, random, places)
     own, of_hardware, others = _hardware(uncertainty, random, rig, samples)

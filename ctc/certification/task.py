@@ -35,9 +35,7 @@ class Task:
         steps_per_sample: int, executor: Any, settings: tuple[Any, ...] = (), inputs: Mapping[str, Any] = {},
     ) -> None:  # fmt: skip
         if executor is not None and checkpoint is not None:
-            raise ValueError(
-                "checkpoint must be left out with an executor; got both. Use campaign(folder=) for many calls."
-            )
+            raise ValueError("checkpoint must be left out with an executor; got both. Or use campaign(folder=).")
         order = f"The order is found, rig, {'law, ' if laws else ''}reference, uncertainty."
         instance("rig", rig, Rig, order)
         for law in laws:
@@ -55,7 +53,7 @@ class Task:
                 lasts = real("duration", lasts, "Leave it out for one period of the reference.", positive=True)
                 if after is not None and not 0 <= real("after", after, "Give seconds, or 0.") < lasts:
                     raise ValueError(
-                        f"after must be from 0 to below the duration {lasts:g} s; got {after:g}. Give seconds."
+                        f"after must be from 0 to below the duration {lasts:g} s; got {after:g}. Give less."
                     )
             self.motions[name] = motion, lasts
         self.uncertainty = Uncertainty() if uncertainty is None else uncertainty

@@ -78,9 +78,7 @@ def _read(path: Path) -> dict[str, Any]:
         raise ValueError(f"do of {path} must have identify before {do[-1]}; it has not. Add it.")
     for key in ("fleet", "notes"):
         if key in plan and (not isinstance(plan[key], str) or "identify" not in do or "fleet" not in plan):
-            raise ValueError(
-                f"{key} of {path} must be text beside fleet and identify; got {plan[key]!r:.60}. Correct it."
-            )
+            raise ValueError(f"{key} of {path} must be text beside fleet and identify; got {plan[key]!r:.60}. Do so.")
     for name, robot in robots.items():
         if not isinstance(robot, dict) or set(robot) != set(_ROBOT_KEYS):
             raise ValueError(f"[robots.{name}] of {path} must have robot and logs; got {robot!r:.80}. Correct it.")
@@ -97,9 +95,7 @@ def _tasks(plan: dict[str, Any], path: Path, folder: Path, parse: Parse) -> Iter
         for pattern in patterns:
             logs = sorted(glob.glob(str(path.parent / pattern)))
             if not logs:
-                raise ValueError(
-                    f"logs of robot {name} must be there; {pattern!r} matches nothing. Correct the pattern."
-                )
+                raise ValueError(f"logs of robot {name} must be there; {pattern!r} matches nothing. Correct it.")
             for log in logs:
                 place, status = folder / name / Path(log).stem, Path(log).stat()
                 steps = [vars(parse(_arguments(each, plan, robot, log, place))) for each in plan["do"]]
@@ -169,9 +165,7 @@ def _executor(where: str) -> Iterator[Any]:
         try:
             client = Client(where.removeprefix("dask:"), timeout=10)
         except (OSError, ValueError) as error:
-            raise ValueError(
-                f"executor must be a scheduler that runs; {where}: {error}. Start dask scheduler."
-            ) from None
+            raise ValueError(f"executor must be a scheduler that runs; {where}: {error}. Start one.") from None
         with client:
             yield client
     else:

@@ -73,19 +73,15 @@ class Adaptive(ModelLaw):
         signs(self, positive=("bandwidth", "filter"), not_negative=("gain", "adaptation"))
         names = self.arm.dynamics.names
         if len(self.adaptation) != len(names):
-            raise ValueError(
-                f"adaptation must have {len(names)} numbers, one for each of {names[0]}..{names[-1]}; "
-                f"got {len(self.adaptation)}. Zero keeps a parameter as it is."
-            )
+            each = f"{len(names)} numbers, one for each of {names[0]}..{names[-1]}; got {len(self.adaptation)}"
+            raise ValueError(f"adaptation must have {each}. Zero keeps a parameter as it is.")
         if self.ranges is not None:
             ranges = array("ranges", self.ranges, (len(names), 2), advice="Give a low and a high end for each f.")
             outside = np.flatnonzero((self.arm.f < ranges[:, 0]) | (self.arm.f > ranges[:, 1]))
             if len(outside):
                 i = outside[0]
-                raise ValueError(
-                    f"ranges must hold the arm's f, where the adaptation starts; {names[i]} = {self.arm.f[i]:g} is not "
-                    f"in [{ranges[i, 0]:g}, {ranges[i, 1]:g}]. Widen them."
-                )
+                which = f"{names[i]} = {self.arm.f[i]:g} is not in [{ranges[i, 0]:g}, {ranges[i, 1]:g}]. Widen them."
+                raise ValueError(f"ranges must hold the arm's f, where the adaptation starts; {which}")
             object.__setattr__(self, "ranges", tuple(tuple(row) for row in ranges.tolist()))
 
     def initial_state(self, n: int) -> NDArray[np.float64]:

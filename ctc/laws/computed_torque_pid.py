@@ -94,10 +94,7 @@ class ComputedTorquePID(ModelLaw):
     def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """One sample: what was cut off -> integral -> filtered error and its rate -> acceleration -> torque."""
         n, model, f = self.arm.n, self.arm.dynamics, self.arm.f
-        read, integral, before, value, rate, commanded = (
-            state[0],
-            *(state[1 + i * n : 1 + (i + 1) * n] for i in range(5)),
-        )
+        read, integral, before, value, rate, commanded = ca.vertsplit(state, [0, *range(1, 5 * n + 2, n)])
         e, D = setpoint.q - rig.cell_centre(pulses), model.D(setpoint.q, f)
         before, value = ca.if_else(read > 0, before, e), ca.if_else(read > 0, value, e)
 

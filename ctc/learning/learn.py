@@ -178,9 +178,8 @@ def _require(record: Any, i: int, law: Law, rig: Rig, reference: Reference, coun
         raise ValueError(f"reference_pulses of {name} must be the path's; got {off:.0f} off. Give its own log.")
     limit, given = np.abs(rig.drive.torque_limit()), np.abs(rig.drive.coupling.shaft_torque(_applied(record, count)))
     if (given > 1.001 * limit).any():
-        raise ValueError(
-            f"torque of {name} must be within the amplifier's {limit} N m; got {given.max(axis=0)}. Check units."
-        )
+        most = given.max(axis=0)
+        raise ValueError(f"torque of {name} must be within the amplifier's {limit} N m; got {most}. Check units.")
 
 
 def _applied(record: Record, count: int) -> Floats:

@@ -53,9 +53,8 @@ def path_plant(arm: Arm, rig: Rig, reference: Reference, count: int) -> PathPlan
     motion = reference(dt * np.arange(2 * count + 1) / 2)  # with the middles of the samples
     states = _states(arm, rig, moves, motion, count) if half > n else np.hstack([motion.q[::2], motion.qd[::2]])
     speed = drive.coupling.shaft(motion.qd[::2])
-    dry = drive.joint_coulomb(speed) * np.clip(
-        np.abs(drive.gear) * rig.encoder.position_in_pulses(speed) / _SLIDES, -1, 1
-    )
+    slides = np.abs(drive.gear) * rig.encoder.position_in_pulses(speed) / _SLIDES
+    dry = drive.joint_coulomb(speed) * np.clip(slides, -1, 1)
     viscous_less, bends = moves.map(count + 1)(states.T, motion.qdd[::2].T)
     whole = viscous_less.full().T + drive.coupling.joint_torque(dry + drive.joint_offset())
     A, B = (np.asarray(each.full()) for each in slopes.map(count)(states[:-1].T, whole[:-1].T))

@@ -91,16 +91,13 @@ def _fit(found: Any) -> str:
     kept = "No record was held out for validation."
     if aside is not None:
         kept = f"In the validation data, {names}, they differ by {aside:.2f} pulses."
-    said = (
-        f"Errors measured and simulated with these values differ by {known}; two roundings alone give 0.58. {kept} "
-        f"{found.message}"
-    )
+    said = f"Errors measured and simulated with these values differ by {known}; two roundings alone give 0.58."
     caption = (
         "Tracking error of the first record, all of it and a segment; innovations, the counts less their prediction "
         "from one sample to the next; spectrum of both; half-widths of the 95 % intervals: right of the dashed line "
         "the sign is not known."
     )
-    return section("Fit", f"<p>{text(said)}</p>", figure(found.plot(), "fit", caption))
+    return section("Fit", f"<p>{text(f'{said} {kept} {found.message}')}</p>", figure(found.plot(), "fit", caption))
 
 
 def _logs(found: Any) -> str:
@@ -205,6 +202,5 @@ def _origin(found: Any, certificate: Any) -> str:
         f"                 {settings}, unknown=[\n{listed}\n                 ])\n"
         "assert (again.fit.values == found.fit.values).all()           # the same versions, the same bits"
     )
-    return section(
-        "Where it comes from", table(("", ""), rows, words=range(2)), "<h3>Once more</h3>", preformatted(code)
-    )
+    again = "<h3>Once more</h3>", preformatted(code)
+    return section("Where it comes from", table(("", ""), rows, words=range(2)), *again)

@@ -35,9 +35,8 @@ class FromRest:
         if np.isfinite(self.back):
             until = f"within ±{self.within:g} pulse from {self.back:.2g} s on"
         stands = f"is up to {self.peak:.0f} pulses off, {until}" if np.isfinite(self.peak) else "diverges"
-        return (
-            f"the path begins in motion ({self.begins}), and so did what was simulated; an arm at rest there {stands}"
-        )
+        moving = f"the path begins in motion ({self.begins}), and so did what was simulated"
+        return f"{moving}; an arm at rest there {stands}"
 
 
 @functools.lru_cache(maxsize=32)

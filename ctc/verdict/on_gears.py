@@ -35,10 +35,8 @@ def require_followed(name: str, hz: ArrayLike, step: float) -> None:
     """Refuse resonances [Hz] that sub-steps of this length [s] cannot follow."""
     highest, most = float(np.max(hz)), _FOLLOWED / (2 * np.pi * step)
     if highest > most:
-        raise ValueError(
-            f"{name} must be below {most:.0f} Hz, which sub-steps of {1e3 * step:.3g} ms can follow; got {highest:g}. "
-            "Lower it (such a gear is rigid), or take shorter sub-steps."
-        )
+        steps = f"which sub-steps of {1e3 * step:.3g} ms can follow; got {highest:g}. Lower it (such a gear is rigid)"
+        raise ValueError(f"{name} must be below {most:.0f} Hz, {steps}, or take shorter sub-steps.")
 
 
 def require_swinging(damping_ratio: float) -> None:
