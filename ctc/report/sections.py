@@ -124,10 +124,8 @@ def _assumptions(found: Any) -> str:
             (name, ", ".join(f"{assumed.unknown[i]} {row[i]:+.2g}" for i in np.flatnonzero(mark)))
             for name, row, mark in zip(assumed.names, assumed.moves, strong, strict=True)
         ]
-        told = (
-            "What no log of this kind reveals: how values move if an assumed number is 1 % larger, from 0.05 standard "
-            "deviations on."
-        )
+        larger = "how values move if an assumed number is 1 % larger, from 0.05 standard deviations on."
+        told = f"What no log of this kind reveals: {larger}"
         head = ("sensitivity to 1 % of", "moves")
         parts += ["<h3>Assumed values</h3>", f"<p>{text(told)}</p>", table(head, rows, words=range(2))]
     stated = [*zip(found.rig.number_names(), found.rig.number_values(), strict=True)]

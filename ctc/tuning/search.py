@@ -84,11 +84,11 @@ class Tunings:
         lanes = np.hstack([np.repeat(np.column_stack(list(own.values())), each, axis=0), np.tile(plants, (count, 1))])
         arm, rig, law = self.plants.arm, self.plants.rig, self.family.law
         options = self.options | {"steps_per_sample": steps}
-        populations = (
-            Population(arm, rig, law, path, (*own, *names), lanes, duration=lasts, **options)
-            for path, lasts in self.motions
-        )
-        return Runs.joined([population.run(**self.by) for population in populations]), (count, each)
+        runs = []
+        for path, lasts in self.motions:
+            population = Population(arm, rig, law, path, (*own, *names), lanes, duration=lasts, **options)
+            runs.append(population.run(**self.by))
+        return Runs.joined(runs), (count, each)
 
     def costs(self, values: Floats, plants: Floats, aim: float) -> Floats:
         """What the search minimises, (T,): mean chatter, and what exceeds the limit, or a share of it."""

@@ -58,9 +58,8 @@ class Comparison(Shown):
         moving = {name: evaluation.from_rest for name, evaluation in inside.items() if evaluation.from_rest is not None}
         count = len(self.evaluations) + len(self.diverged)
         which = f": {', '.join(inside)}" if inside else ""
-        yield Verdict(
-            f"{len(inside)} of {count} controllers within ±1 pulse at every sample{which}", len(inside) > len(moving)
-        )
+        said = f"{len(inside)} of {count} controllers within ±1 pulse at every sample{which}"
+        yield Verdict(said, len(inside) > len(moving))
         notes = {**self.diverged, **{name: str(why) for name, why in moving.items()}}
         yield from overview("law", self.evaluations, notes)
 
