@@ -175,11 +175,9 @@ def identified(
         again = refits(found, uncertainty.resonance, uncertainty.damping_ratio, pose, progress, checkpoint)
     if covariance is None and again is None:
         reason = found.fit.fallback_reason if isinstance(found, Identification) else None
-        why = reason or "it comes without a covariance"
-        raise ValueError(
-            f"found must have a covariance: {why}. Pass Uncertainty(covariance=...), such as "
-            "found.assumed().covariance(1.0) of an identification that follows its log, or plants=found.candidates."
-        )
+        give = "such as found.assumed().covariance(1.0) of one that follows its log, or plants=found.candidates."
+        why = f"{reason or 'it comes without a covariance'}. Pass Uncertainty(covariance=...), {give}"
+        raise ValueError(f"found must have a covariance: {why}")
     k, plant = len(names), [i for i, name in enumerate(names) if not name.startswith("law.")]
     given: Any = covariance if again is None else again.covariances
     if again is None:

@@ -115,10 +115,8 @@ def _arms(uncertainty, known, rig, random, places):
             values[name][again] = some
         f[again], sound[again] = arms(others)
         if projected and not sound.all():
-            raise ValueError(
-                f"samples must be arms; {redrawn} were not (D(q) indefinite, or negative friction), nor is the one "
-                "identified. Give a smaller covariance, or identify with a better experiment."
-            )
+            none = f"{redrawn} were not (D(q) indefinite, or negative friction), nor is the one identified"
+            raise ValueError(f"samples must be arms; {none}. Give a smaller covariance, or a better experiment.")
     return tuple(values), np.column_stack([*values.values()]), f, redrawn, projected
 
 

@@ -120,9 +120,8 @@ class PayloadLaw(Law):
         matrix, drive = ca.DM(dynamics.load_matrix()), self.rig.drive
         models = [self.arm.f + matrix @ parts[name] for name in ("load", "wanted")]
         inertias = [dynamics.D(setpoint.q, f) for f in models]
-        before, after = (
-            D @ setpoint.qdd + dynamics.h(setpoint.q, setpoint.qd, f) for D, f in zip(inertias, models, strict=True)
-        )
+        q, qd, qdd = setpoint[:3]
+        before, after = (D @ qdd + dynamics.h(q, qd, f) for D, f in zip(inertias, models, strict=True))
         swapped = ca.sum1(ca.fabs(parts["wanted"] - parts["load"])) > 0
         empty = dynamics.D(setpoint.q, self.arm.f)
         from_inertia, to_inertia = inertias if self.stiffened else (empty, empty)
