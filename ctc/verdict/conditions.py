@@ -9,7 +9,6 @@ import warnings
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant import Arm, Law, Reference, Rig
 from plant.simulation.logged_run import DivergenceError
@@ -47,7 +46,8 @@ def from_rest(
 
     The first second of a run of this `duration` [s] is simulated, once for the same loop.
     """
-    speed = _first_speed(reference, duration)
+    qd = reference(np.linspace(0, duration, 101)).qd
+    speed = np.where(np.abs(qd[0]) > _STILL * np.abs(qd).max(), qd[0], 0.0)
     if not speed.any():
         return None
     i = int(np.abs(speed / rig.to_angle(np.ones(rig.n))).argmax())
@@ -67,9 +67,3 @@ def from_rest(
     outside = np.flatnonzero(error > within)
     back = np.nan if outside[-1] == len(error) - 1 else float(record.t[outside[-1] + 1])
     return FromRest(begins=begins, peak=float(error.max()), back=back, within=within)
-
-
-def _first_speed(reference: Reference, duration: float) -> NDArray[np.float64]:
-    """Speed (n,) of a path at t = 0, zero where it is none beside its largest."""
-    qd = reference(np.linspace(0, duration, 101)).qd
-    return np.where(np.abs(qd[0]) > _STILL * np.abs(qd).max(), qd[0], 0.0)
