@@ -12,7 +12,7 @@ Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above
 `stability`     the error loop linearised, its margins, gains by design (python-control)
 `verdict`       `evaluate` one arm under one controller, `compare` several, animate
 `payload`       a load in the gripper, identified and taken into the model while the arm runs
-`laws`          computed torque (observer, PID, integral), feed-forward, adaptive ...
+`laws`          computed torque (observer, PID), feed-forward, adaptive ...
 `figures`       figures of records and results, in one style
 =============== ====================================================================================================
 
@@ -36,10 +36,9 @@ from ctc.campaigns.fleet import Fleet
 from ctc.certification.certificate import Certificate
 from ctc.certification.certify import certify
 from ctc.certification.uncertainty import Uncertainty
-from ctc.figures.records import plot_identification, plot_record
+from ctc.figures.records import plot_record
 from ctc.laws.adaptive import Adaptive
 from ctc.laws.computed_torque import ComputedTorque
-from ctc.laws.computed_torque_integral import ComputedTorqueIntegral
 from ctc.laws.computed_torque_pid import ComputedTorquePID
 from ctc.laws.feed_forward import FeedForward, PDGravity
 from ctc.laws.sliding_mode import SlidingMode
@@ -48,8 +47,7 @@ from ctc.learning.learnt_torque import LearntTorque
 from ctc.payload.estimator import PayloadEstimator
 from ctc.report.report import write_report
 from ctc.stability.design import motor_gain, observer_gains, pid_gains
-from ctc.stability.error_loop import error_loop
-from ctc.stability.margins import margins
+from ctc.stability.margins import error_loop, margins
 from ctc.tuning.tune import tune
 from ctc.verdict.animation import animate, plot_arm
 from ctc.verdict.comparison import compare
@@ -58,9 +56,9 @@ from ctc.verdict.evaluations import evaluate
 from ctc.verdict.resonance_sweep import sweep_resonance
 
 __all__ = [
-    "Adaptive", "Certificate", "ComputedTorque", "ComputedTorqueIntegral", "ComputedTorquePID", "Evaluation",
+    "Adaptive", "Certificate", "ComputedTorque", "ComputedTorquePID", "Evaluation",
     "FeedForward", "Fleet", "LearntTorque", "PDGravity", "PayloadEstimator", "SlidingMode", "Uncertainty",
     "animate", "campaign", "certify", "compare", "error_loop", "evaluate", "learn", "margins",
-    "motor_gain", "observer_gains", "pid_gains", "plot_arm", "plot_identification", "plot_record", "sweep_resonance",
+    "motor_gain", "observer_gains", "pid_gains", "plot_arm", "plot_record", "sweep_resonance",
     "tune", "write_report",
 ]  # fmt: skip

@@ -22,7 +22,6 @@ from ctc import (
     evaluate,
     margins,
     plot_arm,
-    plot_identification,
     plot_record,
     sweep_resonance,
 )
@@ -87,7 +86,7 @@ def fleet():
 
 
 def models(ax=None):
-    return plot_identification(record(), record(), record(), [record()], ax=ax)
+    return plot_record(record(), models=([record(), record()], record()), ax=ax)
 
 
 def whole_arm(ax=None):
@@ -112,7 +111,7 @@ PLOTS = {
     "Evaluation.plot, phase": (lambda ax=None: evaluation().plot(ax=ax, phase=True), (2,)),
     "Fleet.plot": (lambda ax=None: fleet().plot(ax=ax), (3, 1)),
     "plot_record": (lambda ax=None: plot_record(record(), ax=ax), (2, 2)),
-    "plot_identification": (models, (2, 2)),
+    "plot_record, models": (models, (2, 2)),
     "plot_arm": (lambda ax=None: plot_arm(ARM, (0.3, -0.6), tip=(0, -0.4, 0), ax=ax), ()),
     "plot_arm, in space": (whole_arm, ()),
 }  # fmt: skip

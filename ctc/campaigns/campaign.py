@@ -2,6 +2,7 @@
 
 import functools
 import inspect
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,7 +43,7 @@ class Campaign(Shown):
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(self._short())
-        rows = [(name, error) for name, error in zip(self.errors, self.errors.values(), strict=False)][:_SHOWN]
+        rows = list(itertools.islice(self.errors.items(), _SHOWN))
         if rows:
             yield Table(("failed", "why"), rows, words=(1,))
 
@@ -122,7 +123,7 @@ def campaign(
             elif each is not None:
                 each(name, result)
             bar.update()
-    return Campaign(results=kept.results, errors=kept.errors)
+    return Campaign(results=kept.ended("done"), errors=kept.ended("failed"))
 
 
 def _open(tasks: Tasks, kept: Any, skipped: Callable[[], Any]) -> Iterator[Any]:

@@ -43,13 +43,13 @@ _ROWS = """select robots.name, time, temperature, parameters.name, label, value,
     join identifications on identifications.id = identification join robots on robots.id = robot
     order by time, identification, place"""
 _REPLACED = "delete from identifications where id in (select identification from logs where sha256 = ?)"
+_IDENTIFIED = "insert into identifications select null, id, ?, ?, ?, ?, ? from robots where name = ?"
 _WORDS = {
     "drive.viscous": "viscous friction", "drive.coulomb": "Coulomb friction", "drive.motor_inertia": "motor inertia",
     "drive.motor_gain": "motor gain", "drive.curve.offset": "torque offset",
     "drive.elasticity.stiffness": "gear stiffness", "drive.elasticity.damping": "gear damping",
     "drive.elasticity.backlash": "backlash of the gear",
 }  # fmt: skip
-_INTO = "insert into {} values ({})"
 LEVEL = 1e-3
 """Probability of a false alarm, over all parameters of a log, below which a change is called one."""
 
@@ -149,16 +149,14 @@ class Fleet:
         with self._base() as base:
             base.executemany(_REPLACED, [(each,) for each in sums])
             base.execute("insert or ignore into robots (name) values (?)", (log.robot,))
-            robot = base.execute("select id from robots where name = ?", (log.robot,)).fetchone()[0]
-            number = base.execute(_INTO.format("identifications", "?, ?, ?, ?, ?, ?, ?"),
-                                  (None, robot, log.time, warm, *texts)).lastrowid  # fmt: skip
+            number = base.execute(_IDENTIFIED, (log.time, warm, *texts, log.robot)).lastrowid
             rows = [(None, number, record.name, len(record), float(np.ptp(record.t)), each)
                     for record, each in zip(source.records, sums, strict=True)]  # fmt: skip
-            base.executemany(_INTO.format("logs", "?, ?, ?, ?, ?, ?"), rows)
+            base.executemany("insert into logs values (?, ?, ?, ?, ?, ?)", rows)
             each = enumerate(zip(*labels, log.values.items(), strict=True))
             values = [(number, i, name, label, unit, value, std if 0 < std < math.inf else None)
                       for i, (label, unit, (name, (value, std))) in each]  # fmt: skip
-            base.executemany(_INTO.format("parameters", "?, ?, ?, ?, ?, ?, ?"), values)
+            base.executemany("insert into parameters values (?, ?, ?, ?, ?, ?, ?)", values)
 
     def __len__(self) -> int:
         with self._base() as base:
@@ -195,11 +193,6 @@ class Fleet:
         -------
         Judgement
             ``.verdict``, ``.changes`` with their probabilities, and ``.looked``, all that was compared.
-
-        Raises
-        ------
-        ValueError
-            As of `add`.
         """
         if not 0 < real("level", level, "Give a probability, such as 1e-3.") < 1:
             raise ValueError(f"level must be between 0 and 1; got {level:g}. Give a probability, such as 1e-3.")
@@ -245,14 +238,10 @@ class Fleet:
         write_whole(require_new(path, overwrite), [page])
 
 
-def _labels(dynamics: Any, names: Sequence[str]) -> list[str]:
+def _labels(dynamics: Any, names: Sequence[str]) -> Iterator[str]:
     """What each parameter is called: ``viscous friction of joint 2 (q[0])``."""
-    joints = dynamics.chain.joint_labels
-    labels = []
     for name, short in zip(names, short_names(dynamics, names), strict=True):
-        kind, _, place = name.partition("[")
-        at = place.removesuffix("]")
-        labels.append(
-            f"{_WORDS[kind]} of {joints[int(at)].split(' (q[')[0]}" if kind in _WORDS and at.isdigit() else short
-        )
-    return labels
+        kind, _, place = name.removesuffix("]").partition("[")
+        known = kind in _WORDS and place.isdigit()
+        joint = dynamics.chain.joint_labels[int(place)].split(" (q[")[0] if known else ""
+        yield f"{_WORDS[kind]} of {joint}" if known else short

@@ -91,9 +91,8 @@ def _parts(effects: Sequence[Effect], order: Sequence[Judgement]) -> Iterator[st
              chance_of(each.looked[0].false_alarm) if each.looked else "") for each in order[:_ROWS]]  # fmt: skip
     head = ("robot", "last log", "surest change", "probability of a false alarm")
     yield section("Robots", table(head, rows, words=(0, 1, 2)), _first_of(len(order)))
-    yield section(
-        "The fleet", table(_HEAD, [_row(each) for each in effects]), f"<p>{text(_MEANING)}</p>", *_apart(effects)
-    )
+    parts = table(_HEAD, [_row(each) for each in effects]), f"<p>{text(_MEANING)}</p>", *_apart(effects)
+    yield section("The fleet", *parts)
 
 
 _HEAD = ("", "mean", "unit", "robots differ by", "weeks of a robot by", "per °C, 95 % from", "to")

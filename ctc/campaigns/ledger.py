@@ -27,45 +27,33 @@ _TASKS = """create table if not exists tasks (number integer primary key, name t
 _WHERE = "results/{:03d}"  # folders of a thousand files
 
 
-class InMemory:
-    """Without a folder: results and errors as they are."""
+class InMemory(contextlib.nullcontext[Any]):
+    """Without a folder: results and errors as they are, in the order of the tasks."""
 
     def __init__(self) -> None:
-        self._names: set[str] = set()
-        self._results: dict[int, tuple[str, Any]] = {}
-        self._errors: dict[int, tuple[str, str]] = {}
-
-    def __enter__(self) -> Any:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
+        super().__init__(self)
+        self._names: dict[str, str] = {}  # and the state of each
+        self._ends: dict[str, Any] = {}
 
     def begins(self, number: int, name: str, work: Any) -> bool:
         """Whether a task is still to be done: all are; a name that comes twice is refused."""
         if name in self._names:
             raise _twice(name)
-        self._names.add(name)
+        self._names[name] = "open"
         return True
 
     def done(self, number: int, name: str, result: Any) -> Any:
         """Keep a result, and hand it back as it was kept."""
-        self._results[number] = name, result
+        self._names[name], self._ends[name] = "done", result
         return result
 
     def failed(self, number: int, name: str, error: str) -> None:
         """Keep the reason of a failure."""
-        self._errors[number] = name, error
+        self._names[name], self._ends[name] = "failed", error
 
-    @property
-    def results(self) -> dict[str, Any]:
-        """Name -> result, in the order of the tasks."""
-        return dict(value for _, value in sorted(self._results.items(), key=lambda item: item[0]))
-
-    @property
-    def errors(self) -> dict[str, str]:
-        """Name -> why it failed."""
-        return dict(value for _, value in sorted(self._errors.items()))
+    def ended(self, state: str) -> dict[str, Any]:
+        """Name -> result of those that are done, or why it failed."""
+        return {name: self._ends[name] for name, its in self._names.items() if its == state}
 
 
 def _twice(name: str) -> ValueError:
@@ -87,9 +75,8 @@ class Ledger:
                 self._lock.execute("begin exclusive")
             except sqlite3.OperationalError:
                 self._lock.close()
-                raise ValueError(
-                    f"folder {self.folder} must be of no other campaign that runs; one holds it. Wait for its end."
-                ) from None
+                said = "must be of no other campaign that runs; one holds it. Wait for its end."
+                raise ValueError(f"folder {self.folder} {said}") from None
             self._base = sqlite3.connect(self.path, isolation_level=None)
             try:
                 self._open()
@@ -110,9 +97,8 @@ class Ledger:
             raise ValueError(f"{self.path} must be a ledger of campaign; {error}. Give another folder.") from None
         for key, value in head.items():
             if held.setdefault(key, value) != value:
-                raise ValueError(
-                    f"folder {self.folder} must be of the {key} {value:.200}; got {held[key]:.200}. Give another."
-                )
+                got = f"{value:.200}; got {held[key]:.200}"
+                raise ValueError(f"folder {self.folder} must be of the {key} {got}. Give another.")
         self._base.executemany("insert or ignore into campaign values (?, ?)", head.items())
 
     def __exit__(self, *_: object) -> None:
@@ -125,10 +111,8 @@ class Ledger:
             yield
         except (OSError, sqlite3.OperationalError) as error:
             said = error.strerror if isinstance(error, OSError) else error
-            raise ValueError(
-                f"folder {self.folder} must be one that can be written; {said}. What was finished is kept: make room, "
-                "or give access, and call again."
-            ) from None
+            kept = "What was finished is kept: make room, or give access, and call again."
+            raise ValueError(f"folder {self.folder} must be one that can be written; {said}. {kept}") from None
 
     def begins(self, number: int, name: str, work: Any) -> bool:
         """Whether a task is still to be done; another than that of before at this place is refused."""
@@ -143,10 +127,8 @@ class Ledger:
             return True
         if held[:2] != (name, work):
             what = f"{held[0]!r:.80}" if held[0] != name else "other work of this name"
-            raise ValueError(
-                f"folder {self.folder} must be of the same campaign; its task {number} is {what}, got {name!r:.80}. "
-                "Give the same tasks in the same order, or another folder."
-            )
+            differs = f"its task {number} is {what}, got {name!r:.80}. Give the same tasks in the same order"
+            raise ValueError(f"folder {self.folder} must be of the same campaign; {differs}, or another folder.")
         return bool(held[2] != "done")
 
     def done(self, number: int, name: str, result: Any) -> Any:
@@ -175,44 +157,37 @@ class Ledger:
                 (*ends, time.time(), number),
             )
 
-    @property
-    def results(self) -> Mapping[str, Any]:
-        """Name -> result, read from the folder when it is asked for."""
-        return _Rows(self, "done", "file, value")
+    def ended(self, state: str) -> Mapping[str, Any]:
+        """Name -> result of those that are done, or why it failed; read from the folder when it is asked for."""
+        return _Rows(self.path, state)
 
-    @property
-    def errors(self) -> Mapping[str, str]:
-        """Name -> why it failed."""
-        return _Rows(self, "failed", "error, null")
+
+def rows_of(path: Path, query: str, *values: Any) -> Iterator[tuple[Any, ...]]:
+    """Rows of a ledger, which is only read."""
+    with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:
+        yield from base.execute(query, values)
 
 
 class _Rows(Mapping[str, Any]):
     """Rows of one state, in the order of the tasks."""
 
-    def __init__(self, ledger: Ledger, state: str, columns: str) -> None:
-        self._ledger, self._state, self._columns = ledger, state, columns
-
-    def _rows(self, what: str, *more: str) -> Iterator[tuple[Any, ...]]:
-        given = " and name = ?" if more else ""
-        with contextlib.closing(sqlite3.connect(f"{self._ledger.path.absolute().as_uri()}?mode=ro", uri=True)) as base:
-            text = f"select {what} from tasks where state = ?{given} order by number"  # noqa: S608 - of this file
-            yield from base.execute(text, (self._state, *more))
+    def __init__(self, path: Path, state: str) -> None:
+        self._path, self._state = path, state
 
     def __getitem__(self, name: str) -> Any:
-        for text, value in self._rows(self._columns, name):
-            if self._state == "failed":
-                return text
-            if text is not None:
-                return Saved.load(self._ledger.folder / text)
-            return from_plain(parsed(value.encode()))
+        query = "select error, file, value from tasks where state = ? and name = ?"
+        for error, file, value in rows_of(self._path, query, self._state, name):
+            if error is not None:
+                return error
+            return from_plain(parsed(value.encode())) if file is None else Saved.load(self._path.parent / file)
         raise KeyError(name)
 
     def __iter__(self) -> Iterator[str]:
-        for (name,) in self._rows("name"):
+        for (name,) in rows_of(self._path, "select name from tasks where state = ? order by number", self._state):
             yield name
 
     def __len__(self) -> int:
-        return int(next(self._rows("count(*)"))[0])
+        return int(next(rows_of(self._path, "select count(*) from tasks where state = ?", self._state))[0])
 
     def __repr__(self) -> str:
-        return f"{len(self)} of {self._ledger.folder}"
+        return f"{len(self)} of {self._path.parent}"

@@ -66,13 +66,7 @@ def cells(
 ) -> list[Cell]:
     """The ranges of resonance and damping in cells of at most 10 %; of several joints, each joint's own.
 
-    Parameters
-    ----------
-    ranges : Uncertainty
-    names, values
-        Of the plants: names (K), values (P, K). What does not vary is not among them.
-    outside : (P,) numpy.ndarray of bool
-        Which of them exceed the limit.
+    Names (K) and values (P, K) are of the plants, without what does not vary; those `outside` (P,) exceed the limit.
     """
     found, pairs = [], ranges.resonance or ()
     least, most = ranges.damping_ratio or (0.0, 0.0)

@@ -12,15 +12,14 @@ from numpy.typing import NDArray
 
 from ctc.certification.certified import Certified
 from ctc.certification.figure import plot_certificate
-from ctc.certification.plants import Worst
-from ctc.certification.reserves import Reserves, reserves
-from ctc.certification.starts import held
+from ctc.certification.plants import Plants, Worst
+from ctc.certification.reserves import Reserves, held, reserves
 from ctc.certification.statement import shown, verdict
 from ctc.verdict.conditions import FromRest, from_rest
 from ctc.verdict.evaluations import evaluate
 from ctc.verdict.on_gears import SETTLED, LowestResonance, lowest_resonance
 from identification.results.seen import Seen
-from plant import Reference
+from plant import Law, Reference
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import known_options
 from plant.parts.kinds import kept
@@ -66,14 +65,11 @@ class Certificate(Certified):
 
     Examples
     --------
-    >>> from plant import puma560, simulate
-    >>> from identification import identify
+    >>> from plant import puma560
     >>> from ctc import ComputedTorque, Uncertainty, certify
-    >>> path = puma560.reference()
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), path)
-    >>> found = identify(puma560.dynamics(), record, progress=False)
-    >>> law = ComputedTorque(found, bandwidth=150)
-    >>> certificate = certify(found, found.rig, law, path, Uncertainty(friction=0.02), samples=64, progress=False)
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> law, stated = ComputedTorque(arm, rig, bandwidth=150), Uncertainty(plants=[arm.f], friction=0.02)
+    >>> certificate = certify(arm, rig, law, puma560.reference(), stated, samples=64, progress=False)
     >>> certificate.failures, certificate.upper < 0.1
     (0, True)
     """
@@ -91,9 +87,9 @@ class Certificate(Certified):
         """
         if self.plants.rig.drive.elasticity is not None:
             return None
-        ratio = self.plants.uncertainty.lowest_damping
+        ratio, _ = self.plants.uncertainty.damping_ratio or (0.0, 0.0)
         after = max(SETTLED, self.settings["after"])
-        return lowest_resonance(*self._loop, DAMPING_RATIO if ratio is None else ratio, after, self.threads, None)
+        return lowest_resonance(*self._loop, float(ratio or DAMPING_RATIO), after, self.threads, None)
 
     @functools.cached_property
     def from_rest(self) -> FromRest | None:
@@ -122,11 +118,9 @@ class Certificate(Certified):
         None where all that is sampled of it was identified, or no log is there.
         """
         known = {} if self.seen is None else self.seen.friction
-        plants = self.plants.first(_FIRST)
-        values, stated = (
-            plants.values.copy(),
-            dict(zip(plants.rig.number_names(), plants.rig.number_values().tolist(), strict=True)),
-        )
+        plants = self.plants.first(min(_FIRST, len(self.plants)))
+        stated = dict(zip(plants.rig.number_names(), plants.rig.number_values().tolist(), strict=True))
+        values = plants.values.copy()
         those = [i for i, name in enumerate(plants.names) if name in known]
         for i in those:
             level = stated[plants.names[i]]
@@ -134,10 +128,13 @@ class Certificate(Certified):
             values[:, i] = level + min(1.0, left) * (values[:, i] - level)
         if not those:
             return None
+        return float((self.run(dataclasses.replace(plants, values=values)).outside > 0).mean())
+
+    def run(self, plants: Plants, law: Law | None = None) -> Runs:
+        """Other samples, or under another controller, run as its own were."""
         options = {name: self.settings[name] for name in ("steps_per_sample", "duration", "after")}
-        plants = dataclasses.replace(plants, values=values)
-        runs = plants.under(self.law, self.reference, within=self.within, **options).run(self.threads)
-        return float((runs.outside > 0).mean())
+        own = self.law if law is None else law
+        return plants.under(own, self.reference, within=self.within, **options).run(self.threads)
 
     @property
     def _loop(self) -> Any:
@@ -163,12 +160,7 @@ class Certificate(Certified):
         return self.plant(int(np.lexsort((unrounded, peak))[-1]))
 
     def plant(self, index: int) -> Worst:
-        """One of the samples, ready for `evaluate`.
-
-        Returns
-        -------
-        Worst
-        """
+        """One of the samples, ready for `evaluate`."""
         if not isinstance(index, (int, np.integer)) or not 0 <= index < len(self.plants):
             raise ValueError(f"index must be a whole number from 0 to {len(self.plants) - 1}; got {index!r}.")
         arm, rig = self.plants.plant(index, LANES, self.settings["law_steps"])
@@ -182,17 +174,7 @@ class Certificate(Certified):
 
     @known_options
     def reserves(self, *, samples: int = 400, allowed: float = 0.0) -> Reserves:
-        """Lowest bandwidth and longest period at which at most a share `allowed` of the first `samples` exceeds it.
-
-        Parameters
-        ----------
-        samples : int
-        allowed : float
-
-        Returns
-        -------
-        Reserves
-        """
+        """Lowest bandwidth and longest period at which at most a share `allowed` of the first `samples` exceeds it."""
         return reserves(self, samples, allowed)
 
     @known_options
@@ -202,14 +184,6 @@ class Certificate(Certified):
         Its disturbance torque is then what the model lacks there, and static friction may carry anything: of each
         joint's Coulomb level any share from -1 to 1, uniform. By default samples begin as when a brake is let go, with
         no disturbance torque yet.
-
-        Parameters
-        ----------
-        samples : int
-
-        Returns
-        -------
-        Certificate
 
         Raises
         ------

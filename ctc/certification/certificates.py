@@ -25,21 +25,12 @@ class Certificates(Certified, Mapping[str, Certificate]):
 
     Attributes
     ----------
-    law : Law
-    plants : Plants
-        The samples.
-    within : float
-        Limit [pulses].
-    confidence : float
+    law, plants, within, confidence, threads, seconds, versions
+        As of `Certificate`.
     motions : dict of str -> (Reference, Runs, dict, Seen or None)
         Of each certificate: reference, runs, settings, and what the logs show beside the motion.
-    threads : int
-    seconds : float
-        That the runs took.
     rare : Rare or None
         Of failures in any of the motions.
-    versions : dict
-        Of the library, numpy, casadi and Python that made it.
     """
 
     _read_by: ClassVar[tuple[type, ...]] = (Certificate,)

@@ -13,7 +13,7 @@ from typing import Any, overload
 
 from ctc.certification.certificate import Certificate
 from ctc.certification.certificates import Certificates
-from ctc.certification.normals import rare_failure
+from ctc.certification.rare import rare_failure
 from ctc.certification.task import Motions, Task
 from ctc.certification.uncertainty import Uncertainty
 from ctc.verdict.on_gears import SETTLED
@@ -138,41 +138,29 @@ def certify(
     task = Task(
         "certify", found, rig, (law,), reference, uncertainty, within=within, after=after, duration=duration,
         samples=samples, seed=seed, threads=threads, progress=progress, checkpoint=checkpoint,
-        steps_per_sample=steps_per_sample, inputs={"law": law, "number of samples": samples},
+        steps_per_sample=steps_per_sample, executor=executor, inputs={"law": law, "number of samples": samples},
         settings=() if rare is None else (rare,),
     )  # fmt: skip
     if task.within < 0 or not 0.5 < real("confidence", confidence, "Give a share, such as 0.95.") < 1:
-        raise ValueError(
-            f"within must not be negative and confidence between 0.5 and 1; got {within:g} and {confidence:g}. "
-            "The promise is 1 pulse, the usual confidence 0.95."
-        )
-    if executor is not None and checkpoint is not None:
-        raise ValueError(
-            "checkpoint must be left out with an executor; got both. Use campaign(folder=) for many calls."
-        )
+        got = f"got {within:g} and {confidence:g}. The promise is 1 pulse, the usual confidence 0.95."
+        raise ValueError(f"within must not be negative and confidence between 0.5 and 1; {got}")
     if rare is not None and not 0 < real("rare", rare, "Give a probability, such as 1e-6.") < 1:
         raise ValueError(f"rare must be between 0 and 1; got {rare:g}. Give a probability, such as 1e-6.")
     motions = dict[str, tuple[Reference, Runs, dict[str, Any], Seen | None]]()
+    driven, found_rare = dict[str, tuple[Reference, dict[str, Any]]](), None
     with task.checkpoint as kept:
         plants = task.sampled(samples)
         elastic = plants.rig.drive.elasticity is not None
         for name, (path, lasts) in task.motions.items():
             begins = (min(SETTLED, lasts / 2) if elastic else 0.0) if after is None else float(after)
             settings: dict[str, Any] = {"steps_per_sample": steps_per_sample, "duration": lasts, "after": begins}
+            driven[name] = path, settings
             population = plants.under(law, path, within=task.within, **settings)
             runs = population.run(task.threads, kept.part(name) if name else kept, progress=progress, executor=executor)
             of_log = seen(found, path, lasts) if isinstance(found, Identification) else None
             motions[name] = path, runs, settings | {"law_steps": population.law_steps}, of_log
-        names = ("steps_per_sample", "duration", "after")
-        driven = {
-            motion: (path, {name: settings[name] for name in names})
-            for motion, (path, _, settings, _) in motions.items()
-        }
-        found_rare = (
-            None
-            if rare is None
-            else kept.stage("rare", lambda: rare_failure(task, law, driven, float(rare), float(confidence)))
-        )
+        if rare is not None:
+            found_rare = kept.stage("rare", lambda: rare_failure(task, law, driven, float(rare), float(confidence)))
     made = Certificates(
         rare=found_rare, law=law, plants=plants, within=task.within, confidence=float(confidence), motions=motions,
         threads=task.threads, seconds=time.perf_counter() - started,

@@ -16,15 +16,7 @@ _CYCLES = 6.0  # of torque ripple, per turn of the motor
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Drawn:
-    """Numbers of each plant, and those of its loop that follow from them.
-
-    Attributes
-    ----------
-    names : tuple of str
-    values : (P, K) numpy.ndarray
-    derived_names : tuple of str
-    derived : (P, L) numpy.ndarray
-    """
+    """Numbers (P, K) of each plant, and those (P, L) of its loop that follow from them."""
 
     names: tuple[str, ...]
     values: NDArray[np.float64]
@@ -34,25 +26,10 @@ class Drawn:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Imperfection:
-    """One that `certify` takes a range for.
+    """One that `certify` takes a range for: in words, its place in the rig, and its number in the closed loop.
 
-    Attributes
-    ----------
-    words : str
-        What a certificate calls it.
-    unit : str
-    place : str
-        Of what the rig has of it, or None, as ``drive.ripple``.
-    number : str
-        Of the closed loop; of each joint with ``[i]`` behind it.
-    made : callable
-        Value, with `each` that of each joint (n,) -> what stands at the place; by default the value itself.
-    each : bool
-        Whether each joint has its own, sampled on its own.
-    signed : bool
-        Whether it may be negative.
-    follows : callable, optional
-        (random, plants, joints) -> names and values (P, L) of numbers that go with it.
+    `made`: value, with `each` that of each joint (n,), sampled on its own -> what stands at the place. `signed`: it may
+    be negative. `follows`: (random, plants, joints) -> names and values (P, L) of numbers that go with it.
     """
 
     words: str
@@ -74,9 +51,7 @@ class Imperfection:
     def placed(self, rig: Rig, value: float) -> Rig:
         """The rig with it, all joints alike; it is there also where it does not vary."""
         if self.place.startswith("drive.elasticity") and rig.drive.elasticity is None:
-            raise ValueError(
-                f"{self.words} needs elastic joints; got a rigid rig. State their resonance= as well [Hz]."
-            )
+            raise ValueError(f"{self.words} needs elastic joints; got a rigid rig. State their resonance= too [Hz].")
         return _replaced(rig, self.place.split("."), self.made(np.full(rig.n, value) if self.each else value))
 
 

@@ -112,7 +112,9 @@ class Plants(Frozen):
         return dataclasses.replace(self.rig, encoder=dataclasses.replace(self.rig.encoder, phase=None))
 
     def first(self, count: int) -> Self:
-        """The first so many of them."""
+        """The first so many of them; more than there are is refused."""
+        if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= len(self):
+            raise ValueError(f"samples must be a whole number from 1 to {len(self)}; got {count!r}. Sample more.")
         first = {name: getattr(self, name)[:count] for name in ("f", "values", "derived", "expected")}
         return dataclasses.replace(self, **first)
 

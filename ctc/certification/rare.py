@@ -10,11 +10,13 @@ that is accepted, I. Papaioannou et al., MCMC algorithms for subset simulation, 
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
+from ctc.certification.task import Task
+from plant import Law, Reference
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
@@ -75,33 +77,16 @@ class Rare(Frozen):
         if self.below:
             some = f"rarer than {self.asked:g}: at most {self.upper:.2g}"
         elif self.stuck:
-            some = (
-                f"at most {self.upper:.2g}, and no further, since rounding decides beyond {self.levels[-1]:.2f} pulses"
-            )
+            some = f"at most {self.upper:.2g}, no further: rounding decides beyond {self.levels[-1]:.2f} pulses"
         return f"error before rounding beyond the limit: {some} ({how})"
 
 
 def subset_simulation(
     response: Callable[[Floats], Floats], limit: float, numbers: int, rare: float, seed: int, confidence: float = 0.95
 ) -> Rare:
-    """Probability that a response exceeds a limit.
+    """Probability that a response exceeds a limit; the levels end where it is below `rare`, at the confidence.
 
-    Parameters
-    ----------
-    response : callable
-        Standard normal u (P, d) -> g (P,): -inf is what cannot be, and is left out.
-    limit : float
-    numbers : int
-        d
-    rare : float
-        The levels end where the probability is below it, at the confidence.
-    seed : int
-    confidence : float
-
-    Raises
-    ------
-    ValueError
-        Hardly a u that can be.
+    The response: standard normal u (P, numbers) -> g (P,), -inf of what cannot be, which is left out.
     """
     from scipy.special import ndtri
 
@@ -110,9 +95,7 @@ def subset_simulation(
     g, evaluations, steps = response(u), _POPULATION, 1
     u, g = u[g > -np.inf], g[g > -np.inf]
     if len(g) < _POPULATION / 2:
-        raise ValueError(
-            f"samples must be arms; {_POPULATION - len(g)} of {_POPULATION} are not. Give less covariance."
-        )
+        raise ValueError(f"samples must be arms; {_POPULATION - len(g)} of them are not. Give less covariance.")
     probability, squares, levels, stuck = 1.0, 0.0, list[float](), False
     while True:
         failed, above = g > limit, int(_SHARE * len(g))
@@ -171,3 +154,51 @@ def _square(beyond: Any, steps: int) -> float:
 def _bound(squares: float, quantile: float) -> float:
     """Ratio of an upper bound to an estimate of this squared coefficient of variation, log-normal."""
     return float(np.exp(quantile * np.sqrt(np.log1p(squares))))
+
+
+_NOT_NUMBERS = ("jitter", "dropped", "plants")
+"""What an `Uncertainty` draws at every instant, or takes in turn."""
+
+
+class Normals:
+    """Stands for a random generator: what it gives are columns of u (P, d), which grow with what is first asked for."""
+
+    def __init__(self, u: Floats, random: Any = None) -> None:
+        self.u, self._random, self._at = u, random, 0
+        self.sound = np.ones(len(u), bool)
+
+    def standard_normal(self, shape: Any) -> Floats:
+        """The next columns."""
+        count = int(np.prod(np.atleast_1d(shape)[1:]))
+        if self._random is not None:
+            self.u = np.hstack([self.u, self._random.standard_normal((len(self.u), count))])
+        self._at += count
+        return self.u[:, self._at - count : self._at].reshape(shape)
+
+    def uniform(self, low: Any, high: Any, shape: Any) -> Floats:
+        """The same between two ends."""
+        from scipy.special import ndtr
+
+        return np.asarray(low + (high - low) * ndtr(self.standard_normal(shape)))
+
+
+def rare_failure(
+    task: Task, law: Law, motions: Mapping[str, tuple[Reference, dict[str, Any]]], rare: float, confidence: float
+) -> Rare:
+    """Probability that the error before rounding exceeds the limit in any motion, over the samples of a task."""
+    for name in _NOT_NUMBERS:
+        value = getattr(task.uncertainty, name)
+        if value is not None and np.any(np.asarray(value) != 0):
+            raise ValueError(f"rare needs what is one number of each sample; {name} is none. Leave out {name} or rare.")
+
+    def response(u: Floats) -> Floats:
+        normals = Normals(u)
+        plants, worst = task.sampled(len(u), normals=normals), np.full(len(u), -np.inf)
+        for path, settings in motions.values():
+            runs = plants.under(law, path, within=task.within, **settings).run(task.threads)
+            worst = np.maximum(worst, runs.unrounded.max(axis=1))
+        return np.where(normals.sound, worst, -np.inf)
+
+    grown = Normals(np.empty((2, 0)), np.random.default_rng(0))
+    task.sampled(2, normals=grown)
+    return subset_simulation(response, task.within, grown.u.shape[1], rare, task.seed, confidence)

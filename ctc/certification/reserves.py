@@ -1,22 +1,26 @@
-"""Robustness reserves of a certificate: lowest bandwidth and longest sampling period at which it holds.
+"""The samples of a certificate run again: at lower bandwidths, longer sampling periods, and from a hold.
 
-The same plants are run again. The sampling period is that of rig and controller together: the controller is designed
-for it (its observer and its limits know of it), it is not the old one called late.
+The bandwidths and periods down, and up, to which it holds are its robustness reserves. The sampling period is that of
+rig and controller together: the controller is designed for it (its observer and its limits know of it), it is not the
+old one called late.
 """
 
 import dataclasses
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from ctc.certification.cells import clopper_pearson
 from ctc.certification.plants import Plants
-from plant import Law, Rig
+from plant import Law, Resumed, Rig
 from plant.parts.arguments import real
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
 _BANDWIDTHS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
 _PERIODS = (1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
+_AT_REST = 1.0  # pulses/s
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -66,36 +70,13 @@ class Reserves(Shown):
 
 
 def reserves(certificate: Any, samples: int = 400, allowed: float = 0.0) -> Reserves:
-    """Lowest bandwidth and longest sampling period at which at most a share `allowed` of the plants exceeds the limit.
-
-    Parameters
-    ----------
-    certificate : Certificate
-    samples : int
-        How many of its plants are run at each setting.
-    allowed : float
-        Share of them that may exceed the limit.
-
-    Returns
-    -------
-    Reserves
-
-    Raises
-    ------
-    ValueError
-        More plants than there are, a share that is none.
-    """
-    law, plants = certificate.law, certificate.plants
-    if isinstance(samples, bool) or not isinstance(samples, int) or not 1 <= samples <= len(plants):
-        raise ValueError(f"samples must be a whole number from 1 to {len(plants)}; got {samples!r}. Sample more.")
+    """See `Certificate.reserves`."""
+    law, plants, tried = certificate.law, certificate.plants.first(samples), []
     if not 0 <= real("allowed", allowed, "Give a share, such as 0.") < 1:
         raise ValueError(f"allowed must be from 0 to below 1; got {allowed}. Give a share.")
-    options = {name: certificate.settings[name] for name in ("steps_per_sample", "duration", "after")}
-    plants, tried = plants.first(samples), []
 
     def left(kind: str, value: float, law: Law, plants: Plants) -> bool:
-        population = plants.under(law, certificate.reference, within=certificate.within, **options)
-        count = int((population.run(certificate.threads).outside > 0).sum())
+        count = int((certificate.run(plants, law).outside > 0).sum())
         tried.append((kind, value, count))
         return count <= allowed * samples
 
@@ -127,3 +108,28 @@ def _slower(law: Any, factor: float) -> Any:
         elif name == "period" and value:
             changes[name] = value * factor
     return dataclasses.replace(law, **changes)
+
+
+def held(certificate: Any, samples: int) -> Any:
+    """The certificate of the first samples, each from a hold: the disturbance torque is what the model lacks at rest,
+    and of Coulomb friction any share from -1 to 1, uniform, of each joint.
+    """
+    law, path, plants = certificate.law, certificate.reference, certificate.plants.first(samples)
+    arm, drive = plants.arm, plants.rig.drive
+    errors = law.torque_errors(arm.n) if hasattr(law, "torque_errors") else ()
+    if not errors:
+        name = type(law).__name__
+        raise ValueError(f"the controller must learn a disturbance torque; {name} does not. Use ComputedTorque.")
+    motion, still = path(np.zeros(1)), np.zeros(arm.n)
+    if np.abs(plants.rig.position_in_pulses(motion.qd[0])).max() > _AT_REST:
+        raise ValueError(f"the path must begin at rest; this one begins with {motion.qd[0]} rad/s. Take another.")
+    shares = np.random.default_rng((plants.seed, 3)).uniform(-1, 1, (samples, arm.n))
+    weight = np.asarray(arm.dynamics.Y(motion.q[0], still, still))
+    friction = [drive.coupling.joint_torque(row) for row in shares * drive.joint_coulomb()]
+    lacking = (plants.f - law.arm.f) @ weight.T + friction
+    begun = dataclasses.replace(
+        plants, derived_names=(*plants.derived_names, *(f"law.state[{i}]" for i in errors[0])),
+        derived=np.hstack([plants.derived, lacking]),
+    )  # fmt: skip
+    runs = certificate.run(begun, Resumed(law=law, state=law.initial_state(arm.n)))
+    return dataclasses.replace(certificate, plants=plants, runs=runs)

@@ -35,20 +35,14 @@ def draw(
     and what else is stated; resonances are those of the gears at `pose` (n,) [rad], zeros by default. A progress bar
     and the stages of a checkpoint are those of the records that are fitted again on elastic gears. `normals`, in place
     of a random generator, gives the samples as a function of its numbers; which of them are arms it is told.
-
-    Raises
-    ------
-    ValueError
-        No covariance to sample from, or one so large that hardly a sample is an arm.
     """
     instance("rig", rig, Rig, "The order is found, rig, law, reference.")
     pose = np.zeros(rig.n) if pose is None else pose
     _require_possible(uncertainty, rig)
     known = identified(uncertainty, found, pose, progress, checkpoint)
     arm, unknown, random = known.arm, known.names, normals or np.random.default_rng(seed)
-    places = (normals or np.random.default_rng((seed, 2))).uniform(
-        0, 1, (samples, 1 + len(uncertainty.resonance or ()))
-    )
+    shape = samples, 1 + len(uncertainty.resonance or ())
+    places = (normals or np.random.default_rng((seed, 2))).uniform(0, 1, shape)
     rig = _with_found(rig, {n: v for n, v in zip(unknown, known.values, strict=True) if n not in arm.dynamics.names})
     of_arms, numbers, f, redrawn, projected = _arms(uncertainty, known, rig, random, places)
     own, of_hardware, others = _hardware(uncertainty, random, rig, samples)
@@ -121,10 +115,8 @@ def _arms(uncertainty, known, rig, random, places):
             values[name][again] = some
         f[again], sound[again] = arms(others)
         if projected and not sound.all():
-            raise ValueError(
-                f"samples must be arms; {redrawn} were not (D(q) indefinite, or negative friction), nor is the one "
-                "identified. Give a smaller covariance, or identify with a better experiment."
-            )
+            none = f"{redrawn} were not (D(q) indefinite, or negative friction), nor is the one identified"
+            raise ValueError(f"samples must be arms; {none}. Give a smaller covariance, or a better experiment.")
     return tuple(values), np.column_stack([*values.values()]), f, redrawn, projected
 
 

@@ -192,15 +192,11 @@ def _explained(certificate: Any) -> Iterator[Piece]:
     long = [f"{short[x.name]} = {x.name}" for x in shown if short.get(x.name, x.name) != x.name]
     yield Aside("What the parameters mean", long)
     if certificate.failures and of_f > max(_DECIDES * sum(x.share for x in influences), _AT_ALL):
-        yield (
-            "how well f is known decides: identify from more records, or from a motion of design_motion; or let tune "
-            "search for a controller that holds all of it"
-        )
+        advice = "identify from more records, or from a motion of design_motion; or let tune search for a controller"
+        yield f"how well f is known decides: {advice} that holds all of it"
     elif certificate.failures and (known := _friction(certificate)) is not None:
-        yield (
-            f"that friction is uncertain decides: known as this log would identify it, {percent(known)} of the first "
-            'samples exceed the limit. Call identify(..., unknown="friction")'
-        )
+        some = f'{percent(known)} of the first samples exceed the limit. Call identify(..., unknown="friction")'
+        yield f"that friction is uncertain decides: known as this log would identify it, {some}"
     elif certificate.failures:
         yield "another controller may hold: tune searches for it, along this path and over what is sampled here"
     if certificate.plants.redrawn:
@@ -227,10 +223,8 @@ def _against_the_log(certificate: Any) -> Iterator[str]:
         yield f"the path exceeds the log: {places}. What only shows there (friction, cables, stops) is not sampled"
     lowest = min((cell.hz[0] for cell in cells), default=np.inf)
     if seen.resonance is not None and lowest < seen.resonance:
-        yield (
-            f"gears that resonate below {seen.resonance:.3g} Hz would have shown in the log, and did not: those "
-            f"sampled from {lowest:.3g} Hz on are not this arm's, nor is f as it was fitted on them"
-        )
+        those = f"those sampled from {lowest:.3g} Hz on are not this arm's, nor is f as it was fitted on them"
+        yield f"gears that resonate below {seen.resonance:.3g} Hz would have shown in the log, and did not: {those}"
 
 
 def _worst(cell: Any) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from ctc.certification.plants import Plants
 from ctc.certification.samples import draw
 from ctc.certification.uncertainty import Uncertainty
+from ctc.verdict.on_gears import require_followed
 from identification import Identification
 from identification.results.summary import warn_of_doubts
 from plant import Arm, Law, Reference, Rig
@@ -31,8 +32,10 @@ class Task:
         self, work: str, found: Identification | Arm, rig: Rig, laws: tuple[Law, ...], reference: Motions,
         uncertainty: Uncertainty | None, *, within: float, after: float | None, duration: float | None, samples: int,
         seed: int, threads: int | None, progress: bool, checkpoint: str | Path | Checkpoint | None,
-        steps_per_sample: int, settings: tuple[Any, ...] = (), inputs: Mapping[str, Any] = {},
+        steps_per_sample: int, executor: Any, settings: tuple[Any, ...] = (), inputs: Mapping[str, Any] = {},
     ) -> None:  # fmt: skip
+        if executor is not None and checkpoint is not None:
+            raise ValueError("checkpoint must be left out with an executor; got both. Or use campaign(folder=).")
         order = f"The order is found, rig, {'law, ' if laws else ''}reference, uncertainty."
         instance("rig", rig, Rig, order)
         for law in laws:
@@ -50,12 +53,13 @@ class Task:
                 lasts = real("duration", lasts, "Leave it out for one period of the reference.", positive=True)
                 if after is not None and not 0 <= real("after", after, "Give seconds, or 0.") < lasts:
                     raise ValueError(
-                        f"after must be from 0 to below the duration {lasts:g} s; got {after:g}. Give seconds."
+                        f"after must be from 0 to below the duration {lasts:g} s; got {after:g}. Give less."
                     )
             self.motions[name] = motion, lasts
         self.uncertainty = Uncertainty() if uncertainty is None else uncertainty
         instance("uncertainty", self.uncertainty, Uncertainty, "Give Uncertainty(friction=0.1, ...).")
-        self.uncertainty.require_followed(rig.period / steps_per_sample)
+        if self.uncertainty.resonance is not None:
+            require_followed("resonance", self.uncertainty.resonance, rig.period / steps_per_sample)
         if isinstance(found, Identification):
             warn_of_doubts(found, work)
         self.found, self.rig, self.progress, self.several = found, rig, progress, isinstance(reference, Mapping)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ctc.certification.imperfections import IMPERFECTIONS, between
-from ctc.verdict.on_gears import require_followed, require_swinging
+from ctc.verdict.on_gears import require_swinging
 from plant import Part, part, structure
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import array
@@ -133,21 +133,6 @@ class Uncertainty(Shown, Part):
     def imperfections(self) -> dict[str, tuple[float, float]]:
         """Name -> (low, high) of what gears, drives and encoders do, all of them."""
         return {name: getattr(self, name) for name in IMPERFECTIONS}
-
-    @property
-    def lowest_damping(self) -> float | None:
-        """Lowest damping ratio that is stated."""
-        return None if self.damping_ratio is None or not self.damping_ratio[0] > 0 else float(self.damping_ratio[0])
-
-    def require_followed(self, step: float) -> None:
-        """Refuse resonances that steps of this length [s] cannot follow.
-
-        Raises
-        ------
-        ValueError
-        """
-        if self.resonance is not None:
-            require_followed("resonance", self.resonance, step)
 
     def _short(self) -> str:
         return ", ".join(name for name, _, _ in self._rows()) or "nothing beside the covariance"

@@ -39,41 +39,34 @@ def run_demo(given: Namespace) -> Answer:
 
 
 def run_robots(given: Namespace) -> Answer:
-    """Robot files of the package: a list, or one of them to start from."""
-    names = sorted(path.stem for path in FOLDER.glob("*.toml"))
-    if given.name == "new":
-        return _new_robot(given)
-    if given.model or given.base or given.tip:
+    """Robot files: a list of the package's, one of them to start from, or a new one of a URDF file, to complete."""
+    names, new = sorted(path.stem for path in FOLDER.glob("*.toml")), given.name == "new"
+    if new and given.model is None:
+        raise ValueError("a new robot file must be of a URDF file; got none. Write: onepulse robots new ROBOT.urdf.")
+    if not new and (given.model or given.base or given.tip):
         raise ValueError("a model file, --base and --tip go with new: onepulse robots new ROBOT.urdf. Write so.")
     if given.name is None:
         titles = {name: read_robot(name).name for name in names}
         width = max(map(len, names))
         return Answer("\n".join(f"{name:{width}}  {title}" for name, title in titles.items()), {"robots": titles})
-    if given.name not in names:
+    if not new and given.name not in names:
         raise ValueError(f"a robot of the package is one of {', '.join(names)}; got {given.name!r}. Choose one.")
-    text = (FOLDER / f"{given.name}.toml").read_text(encoding="utf-8") + _COLUMNS.read_text(encoding="utf-8")
-    if given.output is None:
-        return Answer(text.rstrip(), {"robot": given.name, "toml": text})
-    model = read_robot(given.name).model
-    places = [new_place(given.output, given.force)]
-    if model is not None:  # stands beside its robot file
-        places.append(new_place(str(places[0].with_name(model.name)), given.force))
-        shutil.copyfile(model, places[1])
-    write_whole(places[0], [text])
-    return Answer(f"wrote {', '.join(map(str, places))}", {"robot": given.name, "files": [*map(str, places)]})
-
-
-def _new_robot(given: Namespace) -> Answer:
-    """A robot file to complete, of a URDF file."""
-    if given.model is None:
-        raise ValueError("a new robot file must be of a URDF file; got none. Write: onepulse robots new ROBOT.urdf.")
-    place = None if given.output is None else new_place(given.output, given.force, [given.model])
-    text = new_robot_file(given.model, place or Path("robot.toml"), given.base, given.tip)
+    inputs, model = ([given.model], None) if new else ([], read_robot(given.name).model)
+    place = None if given.output is None else new_place(given.output, given.force, inputs)
+    if new:
+        text = new_robot_file(given.model, place or Path("robot.toml"), given.base, given.tip)
+    else:
+        text = (FOLDER / f"{given.name}.toml").read_text(encoding="utf-8")
     text += _COLUMNS.read_text(encoding="utf-8")
     if place is None:
         return Answer(text.rstrip(), {"robot": given.name, "toml": text})
+    places = [place]
+    if model is not None:  # stands beside its robot file
+        places.append(new_place(str(place.with_name(model.name)), given.force))
+        shutil.copyfile(model, places[1])
     write_whole(place, [text])
-    return Answer(f'wrote {place}; replace each "{MISSING}" in it', {"robot": given.name, "files": [str(place)]})
+    said = f"wrote {', '.join(map(str, places))}" + f'; replace each "{MISSING}" in it' * new
+    return Answer(said, {"robot": given.name, "files": [*map(str, places)]})
 
 
 def run_check(given: Namespace) -> Answer:

@@ -4,12 +4,12 @@ import time
 from pathlib import Path
 
 from ctc.figures.errors import plot_comparison, plot_evaluation
-from ctc.figures.records import plot_identification, plot_record
+from ctc.figures.records import plot_record
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.verdict.evaluation import Evaluation
 from ctc.verdict.evaluations import evaluate
 from identification import Identification, identify
-from plant import Arm, Record, Reference, Rig, puma560, simulate
+from plant import puma560, simulate
 
 
 def demo(seed: int, figures: Path) -> bool:
@@ -39,26 +39,24 @@ def demo(seed: int, figures: Path) -> bool:
         print("\n   " + str(verdict).replace("\n", "\n   "))
 
     print(f"\n4. figures, saved in the folder {figures}")
-    _save_figures(figures, robot, rig, path, measured, paper, found, verdicts)
+    _save_figures(figures, paper, found, verdicts)
     print(f"   done after {time.perf_counter() - started:.1f} s")
     return verdicts["computed torque"].within(1)
 
 
-def _save_figures(
-    folder: Path, robot: Arm, rig: Rig, path: Reference, measured: Record, paper: Identification,
-    found: Identification, verdicts: dict[str, Evaluation],
-) -> None:  # fmt: skip
+def _save_figures(folder: Path, paper: Identification, found: Identification, verdicts: dict[str, Evaluation]) -> None:
     import matplotlib
 
     matplotlib.use("Agg")
     folder.mkdir(parents=True, exist_ok=True)
-    dynamics, p, joints = robot.dynamics, found.law, verdicts["P"].joints
+    rig, path, p, (measured,) = puma560.rig(), puma560.reference(), found.law, found.records
+    dynamics, joints = found.arm.dynamics, [link.name or "" for link in found.arm.dynamics.chain.links]
     leading = paper.initial_population[paper.search.initial_costs.argsort()[:4]]
     models = [simulate(dynamics.arm(f), rig, p, path) for f in leading]
     best = simulate(found.arm, rig, p, path)
     figures = {
         "1_experiment": plot_record(measured, joints),
-        "2_identification": plot_identification(measured, models[0], best, models[1:], joints),
+        "2_identification": plot_record(measured, joints, models=(models, best)),
         "2_fit": found.plot(),
         "3_p_against_computed_torque": plot_comparison(verdicts),
         "4_computed_torque": plot_evaluation(verdicts["computed torque"]),

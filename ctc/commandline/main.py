@@ -14,7 +14,6 @@ from ctc.certification.imperfections import IMPERFECTIONS
 from ctc.commandline.commands import COMMANDS
 from ctc.commandline.plan import run_campaign
 from identification.results.summary import IdentificationWarning
-from plant.parts.arguments import real
 from plant.version import __version__
 
 _CODES = """exit codes: 0 fine; 1 the verdict is negative: a finding of the checkup, an unreliable identification, a
@@ -131,13 +130,6 @@ class _Ends(argparse.Action):
         setattr(given, self.dest, values[0] if len(values) == 1 else tuple(values))
 
 
-def _positive(text: str) -> float:
-    try:
-        return real("a limit", float(text), "", positive=True)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"a limit is a number above 0; got {text!r}") from None
-
-
 def _seed(text: str) -> int:
     if not (text.isascii() and text.isdecimal()):
         raise argparse.ArgumentTypeError(f"a seed is a whole number from 0; got {text!r}")
@@ -172,7 +164,7 @@ _UNCERTAIN = (
     *(_option(f"--{name.replace('_', '-')}", **_ENDS, help=f"{row.words} [{row.unit}]")
       for name, row in IMPERFECTIONS.items()),
     _option("--dropped", type=float, metavar="SHARE", help="of the samples whose counts are lost"),
-    _option("--within", type=_positive, default=1.0, help="limit [pulses] (default 1)"),
+    _option("--within", type=float, default=1.0, help="limit [pulses] (default 1)"),
     _option("--after", type=float, metavar="SECONDS", help="instants before it are left out, and reported"),
     _option("--everyday", action="store_true", help="everyday motions, with --path one more; a row each"),
     _option("--samples", type=int, default=10_000, help="Monte Carlo samples (default 10000)"),

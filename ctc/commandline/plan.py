@@ -10,7 +10,6 @@ import contextlib
 import functools
 import glob
 import multiprocessing
-import sqlite3
 import tomllib
 from argparse import Namespace
 from collections.abc import Callable, Iterator
@@ -20,6 +19,7 @@ from typing import Any
 
 from ctc.campaigns.campaign import campaign
 from ctc.campaigns.fleet import Fleet
+from ctc.campaigns.ledger import rows_of
 from ctc.commandline.commands import COMMANDS
 from ctc.commandline.inputs import Answer
 from identification import Identification
@@ -78,9 +78,7 @@ def _read(path: Path) -> dict[str, Any]:
         raise ValueError(f"do of {path} must have identify before {do[-1]}; it has not. Add it.")
     for key in ("fleet", "notes"):
         if key in plan and (not isinstance(plan[key], str) or "identify" not in do or "fleet" not in plan):
-            raise ValueError(
-                f"{key} of {path} must be text beside fleet and identify; got {plan[key]!r:.60}. Correct it."
-            )
+            raise ValueError(f"{key} of {path} must be text beside fleet and identify; got {plan[key]!r:.60}. Do so.")
     for name, robot in robots.items():
         if not isinstance(robot, dict) or set(robot) != set(_ROBOT_KEYS):
             raise ValueError(f"[robots.{name}] of {path} must have robot and logs; got {robot!r:.80}. Correct it.")
@@ -97,9 +95,7 @@ def _tasks(plan: dict[str, Any], path: Path, folder: Path, parse: Parse) -> Iter
         for pattern in patterns:
             logs = sorted(glob.glob(str(path.parent / pattern)))
             if not logs:
-                raise ValueError(
-                    f"logs of robot {name} must be there; {pattern!r} matches nothing. Correct the pattern."
-                )
+                raise ValueError(f"logs of robot {name} must be there; {pattern!r} matches nothing. Correct it.")
             for log in logs:
                 place, status = folder / name / Path(log).stem, Path(log).stat()
                 steps = [vars(parse(_arguments(each, plan, robot, log, place))) for each in plan["do"]]
@@ -169,9 +165,7 @@ def _executor(where: str) -> Iterator[Any]:
         try:
             client = Client(where.removeprefix("dask:"), timeout=10)
         except (OSError, ValueError) as error:
-            raise ValueError(
-                f"executor must be a scheduler that runs; {where}: {error}. Start dask scheduler."
-            ) from None
+            raise ValueError(f"executor must be a scheduler that runs; {where}: {error}. Start one.") from None
         with client:
             yield client
     else:
@@ -183,9 +177,8 @@ def _status(folder: Path) -> Answer:
     path = folder / "ledger.sqlite"
     if not path.is_file():
         raise ValueError(f"{folder} must hold a campaign; there is none. Run it without --status first.")
-    with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:
-        states = dict(base.execute("select state, count(*) from tasks group by state"))
-        failed = dict(base.execute("select name, error from tasks where state = 'failed' order by number"))
+    states = dict(rows_of(path, "select state, count(*) from tasks group by state"))
+    failed = dict(rows_of(path, "select name, error from tasks where state = 'failed' order by number"))
     data = {state: states.get(state, 0) for state in ("done", "open", "failed")}
     text = ", ".join(f"{count} {state}" for state, count in data.items())
     return Answer("\n".join([text, *(f"{name}: {error}" for name, error in failed.items())]), data | {"errors": failed})

@@ -12,14 +12,18 @@ from plant.parts.labels import joint_labels
 
 
 @literal
-def plot_record(record: Record, joints: Sequence[str] = (), *, ax: Any = None) -> NDArray[Any]:
-    """Tracking error and motor current of every joint. Source: paper Figs. 6-9.
+def plot_record(
+    record: Record, joints: Sequence[str] = (), *, models: tuple[Sequence[Record], Record] | None = None, ax: Any = None
+) -> NDArray[Any]:
+    """Tracking error and motor current of every joint, or the errors beside those of models. Source: paper Figs. 6-15.
 
     Parameters
     ----------
     record : Record
     joints : sequence of str, optional
         Names of the joints; by default those of the rig's drive.
+    models : (sequence of Record, Record), optional
+        What models of the initial population give, the best first and the others thin; and the best of the last one.
     ax : (n, 2) array of matplotlib Axes, optional
         Where to draw, (n, 1) of a record without currents; a new figure by default.
 
@@ -35,16 +39,20 @@ def plot_record(record: Record, joints: Sequence[str] = (), *, ax: Any = None) -
 
     See Also
     --------
-    plant.Record
+    plant.Record, identification.Identification
 
     Examples
     --------
-    >>> from plant import puma560, simulate
+    >>> from plant import puma560, replay, simulate
     >>> from ctc import plot_record
     >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5)
     >>> drawn = plot_record(record)
+    >>> beside = plot_record(record, models=([replay(puma560.literature_arm(1.5), record)], record))
     """
-    current, labels = record.current, joint_labels(joints or record.rig.drive.joints, record.n)
+    labels = joint_labels(joints or record.rig.drive.joints, record.n)
+    if models is not None:
+        return _beside(record, *models, labels, ax)
+    current = record.current
     columns = 1 if current is None else 2
     axes = row_by_row(ax, record.n, columns, width=5.5 * columns)
     for joint, row in enumerate(axes):
@@ -59,57 +67,17 @@ def plot_record(record: Record, joints: Sequence[str] = (), *, ax: Any = None) -
     return axes
 
 
-@literal
-def plot_identification(
-    measured: Record, first: Record, best: Record, others: Sequence[Record] = (), joints: Sequence[str] = (), *,
-    ax: Any = None,
-) -> NDArray[Any]:  # fmt: skip
-    """Measured tracking errors beside those of models. Source: paper Figs. 12-15.
-
-    Parameters
-    ----------
-    measured : Record
-        The robot.
-    first, best : Record
-        The best model of the initial population, and of the last one.
-    others : sequence of Record
-        More models of the initial population, drawn thin.
-    joints : sequence of str, optional
-        Names of the joints; by default those of the rig's drive.
-    ax : (n, 2) array of matplotlib Axes, optional
-        Where to draw; a new figure by default.
-
-    Returns
-    -------
-    (n, 2) numpy.ndarray of matplotlib Axes
-
-    Raises
-    ------
-    ValueError
-        Another number of Axes.
-
-    See Also
-    --------
-    identification.Identification, ctc.plot_record
-
-    Examples
-    --------
-    >>> from plant import puma560, replay, simulate
-    >>> from ctc import plot_identification
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5)
-    >>> model = replay(puma560.literature_arm(1.5), record)
-    >>> drawn = plot_identification(record, model, record)
-    """
-    axes = row_by_row(ax, measured.n, 2, width=11)
-    labels = joint_labels(joints or measured.rig.drive.joints, measured.n)
+def _beside(record: Record, initial: Sequence[Record], best: Record, labels: list[str], ax: Any) -> NDArray[Any]:
+    """Measured tracking errors beside those of models."""
+    axes = row_by_row(ax, record.n, 2, width=11)
     titles = ("initial population (paper: Figs. 12, 13)", "after identification (paper: Figs. 14, 15)")
     (_, robot), (_, thin) = LOGS
-    for column, (model, title) in enumerate(zip((first, best), titles, strict=True)):
+    for column, ((model, *others), title) in enumerate(zip((initial, [best]), titles, strict=True)):
         for joint, axis in enumerate(axes[:, column]):
-            for i, other in enumerate(others if column == 0 else ()):
+            for i, other in enumerate(others):
                 label = f"next {len(others)} models" if i == 0 else None
                 axis.plot(other.t, other.error_pulses[:, joint], color=colour_of(5), linewidth=0.5, label=label)
-            axis.plot(measured.t, measured.error_pulses[:, joint], label="robot", **robot)
+            axis.plot(record.t, record.error_pulses[:, joint], label="robot", **robot)
             axis.plot(model.t, model.error_pulses[:, joint], label="best model", **thin)
             axis.set_ylabel("error [pulses]" if column == 0 else "")
         titled(axes[:, column], title, labels if column == 0 else ())

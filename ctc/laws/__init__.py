@@ -1,5 +1,5 @@
 """Control laws that hold a model of the arm: computed torque and its rivals.
 
 Read `model_law` (what they share), `observer`, `computed_torque`; then `computed_torque_pid`,
-`computed_torque_integral`, `feed_forward` and `flexible_joint`, `adaptive`, `sliding_mode` in any order.
+`feed_forward`, `adaptive`, `sliding_mode` in any order.
 """

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
 from plant import Rig, Setpoint
+from plant.laws.law import Step
 from plant.laws.terms import filtered_difference, no_reading
 from plant.parts.arguments import array, signs
 from plant.parts.fields import Nested, Vector
@@ -72,28 +73,22 @@ class Adaptive(ModelLaw):
         signs(self, positive=("bandwidth", "filter"), not_negative=("gain", "adaptation"))
         names = self.arm.dynamics.names
         if len(self.adaptation) != len(names):
-            raise ValueError(
-                f"adaptation must have {len(names)} numbers, one for each of {names[0]}..{names[-1]}; "
-                f"got {len(self.adaptation)}. Zero keeps a parameter as it is."
-            )
+            each = f"{len(names)} numbers, one for each of {names[0]}..{names[-1]}; got {len(self.adaptation)}"
+            raise ValueError(f"adaptation must have {each}. Zero keeps a parameter as it is.")
         if self.ranges is not None:
             ranges = array("ranges", self.ranges, (len(names), 2), advice="Give a low and a high end for each f.")
             outside = np.flatnonzero((self.arm.f < ranges[:, 0]) | (self.arm.f > ranges[:, 1]))
             if len(outside):
                 i = outside[0]
-                raise ValueError(
-                    f"ranges must hold the arm's f, where the adaptation starts; {names[i]} = {self.arm.f[i]:g} is not "
-                    f"in [{ranges[i, 0]:g}, {ranges[i, 1]:g}]. Widen them."
-                )
+                which = f"{names[i]} = {self.arm.f[i]:g} is not in [{ranges[i, 0]:g}, {ranges[i, 1]:g}]. Widen them."
+                raise ValueError(f"ranges must hold the arm's f, where the adaptation starts; {which}")
             object.__setattr__(self, "ranges", tuple(tuple(row) for row in ranges.tolist()))
 
     def initial_state(self, n: int) -> NDArray[np.float64]:
         """The arm's f, no reading yet, no torque commanded."""
         return np.concatenate([self.arm.f, no_reading(n), np.zeros(n)])
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """One sample: error and its rate -> s -> torque with f-hat as it was -> f-hat."""
         n, model = self.arm.n, self.arm.dynamics
         f, memory, commanded = state[: model.p], state[model.p : -n], state[-n:]

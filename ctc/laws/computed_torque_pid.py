@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
 from plant import Rig, Setpoint
+from plant.laws.law import Step
 from plant.laws.terms import integrated
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
@@ -15,24 +16,7 @@ from plant.parts.part import number, part
 def rolled_off(
     signal: ca.SX, before: ca.SX, value: ca.SX, rate: ca.SX, corner: ca.SX, damping: ca.SX, dt: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
-    """Filtered signal and its rate, one step later.
-
-    Parameters
-    ----------
-    signal, before : casadi SX (n, 1)
-        Read now, and in the step before.
-    value, rate : casadi SX (n, 1)
-        Filtered signal, and its rate, in the step before.
-    corner : casadi SX
-        f [rad/s]
-    damping : casadi SX
-        z
-    dt : casadi SX
-        Time since the step before [s].
-
-    Returns
-    -------
-    value, rate : casadi SX (n, 1)
+    """Filtered signal (n, 1) and its rate, one step later; of the step before it has signal, value and rate.
 
     Source: Tustin's method, which is the trapezoidal rule: s = 2 / dt (z - 1) / (z + 1).
     """
@@ -54,10 +38,8 @@ class ComputedTorquePID(ModelLaw):
 
     Parameters
     ----------
-    arm : Arm or Identification
-        The identified arm; an identification gives its rig, too.
-    rig : Rig, optional
-        The identified rig, ``found.rig``: its friction is fed forward.
+    arm, rig
+        As of `ComputedTorque`.
     bandwidth : float
         w, where the loop's gain is about one [rad/s]: far above its zeros, and below f, a(s) is w s.
     ratio : float
@@ -109,15 +91,10 @@ class ComputedTorquePID(ModelLaw):
         """The integral."""
         return (range(1, 1 + n),)
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """One sample: what was cut off -> integral -> filtered error and its rate -> acceleration -> torque."""
         n, model, f = self.arm.n, self.arm.dynamics, self.arm.f
-        read, integral, before, value, rate, commanded = (
-            state[0],
-            *(state[1 + i * n : 1 + (i + 1) * n] for i in range(5)),
-        )
+        read, integral, before, value, rate, commanded = ca.vertsplit(state, [0, *range(1, 5 * n + 2, n)])
         e, D = setpoint.q - rig.cell_centre(pulses), model.D(setpoint.q, f)
         before, value = ca.if_else(read > 0, before, e), ca.if_else(read > 0, value, e)
 

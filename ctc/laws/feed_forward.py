@@ -8,20 +8,24 @@ from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw, base
 from plant import Law, Rig, Setpoint
-from plant.laws.law import Block
+from plant.laws.law import Block, Step
 from plant.parts.part import part, structure
 
 
 @base
-class WithFeedback(ModelLaw):
-    """Base of laws around a simple feedback, as often as that one runs.
+class Aided(ModelLaw):
+    """Base: tau = feedback + what `aid` gives of the setpoint and the counts, as often as the feedback runs.
 
     Parameters
     ----------
-    arm : Arm or Identification
-    rig : Rig, optional
     feedback : Law
-        A simple law, such as `plant.PD`; of what the amplifier cuts off it is told its own part.
+        A simple law, such as `plant.PD`, whose period is that of the whole; of what the amplifier cuts off it is told
+        its own part.
+
+    Raises
+    ------
+    ValueError
+        As `ModelLaw`; a feedback for other joints.
     """
 
     feedback: Law = structure(Law)
@@ -42,18 +46,11 @@ class WithFeedback(ModelLaw):
         self.feedback.block(rig)  # refuses gains for other joints
         return super().block(rig)
 
-
-@base
-class Aided(WithFeedback):
-    """Base: tau = feedback + what `aid` gives of the setpoint and the counts."""
-
     def initial_state(self, n: int) -> NDArray[np.float64]:
         """The feedback's, and no aid given yet."""
         return np.concatenate([self.feedback.initial_state(n), np.zeros(n)])
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """Tau = feedback + aid."""
         n = rig.n
         commanded, memory = self.feedback.equations(rig, state[:-n], setpoint, pulses, torque - state[-n:], dt)
@@ -71,17 +68,10 @@ class PDGravity(Aided):
 
     Parameters
     ----------
-    arm : Arm or Identification
-        The identified arm; an identification gives its rig, too.
-    rig : Rig, optional
-        The identified rig, ``found.rig``.
+    arm, rig
+        As of `ComputedTorque`.
     feedback : Law
         A simple law, such as `plant.PD`; its period is that of the whole.
-
-    Raises
-    ------
-    ValueError
-        As `ModelLaw`; a feedback for other joints.
 
     See Also
     --------
@@ -114,17 +104,10 @@ class FeedForward(Aided):
 
     Parameters
     ----------
-    arm : Arm or Identification
-        The identified arm; an identification gives its rig, too.
-    rig : Rig, optional
-        The identified rig, ``found.rig``: its friction is fed forward.
+    arm, rig
+        As of `ComputedTorque`.
     feedback : Law
         A simple law, such as `plant.PD`; its period is that of the whole.
-
-    Raises
-    ------
-    ValueError
-        As `ModelLaw`; a feedback for other joints.
 
     See Also
     --------

@@ -83,15 +83,13 @@ def _one_joint() -> ca.Function:
 
     The torques push motor and link.
     """
-    numbers = rotor, D, stiffness, damping, viscous, dt = [
-        ca.SX.sym(name) for name in ("rotor", "D", "stiffness", "damping", "viscous", "dt")
-    ]
+    names = "rotor", "D", "stiffness", "damping", "viscous", "dt"
+    numbers = rotor, D, stiffness, damping, viscous, dt = [ca.SX.sym(name) for name in names]
     x, push = ca.SX.sym("x", 4), ca.SX.sym("push", 2)
     e, rate, e_l, rate_l = ca.vertsplit(x)
     pushed = e, rate, e_l, rate_l - dt * push[1] / (D - rotor)
-    after, _ = ElasticGears(D, rotor, Springs(stiffness, damping)).moved(
-        pushed, push[0] + viscous * rate, lambda *_: ca.SX(0), dt
-    )
+    gears = ElasticGears(D, rotor, Springs(stiffness, damping))
+    after, _ = gears.moved(pushed, push[0] + viscous * rate, lambda *_: ca.SX(0), dt)
     return ca.Function("joint", numbers, [ca.densify(ca.jacobian(ca.vertcat(*after), each)) for each in (x, push)])
 
 

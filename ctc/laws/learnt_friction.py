@@ -29,22 +29,9 @@ def learn(
 ) -> tuple[list[ca.SX], ca.SX, list[ca.SX]]:  # fmt: skip
     """Learnt shares, disturbance torque without what they took over, and what was recent, one sample later.
 
-    Parameters
-    ----------
-    known
-        Shares by which Coulomb and viscous friction differ from the stated, (n, 1) each, as all below on the shafts.
-    recent
-        Direction, viscous friction and disturbance torque as they were of late.
-    stated
-        Coulomb level and viscous friction at the reference's speed [N m].
-    delta
-        Disturbance torque [N m].
-    heading
-        Direction of the reference, -1 to 1, in proportion at low speeds.
-    most
-        Largest share.
-    dt
-        [s].
+    On the shafts, (n, 1) each: shares `known` by which Coulomb and viscous friction differ, at `most`, from the
+    `stated`, which are Coulomb level and viscous friction at the reference's speed [N m]; disturbance torque `delta`;
+    `heading` of the reference, -1 to 1; `recent` heading, viscous friction and disturbance torque.
     """
     turned = heading - recent[0]
     changes = stated[0] * turned, stated[1] - recent[1]
@@ -60,13 +47,7 @@ def learn(
 
 
 def shares(friction: ArrayLike, drive: Drive, most: float | None) -> NDArray[np.float64]:
-    """Shares (2, n) by which Coulomb and viscous friction, motor side, differ from a drive's: at most so much.
-
-    Raises
-    ------
-    ValueError
-        Other friction than may be learnt; any where none is (None).
-    """
+    """Shares (2, n) by which Coulomb and viscous friction, motor side, differ from a drive's; others are refused."""
     given = array("friction", friction, (2, drive.n), advice="Give that of a running controller, motor side.")
     stated = np.array([drive.coulomb, drive.viscous])
     differs = np.divide(given, stated, out=np.where(given == stated, 1.0, np.inf), where=stated > 0) - 1
@@ -77,13 +58,7 @@ def shares(friction: ArrayLike, drive: Drive, most: float | None) -> NDArray[np.
 
 
 def unexplained(torque: ArrayLike, law: Any, rig: Rig, q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Torque (n,) by which one that holds an arm differs from its weight beyond what known static friction explains.
-
-    Raises
-    ------
-    ValueError
-        A torque beyond what the rig's amplifiers give.
-    """
+    """Torque (n,) by which one that holds an arm differs from its weight beyond what known static friction explains."""
     held = array("torque", torque, (rig.n,), advice=_HOLDS)
     coupling, limit = rig.drive.coupling, rig.drive.torque_limit()
     if (np.abs(coupling.shaft_torque(held)) > limit).any():

@@ -62,9 +62,8 @@ class ModelLaw(Law):
         instance(f"rig of {name}", self.rig, Rig, "Pass the arm's rig, or an identification in place of the arm.")
         super().__post_init__()
         if self.arm.n != self.rig.n:
-            raise ValueError(
-                f"arm and rig must have equal joints; got {self.arm.n} and {self.rig.n}. Pass found.arm and found.rig."
-            )
+            both = f"{self.arm.n} and {self.rig.n}. Pass found.arm and found.rig."
+            raise ValueError(f"arm and rig must have equal joints; got {both}")
         self.rig.drive.require_friction()
         require_inertia(self.arm, self.rig)
 
@@ -104,36 +103,24 @@ class ModelLaw(Law):
         return super().start(rig, pulses, **options)
 
     def require_stable(self, rig: Rig, pulses: ArrayLike) -> None:
-        """Refuse what `start` refuses.
-
-        Raises
-        ------
-        ValueError
-            An unstable loop.
-        """
+        """Refuse what `start` refuses: an unstable loop."""
         stated = rig if getattr(rig.drive, "elasticity", None) is not None else self.rig
         fast = getattr(self, "bandwidth", 0.0) * self.rig.period > _FAST
-        if self.period is not None and (fast or stated.drive.elasticity is not None):
-            self._require_stable(stated, pulses)
-
-    def _require_stable(self, rig: Rig, pulses: ArrayLike) -> None:
-        counts = array("pulses", pulses, (rig.n,), advice="Give the encoder count of each joint.")
+        if self.period is None or not (fast or stated.drive.elasticity is not None):
+            return
+        counts = array("pulses", pulses, (stated.n,), advice="Give the encoder count of each joint.")
         try:
-            pole = SampledLoops(self.arm, rig, self, rig.cell_centre(counts)).unstable_pole()
+            pole = SampledLoops(self.arm, stated, self, stated.cell_centre(counts)).unstable_pole()
         except ValueError:  # it cannot hold this pose at rest, so there is no loop to linearise
             return
         if pole is not None:
-            bandwidth = getattr(self, "bandwidth", None)
-            own = (
-                ""
-                if bandwidth is None
-                else (f"; its bandwidth is {bandwidth:g} rad/s, {bandwidth * rig.period:.2g} times the period")
-            )
-            raise ValueError(
-                f"{type(self).__name__} must be stable on this rig; linearised it swings up at "
-                f"{abs(pole.imag) / (2 * np.pi):.3g} Hz with the time constant {1 / pole.real:.2g} s{own}. "
-                "Lower it, or take what tune finds."
-            )
+            own, bandwidth = "", getattr(self, "bandwidth", None)
+            if bandwidth is not None:
+                own = f"; its bandwidth is {bandwidth:g} rad/s, {bandwidth * stated.period:.2g} times the period"
+            name, hz, time = type(self).__name__, abs(pole.imag) / (2 * np.pi), 1 / pole.real
+            swings = f"it swings up at {hz:.3g} Hz with the time constant {time:.2g} s{own}"
+            advice = "Lower it, or take what tune finds."
+            raise ValueError(f"{name} must be stable on this rig; linearised {swings}. {advice}")
 
     def h(self, q: ca.SX, qd: ca.SX) -> ca.SX:
         """Torque (n, 1) [N m] that the arm takes at q, qd beside inertia and friction: h-hat less the rig's springs."""
@@ -148,15 +135,12 @@ class ModelLaw(Law):
     def block(self, rig: Rig) -> Block:
         rig.require_fit(self.arm.dynamics.chain)
         if abs(rig.period - self.rig.period) > 1e-9 * self.rig.period:
-            raise ValueError(
-                f"the rig must be sampled as the law's own, every {self.rig.period:.6g} s; got {rig.period:.6g} s. "
-                "Make the law for this rig."
-            )
+            periods = f"every {self.rig.period:.6g} s; got {rig.period:.6g} s"
+            raise ValueError(f"the rig must be sampled as the law's own, {periods}. Make the law for this rig.")
         turned = np.flatnonzero(np.sign(rig.drive.gear) != np.sign(self.rig.drive.gear))
         if len(turned):
             i = int(turned[0])
-            raise ValueError(
-                f"gears of rig and law must turn the same way; that of {rig.joint_labels[i]} is {rig.drive.gear[i]:g}, "
-                f"the law's {self.rig.drive.gear[i]:g}. Correct the sign, or make the law for this rig."
-            )
+            which = f"that of {rig.joint_labels[i]} is {rig.drive.gear[i]:g}, the law's {self.rig.drive.gear[i]:g}"
+            advice = "Correct the sign, or make the law for this rig."
+            raise ValueError(f"gears of rig and law must turn the same way; {which}. {advice}")
         return super().block(rig)

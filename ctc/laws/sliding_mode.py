@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
 from plant import Rig, Setpoint
+from plant.laws.law import Step
 from plant.laws.terms import filtered_difference, no_reading
 from plant.parts.arguments import signs
 from plant.parts.part import number, part
@@ -21,10 +22,8 @@ class SlidingMode(ModelLaw):
 
     Parameters
     ----------
-    arm : Arm or Identification
-        The identified arm; an identification gives its rig, too.
-    rig : Rig, optional
-        The identified rig, ``found.rig``: its friction is fed forward.
+    arm, rig
+        As of `ComputedTorque`.
     bandwidth : float
         w: how fast e goes to zero on the surface s = 0 [rad/s].
     reach : float
@@ -66,9 +65,7 @@ class SlidingMode(ModelLaw):
         """No reading yet."""
         return no_reading(n)
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """One sample: error and its rate -> s -> torque."""
         model, f = self.arm.dynamics, self.arm.f
         q = rig.cell_centre(pulses)

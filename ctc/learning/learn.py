@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ctc.learning.learning import _SETTLED, Learning, share
+from ctc.learning.learning import _SETTLED, Learning, mended, share
 from ctc.learning.learnt_torque import LearntTorque
-from ctc.learning.mended import mended
 from ctc.learning.path_plant import PathPlant, path_plant
 from ctc.learning.smoother import missing_torque
 from identification import Identification
@@ -129,13 +128,13 @@ def learn(
             missing, beyond, peak = (*missing, rms), (*beyond, outside), (*peak, largest)
     new = start + gain * wanted
     learnt = _torque(start.reshape(terms, -1) + (0 if diverged else 1) * wanted.reshape(terms, -1), count)
-    result = mended(arm, rig, plant, learnt, moves, speed, _prior(found, arm, rig))
-    p, std = len(arm.f), np.sqrt(np.diag(result.covariance))
+    after, new_rig, covariance, rest = mended(arm, rig, plant, learnt, moves, speed, _prior(found, arm, rig))
+    p, std = len(arm.f), np.sqrt(np.diag(covariance))
     return Learning(
-        law=LearntTorque(law=base, rig=rig, reference=reference, terms=new), arm=result.arm, rig=result.rig,
-        covariance=result.covariance[:p, :p], friction_std=std[p:].reshape(2, -1), missing=missing,
+        law=LearntTorque(law=base, rig=rig, reference=reference, terms=new), arm=after, rig=new_rig,
+        covariance=covariance[:p, :p], friction_std=std[p:].reshape(2, -1), missing=missing,
         beyond=beyond, peak=peak,
-        innovations=tuple(innovations), left_out=tuple(left_out), rest=result.rest, gain=gain, diverged=diverged,
+        innovations=tuple(innovations), left_out=tuple(left_out), rest=rest, gain=gain, diverged=diverged,
         before=start, wanted=wanted,
     )  # fmt: skip
 
@@ -179,9 +178,8 @@ def _require(record: Any, i: int, law: Law, rig: Rig, reference: Reference, coun
         raise ValueError(f"reference_pulses of {name} must be the path's; got {off:.0f} off. Give its own log.")
     limit, given = np.abs(rig.drive.torque_limit()), np.abs(rig.drive.coupling.shaft_torque(_applied(record, count)))
     if (given > 1.001 * limit).any():
-        raise ValueError(
-            f"torque of {name} must be within the amplifier's {limit} N m; got {given.max(axis=0)}. Check units."
-        )
+        most = given.max(axis=0)
+        raise ValueError(f"torque of {name} must be within the amplifier's {limit} N m; got {most}. Check units.")
 
 
 def _applied(record: Record, count: int) -> Floats:

@@ -1,13 +1,15 @@
-"""What was learnt from repetitions of a path."""
+"""What was learnt from repetitions of a path; what of the torque is f and friction, which serves other paths too."""
 
 import dataclasses
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from ctc.certification.statement import percent
 from ctc.certification.uncertainty import Uncertainty
 from ctc.learning.learnt_torque import LearntTorque
+from ctc.learning.path_plant import PathPlant
 from plant import Arm, Rig
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
@@ -17,6 +19,12 @@ from plant.parts.tables import Table, by_joint
 
 _SETTLED = 1e-3
 """Missing torque, as a share of the amplifier's limit, below which nothing more is to be learnt."""
+
+_F, _FRICTION = 0.05, 0.2
+"""Relative standard deviations of f and of friction before, where no covariance is known."""
+
+_CORRELATED = 0.02
+"""Time [s] over which the rest of the torque is taken to be alike: two constants of the smoother."""
 
 
 @kept
@@ -116,3 +124,33 @@ class Learning(Shown, Frozen):
 def share(missing: Floats, rig: Rig) -> float:
     """Missing torque (n,) as a share of the amplifiers' limits, the largest of the joints."""
     return float(np.max(np.abs(rig.drive.coupling.shaft_torque(missing)) / np.abs(rig.drive.torque_limit())))
+
+
+def mended(
+    arm: Arm, rig: Rig, plant: PathPlant, learnt: Floats, moves: Any, speed: Floats, prior: Any
+) -> tuple[Arm, Rig, Floats, float]:  # fmt: skip
+    """Arm and rig corrected by a learnt torque (N, n) in a ridge regression, where joints move, at speeds of shafts;
+    the covariance of f, viscous and Coulomb friction (joint side), and the torque that is left, rms [N m].
+    """
+    n, p, drive = arm.n, len(arm.f), rig.drive
+    N = len(learnt)
+    Y = np.asarray(arm.dynamics._regressor.function.map(N)(plant.q.T, plant.qd.T, plant.qdd.T).full())
+    shafts = np.asarray(drive.coupling.joint_torque(np.eye(n))).T
+    friction = [each[:, None, :] * shafts for each in (speed, np.sign(speed))]
+    rows = np.concatenate([Y.reshape(n, N, p).transpose(1, 0, 2), *friction], axis=2)[moves]
+    wanted, before = learnt[moves], np.concatenate([arm.f, drive.joint_viscous(), drive.joint_coulomb()])
+    P = prior if prior is not None else np.diag((np.append(np.full(p, _F), np.full(2 * n, _FRICTION)) * before) ** 2)
+    alike = max(_CORRELATED / rig.period, 1.0)
+    change, variance = np.zeros(len(before)), float(np.mean(wanted**2)) + 1e-12
+    for _ in range(3):  # the rest is what the regression leaves
+        S = P @ rows.T @ rows / (variance * alike)
+        covariance = np.linalg.solve(np.eye(len(P)) + S, P)
+        change = covariance @ (rows.T @ wanted) / (variance * alike)
+        variance = float(np.mean((wanted - rows @ change) ** 2)) + 1e-12
+    after = before + change
+    gear2, gear = drive.gear**2, np.abs(drive.gear)
+    corrected = dataclasses.replace(
+        drive, viscous=np.maximum(after[p : p + n] / gear2, 0),
+        coulomb=np.maximum(drive.coulomb + change[p + n :] / gear, 0),
+    )  # fmt: skip
+    return arm.dynamics.arm(after[:p]), dataclasses.replace(rig, drive=corrected), covariance, variance**0.5

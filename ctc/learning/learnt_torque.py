@@ -90,10 +90,8 @@ class LearntTorque(Law):
     def require_reference(self, reference: Reference) -> None:
         """Refuse another path."""
         if reference != self.reference:
-            raise ValueError(
-                f"reference must be the path along which it was learnt; got another {type(reference).__name__}. "
-                "Learn along it, or use the mended arm and rig."
-            )
+            got = f"got another {type(reference).__name__}. Learn along it, or use the mended arm and rig."
+            raise ValueError(f"reference must be the path along which it was learnt; {got}")
 
     def block(self, rig: Rig) -> Block:
         """This law as a symbolic step for the rig on which it was learnt."""
@@ -102,10 +100,8 @@ class LearntTorque(Law):
             ("motor gain", lambda r: r.drive.motor_gain), ("resolution", lambda r: r.encoder.resolution),
         ):  # fmt: skip
             if np.shape(of(rig)) != np.shape(of(self.rig)) or not np.allclose(of(rig), of(self.rig), rtol=1e-9, atol=0):
-                raise ValueError(
-                    f"rig must be that on which the torque was learnt, {name} {of(self.rig)}; got {of(rig)}. "
-                    "Learn on this one."
-                )
+                differs = f"{name} {of(self.rig)}; got {of(rig)}. Learn on this one."
+                raise ValueError(f"rig must be that on which the torque was learnt, {differs}")
         self.law.block(rig)  # refuses a rig that is not the law's
         return super().block(rig)
 

@@ -22,16 +22,10 @@ _HALVINGS = 3
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PathPlant:
-    """N samples of the model along a reference, without Coulomb friction in its deviations.
+    """N samples of the model along a reference: motion of the links, and the torque [N m] that it needs to the next.
 
-    Attributes
-    ----------
-    torque : (N, n) numpy.ndarray
-        That the model needs from each sample to the next, friction included [N m].
-    transition : (N, m + n, m + n) numpy.ndarray
-        Of deviations: angles and speeds (of motors, then links), and the torque (n) that is missing.
-    q, qd, qdd : (N, n) numpy.ndarray
-        Motion of the links.
+    The transition (N, m + n, m + n) is of deviations, without Coulomb friction: angles and speeds (of motors, then
+    links), and the torque (n) that is missing.
     """
 
     torque: Floats
@@ -59,9 +53,8 @@ def path_plant(arm: Arm, rig: Rig, reference: Reference, count: int) -> PathPlan
     motion = reference(dt * np.arange(2 * count + 1) / 2)  # with the middles of the samples
     states = _states(arm, rig, moves, motion, count) if half > n else np.hstack([motion.q[::2], motion.qd[::2]])
     speed = drive.coupling.shaft(motion.qd[::2])
-    dry = drive.joint_coulomb(speed) * np.clip(
-        np.abs(drive.gear) * rig.encoder.position_in_pulses(speed) / _SLIDES, -1, 1
-    )
+    slides = np.abs(drive.gear) * rig.encoder.position_in_pulses(speed) / _SLIDES
+    dry = drive.joint_coulomb(speed) * np.clip(slides, -1, 1)
     viscous_less, bends = moves.map(count + 1)(states.T, motion.qdd[::2].T)
     whole = viscous_less.full().T + drive.coupling.joint_torque(dry + drive.joint_offset())
     A, B = (np.asarray(each.full()) for each in slopes.map(count)(states[:-1].T, whole[:-1].T))

@@ -33,19 +33,9 @@ def missing_torque(
 ) -> Missing:  # fmt: skip
     """The torque that was missing along a path.
 
-    Parameters
-    ----------
-    plant : PathPlant
-    rig : Rig
-    inertia : (n,) array
-        That each joint feels [kg m^2].
-    beyond : (N, n) array
-        Applied torque beyond what the model needs [N m].
-    e : (N, n) array
-        Middle of the quantisation cell less the reference [rad].
-    counts : (N, n) array
-    moves : (N, n) array of bool
-        Where the reference moves: there innovations count.
+    `inertia` (n,) is that which each joint feels [kg m^2]; (N, n) are the applied torque `beyond` what the model needs,
+    `e`, middle of the quantisation cell less the reference [rad], counts, and where the reference moves: there
+    innovations count.
     """
     N, n = e.shape
     dt, m = rig.period, plant.transition.shape[1] - n

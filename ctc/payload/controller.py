@@ -68,12 +68,6 @@ _EMPTY = 0.1  # share of the heaviest load below which a gripper counts as empty
 class PayloadController:
     """A running controller that estimates its load; made by `PayloadEstimator.start`.
 
-    Parameters
-    ----------
-    estimator : PayloadEstimator
-    running : Running
-        Of its ``loop_law``.
-
     Attributes
     ----------
     load : PayloadEstimate

@@ -13,7 +13,7 @@ from identification import Identification
 from identification.payload.kernel_estimate import KERNEL, uncertainty
 from identification.payload.posterior import LoadShape, PayloadEstimate, nothing
 from identification.payload.worker import Specification
-from plant import Law, Rig
+from plant import Rig
 from plant.parts.arguments import choice, instance, known_options, real
 
 _LEAST_WINDOW = 0.1  # [s]; the paper's shortest
@@ -90,15 +90,12 @@ class PayloadEstimator:
     """
 
     def __init__(
-        self, law: Law, *, mass: ArrayLike = (0, 5), position: ArrayLike | None = None, window: float = 0.2,
+        self, law: ModelLaw, *, mass: ArrayLike = (0, 5), position: ArrayLike | None = None, window: float = 0.2,
         along: ArrayLike | None = None, reach: ArrayLike = (0.2, 0.5), inertia: ArrayLike = (0,) * 6,
         prior: float | None = None, found: Identification | None = None, friction: float = 0.0,
         tolerated: float = 0.05, alarm: float = 1.7, method: str = "kernel", beside: bool = True, seed: int = 0,
     ) -> None:  # fmt: skip
-        known = law if isinstance(law, ModelLaw) else None
-        if not isinstance(law, Law) or known is None:
-            given = type(law).__name__
-            raise ValueError(f"law must hold an arm, such as ComputedTorque; {given} knows none. Give it the model.")
+        known = instance("law", law, ModelLaw, "It must hold an arm, such as ComputedTorque.")
         if isinstance(law, Adaptive):
             raise ValueError("law must keep the model it is given; Adaptive changes it by itself. Use ComputedTorque.")
         self.law, self.method, self.beside = known, choice("method", method, ("kernel", "genetic")), beside
@@ -109,7 +106,11 @@ class PayloadEstimator:
         if self.window < _LEAST_WINDOW or samples < 3 * (KERNEL / known.rig.period + 2):
             least = max(_LEAST_WINDOW, 3 * (KERNEL + 2 * known.rig.period))
             raise ValueError(f"window must be at least {least:.3g} s; got {window:g}. The paper has 0.1 to 0.2.")
-        start = shape.prior if prior is None else self._prior(prior)
+        start, (low, high) = shape.prior, shape.mass
+        if prior is not None:
+            if not low <= real("prior", prior, "Give kg.") <= high:
+                raise ValueError(f"prior must be within {low:g} to {high:g} kg; got {prior:g}. Half of it is usual.")
+            start = prior / high * 2 * shape.prior
         tolerated = real("tolerated", tolerated, "Give a share, such as 0.05.", positive=True)
         floor = np.abs(known.rig.to_angle(np.ones(known.rig.n))) * np.diag(known.arm.D(np.zeros(known.rig.n)))
         unknown, root = uncertainty(known.arm, known.rig, found, friction)
@@ -124,12 +125,6 @@ class PayloadEstimator:
             seed=seed,
         )  # fmt: skip
 
-    def _prior(self, prior: float) -> Any:
-        low, high = self.shape.mass
-        if not low <= real("prior", prior, "Give kg.") <= high:
-            raise ValueError(f"prior must be within {low:g} to {high:g} kg; got {prior:g}. Half the heaviest is usual.")
-        return prior / high * 2 * self.shape.prior
-
     @property
     def prior(self) -> PayloadEstimate:
         """What is held while a load is not known."""
@@ -137,27 +132,7 @@ class PayloadEstimator:
         return nothing(self.shape, taken, limits, "the prior: nothing identified yet")
 
     def start(self, rig: Rig, pulses: ArrayLike, **options: Any) -> PayloadController:
-        """A running controller that estimates its load.
-
-        Parameters
-        ----------
-        rig : Rig
-            With the period of the law's.
-        pulses : (n,) array_like
-            Encoder counts now.
-        **options
-            As for `plant.Law.start`.
-
-        Returns
-        -------
-        PayloadController
-            ``.step(pulses, q_r, qd_r, qdd_r)`` as of any, ``.load`` and ``.events``.
-
-        Raises
-        ------
-        ValueError
-            As `plant.Law.start`.
-        """
+        """A running controller that estimates its load, as `plant.Law.start`: it has ``.load`` and ``.events``, too."""
         instance("rig", rig, Rig, "Pass found.rig.")
         self.law.require_stable(rig, pulses)
         return PayloadController(self, self.loop_law.start(rig, pulses, **options))

@@ -15,45 +15,12 @@ from numpy.typing import NDArray
 from ctc.laws.model_law import ModelLaw
 from ctc.laws.observer import correct, predict, triple_pole
 from plant import Law, Rig, Setpoint
-from plant.laws.law import Block
+from plant.laws.law import Block, Step
 from plant.mechanics.lumping import LOAD
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
 from plant.parts.fields import Nested, Vector
 from plant.parts.part import number, part, structure
-
-
-def observed(
-    D: ca.SX, needed: ca.SX, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, omega: ca.SX,
-    dt: ca.SX,
-) -> ca.SX:  # fmt: skip
-    """The observer's state, one sample later.
-
-    Parameters
-    ----------
-    D : casadi SX (n, n)
-        Inertia of the model at the reference [kg m^2].
-    needed : casadi SX (n, 1)
-        Torque that the model needs for the reference, friction included [N m].
-    rig : Rig
-    state : casadi SX (3 n, 1)
-        Tracking error, its rate, disturbance acceleration [rad, rad/s, rad/s^2].
-    setpoint : Setpoint
-    pulses, torque : casadi SX (n, 1)
-        Encoder counts now; joint torque applied since the last sample [N m].
-    omega : casadi SX
-        Triple pole [rad/s].
-    dt : casadi SX
-
-    Returns
-    -------
-    casadi SX (3 n, 1)
-    """
-    e, rate, disturbance = ca.vertsplit(state, rig.n)
-    v = inverse(D).solve(torque - needed)
-    e, rate, disturbance = predict(e, rate, disturbance, v, dt)
-    innovation = setpoint.q - rig.cell_centre(pulses) - e
-    return ca.vertcat(*correct(e, rate, disturbance, innovation, triple_pole(omega, dt), dt))
 
 
 @part
@@ -93,7 +60,7 @@ class PayloadLaw(Law):
         Time constant of the slow part [s].
     """
 
-    law: Law = structure(Law)
+    law: ModelLaw = structure(ModelLaw)
     start_with: Nested = structure(default=(0.0,) * len(LOAD))
     per_kg: Vector = number((len(LOAD),))
     noise: Vector = number(("n",))
@@ -103,9 +70,6 @@ class PayloadLaw(Law):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if getattr(self.law, "arm", None) is None:
-            given = type(self.law).__name__
-            raise ValueError(f"law must hold an arm, such as ComputedTorque; {given} knows none. Give it the model.")
         if not self.law.period:
             raise ValueError(f"law must have a period; {type(self.law).__name__} has none. Use a sampled law.")
         if not self.stiffened and getattr(self.law, "delay", False):
@@ -116,12 +80,12 @@ class PayloadLaw(Law):
     @property
     def arm(self) -> Any:
         """The law's, without a load."""
-        return self.law.arm  # type: ignore[attr-defined]  # checked
+        return self.law.arm
 
     @property
-    def rig(self) -> Any:
+    def rig(self) -> Rig:
         """The law's."""
-        return self.law.rig  # type: ignore[attr-defined]  # laws with an arm have one
+        return self.law.rig
 
     @property
     def period(self) -> float | None:  # type: ignore[override]  # declared, and here the law's
@@ -143,39 +107,33 @@ class PayloadLaw(Law):
 
     def sliding(self) -> Law:
         """The law's own."""
-        return dataclasses.replace(self, law=self.law.sliding())
+        return dataclasses.replace(self, law=self.law.sliding())  # type: ignore[arg-type]  # of the same kind
 
     def block(self, rig: Rig) -> Block:
         self.law.block(rig)  # refuses a rig that is not the law's
         return super().block(rig)
 
-    def equations(
-        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """One sample: swap -> law with the model that carries the load -> disturbance -> change."""
         n, dynamics = rig.n, self.arm.dynamics
         parts = {name: state[where.start : where.stop] for name, where in self.places(n).items()}
         matrix, drive = ca.DM(dynamics.load_matrix()), self.rig.drive
         models = [self.arm.f + matrix @ parts[name] for name in ("load", "wanted")]
         inertias = [dynamics.D(setpoint.q, f) for f in models]
-        before, after = (
-            D @ setpoint.qdd + dynamics.h(setpoint.q, setpoint.qd, f) for D, f in zip(inertias, models, strict=True)
-        )
+        q, qd, qdd = setpoint[:3]
+        before, after = (D @ qdd + dynamics.h(q, qd, f) for D, f in zip(inertias, models, strict=True))
         swapped = ca.sum1(ca.fabs(parts["wanted"] - parts["load"])) > 0
         empty = dynamics.D(setpoint.q, self.arm.f)
         from_inertia, to_inertia = inertias if self.stiffened else (empty, empty)
         rebase = inverse(to_inertia).solve
 
         own = ca.vertsplit(parts["law"])
-        for some in model_errors(self.law, n):
+        for some in self.law.model_errors(n):
             x = ca.vertcat(*(own[i] for i in some))
             new = ca.if_else(swapped, rebase(from_inertia @ x + before - after), x)
             for i, value in zip(some, ca.vertsplit(new), strict=True):
                 own[i] = value
-        errors: tuple[range, ...] = ()
-        torques: tuple[range, ...] = ()
-        if isinstance(self.law, ModelLaw):
-            errors, torques = self.law.torque_errors(n), self.law.model_torques(n) if self.stiffened else ()
+        errors, torques = self.law.torque_errors(n), self.law.model_torques(n) if self.stiffened else ()
         gained = ca.vertsplit(ca.if_else(swapped, after - before, 0))
         for places, sign in ((errors, -1), (torques, 1)):
             for i, value in ((i, value) for some in places for i, value in zip(some, gained, strict=True)):
@@ -189,25 +147,22 @@ class PayloadLaw(Law):
         asked, following = law.equations(rig, ca.vertcat(*own), setpoint, pulses, acted, dt)
         asked = asked + beside
 
-        seen = parts["observer"]
-        seen = ca.vertcat(seen[: 2 * n], ca.if_else(swapped, 0, seen[2 * n :]))
+        e, rate, disturbance = ca.vertsplit(parts["observer"], n)
         needed = after - self.rig.spring_torque(setpoint.q) + drive.friction(setpoint.qd)
-        seen = observed(inertias[1], needed, rig, seen, setpoint, pulses, torque, self.observer, dt)
-        lacking = inertias[1] @ seen[2 * n :]
+        v = inverse(inertias[1]).solve(torque - needed)
+        e, rate, disturbance = predict(e, rate, ca.if_else(swapped, 0, disturbance), v, dt)
+        innovation = setpoint.q - rig.cell_centre(pulses) - e
+        seen = correct(e, rate, disturbance, innovation, triple_pole(self.observer, dt), dt)
+        lacking = inertias[1] @ seen[2]
         slow = ca.if_else(swapped, 0, parts["slow"])
         slow = slow + (1 - ca.exp(-dt / self.memory)) * (lacking - slow)
         one = matrix @ self.per_kg
         weight = (dynamics.D(setpoint.q, one) @ setpoint.qdd + dynamics.h(setpoint.q, setpoint.qd, one)) / self.noise
         change = ca.dot(weight, (lacking - slow) / self.noise) / ca.sqrt(ca.dot(weight, weight) + _TINY)
-        return asked, ca.vertcat(following, parts["wanted"], parts["wanted"], seen, slow, change)
+        return asked, ca.vertcat(following, parts["wanted"], parts["wanted"], *seen, slow, change)
 
 
 _TINY = 1e-12  # beside the squared torque of 1 kg in units of the noise, where a load has none
-
-
-def model_errors(law: Law, n: int) -> tuple[range, ...]:
-    """Places in a law's state of accelerations (n each) that stand for what its model lacks."""
-    return law.model_errors(n) if isinstance(law, ModelLaw) else ()
 
 
 def _with_f(law: Any, f: ca.SX) -> Any:

@@ -61,10 +61,8 @@ def write_report(
     kinds: dict[type, Evaluation | Certificate] = {}
     for each in given:
         if not isinstance(each, (Evaluation, Certificate)) or type(each) in kinds:
-            raise ValueError(
-                f"results must be one Evaluation and one Certificate at most; got {each!r:.60}. "
-                "Pass what evaluate and certify returned."
-            )
+            got = f"got {each!r:.60}. Pass what evaluate and certify returned."
+            raise ValueError(f"results must be one Evaluation and one Certificate at most; {got}")
         kinds[type(each)] = each
     laws = [(each, each.law if isinstance(each, Certificate) else each.record.law) for each in kinds.values()]
     arms = [(type(each).__name__.lower(), getattr(law, "arm", None)) for each, law in laws]

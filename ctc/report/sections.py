@@ -90,16 +90,13 @@ def _fit(found: Any) -> str:
     kept = "No record was held out for validation."
     if aside is not None:
         kept = f"In the validation data, {names}, they differ by {aside:.2f} pulses."
-    said = (
-        f"Errors measured and simulated with these values differ by {known}; two roundings alone give 0.58. {kept} "
-        f"{found.message}"
-    )
+    said = f"Errors measured and simulated with these values differ by {known}; two roundings alone give 0.58."
     caption = (
         "Tracking error of the first record, all of it and a segment; innovations, the counts less their prediction "
         "from one sample to the next; spectrum of both; half-widths of the 95 % intervals: right of the dashed line "
         "the sign is not known."
     )
-    return section("Fit", f"<p>{text(said)}</p>", figure(found.plot(), "fit", caption))
+    return section("Fit", f"<p>{text(f'{said} {kept} {found.message}')}</p>", figure(found.plot(), "fit", caption))
 
 
 def _logs(found: Any) -> str:
@@ -126,10 +123,8 @@ def _assumptions(found: Any) -> str:
             (name, ", ".join(f"{assumed.unknown[i]} {row[i]:+.2g}" for i in np.flatnonzero(mark)))
             for name, row, mark in zip(assumed.names, assumed.moves, strong, strict=True)
         ]
-        told = (
-            "What no log of this kind reveals: how values move if an assumed number is 1 % larger, from 0.05 standard "
-            "deviations on."
-        )
+        larger = "how values move if an assumed number is 1 % larger, from 0.05 standard deviations on."
+        told = f"What no log of this kind reveals: {larger}"
         head = ("sensitivity to 1 % of", "moves")
         parts += ["<h3>Assumed values</h3>", f"<p>{text(told)}</p>", table(head, rows, words=range(2))]
     stated = [*zip(found.rig.number_names(), found.rig.number_values(), strict=True)]
@@ -204,6 +199,5 @@ def _origin(found: Any, certificate: Any) -> str:
         f"                 {settings}, unknown=[\n{listed}\n                 ])\n"
         "assert (again.fit.values == found.fit.values).all()           # the same versions, the same bits"
     )
-    return section(
-        "Where it comes from", table(("", ""), rows, words=range(2)), "<h3>Once more</h3>", preformatted(code)
-    )
+    again = "<h3>Once more</h3>", preformatted(code)
+    return section("Where it comes from", table(("", ""), rows, words=range(2)), *again)

@@ -130,9 +130,8 @@ def observer_gains(
 
     instance("rig", rig, Rig, "Pass the rig of the arm.")
     if (poles is None) == (disturbance is None):
-        raise ValueError(
-            f"one of poles and disturbance must be given; got {'both' if poles is not None else 'none'}. Leave one out."
-        )
+        got = "both" if poles is not None else "none"
+        raise ValueError(f"one of poles and disturbance must be given; got {got}. Leave one out.")
     step, seen = _model()
     if poles is not None:
         s = np.asarray(poles, complex)

@@ -26,19 +26,8 @@ def _named(values: Numbers) -> Numbers:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Family:
-    """A law, and between which numbers it is searched.
-
-    Attributes
-    ----------
-    name : str
-    law : Law
-        Any tuning of it.
-    variables : dict of str -> (float, float)
-        Lowest and highest of each.
-    known : list of dict
-        Tunings with which the search begins.
-    numbers : callable
-        Variables by name, each (T,) -> numbers of the law by name, each (T,).
+    """A law, in any tuning; lowest and highest of its variables; tunings with which its search begins; and what makes
+    of variables by name, each (T,), numbers of the law.
     """
 
     name: str
@@ -56,12 +45,7 @@ class Family:
 def families(arm: Arm, rig: Rig, reference: Reference) -> list[Family]:
     """Computed torque with observer and with PID, and feed-forward with PD, about an identified arm.
 
-    Parameters
-    ----------
-    arm, rig : Arm, Rig
-        The identified ones.
-    reference : Reference
-        At its first pose the PD gains of the joints are in proportion to their inertia.
+    At the reference's first pose the PD gains of the joints are in proportion to their inertia.
     """
     most = 0.6 / rig.period  # [rad/s]: a bandwidth beyond has too few samples
     corner = 3.0 / rig.period

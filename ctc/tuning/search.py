@@ -6,11 +6,11 @@ search, until none does: what a tuning fails on is not left to chance.
 
 import dataclasses
 import functools
+import operator
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ctc.certification.cells import clopper_pearson
 from ctc.certification.plants import Plants
@@ -19,6 +19,7 @@ from ctc.tuning.tuning import Trial
 from identification import GeneticSettings, minimize_genetic
 from plant import Reference
 from plant.parts.checkpoint import Checkpoint
+from plant.parts.fields import Floats
 from plant.simulation.population import Population, Runs
 
 ROUNDS = (24, np.inf), (12, np.inf), (12, 1.1), (12, 1.0), (12, 0.95), (12, 0.85)
@@ -49,34 +50,21 @@ than what holds in another where it is not searched."""
 _LEFT, _BEYOND = 20.0, 5.0
 """Weight of the share of loops that exceed the limit, and of the peak error beyond it [pulses], against chatter."""
 
+_RANK = operator.attrgetter("rank")
+
 _FAR = 20.0  # peak error [pulses] beyond which one is as bad as another
 
 _HOPE, _HOPELESS = 8, 0.5
 """Generation after which a search is given up under whose best tuning such a share still exceeds the limit."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Tunings:
     """Tunings of a family on samples of the arm, each with each.
 
-    Attributes
-    ----------
-    family : Family
-    plants : Plants
-        On which tunings are checked; the search has its own.
-    motions : tuple of (Reference, float)
-        With the duration of each [s]; a sample exceeds the limit that does in any of them.
-    options : dict
-        Of `plant.simulation.population.Population`.
-    scale : (n,) numpy.ndarray
-        Torque [N m] of each joint to which its chatter is compared.
-    by : dict of str, as of `Population.run`: threads, executor
-    allowed : float
-        Share of the samples that may exceed the limit; if any may, none joins a search.
-    checkpoint : Checkpoint
-        Where costs and trials are kept.
+    `plants` are those on which tunings are checked; the search has its own. A sample exceeds the limit that does in any
+    of the motions, each with its duration [s]; if some may, as a share `allowed`, none joins a search. `scale` (n,) is
+    the torque [N m] to which a joint's chatter is compared; `options` and `by` are of `Population` and its `run`.
     """
 
     family: Family
@@ -96,11 +84,11 @@ class Tunings:
         lanes = np.hstack([np.repeat(np.column_stack(list(own.values())), each, axis=0), np.tile(plants, (count, 1))])
         arm, rig, law = self.plants.arm, self.plants.rig, self.family.law
         options = self.options | {"steps_per_sample": steps}
-        populations = (
-            Population(arm, rig, law, path, (*own, *names), lanes, duration=lasts, **options)
-            for path, lasts in self.motions
-        )
-        return Runs.joined([population.run(**self.by) for population in populations]), (count, each)
+        runs = []
+        for path, lasts in self.motions:
+            population = Population(arm, rig, law, path, (*own, *names), lanes, duration=lasts, **options)
+            runs.append(population.run(**self.by))
+        return Runs.joined(runs), (count, each)
 
     def costs(self, values: Floats, plants: Floats, aim: float) -> Floats:
         """What the search minimises, (T,): mean chatter, and what exceeds the limit, or a share of it."""
@@ -116,15 +104,8 @@ class Tunings:
     def best(self, plants: Floats, seed: int, show: Callable[[], Any], beat: float = np.inf) -> Trial:
         """The tuning with the least chatter under which no more exceed the limit than may, or the fewest.
 
-        Parameters
-        ----------
-        plants : (P, L) numpy.ndarray
-            With which the search begins.
-        seed : int
-        show : callable
-            Called once per generation.
-        beat : float
-            Noise of the best of another family: one under which some still exceed the limit, and noisier, is given up.
+        The search begins with plants (P, L), and calls `show` once per generation. `beat` is the noise of the best of
+        another family: one under which some still exceed the limit, and noisier, is given up.
         """
         known, tried = np.array([list(each.values()) for each in self.family.known]), list[Trial]()
         hard = self.checkpoint.stage("hardest", lambda: self._hardest(known, plants))
@@ -136,7 +117,7 @@ class Tunings:
             trials, leaving, where = self.checkpoint.stage(f"check {len(tried)}", check)
             tried.extend(trials)
             plants, hard = np.vstack([plants, *leaving]), sorted({*hard, *where})
-            return min(trials, key=_rank)
+            return min(trials, key=_RANK)
 
         def following(generations: int, aim: float, near: float = np.inf) -> Trial:
             nonlocal known
@@ -151,14 +132,14 @@ class Tunings:
             if best.holds or best.left > _HOPELESS * len(self.plants) or best.noise > beat:
                 break
         for _ in range(_QUIETER if best.holds else 0):
-            before = min(tried, key=_rank)
+            before = min(tried, key=_RANK)
             known = np.vstack([list(before.numbers.values()), known])
             following(generations, _SPARE, _NEAR)
             for rows in self._between(tried):
                 checked(rows)
-            if min(tried, key=_rank).noise > _GAIN * before.noise:
+            if min(tried, key=_RANK).noise > _GAIN * before.noise:
                 break
-        return min(tried, key=_rank)
+        return min(tried, key=_RANK)
 
     def _hardest(self, known: Floats, plants: Floats) -> list[int]:
         """The motions of a set in which most samples exceed the limit under the known tunings, the farthest first."""
@@ -206,8 +187,8 @@ class Tunings:
 
         Each way from its quiet end.
         """
-        best = min(tried, key=_rank)
-        quieter = sorted((trial for trial in tried if trial.noise < best.noise), key=lambda trial: trial.rank)
+        best = min(tried, key=_RANK)
+        quieter = sorted((trial for trial in tried if trial.noise < best.noise), key=_RANK)
         start, ways = np.log([*best.numbers.values()]), np.linspace(1, 0, _BETWEEN[1] + 2)[1:-1]
         for trial in quieter[: _BETWEEN[0]]:
             yield np.exp(start + ways[:, None] * (np.log([*trial.numbers.values()]) - start))
@@ -244,7 +225,3 @@ class Tunings:
         """How many of the samples may fail: a controller given beforehand would then keep the share, at 95 %."""
         counts = range(1, int(self.allowed * plants) + 1)
         return sum(clopper_pearson(count, plants, 0.9)[1] <= self.allowed for count in counts)
-
-
-def _rank(trial: Trial) -> tuple[float, float]:
-    return trial.rank

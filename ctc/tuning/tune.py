@@ -55,8 +55,6 @@ def tune(
         The path, or several motions by name, as for `certify`: the limit is to be kept in all of them.
     uncertainty : Uncertainty, optional
         What is not known, as for `certify`.
-    within : float
-        Limit of the encoder error [pulses].
     allowed : float
         Share of the samples that may exceed the limit, such as 0.05, for less chatter. So few of the independent ones
         do that of a controller given beforehand 95 % confidence would follow; it was chosen on them, so the
@@ -65,18 +63,8 @@ def tune(
         Sampling instants before this time do not count [s].
     samples : int
         Of the certificate.
-    seed : int
-        Same seed, same result, to the bit, on any number of threads.
-    duration : float, optional
-        Of each motion [s]; by default one period of the reference.
-    threads : int, optional
-        By default one per core.
-    progress : bool
-        Show a progress bar, where standard error is a terminal.
-    checkpoint : str or Path, optional
-        File in which what has been tested is kept, as of `certify`.
-    executor : optional
-        Where loops run, as of `certify`: the same bits; without a checkpoint.
+    within, seed, duration, threads, progress, checkpoint, executor
+        As of `certify`.
 
     Returns
     -------
@@ -116,10 +104,8 @@ def tune(
     task = Task(
         "tune", found, rig, (), reference, uncertainty, within=within, after=after, duration=duration, samples=samples,
         seed=seed, threads=threads, progress=progress, checkpoint=checkpoint, steps_per_sample=4,
-        settings=(allowed,),
+        executor=executor, settings=(allowed,),
     )  # fmt: skip
-    if executor is not None and checkpoint is not None:
-        raise ValueError("checkpoint must be left out with an executor; got both. Leave out one.")
     if not task.within > 0:
         raise ValueError(f"within must be positive; got {within:g}. The promise is 1 pulse.")
     if not 0 <= real("allowed", allowed, "Give a share, such as 0.05.") < 1:

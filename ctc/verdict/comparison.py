@@ -15,12 +15,7 @@ from plant.parts.shown import Piece, Shown, Verdict
 
 
 def require_laws(laws: Any) -> None:
-    """Refuse what is no dict of name -> Law.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse what is no dict of name -> Law."""
     if not isinstance(laws, dict) or not laws or not all(isinstance(name, str) for name in laws):
         raise ValueError(f"laws must be a dict of name -> Law; got {laws!r:.60}. Pass {{'P': p_law, ...}}.")
     for name, law in laws.items():
@@ -63,9 +58,8 @@ class Comparison(Shown):
         moving = {name: evaluation.from_rest for name, evaluation in inside.items() if evaluation.from_rest is not None}
         count = len(self.evaluations) + len(self.diverged)
         which = f": {', '.join(inside)}" if inside else ""
-        yield Verdict(
-            f"{len(inside)} of {count} controllers within ±1 pulse at every sample{which}", len(inside) > len(moving)
-        )
+        said = f"{len(inside)} of {count} controllers within ±1 pulse at every sample{which}"
+        yield Verdict(said, len(inside) > len(moving))
         notes = {**self.diverged, **{name: str(why) for name, why in moving.items()}}
         yield from overview("law", self.evaluations, notes)
 
@@ -85,14 +79,8 @@ def compare(
     laws : dict of str -> Law
         By the name that each is to have in the table.
     reference : Reference
-    backend : {"numba", "casadi"}
-        As in `ctc.evaluate`.
-    duration : float, optional
-        [s]; by default one period of the reference.
-    steps_per_sample : int
-        Integration steps between two samples.
-    initial : (2, n) array_like, optional
-        Position [rad] and velocity [rad/s] at t = 0; by default those of the reference.
+    backend, duration, steps_per_sample, initial
+        As of `ctc.evaluate`.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What a verdict by simulation does not state: an arm at rest on a moving path, a controller that cannot start.
+"""What a verdict by simulation does not state: an arm at rest on a moving path.
 
 A path gives the simulator its first speed, too; a real arm is at rest until the first sample of its controller.
 """
@@ -9,9 +9,7 @@ import warnings
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from ctc.laws.model_law import ModelLaw
 from plant import Arm, Law, Reference, Rig
 from plant.simulation.logged_run import DivergenceError
 from plant.simulation.simulator import run
@@ -22,18 +20,8 @@ _STILL = 1e-9  # share of the largest speed of a path that is none
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FromRest:
-    """A run from rest on a path that begins in motion.
-
-    Attributes
-    ----------
-    begins : str
-        Speed at which the path begins, and the joint.
-    peak : float
-        Largest encoder error [pulses]; infinite where the run diverges.
-    back : float
-        Time from which on the arm is within the limit [s]; NaN where that is later than was simulated.
-    within : float
-        The limit [pulses].
+    """A run from rest on a path that begins in motion: the joint and its speed, the largest encoder error [pulses], the
+    time from which on the arm is within the limit [s], NaN where later than was simulated, and the limit.
     """
 
     begins: str
@@ -46,9 +34,8 @@ class FromRest:
         if np.isfinite(self.back):
             until = f"within ±{self.within:g} pulse from {self.back:.2g} s on"
         stands = f"is up to {self.peak:.0f} pulses off, {until}" if np.isfinite(self.peak) else "diverges"
-        return (
-            f"the path begins in motion ({self.begins}), and so did what was simulated; an arm at rest there {stands}"
-        )
+        moving = f"the path begins in motion ({self.begins}), and so did what was simulated"
+        return f"{moving}; an arm at rest there {stands}"
 
 
 @functools.lru_cache(maxsize=32)
@@ -59,7 +46,8 @@ def from_rest(
 
     The first second of a run of this `duration` [s] is simulated, once for the same loop.
     """
-    speed = _first_speed(reference, duration)
+    qd = reference(np.linspace(0, duration, 101)).qd
+    speed = np.where(np.abs(qd[0]) > _STILL * np.abs(qd).max(), qd[0], 0.0)
     if not speed.any():
         return None
     i = int(np.abs(speed / rig.to_angle(np.ones(rig.n))).argmax())
@@ -79,19 +67,3 @@ def from_rest(
     outside = np.flatnonzero(error > within)
     back = np.nan if outside[-1] == len(error) - 1 else float(record.t[outside[-1] + 1])
     return FromRest(begins=begins, peak=float(error.max()), back=back, within=within)
-
-
-def refused(law: Law, rig: Rig, counts: ArrayLike) -> str | None:
-    """Why `Law.start` would refuse at these counts (n,); None where it would not."""
-    if isinstance(law, ModelLaw):
-        try:
-            law.require_stable(rig, counts)
-        except ValueError as error:
-            return f"`start` refuses this controller: {error}"
-    return None
-
-
-def _first_speed(reference: Reference, duration: float) -> NDArray[np.float64]:
-    """Speed (n,) of a path at t = 0, zero where it is none beside its largest."""
-    qd = reference(np.linspace(0, duration, 101)).qd
-    return np.where(np.abs(qd[0]) > _STILL * np.abs(qd).max(), qd[0], 0.0)

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctc.figures.errors import plot_evaluation, plot_phase
-from ctc.verdict.conditions import FromRest, from_rest, refused
+from ctc.laws.model_law import ModelLaw
+from ctc.verdict.conditions import FromRest, from_rest
 from ctc.verdict.on_gears import SETTLED, LowestResonance, lowest_resonance
 from plant import Arm, Record
 from plant.compiler.background import cores
 from plant.machine.elasticity import DAMPING_RATIO
-from plant.parts.labels import joint_labels
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import by_joint
 
@@ -27,7 +27,6 @@ class Evaluation(Shown):
 
     Attributes
     ----------
-    joints : tuple of str
     arm : Arm
     record : Record
     true_error_pulses : (N steps_per_sample, n) numpy.ndarray
@@ -59,7 +58,6 @@ class Evaluation(Shown):
     (True, '100.00%')
     """
 
-    joints: tuple[str, ...]
     arm: Arm
     record: Record
     true_error_pulses: NDArray[np.float64]
@@ -67,7 +65,7 @@ class Evaluation(Shown):
     @property
     def joint_labels(self) -> list[str]:
         """What to call each joint in tables and figures."""
-        return joint_labels(self.joints, len(self.joints))
+        return self.arm.dynamics.chain.joint_labels
 
     @property
     def max_error_pulses(self) -> NDArray[np.float64]:
@@ -119,7 +117,12 @@ class Evaluation(Shown):
     def refused(self) -> str | None:
         """Why `start` would refuse this controller at the first sample; None where it would not."""
         record: Any = self.record
-        return refused(record.law, record.rig, record.counts[0])
+        if isinstance(record.law, ModelLaw):
+            try:
+                record.law.require_stable(record.rig, record.counts[0])
+            except ValueError as error:
+                return f"`start` refuses this controller: {error}"
+        return None
 
     @property
     def holds(self) -> bool:

@@ -11,7 +11,6 @@ from ctc.verdict.evaluation import Evaluation
 from plant import Arm, Law, Reference, Rig
 from plant.motion.everyday import motions_of, naming
 from plant.parts.arguments import choice, known_options
-from plant.parts.labels import joint_labels
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 from plant.simulation.simulator import Injected, run
@@ -40,10 +39,10 @@ def overview(title: str, evaluations: Mapping[str, Evaluation], notes: Mapping[s
     if rows:
         yield Table([title, *(column for column, _ in _COLUMNS)], rows)
     yield from (f"{name}: {why}" for name, why in notes.items())
-    joints = next((evaluation.joints for evaluation in evaluations.values()), ())
-    if len(joints) > 1:
-        cell = "a / b" if len(joints) <= _EACH else "largest of the joints, and which"
-        yield f"{cell}: {', '.join(joint_labels(joints, len(joints)))}"
+    labels = next((evaluation.joint_labels for evaluation in evaluations.values()), [])
+    if len(labels) > 1:
+        cell = "a / b" if len(labels) <= _EACH else "largest of the joints, and which"
+        yield f"{cell}: {', '.join(labels)}"
     if any(evaluation.record.rig.drive.elasticity is None for evaluation in evaluations.values()):
         yield "rigid gears assumed; .evaluations[name].lowest_resonance [Hz] is that from which on it holds"
 
@@ -160,8 +159,7 @@ def evaluate(
 
     def along(motion: Reference) -> Evaluation:
         trace = run(arm, rig, law, motion, duration, steps_per_sample, initial, backend, injected=injected)
-        joints = tuple(link.name for link in arm.dynamics.chain.links)
-        return Evaluation(joints=joints, arm=arm, record=trace.record, true_error_pulses=trace.true_error_pulses)
+        return Evaluation(arm=arm, record=trace.record, true_error_pulses=trace.true_error_pulses)
 
     if not isinstance(reference, Mapping):
         return along(reference)

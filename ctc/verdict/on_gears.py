@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from identification import Identification
 from plant import Arm, Drive, Elasticity, Law, Reference, Rig
 from plant.machine.elasticity import DAMPING_RATIO
-from plant.parts.arguments import array, instance, real
+from plant.parts.arguments import instance, real
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.simulation.loop_kernel import LANES
@@ -32,39 +32,22 @@ faster, is right to 1 % in its frequency: of the arms of `plant.puma560`, at 1.1
 
 
 def require_followed(name: str, hz: ArrayLike, step: float) -> None:
-    """Refuse resonances [Hz] that sub-steps of this length [s] cannot follow.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse resonances [Hz] that sub-steps of this length [s] cannot follow."""
     highest, most = float(np.max(hz)), _FOLLOWED / (2 * np.pi * step)
     if highest > most:
-        raise ValueError(
-            f"{name} must be below {most:.0f} Hz, which sub-steps of {1e3 * step:.3g} ms can follow; got {highest:g}. "
-            "Lower it (such a gear is rigid), or take shorter sub-steps."
-        )
+        steps = f"which sub-steps of {1e3 * step:.3g} ms can follow; got {highest:g}. Lower it (such a gear is rigid)"
+        raise ValueError(f"{name} must be below {most:.0f} Hz, {steps}, or take shorter sub-steps.")
 
 
 def require_swinging(damping_ratio: float) -> None:
-    """Refuse a damping ratio with which nothing oscillates.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse a damping ratio with which nothing oscillates."""
     if damping_ratio > 1:
         advice = f"Gears have {DAMPING_RATIO:g} to 0.03, no percent."
         raise ValueError(f"damping_ratio must be at most 1, critical damping; got {damping_ratio:g}. {advice}")
 
 
 def damping_of(damping_ratio: Any) -> float:
-    """A damping ratio with which elastic joints oscillate, or its refusal.
-
-    Raises
-    ------
-    ValueError
-    """
+    """A damping ratio with which elastic joints oscillate, or its refusal."""
     advice = f"Give that of the gears, such as {DAMPING_RATIO:g}."
     ratio = real("damping_ratio", damping_ratio, advice, positive=True)
     require_swinging(ratio)
@@ -90,47 +73,18 @@ def gear_numbers(gears: Any, drive: Drive, hz: ArrayLike) -> tuple[list[str], ND
     return names, np.array([np.append(gear.stiffness, gear.damping) for gear in each])
 
 
-class HeavyMotorsError(ValueError):
-    """Motors that weigh more than the arm: there is no link behind the gear."""
+def on_gears(
+    arm: Arm, rig: Rig, law: Law, reference: Reference, damping_ratio: float, threads: int, **options: Any
+) -> Callable[[ArrayLike], Runs]:
+    """What runs an arm of a rigid rig on gears of resonances (P,) [Hz] at its reference's first pose, all joints alike.
 
-
-class OnGears:
-    """An arm with a rigid rig, ready to be simulated on elastic gears, all joints alike.
-
-    Parameters
-    ----------
-    arm, rig, law, reference
-        A gear's resonance is that at the reference's first pose.
-    damping_ratio : float
-    initial : (2, n) array_like, optional
-    options
-        Of `plant.simulation.population.Population`.
-
-    Raises
-    ------
-    ValueError
-        A rig whose gears are elastic; as `HeavyMotorsError`, motors that weigh more than the arm.
+    Options are those of `Population`. Elastic gears, and motors that weigh more than the arm, are refused.
     """
-
-    def __init__(
-        self, arm: Arm, rig: Rig, law: Law, reference: Reference, damping_ratio: float, *,
-        initial: ArrayLike | None = None, **options: Any,
-    ) -> None:  # fmt: skip
-        if rig.drive.elasticity is not None:
-            raise ValueError("the rig must have rigid gears; got elastic ones. Evaluate it as it is instead.")
-        given = None if initial is None else array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
-        self._gears: Any = Elasticity.from_resonance(arm, RIGID, damping_ratio, q=reference(np.zeros(1)).q[0])
-        self._drive = rig.drive
-        try:
-            elastic = with_gears(rig, self._gears)
-        except ValueError as error:
-            raise HeavyMotorsError(str(error)) from None
-        self._loop, self._options = (arm, elastic, law, reference), options | {"initial": given}
-
-    def runs(self, hz: ArrayLike, threads: int) -> Runs:
-        """One run for each of these resonances (P,) [Hz]."""
-        numbers = gear_numbers(self._gears, self._drive, hz)
-        return Population(*self._loop, *numbers, **self._options).run(threads)
+    if rig.drive.elasticity is not None:
+        raise ValueError("the rig must have rigid gears; got elastic ones. Evaluate it as it is instead.")
+    gears: Any = Elasticity.from_resonance(arm, RIGID, damping_ratio, q=reference(np.zeros(1)).q[0])
+    loop, drive = (arm, with_gears(rig, gears), law, reference), rig.drive
+    return lambda hz: Population(*loop, *gear_numbers(gears, drive, hz), **options).run(threads)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -197,21 +151,18 @@ def lowest_resonance(
     The arm is simulated on gears of 80 resonances from 10 to 500 Hz, 5 % apart, all joints alike, and of 40 more in the
     gap above the highest on which it exceeds the limit. On softer gears it may stay again; bands above the number that
     are narrower than 5 % can be missed.
-
-    Raises
-    ------
-    ValueError
-        A rig whose gears are elastic, a damping ratio that is not from above 0 to 1.
     """
     options = {"within": within, "steps_per_sample": steps_per_sample, "after": after, "duration": duration}
-    ratio = damping_of(damping_ratio)
+    ratio, start = damping_of(damping_ratio), None if initial is None else np.array(initial)
     try:
-        sweep = OnGears(arm, rig, law, reference, ratio, initial=initial, **options)
-    except HeavyMotorsError as error:
+        runs = on_gears(arm, rig, law, reference, ratio, threads, initial=start, **options)
+    except ValueError as error:
+        if rig.drive.elasticity is not None:
+            raise
         return LowestResonance(hz=np.nan, damping_ratio=ratio, within=within, reason=str(error))
 
     def leaves(hz: Any) -> Any:
-        return sweep.runs(hz, threads).outside > 0
+        return runs(hz).outside > 0
 
     if leaves([RIGID])[0]:
         return LowestResonance.none(ratio, within)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures.loops import plot_sweep
 from ctc.verdict.comparison import require_laws
-from ctc.verdict.on_gears import HIGHEST, LOWEST, RIGID, SETTLED, OnGears, arm_of, damping_of, require_followed
+from ctc.verdict.on_gears import HIGHEST, LOWEST, RIGID, SETTLED, arm_of, damping_of, on_gears, require_followed
 from identification import Identification
 from plant import Arm, Law, Reference, Rig
 from plant.compiler.background import cores
@@ -123,12 +123,11 @@ def sweep_resonance(
     if not len(tried) or tried[0] <= 0 or (np.diff(tried) <= 0).any():
         raise ValueError(f"hz must be positive and rising; got {tried!r:.60}. Give resonances [Hz].")
     require_followed("hz", tried, rig.period / steps_per_sample)
-    duration = reference.duration if duration is None else duration
     options: dict[str, Any] = {"within": within, "steps_per_sample": steps_per_sample, "after": after}
+    options["duration"] = reference.duration if duration is None else duration
     controlled, shares = arm_of(arm), {}
     for name, law in laws.items():
-        gears = OnGears(controlled, rig, law, reference, ratio, duration=duration, **options)
-        runs = gears.runs([*tried, RIGID], int(threads or cores()))
+        runs = on_gears(controlled, rig, law, reference, ratio, threads or cores(), **options)([*tried, RIGID])
         shares[name] = 1 - runs.outside / runs.samples
     return ResonanceSweep(
         hz=tried, damping_ratio=ratio, within=within, shares={name: share[:-1] for name, share in shares.items()},

@@ -190,7 +190,7 @@ class Identification(Shown, Saved, Frozen):
         return as_text(said_of(self, full))
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
-        """Draw errors, innovations, spectrum and intervals; as `ctc.plot_identification`."""
+        """Draw errors, innovations, spectrum and intervals; as `ctc.plot_record`."""
         return plot_identification(self, ax)
 
     def _shown(self) -> Iterable[Piece]:

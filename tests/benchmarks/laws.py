@@ -23,7 +23,6 @@ from tuned_laws import GAIN, MOTIONS, adaptive, pd
 
 from ctc import (
     ComputedTorque,
-    ComputedTorqueIntegral,
     FeedForward,
     PDGravity,
     SlidingMode,
@@ -66,10 +65,6 @@ GRIDS = {
     "the same, every 0.7 ms": (
         lambda arm, *x: FeedForward(arm, RIG, feedback=pd(*x, period=RIG.period)),
         [SCALES, LEADS, POLES],
-    ),
-    "computed torque, integral": (
-        lambda arm, w, pole: ComputedTorqueIntegral(arm, RIG, bandwidth=w, filter=pole),
-        [(30, 45, 60, 80, 100, 120), SLOW_POLES],
     ),
     "adaptive": (
         lambda arm, *x: adaptive(arm, RIG, *x),

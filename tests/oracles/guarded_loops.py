@@ -11,7 +11,7 @@ import numpy as np
 from faults import SimulatedArm
 from tuned_laws import GAIN, adaptive, pd
 
-from ctc import ComputedTorque, ComputedTorqueIntegral, FeedForward, PDGravity, SlidingMode
+from ctc import ComputedTorque, FeedForward, PDGravity, SlidingMode
 from plant import PID, Cascade, Elasticity, Guards, P, puma560, simulate
 from plant.realtime import safety
 
@@ -31,7 +31,6 @@ LAWS = {
     "PD + gravity": (True, lambda arm, rig: PDGravity(arm, rig, feedback=pd(2.8, 0.5e-3, 1000))),
     "feed-forward + PD": (True, lambda arm, rig: FeedForward(arm, rig, feedback=pd(0.5, 8e-3, 1000))),
     "the same, every 0.7 ms": (False, lambda arm, rig: FeedForward(arm, rig, feedback=pd(0.5, 4e-3, 3000, rig.period))),
-    "computed torque, integral": (False, lambda arm, rig: ComputedTorqueIntegral(arm, rig, bandwidth=45, filter=800)),
     "adaptive": (False, lambda arm, rig: adaptive(arm, rig, 100, 80, 0.1, 800)),
     "sliding mode": (False, lambda arm, rig: SlidingMode(arm, rig, bandwidth=60, reach=10, layer=0.1, filter=800)),
     "computed torque": (False, lambda arm, rig: ComputedTorque(arm, rig)),
@@ -44,8 +43,6 @@ COLD = {
     "feed-forward + PD, other f": (True, lambda arm, rig: FeedForward(arm, rig, feedback=pd(2.8, 0.5e-3, 1000))),
     "the same, every 0.7 ms, other f": (False, lambda arm, rig: FeedForward(
         arm, rig, feedback=pd(1.4, 1e-3, 1000, rig.period))),
-    "computed torque, integral, other f": (False, lambda arm, rig: ComputedTorqueIntegral(
-        arm, rig, bandwidth=100, filter=400)),
     "adaptive, other f": (False, lambda arm, rig: adaptive(arm, rig, 150, 160, 100, 400)),
     "sliding mode, other f": (False, lambda arm, rig: SlidingMode(
         arm, rig, bandwidth=150, reach=75, layer=0.5, filter=400)),

@@ -6,8 +6,7 @@ from scipy.special import ndtr
 from scipy.stats import ks_2samp
 
 from ctc import ComputedTorque, Uncertainty, certify
-from ctc.certification.normals import Normals
-from ctc.certification.rare import subset_simulation
+from ctc.certification.rare import Normals, subset_simulation
 from ctc.certification.samples import draw
 from plant import puma560
 

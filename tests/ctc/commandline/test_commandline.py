@@ -280,7 +280,7 @@ WRONG = {
     "another method": (("identify", "log.csv", "--robot", "arm.toml", "-o", "a.json", "--method", "magic"), "magic"),
     "a word": (("identify", "log.csv", "--robot", "arm.toml", "-o", "a.json", "--unknown", "frction"), "'friction'?"),
     "a seed": (("demo", "--seed", "-1"), "argument --seed: "),
-    "no limit": (("certify", "found.json", "--within", "0"), "a limit is a number above 0; got '0'"),
+    "no limit": (("certify", "found.json", "--within", "much"), "invalid float value: 'much'"),
     "a page that is none": (("report", "found.json", "-o", "log.csv", "--force"), "the page must be an .html file"),
     "figures in a file": (("demo", "--figures", "arm.toml"), "arm.toml must be a folder for figures"),
     "a number": (("certify", "found.json", "--samples", "many"), "invalid int value: 'many'"),

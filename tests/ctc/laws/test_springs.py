@@ -11,7 +11,6 @@ from uncertain import with_uncertainty
 from ctc import (
     Adaptive,
     ComputedTorque,
-    ComputedTorqueIntegral,
     ComputedTorquePID,
     FeedForward,
     PDGravity,
@@ -33,7 +32,6 @@ LAWS = {
     "PID": lambda rig: ComputedTorquePID(
         ARM, rig, bandwidth=179.0, ratio=1.44, integral=66.4, roll_off=1085.0, roll_off_damping=0.99
     ),
-    "integral": lambda rig: ComputedTorqueIntegral(ARM, rig, bandwidth=60.0, filter=600.0),
     "feed-forward": lambda rig: FeedForward(ARM, rig, feedback=FEEDBACK),
     "gravity": lambda rig: PDGravity(ARM, rig, feedback=FEEDBACK),
     "sliding mode": lambda rig: SlidingMode(ARM, rig, bandwidth=60.0, reach=5.0, layer=0.05, filter=600.0),
@@ -70,7 +68,7 @@ def test_an_arm_with_springs_is_tracked_as_well_as_one_without(name):
     after = plain.record.t > 0.1
     rms = [np.sqrt((each.record.error_pulses[after] ** 2).mean()) for each in (plain, sprung, unknown)]
     assert rms[1] < 1.2 * rms[0] + 0.1
-    if name in ("feed-forward", "gravity", "sliding mode", "integral", "adaptive"):
+    if name in ("feed-forward", "gravity", "sliding mode", "adaptive"):
         assert rms[2] > 1.5 * rms[1]  # the others have an observer or an integral that is fast enough to hide it
 
 

@@ -167,9 +167,9 @@ def test_bad_input_is_refused_in_one_line(options, said):
 
 def test_laws_that_cannot():
     pd = PD(gain=(0.1, 0.1), derivative=(0.004, 0.004), filter=3000.0, period=RIG.period)
-    with pytest.raises(ValueError, match="knows none"):
+    with pytest.raises(ValueError, match="law must be of type ModelLaw"):
         PayloadEstimator(pd)
-    with pytest.raises(ValueError, match="knows none"):
+    with pytest.raises(ValueError, match="law must be of type ModelLaw"):
         PayloadEstimator(ARM)
     adaptive = Adaptive(ARM, RIG, bandwidth=40, gain=(10, 10), adaptation=(0.1,) * 9, filter=600)
     with pytest.raises(ValueError, match="changes it by itself"):

@@ -10,8 +10,7 @@ from error_loops import error_loops
 
 from ctc import ComputedTorque
 from ctc.laws.boost import _REMEMBERED
-from ctc.stability.error_loop import error_loop, opened
-from ctc.stability.margins import margins
+from ctc.stability.margins import error_loop, margins, opened
 from identification import identify
 from plant import PointToPoint, StatelessLaw, puma560, simulate
 from plant.analysis.sampled_loops import SampledLoops

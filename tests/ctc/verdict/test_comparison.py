@@ -57,7 +57,7 @@ def test_columns_stay_apart_however_many_the_joints():
     wide = {name: np.hstack([getattr(record, name)] * 4) * 1000 for name in ("error_pulses", "torque", "current")}
 
     class Many:
-        joints = tuple("12345678")
+        joint_labels = tuple(f"joint {i + 1} (q[{i}])" for i in range(8))
         within = one.within
         record = one.record
         share_within = one.share_within
