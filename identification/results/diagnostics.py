@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
 
 from identification.equation_error.pulse_fit import over_bands
 from identification.equation_error.stated_law import torque_apart
@@ -16,10 +15,12 @@ from identification.replay.timing import delay_of, is_late
 from identification.results.detection import Detection
 from identification.results.stepwise import detect
 from identification.search.memory import repeating
+from identification.search.methods import prediction_error
 from identification.search.outcome import Fit
 from identification.search.problem import Problem
 from plant import Record, replay
 from plant.checkup.oscillation import own_oscillation
+from plant.parts.checkpoint import Checkpoint
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
@@ -31,6 +32,9 @@ ROUNDINGS = 0.58
 
 _FAR, _FAR_ROUNDED = 0.9, 1.5
 """Difference [pulses] from which it asks for an explanation: of the counts, and of the path as well."""
+
+_ROUGH = ("equation_error", "didim", "output_error", "paper")
+"""Methods whose deviations do not cover what rounding makes of a loop that hunts; others judge the log for them."""
 
 FALSE_ALARM = 1e-3
 """Probability that a log is doubted which differs from the model's run as other runs of the model do."""
@@ -65,11 +69,13 @@ class Diagnostics(Shown, Frozen):
     law_apart : tuple
         Of each record that was searched: how far the logged torque of each joint (n,) is from what the stated law gives
         along the log, from the best state, as a share of it (rms); None where that cannot be told.
-    expected, limit, held_out_limit : float
+    expected, limit : float
         Root mean square difference [pulses] between runs of the model, with values as likely as those found, that begin
         elsewhere within a count: a loop that hunts by a count never does so twice alike. Its geometric mean; and what a
-        healthy log exceeds with a probability of 0.001, in the records and in those held out. NaN where the difference
-        asks for no explanation.
+        healthy log exceeds with a probability of 0.001. NaN where the difference asks for no explanation.
+    closest : float
+        That difference with the values of "prediction_error", if they explain a log that those of another method do
+        not: the log is healthy then. NaN otherwise.
     hunts : tuple of int
         Records whose loop oscillates, as that of the model does by friction and counts alone, at about that frequency.
         What else the log contradicts is told by `difference` and `detection`, as of any other.
@@ -85,7 +91,7 @@ class Diagnostics(Shown, Frozen):
     law_apart: tuple[Floats | None, ...] = ()
     expected: float = np.nan
     limit: float = np.nan
-    held_out_limit: float = np.nan
+    closest: float = np.nan
     hunts: tuple[int, ...] = ()
 
     def _short(self) -> str:
@@ -109,19 +115,21 @@ class Diagnostics(Shown, Frozen):
         if fit.covariance is not None and not any(problem.replays):  # values that may be far off say nothing of timing
             delay, delay_std = delay_of(problem.dynamics, objective.records, fit.unknown, fit.values, **problem.options)
         difference = _difference(cost, objective)
-        held_out = None if kept is None else _difference(float(kept(fit.values[None])[0]), kept)
-        aside = _Predicted() if kept is None else _predicted(problem, fit, kept.records, held_out)
+        predicted, closest = _predicted(problem, fit, objective.records, difference), np.nan
+        doubted = difference > np.fmax(asks_from(objective.records), predicted.limit) and not any(problem.replays)
+        if doubted and problem.method in _ROUGH:
+            predicted, closest = _by_prediction(problem, objective, predicted)
         return cls(
             objective=cost,
             difference=difference,
-            held_out_difference=held_out,
+            held_out_difference=None if kept is None else _difference(float(kept(fit.values[None])[0]), kept),
             bands=_bands(problem, fit.values),
             delay=delay,
             delay_std=delay_std,
             detection=detect(problem, fit, delay if is_late(delay, delay_std) else 0.0, rounding),
             law_apart=tuple(torque_apart(record) for record in problem.objective.records),
-            held_out_limit=aside.limit,
-            **_predicted(problem, fit, objective.records, difference)._asdict(),
+            closest=closest,
+            **predicted._asdict(),
         )
 
 
@@ -139,8 +147,7 @@ def _predicted(problem: Problem, fit: Fit, records: Sequence[Record], difference
     If nothing is wrong the log is a run like theirs, as far as they are from that of the values. Logarithms of these
     distances are taken for normal. Where the first runs leave it open whether the log is one of them, more are made.
     """
-    own = [own_oscillation(record) for record in records]
-    swings = {i for i, hz in enumerate(own) if hz is not None}
+    swings = {i: hz for i, record in enumerate(records) if (hz := own_oscillation(record)) is not None}
     if any(problem.replays) or not np.isfinite(difference) or (difference <= asks_from(records) and not swings):
         return _Predicted()
     try:
@@ -148,24 +155,43 @@ def _predicted(problem: Problem, fit: Fit, records: Sequence[Record], difference
     except ValueError:  # it diverges, or has no sound inertia
         return _Predicted()
     random = np.random.default_rng(0)
-    hunts, logarithms, limit = {i for i in swings if _alike(own[i], runs[i])}, list[float](), np.nan
+    hunts, logarithms, limit = {i for i in swings if _alike(swings[i], runs[i])}, list[float](), np.nan
     for count, chance in _LOOKS:
         for values in _drawn(fit, random, count - len(logarithms)):
             try:
                 others = [_run(problem, values, _shifted(run, random)) for run in runs]
             except ValueError:
                 continue
-            hunts |= {i for i in swings if _alike(own[i], others[i])}
+            hunts |= {i for i in swings if _alike(swings[i], others[i])}
             apart = [other.error_pulses - run.error_pulses for other, run in zip(others, runs, strict=True)]
             logarithms.append(0.5 * float(np.log(np.mean(np.concatenate(apart) ** 2))))
-        n = len(logarithms)
-        if n < _FEW:
+        if len(logarithms) < _FEW:
             return _Predicted(hunts=tuple(sorted(hunts)))
-        seldom = stdtrit(n - 1, 1 - chance) * np.std(logarithms, ddof=1) * np.sqrt(1 + 1 / n)
-        limit = float(np.exp(np.mean(logarithms) + seldom))
-        if difference > limit or (difference <= np.exp(max(logarithms)) and hunts == swings):
+        limit = _exceeded(logarithms, chance)
+        if difference > limit or (difference <= np.exp(max(logarithms)) and len(hunts) == len(swings)):
             break
     return _Predicted(float(np.exp(np.mean(logarithms))), limit, tuple(sorted(hunts)))
+
+
+def _by_prediction(problem: Problem, objective: Objective, own: _Predicted) -> tuple[_Predicted, float]:
+    """The hunting of the prediction error's fit, and its difference, if that explains the records; else what was."""
+    try:
+        fit = prediction_error(dataclasses.replace(problem, checkpoint=Checkpoint(None, ""))).fit
+        difference = _difference(float(objective(fit.values[None])[0]), objective)
+    except ValueError:  # no arm follows the log
+        return own, np.nan
+    other = _predicted(problem, fit, objective.records, difference)
+    if fit.fallback_reason is not None or not difference <= np.fmax(asks_from(objective.records), other.limit):
+        return own, np.nan
+    return own._replace(hunts=other.hunts), difference
+
+
+def _exceeded(logarithms: list[float], chance: float) -> float:
+    """What one more number exceeds with this chance, of the same normal distribution as the others' logarithms."""
+    from scipy.special import stdtrit
+
+    n, std = len(logarithms), np.std(logarithms, ddof=1)
+    return float(np.exp(np.mean(logarithms) + stdtrit(n - 1, 1 - chance) * std * np.sqrt(1 + 1 / n)))
 
 
 def _drawn(fit: Fit, random: np.random.Generator, count: int) -> Iterator[Floats]:
@@ -192,10 +218,10 @@ def _run(problem: Problem, values: Floats, record: Record) -> Record:
     return replay(problem.parts(values)[0], record, rig=record.rig.filled(named), law=given)
 
 
-def _alike(hz: float | None, run: Record) -> bool:
+def _alike(hz: float, run: Record) -> bool:
     """Whether the loop of a run oscillates, too, at about this frequency [Hz] of a log."""
-    other = None if hz is None else own_oscillation(run)
-    return hz is not None and other is not None and abs(np.log(hz / other)) < _SAME_HZ
+    other = own_oscillation(run)
+    return other is not None and abs(np.log(hz / other)) < _SAME_HZ
 
 
 def asks_from(records: Sequence[Record]) -> float:

@@ -152,7 +152,8 @@ def _of_law(found: Any) -> Iterator[str]:
 
 def _of_fit(found: Any, replayed: bool) -> Iterator[str]:
     rms = found.fit.rms_innovation
-    if rms is not None and rms > _STRANGE:
+    simulated = found.search.method == "output_error" and not replayed  # `_of_repeats` tells of these
+    if rms is not None and rms > _STRANGE and not simulated:
         reason = "Was it made with this rig, law and reference?"
         if replayed:
             reason = "The rest is what it lacks (backlash, elasticity, changing friction), or a wrong rig."
@@ -203,6 +204,11 @@ def _of_repeats(found: Any, replayed: bool) -> Iterator[str]:
             "D(q) is not positive definite at every q, or the simulation diverges: the arm cannot be compared with the "
             "record, and no computed torque can be built on it. Log longer, or another motion."
         )
+    elif told.closest > 0:
+        yield (
+            f"these values repeat the log to {difference:.2f} pulses (rms), those of prediction_error to "
+            f"{told.closest:.2f}, as the model repeats itself. The log fits its model: identify with that method."
+        )
     elif difference > np.fmax(asks_from(found.records), told.limit) and not replayed:
         chance = f", above {told.limit:.2f} with a probability of {FALSE_ALARM:g}" * bool(told.limit > 0)
         yield (
@@ -212,7 +218,7 @@ def _of_repeats(found: Any, replayed: bool) -> Iterator[str]:
             "and lengths of the chain, the order of joints, and counts per turn: as the rig counts, the joints move "
             f"over {_ranges(found)}."
         )
-    if held_out is not None and held_out > np.fmax(_WORSE * max(difference, ROUNDINGS), told.held_out_limit):
+    if held_out is not None and held_out > _WORSE * max(difference, ROUNDINGS):
         yield (
             f"a validation record differs by {held_out:.2f} pulses, those searched by "
             f"{difference:.2f}: the values do not hold for both."
