@@ -5,13 +5,7 @@ from pathlib import Path
 
 
 def check_siblings() -> None:
-    """Refuse to work when `identification` or `ctc` would be imported from elsewhere than beside this package.
-
-    Raises
-    ------
-    ImportError
-        Names both paths.
-    """
+    """Refuse to work when `identification` or `ctc` would be imported from elsewhere than beside this package."""
     home = Path(__file__).resolve().parent.parent
     for name in ("identification", "ctc"):
         spec = find_spec(name)

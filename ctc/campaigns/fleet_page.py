@@ -10,7 +10,7 @@ from ctc.campaigns.effects import APART, Effect
 from ctc.campaigns.judgement import Judgement, chance_of, day_of
 from ctc.report.page import figure, page, section
 from plant.parts.figures import BAND, colour_of, dressed, legend_above, literal, row_by_row
-from plant.parts.markup import table, text
+from plant.parts.shown import table, text
 
 _PANELS, _CURVES, _PLACES, _FIRST = 3, 3, 60, 3  # of the figure; and logs of a robot that it is compared with
 _ROWS = 15  # robots in a table

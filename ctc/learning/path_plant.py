@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 
 from plant import Arm, Reference, Rig
-from plant.machine.gear_torque import gear_torque, require_elastic, wound
+from plant.motion.link_reference import gear_torque, require_elastic, wound
 from plant.parts.fields import Floats
 
 _SLIDES = 30.0

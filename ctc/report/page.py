@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from plant.parts.markup import text
+from plant.parts.shown import text
 
 _LINE = 0.14  # height of a line below the Axes of a figure [inch]
 _PLACES = 40  # along an axis, per inch

@@ -11,8 +11,7 @@ from ctc.report.page import figure, section
 from identification.equation_error.naming import units as units_of
 from identification.results.seen import seen
 from identification.results.summary import doubts
-from plant.parts.markup import details, items, preformatted, table, text
-from plant.parts.shown import body
+from plant.parts.shown import body, details, items, preformatted, table, text
 
 _SEARCHED, _ASIDE = "identification", "validation"
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from identification.equation_error.regressor import balance
 from plant import Arm, Rig
-from plant.compiler.map_kernel import MapKernel
+from plant.compiler.intrinsics import MapKernel
 from plant.parts.fields import Floats
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant.laws.law import Block, Law
-from plant.machine.friction_step import DRY_FRICTION
 from plant.machine.rig import Rig, smooth_rig
 from plant.mechanics.arm import Arm
 from plant.parts.arguments import array, instance
@@ -48,7 +47,8 @@ class SampledLoops:
         # The arm, from one step of the law to the next: so many sub-steps under one torque.
         loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=_SUB_STEPS, smooth=True)
         state, numbers = ca.SX.sym("state", len(loop.state_names)), ca.SX.sym("numbers", len(loop.number_names))
-        row, self.names, self._values, self._loop = np.append(np.zeros(4 * n), loop.h), *_sliding(loop, arm), loop
+        row, self.names, self._loop = np.append(np.zeros(4 * n), loop.h), loop.number_names, loop
+        self._values = loop.sliding_values(arm.f)
         following = loop.substep(state, row, numbers)[0]
         kept = [i for i, name in enumerate(loop.state_names) if name.startswith(_MOVING)]
         self._moving = len(kept)
@@ -90,15 +90,6 @@ class SampledLoops:
         poles = np.linalg.eigvals(A + B @ C)
         fastest = poles[np.argmax(np.abs(poles))]
         return complex(np.log(complex(fastest)) / self.period) if abs(fastest) > 1 + KEPT else None
-
-
-def _sliding(loop: ClosedLoop, arm: Arm) -> tuple[list[str], Matrix]:
-    """Names and values of a loop's numbers without dry friction, as for a joint that slides one way."""
-    values = loop.number_values(arm.f)
-    for i, name in enumerate(loop.number_names):
-        if name.startswith(DRY_FRICTION):
-            values[i] = 0.0
-    return loop.number_names, values
 
 
 def held(arm: Arm, rig: Rig, law: Law, block: Block, pose: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix]:

@@ -2,5 +2,5 @@
 
 Reading order: `finding` (a line, and the table) -> `signals`, `torque_regression` (what a log shows without a
 model of the arm) -> `counts`, `lost_rows` (what is no measurement), `stamps`, `quantisation`, `rounding`, `tracking`,
-`wiring`, `units` (the checks) -> `advice` (tried before it is given) -> `examine`.
+`wiring`, `units` (the checks) -> `examine` (advice is tried before it is given).
 """

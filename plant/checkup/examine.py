@@ -1,16 +1,19 @@
-"""The checkup of a record: what its rig and law state against what its columns show, without a model of the arm."""
+"""The checkup of a record: what its rig and law state against what its columns show, without a model of the arm.
 
-import functools
-from collections.abc import Iterator
+Advice is tried before it is given: what a finding suggests is applied, and the checks run again. A correction is kept
+where fewer checks find something and the motion explains no less of the torque.
+"""
+
+import dataclasses
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
-from plant.checkup.advice import tried
 from plant.checkup.counts import counts_findings
 from plant.checkup.finding import Checkup, Finding, unless
 from plant.checkup.lost_rows import MOST, all_bridged, lost_rows, repeats_bridged
-from plant.checkup.oscillation import averaged, oscillation_findings, spectrum
+from plant.checkup.oscillation import oscillation_findings
 from plant.checkup.quantisation import quantisation_findings
 from plant.checkup.rounding import rounding_findings
 from plant.checkup.signals import Signals
@@ -94,70 +97,13 @@ def _backlash(signals, i):
     return Finding.of(name, i, play, unit)
 
 
-_AVERAGED = 9
-"""Neighbouring frequencies whose power is averaged."""
-
-_ABOVE, _PEAK = 8.0, 4.0
-"""Power of an oscillation, in that of the rounding; and in that of the valley on either side."""
-
-_VALLEY = 40
-"""Frequencies on either side, in which that valley is."""
-
-_MARGIN = 1.25
-"""By how much an oscillation must be faster than any of rigid gears."""
-
-_UNTOLD = "identify() tests it, with a model"
-
-
-def gear_findings(signals: Signals) -> Iterator[Finding]:
-    """Yield the findings about compliance and lag, joint by joint."""
-    fastest = _fastest(signals)
-    if fastest is None:
-        yield Finding.unknown("compliance", None, f"no fast proportional law and motor inertia; {_UNTOLD}")
-    else:
-        yield from signals.each(functools.partial(_compliance, fastest=fastest))
-    yield Finding.unknown("lag", None, _UNTOLD)
-
-
-def _fastest(signals):
-    """Frequency [Hz] that no mode of a loop with rigid gears exceeds; None where law or rig do not tell."""
-    inertia = signals.rig.drive.motor_inertia
-    if signals.commanded is None or not signals.long_enough or not (inertia > 0).all():
-        return None
-    error = signals.reference - signals.counts
-    per_pulse = (error * signals.commanded).sum(axis=0) / np.maximum((error**2).sum(axis=0), 1e-300)
-    stiffness = per_pulse * signals.rig.encoder.position_in_pulses(np.ones(signals.n))
-    return float(np.sqrt(max(0.0, (stiffness / inertia).max())) / (2 * np.pi))
-
-
-def _compliance(signals, i, fastest):
-    name, error = "compliance", signals.even((signals.reference - signals.counts)[:, i])
-    frequency, power = spectrum(error, signals.interval)
-    found = averaged(power, _AVERAGED)
-    above = np.flatnonzero(frequency > _MARGIN * fastest)
-    above = above[above > _VALLEY]
-    if len(above) < 4 * _VALLEY:
-        return Finding.unknown(name, i, f"sampled too slowly; {_UNTOLD}")
-    floor = np.median(found[above[len(above) // 2] :])
-    for k in above[np.argsort(-found[above])]:
-        if found[k] < _ABOVE * floor:
-            break
-        highest = found[k - _AVERAGED : k + _AVERAGED + 1].max()
-        valley = max(found[k - _VALLEY : k].min(), found[k : k + _VALLEY].min())
-        if found[k] == highest and found[k] > _PEAK * valley:
-            why = f"On rigid gears nothing in this loop oscillates faster than {fastest:.0f} Hz"
-            reasons = "the gear is elastic, or the motor's inertia is below the stated one"
-            return Finding.of(name, i, frequency[k], "Hz", "look", f"{why}: {reasons}. identify() tests it.")
-    return Finding.unknown(name, i, f"no oscillation above the {fastest:.0f} Hz of rigid gears; {_UNTOLD}")
-
-
 _LEAST = 50
 """Samples with weight, below which only their times are checked."""
 
 
 _PARTS = (
     quantisation_findings, rounding_findings, reference_findings, wiring_findings, unit_findings, torque_findings,
-    gear_findings, oscillation_findings,
+    oscillation_findings,
 )  # fmt: skip
 """Checks of a log whose lost rows are bridged."""
 
@@ -182,3 +128,80 @@ def _findings(record: Any) -> list[Finding]:
     whole, bridged = Signals(repeats_bridged(record, lost)), Signals(all_bridged(record, lost))
     found = [*time_findings(signals), *lost_findings(signals, lost), *counts_findings(signals, whole)]
     return [*found, *(finding for part in _PARTS for finding in part(bridged))]
+
+
+_WORSE, _CHANCE = 1.02, 1e-3
+"""Factor, and share, by which what is unexplained of the torque may rise: chance, and counts rounded again."""
+
+_TRIALS = 6
+"""Corrections that are tried of one log; a log with more to correct is wrong throughout."""
+
+_IN_VAIN = "; correcting that was tried and does not make the log explain more, so leave it: look for another cause."
+
+
+def tried(record: Any, examined: Callable[[Any], list[Finding]]) -> tuple[tuple[Finding, ...], Any]:
+    """Findings about a record, each with what its correction does, and the record with all corrections that help.
+
+    `examined`: the findings about a record.
+    """
+    findings = examined(record)
+    odd, left, trials = sum(not each.ok for each in findings), unexplained(record), 0
+    for k, finding in enumerate(findings):
+        options = [] if finding.ok else list(_corrections(record, finding))[: max(0, _TRIALS - trials)]
+        trials += len(options)
+        for option in options:
+            explains = unexplained(option)
+            fewer = sum(not each.ok for each in examined(option)) if explains <= _WORSE * left + _CHANCE else odd
+            if fewer >= odd:
+                continue
+            said = f"the motion explains {1 - explains:.2%} of the torque, before {1 - left:.2%}"
+            said = f"{finding.advice} Corrected so, {said if left < 1 else 'fewer checks find something'}."
+            findings[k] = dataclasses.replace(finding, advice=said)
+            odd, left, record = fewer, explains, option
+            break
+        else:
+            if options and finding.check in ("delay", "period"):
+                findings[k] = dataclasses.replace(finding, advice=finding.advice.partition(";")[0] + _IN_VAIN)
+    return tuple(findings), record
+
+
+def unexplained(record: Any) -> float:
+    """Share of the motor torques' variance that the motion does not explain, mean over joints; 1 where none can be."""
+    signals = Signals(record)
+    if not signals.long_enough or signals.motor_torque is None:
+        return 1.0
+    return float(np.mean([1.0 if each is None else each.unexplained for each in signals.regressions]))
+
+
+def _corrections(record: Any, finding: Finding) -> Iterator[Any]:
+    """What a finding suggests, as records; none where its law runs at one period alone."""
+    i, rig, value = finding.joint, record.rig, finding.value or 0.0
+    if finding.check == "rounding":
+        encoder = dataclasses.replace(rig.encoder, rounding="floor" if rig.encoder.rounding == "fix" else "fix")
+        yield dataclasses.replace(record, rig=dataclasses.replace(rig, encoder=encoder))
+    elif finding.check == "delay":
+        yield _counting(record, i, _read_later(record, i, value))
+    elif finding.check == "period" and (power := 1e3 ** np.round(np.log10(value / 1e3 / rig.period) / 3)) != 1:
+        yield dataclasses.replace(record, t=record.t / power)
+    elif finding.check == "period" and getattr(record.law, "period", None) is None:
+        yield dataclasses.replace(record, rig=dataclasses.replace(rig, period=value / 1e3))
+    elif finding.check in ("gear sign", "drive sign"):
+        turned = np.where(np.arange(record.n) == i, -1.0, 1.0)
+        names = ("torque", "current") if finding.check == "drive sign" else ("error_pulses",)
+        given = {name: getattr(record, name) for name in names}
+        yield dataclasses.replace(record, **{name: turned * x for name, x in given.items() if x is not None})
+        yield _counting(record, i, -record.counts[:, i])
+
+
+def _counting(record, i, counts):
+    """The record with other counts (N,) of joint i."""
+    error = np.array(record.error_pulses)
+    error[:, i] = record.reference_pulses[:, i] - counts
+    return dataclasses.replace(record, error_pulses=error)
+
+
+def _read_later(record, i, samples):
+    """Counts (N,) of joint i that were so many samples late, as its encoder would count them in time."""
+    encoder, rows = record.rig.encoder, np.arange(len(record))
+    centres = encoder.position_in_pulses(encoder.cell_centre(record.counts))[:, i]
+    return encoder.quantised(np.interp(rows + samples, rows, centres))

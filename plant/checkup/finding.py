@@ -15,21 +15,10 @@ _ROUNDING = 1e-9
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
 class Finding(Shown):
-    """One line of a checkup.
+    """One line of a checkup: what was checked, of which joint (its place in q, or None for the whole record).
 
-    Attributes
-    ----------
-    check : str
-        What was checked.
-    joint : int or None
-        Place of the joint (or motor) in q, from 0; None for the whole record.
-    value : float or None
-        What was measured, in `unit`; None where nothing could be.
-    unit : str
-    verdict : str
-        "fine", "look", "wrong", or "cannot tell: " and why.
-    advice : str
-        What to do, one sentence; empty where there is nothing to do.
+    `value` is what was measured, in `unit`, or None; the verdict "fine", "look", "wrong", or "cannot tell: " and why;
+    `advice` what to do, one sentence, or empty.
     """
 
     check: str
@@ -82,15 +71,9 @@ def unless(why: str, names: Iterable[str], findings: Iterable[Finding]) -> Itera
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
 class Checkup(Shown):
-    """All findings about a record; printed, a table.
+    """All findings about a record; printed, a table, which calls the joints by their labels.
 
-    Attributes
-    ----------
-    findings : tuple of Finding
-    joint_labels : tuple of str
-        What the table calls each joint.
-    record : Record
-        With every correction of the advice that was tried and helps; none, the same record.
+    `record`: with every correction of the advice that was tried and helps; none, the same record.
     """
 
     findings: tuple[Finding, ...]

@@ -38,11 +38,6 @@ def spectrum(values: Floats, period: float) -> tuple[Floats, Floats]:
     return np.asarray(np.fft.rfftfreq(len(values), period), dtype=np.float64), np.asarray(power, dtype=np.float64)
 
 
-def averaged(power: Floats, count: int) -> Floats:
-    """A power spectrum, averaged over so many neighbours."""
-    return np.convolve(power, np.ones(count) / count, mode="same")
-
-
 def oscillation_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about oscillations of the loop, joint by joint."""
     why = "" if signals.long_enough and signals.tracks.all() else "too short, or counts that do not track"
@@ -62,7 +57,7 @@ def _oscillation(signals, i):
     fast = frequency > max(_BEYOND * highest, _SLOWEST)
     if fast.sum() < 10 * _AVERAGED:
         return Finding.unknown(_NAME, i, "the reference is as fast as the samples show")
-    around = averaged(of_error, _AVERAGED)
+    around = np.convolve(of_error, np.ones(_AVERAGED) / _AVERAGED, mode="same")
     own = frequency[np.argmax(of_error * fast)]
     transform = np.fft.rfft(error - error.mean())
     swinging, slow = (np.fft.irfft(transform * kept, len(error)) for kept in (fast, ~fast))

@@ -53,19 +53,10 @@ def translate(
 ) -> Program:
     """Translate an SX Function; refused if it is not of SX, or holds an operation that has no translation.
 
-    Parameters
-    ----------
-    function : casadi Function
-    inputs : list of list of (str, int)
-        For each input, for each component: the expression that reads it, and its kind.
-    names : Names
-    rows : callable
-        Gives a fresh row of the work array for what crosses from LANE to STATE.
-    relaxed : bool
-        Allow other roundings than casadi's (`instructions`), above all fused multiply-adds. Which ones is decided here,
-        not by LLVM, so that every kernel of one function gives the same bits.
-    wanted : int, optional
-        Translate only what the first so many output components need.
+    `inputs`: for each input, for each component, the expression that reads it, and its kind; `rows` gives a fresh row
+    of the work array for what crosses from LANE to STATE; only what the first `wanted` output components need is
+    translated. `relaxed` allows other roundings than casadi's (`instructions`), above all fused multiply-adds. Which
+    ones is decided here, not by LLVM, so that every kernel of one function gives the same bits.
     """
     if function.class_name() != "SXFunction":
         raise ValueError(

@@ -52,19 +52,10 @@ class Setpoint(NamedTuple):
 class Block:
     """A law as one symbolic step for one rig, a casadi Function.
 
-    Parameters
-    ----------
-    step : casadi Function
-        (state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers) -> (asked, following). Torque in is the joint
-        torque applied last, after the amplifier's limit; `asked` is the commanded torque, before it [N m]. A law that
-        replays its record has one more input, `logged`.
-    initial : (s,) numpy.ndarray
-        State at the start.
-    names : list of str
-        Names of `numbers`: the law's own (``law.``), then the rig's.
-    values : (k,) numpy.ndarray
-    period : float or None
-        [s]
+    (state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers) -> (asked, following). Torque in is the joint
+    torque applied last, after the amplifier's limit; `asked` is the commanded torque, before it [N m]. A law that
+    replays its record has one more input, `logged`. `names` and `values` (k,) are those of the numbers: the law's own
+    (``law.``), then the rig's; `initial` (s,) is the state at the start.
     """
 
     step: ca.Function

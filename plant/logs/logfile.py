@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.logs.csv_rows import read_rows
 from plant.logs.isolation import read_isolated, read_npz
 from plant.parts.arguments import known_options, near, whole
+from plant.parts.csv_rows import read_rows
 from plant.parts.files import require_bounded
 
 _SUFFIXES = {

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plant.laws.law import Law
-from plant.logs.csv_rows import read_rows
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
+from plant.parts.csv_rows import read_rows
 from plant.parts.fields import Floats
 from plant.parts.plain import from_plain
 

@@ -1,6 +1,6 @@
 """What stands between a controller and the links: motors, gears, friction, encoders, delay; and springs.
 
 Read `drive` (and its `friction`, `presliding`, joined by `friction_step`; `drive_effects`; `elasticity`), `encoder` and
-`known_torque` (springs), together the `rig`; `gear_torque` is what winds the gears; `motor_inertia` is the bound that
+`known_torque` (springs), together the `rig`; `motor_inertia` is the bound that
 the rig puts on an arm's inertia matrix.
 """

@@ -62,19 +62,11 @@ class FrictionCurve(Part):
 
 
 def friction_impulse(inverse: Inverse, stopping: ca.SX, impulse: ca.SX, bound: ca.SX, sweeps: int) -> ca.SX:
-    """Friction impulse (n, 1) of one step [N m s], all casadi (n, 1).
+    """Friction impulse (n, 1) of one step [N m s]; the sweeps over the joints start from that of the last step.
 
-    Parameters
-    ----------
-    inverse : Inverse
-        Of the inertia matrix [kg m^2], joint side.
-    stopping
-        Impulse that would stop joint i if friction acted on it alone, -inverse.alone qd with the velocity at the end of
-        the step without Coulomb friction [N m s].
-    impulse
-        Of the last step [N m s], where the sweeps over the joints start.
-    bound
-        Largest impulse, Coulomb level times step [N m s].
+    `inverse` is of the inertia matrix [kg m^2], joint side; `stopping` would stop joint i if friction acted on it
+    alone: -inverse.alone qd, the velocity that of the end without Coulomb friction; `bound` is the Coulomb level times
+    step.
     """
     n, impulses, bound = stopping.shape[0], ca.vertsplit(impulse), ca.fabs(bound)
     for _ in range(sweeps):

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.compiler.map_kernel import MapKernel
+from plant.compiler.intrinsics import MapKernel
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.mechanics.coupling import Coupling

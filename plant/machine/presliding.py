@@ -82,21 +82,11 @@ class Bristles(NamedTuple):
 def bristle_impulse(
     inverse: Inverse, stopping: ca.SX, impulse: ca.SX, bristles: Bristles, bound: ca.SX, h: ca.SX, sweeps: int
 ) -> tuple[ca.SX, ca.SX]:
-    """Friction impulse (n, 1) of one step [N m s], and the deflection (n, 1) at its end.
+    """Friction impulse (n, 1) of one step [N m s], and the deflection (n, 1) at its end; as `friction_impulse`.
 
-    Parameters
-    ----------
-    inverse, stopping, impulse, bound, sweeps
-        As of `plant.machine.friction.friction_impulse`.
-    bristles : Bristles
-        At the middle of the step.
-    h : casadi SX
-        [s]
-
-    Notes
-    -----
-    Of a joint alone, with x its momentum at the end, m what it would be if the friction of the middle stayed, and D the
-    momentum with which it goes the distance in half a step: x^2 + (D - m + damped (1 - r)) x - D m = 0.
+    The bristles are those of the middle of the step, of length h [s]. Of a joint alone, with x its momentum at the end,
+    m what it would be if the friction of the middle stayed, and D the momentum with which it goes the distance in half
+    a step: x^2 + (D - m + damped (1 - r)) x - D m = 0.
     """
     n, impulses, bound = stopping.shape[0], ca.vertsplit(impulse), ca.vertsplit(ca.fabs(bound))
     deflection = ca.vertsplit(bristles.deflection)

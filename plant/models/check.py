@@ -35,17 +35,10 @@ _RARE = 4.0
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
 class ModelFinding(Shown):
-    """Something wrong with the inertial of a link.
+    """A mistake in the inertial of a link, and its repair in the link's frame; None where the file does not tell.
 
-    Attributes
-    ----------
-    link : str
-    mistake : str
-    evidence : float
-        How much better the repair agrees with the file, in logarithms of odds; infinite where no body can have what is
-        stated.
-    repair : Body or None
-        In the link's frame; None where the file does not tell.
+    `evidence`: how much better the repair agrees with the file, in logarithms of odds; infinite where no body can have
+    what is stated.
     """
 
     link: str
@@ -63,13 +56,7 @@ class ModelFinding(Shown):
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
 class ModelCheck(Shown):
-    """What `check_model` found.
-
-    Attributes
-    ----------
-    path : Path
-    findings : tuple of ModelFinding
-    """
+    """What `check_model` found."""
 
     path: Path
     findings: tuple[ModelFinding, ...]

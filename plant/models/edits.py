@@ -111,15 +111,8 @@ def mjcf_text(
 ) -> bytes:
     """A tree of links as MJCF, without shapes: those joints move that have values, all others are fixed at zero.
 
-    Parameters
-    ----------
-    model : ModelFile
-    bodies : mapping of str to Body
-        By link, in place of the file's own.
-    values : mapping of str to mapping
-        Numbers of each joint that moves, by its name: armature, damping, frictionloss.
-    gravity : sequence of float
-        [m/s^2]
+    `bodies`, by link, are in place of the file's own; `values` by the name of each joint that moves are armature,
+    damping, frictionloss.
     """
     lines = [
         f"<mujoco model={quoteattr(model.path.stem)}>",

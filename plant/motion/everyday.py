@@ -186,13 +186,7 @@ def naming(name: str) -> Iterator[None]:
 
 
 def motions_of(arm: Any, rig: Rig, reference: Any, order: str) -> dict[str, Reference]:
-    """A mapping of motions, or a reference alone, whose name is empty: by name, each one that the arm can make.
-
-    Raises
-    ------
-    ValueError
-        Something else; a motion of a mapping that exceeds limits of the arm's chain or of the amplifiers.
-    """
+    """A mapping of motions, or a reference alone, whose name is empty: by name, each one that the arm can make."""
     if not isinstance(reference, Mapping):
         return {"": instance("reference", reference, Reference, order)}
     motions = dict(reference)

@@ -8,13 +8,10 @@ from typing import Self
 import numpy as np
 
 from plant.motion.reference import Timed
-from plant.parts.arguments import decimal, known_options
+from plant.parts.arguments import known_options
+from plant.parts.csv_rows import read_rows
 from plant.parts.fields import Floats, Nested
-from plant.parts.files import require_bounded
 from plant.parts.part import part, structure
-
-_MOST = 64 << 20
-"""Bytes of a file."""
 
 _NUMBERED = re.compile(r"(\D*)(\d+)\D*")
 """A name and its number."""
@@ -60,7 +57,7 @@ class Table(Timed):
     @classmethod
     @known_options
     def from_csv(cls, path: str | Path, *, joints: Sequence[str] = ()) -> Self:
-        """Read columns t [s], q_1..q_n [rad]; lines that start with # or a letter are headings.
+        """Read columns t [s], q_1..q_n [rad]; lines that start with #, and a first one of names, are headings.
 
         Parameters
         ----------
@@ -73,26 +70,13 @@ class Table(Timed):
         ValueError
             No table of numbers, or a heading that has the joints in another order or other units.
         """
-        rows: list[list[float]] = []
         try:
-            require_bounded(path, _MOST)
+            names, table = read_rows(path, comment=lambda _, line: _require_ours(line[1:].split(","), joints))
+            _require_ours(names or [], joints)
+            if table.shape[1] < 2:
+                raise ValueError(f"must have t and angles; got {table.shape[1]} cells. Fill it.")
         except ValueError as error:
             raise ValueError(f"{path} {error}") from None
-        with open(path, encoding="utf-8") as file:
-            for count, line in enumerate(file, 1):
-                if not line.strip() or line.lstrip()[0] == "#" or line.lstrip()[0].isalpha():
-                    _require_ours(path, line, joints)
-                    continue
-                try:
-                    rows.append([decimal(cell) for cell in line.split(",")])
-                except ValueError:
-                    text = line.strip()[:60]
-                    raise ValueError(f"{path} line {count} must be numbers; got {text!r}. Correct the file.") from None
-                if len(rows[-1]) != len(rows[0]) or len(rows[0]) < 2:
-                    raise ValueError(f"{path} line {count} must have t and angles; got {len(rows[-1])} cells. Fill it.")
-        if not rows:
-            raise ValueError(f"{path} must hold rows of t, q_1..q_n; got none. Check the path.")
-        table = np.array(rows)
         return cls(times=table[:, 0], points=table[:, 1:])
 
     def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
@@ -105,14 +89,14 @@ class Table(Timed):
         return points[row] + slope * (s - times[row])[:, None], inside * slope, np.zeros((len(t), self.n))
 
 
-def _require_ours(path: str | Path, line: str, known: Sequence[str]) -> None:
+def _require_ours(heading: Sequence[str], known: Sequence[str]) -> None:
     """Refuse a heading whose joints are numbered or named in another order, or whose units are not s and rad."""
-    cells = [cell.strip() for cell in line.strip().lstrip("#").split(",")]
+    cells = [cell.strip() for cell in heading]
     joints = [match.groups() for match in map(_NUMBERED.fullmatch, cells[1:]) if match]
     order, alike = [int(number) for _, number in joints], len({name for name, _ in joints}) == 1
     numbered = alike and len(order) == len(cells) - 1 and order != sorted(order)
     if numbered or (cells[1:] != list(known) and sorted(cells[1:]) == sorted(known)):
-        raise ValueError(f"{path} must have the joints in order; its columns are {', '.join(cells)}. Reorder them.")
+        raise ValueError(f"must have the joints in order; its columns are {', '.join(cells)}. Reorder them.")
     other = [cell for cell in cells if _OTHER.search(cell.lower())]
     if len(cells) > 1 and other:
-        raise ValueError(f"{path} must be in s and rad; its heading has {other[0]!r}. Convert it.")
+        raise ValueError(f"must be in s and rad; its heading has {other[0]!r}. Convert it.")

@@ -2,7 +2,8 @@
 
 Read `part` (named numbers, copies, descriptions; `fields` are their types) and `arguments` (the checks); then `saved`
 (files of parts and results: `kinds` finds their classes, `plain` makes plain data of them, `saved` makes text of
-it, `files` writes it whole) and `checkpoint` (finished stages of long work); `checked_function` (casadi with checked
-shapes), `labels` (names of joints), `sums` (in a fixed order) and `frozen` (results that compare). What a user sees:
-`tables` (text of 80 columns), `markup` (HTML), `shown` (results in both) and `figures` (axes, colours, legends).
+it, `files` writes it whole) and `checkpoint` (finished stages of long work); `csv_rows` (numbers of a text file),
+`checked_function` (casadi with checked shapes), `labels` (names of joints), `sums` (in a fixed order) and `frozen`
+(results that compare). What a user sees: `tables` (text of 80 columns), `shown` (results as text and as HTML) and
+`figures` (axes, colours, legends).
 """

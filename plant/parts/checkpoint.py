@@ -66,13 +66,7 @@ class Checkpoint:
         return part
 
     def bind(self, inputs: Callable[[], Mapping[str, Any]]) -> Checkpoint:
-        """Refuse stages that were made of other inputs: name -> part, record, array or setting; asked for if needed.
-
-        Raises
-        ------
-        ValueError
-            With the name of what differs.
-        """
+        """Refuse stages that were made of other inputs: name -> part, record, array or setting; asked for if needed."""
         if self._file is not None:
             given = {name: fingerprint(value) for name, value in inputs().items()}
             made = self.stage("inputs", lambda: given)

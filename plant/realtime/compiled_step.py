@@ -28,14 +28,10 @@ from plant.realtime.pieces import HELD, SLOT, knows_arm, pieces_of
 class Core(NamedTuple):
     """A running controller for a loop that is itself compiled by numba.
 
-    Attributes
-    ----------
-    step : numba function
-        (pulses, q_r, qd_r, qdd_r, now, memory, torque) -> 0, or the reason (above 0) for which nothing was done. All
-        but `now` are (n,) arrays, contiguous; `now` is a float [s], NaN without a clock; torque is written [N m].
-        It allocates nothing, and does what `Running.step` does.
-    memory : (m,) numpy.ndarray
-        The controller's whole state; shared with the `Running` that it belongs to.
+    `step` does what `Running.step` does, (pulses, q_r, qd_r, qdd_r, now, memory, torque) -> 0, or the reason (above 0)
+    for which nothing was done. All but `now` are (n,) arrays, contiguous; `now` is a float [s], NaN without a clock;
+    torque is written [N m]. `memory` (m,) is the controller's whole state; shared with the `Running` that it belongs
+    to.
     """
 
     step: Callable[..., int]

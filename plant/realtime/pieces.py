@@ -62,13 +62,7 @@ def knows_arm(law: Any) -> bool:
 
 
 def model_part(law: Any, rig: Rig, without: Sequence[str], motion: tuple[ca.SX, ...]) -> ca.SX:
-    """Torque (n, 1) [N m] of these parts of a law's model, at q and with qd, qdd; zeros if it is none.
-
-    Raises
-    ------
-    ValueError
-        A part that the law does not have.
-    """
+    """Torque (n, 1) [N m] of these parts of a law's model, at q and with qd, qdd; one that it has not is refused."""
     parts = law.model_parts(*motion)
     if isinstance(without, str) or not set(without) <= set(parts) or len(set(without)) < len(without):
         known = ", ".join(parts) or "none, since it has no model of the arm"

@@ -33,24 +33,11 @@ class ClosedLoop(Layout):
     `law_step`, `sample` and `substep` are Functions of (state, time, numbers), `sample` also of (data); `time` is a row
     of `time_names`. They give (following), (following, log), (following, log).
 
-    Parameters
-    ----------
-    dynamics : Dynamics
-    rig : Rig
-    law : Law
-    steps_per_sample : int
-        Sub-steps per sample of the log.
-    sweeps : int
-        Gauss-Seidel sweeps of the friction law per sub-step.
-    smooth : bool
-        Encoder as identity and friction regularised, for derivatives.
-    score : casadi Function, optional
-        (log, or its beginning, data, memory) -> number, memory; the number is summed over the samples in the state
-        ``score``. `data` is measured, one row per sample; `memory` is state of the score, zero at the start.
-    correction : Correction, optional
-        Of the simulated positions by counted ones (n,) [pulses]; these, and behind them a weight (1 or 0), are `data`.
-    injected : bool
-        A known torque, a time input, acts beside the law's, which does not know of it.
+    `smooth`: encoder as identity and friction regularised, for derivatives. `injected`: a known torque, a time input,
+    acts beside the law's, which does not know of it. The `score` is a casadi Function (log, or its beginning, data,
+    memory) -> number, memory; the number is summed over the samples in the state ``score``. `data` is measured, one row
+    per sample; `memory` is state of the score, zero at the start. A `correction` is of the simulated positions by
+    counted ones (n,) [pulses]; these, and behind them a weight (1 or 0), are `data`.
     """
 
     def _applied(self, q: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plant.laws.law import Law
-from plant.machine.friction_step import DRY_FRICTION
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.mechanics.dynamics import Dynamics
@@ -26,10 +25,7 @@ def jacobians(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> tuple[Floats, Fl
     if law.has_memory(n):
         raise ValueError(f"law must be fast and without state, like P; got {type(law).__name__}. Linearise it by hand.")
     loop, moving, slope, linear = _functions(arm.dynamics, rig, law)
-    values = loop.number_values(arm.f)
-    for i, name in enumerate(loop.number_names):
-        if name.startswith(DRY_FRICTION):
-            values[i] = 0.0
+    values = loop.sliding_values(arm.f)
     at_rest = loop.initial_state(q, np.zeros(n), values)
     # Commanded counts at which the loop holds the pose against gravity, tau(error) = h(q, 0) less the springs'.
     commanded = rig.position_in_pulses(q)

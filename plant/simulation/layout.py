@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from plant.laws.law import Block, Law
+from plant.machine.friction_step import DRY_FRICTION
 from plant.machine.rig import Rig, punctual_rig
 from plant.mechanics.dynamics import Dynamics
 from plant.parts.arguments import whole
@@ -27,14 +28,8 @@ class Correction(Part):
     as in an alpha-beta filter or a steady-state Kalman filter. Without correction the simulation runs in open loop, and
     model errors (the rounding between two samples, above all) accumulate over the log.
 
-    Parameters
-    ----------
-    position : (n,) array_like
-        Gain of the position (alpha), 0 to 1.
-    speed : (n,) array_like
-        Gain of the speed, per sample period (beta).
-    zero : (n,) array_like
-        Joint positions where the counters read zero [rad].
+    Gains of the position (alpha), 0 to 1, and of the speed, per sample period (beta); `zero`: joint positions where the
+    counters read zero [rad].
     """
 
     position: Vector = number(("n",))
@@ -178,6 +173,10 @@ class Layout:
         """Values (k,) of `number_names` with these f (p,)."""
         more = np.empty(0) if self.correction is None else self.correction.number_values()
         return np.concatenate([f, self._block.values, more])
+
+    def sliding_values(self, f: Floats) -> Floats:
+        """The same without dry friction, as for joints that slide one way."""
+        return np.where([name.startswith(DRY_FRICTION) for name in self.number_names], 0.0, self.number_values(f))
 
     def initial_state(self, q: Floats, qd: Floats, numbers: Floats | None = None) -> Floats:
         """State (s,) of an arm at q, qd (n,) with no torque applied yet.

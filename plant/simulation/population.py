@@ -66,28 +66,12 @@ def tally(rig: Rig) -> ca.Function:
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Runs(Frozen):
-    """Results of P runs of n joints.
+    """Results of P runs of n joints, whose `samples` count.
 
-    Attributes
-    ----------
-    peak : (P, n) numpy.ndarray
-        Largest encoder error, magnitude [pulses]; inf where the loop diverged.
-    unrounded : (P, n) numpy.ndarray
-        The same before the encoder rounds, seen from its own zero, at the samples.
-    outside : (P,) numpy.ndarray
-        Samples at which a joint is outside the limit.
-    current : (P, n) numpy.ndarray
-        Largest motor current [A].
-    chatter : (P, n) numpy.ndarray
-        Mean change of the torque from sample to sample [N m]; inf where the loop diverged.
-    first : (P,) numpy.ndarray
-        Time of the first sample outside [s]; NaN where there is none.
-    before : (P,) numpy.ndarray
-        Samples outside among those that do not count.
-    lost : (P,) numpy.ndarray
-        Samples whose counts did not arrive.
-    samples : int
-        Of each run, those that count.
+    (P, n): largest encoder error, magnitude, and the same before the encoder rounds, seen from its own zero, at the
+    samples [pulses]; largest motor current [A]; chatter, the mean change of the torque from sample to sample [N m].
+    (P,): samples `outside` the limit; time of the first [s], or NaN; those outside among samples that do not count;
+    and samples whose counts were lost. Where a loop diverged, errors and chatter are inf.
     """
 
     peak: NDArray[np.float64]

@@ -17,7 +17,7 @@ from ctc.report.page import _thin, section
 from ctc.report.page import page as page_of
 from identification import identify
 from plant import puma560, simulate
-from plant.parts.markup import items, preformatted, table
+from plant.parts.shown import items, preformatted, table
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()

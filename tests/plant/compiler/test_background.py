@@ -87,7 +87,7 @@ SCRIPT = """
 import os, signal, threading
 import casadi as ca, numpy as np
 from plant.compiler import kernel_cache
-from plant.compiler.map_kernel import MapKernel
+from plant.compiler.intrinsics import MapKernel
 signal.signal(signal.SIGINT, signal.default_int_handler)
 x = ca.SX.sym("x", 30)
 y = x

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from plant.compiler.instructions import LANE, STATE, TIME, UNIFORM
-from plant.compiler.intrinsics import head, intrinsic
+from plant.compiler.intrinsics import MapKernel, head, intrinsic
 from plant.compiler.kernel_cache import Kernel
 from plant.compiler.llvm import COSINE, OPERATIONS, SINE, STEPS
-from plant.compiler.map_kernel import MapKernel
 from plant.compiler.translate import Names, translate
 
 EPS = np.finfo(float).eps

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from plant import Chain, LoadError, Record, Table, puma560, read_table
-from plant.logs import csv_rows
+from plant.parts import csv_rows
 
 RIG = puma560.rig()
 

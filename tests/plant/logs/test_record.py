@@ -138,7 +138,10 @@ GOOD = "0,1,2,3,4\n0.1,5,6,7,8\n"
         (GOOD + "0.2,1,2,3\n", r"line 3 must have 5 cells; got 4"),
         (GOOD + "0.2,1,2,3,4,5\n", r"line 3 must have 5 cells; got 6"),
         ("t,a,b,c,d\n0,1,2,3\n", r"line 2 must have 5 cells; got 4"),
-        (GOOD + "0.2,1,2,x,4\n", r"line 3 must be numbers; got 'x' in column 3\. Correct it, or map .* with columns="),
+        (
+            GOOD + "0.2,1,2,x,4\n",
+            r"line 3 must be numbers; got 'x' in column 3\. Correct it; of a log, map .* with columns=",
+        ),
         (GOOD + "0.2,1,2,,4\n", r"line 3 must be numbers"),
         ("t,a,b,c,d\n" + GOOD + "0.2,1,2,RUN,4\n", r"line 4 must be numbers; got 'RUN' in column 'c'"),
         (GOOD + "0.2,1,2,nan,4\n", r"error_pulses must be finite; got nan at index \(2, 0\)"),

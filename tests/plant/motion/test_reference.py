@@ -147,10 +147,10 @@ def test_a_table_whose_heading_has_the_joints_in_another_order_is_refused(tmp_pa
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("0,1\n1,two\n", r"line 2 must be numbers; got '1,two'"),
-        ("0,1\n1\n", r"line 2 must have t and angles; got 1 cells"),
-        ("0\n1\n", r"line 1 must have t and angles; got 1 cells"),
-        ("t,q\n", r"must hold rows of t, q_1\.\.q_n; got none"),
+        ("0,1\n1,two\n", r"line 2 must be numbers; got 'two' in column 1"),
+        ("0,1\n1\n", r"line 2 must have 2 cells; got 1"),
+        ("0\n1\n", r"must have t and angles; got 1 cells"),
+        ("t,q\n", r"must hold samples; got no row of numbers"),
         ("0,1\n0,2\n", r"times must increase; got 0.0 after 0.0 at index 1"),
         ("0,1\n1,nan\n", r"points must be finite; got nan at index \(1, 0\)"),
         ("0,1\n", r"times must be two or more; got 1"),

@@ -4,8 +4,7 @@ from html.parser import HTMLParser
 
 import pytest
 
-from plant.parts.markup import table
-from plant.parts.shown import Aside, Shown, Verdict, Warned, body, inside
+from plant.parts.shown import Aside, Shown, Verdict, Warned, body, inside, table
 from plant.parts.tables import Table
 
 NASTY = "<script>alert('x')</script> & \"q\""

@@ -117,6 +117,6 @@ def _no_number(cells, picked, names, table, first):
     elif table:
         advice = "Correct it, leave the cell empty, or leave out that column."
     else:
-        advice = "Correct it, or map the columns that are needed with columns=."
+        advice = "Correct it; of a log, map the columns that are needed with columns=."
     column = repr(names[wrong])[:60] if names else wrong
     return f"got {cells[wrong].strip()!r:.60} in column {column}. {advice}"
