@@ -90,7 +90,7 @@ def run_identify(given: Namespace) -> Answer:
     found = identify(
         cast(Dynamics, robot.dynamics), records if len(records) > 1 else records[0], seed=given.seed,
         method=given.method, unknown=given.unknown and ("f", *given.unknown), held_out=held_out,
-        elasticity=given.elasticity, checkpoint=given.checkpoint, progress=not given.quiet,
+        elasticity=given.elasticity, prior=given.prior, checkpoint=given.checkpoint, progress=not given.quiet,
     )  # fmt: skip
     found.save(place)
     good = not doubts(found)

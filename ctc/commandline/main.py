@@ -191,6 +191,8 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
         _option("--method", default="seeded", help="seeded (default), paper, genetic, prediction_error, ..."),
         _option("--unknown", nargs="+", metavar="NAME",
                 help="beside f (default: f alone): friction, gains, or such as drive.viscous[0]"),
+        _option("--prior", type=float, metavar="SHARE",
+                help="standard deviation of the model's own bodies, as 0.3, for what the log does not excite"),
         _option("--elasticity", action="store_true", help="stiffness and damping of the gears, too"),
         _option("--held-out", nargs="+", metavar="LOG", help="logs for validation, only simulated"),
         *_output("file for certify and report"), _CHECKPOINT,

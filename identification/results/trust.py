@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from identification.replay.timing import is_late
-from identification.results.diagnostics import ROUNDINGS
+from identification.results.diagnostics import FALSE_ALARM, ROUNDINGS, asks_from
 from identification.results.seen import APART, contradicted, motion_of
 from plant import Chain, Record, Rig
 from plant.checkup.oscillation import own_oscillation
@@ -14,7 +14,6 @@ from plant.checkup.rounding import rounding_doubts
 from plant.machine.motor_inertia import shaft_inertias
 from plant.machine.unlikely import unlikely_statements
 from plant.mechanics.lumping import STANDARD
-from plant.simulation.followed_path import is_rounded
 
 _SURE, _ROOM = 4.0, 0.05
 """By how many standard deviations, and by what share of itself, an inertia has to fall below that of its rotor."""
@@ -62,12 +61,7 @@ _AT_END = 0.002  # share of a range within which a value lies at its end
 
 _STRANGE = 0.4  # RMS innovation [pulses] that rounding does not explain
 
-_FAR, _FAR_ROUNDED = 0.9, 1.5
-"""Difference [pulses] between simulated and measured errors that rounding does not explain: of the counts, and of the
-path as well."""
-
-_WORSE, _BEYOND = 1.5, 1.15
-"""How much worse a record held out may be repeated, and any than the model expects."""
+_WORSE = 1.5  # how much worse a record held out may be repeated
 
 _BIASED = 0.08  # relative bias of least squares in a band that is tolerated
 
@@ -158,7 +152,8 @@ def _of_law(found: Any) -> Iterator[str]:
 
 def _of_fit(found: Any, replayed: bool) -> Iterator[str]:
     rms = found.fit.rms_innovation
-    if rms is not None and rms > _STRANGE:
+    simulated = found.search.method == "output_error" and not replayed  # `_of_repeats` tells of these
+    if rms is not None and rms > _STRANGE and not simulated:
         reason = "Was it made with this rig, law and reference?"
         if replayed:
             reason = "The rest is what it lacks (backlash, elasticity, changing friction), or a wrong rig."
@@ -202,18 +197,23 @@ def _of_detection(found: Any, replayed: bool) -> Iterator[str]:
 
 
 def _of_repeats(found: Any, replayed: bool) -> Iterator[str]:
-    difference, held_out = found.diagnostics.difference, found.diagnostics.held_out_difference
-    far = _FAR_ROUNDED if any(map(is_rounded, found.records)) else _FAR
-    far = np.fmax(far, _BEYOND * found.diagnostics.expected)
+    told = found.diagnostics
+    difference, held_out = told.difference, told.held_out_difference
     if not np.isfinite(difference):
         yield (
             "D(q) is not positive definite at every q, or the simulation diverges: the arm cannot be compared with the "
             "record, and no computed torque can be built on it. Log longer, or another motion."
         )
-    elif difference > far and not replayed:
+    elif told.closest > 0:
+        yield (
+            f"these values repeat the log to {difference:.2f} pulses (rms), those of prediction_error to "
+            f"{told.closest:.2f}, as the model repeats itself. The log fits its model: identify with that method."
+        )
+    elif difference > np.fmax(asks_from(found.records), told.limit) and not replayed:
+        chance = f", above {told.limit:.2f} with a probability of {FALSE_ALARM:g}" * bool(told.limit > 0)
         yield (
             f"simulated and measured errors differ by {difference:.2f} pulses (rms); two runs of the model by "
-            f"{np.fmax(found.diagnostics.expected, ROUNDINGS):.2f}. Ask record.check(), and look at the law and its "
+            f"{np.fmax(told.expected, ROUNDINGS):.2f}{chance}. Ask record.check(), and look at the law and its "
             "gains, signs (error = reference minus counted), friction, gears, springs, the direction of gravity, axes "
             "and lengths of the chain, the order of joints, and counts per turn: as the rig counts, the joints move "
             f"over {_ranges(found)}."

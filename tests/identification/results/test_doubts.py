@@ -4,12 +4,14 @@ import dataclasses
 import json
 import warnings
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from ctc import ComputedTorque, ComputedTorquePID, Uncertainty, certify, tune
 from identification import Identification, IdentificationWarning, identify
+from identification.results.diagnostics import _exceeded, _run
 from plant import Chain, Drive, Dynamics, Encoder, Harmonics, P, Rig, puma560, read_robot, simulate
 
 RIG, LAW, PATH = puma560.rig(), puma560.p_law(), puma560.reference()
@@ -118,3 +120,39 @@ def test_a_loop_that_hunts_by_counts_is_described_and_not_doubted(gain, hunts):
         with pytest.warns(IdentificationWarning):
             doubted = identify(arm.dynamics, wrong, method="prediction_error", progress=False)
         assert doubted.diagnostics.detection.names == ("friction",)  # so gains look, too
+
+
+@pytest.mark.parametrize("method", ["prediction_error", "equation_error", "output_error"])
+def test_no_method_blames_a_healthy_log_whose_loop_hunts(method):
+    """The rough methods' values repeat it worse than their deviations say: that is said of them, not of the log."""
+    arm, rig, path = two_joints_of_a_ur5e()
+    record = simulate(arm, rig, P(gain=(0.080, 0.0295)), path, duration=3.0, steps_per_sample=16)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", IdentificationWarning)
+        found = identify(arm.dynamics, record, method=method, progress=False)
+    told = found.diagnostics
+    if method == "prediction_error":
+        assert found.warnings == []
+        assert told.expected < told.limit
+        assert told.difference < told.limit
+        assert np.isnan(told.closest)
+    else:
+        assert 0 < told.closest < told.difference
+        assert [line for line in found.warnings if "pulses" in line] == [
+            f"these values repeat the log to {told.difference:.2f} pulses (rms), those of prediction_error to "
+            f"{told.closest:.2f}, as the model repeats itself. The log fits its model: identify with that method."
+        ]
+
+
+def test_one_more_number_exceeds_the_limit_with_the_stated_probability():
+    """Of normal logarithms, whatever their mean and standard deviation."""
+    draws = np.random.default_rng(0).normal(0.3, 0.2, (20_000, 5))
+    above = [np.exp(row[-1]) > _exceeded(list(row[:-1]), 0.02) for row in draws]
+    assert abs(np.mean(above) - 0.02) < 4 * np.sqrt(0.02 * 0.98 / len(draws))
+
+
+def test_a_record_under_another_law_than_the_first_is_run_under_its_own():
+    arm, slow = puma560.arm(), P(gain=0.5 * np.array(LAW.gain))
+    record = simulate(arm, RIG, slow, PATH, duration=0.5)
+    problem = SimpleNamespace(unknown=arm.dynamics.names, parts=lambda values: (arm.dynamics.arm(values), RIG, LAW))
+    np.testing.assert_array_equal(_run(problem, arm.f, record).error_pulses, record.error_pulses)
