@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from identification import frequency_response
+from identification import design_motion, frequency_response
 from plant import PD, Harmonics, puma560, simulate
 from plant.machine.rig import sliding_rig
 
@@ -36,10 +36,20 @@ def injected_records():
     return records
 
 
-def truth(frequency):
+@cache
+def moved_records():
+    lines, near = LINES / (DT * SAMPLES), np.array([[-0.02, 0.02]])
+    motions = design_motion(
+        ARM, RIG, kind="multisine", period=DT * SAMPLES, frequencies=lines, position=POSE[:, None] + near
+    )
+    return [simulate(ARM, RIG, LAW, each, duration=DT * SAMPLES * 14, steps_per_sample=32) for each in motions]
+
+
+def truth(frequency, record=None):
     """Plant (F, 2, 2) of held torques, at the pose where the arm hangs on its feedback."""
     step, drive, rest = 1e-5, RIG.drive, np.zeros(2)
-    counted = injected_records()[0].reference_pulses - injected_records()[0].error_pulses
+    record = record or injected_records()[0]
+    counted = record.reference_pulses - record.error_pulses
     q = np.asarray(RIG.to_angle(counted[-SAMPLES:].mean(axis=0))).ravel()
     stiffness = np.stack(
         [(ARM.inverse(q + step * e, rest, rest) - ARM.inverse(q - step * e, rest, rest)) / 2 / step for e in np.eye(2)],
@@ -87,6 +97,15 @@ def test_the_loop_is_the_complementary_sensitivity_where_the_reference_moves():
     assert (system.ninputs, system.noutputs, system.dt) == (2, 2, DT)
     np.testing.assert_allclose(system(2j * np.pi * measured.frequency[1]), measured.loop[:, :, 1])
     assert "Hz" in str(measured)
+
+
+def test_a_designed_multisine_gives_the_plant_within_its_standard_deviations():
+    measured = frequency_response(moved_records(), skip=8)
+    exact = np.moveaxis(truth(measured.frequency, moved_records()[0]), 0, -1)
+    off = np.abs(measured.plant - exact) / measured.plant_std
+    assert 0.5 < np.sqrt((off**2).mean()) < 1.2  # 44 complex numbers: 0.68
+    assert off.max() < 3
+    assert np.median(measured.plant_std / np.abs(exact).max(axis=1, keepdims=True)) < 0.03  # 0.011
 
 
 def test_it_draws_both_beside_a_model():
