@@ -28,8 +28,7 @@ _STANDING, _SWEEPS = 2.5, 4
 """By which the dead zone is wider for joints whose reference stands: counts that flip there tell of no motion; and
 sweeps over the joints, of the predicted friction: they start from the impulse of the sample before."""
 
-_MOST, _SETTLES = 0.5, 10.0
-"""Bandwidth times period, at most, of a boosted regulator; time constants of an unboosted one, in which it settles."""
+_MOST = 0.5  # bandwidth times period, of a boosted regulator
 
 
 @part
@@ -51,10 +50,10 @@ class ComputedTorque(ModelLaw):
         The identified rig, ``found.rig``: its friction is fed forward.
     bandwidth : float, optional
         Of the regulator [rad/s]: its poles have this magnitude. By default with an arm, which does not say how well it
-        is known, 360; with an identification 145, or 100 where friction was identified too; at most 0.3 over the
-        period, and less on elastic gears, so that it is stable with something to spare.
-    observer_ratio : float
-        Bandwidth of the observer, as a multiple of the regulator's.
+        is known, 360; with an identification 145, or where friction was identified too 120, with gears stated 100; at
+        most 0.3 over the period, and less on elastic gears, so that it is stable.
+    observer_ratio : float, optional
+        Bandwidth of the observer, as a multiple of the regulator's: 1.3, or 0.9 with friction identified, rigid gears.
     dead_zone : float, optional
         Share of the quantisation cell, 0 to 1, within which an innovation corrects nothing (2.5 times that where the
         reference stands): more is quieter, and slower to see what the model lacks. By default 0 with an arm, with an
@@ -64,10 +63,10 @@ class ComputedTorque(ModelLaw):
     learn_friction, learnable : bool, float
         Learn, where joints turn back, by which share, at most `learnable` (0 to 0.99), Coulomb and viscous friction
         differ from the rig's: `Running.friction` has what was learnt, `start` begins with it.
-    start_boost, start_time : float
+    start_boost, start_time : float, optional
         Where a joint begins to move or turns back, or counts show what the model lacks, its regulator is `start_boost`
-        times as fast, the observer the square root of that, and both settle with the time constant `start_time` [s], by
-        default 10 over the bandwidth; not once they swing, as on gears that are not stated, nor on predicted ones.
+        times as fast, the observer the square root of that, both with the time constant `start_time` [s]: 4 and 10 over
+        the bandwidth, or with friction identified, rigid gears 3 and 30; not once they swing, nor on predicted gears.
     measured : bool
         Evaluate D-hat and h-hat at the observed q and qd instead of the reference.
     delay : int
@@ -98,9 +97,9 @@ class ComputedTorque(ModelLaw):
     """
 
     bandwidth: float = number((), default=None)
-    observer_ratio: float = number((), default=1.3)
+    observer_ratio: float = number((), default=None)
     dead_zone: float = number((), default=None)
-    start_boost: float = number((), default=4.0)
+    start_boost: float = number((), default=None)
     start_time: float = number((), default=None)
     friction: bool = structure(bool, default=True)
     learn_friction: bool = structure(bool, default=True)
@@ -115,8 +114,10 @@ class ComputedTorque(ModelLaw):
             faster = functools.partial(ComputedTorque, getattr(found, "arm", found))
             chosen = default_bandwidth(found, self.rig, lambda rig, bandwidth: faster(rig, bandwidth=bandwidth))
             object.__setattr__(self, "bandwidth", chosen)
-        if self.dead_zone is None:
-            object.__setattr__(self, "dead_zone", known_gains(found)[1])
+        known = known_gains(found, self.rig)
+        for name in ("dead_zone", "observer_ratio", "start_boost"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, getattr(known, name))
         settles = self.start_time is None
         if settles:
             object.__setattr__(self, "start_time", 1.0)  # for now
@@ -128,7 +129,7 @@ class ComputedTorque(ModelLaw):
             if getattr(self, name) > most:
                 raise ValueError(f"{name} must be a share, 0 to {most}; got {getattr(self, name):g}. {usual} is usual.")
         if settles:
-            object.__setattr__(self, "start_time", _SETTLES / self.bandwidth)
+            object.__setattr__(self, "start_time", known.start_time / self.bandwidth)
         if self.delay not in (0, 1):
             raise ValueError(f"delay must be 0 or 1 sample; got {self.delay!r}. Longer delays need another design.")
         gains = gear_gains(self.arm, self.rig, self.bandwidth, self.observer_ratio * self.bandwidth)

@@ -1,7 +1,7 @@
 """Gains of a computed torque that is given none: by what is known of the arm, and for the gears of its rig."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -9,8 +9,21 @@ from identification import Identification
 from plant import Rig
 from plant.analysis.sampled_loops import SampledLoops
 
-_ARM, _IDENTIFIED, _FRICTION_TOO = (360.0, 0.0), (145.0, 0.2), (100.0, 0.4)
-"""Bandwidth [rad/s] and dead zone by what is known: nothing but f; f with a covariance; friction as well."""
+
+class Gains(NamedTuple):
+    """Bandwidth [rad/s], share of the cell, ratio of the observer, boost at the start, its time times the bandwidth."""
+
+    bandwidth: float
+    dead_zone: float
+    observer_ratio: float = 1.3
+    start_boost: float = 4.0
+    start_time: float = 10.0
+
+
+_ARM, _IDENTIFIED, _GEARS = Gains(360.0, 0.0), Gains(145.0, 0.2), Gains(100.0, 0.4)
+_FRICTION_TOO = Gains(120.0, 0.4, 0.9, 3.0, 30.0)
+"""By what is known: nothing but f; f with a covariance; friction as well, and gears; friction, on rigid gears: those of
+60 Hz swing under a faster observer or a larger boost."""
 
 _SAMPLED = 0.3
 """Bandwidth times period, at most."""
@@ -29,12 +42,14 @@ _SPARE, _STIFFER = 1.4, (1.0, 1.44, 2.25, 4.0, 9.0, 25.0)
 but no longer where they are a little stiffer."""
 
 
-def known_gains(found: Any) -> tuple[float, float]:
-    """Bandwidth [rad/s] and dead zone by what is known of an arm, or by an identification."""
+def known_gains(found: Any, rig: Any = None) -> Gains:
+    """By what is known of an arm, or by an identification; `rig` is the controller's, by default the identified one."""
     if not isinstance(found, Identification) or found.covariance is None:
         return _ARM
-    friction = any(name.startswith(("drive.viscous", "drive.coulomb")) for name in found.fit.unknown)
-    return _FRICTION_TOO if friction else _IDENTIFIED
+    if not any(name.startswith(("drive.viscous", "drive.coulomb")) for name in found.fit.unknown):
+        return _IDENTIFIED
+    rig = found.rig if rig is None else rig
+    return _FRICTION_TOO if not isinstance(rig, Rig) or rig.drive.elasticity is None else _GEARS
 
 
 def default_bandwidth(found: Any, rig: Rig | None, law: Callable[[Rig, float], Any]) -> float:
@@ -53,7 +68,7 @@ def default_bandwidth(found: Any, rig: Rig | None, law: Callable[[Rig, float], A
     ValueError
         Gears on which none is stable.
     """
-    bandwidth, _ = known_gains(found)
+    bandwidth = known_gains(found, rig).bandwidth
     if isinstance(found, Identification) and rig is None:
         rig = found.rig
     if not isinstance(rig, Rig):  # refused with the other fields
