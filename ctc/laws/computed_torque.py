@@ -25,8 +25,7 @@ _SLIDES, _BEGINS = 30.0, 10.0
 """Speeds [pulses/s] from which on Coulomb friction is fed forward in full, and the start has all of its boost."""
 
 _STANDING, _SWEEPS = 2.5, 4
-"""By which the dead zone is wider for joints whose reference stands: counts that flip there tell of no motion; and
-sweeps over the joints, of the predicted friction: they start from the impulse of the sample before."""
+"""By which the dead zone is wider for joints whose reference stands; sweeps of the predicted friction, from its last."""
 
 _MOST = 0.5  # bandwidth times period, of a boosted regulator
 
@@ -50,8 +49,8 @@ class ComputedTorque(ModelLaw):
         The identified rig, ``found.rig``: its friction is fed forward.
     bandwidth : float, optional
         Of the regulator [rad/s]: its poles have this magnitude. By default with an arm, which does not say how well it
-        is known, 360; with an identification 145, or where friction was identified too 120, with gears stated 100; at
-        most 0.3 over the period, and less on elastic gears, so that it is stable.
+        is known, 360; with an identification 145, with friction identified too 120, with gears stated 100; at most 0.3
+        over the period, less on elastic gears.
     observer_ratio : float, optional
         Bandwidth of the observer, as a multiple of the regulator's: 1.3, or 0.9 with friction identified, rigid gears.
     dead_zone : float, optional
