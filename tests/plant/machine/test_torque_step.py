@@ -5,6 +5,7 @@ import dataclasses
 import shutil
 import subprocess
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -47,6 +48,17 @@ def test_the_logged_torque_of_a_simulation_has_steps_and_a_robot_file_keeps_them
     assert np.ptp(steps, axis=0).min() > 10
     write_robot(Robot(name="stepped", dynamics=ARM.dynamics, rig=RIG, arm=ARM), tmp_path / "robot.toml")
     assert read_robot(tmp_path / "robot.toml").rig == RIG
+
+
+def test_it_is_the_nearest_multiple_for_numbers_and_for_symbols():
+    asked = np.random.default_rng(3).uniform(-50, 50, (200, 2))
+    symbols = ca.SX.sym("tau", 2)
+    function = ca.Function("limited", [symbols], [RIG.drive.limited(symbols)])
+    half = np.abs(RIG.drive.gear) * STEP / 2
+    for torque in asked:
+        given = RIG.drive.limited(torque)
+        assert (np.abs(given - torque) <= half * (1 + 1e-9)).all()
+        np.testing.assert_allclose(function(torque).full().ravel(), given, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("share", [1, 30])
