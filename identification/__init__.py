@@ -41,6 +41,7 @@ from identification.results.model_files import write_model
 from identification.results.oscillation import oscillation
 from identification.results.physical import nearest_physical
 from identification.results.summary import IdentificationWarning
+from identification.results.urscript import to_urscript
 from identification.search.genetic import GeneticSettings, minimize_genetic
 from identification.search.problem import Tolerances
 from plant.parts.arguments import known_options
@@ -52,5 +53,5 @@ __all__ = [
     "GeneticSettings", "Identification", "IdentificationWarning", "LinkSize", "Objective", "RecordError",
     "Tolerances", "design_motion", "find_load", "fit_torque", "frequency_response", "identify",
     "minimize_genetic", "motor_test", "nearest_physical", "oscillation", "pulse_budget", "ranges", "spread",
-    "without_delay", "write_model",
+    "to_urscript", "without_delay", "write_model",
 ]  # fmt: skip

@@ -147,6 +147,7 @@ RESULTS = {
     "FrequencyResponse": lambda: FrequencyResponse(
         frequency=np.array([1.0, 20.0]), plant=np.full((2, 2, 2), 1e-3 + 0j), plant_std=np.full((2, 2, 2), 1e-5),
         loop=np.ones((2, 2, 2), complex), loop_std=np.full((2, 2, 2), 0.01), period=1e-3, joints=NASTY,
+        held=1e-3,
     ),
     "MotorFit": lambda: MotorFit(names=("law.gain[0]",), values=np.array([0.3]), std=np.array([0.01])),
     "Oscillation": lambda: oscillation(record(), arm()),

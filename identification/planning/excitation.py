@@ -11,16 +11,17 @@ Source: J. Swevers et al., Optimal robot excitation and identification, IEEE Tra
 
 import functools
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Any, Literal, overload
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.planning.model_limits import experiment_of, motion_limits
+from identification.planning.multisine import multisines
 from plant import Arm, Chain, Harmonics, Law, Rig
 from plant.mechanics.symmetric_inverse import inverse
-from plant.parts.arguments import instance, known_options, real
+from plant.parts.arguments import choice, instance, known_options, real
 from plant.parts.fields import Floats
 from plant.simulation.executors import mapped
 
@@ -43,12 +44,21 @@ _SLACK = 1e-3  # by how much a limit may be exceeded [SI]
 _TORQUE = 0.8  # share of the amplifier's limit that the model's torque and friction may take
 
 
-@known_options
+@overload
 def design_motion(
-    arm: Arm | Chain, rig: Rig, law: Law | None = None, *, period: float = 6.0, position: ArrayLike | None = None,
-    velocity: ArrayLike | None = None, acceleration: ArrayLike | None = None, harmonics: int = 5,
-    starts: int | None = None, seed: int = 0, iterations: int | None = None, executor: Any = None,
-) -> Harmonics:  # fmt: skip
+    arm: Arm | Chain, rig: Rig, law: Law | None = None, *, kind: Literal["parameters"] = "parameters", **options: Any
+) -> Harmonics: ...
+@overload
+def design_motion(
+    arm: Arm | Chain, rig: Rig, law: Law | None = None, *, kind: Literal["multisine"], **options: Any
+) -> tuple[Harmonics, ...]: ...
+@known_options  # type: ignore[misc]  # the overloads name what differs
+def design_motion(
+    arm: Arm | Chain, rig: Rig, law: Law | None = None, *, kind: str = "parameters", period: float = 6.0,
+    position: ArrayLike | None = None, velocity: ArrayLike | None = None, acceleration: ArrayLike | None = None,
+    frequencies: ArrayLike | None = None, harmonics: int = 5, starts: int | None = None, seed: int = 0,
+    iterations: int | None = None, executor: Any = None,
+) -> Harmonics | tuple[Harmonics, ...]:  # fmt: skip
     """Harmonics that excite the parameters of an arm; ``design_motion(chain, rig)`` for a first experiment.
 
     Parameters
@@ -59,13 +69,19 @@ def design_motion(
     law : Law, optional
         Of the position loop, without memory; gives the torque of a pulse. By default all joints have errors of the same
         share of their largest torque.
+    kind : {"parameters", "multisine"}
+        What is to be found: f, or the responses of `frequency_response`. Options below that say so are of one kind.
     period : float
-        [s]
+        [s]; of a multisine the nearest whole number of samples.
     position : (n, 2) array_like, optional
-        Lowest and highest angle of each joint [rad]; by default 90 % of the chain's limits, or within a right angle.
+        Lowest and highest angle of each joint [rad]; by default 90 % of the chain's limits, or within a right angle; of
+        a multisine, which stays near a pose, a tenth of that around its middle.
     velocity, acceleration : (n,) array_like, optional
         Largest magnitudes [rad/s], [rad/s^2]; by default 90 % of the chain's limits, and what the harmonics need.
+    frequencies : (F,) array_like, optional
+        Of a multisine: its lines [Hz], moved to the nearest multiples of 1 / period that share no factor with n.
     harmonics : int
+        Of parameters, as all below.
     starts : int, optional
         Random motions from which the search begins, of which the best end counts; 3, of many parameters 1.
     seed : int
@@ -77,16 +93,17 @@ def design_motion(
 
     Returns
     -------
-    Harmonics
+    Harmonics, or tuple of n Harmonics
+        The latter of a multisine, one per record: all joints move in each, and none as in another one.
 
     Raises
     ------
     ValueError
-        Bad input, or limits in which no motion was found.
+        Bad input, limits in which no motion was found, a pose that the drives cannot hold.
 
     See Also
     --------
-    identification.pulse_budget, plant.visibility, plant.Harmonics
+    identification.frequency_response, identification.pulse_budget, plant.visibility, plant.Harmonics
 
     Examples
     --------
@@ -105,6 +122,10 @@ def design_motion(
     many = model.dynamics.p > _EXACT
     starts, iterations = starts or (1 if many else 3), iterations or (60 if many else 200)
     period = real("period", period, "Give seconds.", positive=True)
+    if choice("kind", kind, ("parameters", "multisine")) == "multisine":
+        return multisines(model, rig, period, frequencies, _TORQUE, (position, velocity, acceleration))
+    if frequencies is not None:
+        raise ValueError('frequencies are those of a multisine; this is for parameters. Give kind="multisine".')
     limits = motion_limits(model, period, harmonics, position, velocity, acceleration)
     of_problem = model, rig, law, period, harmonics
     begins = list(_starts(np.random.default_rng(seed), starts, _rates(period, harmonics), *limits))
@@ -157,7 +178,9 @@ class _Problem:
         total, self.torques = information.map(_SAMPLES)(*along), tau.map(_SAMPLES)(*along)
         self.torque_limit = _TORQUE * rig.drive.torque_limit()
         total = ca.reshape(ca.sum2(total), p, p)
-        variance = _diagonal(p)(total / _SAMPLES + 1e-9 * ca.DM.eye(p))
+        matrix = ca.SX.sym("M", p, p)
+        diagonal = ca.Function("variance", [matrix], [inverse(ca.tril2symm(ca.tril(matrix))).diagonal])
+        variance = diagonal(total / _SAMPLES + 1e-9 * ca.DM.eye(p))
         self.opti.minimize(ca.log(ca.sum1(variance**_SHARPNESS)) / _SHARPNESS)
 
     def limit(self, position: Floats, velocity: Floats, acceleration: Floats) -> None:
@@ -238,9 +261,3 @@ def _torque_per_pulse(rig: Rig, law: Law | None) -> Floats:
         block.step([], zero, zero, zero, zero + e, zero, zero, rig.period, block.values)[0] for e in (0.0, 1.0)
     )
     return np.abs((with_error - without).full().ravel())
-
-
-def _diagonal(p: int) -> ca.Function:
-    """Diagonal (p,) of the inverse of a symmetric (p, p), as a function with derivatives."""
-    matrix = ca.SX.sym("M", p, p)
-    return ca.Function("variance", [matrix], [inverse(ca.tril2symm(ca.tril(matrix))).diagonal])

@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.torque_logs import measured_torque
-from plant import Record
+from identification.planning.gear_response import Resonances, resonances
+from plant import Drive, Record
 from plant.parts.arguments import choice, instance, known_options, real, whole
 from plant.parts.fields import Floats
 from plant.parts.figures import colour_of, legend_above, literal, row_by_row
@@ -55,6 +56,8 @@ class FrequencyResponse(Shown, Frozen):
         Of the samples [s].
     joints : tuple of str
         Labels.
+    held : float
+        How long a torque is held [s]; 0 under fast hardware.
     """
 
     frequency: Floats
@@ -64,6 +67,14 @@ class FrequencyResponse(Shown, Frozen):
     loop_std: Floats
     period: float
     joints: tuple[str, ...]
+    held: float
+
+    def resonances(self, drive: Drive) -> Resonances:
+        """Lowest resonance of each joint on its gear, for `Elasticity.from_resonance` at the pose of the records.
+
+        Of a drive with encoders on its motors: `hz`, `damping_ratio` and their standard deviations, `_std`, each (n,).
+        """
+        return resonances(self.frequency, self.plant, self.plant_std, self.held, drive)
 
     def to_control(self, which: str = "plant") -> control.FrequencyResponseData:
         """One of both responses, "plant" or "loop", as python-control's FRD, sampled."""
@@ -101,11 +112,9 @@ class FrequencyResponse(Shown, Frozen):
 
     def _shown(self) -> Iterator[Piece]:
         head = ("plant [rad/(N m)]", *(f"at {self.frequency[k]:.3g} Hz" for k in (0, -1)), "std, median")
-        rows = []
-        for j, joint in enumerate(self.joints):
-            size, std = np.abs(self.plant[j, j]), self.plant_std[j, j]
-            rows.append((joint, f"{size[0]:.3g}", f"{size[-1]:.3g}", f"{100 * np.median(std / size):.2g} %"))
-        yield Table(head, rows)
+        sizes = [(np.abs(self.plant[j, j]), self.plant_std[j, j]) for j in range(len(self.joints))]
+        rows = [(f"{a[0]:.3g}", f"{a[-1]:.3g}", f"{100 * np.median(std / a):.2g} %") for a, std in sizes]
+        yield Table(head, [(joint, *row) for joint, row in zip(self.joints, rows, strict=True)])
 
 
 @known_options
@@ -120,7 +129,7 @@ def frequency_response(
     Parameters
     ----------
     records : Record or sequence of Record
-        Of one rig, with torque or current; whole periods, at least two after those that are skipped.
+        Of one rig, with torque or current; at least two whole periods after those that are skipped.
     period : float, optional
         Of the excitation [s]; by default that of the reference.
     skip : int
@@ -159,9 +168,7 @@ def frequency_response(
         instance("each record", each, Record, "Give what simulate returns, or Record.read.")
     n = logs[0].rig.n if logs else 0
     if len(logs) < max(n, 1):
-        raise ValueError(
-            f"records must be as many as joints, {n}; got {len(logs)}. Excite each joint in one of its own."
-        )
+        raise ValueError(f"records must be as many as joints, {n}; got {len(logs)}. Use design_motion(...).")
     if any(each.rig != logs[0].rig for each in logs):
         raise ValueError("records must be of one rig; they differ. Measure each arm apart.")
     injected = [each.injected is not None for each in logs]
@@ -192,7 +199,7 @@ def _samples(record: Record, period: float | None) -> int:
 
 def _lines(record: Record, samples: int, skip: int) -> dict[str, Complex]:
     """Amplitudes (P, F, n) of each signal in every period but the first `skip`."""
-    rig, periods = record.rig, len(record) // samples - skip
+    rig, reference, periods = record.rig, record.reference_pulses, len(record) // samples - skip
     if periods < 2:
         got = f"{len(record) / samples:.3g} periods, of which {skip} are skipped"
         raise ValueError(f"records must have two periods at least after those skipped; got {got}. Log for longer.")
@@ -245,8 +252,9 @@ def _responses(
     std = [np.sqrt(own[k] @ np.abs(np.linalg.pinv(which)) ** 2) for k, which in enumerate((U, E))]
     frequency = (lines + 1) / (samples * logs[0].rig.period)
     ordered = [np.moveaxis(each, 0, -1) for each in (plant, std[0], loop, std[1])]
-    labels = tuple(logs[0].rig.joint_labels)
+    law, rig = logs[0].law, logs[0].rig
+    held = rig.period if law is None else law.period or 0.0
     return FrequencyResponse(
         frequency=frequency, plant=ordered[0], plant_std=ordered[1], loop=ordered[2], loop_std=ordered[3],
-        period=logs[0].rig.period, joints=labels,
+        period=rig.period, joints=tuple(rig.joint_labels), held=held,
     )  # fmt: skip

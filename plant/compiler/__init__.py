@@ -2,6 +2,6 @@
 
 The pipeline: `translate` (a function's instructions, sorted by when they run) with `instructions` (rewritten shorter)
 -> `splitting` (long code in pieces) -> `intrinsics` (the text of a kernel) with `llvm` (what each operation emits) ->
-`kernel_cache` (compiled, in the `background`, and kept on disk in the `cache_folder`) -> `map_kernel` (a function over
+`kernel_cache` (compiled, in the `background`, and kept on disk in the `cache_folder`) -> `intrinsics` (a function over
 columns). `c_statements` writes the same instructions as C.
 """

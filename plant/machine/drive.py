@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.machine.drive_effects import CurrentLag, FrictionDrift, LoadFriction, TorqueRipple
+from plant.machine.drive_effects import CurrentLag, FrictionDrift, LoadFriction, TorqueRipple, rounded, torque_steps
 from plant.machine.elasticity import Elasticity, Resonance
 from plant.machine.friction import FrictionCurve
 from plant.machine.presliding import Presliding
@@ -64,6 +64,8 @@ class Drive(Part):
         Slow drift of all friction, relative, from the start of a run [s]; none by default.
     ripple : TorqueRipple, optional
         Cogging of the motors [N m] over their angle [rad]; none by default.
+    torque_step : float or (n,) array_like, optional
+        Step to whose multiples motor torques are rounded [N m]: of CiA 402 a thousandth of the rated torque.
     joints : tuple of str, optional
         Names of the joints, for messages, tables and figures of the logs and the laws of this drive.
     left_open : tuple of str, optional
@@ -98,6 +100,7 @@ class Drive(Part):
     load_friction: Any = structure(default=None)
     friction_drift: FrictionDrift | None = structure(FrictionDrift, default=None)
     ripple: TorqueRipple | None = structure(TorqueRipple, default=None)
+    torque_step: Any = structure(default=None)
     left_open: tuple[str, ...] = structure(default=())
 
     def __post_init__(self) -> None:
@@ -123,6 +126,8 @@ class Drive(Part):
         if self.current_lag is not None and not isinstance(self.current_lag, CurrentLag):
             lag = real("current_lag", self.current_lag, "Give seconds, or None.")
             object.__setattr__(self, "current_lag", CurrentLag(time=lag) if lag else None)
+        if self.torque_step is not None:
+            object.__setattr__(self, "torque_step", torque_steps(self.torque_step, self.n))
         if isinstance(self.elasticity, Resonance):
             object.__setattr__(self, "elasticity", self.elasticity.of(self))
         if self.load_friction is not None and not isinstance(self.load_friction, LoadFriction):
@@ -132,12 +137,8 @@ class Drive(Part):
         self.require_joints(self.n)
         play = None if self.elasticity is None else self.elasticity.backlash
         if play is not None and (beyond := np.flatnonzero(play * np.abs(self.gear) > 2 * np.pi)).size:
-            joint = int(beyond[0])
-            label, turn = labels[joint], 2 * np.pi / abs(self.gear[joint])
-            raise ValueError(
-                f"backlash must be within one turn of the motor, {turn:.3g} rad at {label}; got {play[joint]:g}. Give "
-                "it joint side, in rad."
-            )
+            turn = f"one turn of the motor, {2 * np.pi / abs(self.gear[beyond[0]]):.3g} rad at {labels[beyond[0]]}"
+            raise ValueError(f"backlash must be within {turn}; got {play[beyond[0]]:g}. Give it joint side, in rad.")
 
     @classmethod
     def from_urdf(
@@ -216,13 +217,14 @@ class Drive(Part):
         return dataclasses.replace(self, current_limit=current)
 
     def limited(self, tau: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Joint torque [N m] after saturation of the amplifier."""
+        """Joint torque [N m] after rounding to the drive's step, if it has one, and saturation of the amplifier."""
         limit: ArrayOrSymbols = self.torque_limit()
         shaft = self.coupling.shaft_torque(tau)
+        if self.torque_step is not None:
+            shaft = rounded(shaft, np.array(self.torque_step) * _magnitude(self.gear))
         if isinstance(shaft, np.ndarray):
             return self.coupling.joint_torque(np.clip(shaft, -limit, limit))
-        limit = ca.fabs(limit)
-        return self.coupling.joint_torque(ca.fmin(ca.fmax(shaft, -limit), limit))
+        return self.coupling.joint_torque(ca.fmin(ca.fmax(shaft, -ca.fabs(limit)), ca.fabs(limit)))
 
     def joint_viscous(self) -> Floats:
         """Viscous friction b k^2 [N m s/rad], on the joint (of coupled motors: on the shaft)."""

@@ -5,7 +5,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from plant.parts.arguments import signs
+from plant.parts.arguments import array, signs
 from plant.parts.fields import ArrayOrSymbols, Vector
 from plant.parts.part import Part, number, part
 
@@ -84,6 +84,19 @@ def lagging(commanded: ca.SX, driven: ca.SX, lag: CurrentLag, h: ca.SX) -> tuple
     decay = ca.exp(-h / lag.time)
     end = commanded + (driven - commanded) * decay
     return commanded + (driven - commanded) * (lag.time / h) * (1 - decay), end
+
+
+def torque_steps(given: Any, n: int) -> tuple[float, ...]:
+    """Steps of the commanded motor torques [N m], one per joint, of one for all or of one each."""
+    step = array("torque_step", np.full(n, given) if np.ndim(given) == 0 else given, (n,), advice="Give N m.")
+    if not (step > 0).all():
+        raise ValueError(f"torque_step must be positive; got {step}. Leave it out for none.")
+    return tuple(step.tolist())
+
+
+def rounded(torque: ArrayOrSymbols, step: ArrayOrSymbols) -> ArrayOrSymbols:
+    """The nearest multiple of a step [N m]."""
+    return step * (np.floor if isinstance(torque, np.ndarray) else ca.floor)(torque / step + 0.5)
 
 
 @part

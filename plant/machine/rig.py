@@ -254,8 +254,9 @@ def punctual_rig(rig: Rig) -> Rig:
 
 
 def smooth_rig(rig: Rig) -> Rig:
-    """The same rig without quantisation."""
-    return dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, smooth=True))
+    """The same rig without quantisation of counts and torques."""
+    drive, encoder = dataclasses.replace(rig.drive, torque_step=None), dataclasses.replace(rig.encoder, smooth=True)
+    return dataclasses.replace(rig, drive=drive, encoder=encoder)
 
 
 def sliding_rig(rig: Rig) -> Rig:

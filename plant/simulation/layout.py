@@ -10,7 +10,7 @@ import numpy as np
 
 from plant.laws.law import Block, Law
 from plant.machine.friction_step import DRY_FRICTION
-from plant.machine.rig import Rig, punctual_rig
+from plant.machine.rig import Rig, punctual_rig, smooth_rig
 from plant.mechanics.dynamics import Dynamics
 from plant.parts.arguments import whole
 from plant.parts.fields import Floats, Vector
@@ -62,8 +62,7 @@ class Layout:
             whole(name, getattr(self, name), "The defaults are 4 and 3.")
         self.rig.require_fit(self.dynamics.chain)
         if self.smooth:
-            encoder = dataclasses.replace(self.rig.encoder, smooth=True)
-            object.__setattr__(self, "rig", punctual_rig(dataclasses.replace(self.rig, encoder=encoder)))
+            object.__setattr__(self, "rig", punctual_rig(smooth_rig(self.rig)))
         if self.law.replays and self.rig.jitter is not None:  # a repeated log reads no counts
             object.__setattr__(self, "rig", dataclasses.replace(self.rig, jitter=None))
         self.steps_per_law  # noqa: B018 - refuses a period that does not fit

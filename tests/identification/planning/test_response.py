@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from identification import frequency_response
-from plant import PD, Harmonics, puma560, simulate
+from identification import design_motion, frequency_response
+from plant import PD, Coupling, Elasticity, Harmonics, puma560, simulate
 from plant.machine.rig import sliding_rig
 
 ARM, POSE, DT = puma560.arm(), np.array([0.3, -0.4]), 0.0007
@@ -36,10 +36,20 @@ def injected_records():
     return records
 
 
-def truth(frequency):
+@cache
+def moved_records():
+    lines, near = LINES / (DT * SAMPLES), np.array([[-0.02, 0.02]])
+    motions = design_motion(
+        ARM, RIG, kind="multisine", period=DT * SAMPLES, frequencies=lines, position=POSE[:, None] + near
+    )
+    return [simulate(ARM, RIG, LAW, each, duration=DT * SAMPLES * 14, steps_per_sample=32) for each in motions]
+
+
+def truth(frequency, record=None):
     """Plant (F, 2, 2) of held torques, at the pose where the arm hangs on its feedback."""
     step, drive, rest = 1e-5, RIG.drive, np.zeros(2)
-    counted = injected_records()[0].reference_pulses - injected_records()[0].error_pulses
+    record = record or injected_records()[0]
+    counted = record.reference_pulses - record.error_pulses
     q = np.asarray(RIG.to_angle(counted[-SAMPLES:].mean(axis=0))).ravel()
     stiffness = np.stack(
         [(ARM.inverse(q + step * e, rest, rest) - ARM.inverse(q - step * e, rest, rest)) / 2 / step for e in np.eye(2)],
@@ -87,6 +97,44 @@ def test_the_loop_is_the_complementary_sensitivity_where_the_reference_moves():
     assert (system.ninputs, system.noutputs, system.dt) == (2, 2, DT)
     np.testing.assert_allclose(system(2j * np.pi * measured.frequency[1]), measured.loop[:, :, 1])
     assert "Hz" in str(measured)
+
+
+def test_a_designed_multisine_gives_the_plant_within_its_standard_deviations():
+    measured = frequency_response(moved_records(), skip=8)
+    exact = np.moveaxis(truth(measured.frequency, moved_records()[0]), 0, -1)
+    off = np.abs(measured.plant - exact) / measured.plant_std
+    assert 0.5 < np.sqrt((off**2).mean()) < 1.2  # 44 complex numbers: 0.68
+    assert off.max() < 3
+    assert np.median(measured.plant_std / np.abs(exact).max(axis=1, keepdims=True)) < 0.03  # 0.011
+
+
+def test_the_resonance_of_each_gear_is_found_within_its_standard_deviation_and_makes_the_gears():
+    hz, ratio, pose = np.array([25.0, 30.0]), (0.02, 0.03), {"q": POSE, "drive": RIG.drive}
+    gears = Elasticity.from_resonance(ARM, hz, ratio, **pose)
+    rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears))
+    motions = design_motion(
+        ARM, rig, kind="multisine", period=2 * DT * SAMPLES, frequencies=np.geomspace(2, 110, 25),
+        position=POSE[:, None] + np.array([[-0.02, 0.02]]),
+    )  # fmt: skip
+    run = {"duration": 2 * DT * SAMPLES * 8, "steps_per_sample": 16}
+    found = frequency_response([simulate(ARM, rig, LAW, each, **run) for each in motions], skip=4).resonances(RIG.drive)
+    assert (np.abs(found.hz - hz) < 3 * found.hz_std).all()
+    assert (np.abs(found.damping_ratio - ratio) < 3 * found.damping_ratio_std).all()
+    assert (found.hz_std < 0.03 * hz).all()
+    again = Elasticity.from_resonance(ARM, found.hz, found.damping_ratio, **pose)
+    np.testing.assert_allclose(again.stiffness, gears.stiffness, rtol=0.08)
+
+
+def test_rigid_gears_have_no_resonance():
+    found = frequency_response(moved_records(), skip=8).resonances(RIG.drive)
+    assert np.isinf(found.hz).all()
+    assert np.isnan(found.hz_std).all()
+
+
+def test_motors_that_move_several_joints_are_refused():
+    drive = dataclasses.replace(RIG.drive, coupling=Coupling(matrix=((1, 0), (1, 1))))
+    with pytest.raises(ValueError, match="one motor per joint"):
+        frequency_response(moved_records(), skip=8).resonances(drive)
 
 
 def test_it_draws_both_beside_a_model():

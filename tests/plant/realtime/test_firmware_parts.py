@@ -42,7 +42,7 @@ def test_what_is_left_and_the_parts_are_the_whole(law, without):
         of = parts(robot.pulses, qd, qdd)
         added = sum(of[each] for each in without)
         if "friction" not in without or (np.abs(qd) > 1e-3).all():
-            np.testing.assert_allclose(left.step(robot.pulses, q, qd, qdd) + added, torque, rtol=0, atol=2e-10)
+            np.testing.assert_allclose(left.step(robot.pulses, q, qd, qdd) + added, torque, rtol=0, atol=1e-12)
         else:  # the law's Coulomb friction does not jump
             left.step(robot.pulses, q, qd, qdd)
         np.testing.assert_array_equal(left.torque, whole.torque)  # the law knows the whole
@@ -59,7 +59,7 @@ def test_in_a_stop_the_firmware_goes_on_with_what_it_adds():
         left = controller.step(pulses + (0 if k % 2 else 4000), (np.nan, 0), (5.0, 0), (9.0, 0))
     assert controller.stopped
     gravity = parts(controller.pulses, np.zeros(2), np.zeros(2))["gravity"]
-    np.testing.assert_allclose(left + gravity, controller.torque, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(left + gravity, controller.torque, rtol=0, atol=1e-12)
 
 
 @needs_c

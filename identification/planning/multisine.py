@@ -1,0 +1,89 @@
+"""Multisines for frequency responses: lines of one speed and low crest factor, other motions in every record.
+
+In record m joint j is later by j m / n of the period. At lines that share no factor with n the records are orthogonal
+so, and all joints move in all of them, each with the crest factor of one signal.
+
+Source: E. van der Ouderaa, J. Schoukens, J. Renneboog, Peak factor minimization using a time-frequency domain swapping
+algorithm, IEEE Transactions on Instrumentation and Measurement 37 (1988); T. Dobrowiecki, J. Schoukens, Measuring a
+linear approximation to weakly nonlinear MIMO systems, Automatica 43 (2007), for orthogonal multisines.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from identification.planning.model_limits import motion_limits
+from plant import Arm, Harmonics, Rig
+from plant.parts.arguments import array
+from plant.parts.fields import Floats
+
+_LINES, _HIGHEST = 25, 0.1
+"""By default: lines, and the highest of them, as a share of the sampling rate."""
+
+_CLIPPED, _TIMES = np.linspace(0.5, 0.98, 200), 8
+"""Of the search for phases: shares of the peak at which it clips in turn, samples per period of the highest line."""
+
+_FITS, _SLACK = 20, 1e-3
+"""Rounds in which amplitudes shrink to the torque that is allowed, and share by which the last may exceed it."""
+
+
+def _lines(rig: Rig, period: float, frequencies: ArrayLike | None) -> NDArray[np.intp]:
+    """Multiples of 1 / period that are excited: those nearest the frequencies that share no factor with n."""
+    top = _HIGHEST / rig.period
+    wanted = np.geomspace(min(2 / period, top), top, _LINES) if frequencies is None else frequencies
+    wanted = array("frequencies", wanted, ("F",), advice="Give the lines [Hz].")
+    nyquist = 0.5 / rig.period
+    if not len(wanted) or not ((wanted > 0) & (wanted < nyquist)).all():
+        rule = f"be positive, and below half the sampling rate, {nyquist:.4g} Hz"
+        raise ValueError(f"frequencies must {rule}; got {wanted}. Give the lines [Hz].")
+    free = np.arange(1, round(nyquist * period) + 1)
+    free = free[np.gcd(free, rig.n) == 1]
+    return np.unique(free[np.abs(free - period * wanted[:, None]).argmin(axis=1)])
+
+
+def multisines(
+    arm: Arm, rig: Rig, period: float, frequencies: ArrayLike | None, share: float, limits: tuple[Any, Any, Any]
+) -> tuple[Harmonics, ...]:
+    """Motions of n records within limits of position, velocity and acceleration, and this share of the torques."""
+    period = max(round(period / rig.period), 1) * rig.period
+    lines = _lines(rig, period, frequencies)
+    position, velocity, acceleration = motion_limits(arm, period, int(lines[-1]), *limits, narrow=True)
+    unit = np.zeros(lines[-1], complex)
+    unit[lines - 1] = -1j * np.exp(1j * _phases(lines)) / lines
+    later = np.exp(-2j * np.pi / arm.n * np.outer(np.arange(arm.n), np.arange(1, len(unit) + 1)))
+    room, middle = np.diff(position, axis=1).ravel() / 2, position.mean(axis=1)
+
+    def motion(size: Floats, record: int) -> Harmonics:
+        each = size[:, None] * unit * later**record
+        return Harmonics(period=period, offset=middle, cosine=each.real, sine=-each.imag)
+
+    of_one = motion(np.ones(arm.n), 0)(np.linspace(0, period, 4 * _TIMES * len(unit)))
+    peaks = np.abs(of_one - np.array([middle, 0 * middle, 0 * middle])[:, None]).max(axis=1)
+    size = (np.array([room, velocity, acceleration]) / peaks).min(axis=0)
+    holding = motion(0 * size, 0).torque_share(arm, rig) / share
+    for _ in range(_FITS if (holding < 1).all() else 0):
+        motions = tuple(motion(size, record) for record in range(arm.n))
+        needed = np.max([each.torque_share(arm, rig) for each in motions], axis=0) / share
+        if (needed < 1 + _SLACK).all():
+            return motions
+        size = size * np.minimum((1 - holding) / np.maximum(needed - holding, 1e-9), 1)
+    joint = int(holding.argmax())
+    taken = f"{arm.dynamics.chain.joint_labels[joint]} takes {100 * holding[joint]:.0f} % of what it may"
+    raise ValueError(f"position must be where drives hold the arm with torque to spare; {taken}. Choose another pose.")
+
+
+def _phases(lines: NDArray[np.intp]) -> Floats:
+    """Phases of cosines of one amplitude at these lines for a low crest factor: from Schroeder's, clipped in turns."""
+    count = _TIMES * int(lines[-1])
+    phases: Floats = -np.pi * np.arange(len(lines)) ** 2 / len(lines)
+    best, least = phases, np.inf
+    for share in _CLIPPED:
+        spectrum = np.zeros(count // 2 + 1, complex)
+        spectrum[lines] = np.exp(1j * phases)
+        signal = np.fft.irfft(spectrum, count)
+        peak = np.abs(signal).max()
+        if peak < least:
+            best, least = phases, peak
+        phases = np.angle(np.fft.rfft(np.clip(signal, -share * peak, share * peak))[lines])
+    return best
