@@ -31,7 +31,11 @@ def test_the_bandwidth_follows_what_is_known():
     assert (ComputedTorque(ARM, RIG).bandwidth, ComputedTorque(ARM, RIG).dead_zone) == (360, 0)
     assert ComputedTorque(found().arm, found().rig).bandwidth == 360
     assert (ComputedTorque(found()).bandwidth, ComputedTorque(found()).dead_zone) == (145, 0.2)
-    assert ComputedTorque(found("drive.coulomb[0]")).bandwidth == 100
+    friction = ComputedTorque(found("drive.coulomb[0]"))
+    assert (friction.bandwidth, friction.dead_zone, friction.observer_ratio) == (120, 0.4, 0.9)
+    assert (friction.start_boost, friction.start_time) == (3, 0.25)
+    friction = ComputedTorque(found("drive.coulomb[0]"), on_gears(60))
+    assert (friction.dead_zone, friction.observer_ratio, friction.start_boost) == (0.4, 1.3, 4)
     assert ComputedTorque(ARM, RIG, bandwidth=50).start_time == pytest.approx(0.2)
     assert ComputedTorque(found(), bandwidth=90).bandwidth == 90
     unknown = dataclasses.replace(found(), fit=dataclasses.replace(found().fit, covariance=None))
