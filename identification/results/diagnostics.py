@@ -42,8 +42,9 @@ FALSE_ALARM = 1e-3
 _LOOKS, _FEW = ((8, 0.1 * FALSE_ALARM), (40, 0.9 * FALSE_ALARM)), 4
 """Runs of the model, and with which probability each look may doubt; and how few say nothing."""
 
-_SAME_HZ = 0.4
-"""Of the logarithm of frequencies: a loop that hunts does so in a band."""
+_OWN, _SAME_HZ = 2.0, 0.4
+"""Difference over the rms of the measured errors that no healthy log exceeds (two runs that hunt independently differ by
+1.4 of it; runs of a model that differ by more would hide any log); logarithm of frequencies that hunt alike."""
 
 
 @kept
@@ -72,7 +73,8 @@ class Diagnostics(Shown, Frozen):
     expected, limit : float
         Root mean square difference [pulses] between runs of the model, with values as likely as those found, that begin
         elsewhere within a count: a loop that hunts by a count never does so twice alike. Its geometric mean; and what a
-        healthy log exceeds with a probability of 0.001. NaN where the difference asks for no explanation.
+        healthy log exceeds with a probability of 0.001, at most twice the root mean square of the measured errors. NaN
+        where the difference asks for no explanation.
     closest : float
         That difference with the values of "prediction_error", if they explain a log that those of another method do
         not: the log is healthy then. NaN otherwise.
@@ -156,6 +158,7 @@ def _predicted(problem: Problem, fit: Fit, records: Sequence[Record], difference
         return _Predicted()
     random = np.random.default_rng(0)
     hunts, logarithms, limit = {i for i in swings if _alike(swings[i], runs[i])}, list[float](), np.nan
+    most = _OWN * float(np.sqrt(np.mean(np.concatenate([record.error_pulses for record in records]) ** 2)))
     for count, chance in _LOOKS:
         for values in _drawn(fit, random, count - len(logarithms)):
             try:
@@ -167,7 +170,7 @@ def _predicted(problem: Problem, fit: Fit, records: Sequence[Record], difference
             logarithms.append(0.5 * float(np.log(np.mean(np.concatenate(apart) ** 2))))
         if len(logarithms) < _FEW:
             return _Predicted(hunts=tuple(sorted(hunts)))
-        limit = _exceeded(logarithms, chance)
+        limit = min(_exceeded(logarithms, chance), most)
         if difference > limit or (difference <= np.exp(max(logarithms)) and len(hunts) == len(swings)):
             break
     return _Predicted(float(np.exp(np.mean(logarithms))), limit, tuple(sorted(hunts)))
