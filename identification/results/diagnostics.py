@@ -43,7 +43,7 @@ _LOOKS, _FEW = ((8, 0.1 * FALSE_ALARM), (40, 0.9 * FALSE_ALARM)), 4
 """Runs of the model, and with which probability each look may doubt; and how few say nothing."""
 
 _OWN, _SAME_HZ = 2.0, 0.4
-"""Difference over the rms of the measured errors that no healthy log exceeds (two runs that hunt independently differ by
+"""Difference over the rms of measured errors that no healthy log exceeds (two runs that hunt independently differ by
 1.4 of it; runs of a model that differ by more would hide any log); logarithm of frequencies that hunt alike."""
 
 
