@@ -33,7 +33,8 @@ class Spread(Shown, Frozen):
 
     Attributes
     ----------
-    names, runs : tuple of str, tuple of Identification
+    names : tuple of str
+    runs : tuple of Identification
     f : (S, p) numpy.ndarray
     alteration : (p,) numpy.ndarray
         As a fraction.
