@@ -49,8 +49,8 @@ class ComputedTorque(ModelLaw):
         The identified rig, ``found.rig``: its friction is fed forward.
     bandwidth : float, optional
         Of the regulator [rad/s]: its poles have this magnitude. By default with an arm, which does not say how well it
-        is known, 360; with an identification 145, with friction identified too 120, with gears stated 100; at most 0.3
-        over the period, less on elastic gears.
+        is known, 360; with an identification 145, with friction identified too 120, or more where counts are finer
+        than f and friction are known; with gears stated 100; at most 0.3 over the period, less on elastic gears.
     observer_ratio : float, optional
         Bandwidth of the observer, as a multiple of the regulator's: 1.3, or 0.9 with friction identified, rigid gears.
     dead_zone : float, optional

@@ -1,4 +1,9 @@
-"""Gains of a computed torque that is given none: by what is known of the arm, and for the gears of its rig."""
+"""Gains of a computed torque that is given none: by what is known of the arm, and for the gears of its rig.
+
+With friction identified, gears rigid, the bandwidth follows from how well an acceleration is known. What the model
+lacks there, a [pulses/s^2], moves a joint by a / bandwidth^2 before the disturbance observer knows it: that has to stay
+a share of a pulse, and finer counts are more pulses.
+"""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -6,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from identification import Identification
+from identification.equation_error.regressor import linear, regressor_along
 from plant import Rig
 from plant.analysis.sampled_loops import SampledLoops
 
@@ -25,11 +31,20 @@ _FRICTION_TOO = Gains(120.0, 0.4, 0.9, 3.0, 30.0)
 """By what is known: nothing but f; f with a covariance; friction as well, and gears; friction, on rigid gears: those of
 60 Hz swing under a faster observer or a larger boost."""
 
+_SHARE = 0.28
+"""Of a pulse, by which one standard deviation of what the model lacks may move a joint, its friction identified."""
+
+_NEARLY = 1.2
+"""Excess of the bandwidth that this takes, up to which the least one stays: gears of 60 Hz swing under more."""
+
 _SAMPLED = 0.3
 """Bandwidth times period, at most."""
 
 _SLOWER, _SLOWEST = 0.8, 5.0
 """By which bandwidths are lowered; the least tried [rad/s]."""
+
+_SAMPLES = 100
+"""Of the identified path, along which an acceleration is uncertain."""
 
 _POSES = 3
 """Of the identified path, at which loops have to be stable."""
@@ -48,8 +63,27 @@ def known_gains(found: Any, rig: Any = None) -> Gains:
         return _ARM
     if not any(name.startswith(("drive.viscous", "drive.coulomb")) for name in found.fit.unknown):
         return _IDENTIFIED
-    rig = found.rig if rig is None else rig
-    return _FRICTION_TOO if not isinstance(rig, Rig) or rig.drive.elasticity is None else _GEARS
+    if isinstance(rig := found.rig if rig is None else rig, Rig) and rig.drive.elasticity is not None:
+        return _GEARS
+    enough = float(np.sqrt(uncertain_acceleration(found) / _SHARE))
+    if enough <= _NEARLY * _FRICTION_TOO.bandwidth:
+        return _FRICTION_TOO
+    return _FRICTION_TOO._replace(bandwidth=min(enough, _ARM.bandwidth))
+
+
+def uncertain_acceleration(found: Identification) -> float:
+    """Largest standard deviation that f and friction give an acceleration on the identified path [pulses/s^2]; or 0."""
+    record, arm, covariance = found.records[0], found.arm, found.covariance
+    if record.reference is None or covariance is None:
+        return 0.0
+    path = record.reference
+    motion = path(np.linspace(0, path.duration, _SAMPLES, endpoint=False))
+    names = linear(arm.dynamics, found.rig, found.fit.unknown)
+    places = [found.fit.unknown.index(name) for name in names]
+    regressor, _ = regressor_along(arm.dynamics, found.rig, names, motion)
+    pulses = np.column_stack([found.rig.position_in_pulses(joint) for joint in np.eye(arm.n)])
+    lacking = np.array([pulses @ np.linalg.solve(arm.D(q), Y) for q, Y in zip(motion.q, regressor, strict=True)])
+    return float(np.sqrt(np.einsum("tik,kl,til->ti", lacking, covariance[np.ix_(places, places)], lacking).max()))
 
 
 def default_bandwidth(found: Any, rig: Rig | None, law: Callable[[Rig, float], Any]) -> float:

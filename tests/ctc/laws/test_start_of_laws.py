@@ -21,8 +21,10 @@ def on_gears(hz, damping_ratio=0.02):
 
 
 @functools.cache
-def found(*more):
-    record = simulate(ARM, RIG, puma560.p_law(), PATH, duration=1.5)
+def found(*more, finer=1, duration=1.5):
+    encoder = dataclasses.replace(RIG.encoder, resolution=finer * RIG.encoder.resolution)
+    law = dataclasses.replace(puma560.p_law(), gain=puma560.p_law().gain / finer)
+    record = simulate(ARM, dataclasses.replace(RIG, encoder=encoder), law, PATH, duration=duration)
     return identify(ARM.dynamics, record, seed=1, progress=False, method="prediction_error",
                     unknown=(*ARM.dynamics.names, *more))  # fmt: skip
 
@@ -31,10 +33,14 @@ def test_the_bandwidth_follows_what_is_known():
     assert (ComputedTorque(ARM, RIG).bandwidth, ComputedTorque(ARM, RIG).dead_zone) == (360, 0)
     assert ComputedTorque(found().arm, found().rig).bandwidth == 360
     assert (ComputedTorque(found()).bandwidth, ComputedTorque(found()).dead_zone) == (145, 0.2)
-    friction = ComputedTorque(found("drive.coulomb[0]"))
+    friction = ComputedTorque(found("drive.coulomb[0]", duration=3.65))
     assert (friction.bandwidth, friction.dead_zone, friction.observer_ratio) == (120, 0.4, 0.9)
     assert (friction.start_boost, friction.start_time) == (3, 0.25)
-    friction = ComputedTorque(found("drive.coulomb[0]"), on_gears(60))
+    fine, gears = found("drive.coulomb[0]", finer=4, duration=3.65), on_gears(60)
+    assert 144 < ComputedTorque(fine).bandwidth < 250  # what the model lacks is more pulses
+    assert ComputedTorque(found("drive.coulomb[0]")).bandwidth > 250  # hardly known, from 1.5 s
+    friction = ComputedTorque(found("drive.coulomb[0]"), gears)
+    assert friction.bandwidth <= 100
     assert (friction.dead_zone, friction.observer_ratio, friction.start_boost) == (0.4, 1.3, 4)
     assert ComputedTorque(ARM, RIG, bandwidth=50).start_time == pytest.approx(0.2)
     assert ComputedTorque(found(), bandwidth=90).bandwidth == 90
