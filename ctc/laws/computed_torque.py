@@ -52,11 +52,11 @@ class ComputedTorque(ModelLaw):
         is known, 360; with an identification 145, with friction identified too 120, or more where counts are finer
         than f and friction are known; with gears stated 100; at most 0.3 over the period, less on elastic gears.
     observer_ratio : float, optional
-        Bandwidth of the observer, as a multiple of the regulator's: 1.3, or 0.9 with friction identified, rigid gears.
+        Bandwidth of the observer, as a multiple of the regulator's: 1.3, or 1 with friction identified, rigid gears.
     dead_zone : float, optional
         Share of the quantisation cell, 0 to 1, within which an innovation corrects nothing (2.5 times that where the
         reference stands): more is quieter, and slower to see what the model lacks. By default 0 with an arm, with an
-        identification 0.2, or 0.4 where friction was identified too.
+        identification 0.2, where friction was identified too 0.45 (less the more bandwidth that takes), with gears 0.4.
     friction : bool
         Know the friction of the rig: fed forward, and predicted.
     learn_friction, learnable : bool, float
@@ -65,7 +65,7 @@ class ComputedTorque(ModelLaw):
     start_boost, start_time : float, optional
         Where a joint begins to move or turns back, or counts show what the model lacks, its regulator is `start_boost`
         times as fast, the observer the square root of that, both with the time constant `start_time` [s]: 4 and 10 over
-        the bandwidth, or with friction identified, rigid gears 3 and 30; not once they swing, nor on predicted gears.
+        the bandwidth, or with friction identified, rigid gears 2.7 and 40; not once they swing, nor on predicted gears.
     measured : bool
         Evaluate D-hat and h-hat at the observed q and qd instead of the reference.
     delay : int

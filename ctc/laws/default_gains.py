@@ -27,9 +27,9 @@ class Gains(NamedTuple):
 
 
 _ARM, _IDENTIFIED, _GEARS = Gains(360.0, 0.0), Gains(145.0, 0.2), Gains(100.0, 0.4)
-_FRICTION_TOO = Gains(120.0, 0.4, 0.9, 3.0, 30.0)
+_FRICTION_TOO = Gains(120.0, 0.45, 1.0, 2.7, 40.0)
 """By what is known: nothing but f; f with a covariance; friction as well, and gears; friction, on rigid gears: those of
-60 Hz swing under a faster observer or a larger boost."""
+60 Hz swing under a faster observer or a larger boost. More bandwidth takes a smaller dead zone."""
 
 _SHARE = 0.28
 """Of a pulse, by which one standard deviation of what the model lacks may move a joint, its friction identified."""
@@ -68,7 +68,8 @@ def known_gains(found: Any, rig: Any = None) -> Gains:
     enough = float(np.sqrt(uncertain_acceleration(found) / _SHARE))
     if enough <= _NEARLY * _FRICTION_TOO.bandwidth:
         return _FRICTION_TOO
-    return _FRICTION_TOO._replace(bandwidth=min(enough, _ARM.bandwidth))
+    bandwidth, least, share, *_ = min(enough, _ARM.bandwidth), *_FRICTION_TOO
+    return _FRICTION_TOO._replace(bandwidth=bandwidth, dead_zone=share * np.sqrt(least / bandwidth))
 
 
 def uncertain_acceleration(found: Identification) -> float:

@@ -29,6 +29,7 @@ import os
 import subprocess
 import sys
 import warnings
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -141,8 +142,8 @@ def table(samples, logs):
         row(name, certified(arm, rig, law, everyday_motions(arm, rig), Uncertainty(plants=f, friction=0.05)))
 
 
-def engine(runs):
-    """Print the table of another engine's arm."""
+def engine(runs, pool):
+    """Print the table of another engine's arm; the pool's processes share the runs."""
     sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "oracles"))
     from mujoco_elastic import RIG, p_loop, run
 
@@ -175,10 +176,9 @@ def engine(runs):
         controller, cells = ComputedTorque(identified(hz, elasticity=True) if known else rigid), []
         for motion in motions.values():
             begin = hanging(hz, motion)
-            tried = [
-                run(arm, gears[hz], controller, begin, motion, motion.duration, 20, shift=random.uniform(-0.5, 0.5, 2))
-                for _ in range(runs)
-            ]
+            shifts = random.uniform(-0.5, 0.5, (runs, 2))
+            loop = arm, gears[hz], controller, begin, motion, motion.duration, 20
+            tried = [each.result() for each in [pool.submit(run, *loop, shift=shift) for shift in shifts]]
             largest = np.abs([errors for errors, _, _ in tried]).max(axis=2)
             chatter = np.mean([np.abs(np.diff(torque, axis=0)).mean(axis=0) for _, _, torque in tried], axis=0).max()
             within = (largest.max(axis=1) <= 1).sum()
@@ -250,8 +250,11 @@ if __name__ == "__main__":
         sys.exit(readme(chosen.samples))
     if chosen.machines:
         sys.exit(machines(chosen.samples))
-    if chosen.mujoco or chosen.friction:
-        sys.exit(engine(chosen.mujoco) if chosen.mujoco else friction(chosen.samples))
+    if chosen.friction:
+        sys.exit(friction(chosen.samples))
+    if chosen.mujoco:
+        with ProcessPoolExecutor() as pool:
+            sys.exit(engine(chosen.mujoco, pool))
     table(chosen.samples, chosen.logs)
     if chosen.old:
         print(f"\n{chosen.old}:", flush=True)

@@ -34,10 +34,11 @@ def test_the_bandwidth_follows_what_is_known():
     assert ComputedTorque(found().arm, found().rig).bandwidth == 360
     assert (ComputedTorque(found()).bandwidth, ComputedTorque(found()).dead_zone) == (145, 0.2)
     friction = ComputedTorque(found("drive.coulomb[0]", duration=3.65))
-    assert (friction.bandwidth, friction.dead_zone, friction.observer_ratio) == (120, 0.4, 0.9)
-    assert (friction.start_boost, friction.start_time) == (3, 0.25)
+    assert (friction.bandwidth, friction.dead_zone, friction.observer_ratio) == (120, 0.45, 1)
+    assert (friction.start_boost, friction.start_time) == (2.7, pytest.approx(1 / 3))
     fine, gears = found("drive.coulomb[0]", finer=4, duration=3.65), on_gears(60)
     assert 144 < ComputedTorque(fine).bandwidth < 250  # what the model lacks is more pulses
+    assert ComputedTorque(fine).dead_zone < 0.41
     assert ComputedTorque(found("drive.coulomb[0]")).bandwidth > 250  # hardly known, from 1.5 s
     friction = ComputedTorque(found("drive.coulomb[0]"), gears)
     assert friction.bandwidth <= 100
