@@ -103,7 +103,7 @@ def test_no_arm_of_the_box_exceeds_it_and_a_corner_comes_near():
     """Runs of the corner that single numbers call the worst; counts are so fine that numbers decide."""
     fine = dataclasses.replace(RIG, encoder=Encoder(resolution=(80_000, 100_000)))
     law = ComputedTorque(ARM, fine, bandwidth=120, observer_ratio=0.9, start_boost=1)
-    certificate = certified(1e-4, law, fine, duration=0.15, phase=False)
+    certificate = certified(6e-4, law, fine, duration=0.15, phase=False)
     task, proved = _Task(certificate.plants, law, PATH, certificate.settings), certificate.proved
 
     def error(numbers):
@@ -114,15 +114,17 @@ def test_no_arm_of_the_box_exceeds_it_and_a_corner_comes_near():
     worst = np.abs(alone).sum(axis=0).argmax()
     corner = np.abs(error(task._centre + task._basis @ np.sign(alone[:, worst]))).max()
     assert proved.share == 1
-    assert proved.error[0] > 3 * proved.rounding[0]
+    assert proved.error[0] > 10 * proved.rounding[0]
     assert corner < proved.error[0] < corner + 1.3 * proved.rounding[0]
 
 
 def test_wider_ranges_are_cut_until_there_is_a_bound():
-    wide = certified(0.05, duration=0.05, samples=64).proved
-    assert wide.share < 1
-    assert np.isfinite(wide.error).all()
-    assert (wide.rounding <= wide.error).all()
+    wide = certified(0.012, duration=0.05, samples=64).proved
+    assert wide.share == 0.25
+    narrower = certified(0.003, duration=0.05, samples=64).proved
+    assert narrower.share == 1
+    np.testing.assert_allclose(wide.error, narrower.error, rtol=1e-3)
+    assert (wide.rounding < wide.error - 1).all()
 
 
 def test_the_certificate_prints_both_columns():
