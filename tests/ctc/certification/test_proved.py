@@ -115,7 +115,7 @@ def test_no_arm_of_the_box_exceeds_it_and_a_corner_comes_near():
     corner = np.abs(error(task._centre + task._basis @ np.sign(alone[:, worst]))).max()
     assert proved.share == 1
     assert proved.error[0] > 10 * proved.rounding[0]
-    assert corner < proved.error[0] < corner + 1.3 * proved.rounding[0]
+    assert corner < proved.error[0] < corner + 1.5 * proved.rounding[0]
 
 
 def test_wider_ranges_are_cut_until_there_is_a_bound():
@@ -157,4 +157,5 @@ def test_another_law():
     certificate = certified(1e-4, law=law, duration=0.1)
     assert certificate.proved.share == 1
     assert certificate.proved.assumed == ()
+    assert (certificate.proved.error < 1.2).all()
     assert (certificate.runs.unrounded.max(axis=0) < certificate.proved.error).all()
