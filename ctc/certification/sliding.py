@@ -29,7 +29,7 @@ class Period:
         sliding = law.sliding()
         loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=sliding, steps_per_sample=steps)
         block, values = sliding.block(rig), loop.sliding_values(arm.f)
-        self.n, self.rig, self.steps, self.initial, self.samples = n, rig, steps, block.initial, samples
+        self.n, self.rig, self.steps, self.samples = n, rig, steps, samples
         self.given = time_tables(loop, path, Clock.regular(samples, rig.period))[0][:, : 4 * n]
         s, p, t, g = (ca.SX.sym(name, k) for name, k in (("s", len(block.initial)), ("p", n), ("t", n), ("g", 4 * n)))
         asked, following = block.step(s, *ca.vertsplit(g, n), p, t, block.period, block.values)

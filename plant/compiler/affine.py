@@ -193,7 +193,7 @@ _JUMPS: dict[str, Callable[[Any], Any]] = {"SIGN": np.sign, "NOT": lambda x: np.
 _NUMBERS: dict[str, Callable[..., Any]] = {
     "ADD": np.add, "SUB": np.subtract, "MUL": np.multiply, "DIV": np.divide, "FLOOR": np.floor, "FABS": np.abs,
     "COPYSIGN": np.copysign, "FMIN": np.fmin, "FMAX": np.fmax, "LT": np.less, "LE": np.less_equal, "EQ": np.equal,
-    "NE": np.not_equal, "AND": np.logical_and, "OR": np.logical_or, "TANH": np.tanh, "POW": np.power, "LOG": np.log,
-    "CONSTPOW": np.power, "ATAN2": np.arctan2, "IF_ELSE_ZERO": lambda c, x: np.where(c != 0, x, 0.0),
+    "NE": np.not_equal, "AND": np.logical_and, "OR": np.logical_or,
+    "IF_ELSE_ZERO": lambda c, x: np.where(c != 0, x, 0.0),
 }  # fmt: skip
 """Operations on numbers without a range."""
