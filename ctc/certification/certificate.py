@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ctc.certification.certified import Certified
 from ctc.certification.figure import plot_certificate
 from ctc.certification.plants import Plants, Worst
+from ctc.certification.proved import Proved, proved
 from ctc.certification.reserves import Reserves, held, reserves
 from ctc.certification.statement import shown, verdict
 from ctc.verdict.conditions import FromRest, from_rest
@@ -48,7 +49,7 @@ class Certificate(Certified):
         Limit [pulses].
     confidence : float
     settings : dict
-        ``steps_per_sample``, ``duration`` and ``after``.
+        ``steps_per_sample``, ``duration``, ``after``, and whether a bound is to be ``proved``.
     threads : int
     seconds : float
         That the runs took.
@@ -110,6 +111,14 @@ class Certificate(Certified):
                 return np.full(rig.n, np.inf)
         begins = steps * math.ceil(self.settings["after"] / rig.period - 1e-9)
         return np.asarray(np.abs(own.true_error_pulses[begins:]).max(axis=0))
+
+    @functools.cached_property
+    def proved(self) -> Proved:
+        """Bound of the error for any rounding, and for every arm of a box about the samples, without sampling.
+
+        It takes half a minute and more; ``certify(..., proved=True)`` prints it beside what was sampled.
+        """
+        return proved(self.plants, self.law, self.reference, self.settings)
 
     @functools.cached_property
     def friction_known(self) -> float | None:

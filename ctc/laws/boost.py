@@ -50,3 +50,9 @@ def fresh_and_swings(
     swings = ca.if_else(turned, ca.fmin(2, swings + 1), swings * ca.exp(-dt / _REMEMBERED))
     last = ca.if_else(size > least, sign, last * ca.exp(-dt * law.bandwidth / _WITHIN))
     return ca.if_else(ca.logic_or(begins, unexpected), 1, fresh * ca.exp(-dt / law.start_time)), last, swings
+
+
+def switched(law: Any, n: int) -> range:
+    """Places in the state of a computed torque on rigid gears that counts switch: the boost, and what ends it."""
+    first = (5 + law.delay + 5 * (law.friction and law.learn_friction)) * n
+    return range(first, first + 3 * n)

@@ -244,7 +244,7 @@ class Rig(Part):
         if self.encoder.smooth:
             return distance  # without a kink where it is zero, where loops are linearised
         position, half = self.position_in_pulses(distance), self.encoder.half_cell(counts)
-        beyond = ca.sign(position) * ca.fmax(ca.fabs(position) - share * half, 0)
+        beyond = position - ca.fmin(ca.fmax(position, -share * half), share * half)
         return self.drive.joint_angle(self.encoder.to_angle(beyond))
 
 
