@@ -7,7 +7,7 @@ from typing import Any, Self
 from numpy.typing import ArrayLike
 
 from plant.laws.law import Law
-from plant.logs import record_csv
+from plant.logs import record_csv, record_mcap
 from plant.logs.logfile import kind_of, load_errors, options_of, read_file
 from plant.logs.mapping import MEASURED, mapped_names, record_fields
 from plant.machine.rig import Rig
@@ -29,6 +29,14 @@ class FromFiles:
     def to_csv(self, path: str | Path) -> None:
         """Write a CSV file that `from_csv` reads back without loss; line 1 has what are no columns, such as the rig."""
         record_csv.write(self, path)
+
+    def to_mcap(self, path: str | Path) -> None:
+        """Write an MCAP file for Foxglove, PlotJuggler and Rerun, from time 0: joints in rad and N m, and all columns.
+
+        ``/joint_states`` has what was measured, ``/reference`` what was commanded, and ``/sample`` this record's own
+        columns. Of an `ctc.evaluate`, write its ``record``.
+        """
+        record_mcap.write(self, path)
 
     @classmethod
     @known_options
