@@ -4,15 +4,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from plant.laws.law import Law
-from plant.logs import record_csv, record_mcap
+from plant.logs import record_csv
 from plant.logs.logfile import kind_of, load_errors, options_of, read_file
 from plant.logs.mapping import MEASURED, mapped_names, record_fields
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
 from plant.parts.arguments import instance, known_options
+from plant.parts.mcap_file import McapFile, joint_topics
 
 SOURCES = {
     "counts": ("position", "motor_position", "error_pulses"),
@@ -34,9 +36,20 @@ class FromFiles:
         """Write an MCAP file for Foxglove, PlotJuggler and Rerun, from time 0: joints in rad and N m, and all columns.
 
         ``/joint_states`` has what was measured, ``/reference`` what was commanded, and ``/sample`` this record's own
-        columns. Of an `ctc.evaluate`, write its ``record``.
+        columns. Of an evaluation, write its ``record``.
         """
-        record_mcap.write(self, path)
+        record: Any = self
+        times = np.rint(1e9 * (record.t - record.t[0])).astype(int).tolist()
+        columns = {name: getattr(record, name) for name in record_csv.COLUMNS if getattr(record, name) is not None}
+        columns |= {"valid": record.valid[:, None]}
+        topics = joint_topics(record.n, {name: values.shape[1] for name, values in columns.items()})
+        q, q_r = record.rig.cell_centre(record.counts), record.rig.to_angle(record.reference_pulses)
+        torque = columns.get("torque", np.zeros((len(times), 0)))
+        with McapFile(path, record.rig.drive.joints, record.n, topics) as file:
+            for k, time in enumerate(times):
+                file.append("/joint_states", time, (q[k], (), torque[k]))
+                file.append("/reference", time, (q_r[k], (), ()))
+                file.append("/sample", time, [values[k] for values in columns.values()])
 
     @classmethod
     @known_options

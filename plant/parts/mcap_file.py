@@ -51,9 +51,8 @@ class McapFile:
     def __init__(self, path: str | Path, joints: Sequence[str], n: int, topics: Topics) -> None:
         self._file, self._end, self._tail, self._count = open(path, "wb", buffering=0), 0, b"", 0  # noqa: SIM115
         names = joints or [f"joint_{k + 1}" for k in range(n)]
-        self._channels = {topic: k for k, topic in enumerate(topics, 1)}
-        self._messages = {topic: _message(names, fields) for topic, (_, fields) in topics.items()}
-        self._totals, self._chunks, self._index = dict.fromkeys(self._channels.values(), 0), 0, b""
+        self._messages = {topic: (k, *_message(names, each[1])) for k, (topic, each) in enumerate(topics.items(), 1)}
+        self._totals, self._chunks, self._index = dict.fromkeys(range(1, len(topics) + 1), 0), 0, b""
         self._described = b""
         for k, (topic, (kind, fields)) in enumerate(topics.items(), 1):
             text = _DEFINITION.format("\n".join(f"float64[] {name}" for name in fields)) if fields else "string data"
@@ -71,7 +70,7 @@ class McapFile:
 
     def append(self, topic: str, time: int, values: Sequence[Any] | str) -> None:
         """Append a message at a time [ns], not before the last one's: its arrays in their order, or its text."""
-        channel, (message, places) = self._channels[topic], self._messages[topic]
+        channel, message, places = self._messages[topic]
         if isinstance(values, str):
             message = bytearray(_ENCAPSULATION + _text(f"{values}\0"))
         else:
