@@ -74,7 +74,7 @@ class McapFile:
         if isinstance(values, str):
             message = bytearray(_ENCAPSULATION + _text(f"{values}\0"))
         else:
-            struct.pack_into("<iI", message, len(_ENCAPSULATION), *divmod(time, 10**9))
+            struct.pack_into("<II", message, len(_ENCAPSULATION), *divmod(time, 10**9))
             for place, each in zip(places, values, strict=True):
                 message[place] = np.asarray(each, "<f8").tobytes()
         self._begin, self._last = self._begin if self._count else time, time

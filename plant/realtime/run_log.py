@@ -8,6 +8,9 @@ from plant.parts.files import require_new
 from plant.parts.mcap_file import STATUS, McapFile, joint_topics
 from plant.realtime import memory as layout
 
+_FAR = 1e17
+"""Difference [ns] from the time of the day at which the clock of the calls is not believed: three years."""
+
 
 class RunLog(McapFile):
     """Log of a controller; closed, it takes no more.
@@ -26,14 +29,14 @@ class RunLog(McapFile):
         self._offset: float | None = None
         self._changed: tuple[float, ...] = ()
 
-    def sample(self, now: float | None) -> None:
-        """Append the sample of the last call, at the time of the day, or of its own clock if it gave `now` [s]."""
+    def sample(self) -> None:
+        """Append the sample of the last call, at the time of the day; by the clock of the calls, if they have one."""
         if self._file.closed:
             return
         clock, rows, own = time.time_ns(), self._rows, self._controller.core.memory
-        if now is not None:
-            self._offset = clock - 1e9 * now if self._offset is None else self._offset
-            clock = int(self._offset + 1e9 * now)
+        if (now := 1e9 * float(own[layout.NOW])) == now:
+            self._offset = clock - now if self._offset is None else self._offset
+            clock = int(self._offset + now) if abs(self._offset + now - clock) < _FAR else clock
         clock, torque = max(clock, self._last), rows[layout.TORQUE]
         self.append("/joint_states", clock, (rows[layout.ANGLE], (), torque))
         self.append("/reference", clock, (rows[layout.Q], (), ()))

@@ -182,7 +182,7 @@ class Running:
             if refusal:
                 refuse(refusal, ours, self.rig, self._memory[layout.NOW], time)
             if self._log is not None:
-                self._log.sample(now)
+                self._log.sample()
             return self._torque.copy()
         finally:
             self._free.release()

@@ -3,6 +3,7 @@
 Kills at random times, and what a sample costs, are in tests/benchmarks/out_to_the_machine.py.
 """
 
+import contextlib
 import dataclasses
 import io
 import os
@@ -15,7 +16,7 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque, evaluate
-from plant import Record, SteppedArm, puma560, simulate
+from plant import Guards, Record, SteppedArm, puma560, simulate
 
 pytest.importorskip("mcap")
 pytest.importorskip("mcap_ros2")
@@ -135,6 +136,24 @@ def test_a_controller_logs_its_samples_and_its_status(tmp_path):
     assert found["/status"][1][0] == sample[300][0]
     with pytest.raises(ValueError, match=r"must be a new file; .*run\.mcap is there"):
         controller.log_to(tmp_path / "run.mcap")
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e300, -5.0])
+@pytest.mark.parametrize("guards", [Guards(), None])
+def test_a_clock_that_fails_stops_no_log(tmp_path, wrong, guards):
+    """What the controller bridges, or takes as it comes, the log does too; what it refuses, it does not log."""
+    counts, zero = RIG.counts(PATH([0.0]).q[0]), np.zeros(2)
+    controller, taken = LAW.start(RIG, counts, guards=guards), 0
+    with controller.log_to(tmp_path / "run.mcap"):
+        for k in range(6):
+            now = wrong if k == 3 else k * RIG.period
+            with contextlib.suppress(ValueError):  # of a clock that does not advance, without guards
+                controller.step(counts, PATH([0.0]).q[0], zero, zero, now=now)
+                taken += 1
+    times = [when for when, _ in messages(tmp_path / "run.mcap")["/sample"]]
+    assert len(times) == taken > 2
+    assert (np.diff(times) >= 0).all()
+    assert times[-1] - times[0] < 60e9
 
 
 def started(*arguments):
